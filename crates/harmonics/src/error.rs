@@ -1,0 +1,38 @@
+//! What can be wrong with directions, degrees and coefficients.
+
+/// Errors of this crate; each says what was expected and what was found.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum HarmonicsError {
+    /// A degree above [`MAX_DEGREE`](crate::MAX_DEGREE).
+    #[error("degree {degree} is above {max}, the highest at which the scaled recurrence is safe")]
+    DegreeTooHigh {
+        /// The degree asked for.
+        degree: usize,
+        /// The highest supported.
+        max: usize,
+    },
+    /// A direction with a coordinate that is NaN or infinite.
+    #[error("direction {index}: coordinates must be finite, found ({}, {}, {})", .found[0], .found[1], .found[2])]
+    NotFinite {
+        /// Position in the list, from 0.
+        index: usize,
+        /// The offending vector.
+        found: [f64; 3],
+    },
+    /// A vertex at the origin, which has no direction.
+    #[error("vertex {index} lies at the origin, which has no direction; centre the sphere at the origin")]
+    AtOrigin {
+        /// Position in the list, from 0.
+        index: usize,
+    },
+    /// No directions at all.
+    #[error("a sampling scheme needs at least one direction, found none")]
+    Empty,
+    /// A coefficient array whose number of rows is not (L + 1)^2.
+    #[error("coefficients: expected a number of rows that is (max_degree + 1)^2, found {rows}")]
+    NotABasisSize {
+        /// Rows found.
+        rows: usize,
+    },
+}

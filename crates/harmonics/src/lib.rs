@@ -1,0 +1,66 @@
+//! Real orthonormal spherical harmonics at arbitrary directions.
+//!
+//! A closed surface is three functions on the sphere, each a sum of harmonics,
+//!
+//! ```text
+//! f(theta, phi) = sum over l <= L, |m| <= l of a_{l,m} S_{l,m}(theta, phi).
+//! ```
+//!
+//! # Conventions
+//!
+//! - Degree `l` runs over `0..=L` (`L` is `max_degree`, inclusive), order `m` over `-l..=l`; the basis has
+//!   `K = (L + 1)^2` functions and (l, m) is column `l^2 + l + m` ([`index`]).
+//! - Colatitude `theta` in `[0, pi]`, azimuth `phi` in `[0, 2 pi)`. A [direction](Directions) is a unit vector.
+//! - The canonical basis is real, orthonormal over the sphere and without the Condon-Shortley phase:
+//!   `S_{l,0} = N P_l(cos theta)`, `S_{l,m} = sqrt2 N P_l^m(cos theta) cos(m phi)`,
+//!   `S_{l,-m} = sqrt2 N P_l^m(cos theta) sin(m phi)` for `m > 0`,
+//!   with `N^2 = (2l + 1) / (4 pi) (l - m)! / (l + m)!`.
+//! - It is safe up to degree [`MAX_DEGREE`]: the recurrence is scaled, no factorial is ever formed.
+//!
+//! # Map
+//!
+//! | module | what |
+//! |---|---|
+//! | [`index`] | (degree, order) to column and back |
+//! | [`directions`] | unit vectors: from vertices, from angles; what is wrong with them |
+//! | [`recurrence`] | the normalised Legendre recurrence and its coefficients |
+//! | [`sweep`] | blocks `A_l` for a run of directions, degree after degree: the fast path |
+//! | [`product`] | a block times a few columns, and its transpose: the loops that sweeps of a store are made of
+//! | [`mod@synthesis`] | coefficients to samples at any directions |
+//! | [`coefficients`] | canonical coefficients, and the paper's complex ones |
+//! | [`textbook`] | the plain implementation that the fast one is tested against |
+//!
+//! ```
+//! use spharm_harmonics::{Directions, Recurrence, Sweep};
+//!
+//! let directions = Directions::from_vertices(&[[0.0, 0.0, 2.0], [3.0, 0.0, 4.0]])?;
+//! let recurrence = Recurrence::new(1)?;
+//! let mut sweep = Sweep::new(&recurrence, directions.as_slice());
+//! let mut a0 = vec![0.0; 2]; // (rows, 2 l + 1), column-major
+//! let mut a1 = vec![0.0; 6];
+//! sweep.next_degree(&mut a0);
+//! sweep.next_degree(&mut a1);
+//! let n1 = (3.0 / (4.0 * std::f64::consts::PI)).sqrt();
+//! assert!((a1[2] - n1).abs() < 1e-15); // S_{1,0} at the north pole: column 1, row 0
+//! # Ok::<(), spharm_harmonics::HarmonicsError>(())
+//! ```
+
+pub mod coefficients;
+pub mod directions;
+mod double_double;
+mod error;
+pub mod index;
+mod polar;
+pub mod product;
+pub mod recurrence;
+pub mod sweep;
+pub mod synthesis;
+pub mod textbook;
+
+pub use coefficients::Coefficients;
+pub use directions::Directions;
+pub use error::HarmonicsError;
+pub use index::{basis_size, column};
+pub use recurrence::{MAX_DEGREE, Recurrence};
+pub use sweep::Sweep;
+pub use synthesis::synthesis;

@@ -1,0 +1,452 @@
+//! Building the basis of a scheme: every missing `A_l` up to a degree.
+//!
+//! Threads take runs of rows (chunks) and sweep through the degrees, so that memory doesn't grow with n: a thread holds
+//! one run's recurrence state and one chunk. Degrees are done in groups: a group's files are open together, and while
+//! one group is computed the files of the one before it are brought to disk and given their names. An interrupted build
+//! so keeps all groups but the last two; the price is that each group's sweep passes once more over the degrees below
+//! it, at a quarter of the cost of computing them.
+
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
+
+use spharm_harmonics::{Directions, Recurrence, Sweep};
+
+use crate::StoreError;
+use crate::codec::{Codec, Encoder};
+use crate::header::{HEADER_LEN, Header, MAX_CHUNK_ROWS, ROW_MULTIPLE};
+use crate::reader::DegreeFile;
+use crate::scheme::{Scalar, SchemeKey};
+use crate::table::{ENTRY_LEN, FOOTER_LEN};
+use crate::writer::{DegreeWriter, abandoned, file_name, sync_folder};
+
+/// Rows of a chunk unless asked otherwise. At degree 100 a chunk (0.8 MB) and the state of its sweep (1.7 MB) are at
+/// home in a core's L2 cache; not a multiple of 512, so that the columns don't all fall into the same cache sets.
+pub const DEFAULT_CHUNK_ROWS: usize = 520;
+/// A build that writes more than this asks first.
+pub const LARGE: u64 = 64 << 30;
+
+const GROUPS: u64 = 8;
+const SMALLEST_GROUP: u64 = 256 << 20;
+const MOST_FILES: usize = 256;
+
+/// What to build.
+#[derive(Debug, Clone)]
+pub struct BuildParams {
+    /// Highest degree, L.
+    pub max_degree: usize,
+    /// Scalar type of the store.
+    pub scalar: Scalar,
+    /// Codec of the files that are written; files that are there keep theirs.
+    pub codec: Codec,
+    /// Rows of a chunk; a scheme that is there already keeps its own.
+    pub chunk_rows: usize,
+    /// Most bytes of memory to take.
+    pub memory: usize,
+    /// Most threads to use, on the rayon pool that `build` is called in.
+    pub threads: usize,
+    /// Build even what is large or doesn't seem to fit the disk.
+    pub allow_large: bool,
+}
+
+impl Default for BuildParams {
+    fn default() -> Self {
+        Self {
+            max_degree: 100,
+            scalar: Scalar::F64,
+            codec: Codec::Raw,
+            chunk_rows: DEFAULT_CHUNK_ROWS,
+            memory: 512 << 20,
+            threads: rayon::current_num_threads(),
+            allow_large: false,
+        }
+    }
+}
+
+/// What a build tells while it runs.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum BuildEvent<'a> {
+    /// Another process builds the same scheme; waiting for it.
+    Waiting,
+    /// A file that is damaged is removed and built again.
+    Replacing(&'a StoreError),
+    /// The plan: bytes to write and degrees that are there already.
+    Planned {
+        /// Bytes of the files that are missing, before compression.
+        bytes: u64,
+        /// Degrees that are there.
+        present: usize,
+    },
+    /// Bytes of basis computed and handed to the system since the last event.
+    Progress(u64),
+}
+
+/// What a build did.
+#[derive(Debug, Clone)]
+pub struct BuildReport {
+    /// The scheme.
+    pub key: SchemeKey,
+    /// Folder of the scheme.
+    pub folder: PathBuf,
+    /// Degrees written by this build.
+    pub built: usize,
+    /// Degrees that were there, or that another builder published meanwhile.
+    pub present: usize,
+    /// Bytes of the files written.
+    pub bytes_written: u64,
+    /// Bytes of all files to the highest degree.
+    pub bytes: u64,
+    /// Rows of a chunk.
+    pub chunk_rows: usize,
+    /// Threads used.
+    pub threads: usize,
+    /// Bytes of memory that the plan asked for.
+    pub memory: usize,
+}
+
+/// Bytes of the files of degrees `0..=max_degree`, uncompressed.
+pub fn store_bytes(rows: usize, max_degree: usize, scalar: Scalar, chunk_rows: usize) -> u64 {
+    (0..=max_degree).map(|degree| file_bytes(rows, degree, scalar, chunk_rows)).sum()
+}
+
+fn file_bytes(rows: usize, degree: usize, scalar: Scalar, chunk_rows: usize) -> u64 {
+    let chunks = rows.div_ceil(chunk_rows);
+    (rows * (2 * degree + 1) * scalar.size() + chunks * ENTRY_LEN + HEADER_LEN + FOOTER_LEN) as u64
+}
+
+/// Builds what is missing of a scheme's basis in `store`.
+///
+/// Safe to run several times at once on the same key, to interrupt (set `cancel`) and to kill: what is published stays
+/// and is skipped by the next run, and the bytes of a file depend on neither threads nor interruptions.
+///
+/// # Errors
+///
+/// [`StoreError::Space`] and [`StoreError::Budget`] before anything is written; [`StoreError::Io`],
+/// [`StoreError::Interrupted`] later, with nothing half-written left.
+pub fn build(
+    store: &Path,
+    directions: &Directions,
+    params: &BuildParams,
+    cancel: &AtomicBool,
+    event: &(dyn Fn(BuildEvent<'_>) + Sync),
+) -> Result<BuildReport, StoreError> {
+    if params.chunk_rows == 0 || params.chunk_rows > MAX_CHUNK_ROWS || params.chunk_rows % ROW_MULTIPLE != 0 {
+        return Err(StoreError::ChunkRows { found: params.chunk_rows });
+    }
+    let recurrence = Recurrence::new(params.max_degree)?;
+    let key = SchemeKey::of(directions, params.scalar);
+    let folder = store.join(key.to_string());
+    // Said before a folder is made: a refusal leaves nothing behind.
+    let threads = threads_within(params)?;
+    let scan = Scan::of(&folder, key, directions.len(), params)?;
+    check_space(store, &scan, params)?;
+    make_folder(store, &folder)?;
+    let _lock = lock(&folder, cancel, event)?;
+    // Again, now that nobody else is building: the other one may have published what was missing.
+    let scan = Scan::of(&folder, key, directions.len(), params)?;
+    for path in abandoned(&folder)? {
+        let _ = std::fs::remove_file(path);
+    }
+    for damaged in &scan.damaged {
+        event(BuildEvent::Replacing(&damaged.1));
+        std::fs::remove_file(&damaged.0).map_err(StoreError::io(&damaged.0, "cannot remove"))?;
+    }
+    let present = params.max_degree + 1 - scan.missing.len();
+    event(BuildEvent::Planned { bytes: scan.bytes, present });
+
+    let mut report = BuildReport {
+        key,
+        folder: folder.clone(),
+        built: 0,
+        present,
+        bytes_written: 0,
+        bytes: 0,
+        chunk_rows: scan.chunk_rows,
+        threads,
+        memory: memory_of(params, threads),
+    };
+    let job = Job { directions, recurrence: &recurrence, codec: params.codec, threads, cancel, event };
+    let headers: Vec<Header> = scan.missing.iter().map(|&degree| scan.header(degree, key, params)).collect();
+    std::thread::scope(|scope| {
+        // One group waits while another is synced: at most three groups of files are open.
+        let (to_disk, groups) = sync_channel::<Vec<DegreeWriter>>(1);
+        let folder = &folder;
+        let publisher = scope.spawn(move || -> Result<(usize, usize, u64), StoreError> {
+            let (mut built, mut others, mut bytes) = (0, 0, 0);
+            for group in groups {
+                for writer in group {
+                    match writer.publish()? {
+                        Some(len) => (built, bytes) = (built + 1, bytes + len),
+                        None => others += 1,
+                    }
+                }
+                sync_folder(folder)?;
+            }
+            Ok((built, others, bytes))
+        });
+        let mut computed = Ok(());
+        for group in groups_of(&headers) {
+            computed = job.run(folder, group).and_then(|writers| {
+                // The receiver is gone only when publishing has failed, which is reported below.
+                to_disk.send(writers).map_err(|_| StoreError::Interrupted)
+            });
+            if computed.is_err() {
+                break;
+            }
+        }
+        drop(to_disk);
+        let published = publisher.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        computed?;
+        report.built = published.0;
+        report.present += published.1;
+        report.bytes_written = published.2;
+        Ok::<(), StoreError>(())
+    })?;
+    for degree in 0..=params.max_degree {
+        let path = folder.join(file_name(degree));
+        report.bytes += std::fs::metadata(&path).map_err(StoreError::io(&path, "cannot open"))?.len();
+    }
+    Ok(report)
+}
+
+/// Which degrees of a scheme are there, which are not, and what the missing ones take.
+struct Scan {
+    missing: Vec<usize>,
+    damaged: Vec<(PathBuf, StoreError)>,
+    chunk_rows: usize,
+    rows: usize,
+    bytes: u64,
+}
+
+impl Scan {
+    fn of(folder: &Path, key: SchemeKey, rows: usize, params: &BuildParams) -> Result<Self, StoreError> {
+        let mut scan = Self { missing: Vec::new(), damaged: Vec::new(), chunk_rows: 0, rows, bytes: 0 };
+        for degree in 0..=params.max_degree {
+            let path = folder.join(file_name(degree));
+            match DegreeFile::open(&path).and_then(|file| scan.accept(&file, key, degree)) {
+                Ok(()) => {}
+                Err(StoreError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
+                    scan.missing.push(degree);
+                }
+                Err(error @ (StoreError::Corrupt { .. } | StoreError::ChangedWhileRead { .. })) => {
+                    scan.damaged.push((path, error));
+                    scan.missing.push(degree);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        if scan.chunk_rows == 0 {
+            scan.chunk_rows = params.chunk_rows;
+        }
+        let bytes = |&degree: &usize| file_bytes(rows, degree, params.scalar, scan.chunk_rows);
+        scan.bytes = scan.missing.iter().map(bytes).sum();
+        Ok(scan)
+    }
+
+    /// Takes a file that is there as one of this scheme's. The first one settles the chunks' rows.
+    fn accept(&mut self, file: &DegreeFile, key: SchemeKey, degree: usize) -> Result<(), StoreError> {
+        let header = file.header();
+        if header.key != key || header.degree != degree || header.rows != self.rows {
+            let found = format!("{} degree {} of {} rows", header.key.short(), header.degree, header.rows);
+            let expected = format!("{} degree {degree} of {} rows", key.short(), self.rows);
+            return Err(StoreError::corrupt(file.path(), "contents", expected, found));
+        }
+        if self.chunk_rows == 0 {
+            self.chunk_rows = header.chunk_rows;
+        }
+        if header.chunk_rows != self.chunk_rows {
+            let (expected, found) = (self.chunk_rows, header.chunk_rows);
+            return Err(StoreError::ChunkRowsDiffer { path: file.path().to_path_buf(), expected, found });
+        }
+        Ok(())
+    }
+
+    fn header(&self, degree: usize, key: SchemeKey, params: &BuildParams) -> Header {
+        let (rows, chunk_rows) = (self.rows, self.chunk_rows);
+        Header { key, rows, degree, scalar: params.scalar, codec: params.codec, chunk_rows }
+    }
+}
+
+/// Runs of degrees whose files are written together.
+fn groups_of(headers: &[Header]) -> Vec<&[Header]> {
+    let bytes = |h: &Header| file_bytes(h.rows, h.degree, h.scalar, h.chunk_rows);
+    let total: u64 = headers.iter().map(bytes).sum();
+    let target = (total / GROUPS).max(SMALLEST_GROUP);
+    let mut groups = Vec::new();
+    let (mut start, mut sum) = (0, 0);
+    for (at, header) in headers.iter().enumerate() {
+        sum += bytes(header);
+        if sum >= target || at + 1 - start == MOST_FILES || at + 1 == headers.len() {
+            groups.push(&headers[start..=at]);
+            (start, sum) = (at + 1, 0);
+        }
+    }
+    groups
+}
+
+struct Job<'a> {
+    directions: &'a Directions,
+    recurrence: &'a Recurrence,
+    codec: Codec,
+    threads: usize,
+    cancel: &'a AtomicBool,
+    event: &'a (dyn Fn(BuildEvent<'_>) + Sync),
+}
+
+impl Job<'_> {
+    /// Computes a group of degrees; on an error the temporary files are gone.
+    fn run(&self, folder: &Path, group: &[Header]) -> Result<Vec<DegreeWriter>, StoreError> {
+        let writers: Vec<_> =
+            group.iter().map(|header| DegreeWriter::create(folder, header.clone())).collect::<Result<_, _>>()?;
+        let next = AtomicUsize::new(0);
+        // Stops the other threads when one fails.
+        let failed = AtomicBool::new(false);
+        let first_error = Mutex::new(None);
+        let chunks = group[0].chunk_count();
+        rayon::scope(|scope| {
+            for _ in 0..self.threads.min(chunks) {
+                scope.spawn(|_| {
+                    let result = self.work(group, &writers, &next, &failed);
+                    if let Err(error) = result {
+                        failed.store(true, Ordering::Relaxed);
+                        let mut first = first_error.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                        // A thread that stopped because another failed has nothing to tell.
+                        if first.is_none() || matches!(*first, Some(StoreError::Interrupted)) {
+                            *first = Some(error);
+                        }
+                    }
+                });
+            }
+        });
+        match first_error.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
+            Some(error) => Err(error),
+            None => Ok(writers),
+        }
+    }
+
+    fn work(
+        &self,
+        group: &[Header],
+        writers: &[DegreeWriter],
+        next: &AtomicUsize,
+        failed: &AtomicBool,
+    ) -> Result<(), StoreError> {
+        let mut encoder = match self.codec {
+            Codec::Raw => None,
+            Codec::Zstd => Some(Encoder::new().map_err(StoreError::io(Path::new("zstd"), "cannot start"))?),
+        };
+        let degrees: RangeInclusive<usize> = group[0].degree..=group[group.len() - 1].degree;
+        let mut block = Vec::new();
+        let mut single = Vec::new();
+        loop {
+            let chunk = next.fetch_add(1, Ordering::Relaxed);
+            if chunk >= group[0].chunk_count() {
+                return Ok(());
+            }
+            let rows = group[0].chunk_range(chunk);
+            let mut sweep = Sweep::new(self.recurrence, &self.directions.as_slice()[rows.clone()]);
+            let mut writer = writers.iter().zip(group).peekable();
+            for degree in 0..=*degrees.end() {
+                if self.cancel.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed) {
+                    failed.store(true, Ordering::Relaxed);
+                    return Err(StoreError::Interrupted);
+                }
+                let Some((writer, header)) = writer.next_if(|(_, header)| header.degree == degree) else {
+                    sweep.skip_degree();
+                    continue;
+                };
+                block.resize(rows.len() * header.columns(), 0.0);
+                sweep.next_degree(&mut block);
+                let raw: &[u8] = match header.scalar {
+                    Scalar::F64 => bytemuck::cast_slice(&block),
+                    Scalar::F32 => {
+                        single.clear();
+                        single.extend(block.iter().map(|&value| value as f32));
+                        bytemuck::cast_slice(&single)
+                    }
+                };
+                writer.put(chunk, raw, encoder.as_mut(), failed)?;
+                (self.event)(BuildEvent::Progress(raw.len() as u64));
+            }
+        }
+    }
+}
+
+/// The most threads, up to those asked for, that the budget has room for.
+fn threads_within(params: &BuildParams) -> Result<usize, StoreError> {
+    let needed = memory_of(params, 1);
+    if params.memory < needed {
+        return Err(StoreError::Budget { budget: params.memory, needed });
+    }
+    let fits = |threads: &usize| memory_of(params, *threads) <= params.memory;
+    Ok((1..=params.threads.max(1)).rev().find(fits).unwrap_or(1))
+}
+
+/// Bytes of memory that a build takes: the coefficients of the recurrence, and for each thread its sweep and a chunk.
+fn memory_of(params: &BuildParams, threads: usize) -> usize {
+    /// The program itself, its stacks and allocator, measured on an empty build.
+    const BASE: usize = 8 << 20;
+    let chunk = params.chunk_rows * (2 * params.max_degree + 1) * 8;
+    let single = if params.scalar == Scalar::F32 { chunk / 2 } else { 0 };
+    let encoder = if params.codec == Codec::Zstd { Encoder::bytes(chunk) } else { 0 };
+    let thread = Sweep::bytes(params.chunk_rows, params.max_degree) + chunk + single + encoder;
+    BASE + Recurrence::bytes(params.max_degree) + threads * thread
+}
+
+fn check_space(store: &Path, scan: &Scan, params: &BuildParams) -> Result<(), StoreError> {
+    if params.allow_large || scan.missing.is_empty() {
+        return Ok(());
+    }
+    // The folder may not be there yet: ask for the nearest one that is.
+    let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
+    let statistics = rustix::fs::statvfs(existing).map_err(|e| StoreError::io(existing, "cannot ask for space")(e.into()))?;
+    let free = statistics.f_bavail.saturating_mul(statistics.f_frsize);
+    let remedy = if scan.bytes > free {
+        "choose a --store with more room, a lower --max-degree or --dtype f32, or go on all the same with --yes"
+    } else if scan.bytes > LARGE {
+        "go on with --yes, or choose a lower --max-degree or --dtype f32"
+    } else {
+        return Ok(());
+    };
+    Err(StoreError::Space { path: store.to_path_buf(), needed: scan.bytes, free, remedy })
+}
+
+fn make_folder(store: &Path, folder: &Path) -> Result<(), StoreError> {
+    if !folder.is_dir() {
+        std::fs::create_dir_all(folder).map_err(StoreError::io(folder, "cannot create"))?;
+        sync_folder(store)?;
+    }
+    Ok(())
+}
+
+/// Waits until no other process builds this scheme. It only spares double work: without a lock (where the file system
+/// has none) builders are safe as well.
+fn lock(
+    folder: &Path,
+    cancel: &AtomicBool,
+    event: &(dyn Fn(BuildEvent<'_>) + Sync),
+) -> Result<Option<std::fs::File>, StoreError> {
+    let path = folder.join(".lock");
+    let file = std::fs::OpenOptions::new().create(true).truncate(false).write(true).open(&path);
+    let file = file.map_err(StoreError::io(&path, "cannot open"))?;
+    let mut told = false;
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(Some(file)),
+            Err(std::fs::TryLockError::Error(_)) => return Ok(None),
+            Err(std::fs::TryLockError::WouldBlock) => {}
+        }
+        if !std::mem::replace(&mut told, true) {
+            event(BuildEvent::Waiting);
+        }
+        if cancel.load(Ordering::Relaxed) {
+            return Err(StoreError::Interrupted);
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}

@@ -1,0 +1,176 @@
+//! What can go wrong between a store and its user; each error names the file and what to do.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::scheme::SchemeKey;
+
+/// Errors of this crate.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StoreError {
+    /// The operating system refused something.
+    #[error("{}: {action}: {source}{}", .path.display(), remedy(.source))]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was being done.
+        action: &'static str,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// Something that isn't a regular file where a basis file should be.
+    #[error("{}: expected a regular file, found {found}; move it away and run basis-build again", .path.display())]
+    NotAFile {
+        /// The path.
+        path: PathBuf,
+        /// Folder, symbolic link, FIFO, ...
+        found: &'static str,
+    },
+    /// A field that isn't what the format says.
+    #[error("{}: damaged or not a basis file: {what}: expected {expected}, found {found}; delete it and run basis-build again", .path.display())]
+    Corrupt {
+        /// The file.
+        path: PathBuf,
+        /// The field or check.
+        what: &'static str,
+        /// What the format demands.
+        expected: String,
+        /// What the file has.
+        found: String,
+    },
+    /// Bytes of a chunk that don't fit their checksum.
+    #[error("{}: chunk {chunk} is damaged ({what} differs from the table); delete the file and run basis-build again", .path.display())]
+    ChunkDamaged {
+        /// The file.
+        path: PathBuf,
+        /// Chunk number from 0.
+        chunk: usize,
+        /// Which check failed.
+        what: &'static str,
+    },
+    /// A format version that this program doesn't know.
+    #[error("{}: store format version {found}, this program reads version {}; use the program that wrote it, or build a new store", .path.display(), crate::header::VERSION)]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// The version found.
+        found: u32,
+    },
+    /// A file that shrank, changed or failed to be read while it was in use.
+    #[error("{}: truncated, changed or unreadable while it was being read; verify it with `store verify` and rebuild it with basis-build", .path.display())]
+    ChangedWhileRead {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The store has nothing for this sampling scheme.
+    #[error("{}: no basis for scheme {key}; {}; build it with basis-build --sphere on the same sphere", .store.display(), keys_there(.available))]
+    NoSuchScheme {
+        /// The store.
+        store: PathBuf,
+        /// The key asked for.
+        key: SchemeKey,
+        /// Keys that are there.
+        available: Vec<SchemeKey>,
+    },
+    /// The store holds the scheme, but not to the degree asked for.
+    #[error("{}: scheme {key} holds {}, degree {missing} is missing; extend it with basis-build --max-degree {wanted}", .store.display(), degrees_there(.complete_to))]
+    DegreeMissing {
+        /// The store.
+        store: PathBuf,
+        /// The scheme.
+        key: SchemeKey,
+        /// Degrees 0 to this one are all there.
+        complete_to: Option<usize>,
+        /// The first degree that is missing.
+        missing: usize,
+        /// The degree that was asked for.
+        wanted: usize,
+    },
+    /// Files of one scheme that can't be read together.
+    #[error("{}: chunks of {found} rows, the other degrees have {expected}; delete it and run basis-build again", .path.display())]
+    ChunkRowsDiffer {
+        /// The file.
+        path: PathBuf,
+        /// Rows a chunk of degree 0.
+        expected: usize,
+        /// Rows a chunk of this file.
+        found: usize,
+    },
+    /// Not enough room, or more than one would take without asking.
+    #[error("{}: the basis needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB); {remedy}", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
+    Space {
+        /// The store.
+        path: PathBuf,
+        /// Bytes that would be written.
+        needed: u64,
+        /// Bytes that are free.
+        free: u64,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A memory budget below what the work needs.
+    #[error("a memory budget of {budget} bytes is too small; the smallest that works is {needed} bytes ({} MiB)", needed.div_ceil(1 << 20))]
+    Budget {
+        /// The budget.
+        budget: usize,
+        /// The least that works.
+        needed: usize,
+    },
+    /// The work was interrupted; what is finished stays.
+    #[error("interrupted; the finished degrees are kept, run the same command again to go on")]
+    Interrupted,
+    /// A request outside of what the harmonics support.
+    #[error(transparent)]
+    Harmonics(#[from] spharm_harmonics::HarmonicsError),
+    /// A chunk size outside of what the format allows.
+    #[error("chunks of {found} rows: expected a multiple of {} from {} to {}", crate::header::ROW_MULTIPLE, crate::header::ROW_MULTIPLE, crate::header::MAX_CHUNK_ROWS)]
+    ChunkRows {
+        /// The number asked for.
+        found: usize,
+    },
+}
+
+impl StoreError {
+    /// Wraps an error of the operating system with the path and what was being done.
+    pub(crate) fn io(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
+        let path = path.to_path_buf();
+        move |source| Self::Io { path, action, source }
+    }
+
+    pub(crate) fn corrupt(path: &Path, what: &'static str, expected: impl ToString, found: impl ToString) -> Self {
+        Self::Corrupt { path: path.to_path_buf(), what, expected: expected.to_string(), found: found.to_string() }
+    }
+}
+
+fn remedy(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "; free some space or choose another --store, then run the same command again: finished degrees are kept"
+        }
+        io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
+            "; choose a --store that you may use, or change its permissions"
+        }
+        io::ErrorKind::NotFound => "; check the path, or build the store with basis-build",
+        _ if source.raw_os_error() == Some(libc::EMFILE) => "; raise the limit on open files (ulimit -n)",
+        _ => "",
+    }
+}
+
+fn keys_there(keys: &[SchemeKey]) -> String {
+    match keys {
+        [] => "the store is empty".to_owned(),
+        keys => {
+            let shown: Vec<_> = keys.iter().take(8).map(|k| k.short()).collect();
+            let more = if keys.len() > 8 { format!(" and {} more", keys.len() - 8) } else { String::new() };
+            format!("it has {}{more}", shown.join(", "))
+        }
+    }
+}
+
+fn degrees_there(complete_to: &Option<usize>) -> String {
+    match complete_to {
+        Some(degree) => format!("degrees 0 to {degree}"),
+        None => "no degree 0".to_owned(),
+    }
+}

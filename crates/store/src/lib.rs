@@ -1,0 +1,63 @@
+//! The disk-backed basis store: precomputed once for a sampling scheme, shared by every fit on it.
+//!
+//! A store is a folder. Each sampling scheme has a folder in it, named by the scheme's [key](SchemeKey), and in that
+//! folder one file for each degree, `A_<l>`, which holds the block `A_l`, (n, 2 l + 1), in chunks of rows:
+//!
+//! ```text
+//! STORE/<key>/A_0   header | chunk 0 | chunk 1 | ... | table | footer
+//!             A_1   header | chunk 0 | ...
+//! ```
+//!
+//! Files are immutable. One is there when its footer is sound and its name is final; there is no manifest to get out
+//! of step. A store built to degree 60 is extended to 100 by adding files. `store-format.md` is the authority on bytes.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`scheme`] | the key: what a basis depends on, hashed |
+//! | [`header`] | the header, offsets and bounds |
+//! | `table` | the table of chunks and the footer |
+//! | [`codec`] | raw, and zstd over shuffled bytes |
+//! | `map` | windows on files, and what happens when a file shrinks under one |
+//! | [`reader`] | one file, opened, checked and read |
+//! | `writer` | one file on its way to disk |
+//! | [`mod@build`] | all files of a scheme |
+//! | [`catalog`] | what is in a store; verifying, clearing away |
+//!
+//! ```
+//! use std::sync::atomic::AtomicBool;
+//! use spharm_harmonics::Directions;
+//! use spharm_store::{BuildParams, Scheme, build};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let directions = Directions::from_angles(&[[0.3, 0.1], [1.2, 4.0], [2.8, 2.0]])?;
+//! let params = BuildParams { max_degree: 4, ..BuildParams::default() };
+//! let report = build(folder.path(), &directions, &params, &AtomicBool::new(false), &|_| {})?;
+//! assert_eq!(report.built, 5);
+//! let scheme = Scheme::open(folder.path(), report.key, 3, 4)?;
+//! let window = scheme.files()[0].window(0..1)?;
+//! let mut scratch = Vec::new();
+//! let a0 = window.values(0, &mut scratch)?;
+//! assert!(a0.iter().all(|s| (s - 0.28209479177387814).abs() < 1e-15));
+//! window.check()?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod build;
+mod bytes;
+pub mod catalog;
+pub mod codec;
+mod error;
+pub mod header;
+mod map;
+pub mod reader;
+pub mod scheme;
+mod table;
+mod writer;
+
+pub use build::{BuildEvent, BuildParams, BuildReport, build};
+pub use catalog::Scheme;
+pub use codec::Codec;
+pub use error::StoreError;
+pub use header::Header;
+pub use reader::{ChunkWindow, DegreeFile};
+pub use scheme::{Scalar, SchemeKey};

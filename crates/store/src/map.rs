@@ -1,0 +1,246 @@
+//! Read-only windows on files: the only `unsafe` code of the store.
+//!
+//! A memory map has two dangers that a read has not. The file may change under it, and touching a page that the file no
+//! longer has (it was truncated, or the disk fails) raises SIGBUS, which kills the process. Both are met here, once:
+//!
+//! - Every window is entered into a table of address ranges. A SIGBUS handler looks the faulting address up; inside of a
+//!   window it puts a page of zeros there and marks the window, so that the reader goes on and finds out at the end.
+//!   Outside of all windows the handler puts back what was there before it and lets the fault happen again.
+//! - [`Window::check`] says after use whether a page was missing or the file's size or modification time has changed.
+//!   What was computed from a window counts only when this check has passed.
+//!
+//! Windows hand out bytes and numbers whose every bit pattern is valid, so even a file that changes under a window
+//! gives wrong numbers that the check rejects, never an invalid value.
+
+#![allow(unsafe_code)]
+
+use std::fs::{File, Metadata};
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
+use std::sync::Once;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use memmap2::{Advice, Mmap, MmapOptions};
+
+use crate::StoreError;
+
+/// An open file and what it looked like when it was opened.
+#[derive(Debug)]
+pub(crate) struct Source {
+    pub(crate) path: PathBuf,
+    pub(crate) file: File,
+    stamp: Stamp,
+}
+
+/// Size and modification time: what shows that a file was written to or truncated. (Not the change time, which a hard
+/// link or a new owner changes as well.)
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Stamp {
+    len: u64,
+    seconds: i64,
+    nanoseconds: i64,
+}
+
+impl Stamp {
+    fn of(metadata: &Metadata) -> Self {
+        Self { len: metadata.len(), seconds: metadata.mtime(), nanoseconds: metadata.mtime_nsec() }
+    }
+}
+
+impl Source {
+    pub(crate) fn new(path: PathBuf, file: File, metadata: &Metadata) -> Self {
+        Self { path, file, stamp: Stamp::of(metadata) }
+    }
+
+    /// Fails when the file isn't what it was when it was opened.
+    pub(crate) fn check(&self) -> Result<(), StoreError> {
+        match self.file.metadata() {
+            Ok(metadata) if Stamp::of(&metadata) == self.stamp => Ok(()),
+            _ => Err(StoreError::ChangedWhileRead { path: self.path.clone() }),
+        }
+    }
+}
+
+/// A run of a file's bytes, mapped read-only.
+#[derive(Debug)]
+pub(crate) struct Window {
+    map: Mmap,
+    slot: usize,
+}
+
+impl Window {
+    /// Maps `len > 0` bytes from `offset` on, which need not be page-aligned.
+    pub(crate) fn new(source: &Source, offset: u64, len: usize) -> Result<Self, StoreError> {
+        install_handler();
+        // SAFETY: the map is read-only and private to this type. That the file may change or shrink meanwhile is
+        // handled as the module's head says: bytes are read as plain numbers only, missing pages become zeros, and
+        // `check` rejects what was read.
+        let map = unsafe { MmapOptions::new().offset(offset).len(len).map(&source.file) }
+            .map_err(StoreError::io(&source.path, "cannot map"))?;
+        let start = map.as_ptr() as usize;
+        let slot = claim_slot(start, start + len).ok_or_else(|| {
+            StoreError::io(&source.path, "cannot map")(io::Error::other("too many windows are open at once"))
+        })?;
+        Ok(Self { map, slot })
+    }
+
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.map
+    }
+
+    /// Asks the system to start reading a part of the window. Advice only: what it can't do is left undone.
+    pub(crate) fn will_need(&self, offset: usize, len: usize) {
+        let _ = self.map.advise_range(Advice::WillNeed, offset, len);
+    }
+
+    /// Maps the pages of a part in one go, which costs less than a fault for each. Advice only.
+    #[cfg(target_os = "linux")]
+    pub(crate) fn populate(&self, offset: usize, len: usize) {
+        let _ = self.map.advise_range(Advice::PopulateRead, offset, len);
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub(crate) fn populate(&self, offset: usize, len: usize) {
+        self.will_need(offset, len);
+    }
+
+    /// Fails when a page was missing or the file has changed since it was opened.
+    pub(crate) fn check(&self, source: &Source) -> Result<(), StoreError> {
+        if SLOTS[self.slot].faulted.load(Ordering::Acquire) {
+            return Err(StoreError::ChangedWhileRead { path: source.path.clone() });
+        }
+        source.check()
+    }
+}
+
+impl Drop for Window {
+    fn drop(&mut self) {
+        // Before the memory is unmapped and its addresses may serve something else; `map` is dropped after this.
+        SLOTS[self.slot].release();
+    }
+}
+
+/// One mapped range, for the signal handler: atomics only, no locks, no memory of its own.
+struct Slot {
+    /// 0 when free, 1 while it is being set up, else the first address.
+    start: AtomicUsize,
+    end: AtomicUsize,
+    faulted: AtomicBool,
+}
+
+const FREE: usize = 0;
+const CLAIMED: usize = 1;
+/// More than the degrees that can be open at once, twice.
+const SLOT_COUNT: usize = 8192;
+
+static SLOTS: [Slot; SLOT_COUNT] = [const {
+    Slot { start: AtomicUsize::new(FREE), end: AtomicUsize::new(0), faulted: AtomicBool::new(false) }
+}; SLOT_COUNT];
+
+impl Slot {
+    fn release(&self) {
+        self.start.store(FREE, Ordering::Release);
+    }
+
+    fn holds(&self, address: usize) -> bool {
+        let start = self.start.load(Ordering::Acquire);
+        start > CLAIMED && (start..self.end.load(Ordering::Acquire)).contains(&address)
+    }
+}
+
+fn claim_slot(start: usize, end: usize) -> Option<usize> {
+    let claim = |slot: &Slot| slot.start.compare_exchange(FREE, CLAIMED, Ordering::AcqRel, Ordering::Relaxed).is_ok();
+    let index = SLOTS.iter().position(claim)?;
+    let slot = &SLOTS[index];
+    slot.faulted.store(false, Ordering::Release);
+    slot.end.store(end, Ordering::Release);
+    slot.start.store(start, Ordering::Release);
+    Some(index)
+}
+
+static INSTALL: Once = Once::new();
+static PAGE: AtomicUsize = AtomicUsize::new(4096);
+/// What handled SIGBUS before; leaked on purpose, the handler may run at any time.
+static PREVIOUS: std::sync::atomic::AtomicPtr<libc::sigaction> = std::sync::atomic::AtomicPtr::new(std::ptr::null_mut());
+
+fn install_handler() {
+    INSTALL.call_once(|| {
+        PAGE.store(rustix::param::page_size(), Ordering::Relaxed);
+        // SAFETY: both structures are plain data for which zeros are valid; the handler has the signature that
+        // SA_SIGINFO asks for and does only what is allowed in a signal handler: atomics, mmap and sigaction.
+        unsafe {
+            let previous = Box::leak(Box::new(std::mem::zeroed::<libc::sigaction>()));
+            let mut action = std::mem::zeroed::<libc::sigaction>();
+            action.sa_sigaction = on_bus_error as *const () as usize;
+            action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_NODEFER;
+            libc::sigemptyset(&mut action.sa_mask);
+            libc::sigaction(libc::SIGBUS, std::ptr::null(), previous);
+            PREVIOUS.store(previous, Ordering::Release);
+            libc::sigaction(libc::SIGBUS, &action, std::ptr::null_mut());
+        }
+    });
+}
+
+extern "C" fn on_bus_error(_signal: libc::c_int, info: *mut libc::siginfo_t, _context: *mut libc::c_void) {
+    // SAFETY: the system passes a valid siginfo_t to a handler with SA_SIGINFO.
+    let address = unsafe { (*info).si_addr() } as usize;
+    for slot in &SLOTS {
+        if slot.holds(address) {
+            slot.faulted.store(true, Ordering::Release);
+            if put_zero_page(address) {
+                return;
+            }
+        }
+    }
+    let previous = PREVIOUS.load(Ordering::Acquire);
+    // SAFETY: `previous` is what sigaction stored there before this handler was installed. With it back in place the
+    // access is repeated and faults as it would have without us.
+    unsafe { libc::sigaction(libc::SIGBUS, previous, std::ptr::null_mut()) };
+}
+
+fn put_zero_page(address: usize) -> bool {
+    let page = PAGE.load(Ordering::Relaxed);
+    let start = address & !(page - 1);
+    let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_FIXED;
+    // SAFETY: `start` lies in a window of this process, which stays mapped while its slot is taken; replacing one of
+    // its pages by zeros is what its readers are prepared for.
+    let result = unsafe { libc::mmap(start as *mut libc::c_void, page, libc::PROT_READ, flags, -1, 0) };
+    result != libc::MAP_FAILED
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_truncated_under_a_window_reads_as_zeros_and_is_reported() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let len = 64 * 4096;
+        std::fs::write(file.path(), vec![7u8; len]).unwrap();
+        let opened = File::open(file.path()).unwrap();
+        let metadata = opened.metadata().unwrap();
+        let source = Source::new(file.path().to_path_buf(), opened, &metadata);
+        let window = Window::new(&source, 0, len).unwrap();
+        assert_eq!(window.bytes()[len - 1], 7);
+        window.check(&source).unwrap();
+        file.as_file().set_len(4096).unwrap();
+        let sum: u64 = window.bytes().iter().map(|&b| u64::from(b)).sum();
+        assert_eq!(sum, 7 * 4096);
+        assert!(SLOTS[window.slot].faulted.load(Ordering::Acquire));
+        assert!(matches!(window.check(&source), Err(StoreError::ChangedWhileRead { .. })));
+    }
+
+    #[test]
+    fn a_file_written_to_is_reported() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), [7u8; 4096]).unwrap();
+        let opened = File::open(file.path()).unwrap();
+        let metadata = opened.metadata().unwrap();
+        let source = Source::new(file.path().to_path_buf(), opened, &metadata);
+        let window = Window::new(&source, 0, 4096).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        std::fs::write(file.path(), [8u8; 4096]).unwrap();
+        assert!(window.check(&source).is_err());
+    }
+}

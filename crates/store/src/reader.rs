@@ -1,0 +1,271 @@
+//! One `A_<l>`: opened and checked, then read chunk by chunk, by map or by decoding.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::ops::Range;
+use std::os::unix::fs::{FileExt, FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::StoreError;
+use crate::codec::{Codec, decode};
+use crate::header::{HEADER_LEN, Header};
+use crate::map::{Source, Window};
+use crate::scheme::Scalar;
+use crate::table::{ENTRY_LEN, Entry, FOOTER_LEN, Footer, decode_table, root};
+
+/// An open basis file whose header, table and footer are sound. Chunks are checked when they are first read.
+#[derive(Debug)]
+pub struct DegreeFile {
+    source: Source,
+    header: Header,
+    entries: Vec<Entry>,
+    file_len: u64,
+    /// Chunks whose checksum has been found right by this process.
+    checked: Vec<AtomicBool>,
+}
+
+impl DegreeFile {
+    /// Opens a file and checks all but its chunks.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::NotAFile`], [`StoreError::Corrupt`], [`StoreError::Version`], [`StoreError::Io`].
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let (file, file_len, source) = open_regular(path)?;
+        if file_len < (HEADER_LEN + ENTRY_LEN + FOOTER_LEN) as u64 {
+            let least = HEADER_LEN + ENTRY_LEN + FOOTER_LEN;
+            return Err(StoreError::corrupt(path, "length of the file", format!("at least {least}"), file_len));
+        }
+        let mut header_bytes = [0; HEADER_LEN];
+        read_at(&file, path, 0, &mut header_bytes)?;
+        let header = Header::decode(&header_bytes, path)?;
+        let mut footer_bytes = [0; FOOTER_LEN];
+        read_at(&file, path, file_len - FOOTER_LEN as u64, &mut footer_bytes)?;
+        let footer = Footer::decode(&footer_bytes, file_len, path)?;
+        if footer.entries != header.chunk_count() as u64 {
+            return Err(StoreError::corrupt(path, "entries of the table", header.chunk_count(), footer.entries));
+        }
+        // The table must be what lies between the chunks and the footer, so its size is bounded by the file's.
+        let table_len = footer.entries.saturating_mul(ENTRY_LEN as u64);
+        let end = footer.table_offset.checked_add(table_len).and_then(|end| end.checked_add(FOOTER_LEN as u64));
+        if footer.table_offset < HEADER_LEN as u64 || end != Some(file_len) {
+            return Err(StoreError::corrupt(path, "place of the table", "just before the footer", footer.table_offset));
+        }
+        let mut table = vec![0; table_len as usize];
+        read_at(&file, path, footer.table_offset, &mut table)?;
+        if root(&header_bytes, &table) != footer.root {
+            return Err(StoreError::corrupt(path, "root hash", "that of header and table", "another"));
+        }
+        let entries = decode_table(&table, &header, footer.table_offset, path)?;
+        let checked = entries.iter().map(|_| AtomicBool::new(false)).collect();
+        let source = Source::new(source.0, file, &source.1);
+        Ok(Self { source, header, entries, file_len, checked })
+    }
+
+    /// What the file holds.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.source.path
+    }
+
+    /// Its length in bytes.
+    pub fn file_len(&self) -> u64 {
+        self.file_len
+    }
+
+    /// Whether every chunk is raw f64, so that it can be used in place.
+    pub fn is_direct(&self) -> bool {
+        self.header.scalar == Scalar::F64 && self.entries.iter().all(|entry| entry.codec == Codec::Raw)
+    }
+
+    /// Maps the chunks of a range. A window over compressed chunks holds their stored bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::Io`].
+    ///
+    /// # Panics
+    ///
+    /// If the range is empty or goes past the last chunk.
+    pub fn window(&self, chunks: Range<usize>) -> Result<ChunkWindow<'_>, StoreError> {
+        let (first, last) = (&self.entries[chunks.start], &self.entries[chunks.end - 1]);
+        let len = (last.offset + last.stored_len - first.offset) as usize;
+        let window = Window::new(&self.source, first.offset, len)?;
+        Ok(ChunkWindow { file: self, window, first: first.offset, chunks })
+    }
+
+    /// Bytes of a chunk as stored.
+    pub fn stored_len(&self, chunk: usize) -> usize {
+        self.entries[chunk].stored_len as usize
+    }
+
+    /// Checks every BLAKE3 hash, every CRC and every padding byte; `buffer` is reused from file to file.
+    pub(crate) fn verify(&self, buffer: &mut Vec<u8>) -> Result<(), StoreError> {
+        let table_offset = self.file_len - FOOTER_LEN as u64 - (self.entries.len() * ENTRY_LEN) as u64;
+        for (chunk, entry) in self.entries.iter().enumerate() {
+            let next = self.entries.get(chunk + 1).map_or(table_offset, |entry| entry.offset);
+            // Bounded by the file's length, which the table was checked against.
+            buffer.resize((next - entry.offset) as usize, 0);
+            read_at(&self.source.file, self.path(), entry.offset, buffer)?;
+            let (stored, padding) = buffer.split_at(entry.stored_len as usize);
+            let damaged = |what| StoreError::ChunkDamaged { path: self.path().to_path_buf(), chunk, what };
+            if blake3::hash(stored).as_bytes() != &entry.hash {
+                return Err(damaged("its BLAKE3 hash"));
+            }
+            if crc32c::crc32c(stored) != entry.crc {
+                return Err(damaged("its CRC-32C"));
+            }
+            if padding.iter().any(|&byte| byte != 0) {
+                return Err(damaged("the padding after it"));
+            }
+            if entry.codec == Codec::Zstd {
+                decode(stored, entry.raw_len as usize, self.header.scalar.size()).map_err(|_| damaged("its zstd frame"))?;
+            }
+        }
+        self.source.check()
+    }
+
+    fn check_crc(&self, chunk: usize, stored: &[u8]) -> Result<(), StoreError> {
+        if !self.checked[chunk].load(Ordering::Relaxed) {
+            if crc32c::crc32c(stored) != self.entries[chunk].crc {
+                // A page that went missing shows as a wrong checksum too; say what really happened.
+                self.source.check()?;
+                let path = self.path().to_path_buf();
+                return Err(StoreError::ChunkDamaged { path, chunk, what: "its CRC-32C" });
+            }
+            self.checked[chunk].store(true, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+}
+
+/// Chunks of one file, mapped.
+#[derive(Debug)]
+pub struct ChunkWindow<'f> {
+    file: &'f DegreeFile,
+    window: Window,
+    first: u64,
+    chunks: Range<usize>,
+}
+
+impl ChunkWindow<'_> {
+    /// The chunks that it holds.
+    pub fn chunks(&self) -> Range<usize> {
+        self.chunks.clone()
+    }
+
+    /// The values of a chunk, (rows, 2 l + 1) column-major: in place where they are raw f64, otherwise decoded into
+    /// `scratch`. The first time in a process its checksum is verified.
+    ///
+    /// What is computed from them counts only once [`check`](Self::check) has passed.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::ChunkDamaged`], [`StoreError::ChangedWhileRead`].
+    ///
+    /// # Panics
+    ///
+    /// If the window doesn't hold the chunk.
+    pub fn values<'s>(&'s self, chunk: usize, scratch: &'s mut Vec<f64>) -> Result<&'s [f64], StoreError> {
+        let entry = &self.file.entries[chunk];
+        let bytes = self.stored(chunk);
+        self.file.check_crc(chunk, bytes)?;
+        let scalar = self.file.header.scalar;
+        if entry.codec == Codec::Raw {
+            if scalar == Scalar::F64 {
+                // Chunks start at multiples of 64 bytes and maps at pages, so the cast doesn't fail.
+                return Ok(bytemuck::cast_slice(bytes));
+            }
+            widen(bytemuck::cast_slice(bytes), scratch);
+            return Ok(scratch);
+        }
+        let raw = decode(bytes, entry.raw_len as usize, scalar.size()).map_err(|_| {
+            let path = self.file.path().to_path_buf();
+            StoreError::ChunkDamaged { path, chunk, what: "its zstd frame" }
+        })?;
+        match scalar {
+            Scalar::F32 => widen_bytes(&raw, scratch),
+            Scalar::F64 => {
+                scratch.clear();
+                scratch.extend(raw.chunks_exact(8).map(|b| f64::from_bits(crate::bytes::u64_at(b, 0))));
+            }
+        }
+        Ok(scratch)
+    }
+
+    /// Maps a chunk's pages in one go, before it is used.
+    pub fn populate(&self, chunk: usize) {
+        let (start, len) = self.place(chunk);
+        self.window.populate(start, len);
+    }
+
+    /// Starts reading the whole window from disk.
+    pub fn will_need(&self) {
+        self.window.will_need(0, self.window.bytes().len());
+    }
+
+    /// Fails when the file was truncated, changed or unreadable since it was opened.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::ChangedWhileRead`].
+    pub fn check(&self) -> Result<(), StoreError> {
+        self.window.check(&self.file.source)
+    }
+
+    fn place(&self, chunk: usize) -> (usize, usize) {
+        assert!(self.chunks.contains(&chunk), "chunk {chunk} of a window on {:?}", self.chunks);
+        let entry = &self.file.entries[chunk];
+        ((entry.offset - self.first) as usize, entry.stored_len as usize)
+    }
+
+    fn stored(&self, chunk: usize) -> &[u8] {
+        let (start, len) = self.place(chunk);
+        &self.window.bytes()[start..start + len]
+    }
+}
+
+fn widen(values: &[f32], out: &mut Vec<f64>) {
+    out.clear();
+    out.extend(values.iter().map(|&value| f64::from(value)));
+}
+
+fn widen_bytes(raw: &[u8], out: &mut Vec<f64>) {
+    out.clear();
+    out.extend(raw.chunks_exact(4).map(|b| f64::from(f32::from_bits(crate::bytes::u32_at(b, 0)))));
+}
+
+type Opened = (File, u64, (std::path::PathBuf, std::fs::Metadata));
+
+/// Opens a regular file; never waits for the other end of a FIFO, never follows a symbolic link.
+fn open_regular(path: &Path) -> Result<Opened, StoreError> {
+    let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_CLOEXEC;
+    let not_a_file = |found| StoreError::NotAFile { path: path.to_path_buf(), found };
+    let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
+        Err(error) if error.raw_os_error() == Some(libc::ELOOP) => return Err(not_a_file("a symbolic link")),
+        opened => opened.map_err(StoreError::io(path, "cannot open"))?,
+    };
+    let metadata = file.metadata().map_err(StoreError::io(path, "cannot open"))?;
+    let kind = metadata.file_type();
+    if !kind.is_file() {
+        return Err(not_a_file(match kind {
+            k if k.is_dir() => "a folder",
+            k if k.is_fifo() => "a FIFO",
+            k if k.is_socket() => "a socket",
+            _ => "a device",
+        }));
+    }
+    Ok((file, metadata.len(), (path.to_path_buf(), metadata)))
+}
+
+fn read_at(file: &File, path: &Path, offset: u64, buffer: &mut [u8]) -> Result<(), StoreError> {
+    file.read_exact_at(buffer, offset).map_err(|error| match error.kind() {
+        io::ErrorKind::UnexpectedEof => StoreError::ChangedWhileRead { path: path.to_path_buf() },
+        _ => StoreError::io(path, "cannot read")(error),
+    })
+}

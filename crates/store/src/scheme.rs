@@ -1,0 +1,126 @@
+//! The key of a sampling scheme: what a store's contents depend on, hashed.
+//!
+//! See "Key" in `store-format.md`.
+
+use std::fmt;
+use std::str::FromStr;
+
+use spharm_harmonics::Directions;
+
+/// Scalar type of the stored harmonics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Scalar {
+    /// IEEE double precision.
+    F64,
+    /// IEEE single precision: half of the bytes, a relative 6e-8 off.
+    F32,
+}
+
+impl Scalar {
+    /// Bytes of a value.
+    pub const fn size(self) -> usize {
+        match self {
+            Self::F64 => 8,
+            Self::F32 => 4,
+        }
+    }
+
+    /// `"f64"` or `"f32"`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F64 => "f64",
+            Self::F32 => "f32",
+        }
+    }
+}
+
+/// BLAKE3 key of a sampling scheme; also the name of its folder in a store, as 64 hexadecimal digits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct SchemeKey(pub [u8; 32]);
+
+const CONTEXT: &str = "spharm-rs 2026-11 sampling scheme key v1";
+
+impl SchemeKey {
+    /// The key of harmonics of type `scalar` at `directions`.
+    pub fn of(directions: &Directions, scalar: Scalar) -> Self {
+        let mut hasher = blake3::Hasher::new_derive_key(CONTEXT);
+        let mut field = |tag: &str, value: &[u8]| {
+            hasher.update(&(tag.len() as u64).to_le_bytes());
+            hasher.update(tag.as_bytes());
+            hasher.update(&(value.len() as u64).to_le_bytes());
+            hasher.update(value);
+        };
+        field("normalisation", b"real orthonormal, no Condon-Shortley phase");
+        field("ordering", b"l^2 + l + m");
+        field("scalar", scalar.name().as_bytes());
+        field("count", &(directions.len() as u64).to_le_bytes());
+        // -0 becomes +0; Directions has no NaN and no infinity.
+        let bits = |c: f64| (c + 0.0).to_bits().to_le_bytes();
+        let bytes: Vec<u8> = directions.as_slice().iter().flatten().flat_map(|&c| bits(c)).collect();
+        field("directions", &bytes);
+        Self(*hasher.finalize().as_bytes())
+    }
+
+    /// The first 12 digits, enough to tell schemes apart at a glance.
+    pub fn short(&self) -> String {
+        self.to_string()[..12].to_owned()
+    }
+}
+
+impl fmt::Display for SchemeKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+/// A text that isn't 64 lower-case hexadecimal digits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("expected 64 hexadecimal digits")]
+pub struct NotAKey;
+
+impl FromStr for SchemeKey {
+    type Err = NotAKey;
+
+    fn from_str(text: &str) -> Result<Self, NotAKey> {
+        if text.len() != 64 || !text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')) {
+            return Err(NotAKey);
+        }
+        let mut key = [0; 32];
+        for (byte, digits) in key.iter_mut().zip(text.as_bytes().chunks_exact(2)) {
+            let digit = |d: u8| if d.is_ascii_digit() { d - b'0' } else { d - b'a' + 10 };
+            *byte = digit(digits[0]) << 4 | digit(digits[1]);
+        }
+        Ok(Self(key))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn octahedron(radius: f64) -> Directions {
+        let r = radius;
+        let vertices = [[r, 0.0, 0.0], [-r, 0.0, 0.0], [0.0, r, 0.0], [0.0, -r, 0.0], [0.0, 0.0, r], [0.0, 0.0, -r]];
+        Directions::from_vertices(&vertices).unwrap()
+    }
+
+    #[test]
+    fn text_and_back() {
+        let key = SchemeKey::of(&octahedron(1.0), Scalar::F64);
+        assert_eq!(key.to_string().parse(), Ok(key));
+        assert_eq!("xyz".parse::<SchemeKey>(), Err(NotAKey));
+        assert_eq!(key.to_string().to_uppercase().parse::<SchemeKey>(), Err(NotAKey));
+    }
+
+    #[test]
+    fn radius_and_sign_of_zero_do_not_count_but_scalar_and_order_do() {
+        let key = SchemeKey::of(&octahedron(1.0), Scalar::F64);
+        assert_eq!(SchemeKey::of(&octahedron(100.0), Scalar::F64), key);
+        assert_ne!(SchemeKey::of(&octahedron(1.0), Scalar::F32), key);
+        let mut vertices = octahedron(1.0).as_slice().to_vec();
+        vertices[0][1] = -0.0;
+        assert_eq!(SchemeKey::of(&Directions::from_vertices(&vertices).unwrap(), Scalar::F64), key);
+        vertices.swap(0, 1);
+        assert_ne!(SchemeKey::of(&Directions::from_vertices(&vertices).unwrap(), Scalar::F64), key);
+    }
+}
