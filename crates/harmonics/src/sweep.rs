@@ -85,7 +85,7 @@ impl<'r> Sweep<'r> {
         let l = self.next;
         assert!(l <= self.recurrence.max_degree(), "degree {l} is above the recurrence's");
         let (even, odd) = self.q.split_at_mut(1);
-        let (newest, previous) = if l % 2 == 0 { (&mut even[0], &odd[0]) } else { (&mut odd[0], &even[0]) };
+        let (newest, previous) = if l.is_multiple_of(2) { (&mut even[0], &odd[0]) } else { (&mut odd[0], &even[0]) };
         let (a, b) = self.recurrence.degree(l);
         recur(newest, previous, &self.z, a, b);
         newest[l * self.rows..(l + 1) * self.rows].fill(self.recurrence.seed(l));

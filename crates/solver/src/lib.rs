@@ -1,1 +1,58 @@
-//! solver
+//! Iterative residual fitting of functions on the sphere, over a basis that is streamed in bounded memory.
+//!
+//! The paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT
+//! 2006. A surface's x, y and z are three columns of targets; many surfaces are many columns, fitted in one sweep.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`operator`] | what a solver sees of a basis: [`Operator`], [`operator::Block`] |
+//! | [`disk`], [`memory`] | the operator over a store, and one in memory |
+//! | [`schedule`] | NLSF, SIRF, MIRF, IRF: which degrees are solved together |
+//! | [`mod@plan`] | what memory a fit takes |
+//! | `block` | one block's least squares |
+//! | `triangle` | the rank-revealing way: QR of a matrix that arrives in chunks |
+//! | `workers` | what the threads do for a block |
+//! | [`mod@fit`] | the passes |
+//! | [`report`] | what a fit tells about itself |
+//! | [`dense`] | the BLAS and LAPACK, behind one door |
+//!
+//! ```
+//! use std::sync::atomic::AtomicBool;
+//! use ndarray::Array2;
+//! use spharm_harmonics::{Directions, synthesis};
+//! use spharm_solver::{FitParams, MemoryOperator, Method, fit};
+//!
+//! // Functions of degree 2, sampled at 200 directions, are found again.
+//! let angles: Vec<_> = (0..200).map(|i| [0.015 * i as f64 + 0.05, 2.4 * i as f64]).collect();
+//! let directions = Directions::from_angles(&angles)?;
+//! let known = Array2::from_shape_fn((9, 3), |(k, c)| (k + c) as f64);
+//! let targets = synthesis(&directions, known.view())?;
+//! let operator = MemoryOperator::new(&directions, 2, 64)?;
+//! let params = FitParams { max_degree: 2, method: Method::Nlsf, ..FitParams::default() };
+//! let fit = fit(&operator, targets.view(), &[0..3], &params, &AtomicBool::new(false), &|_| {})?;
+//! assert!((fit.coefficients.values() - &known).iter().all(|d| d.abs() < 1e-12));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod block;
+pub mod dense;
+pub mod disk;
+mod error;
+pub mod fit;
+pub mod memory;
+pub mod operator;
+pub mod plan;
+pub mod report;
+mod rows;
+pub mod schedule;
+mod triangle;
+mod workers;
+
+pub use disk::DiskOperator;
+pub use error::SolverError;
+pub use fit::{Fit, FitEvent, FitParams, fit};
+pub use memory::MemoryOperator;
+pub use operator::{Operator, Residency};
+pub use plan::{Plan, plan};
+pub use report::FitReport;
+pub use schedule::Method;

@@ -134,7 +134,7 @@ pub fn build(
     cancel: &AtomicBool,
     event: &(dyn Fn(BuildEvent<'_>) + Sync),
 ) -> Result<BuildReport, StoreError> {
-    if params.chunk_rows == 0 || params.chunk_rows > MAX_CHUNK_ROWS || params.chunk_rows % ROW_MULTIPLE != 0 {
+    if params.chunk_rows == 0 || params.chunk_rows > MAX_CHUNK_ROWS || !params.chunk_rows.is_multiple_of(ROW_MULTIPLE) {
         return Err(StoreError::ChunkRows { found: params.chunk_rows });
     }
     let recurrence = Recurrence::new(params.max_degree)?;

@@ -85,12 +85,15 @@ impl Scheme {
     }
 }
 
-/// The basis files of a scheme's folder, by degree; each opened and checked, or what is wrong with it.
+/// A basis file of a scheme: its degree, and the file, opened and checked, or what is wrong with it.
+pub type Found = (usize, Result<DegreeFile, StoreError>);
+
+/// The basis files of a scheme's folder, by degree.
 ///
 /// # Errors
 ///
 /// [`StoreError::Io`] when the folder can't be listed.
-pub fn degrees(store: &Path, key: SchemeKey) -> Result<Vec<(usize, Result<DegreeFile, StoreError>)>, StoreError> {
+pub fn degrees(store: &Path, key: SchemeKey) -> Result<Vec<Found>, StoreError> {
     let folder = store.join(key.to_string());
     let mut degrees = Vec::new();
     for item in std::fs::read_dir(&folder).map_err(StoreError::io(&folder, "cannot open"))? {

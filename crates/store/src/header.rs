@@ -144,7 +144,7 @@ impl Header {
         let codec = u32_at(bytes, CODEC_AT);
         let codec = Codec::from_code(codec).ok_or_else(|| corrupt("codec", &"0 (none) or 1 (zstd)", &codec))?;
         let chunk_rows = u64_at(bytes, CHUNK_ROWS_AT);
-        if chunk_rows == 0 || chunk_rows > MAX_CHUNK_ROWS as u64 || chunk_rows % ROW_MULTIPLE as u64 != 0 {
+        if chunk_rows == 0 || chunk_rows > MAX_CHUNK_ROWS as u64 || !chunk_rows.is_multiple_of(ROW_MULTIPLE as u64) {
             let expected = format!("a multiple of {ROW_MULTIPLE} up to {MAX_CHUNK_ROWS}");
             return Err(corrupt("rows a chunk", &expected, &chunk_rows));
         }

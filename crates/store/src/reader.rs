@@ -172,30 +172,59 @@ impl ChunkWindow<'_> {
     ///
     /// If the window doesn't hold the chunk.
     pub fn values<'s>(&'s self, chunk: usize, scratch: &'s mut Vec<f64>) -> Result<&'s [f64], StoreError> {
-        let entry = &self.file.entries[chunk];
+        match self.in_place(chunk)? {
+            Some(values) => Ok(values),
+            None => {
+                self.decode(chunk, scratch)?;
+                Ok(scratch)
+            }
+        }
+    }
+
+    /// The values of a chunk where it is raw f64, as [`values`](Self::values) gives them; `None` where it isn't.
+    ///
+    /// # Errors
+    ///
+    /// As for [`values`](Self::values).
+    ///
+    /// # Panics
+    ///
+    /// If the window doesn't hold the chunk.
+    pub fn in_place(&self, chunk: usize) -> Result<Option<&[f64]>, StoreError> {
+        if self.file.header.scalar != Scalar::F64 || self.file.entries[chunk].codec != Codec::Raw {
+            return Ok(None);
+        }
         let bytes = self.stored(chunk);
         self.file.check_crc(chunk, bytes)?;
+        // Chunks start at multiples of 64 bytes and maps at pages, so the cast doesn't fail.
+        Ok(Some(bytemuck::cast_slice(bytes)))
+    }
+
+    /// Decodes a chunk of any kind into `out`, which gets its exact size.
+    ///
+    /// # Errors
+    ///
+    /// As for [`values`](Self::values).
+    ///
+    /// # Panics
+    ///
+    /// If the window doesn't hold the chunk.
+    pub fn decode(&self, chunk: usize, out: &mut Vec<f64>) -> Result<(), StoreError> {
+        let entry = &self.file.entries[chunk];
+        let stored = self.stored(chunk);
+        self.file.check_crc(chunk, stored)?;
         let scalar = self.file.header.scalar;
-        if entry.codec == Codec::Raw {
-            if scalar == Scalar::F64 {
-                // Chunks start at multiples of 64 bytes and maps at pages, so the cast doesn't fail.
-                return Ok(bytemuck::cast_slice(bytes));
-            }
-            widen(bytemuck::cast_slice(bytes), scratch);
-            return Ok(scratch);
-        }
-        let raw = decode(bytes, entry.raw_len as usize, scalar.size()).map_err(|_| {
-            let path = self.file.path().to_path_buf();
-            StoreError::ChunkDamaged { path, chunk, what: "its zstd frame" }
-        })?;
-        match scalar {
-            Scalar::F32 => widen_bytes(&raw, scratch),
-            Scalar::F64 => {
-                scratch.clear();
-                scratch.extend(raw.chunks_exact(8).map(|b| f64::from_bits(crate::bytes::u64_at(b, 0))));
+        match entry.codec {
+            Codec::Raw => widen(stored, scalar, out),
+            Codec::Zstd => {
+                let raw = decode(stored, entry.raw_len as usize, scalar.size()).map_err(|_| {
+                    let path = self.file.path().to_path_buf();
+                    StoreError::ChunkDamaged { path, chunk, what: "its zstd frame" }
+                })?;
+                widen(&raw, scalar, out);
             }
         }
-        Ok(scratch)
+        Ok(())
     }
 
     /// Maps a chunk's pages in one go, before it is used.
@@ -230,14 +259,15 @@ impl ChunkWindow<'_> {
     }
 }
 
-fn widen(values: &[f32], out: &mut Vec<f64>) {
+/// Little-endian values as doubles.
+fn widen(raw: &[u8], scalar: Scalar, out: &mut Vec<f64>) {
     out.clear();
-    out.extend(values.iter().map(|&value| f64::from(value)));
-}
-
-fn widen_bytes(raw: &[u8], out: &mut Vec<f64>) {
-    out.clear();
-    out.extend(raw.chunks_exact(4).map(|b| f64::from(f32::from_bits(crate::bytes::u32_at(b, 0)))));
+    match scalar {
+        Scalar::F64 => out.extend(raw.chunks_exact(8).map(|b| f64::from_bits(crate::bytes::u64_at(b, 0)))),
+        Scalar::F32 => {
+            out.extend(raw.chunks_exact(4).map(|b| f64::from(f32::from_bits(crate::bytes::u32_at(b, 0)))));
+        }
+    }
 }
 
 type Opened = (File, u64, (std::path::PathBuf, std::fs::Metadata));

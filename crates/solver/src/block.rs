@@ -1,0 +1,154 @@
+//! One block's least squares: the Gram matrix and Cholesky where that is safe, a rank-revealing factor otherwise.
+
+use std::ops::RangeInclusive;
+
+use crate::SolverError;
+use crate::dense::{self, Spectrum};
+use crate::operator::{Block, Operator, Scratch};
+use crate::schedule::columns;
+use crate::workers::{Worker, normal_equations, pack, triangular};
+
+/// Below this reciprocal condition number of a Gram matrix (1e6 for the block itself) the normal equations are not
+/// used: a Cholesky solve of them then loses more than four digits of a pass.
+const SAFE_RECIPROCAL: f64 = 1e-12;
+
+/// From this many columns on, threads share one Gram matrix and a threaded `dsyrk` instead of summing one each.
+pub(crate) const SHARED_FROM: usize = 1024;
+/// Rows of a shared `dsyrk`: enough for its traffic on the Gram matrix not to matter.
+pub(crate) const SHARED_ROWS: usize = 2048;
+
+/// What a block's matrix has been factorised to, for any right-hand side.
+#[derive(Debug, Clone)]
+pub(crate) enum Factor {
+    /// Upper Cholesky factor of the Gram matrix, (k, k), and the reciprocal condition number of that matrix.
+    Cholesky(Vec<f64>, f64),
+    /// Singular values and right vectors, and how many of them count.
+    RankRevealing(Spectrum, usize),
+}
+
+impl Factor {
+    /// Estimated condition number of the block.
+    pub(crate) fn condition(&self) -> f64 {
+        match self {
+            Self::Cholesky(_, reciprocal) => (1.0 / reciprocal).sqrt(),
+            Self::RankRevealing(spectrum, _) => spectrum.condition(),
+        }
+    }
+
+    pub(crate) fn rank(&self, columns: usize) -> usize {
+        match self {
+            Self::Cholesky(..) => columns,
+            Self::RankRevealing(_, rank) => *rank,
+        }
+    }
+
+    pub(crate) fn name(&self) -> &'static str {
+        match self {
+            Self::Cholesky(..) => "cholesky",
+            Self::RankRevealing(..) => "rank-revealing",
+        }
+    }
+}
+
+/// What stays the same from block to block.
+pub(crate) struct Context<'a> {
+    pub(crate) operator: &'a dyn Operator,
+    /// Square roots of the weights, (n), when there are weights.
+    pub(crate) roots: Option<&'a [f64]>,
+    pub(crate) channels: usize,
+    pub(crate) threads: usize,
+    /// Bytes of the budget that the plan has left over, for a rank-revealing solve that it couldn't foresee.
+    pub(crate) spare: usize,
+    pub(crate) budget: usize,
+}
+
+/// Bytes that a rank-revealing solve takes beside the rest: each thread's triangle twice while it is folded, a chunk,
+/// and the singular value decomposition.
+pub(crate) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
+    let width = k + channels;
+    let height = width.min(rows);
+    let fold = width * (3 * height + 2 * chunk_rows) * 8;
+    let decomposition = 8 * height * (6 * k + 2 * height);
+    (threads * fold).max(decomposition + width * height * 8)
+}
+
+/// Solves a block for the residual that the workers hold: x (k, c) row-major.
+///
+/// Without a factor one is made and returned along; with one only `A^T W r` is computed.
+pub(crate) fn solve(
+    context: &Context<'_>,
+    block: &dyn Block,
+    degrees: &RangeInclusive<usize>,
+    workers: &mut [Worker<'_>],
+    factor: Option<&Factor>,
+) -> Result<(Vec<f64>, Option<Factor>), SolverError> {
+    let k = columns(degrees);
+    if let Some(factor) = factor {
+        let (mut x, _) = normal_equations(block, workers, k, false)?;
+        match factor {
+            Factor::Cholesky(factor, _) => dense::cholesky_solve(factor, k, &mut x),
+            Factor::RankRevealing(spectrum, rank) => spectrum.solve_normal(*rank, &mut x),
+        }
+        return Ok((x, None));
+    }
+    let (rows, threads) = (context.operator.rows(), context.threads);
+    if k <= rows {
+        let shared = k >= SHARED_FROM;
+        let (mut x, gram) = normal_equations(block, workers, k, !shared)?;
+        let mut gram = match gram {
+            Some(gram) => gram,
+            None => shared_gram(context, block, k)?,
+        };
+        dense::set_blas_threads(if shared { threads } else { 1 });
+        let reciprocal = dense::cholesky(&mut gram, k);
+        dense::set_blas_threads(1);
+        if let Some(reciprocal) = reciprocal.filter(|&reciprocal| reciprocal > SAFE_RECIPROCAL) {
+            dense::cholesky_solve(&gram, k, &mut x);
+            return Ok((x, Some(Factor::Cholesky(gram, reciprocal))));
+        }
+        let needed = rank_revealing_bytes(k, context.channels, context.operator.chunk_rows(), threads, rows);
+        if needed > context.spare {
+            let needed = context.budget + needed - context.spare;
+            return Err(SolverError::Singular { first: *degrees.start(), last: *degrees.end(), needed });
+        }
+    }
+    let (r, z, m) = triangular(block, workers, k)?.split(k);
+    let tolerance = f64::EPSILON * rows.max(k) as f64;
+    let (x, rank, spectrum) = dense::minimum_norm(r, z, m, tolerance).map_err(|error| SolverError::NoConvergence {
+        first: *degrees.start(),
+        last: *degrees.end(),
+        message: error.to_string(),
+    })?;
+    Ok((x, Some(Factor::RankRevealing(spectrum, rank))))
+}
+
+/// The Gram matrix of a wide block: a few chunks at a time side by side, one threaded `dsyrk` for each.
+fn shared_gram(context: &Context<'_>, block: &dyn Block, k: usize) -> Result<Vec<f64>, SolverError> {
+    let &Context { operator, roots, threads, .. } = context;
+    let mut gram = vec![0.0; k * k];
+    let together = (SHARED_ROWS / operator.chunk_rows()).max(1);
+    let (mut chunk_values, mut scratch) = (Vec::new(), Scratch::default());
+    let mut stacked = Vec::new();
+    dense::set_blas_threads(threads);
+    for first in (0..operator.chunk_count()).step_by(together) {
+        let last = (first + together).min(operator.chunk_count());
+        let rows: usize = (first..last).map(|chunk| operator.chunk_range(chunk).len()).sum();
+        stacked.clear();
+        stacked.resize(rows * k, 0.0);
+        let mut at = 0;
+        for chunk in first..last {
+            let range = operator.chunk_range(chunk);
+            let root = roots.map(|roots| &roots[range.clone()]);
+            block.chunk(chunk, &mut scratch, &mut |parts| {
+                let packed = pack(parts, root, &mut chunk_values);
+                for j in 0..k {
+                    stacked[j * rows + at..][..range.len()].copy_from_slice(packed.column(j));
+                }
+            })?;
+            at += range.len();
+        }
+        dense::accumulate_gram(spharm_harmonics::product::Matrix::new(&stacked, rows, k, rows), &mut gram, k);
+    }
+    dense::set_blas_threads(1);
+    Ok(gram)
+}

@@ -1,0 +1,275 @@
+//! The BLAS and LAPACK behind one door: every call of OpenBLAS is in this file.
+//!
+//! Matrices are column-major slices with a leading dimension. `unsafe` is here because cblas-sys and lapack-sys are
+//! foreign functions; each wrapper checks the sizes that its function will touch. ndarray's own `dot` does twice the
+//! flops of `dsyrk` on a Gram matrix, and ndarray-linalg has no condition estimate for a Cholesky factor; the
+//! rank-revealing solve goes through ndarray-linalg.
+
+#![allow(unsafe_code)]
+
+use std::ffi::{c_char, c_int};
+
+use cblas_sys::{CBLAS_LAYOUT, CBLAS_TRANSPOSE, CBLAS_UPLO};
+use ndarray::{Array2, ShapeBuilder, s};
+use ndarray_linalg::{JobSvd, SVDDC};
+use spharm_harmonics::product::Matrix;
+
+unsafe extern "C" {
+    fn openblas_set_num_threads(threads: c_int);
+}
+
+/// Sets the threads of later BLAS and LAPACK calls of this process. One inside parallel regions.
+pub fn set_blas_threads(threads: usize) {
+    // SAFETY: OpenBLAS takes any number; it clamps it to what it was built for.
+    unsafe { openblas_set_num_threads(threads.clamp(1, 1024) as c_int) };
+}
+
+fn int(value: usize) -> c_int {
+    c_int::try_from(value).unwrap_or_else(|_| panic!("a dimension of {value} is beyond a 32-bit BLAS"))
+}
+
+/// Upper triangle of `gram += block^T block`, gram (k, k) column-major. n k (k + 1) flops.
+pub(crate) fn accumulate_gram(block: Matrix<'_>, gram: &mut [f64], leading: usize) {
+    let k = block.columns();
+    assert!(leading >= k && gram.len() >= (k.max(1) - 1) * leading + k, "Gram matrix of {k} columns");
+    // SAFETY: `Matrix` has checked the block's extent, the assertion the Gram matrix's.
+    unsafe {
+        cblas_sys::cblas_dsyrk(
+            CBLAS_LAYOUT::CblasColMajor,
+            CBLAS_UPLO::CblasUpper,
+            CBLAS_TRANSPOSE::CblasTrans,
+            int(k),
+            int(block.rows()),
+            1.0,
+            block.values().as_ptr(),
+            int(block.leading()),
+            1.0,
+            gram.as_mut_ptr(),
+            int(leading),
+        );
+    }
+}
+
+/// `out += block^T r`: out (k, c) row-major.
+pub(crate) fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
+    let (k, c) = (block.columns(), r.columns());
+    assert!(out.len() == k * c && r.rows() == block.rows(), "adjoint of {k} x {c}");
+    // Row-major (k, c) is column-major (c, k): out^T += r^T block.
+    // SAFETY: extents as asserted, `Matrix` has checked both factors.
+    unsafe {
+        cblas_sys::cblas_dgemm(
+            CBLAS_LAYOUT::CblasColMajor,
+            CBLAS_TRANSPOSE::CblasTrans,
+            CBLAS_TRANSPOSE::CblasNoTrans,
+            int(c),
+            int(k),
+            int(block.rows()),
+            1.0,
+            r.values().as_ptr(),
+            int(r.leading()),
+            block.values().as_ptr(),
+            int(block.leading()),
+            1.0,
+            out.as_mut_ptr(),
+            int(c),
+        );
+    }
+}
+
+/// `out += sign block x`: x (k, c) row-major, out (rows, c) column-major.
+pub(crate) fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out: &mut [f64]) {
+    let (rows, k) = (block.rows(), block.columns());
+    assert!(k > 0 && x.len().is_multiple_of(k) && out.len() == rows * (x.len() / k), "synthesis of {rows} x {k}");
+    let c = x.len() / k;
+    // SAFETY: extents as asserted, `Matrix` has checked the block.
+    unsafe {
+        cblas_sys::cblas_dgemm(
+            CBLAS_LAYOUT::CblasColMajor,
+            CBLAS_TRANSPOSE::CblasNoTrans,
+            CBLAS_TRANSPOSE::CblasTrans,
+            int(rows),
+            int(c),
+            int(k),
+            sign,
+            block.values().as_ptr(),
+            int(block.leading()),
+            x.as_ptr(),
+            int(c),
+            1.0,
+            out.as_mut_ptr(),
+            int(rows),
+        );
+    }
+}
+
+const UPPER: c_char = b'U' as c_char;
+
+/// Cholesky factor of a matrix (k, k) given by its upper triangle, in place. Returns an estimate of the matrix's
+/// reciprocal condition number in the 1-norm, or `None` when it isn't numerically positive definite.
+pub(crate) fn cholesky(matrix: &mut [f64], k: usize) -> Option<f64> {
+    assert_eq!(matrix.len(), k * k, "matrix of order {k}");
+    let norm = symmetric_norm(matrix, k);
+    let (order, mut info) = (int(k), 0);
+    // SAFETY: the matrix is k by k with leading dimension k.
+    unsafe { lapack_sys::dpotrf_(&UPPER, &order, matrix.as_mut_ptr(), &order, &mut info) };
+    if info != 0 || !norm.is_finite() {
+        return None;
+    }
+    let mut reciprocal = 0.0;
+    let (mut work, mut integers) = (vec![0.0; 3 * k], vec![0; k]);
+    // SAFETY: work space of 3 k and k as dpocon asks for.
+    unsafe {
+        lapack_sys::dpocon_(
+            &UPPER,
+            &order,
+            matrix.as_ptr(),
+            &order,
+            &norm,
+            &mut reciprocal,
+            work.as_mut_ptr(),
+            integers.as_mut_ptr(),
+            &mut info,
+        );
+    }
+    (info == 0).then_some(reciprocal)
+}
+
+/// 1-norm of a symmetric matrix given by its upper triangle.
+fn symmetric_norm(matrix: &[f64], k: usize) -> f64 {
+    let mut sums = vec![0.0; k];
+    for (j, column) in matrix.chunks_exact(k).enumerate() {
+        for (i, value) in column[..=j].iter().enumerate() {
+            sums[j] += value.abs();
+            if i < j {
+                sums[i] += value.abs();
+            }
+        }
+    }
+    // Not f64::max, which would pass over a NaN.
+    sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m })
+}
+
+/// Solves with a factor from [`cholesky`]: `x`, (k, c) row-major, is the right-hand side on the way in.
+pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
+    assert!(factor.len() == k * k && x.len().is_multiple_of(k), "factor of order {k}");
+    let c = x.len() / k;
+    let mut columns = transpose(x, k, c);
+    let (order, right_hand_sides, mut info) = (int(k), int(c), 0);
+    // SAFETY: factor k by k, right-hand sides k by c, as asserted.
+    unsafe {
+        lapack_sys::dpotrs_(
+            &UPPER,
+            &order,
+            &right_hand_sides,
+            factor.as_ptr(),
+            &order,
+            columns.as_mut_ptr(),
+            &order,
+            &mut info,
+        );
+    }
+    assert_eq!(info, 0, "dpotrs: argument {info}");
+    x.copy_from_slice(&transpose(&columns, c, k));
+}
+
+/// Row-major (rows, columns) to row-major (columns, rows).
+pub(crate) fn transpose(values: &[f64], rows: usize, columns: usize) -> Vec<f64> {
+    (0..rows * columns).map(|i| values[(i % rows) * columns + i / rows]).collect()
+}
+
+/// Triangular factor of a QR factorisation, in place: matrix (rows, columns) column-major; on return its first
+/// `min(rows, columns)` rows hold R, with zeros below the diagonal.
+pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
+    assert_eq!(matrix.len(), rows * columns, "matrix of {rows} x {columns}");
+    let (m, n, mut info) = (int(rows), int(columns), 0);
+    let mut tau = vec![0.0; rows.min(columns)];
+    let (mut query, length) = (0.0, -1);
+    // SAFETY: a work space query: only `query` is written to.
+    unsafe {
+        let a = matrix.as_mut_ptr();
+        lapack_sys::dgeqrf_(&m, &n, a, &m, tau.as_mut_ptr(), &mut query, &length, &mut info);
+    }
+    let mut work = vec![0.0; query as usize + 1];
+    let length = int(work.len());
+    // SAFETY: matrix, tau and work have the sizes that dgeqrf asks for.
+    unsafe {
+        let a = matrix.as_mut_ptr();
+        lapack_sys::dgeqrf_(&m, &n, a, &m, tau.as_mut_ptr(), work.as_mut_ptr(), &length, &mut info);
+    }
+    assert_eq!(info, 0, "dgeqrf: argument {info}");
+    for (j, column) in matrix.chunks_exact_mut(rows).enumerate() {
+        column[(j + 1).min(rows)..].fill(0.0);
+    }
+}
+
+/// Singular values and right singular vectors of a small matrix.
+#[derive(Debug, Clone)]
+pub(crate) struct Spectrum {
+    /// Decreasing.
+    pub(crate) singular: Vec<f64>,
+    /// `V^T`, (values, k).
+    pub(crate) right: Array2<f64>,
+}
+
+/// What LAPACK's divide and conquer SVD didn't manage, which it says rather than give a wrong answer.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("the singular value decomposition of a block did not converge: {0}")]
+pub(crate) struct NoConvergence(String);
+
+/// Minimum-norm least squares of `r x = z`: r (m, k), z (m, c), column-major. Singular values up to `tolerance` times
+/// the largest count as zero. Returns x (k, c) row-major, the numerical rank, and the spectrum of `r` for later
+/// right-hand sides.
+pub(crate) fn minimum_norm(
+    r: Vec<f64>,
+    z: Vec<f64>,
+    m: usize,
+    tolerance: f64,
+) -> Result<(Vec<f64>, usize, Spectrum), NoConvergence> {
+    let (k, c) = (r.len() / m, z.len() / m);
+    let shaped = |values: Vec<f64>, columns: usize| {
+        Array2::from_shape_vec((m, columns).f(), values).unwrap_or_else(|_| unreachable!("m divides both"))
+    };
+    let (r, z) = (shaped(r, k), shaped(z, c));
+    let (left, singular, right) = r.svddc(JobSvd::Some).map_err(|error| NoConvergence(error.to_string()))?;
+    let (Some(left), Some(right)) = (left, right) else { unreachable!("JobSvd::Some asks for both") };
+    let spectrum = Spectrum { singular: singular.to_vec(), right };
+    let rank = spectrum.rank(tolerance);
+    let mut projected = left.slice(s![.., ..rank]).t().dot(&z);
+    for (mut row, singular) in projected.rows_mut().into_iter().zip(&spectrum.singular) {
+        row /= *singular;
+    }
+    let solution = spectrum.right.slice(s![..rank, ..]).t().dot(&projected);
+    Ok((solution.as_standard_layout().iter().copied().collect(), rank, spectrum))
+}
+
+impl Spectrum {
+    /// Singular values above `tolerance` times the largest.
+    pub(crate) fn rank(&self, tolerance: f64) -> usize {
+        let largest = self.singular.first().copied().unwrap_or(0.0);
+        self.singular.iter().filter(|&&s| s > tolerance * largest).count()
+    }
+
+    /// Largest over smallest singular value that counts; for a matrix of full rank its condition number.
+    pub(crate) fn condition(&self) -> f64 {
+        match (self.singular.first(), self.singular.last()) {
+            (Some(first), Some(last)) if *last > 0.0 => first / last,
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// `x = (A^T A)^+ x` for `x`, (k, c) row-major, with the first `rank` singular values.
+    pub(crate) fn solve_normal(&self, rank: usize, x: &mut [f64]) {
+        let k = self.right.ncols();
+        let c = x.len() / k;
+        let Ok(b) = ndarray::ArrayView2::from_shape((k, c), &*x) else { return };
+        let v = self.right.slice(s![..rank, ..]);
+        let mut projected = v.dot(&b);
+        for (mut row, s) in projected.rows_mut().into_iter().zip(&self.singular) {
+            row /= s * s;
+        }
+        let solution = v.t().dot(&projected);
+        for (out, value) in x.iter_mut().zip(solution.as_standard_layout().iter()) {
+            *out = *value;
+        }
+    }
+}

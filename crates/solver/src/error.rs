@@ -1,0 +1,99 @@
+//! What can go wrong in a fit.
+
+use spharm_store::StoreError;
+
+/// Errors of this crate. Not converging is no error: it shows in the report.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SolverError {
+    /// The basis could not be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The harmonics could not be evaluated.
+    #[error(transparent)]
+    Harmonics(#[from] spharm_harmonics::HarmonicsError),
+    /// A budget below what the fit needs.
+    #[error("a memory budget of {} MiB is too small for this fit; the smallest that works is {} MiB{}", .budget >> 20, .needed.div_ceil(1 << 20), hint(.granularity))]
+    Budget {
+        /// The budget, bytes.
+        budget: usize,
+        /// The least that works, bytes.
+        needed: usize,
+        /// The largest granularity that fits the budget, if there is one.
+        granularity: Option<usize>,
+    },
+    /// A granularity or number of passes of zero, or the like.
+    #[error("{what} must be at least {least}, found {found}")]
+    TooSmall {
+        /// The parameter.
+        what: &'static str,
+        /// Its least value.
+        least: usize,
+        /// What was given.
+        found: usize,
+    },
+    /// A first block that reaches above the highest degree.
+    #[error("the first block ends at degree {found}, above the highest degree {max_degree}")]
+    StartDegree {
+        /// Degree given.
+        found: usize,
+        /// Highest degree of the fit.
+        max_degree: usize,
+    },
+    /// Arrays whose numbers of rows differ.
+    #[error("{what} has {found} rows, the sampling scheme has {expected} directions")]
+    Rows {
+        /// Which array.
+        what: &'static str,
+        /// Directions.
+        expected: usize,
+        /// Rows found.
+        found: usize,
+    },
+    /// Targets with a NaN or an infinity.
+    #[error("column {column} of the targets has a NaN or infinite value at row {row}")]
+    NotFinite {
+        /// Row from 0.
+        row: usize,
+        /// Column from 0.
+        column: usize,
+    },
+    /// Weights that are negative, not finite or all zero.
+    #[error("weights must be finite, not negative and not all zero; row {row} has {found}")]
+    Weight {
+        /// Row from 0.
+        row: usize,
+        /// The weight.
+        found: f64,
+    },
+    /// A block that is numerically singular and too wide for the budget to be solved the safe way.
+    #[error("degrees {first} to {last} together are numerically singular on this sampling, and solving them safely takes --memory {}MiB; give that, or use --method irf with a smaller --granularity", .needed.div_ceil(1 << 20))]
+    Singular {
+        /// First degree of the block.
+        first: usize,
+        /// Last degree of the block.
+        last: usize,
+        /// The least budget, bytes.
+        needed: usize,
+    },
+    /// LAPACK gave up on a block's singular value decomposition.
+    #[error("degrees {first} to {last}: {message}")]
+    NoConvergence {
+        /// First degree of the block.
+        first: usize,
+        /// Last degree of the block.
+        last: usize,
+        /// What LAPACK said.
+        message: String,
+    },
+    /// The fit was interrupted.
+    #[error("interrupted; nothing was written")]
+    Interrupted,
+}
+
+fn hint(granularity: &Option<usize>) -> String {
+    match granularity {
+        Some(g) => format!("; --granularity {g} fits the budget"),
+        None => String::new(),
+    }
+}

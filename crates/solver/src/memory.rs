@@ -1,0 +1,89 @@
+//! The operator held in memory: for small problems, and to hold the streamed one against.
+
+use std::ops::RangeInclusive;
+
+use rayon::prelude::*;
+use spharm_harmonics::index::{basis_size, first_column, order_count};
+use spharm_harmonics::product::Matrix;
+use spharm_harmonics::{Directions, HarmonicsError, Recurrence, Sweep};
+
+use crate::SolverError;
+use crate::operator::{Block, Operator, Residency, Scratch};
+
+/// The whole basis, `8 n (L + 1)^2` bytes, in chunks of rows.
+#[derive(Debug, Clone)]
+pub struct MemoryOperator {
+    /// For each chunk its blocks A_0, A_1, .. one after the other, each column-major.
+    chunks: Vec<Vec<f64>>,
+    rows: usize,
+    max_degree: usize,
+    chunk_rows: usize,
+}
+
+impl MemoryOperator {
+    /// Evaluates the harmonics to `max_degree` at `directions`.
+    ///
+    /// # Errors
+    ///
+    /// [`HarmonicsError::DegreeTooHigh`].
+    pub fn new(directions: &Directions, max_degree: usize, chunk_rows: usize) -> Result<Self, HarmonicsError> {
+        let recurrence = Recurrence::new(max_degree)?;
+        let evaluate = |run: &[[f64; 3]]| {
+            let mut values = vec![0.0; run.len() * basis_size(max_degree)];
+            let mut sweep = Sweep::new(&recurrence, run);
+            for l in 0..=max_degree {
+                sweep.next_degree(&mut values[run.len() * first_column(l)..run.len() * first_column(l + 1)]);
+            }
+            values
+        };
+        let chunks = directions.as_slice().par_chunks(chunk_rows).map(evaluate).collect();
+        Ok(Self { chunks, rows: directions.len(), max_degree, chunk_rows })
+    }
+}
+
+impl Operator for MemoryOperator {
+    fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn max_degree(&self) -> usize {
+        self.max_degree
+    }
+
+    fn chunk_rows(&self) -> usize {
+        self.chunk_rows
+    }
+
+    fn resident_bytes(&self, _: &RangeInclusive<usize>, _: Residency, _: usize) -> usize {
+        0
+    }
+
+    fn open<'a>(&'a self, degrees: RangeInclusive<usize>, _: Residency) -> Result<Box<dyn Block + 'a>, SolverError> {
+        Ok(Box::new(MemoryBlock { operator: self, degrees }))
+    }
+}
+
+struct MemoryBlock<'a> {
+    operator: &'a MemoryOperator,
+    degrees: RangeInclusive<usize>,
+}
+
+impl Block for MemoryBlock<'_> {
+    fn chunk(&self, chunk: usize, _: &mut Scratch, read: &mut dyn FnMut(&[Matrix<'_>])) -> Result<(), SolverError> {
+        let rows = self.operator.chunk_range(chunk).len();
+        let values = &self.operator.chunks[chunk];
+        let of = |l: usize| Matrix::new(&values[rows * first_column(l)..], rows, order_count(l), rows);
+        read(&self.degrees.clone().map(of).collect::<Vec<_>>());
+        Ok(())
+    }
+
+    fn prefetch(&self) {}
+
+    fn bytes_read(&self) -> u64 {
+        0
+    }
+
+    fn close(self: Box<Self>) -> Result<(), SolverError> {
+        Ok(())
+    }
+}

@@ -1,0 +1,167 @@
+//! What memory a fit takes, said before it starts.
+
+use std::ops::RangeInclusive;
+
+use serde::Serialize;
+use spharm_harmonics::basis_size;
+
+use crate::block::{SHARED_FROM, SHARED_ROWS, rank_revealing_bytes};
+use crate::fit::FitParams;
+use crate::operator::{Operator, Residency};
+use crate::schedule::{Method, columns};
+use crate::SolverError;
+
+/// What OpenBLAS touches of its buffers per thread for narrow blocks, and all of them, for wide ones.
+const BLAS_NARROW: usize = 4 << 20;
+const BLAS_WIDE: usize = 34 << 20;
+
+/// The memory plan of a fit. All figures are bytes.
+#[derive(Debug, Clone, Serialize)]
+pub struct Plan {
+    /// What the caller already holds: program, surfaces, directions.
+    pub held: usize,
+    /// Residual, coefficients.
+    pub arrays: usize,
+    /// Sums, packed chunks and BLAS buffers of all threads.
+    pub work: usize,
+    /// Factors kept from pass to pass, or the one in use.
+    pub factors: usize,
+    /// Basis in memory at one time: mapped windows, or decoded chunks.
+    pub basis: usize,
+    /// The sum of the above.
+    pub total: usize,
+    /// The budget.
+    pub budget: usize,
+    /// Whether factors are kept from the first pass on.
+    pub keep_factors: bool,
+    /// Whether the next block is read while one is solved.
+    pub read_ahead: bool,
+    /// For each block: whether it is read once a pass (whole in memory) rather than twice.
+    #[serde(skip)]
+    pub whole: Vec<bool>,
+}
+
+impl Plan {
+    pub(crate) fn residency(&self, block: usize) -> Residency {
+        if self.whole[block] { Residency::Whole } else { Residency::Chunks }
+    }
+
+    /// Bytes that the budget has left over.
+    pub(crate) fn spare(&self) -> usize {
+        self.budget - self.total
+    }
+}
+
+/// Plans a fit of `channels` columns, the most generous way that keeps to the budget.
+///
+/// # Errors
+///
+/// [`SolverError::Budget`] when none does, and those of [`Method::blocks`].
+pub fn plan(operator: &dyn Operator, channels: usize, params: &FitParams) -> Result<Plan, SolverError> {
+    let blocks = params.method.blocks(params.max_degree)?;
+    let needs = Needs::of(operator, channels, params, &blocks);
+    if needs.least() > params.memory {
+        let granularity = match params.method {
+            Method::Irf { .. } | Method::Nlsf => fitting_granularity(operator, channels, params),
+            Method::Sirf { .. } | Method::Mirf { .. } => None,
+        };
+        return Err(SolverError::Budget { budget: params.memory, needed: needs.least(), granularity });
+    }
+    let sweeps = params.method.passes() + params.refinements;
+    let keep_factors = sweeps > 1 && needs.least() - needs.one_factor + needs.all_factors <= params.memory;
+    let factors = if keep_factors { needs.all_factors } else { needs.one_factor };
+    let room = params.memory - needs.fixed - factors;
+    let whole: Vec<bool> = needs.resident.iter().map(|&bytes| bytes <= room).collect();
+    let pairs = (0..blocks.len()).map(|b| needs.resident[b] + needs.resident[(b + 1) % blocks.len()]);
+    let widest_pair = if blocks.len() == 1 { needs.resident[0] } else { pairs.max().unwrap_or(0) };
+    let read_ahead = widest_pair <= room;
+    let in_use = whole.iter().zip(&needs.resident).zip(&needs.chunkwise);
+    let basis = match read_ahead {
+        true => widest_pair,
+        false => in_use.map(|((&whole, &resident), &chunks)| if whole { resident } else { chunks }).max().unwrap_or(0),
+    };
+    Ok(Plan {
+        held: params.held,
+        arrays: needs.arrays,
+        work: needs.fixed - needs.arrays - params.held,
+        factors,
+        basis,
+        total: needs.fixed + factors + basis,
+        budget: params.memory,
+        keep_factors,
+        read_ahead,
+        whole,
+    })
+}
+
+struct Needs {
+    arrays: usize,
+    /// Everything but factors and basis.
+    fixed: usize,
+    one_factor: usize,
+    all_factors: usize,
+    /// By block: bytes when it is whole in memory, and when it is taken chunk by chunk.
+    resident: Vec<usize>,
+    chunkwise: Vec<usize>,
+}
+
+impl Needs {
+    fn of(
+        operator: &dyn Operator,
+        channels: usize,
+        params: &FitParams,
+        blocks: &[RangeInclusive<usize>],
+    ) -> Self {
+        let (n, threads, chunk_rows) = (operator.rows(), params.threads, operator.chunk_rows());
+        let widest = blocks.iter().map(columns).max().unwrap_or(0);
+        let shared = widest >= SHARED_FROM;
+        let weighted = params.weights.is_some();
+        // Residual; coefficients; the roots of the weights.
+        let arrays = 8 * (n * channels + basis_size(params.max_degree) * channels + if weighted { n } else { 0 });
+        let gram = if shared { 0 } else { widest * widest };
+        let packed = if shared { 0 } else { chunk_rows * widest };
+        let per_thread = 8 * (gram + packed + 2 * widest * channels + if weighted { chunk_rows * channels } else { 0 });
+        // The stacked chunks of a shared Gram matrix, and the one being packed.
+        let stacked = if shared { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
+        let blas = threads * if shared { BLAS_WIDE } else { BLAS_NARROW };
+        let singular = if widest > n { rank_revealing_bytes(widest, channels, chunk_rows, threads, n) } else { 0 };
+        let factor = |degrees: &RangeInclusive<usize>| 8 * columns(degrees) * columns(degrees).min(n);
+        let resident = |degrees| operator.resident_bytes(degrees, Residency::Whole, threads);
+        let chunkwise = |degrees| operator.resident_bytes(degrees, Residency::Chunks, threads);
+        Self {
+            arrays,
+            fixed: params.held + arrays + threads * per_thread + stacked + blas + singular,
+            one_factor: 8 * widest * widest.min(n),
+            all_factors: blocks.iter().map(factor).sum::<usize>() + 8 * widest * widest.min(n),
+            resident: blocks.iter().map(resident).collect(),
+            chunkwise: blocks.iter().map(chunkwise).collect(),
+        }
+    }
+
+    fn least(&self) -> usize {
+        let pairs = self.resident.iter().zip(&self.chunkwise);
+        self.fixed + self.one_factor + pairs.map(|(&whole, &chunks)| whole.min(chunks)).max().unwrap_or(0)
+    }
+}
+
+/// The largest granularity, to a factor of two, whose plan keeps to the budget.
+fn fitting_granularity(operator: &dyn Operator, channels: usize, params: &FitParams) -> Option<usize> {
+    let passes = params.method.passes();
+    let largest = basis_size(params.max_degree).next_power_of_two();
+    std::iter::successors(Some(largest), |&g| (g > 1).then_some(g / 2)).find(|&granularity| {
+        let method = Method::Irf { passes, granularity };
+        let blocks = method.blocks(params.max_degree).unwrap_or_default();
+        Needs::of(operator, channels, &FitParams { method, ..params.clone() }, &blocks).least() <= params.memory
+    })
+}
+
+/// Bytes of memory that a fit needs at least.
+///
+/// # Errors
+///
+/// Those of [`Method::blocks`].
+pub fn least_memory(operator: &dyn Operator, channels: usize, params: &FitParams) -> Result<usize, SolverError> {
+    let blocks = params.method.blocks(params.max_degree)?;
+    Ok(Needs::of(operator, channels, params, &blocks).least())
+}
+

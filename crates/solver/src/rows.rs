@@ -1,0 +1,110 @@
+//! Arrays (n, c) kept in the chunks of the basis: each chunk's rows together, column-major.
+//!
+//! A chunk of the residual is then one slice that stays in the L1 cache while a chunk of the basis passes by, and
+//! threads can be given disjoint runs of chunks.
+
+use std::ops::Range;
+
+use ndarray::{Array2, ArrayView2};
+
+/// An (n, c) array in chunks of rows.
+#[derive(Debug, Clone)]
+pub(crate) struct ChunkedRows {
+    values: Vec<f64>,
+    rows: usize,
+    channels: usize,
+    chunk_rows: usize,
+}
+
+impl ChunkedRows {
+    pub(crate) fn zeros(rows: usize, channels: usize, chunk_rows: usize) -> Self {
+        Self { values: vec![0.0; rows * channels], rows, channels, chunk_rows }
+    }
+
+    pub(crate) fn from_array(array: ArrayView2<'_, f64>, chunk_rows: usize) -> Self {
+        let mut chunked = Self::zeros(array.nrows(), array.ncols(), chunk_rows);
+        for (chunk, rows) in chunked.chunks_mut().into_iter().zip(array.axis_chunks_iter(ndarray::Axis(0), chunk_rows)) {
+            for (column, source) in chunk.chunks_exact_mut(rows.nrows()).zip(rows.columns()) {
+                for (value, source) in column.iter_mut().zip(source) {
+                    *value = *source;
+                }
+            }
+        }
+        chunked
+    }
+
+    pub(crate) fn to_array(&self) -> Array2<f64> {
+        let mut array = Array2::zeros((self.rows, self.channels));
+        for (chunk, mut rows) in array.axis_chunks_iter_mut(ndarray::Axis(0), self.chunk_rows).enumerate() {
+            let count = rows.nrows();
+            for (column, mut out) in self.chunk(chunk).chunks_exact(count).zip(rows.columns_mut()) {
+                for (out, value) in out.iter_mut().zip(column) {
+                    *out = *value;
+                }
+            }
+        }
+        array
+    }
+
+    /// Chunk `chunk`, (rows, c) column-major.
+    pub(crate) fn chunk(&self, chunk: usize) -> &[f64] {
+        let start = chunk * self.chunk_rows * self.channels;
+        &self.values[start..(start + self.chunk_rows * self.channels).min(self.values.len())]
+    }
+
+    pub(crate) fn chunks_mut(&mut self) -> Vec<&mut [f64]> {
+        // An array without columns has chunks all the same, empty ones.
+        let count = self.rows.div_ceil(self.chunk_rows);
+        let mut rest = &mut self.values[..];
+        let mut chunks = Vec::with_capacity(count);
+        for _ in 0..count {
+            let len = (self.chunk_rows * self.channels).min(rest.len());
+            let (chunk, tail) = std::mem::take(&mut rest).split_at_mut(len);
+            chunks.push(chunk);
+            rest = tail;
+        }
+        chunks
+    }
+
+    pub(crate) fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// Mean and maximum over the rows of the squared norm of the columns of a range.
+    pub(crate) fn squared_norms(&self, columns: &Range<usize>) -> (f64, f64) {
+        let (mut sum, mut max) = (0.0, 0.0f64);
+        let mut norms = Vec::new();
+        for chunk in 0..self.rows.div_ceil(self.chunk_rows) {
+            let values = self.chunk(chunk);
+            let rows = values.len() / self.channels;
+            norms.clear();
+            norms.resize(rows, 0.0);
+            for column in columns.clone() {
+                for (norm, value) in norms.iter_mut().zip(&values[column * rows..(column + 1) * rows]) {
+                    *norm += value * value;
+                }
+            }
+            sum += norms.iter().sum::<f64>();
+            max = norms.iter().fold(max, |max, &norm| max.max(norm));
+        }
+        (sum / self.rows as f64, max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrays_come_back_and_norms_are_those_of_the_rows() {
+        for rows in [1, 7, 8, 9, 24, 25] {
+            let array = Array2::from_shape_fn((rows, 5), |(i, j)| (i * 5 + j) as f64 - 17.0);
+            let chunked = ChunkedRows::from_array(array.view(), 8);
+            assert_eq!(chunked.to_array(), array);
+            let squares: Vec<f64> = array.rows().into_iter().map(|r| r[1] * r[1] + r[2] * r[2]).collect();
+            let (mean, max) = chunked.squared_norms(&(1..3));
+            assert!((mean - squares.iter().sum::<f64>() / rows as f64).abs() < 1e-12);
+            assert_eq!(max, squares.iter().copied().fold(0.0, f64::max));
+        }
+    }
+}

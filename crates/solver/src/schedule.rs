@@ -1,0 +1,139 @@
+//! Which degrees are solved together: the method's blocks.
+//!
+//! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees; SIRF a first block of degrees 0 to s and
+//! then one degree a block; MIRF the same, several times over; IRF takes, from degree d, degrees while the block has at
+//! most g columns, and at least one.
+
+use std::ops::RangeInclusive;
+
+use spharm_harmonics::index::{basis_size, first_column};
+
+use crate::SolverError;
+
+/// The paper's four methods.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Iterative residual fitting: `passes` passes over blocks of at most `granularity` columns.
+    Irf {
+        /// Number of passes, p.
+        passes: usize,
+        /// Most columns of a block, g; at least one degree is taken.
+        granularity: usize,
+    },
+    /// Stepwise: degrees 0 to `start_degree` at once, then a degree at a time; one pass.
+    Sirf {
+        /// Last degree of the first block, s.
+        start_degree: usize,
+    },
+    /// SIRF repeated on what is left.
+    Mirf {
+        /// Number of passes, p.
+        passes: usize,
+        /// Last degree of the first block, s.
+        start_degree: usize,
+    },
+    /// The full least squares: all degrees at once.
+    Nlsf,
+}
+
+impl Method {
+    /// The paper's name, in lower case.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Irf { .. } => "irf",
+            Self::Sirf { .. } => "sirf",
+            Self::Mirf { .. } => "mirf",
+            Self::Nlsf => "nlsf",
+        }
+    }
+
+    /// Number of passes, p.
+    pub fn passes(&self) -> usize {
+        match *self {
+            Self::Irf { passes, .. } | Self::Mirf { passes, .. } => passes,
+            Self::Sirf { .. } | Self::Nlsf => 1,
+        }
+    }
+
+    /// The blocks of a pass, in order; together they are the degrees `0..=max_degree`.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::TooSmall`] for no passes or a granularity of zero, [`SolverError::StartDegree`].
+    pub fn blocks(&self, max_degree: usize) -> Result<Vec<RangeInclusive<usize>>, SolverError> {
+        if self.passes() == 0 {
+            return Err(SolverError::TooSmall { what: "the number of passes", least: 1, found: 0 });
+        }
+        match *self {
+            Self::Nlsf => Ok(vec![0..=max_degree]),
+            Self::Irf { granularity: 0, .. } => {
+                Err(SolverError::TooSmall { what: "the granularity", least: 1, found: 0 })
+            }
+            Self::Irf { granularity, .. } => Ok(by_granularity(max_degree, granularity)),
+            Self::Sirf { start_degree } | Self::Mirf { start_degree, .. } => {
+                if start_degree > max_degree {
+                    return Err(SolverError::StartDegree { found: start_degree, max_degree });
+                }
+                Ok(std::iter::once(0..=start_degree).chain((start_degree + 1..=max_degree).map(|l| l..=l)).collect())
+            }
+        }
+    }
+}
+
+fn by_granularity(max_degree: usize, granularity: usize) -> Vec<RangeInclusive<usize>> {
+    let mut blocks = Vec::new();
+    let mut first = 0;
+    while first <= max_degree {
+        let fits = |&last: &usize| basis_size(last) - first_column(first) <= granularity;
+        let last = (first..=max_degree).take_while(fits).last().unwrap_or(first);
+        blocks.push(first..=last);
+        first = last + 1;
+    }
+    blocks
+}
+
+/// Number of columns of a block.
+pub fn columns(degrees: &RangeInclusive<usize>) -> usize {
+    basis_size(*degrees.end()) - first_column(*degrees.start())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn irf(granularity: usize, max_degree: usize) -> Vec<RangeInclusive<usize>> {
+        Method::Irf { passes: 1, granularity }.blocks(max_degree).unwrap()
+    }
+
+    #[test]
+    fn blocks_hold_at_most_g_columns_and_at_least_one_degree() {
+        assert_eq!(irf(1, 3), [0..=0, 1..=1, 2..=2, 3..=3]);
+        assert_eq!(irf(4, 3), [0..=1, 2..=2, 3..=3]);
+        assert_eq!(irf(9, 3), [0..=2, 3..=3]);
+        // Degrees 10, 11, 12, 13 have 21 + 23 + 25 + 27 = 96 columns; 14 would make 125.
+        assert_eq!(irf(100, 14), [0..=9, 10..=13, 14..=14]);
+        assert_eq!(irf(usize::MAX, 100), [0..=100]);
+        for g in [1, 7, 100, 400] {
+            let blocks = irf(g, 100);
+            assert_eq!(blocks.iter().map(columns).sum::<usize>(), basis_size(100));
+            assert!(blocks.iter().all(|b| columns(b) <= g || b.start() == b.end()));
+            // None could have taken one degree more.
+            assert!(blocks[..blocks.len() - 1].iter().all(|b| columns(&(*b.start()..=b.end() + 1)) > g));
+        }
+    }
+
+    #[test]
+    fn sirf_and_mirf_start_with_the_first_s_degrees() {
+        let sirf = Method::Sirf { start_degree: 2 };
+        assert_eq!(sirf.blocks(4).unwrap(), [0..=2, 3..=3, 4..=4]);
+        assert_eq!(Method::Mirf { passes: 3, start_degree: 0 }.blocks(1).unwrap(), [0..=0, 1..=1]);
+        assert_eq!(Method::Nlsf.blocks(7).unwrap(), [0..=7]);
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        assert!(Method::Irf { passes: 1, granularity: 0 }.blocks(3).is_err());
+        assert!(Method::Mirf { passes: 0, start_degree: 0 }.blocks(3).is_err());
+        assert!(Method::Sirf { start_degree: 4 }.blocks(3).is_err());
+    }
+}
