@@ -40,6 +40,14 @@ pub enum SolverError {
         /// Highest degree of the fit.
         max_degree: usize,
     },
+    /// A degree above what the operator has.
+    #[error("degree {found} is above {max_degree}, the highest of the basis")]
+    Degree {
+        /// Degree given.
+        found: usize,
+        /// Highest degree of the basis.
+        max_degree: usize,
+    },
     /// Arrays whose numbers of rows differ.
     #[error("{what} has {found} rows, the sampling scheme has {expected} directions")]
     Rows {

@@ -15,7 +15,7 @@
 //! updates, and one look at every byte of the basis (two where a block doesn't fit the budget). Later passes need the
 //! adjoints and updates only and run as fast as the basis comes from memory.
 
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -52,6 +52,8 @@ pub struct FitParams {
     pub held: usize,
     /// Threads, on the rayon pool that the fit is called in.
     pub threads: usize,
+    /// Whether more fits will follow on the same [`Fitter`], so that factors are worth keeping.
+    pub reuse: bool,
 }
 
 impl Default for FitParams {
@@ -64,6 +66,7 @@ impl Default for FitParams {
             memory: 256 << 20,
             held: 0,
             threads: rayon::current_num_threads(),
+            reuse: false,
         }
     }
 }
@@ -81,10 +84,8 @@ pub struct Fit {
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum FitEvent<'a> {
-    /// The memory plan, and the number of blocks of a pass.
-    Planned(&'a Plan, usize),
     /// A block was solved: number of the sweep from 1, columns done in it, degrees of the block.
-    Block(usize, usize, std::ops::RangeInclusive<usize>),
+    Block(usize, usize, RangeInclusive<usize>),
     /// A sweep is over.
     Sweep(&'a SweepReport),
 }
@@ -92,125 +93,189 @@ pub enum FitEvent<'a> {
 /// Change of the coefficients, relative to their norm, below which a refinement is the last.
 const REFINED: f64 = 1e-14;
 
-/// Fits targets, (n, c), whose columns belong together as `groups` says (three for a surface, one for a signal).
-///
-/// # Errors
-///
-/// [`SolverError::Budget`] and other refusals before anything is read; [`SolverError::Store`] when the basis is
-/// damaged or changes; [`SolverError::Interrupted`] when `cancel` was set.
-pub fn fit(
-    operator: &dyn Operator,
-    targets: ArrayView2<'_, f64>,
-    groups: &[Range<usize>],
-    params: &FitParams,
-    cancel: &AtomicBool,
-    event: &dyn Fn(FitEvent<'_>),
-) -> Result<Fit, SolverError> {
-    check(operator, targets, params)?;
-    let blocks = params.method.blocks(params.max_degree)?;
-    let channels = targets.ncols();
-    let plan = plan(operator, channels, params)?;
-    event(FitEvent::Planned(&plan, blocks.len()));
-    dense::set_blas_threads(1);
+/// Fits batch after batch of targets on one operator, and keeps the blocks' factors from one to the next.
+pub struct Fitter<'o> {
+    operator: &'o dyn Operator,
+    params: FitParams,
+    blocks: Vec<RangeInclusive<usize>>,
+    plan: Plan,
+    /// Square roots of the weights, (n).
+    roots: Option<Vec<f64>>,
+    factors: Vec<Option<Factor>>,
+    block_reports: Vec<BlockReport>,
+}
 
-    let roots: Option<Vec<f64>> = params.weights.as_ref().map(|weights| weights.iter().map(|w| w.sqrt()).collect());
-    let context = Context {
-        operator,
-        roots: roots.as_deref(),
-        channels,
-        threads: params.threads,
-        spare: plan.spare(),
-        budget: plan.budget,
-    };
-    let mut residual = ChunkedRows::from_array(targets, operator.chunk_rows());
-    let mut coefficients = Array2::<f64>::zeros((basis_size(params.max_degree), channels));
-    let mut factors: Vec<Option<Factor>> = vec![None; blocks.len()];
-    let mut block_reports = Vec::new();
-    let mut sweeps: Vec<SweepReport> = Vec::new();
-    let mut seconds = Seconds::default();
-    let passes = params.method.passes();
-    let mut last_change = f64::INFINITY;
-    let open = |block: usize| -> Result<Box<dyn Block + '_>, SolverError> {
-        let opened = operator.open(blocks[block].clone(), plan.residency(block))?;
-        opened.prefetch();
-        Ok(opened)
-    };
-    for sweep in 1..=passes + params.refinements {
-        let started = Instant::now();
-        let mut bytes_read = 0;
-        let (mut change, mut done) = (0.0f64, 0);
-        let mut crew = workers(operator, &mut residual, roots.as_deref(), params.threads);
+impl<'o> Fitter<'o> {
+    /// Plans fits of up to `channels` columns at a time.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::Budget`], and what is wrong with the parameters.
+    pub fn new(operator: &'o dyn Operator, channels: usize, params: FitParams) -> Result<Self, SolverError> {
+        check(operator, &params)?;
+        let blocks = params.method.blocks(params.max_degree)?;
+        let plan = plan(operator, channels, &params)?;
+        let roots = params.weights.as_ref().map(|weights| weights.iter().map(|w| w.sqrt()).collect());
+        let factors = vec![None; blocks.len()];
+        Ok(Self { operator, params, blocks, plan, roots, factors, block_reports: Vec::new() })
+    }
+
+    /// The memory plan.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// The blocks of a pass.
+    pub fn blocks(&self) -> &[RangeInclusive<usize>] {
+        &self.blocks
+    }
+
+    /// Fits targets, (n, c), whose columns belong together as `groups` says (three for a surface, one for a signal).
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::Store`] when the basis is damaged or changes, [`SolverError::Interrupted`] when `cancel` was set,
+    /// [`SolverError::Rows`] and [`SolverError::NotFinite`] for targets that can't be fitted.
+    pub fn fit(
+        &mut self,
+        targets: ChunkedRows,
+        groups: &[Range<usize>],
+        cancel: &AtomicBool,
+        event: &dyn Fn(FitEvent<'_>),
+    ) -> Result<Fit, SolverError> {
+        let expected = self.operator.rows();
+        if targets.rows() != expected {
+            return Err(SolverError::Rows { what: "the target", expected, found: targets.rows() });
+        }
+        if let Some((row, column)) = targets.not_finite() {
+            return Err(SolverError::NotFinite { row, column });
+        }
+        dense::set_blas_threads(1);
+        let channels = targets.channels();
+        let mut residual = targets;
+        let mut coefficients = Array2::<f64>::zeros((basis_size(self.params.max_degree), channels));
+        let mut seconds = Seconds::default();
+        let mut sweeps: Vec<SweepReport> = Vec::new();
+        let passes = self.params.method.passes();
+        let mut last_change = f64::INFINITY;
+        for sweep in 1..=passes + self.params.refinements {
+            let started = Instant::now();
+            let progress = |done, degrees| event(FitEvent::Block(sweep, done, degrees));
+            let (change, bytes_read) =
+                self.sweep(&mut residual, &mut coefficients, &mut seconds, cancel, &progress)?;
+            let residuals = groups.iter().map(|group| {
+                let (mean_square, max_square) = residual.squared_norms(group);
+                Residual { mean_square, max_square }
+            });
+            let report = SweepReport {
+                pass: sweep.min(passes),
+                refinement: sweep > passes,
+                residuals: residuals.collect(),
+                seconds: started.elapsed().as_secs_f64(),
+                bytes_read,
+            };
+            event(FitEvent::Sweep(&report));
+            sweeps.push(report);
+            // Rounding has been reached when a further sweep changes nothing, or no less than the one before.
+            if sweep > passes && (change < REFINED || change >= 0.5 * last_change) {
+                break;
+            }
+            last_change = change;
+        }
+        let report = FitReport {
+            method: self.params.method.name(),
+            passes,
+            max_degree: self.params.max_degree,
+            rows: expected,
+            channels,
+            threads: self.params.threads,
+            blocks: self.block_reports.clone(),
+            sweeps,
+            seconds,
+            memory: self.plan.clone(),
+        };
+        Ok(Fit { coefficients: Coefficients::new(coefficients)?, report })
+    }
+
+    /// One sweep over the blocks. Returns the norm of the change relative to the coefficients', and the bytes read.
+    fn sweep(
+        &mut self,
+        residual: &mut ChunkedRows,
+        coefficients: &mut Array2<f64>,
+        seconds: &mut Seconds,
+        cancel: &AtomicBool,
+        progress: &dyn Fn(usize, RangeInclusive<usize>),
+    ) -> Result<(f64, u64), SolverError> {
+        let operator = self.operator;
+        let context = Context {
+            operator,
+            roots: self.roots.as_deref(),
+            channels: residual.channels(),
+            threads: self.params.threads,
+            spare: self.plan.spare(),
+            budget: self.plan.budget,
+        };
+        let open = |at: usize| -> Result<Box<dyn Block + 'o>, SolverError> {
+            let block = operator.open(self.blocks[at].clone(), self.plan.residency(at))?;
+            block.prefetch();
+            Ok(block)
+        };
+        let mut crew = workers(operator, residual, context.roots, context.threads);
+        let (mut change, mut done, mut bytes_read) = (0.0f64, 0, 0);
         let mut ahead = None;
-        for (at, degrees) in blocks.iter().enumerate() {
+        for (at, degrees) in self.blocks.iter().enumerate() {
             if cancel.load(Ordering::Relaxed) {
                 return Err(SolverError::Interrupted);
             }
-            let mark = Instant::now();
+            let mut mark = Instant::now();
             let block = match ahead.take() {
                 Some(block) => block,
                 None => open(at)?,
             };
-            if plan.read_ahead && at + 1 < blocks.len() {
+            if self.plan.read_ahead && at + 1 < self.blocks.len() {
                 ahead = Some(open(at + 1)?);
             }
-            seconds.open += lap(&mut mark.clone());
-            let mut mark = Instant::now();
-            let (x, made) = solve(&context, &*block, degrees, &mut crew, factors[at].as_ref())?;
+            seconds.open += lap(&mut mark);
+            let (x, made) = solve(&context, &*block, degrees, &mut crew, self.factors[at].as_ref())?;
             seconds.solve += lap(&mut mark);
             if let Some(factor) = made {
-                if sweep == 1 {
-                    block_reports.push(report_of(degrees, &factor));
+                if self.block_reports.len() == at {
+                    self.block_reports.push(report_of(degrees, &factor));
                 }
-                if plan.keep_factors {
-                    factors[at] = Some(factor);
+                if self.plan.keep_factors {
+                    self.factors[at] = Some(factor);
                 }
             }
             update(&*block, &mut crew, &x)?;
-            seconds.update += lap(&mut mark);
             bytes_read += block.bytes_read();
             block.close()?;
+            seconds.update += lap(&mut mark);
             let first = first_column(*degrees.start());
             let mut rows = coefficients.slice_mut(ndarray::s![first..first + columns(degrees), ..]);
             rows.iter_mut().zip(&x).for_each(|(sum, x)| *sum += x);
             change += x.iter().map(|x| x * x).sum::<f64>();
             done += columns(degrees);
-            event(FitEvent::Block(sweep, done, degrees.clone()));
+            progress(done, degrees.clone());
         }
-        drop(crew);
-        let residuals = groups.iter().map(|group| {
-            let (mean_square, max_square) = residual.squared_norms(group);
-            Residual { mean_square, max_square }
-        });
-        let report = SweepReport {
-            pass: sweep.min(passes),
-            refinement: sweep > passes,
-            residuals: residuals.collect(),
-            seconds: started.elapsed().as_secs_f64(),
-            bytes_read,
-        };
-        event(FitEvent::Sweep(&report));
-        sweeps.push(report);
         let norm = coefficients.iter().map(|a| a * a).sum::<f64>();
-        let change = (change / norm.max(f64::MIN_POSITIVE)).sqrt();
-        // Rounding has been reached when a further sweep changes nothing, or no less than the one before.
-        if sweep > passes && (change < REFINED || change >= 0.5 * last_change) {
-            break;
-        }
-        last_change = change;
+        Ok(((change / norm.max(f64::MIN_POSITIVE)).sqrt(), bytes_read))
     }
-    let report = FitReport {
-        method: params.method.name(),
-        passes,
-        max_degree: params.max_degree,
-        rows: operator.rows(),
-        channels,
-        threads: params.threads,
-        blocks: block_reports,
-        sweeps,
-        seconds,
-        memory: plan,
-    };
-    Ok(Fit { coefficients: Coefficients::new(coefficients)?, report })
+}
+
+/// Fits one batch of targets: [`Fitter::new`] and [`Fitter::fit`].
+///
+/// # Errors
+///
+/// Those of the two.
+pub fn fit(
+    operator: &dyn Operator,
+    targets: ArrayView2<'_, f64>,
+    groups: &[Range<usize>],
+    params: &FitParams,
+) -> Result<Fit, SolverError> {
+    let mut fitter = Fitter::new(operator, targets.ncols(), params.clone())?;
+    let targets = ChunkedRows::from_array(targets, operator.chunk_rows());
+    fitter.fit(targets, groups, &AtomicBool::new(false), &|_| {})
 }
 
 /// Seconds since `mark`, which is set to now.
@@ -219,7 +284,7 @@ fn lap(mark: &mut Instant) -> f64 {
     (now - std::mem::replace(mark, now)).as_secs_f64()
 }
 
-fn report_of(degrees: &std::ops::RangeInclusive<usize>, factor: &Factor) -> BlockReport {
+fn report_of(degrees: &RangeInclusive<usize>, factor: &Factor) -> BlockReport {
     BlockReport {
         first_degree: *degrees.start(),
         last_degree: *degrees.end(),
@@ -230,23 +295,21 @@ fn report_of(degrees: &std::ops::RangeInclusive<usize>, factor: &Factor) -> Bloc
     }
 }
 
-fn check(operator: &dyn Operator, targets: ArrayView2<'_, f64>, params: &FitParams) -> Result<(), SolverError> {
+fn check(operator: &dyn Operator, params: &FitParams) -> Result<(), SolverError> {
     let expected = operator.rows();
-    if targets.nrows() != expected {
-        return Err(SolverError::Rows { what: "the target", expected, found: targets.nrows() });
-    }
     if params.threads == 0 {
         return Err(SolverError::TooSmall { what: "the number of threads", least: 1, found: 0 });
     }
-    if let Some(((row, column), _)) = targets.indexed_iter().find(|(_, value)| !value.is_finite()) {
-        return Err(SolverError::NotFinite { row, column });
+    if params.max_degree > operator.max_degree() {
+        return Err(SolverError::Degree { found: params.max_degree, max_degree: operator.max_degree() });
     }
     if let Some(weights) = &params.weights {
         if weights.len() != expected {
             return Err(SolverError::Rows { what: "the list of weights", expected, found: weights.len() });
         }
         let bad = |weight: &f64| !weight.is_finite() || *weight < 0.0;
-        if let Some(row) = weights.iter().position(bad).or((weights.iter().all(|&w| w == 0.0)).then_some(0)) {
+        let all_zero = weights.iter().all(|&weight| weight == 0.0);
+        if let Some(row) = weights.iter().position(bad).or(all_zero.then_some(0)) {
             return Err(SolverError::Weight { row, found: weights[row] });
         }
     }

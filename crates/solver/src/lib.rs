@@ -9,6 +9,7 @@
 //! | [`disk`], [`memory`] | the operator over a store, and one in memory |
 //! | [`schedule`] | NLSF, SIRF, MIRF, IRF: which degrees are solved together |
 //! | [`mod@plan`] | what memory a fit takes |
+//! | [`rows`] | targets and residual, kept in the basis's chunks |
 //! | `block` | one block's least squares |
 //! | `triangle` | the rank-revealing way: QR of a matrix that arrives in chunks |
 //! | `workers` | what the threads do for a block |
@@ -17,7 +18,6 @@
 //! | [`dense`] | the BLAS and LAPACK, behind one door |
 //!
 //! ```
-//! use std::sync::atomic::AtomicBool;
 //! use ndarray::Array2;
 //! use spharm_harmonics::{Directions, synthesis};
 //! use spharm_solver::{FitParams, MemoryOperator, Method, fit};
@@ -29,7 +29,7 @@
 //! let targets = synthesis(&directions, known.view())?;
 //! let operator = MemoryOperator::new(&directions, 2, 64)?;
 //! let params = FitParams { max_degree: 2, method: Method::Nlsf, ..FitParams::default() };
-//! let fit = fit(&operator, targets.view(), &[0..3], &params, &AtomicBool::new(false), &|_| {})?;
+//! let fit = fit(&operator, targets.view(), &[0..3], &params)?;
 //! assert!((fit.coefficients.values() - &known).iter().all(|d| d.abs() < 1e-12));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -43,16 +43,17 @@ pub mod memory;
 pub mod operator;
 pub mod plan;
 pub mod report;
-mod rows;
+pub mod rows;
 pub mod schedule;
 mod triangle;
 mod workers;
 
 pub use disk::DiskOperator;
 pub use error::SolverError;
-pub use fit::{Fit, FitEvent, FitParams, fit};
+pub use fit::{Fit, FitEvent, FitParams, Fitter, fit};
 pub use memory::MemoryOperator;
 pub use operator::{Operator, Residency};
 pub use plan::{Plan, plan};
 pub use report::FitReport;
+pub use rows::ChunkedRows;
 pub use schedule::Method;

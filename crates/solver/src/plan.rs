@@ -68,7 +68,7 @@ pub fn plan(operator: &dyn Operator, channels: usize, params: &FitParams) -> Res
         return Err(SolverError::Budget { budget: params.memory, needed: needs.least(), granularity });
     }
     let sweeps = params.method.passes() + params.refinements;
-    let keep_factors = sweeps > 1 && needs.least() - needs.one_factor + needs.all_factors <= params.memory;
+    let keep_factors = (sweeps > 1 || params.reuse) && needs.least() - needs.one_factor + needs.all_factors <= params.memory;
     let factors = if keep_factors { needs.all_factors } else { needs.one_factor };
     let room = params.memory - needs.fixed - factors;
     let whole: Vec<bool> = needs.resident.iter().map(|&bytes| bytes <= room).collect();

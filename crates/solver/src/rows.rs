@@ -1,15 +1,15 @@
 //! Arrays (n, c) kept in the chunks of the basis: each chunk's rows together, column-major.
 //!
-//! A chunk of the residual is then one slice that stays in the L1 cache while a chunk of the basis passes by, and
+//! Targets come in this form and become the residual in place. A chunk of the residual is then one slice that stays in the L1 cache while a chunk of the basis passes by, and
 //! threads can be given disjoint runs of chunks.
 
 use std::ops::Range;
 
 use ndarray::{Array2, ArrayView2};
 
-/// An (n, c) array in chunks of rows.
+/// An (n, c) array in chunks of rows: the targets of a fit, and then its residual.
 #[derive(Debug, Clone)]
-pub(crate) struct ChunkedRows {
+pub struct ChunkedRows {
     values: Vec<f64>,
     rows: usize,
     channels: usize,
@@ -17,23 +17,38 @@ pub(crate) struct ChunkedRows {
 }
 
 impl ChunkedRows {
-    pub(crate) fn zeros(rows: usize, channels: usize, chunk_rows: usize) -> Self {
+    /// Zeros, (rows, channels), in the operator's chunks of `chunk_rows` rows.
+    pub fn zeros(rows: usize, channels: usize, chunk_rows: usize) -> Self {
         Self { values: vec![0.0; rows * channels], rows, channels, chunk_rows }
     }
 
-    pub(crate) fn from_array(array: ArrayView2<'_, f64>, chunk_rows: usize) -> Self {
+    /// A copy of an array, (rows, channels).
+    pub fn from_array(array: ArrayView2<'_, f64>, chunk_rows: usize) -> Self {
         let mut chunked = Self::zeros(array.nrows(), array.ncols(), chunk_rows);
-        for (chunk, rows) in chunked.chunks_mut().into_iter().zip(array.axis_chunks_iter(ndarray::Axis(0), chunk_rows)) {
-            for (column, source) in chunk.chunks_exact_mut(rows.nrows()).zip(rows.columns()) {
+        chunked.set_columns(0, array);
+        chunked
+    }
+
+    /// Copies `columns`, (rows, some), to column `first` and those after it.
+    ///
+    /// # Panics
+    ///
+    /// If the numbers of rows differ or there are not so many columns.
+    pub fn set_columns(&mut self, first: usize, columns: ArrayView2<'_, f64>) {
+        assert!(columns.nrows() == self.rows && first + columns.ncols() <= self.channels, "columns of {columns:?}");
+        let chunk_rows = self.chunk_rows;
+        for (chunk, rows) in self.chunks_mut().into_iter().zip(columns.axis_chunks_iter(ndarray::Axis(0), chunk_rows)) {
+            let count = rows.nrows();
+            for (column, source) in chunk[first * count..].chunks_exact_mut(count).zip(rows.columns()) {
                 for (value, source) in column.iter_mut().zip(source) {
                     *value = *source;
                 }
             }
         }
-        chunked
     }
 
-    pub(crate) fn to_array(&self) -> Array2<f64> {
+    /// The array, (rows, channels).
+    pub fn to_array(&self) -> Array2<f64> {
         let mut array = Array2::zeros((self.rows, self.channels));
         for (chunk, mut rows) in array.axis_chunks_iter_mut(ndarray::Axis(0), self.chunk_rows).enumerate() {
             let count = rows.nrows();
@@ -66,8 +81,24 @@ impl ChunkedRows {
         chunks
     }
 
-    pub(crate) fn channels(&self) -> usize {
+    /// Number of rows, n.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Number of columns, c.
+    pub fn channels(&self) -> usize {
         self.channels
+    }
+
+    /// Row and column of a value that is NaN or infinite.
+    pub(crate) fn not_finite(&self) -> Option<(usize, usize)> {
+        (0..self.rows.div_ceil(self.chunk_rows)).find_map(|chunk| {
+            let values = self.chunk(chunk);
+            let rows = values.len() / self.channels.max(1);
+            let at = values.iter().position(|value| !value.is_finite())?;
+            Some((chunk * self.chunk_rows + at % rows, at / rows))
+        })
     }
 
     /// Mean and maximum over the rows of the squared norm of the columns of a range.

@@ -1,0 +1,54 @@
+//! From errors to exit codes: 0 done, 1 failed, 2 usage (clap's), 75 interrupted and resumable.
+
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use spharm_solver::SolverError;
+use spharm_store::StoreError;
+
+/// EX_TEMPFAIL: try the same again.
+const INTERRUPTED: u8 = 75;
+
+static CANCEL: AtomicBool = AtomicBool::new(false);
+
+/// Set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP); installs the handler on the first call. A second signal
+/// ends the process at once.
+pub fn cancel() -> &'static AtomicBool {
+    static ONCE: std::sync::Once = std::sync::Once::new();
+    ONCE.call_once(|| {
+        // It fails only if another handler was installed, which this program never does.
+        let _ = ctrlc::set_handler(|| {
+            if CANCEL.swap(true, Ordering::Relaxed) {
+                std::process::exit(i32::from(INTERRUPTED));
+            }
+        });
+    });
+    &CANCEL
+}
+
+/// Runs a tool's work; an error is one line on stderr.
+pub fn run(work: impl FnOnce() -> anyhow::Result<()>) -> ExitCode {
+    let Err(error) = work() else { return ExitCode::SUCCESS };
+    if is_closed_pipe(&error) {
+        return ExitCode::SUCCESS;
+    }
+    let line = format!("{error:#}").replace('\n', " ");
+    eprintln!("error: {line}");
+    if is_interrupted(&error) { ExitCode::from(INTERRUPTED) } else { ExitCode::FAILURE }
+}
+
+fn is_interrupted(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        matches!(cause.downcast_ref(), Some(StoreError::Interrupted))
+            || matches!(
+                cause.downcast_ref(),
+                Some(SolverError::Interrupted | SolverError::Store(StoreError::Interrupted))
+            )
+    })
+}
+
+/// Whoever read our output has gone away: not our failure.
+fn is_closed_pipe(error: &anyhow::Error) -> bool {
+    error.root_cause().downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+        && error.downcast_ref::<crate::output::ToStdout>().is_some()
+}

@@ -1,0 +1,30 @@
+//! Draws surfaces side by side: `cargo run --release --example draw -- out.png [surface...]`; without surfaces, two
+//! subjects of the made-up study and their sphere's view from the front.
+
+use std::error::Error;
+
+use spharm_surface::Mesh;
+use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::io::{WriteOptions, read_mesh};
+use spharm_surface::render::{Panel, Settings, View, render, write_png};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let out = arguments.next().ok_or("usage: draw OUT.png [SURFACE...]")?;
+    let mut meshes: Vec<(String, Mesh)> = Vec::new();
+    for path in arguments {
+        let mesh = read_mesh(&path)?;
+        meshes.push((path, mesh));
+    }
+    if meshes.is_empty() {
+        for variant in [0, 1] {
+            let (surface, _) = cortex(&Cortex { subdivisions: 6, variant });
+            meshes.push((format!("subject {variant}"), surface));
+        }
+    }
+    let settings = Settings { width: 720, height: 600, view: View::CORNER, common_scale: false, ..Settings::default() };
+    let panels: Vec<Panel<'_>> = meshes.iter().map(|(caption, mesh)| Panel::new(mesh, caption)).collect();
+    let picture = render(&panels, &settings)?;
+    let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+    Ok(write_png(out, &picture, &options)?)
+}

@@ -1,0 +1,229 @@
+//! The one error type of this crate.
+
+use std::io;
+use std::path::PathBuf;
+
+/// What can go wrong when a surface is read, checked, compared, drawn or written.
+///
+/// Each message is one line: the file, what was expected, what was found, what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SurfaceError {
+    /// The operating system refused.
+    #[error("{}: cannot {action}: {cause}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried, as a verb: "open", "write".
+        action: &'static str,
+        /// What the system said.
+        cause: io::Error,
+    },
+
+    /// A directory, FIFO or device where a file is wanted.
+    #[error("{}: expected a regular file, found {found}: give a file's path", path.display())]
+    NotAFile {
+        /// The path.
+        path: PathBuf,
+        /// What stands there.
+        found: &'static str,
+    },
+
+    /// Neither the name nor the first bytes say what format this is.
+    #[error("{}: unknown format ({found}): expected {expected}", path.display())]
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+        /// The names and kinds that would have been understood.
+        expected: &'static str,
+        /// The first bytes, or the extension.
+        found: String,
+    },
+
+    /// The bytes do not follow the format.
+    #[error(
+        "{}: damaged or not {format}: expected {expected}, found {found}; copy or export the file again",
+        path.display()
+    )]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// The format it was read as.
+        format: &'static str,
+        /// What the format asks for, and where.
+        expected: String,
+        /// What was there.
+        found: String,
+    },
+
+    /// A part of the format that is not read here.
+    #[error("{}: {format} with {found} is not supported: {remedy}", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// The format it was read as.
+        format: &'static str,
+        /// The part in question.
+        found: String,
+        /// How to get around it.
+        remedy: &'static str,
+    },
+
+    /// A surface was asked for and the file holds values on vertices.
+    #[error(
+        "{}: expected a surface, found a signal ({vertices} vertices, {channels} values each): \
+         give the surface's file (such as .surf.gii, .obj, lh.pial)",
+        path.display()
+    )]
+    NotAMesh {
+        /// The file.
+        path: PathBuf,
+        /// Vertices of the signal.
+        vertices: usize,
+        /// Values at each vertex.
+        channels: usize,
+    },
+
+    /// Values on vertices were asked for and the file holds a surface.
+    #[error(
+        "{}: expected values on vertices, found a surface ({vertices} vertices, {faces} triangles): \
+         give the signal's file (such as .func.gii, .shape.gii, .csv, lh.curv)",
+        path.display()
+    )]
+    NotASignal {
+        /// The file.
+        path: PathBuf,
+        /// Vertices of the surface.
+        vertices: usize,
+        /// Triangles of the surface.
+        faces: usize,
+    },
+
+    /// A surface without vertices or faces, or a signal without values.
+    #[error("{}: expected at least one {what}, found none: the file was exported empty", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// What is missing: "vertex", "triangle", "value".
+        what: &'static str,
+    },
+
+    /// NaN or infinity.
+    #[error(
+        "{}: expected finite numbers, found {value} at vertex {vertex} (counted from 0): \
+         mend or mask the value and export again",
+        path.display()
+    )]
+    NonFinite {
+        /// The file.
+        path: PathBuf,
+        /// The first vertex concerned, counted from 0.
+        vertex: usize,
+        /// The value.
+        value: f64,
+    },
+
+    /// A triangle names a vertex that isn't there.
+    #[error(
+        "{}: triangle {face} names vertex {index} (both counted from 0), expected an index below {vertices}: \
+         the file is damaged or its parts belong to different surfaces",
+        path.display()
+    )]
+    IndexOutOfRange {
+        /// The file.
+        path: PathBuf,
+        /// The triangle, counted from 0, polygons having been split.
+        face: usize,
+        /// The index it holds, counted from 0.
+        index: u32,
+        /// How many vertices there are.
+        vertices: usize,
+    },
+
+    /// More elements than this crate counts.
+    #[error("{}: found {found} {what}, expected at most {limit}: simplify the surface", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// "vertices" or "triangles".
+        what: &'static str,
+        /// How many.
+        found: usize,
+        /// How many there may be.
+        limit: usize,
+    },
+
+    /// The output is there already.
+    #[error("{}: the file exists: pass --force to replace it, or give another name", path.display())]
+    OutputExists {
+        /// The file.
+        path: PathBuf,
+    },
+
+    /// The output cannot hold this number.
+    #[error(
+        "{}: {value} at vertex {vertex} does not fit a 32-bit float, which is what this format holds: \
+         {remedy}",
+        path.display()
+    )]
+    NotRepresentable {
+        /// The file.
+        path: PathBuf,
+        /// The first vertex concerned, counted from 0.
+        vertex: usize,
+        /// The value.
+        value: f64,
+        /// Which option or format holds it.
+        remedy: &'static str,
+    },
+
+    /// Two arrays that must go together have different lengths.
+    #[error("{what}: expected {expected}, found {found}: both must come from the same surface")]
+    LengthMismatch {
+        /// What was counted.
+        what: &'static str,
+        /// The count that goes with the other array.
+        expected: usize,
+        /// The count found.
+        found: usize,
+    },
+
+    /// Two surfaces do not share their triangles.
+    #[error(
+        "the surfaces' triangles differ, first at triangle {face} (counted from 0): expected {expected:?}, \
+         found {found:?}; compare surfaces of one mesh, vertex for vertex"
+    )]
+    TopologyDiffers {
+        /// The first triangle that differs.
+        face: usize,
+        /// The triangle of the first surface.
+        expected: [u32; 3],
+        /// The triangle of the second.
+        found: [u32; 3],
+    },
+
+    /// A bounding box without volume gives no scale.
+    #[error(
+        "the surface's bounding box is {x} x {y} x {z}: expected three finite lengths above 0, \
+         else no scale makes its volume 1; give a surface that isn't flat"
+    )]
+    FlatBox {
+        /// Extent along x.
+        x: f64,
+        /// Extent along y.
+        y: f64,
+        /// Extent along z.
+        z: f64,
+    },
+
+    /// An argument that makes no sense.
+    #[error("{what}: expected {expected}, found {found}")]
+    Argument {
+        /// Which argument.
+        what: &'static str,
+        /// What it may be.
+        expected: &'static str,
+        /// What it was.
+        found: String,
+    },
+}

@@ -1,0 +1,89 @@
+//! The one way a file comes to be: whole, or not at all.
+//!
+//! A temporary file in the same directory is written, flushed and synchronised, then takes the final name in one step,
+//! and the directory is synchronised. A crash or a full disk leaves at most a hidden temporary file; nobody ever reads
+//! half a file under the final name. This is the store's rule too (see the design's "Publishing").
+
+use std::fs;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::load::kind_name;
+use crate::error::SurfaceError;
+
+/// Writes a file through `f`, whole or not at all.
+///
+/// Without `overwrite` an existing file stays as it is, even one that appears while `f` runs; with it, the old file
+/// serves readers until the new one stands. A symbolic link is followed, and its target replaced. Directories, pipes
+/// and devices are never replaced.
+///
+/// # Errors
+///
+/// [`OutputExists`](SurfaceError::OutputExists), [`NotAFile`](SurfaceError::NotAFile), or
+/// [`Io`](SurfaceError::Io) with what `f` or the system said; the target is then as it was before.
+pub fn write_new(
+    path: impl AsRef<Path>,
+    overwrite: bool,
+    f: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), SurfaceError> {
+    let path = path.as_ref();
+    let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
+    let exists = || SurfaceError::OutputExists { path: path.to_owned() };
+    if path.file_name().is_none() {
+        return Err(SurfaceError::NotAFile { path: path.to_owned(), found: "a directory" });
+    }
+    // Told before the work is done; `persist_noclobber` below tells again without a race.
+    let target = match fs::metadata(path) {
+        Ok(found) if !found.is_file() => {
+            return Err(SurfaceError::NotAFile { path: path.to_owned(), found: kind_name(found.file_type()) });
+        }
+        Ok(_) if !overwrite => return Err(exists()),
+        Ok(_) => fs::canonicalize(path).map_err(io("resolve"))?,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => path.to_owned(),
+        Err(e) => return Err(io("open")(e)),
+    };
+    let directory = directory_of(&target);
+
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".spharm.").suffix(".tmp");
+    #[cfg(unix)]
+    {
+        // As `File::create` would: temporary files are private by default, results are not.
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let temporary = builder.tempfile_in(&directory).map_err(io("create"))?;
+
+    let mut out = BufWriter::with_capacity(1 << 16, temporary);
+    f(&mut out).and_then(|()| out.flush()).map_err(io("write"))?;
+    let temporary = out.into_inner().map_err(|e| io("write")(e.into_error()))?;
+    temporary.as_file().sync_all().map_err(io("write"))?;
+    if overwrite {
+        temporary.persist(&target).map_err(|e| io("write")(e.error))?;
+    } else {
+        temporary.persist_noclobber(&target).map_err(|e| match e.error.kind() {
+            io::ErrorKind::AlreadyExists => exists(),
+            _ => io("write")(e.error),
+        })?;
+    }
+    sync_directory(&directory).map_err(io("synchronise the directory of"))
+}
+
+/// Makes the new name outlast a crash, where the file system can: some network ones refuse to synchronise a directory,
+/// and on Windows there is no such thing as an open directory.
+fn sync_directory(directory: &Path) -> io::Result<()> {
+    if cfg!(not(unix)) {
+        return Ok(());
+    }
+    match fs::File::open(directory).and_then(|d| d.sync_all()) {
+        Err(e) if matches!(e.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => Ok(()),
+        done => done,
+    }
+}
+
+fn directory_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}

@@ -1,0 +1,106 @@
+//! A cursor over binary data that never reads past the end.
+
+use super::flaw::Flaw;
+
+/// Byte order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Endian {
+    Little,
+    Big,
+}
+
+/// The unread rest of a file.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cursor<'a> {
+    rest: &'a [u8],
+    at: usize,
+}
+
+macro_rules! number {
+    ($name:ident, $type:ty) => {
+        pub(super) fn $name(&mut self, endian: Endian) -> Result<$type, Flaw> {
+            let bytes = self.array()?;
+            Ok(match endian {
+                Endian::Little => <$type>::from_le_bytes(bytes),
+                Endian::Big => <$type>::from_be_bytes(bytes),
+            })
+        }
+    };
+}
+
+impl<'a> Cursor<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes, at: 0 }
+    }
+
+    pub(super) fn remaining(&self) -> usize {
+        self.rest.len()
+    }
+
+    pub(super) fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
+
+    /// The next `n` bytes.
+    pub(super) fn take(&mut self, n: usize) -> Result<&'a [u8], Flaw> {
+        let Some((head, tail)) = self.rest.split_at_checked(n) else {
+            return Err(Flaw::new(
+                format!("{n} more bytes at byte {}", self.at),
+                format!("{} before the end of the file", self.rest.len()),
+            ));
+        };
+        self.rest = tail;
+        self.at += n;
+        Ok(head)
+    }
+
+    /// The next `n` bytes as an array.
+    pub(super) fn array<const N: usize>(&mut self) -> Result<[u8; N], Flaw> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.take(N)?);
+        Ok(array)
+    }
+
+    /// The bytes up to the next newline, which is consumed and not returned; the rest where there is none.
+    pub(super) fn line(&mut self) -> Option<&'a [u8]> {
+        if self.rest.is_empty() {
+            return None;
+        }
+        let end = self.rest.iter().position(|&b| b == b'\n');
+        let (line, used) = match end {
+            Some(i) => (self.rest.get(..i)?, i + 1),
+            None => (self.rest, self.rest.len()),
+        };
+        self.rest = self.rest.get(used..)?;
+        self.at += used;
+        Some(line.strip_suffix(b"\r").unwrap_or(line))
+    }
+
+    /// Past blanks and newlines.
+    pub(super) fn skip_whitespace(&mut self) {
+        let n = self.rest.iter().take_while(|b| b.is_ascii_whitespace()).count();
+        self.rest = self.rest.get(n..).unwrap_or_default();
+        self.at += n;
+    }
+
+    /// The next run of bytes that aren't white space; empty at the end.
+    pub(super) fn token(&mut self) -> &'a [u8] {
+        self.skip_whitespace();
+        let n = self.rest.iter().take_while(|b| !b.is_ascii_whitespace()).count();
+        let (token, tail) = self.rest.split_at(n);
+        self.rest = tail;
+        self.at += n;
+        token
+    }
+
+    number!(u8, u8);
+    number!(i8, i8);
+    number!(u16, u16);
+    number!(i16, i16);
+    number!(u32, u32);
+    number!(i32, i32);
+    number!(u64, u64);
+    number!(i64, i64);
+    number!(f32, f32);
+    number!(f64, f64);
+}

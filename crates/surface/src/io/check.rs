@@ -1,0 +1,93 @@
+//! What every surface and signal must satisfy, whichever format it came in or goes out in.
+
+use std::path::Path;
+
+use super::format::Format;
+use crate::error::SurfaceError;
+use crate::mesh::{Input, Mesh, Signal};
+
+/// Vertices are counted in u32.
+const MOST_VERTICES: usize = u32::MAX as usize;
+/// Half-edges, three to a triangle, are counted in u32 by the topology.
+const MOST_FACES: usize = (u32::MAX / 3) as usize;
+
+pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
+    match input {
+        Input::Mesh(m) => mesh(path, m),
+        Input::Signal(s) => signal(path, s),
+    }
+}
+
+/// Not empty, finite, indices in range.
+pub(super) fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
+    let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
+    for (count, limit, one, many) in
+        [(vertices, MOST_VERTICES, "vertex", "vertices"), (faces, MOST_FACES, "triangle", "triangles")]
+    {
+        if count == 0 {
+            return Err(SurfaceError::Empty { path: path.to_owned(), what: one });
+        }
+        if count > limit {
+            return Err(SurfaceError::TooLarge { path: path.to_owned(), what: many, found: count, limit });
+        }
+    }
+    for (vertex, position) in mesh.vertices.iter().enumerate() {
+        if let Some(&value) = position.iter().find(|x| !x.is_finite()) {
+            return Err(SurfaceError::NonFinite { path: path.to_owned(), vertex, value });
+        }
+    }
+    for (face, corners) in mesh.faces.iter().enumerate() {
+        if let Some(&index) = corners.iter().find(|&&i| i as usize >= vertices) {
+            return Err(SurfaceError::IndexOutOfRange { path: path.to_owned(), face, index, vertices });
+        }
+    }
+    Ok(())
+}
+
+/// Not empty, finite.
+pub(super) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
+    if signal.values.is_empty() {
+        return Err(SurfaceError::Empty { path: path.to_owned(), what: "value" });
+    }
+    if signal.vertices.checked_mul(signal.channels) != Some(signal.values.len()) {
+        return Err(SurfaceError::LengthMismatch {
+            what: "values of the signal",
+            expected: signal.vertices.saturating_mul(signal.channels),
+            found: signal.values.len(),
+        });
+    }
+    match signal.values.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(i) => Err(SurfaceError::NonFinite {
+            path: path.to_owned(),
+            vertex: i / signal.channels,
+            value: signal.values.get(i).copied().unwrap_or(f64::NAN),
+        }),
+    }
+}
+
+/// Whether rounding to 32 bits keeps the numbers finite. Rounding itself is the formats' custom.
+pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: Format) -> Result<(), SurfaceError> {
+    let values = vertices.as_flattened();
+    fits(path, values, 3, format)
+}
+
+/// As [`fits_f32`], for a signal.
+pub(super) fn values_fit_f32(path: &Path, signal: &Signal, format: Format) -> Result<(), SurfaceError> {
+    fits(path, &signal.values, signal.channels, format)
+}
+
+fn fits(path: &Path, values: &[f64], channels: usize, format: Format) -> Result<(), SurfaceError> {
+    match values.iter().enumerate().find(|(_, x)| !(**x as f32).is_finite()) {
+        None => Ok(()),
+        Some((i, &value)) => Err(SurfaceError::NotRepresentable {
+            path: path.to_owned(),
+            vertex: i / channels,
+            value,
+            remedy: match format {
+                Format::Gifti | Format::Ply => "write 64-bit floats",
+                _ => "write another format, such as .surf.gii with 64-bit floats",
+            },
+        }),
+    }
+}

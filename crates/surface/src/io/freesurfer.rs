@@ -1,0 +1,123 @@
+//! FreeSurfer's binary triangle surfaces (`lh.pial`) and new-format curv files (`lh.thickness`). All big-endian.
+//!
+//! A surface: magic FF FF FE, a line of comment, mostly an empty line, the counts of vertices and triangles (i32),
+//! positions (f32), triangles (i32), and then whatever the program added: the geometry of the volume, whose `c_ras`
+//! tells where the origin lies. That footer is kept byte for byte. Curv: magic FF FF FF, three counts, values (f32).
+//!
+//! neuroformats reads both too; it drops the footer and allocates what the header says, so these few lines are ours.
+
+use std::io::{self, Write};
+
+use super::bytes::{Cursor, Endian};
+use super::flaw::{Flaw, bounded, shown};
+use crate::mesh::{Mesh, Meta, Signal};
+
+const SURFACE_MAGIC: [u8; 3] = [0xff, 0xff, 0xfe];
+const CURV_MAGIC: [u8; 3] = [0xff, 0xff, 0xff];
+
+/// Reads a triangle surface.
+pub(super) fn read_surface(bytes: &[u8]) -> Result<Mesh, Flaw> {
+    let mut cursor = Cursor::new(bytes);
+    magic(&mut cursor, SURFACE_MAGIC)?;
+    let stamp = cursor.line().unwrap_or_default();
+    if cursor.rest().starts_with(b"\n") {
+        cursor.take(1)?;
+    }
+    let vertices = count(&mut cursor, "vertices")?;
+    let faces = count(&mut cursor, "triangles")?;
+    let vertices = bounded(vertices, 12, cursor.remaining(), "vertices")?;
+    let mut positions = Vec::with_capacity(vertices);
+    for _ in 0..vertices {
+        let mut position = [0.0; 3];
+        for x in &mut position {
+            *x = cursor.f32(Endian::Big)?.into();
+        }
+        positions.push(position);
+    }
+    let faces = bounded(faces, 12, cursor.remaining(), "triangles")?;
+    let mut triangles = Vec::with_capacity(faces);
+    for _ in 0..faces {
+        let mut triangle = [0; 3];
+        for i in &mut triangle {
+            // A negative index becomes one beyond any vertex, and is refused with the others.
+            *i = cursor.i32(Endian::Big)?.cast_unsigned();
+        }
+        triangles.push(triangle);
+    }
+    Ok(Mesh {
+        vertices: positions,
+        faces: triangles,
+        meta: Meta {
+            freesurfer_stamp: Some(String::from_utf8_lossy(stamp).into_owned()),
+            freesurfer_footer: (cursor.remaining() > 0).then(|| cursor.rest().to_vec()),
+            ..Meta::default()
+        },
+    })
+}
+
+/// Reads a new-format curv file.
+pub(super) fn read_curv(bytes: &[u8]) -> Result<Signal, Flaw> {
+    let mut cursor = Cursor::new(bytes);
+    magic(&mut cursor, CURV_MAGIC)?;
+    let vertices = count(&mut cursor, "vertices")?;
+    count(&mut cursor, "triangles")?;
+    let channels = count(&mut cursor, "values a vertex")?;
+    // At most 2^31 each, so their product fits.
+    if (vertices * channels).checked_mul(4) != Some(cursor.remaining() as u64) {
+        return Err(Flaw::new(
+            format!("{vertices} x {channels} values of 4 bytes to the end of the file"),
+            format!("{} bytes (surfaces of quadrangles, which start alike, are not read)", cursor.remaining()),
+        ));
+    }
+    let (raw, _) = cursor.rest().as_chunks();
+    let values = raw.iter().map(|&b| f32::from_be_bytes(b).into()).collect();
+    Ok(Signal { values, vertices: vertices as usize, channels: channels as usize })
+}
+
+fn magic(cursor: &mut Cursor<'_>, expected: [u8; 3]) -> Result<(), Flaw> {
+    let found: [u8; 3] = cursor.array()?;
+    if found == expected {
+        return Ok(());
+    }
+    Err(Flaw::new(format!("the magic bytes {}", shown(&expected)), shown(&found)))
+}
+
+fn count(cursor: &mut Cursor<'_>, what: &str) -> Result<u64, Flaw> {
+    let n = cursor.i32(Endian::Big)?;
+    u64::try_from(n).map_err(|_| Flaw::new(format!("a number of {what}"), n.to_string()))
+}
+
+/// Writes a triangle surface, with the comment and the footer it came with.
+pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
+    out.write_all(&SURFACE_MAGIC)?;
+    let stamp = mesh.meta.freesurfer_stamp.as_deref().unwrap_or("created by spharm");
+    // One line: a newline inside would end the header early.
+    writeln!(out, "{}\n", stamp.replace('\n', " "))?;
+    write_i32(out, mesh.vertices.len())?;
+    write_i32(out, mesh.faces.len())?;
+    for &x in mesh.vertices.as_flattened() {
+        out.write_all(&(x as f32).to_be_bytes())?;
+    }
+    for &i in mesh.faces.as_flattened() {
+        write_i32(out, i as usize)?;
+    }
+    out.write_all(mesh.meta.freesurfer_footer.as_deref().unwrap_or_default())
+}
+
+/// Writes a curv file. The triangles' count, which no reader uses, is that of a closed genus-zero surface.
+pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal) -> io::Result<()> {
+    out.write_all(&CURV_MAGIC)?;
+    write_i32(out, signal.vertices)?;
+    write_i32(out, (2 * signal.vertices).saturating_sub(4))?;
+    write_i32(out, signal.channels)?;
+    for &x in &signal.values {
+        out.write_all(&(x as f32).to_be_bytes())?;
+    }
+    Ok(())
+}
+
+fn write_i32(out: &mut dyn Write, n: usize) -> io::Result<()> {
+    let n = i32::try_from(n)
+        .map_err(|_| io::Error::other("FreeSurfer's formats count to 2^31 - 1: write the surface as .ply instead"))?;
+    out.write_all(&n.to_be_bytes())
+}

@@ -1,0 +1,231 @@
+//! One DataArray's numbers, from any of GIfTI's encodings.
+
+use std::borrow::Cow;
+use std::io::Read;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::super::bytes::Endian;
+use super::super::flaw::{Flaw, bounded, shown};
+use super::super::load::MOST_EXPANSION;
+use super::super::text::{number, words};
+
+/// A decoded array.
+///
+/// Every type GIfTI has (float32, float64, int32, uint8) is exact in an f64, so there is one kind of value.
+#[derive(Debug, Default)]
+pub(super) struct Array {
+    /// (rows, columns), row-major.
+    pub(super) values: Vec<f64>,
+    /// The first dimension.
+    pub(super) rows: usize,
+    /// The product of the others.
+    pub(super) columns: usize,
+}
+
+/// GIfTI's `DataType`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum DataType {
+    Float32,
+    Float64,
+    Int32,
+    Uint8,
+}
+
+impl DataType {
+    fn size(self) -> usize {
+        match self {
+            Self::Uint8 => 1,
+            Self::Float32 | Self::Int32 => 4,
+            Self::Float64 => 8,
+        }
+    }
+}
+
+/// What a DataArray's attributes say of its data, as text.
+#[derive(Debug, Default)]
+pub(super) struct Description {
+    pub(super) data_type: String,
+    pub(super) order: String,
+    pub(super) encoding: String,
+    pub(super) endian: String,
+    pub(super) dimensionality: String,
+    /// `Dim0`, `Dim1`, ...
+    pub(super) dimensions: [Option<String>; 6],
+}
+
+/// Decodes the content of a Data element.
+pub(super) fn decode(description: &Description, text: &str) -> Result<Array, Flaw> {
+    let data_type = match description.data_type.as_str() {
+        "NIFTI_TYPE_FLOAT32" => DataType::Float32,
+        "NIFTI_TYPE_FLOAT64" => DataType::Float64,
+        "NIFTI_TYPE_INT32" => DataType::Int32,
+        "NIFTI_TYPE_UINT8" => DataType::Uint8,
+        other => {
+            return Err(Flaw::unsupported(
+                format!("DataType {}", shown(other.as_bytes())),
+                "convert its arrays to float32, float64, int32 or uint8",
+            ));
+        }
+    };
+    let column_major = match description.order.as_str() {
+        "RowMajorOrder" => false,
+        "ColumnMajorOrder" => true,
+        other => {
+            return Err(attribute("ArrayIndexingOrder", "RowMajorOrder or ColumnMajorOrder", other));
+        }
+    };
+    let (rows, columns, count) = shape(description)?;
+    // Text takes two bytes a value; a compressed byte stands for at most 1032 (deflate's bound); base64 takes 4 for 3.
+    let values = match description.encoding.as_str() {
+        "ASCII" => {
+            // The last value needs no blank after it.
+            let n = bounded(count, 2, text.len() + 1, "values")?;
+            ascii(text, n, data_type)?
+        }
+        "Base64Binary" => {
+            let n = bounded(count, data_type.size(), text.len() / 4 * 3 + 3, "values")?;
+            let raw = base64(text)?;
+            binary(&raw, n, data_type, endian(description)?)?
+        }
+        "GZipBase64Binary" => {
+            let n = bounded(count, data_type.size(), text.len().saturating_mul(MOST_EXPANSION), "values")?;
+            let raw = inflate(&base64(text)?, n * data_type.size())?;
+            binary(&raw, n, data_type, endian(description)?)?
+        }
+        "ExternalFileBinary" => {
+            return Err(Flaw::unsupported(
+                "data in an external file",
+                "convert it with wb_command -gifti-convert GZIP_BASE64_BINARY",
+            ));
+        }
+        other => {
+            return Err(attribute("Encoding", "ASCII, Base64Binary or GZipBase64Binary", other));
+        }
+    };
+    let values = if column_major && columns > 1 && rows > 1 {
+        if description.dimensions.iter().flatten().count() > 2 {
+            return Err(Flaw::unsupported(
+                "a column-major array of more than two dimensions",
+                "convert it to row-major order",
+            ));
+        }
+        transposed(&values, rows)
+    } else {
+        values
+    };
+    Ok(Array { values, rows, columns })
+}
+
+fn attribute(name: &str, expected: &str, found: &str) -> Flaw {
+    Flaw::new(format!("{name} {expected}"), shown(found.as_bytes()))
+}
+
+fn endian(description: &Description) -> Result<Endian, Flaw> {
+    match description.endian.as_str() {
+        "LittleEndian" => Ok(Endian::Little),
+        "BigEndian" => Ok(Endian::Big),
+        other => Err(attribute("Endian", "LittleEndian or BigEndian", other)),
+    }
+}
+
+/// Rows, columns and their product.
+fn shape(description: &Description) -> Result<(usize, usize, u64), Flaw> {
+    let dimensionality: usize = number(description.dimensionality.trim().as_bytes())
+        .filter(|d| (1..=6).contains(d))
+        .ok_or_else(|| attribute("Dimensionality", "from 1 to 6", &description.dimensionality))?;
+    let mut sizes = [1_u64; 6];
+    for (i, (size, text)) in sizes.iter_mut().zip(&description.dimensions).take(dimensionality).enumerate() {
+        let text = text.as_deref().unwrap_or_default();
+        *size = number(text.trim().as_bytes())
+            .filter(|&n| n > 0)
+            .ok_or_else(|| attribute(&format!("Dim{i}"), "above 0", text))?;
+    }
+    let [rows, rest @ ..] = sizes;
+    let columns = rest.iter().try_fold(1_u64, |product, &n| product.checked_mul(n));
+    let shape = columns.and_then(|columns| {
+        let count = rows.checked_mul(columns)?;
+        Some((usize::try_from(rows).ok()?, usize::try_from(columns).ok()?, count))
+    });
+    shape.ok_or_else(|| Flaw::new("dimensions whose product is a size in memory", format!("{sizes:?}")))
+}
+
+fn ascii(text: &str, count: usize, data_type: DataType) -> Result<Vec<f64>, Flaw> {
+    let mut values = Vec::with_capacity(count);
+    for word in words(text.as_bytes()) {
+        let value = match data_type {
+            // Rounded as the type says, lest a text and a binary copy of one surface differ.
+            DataType::Float32 => number::<f32>(word).map(f64::from),
+            DataType::Float64 => number::<f64>(word),
+            DataType::Int32 => number::<i32>(word).map(f64::from),
+            DataType::Uint8 => number::<u8>(word).map(f64::from),
+        };
+        match value {
+            Some(value) if values.len() < count => values.push(value),
+            Some(_) => {
+                return Err(Flaw::new(format!("{count} values, as its dimensions say"), "more"));
+            }
+            None => return Err(Flaw::new(format!("{data_type:?} values"), shown(word))),
+        }
+    }
+    if values.len() < count {
+        let found = values.len().to_string();
+        return Err(Flaw::new(format!("{count} values, as its dimensions say"), found));
+    }
+    Ok(values)
+}
+
+fn base64(text: &str) -> Result<Vec<u8>, Flaw> {
+    let trimmed = text.trim_ascii();
+    // Most files have the text in one piece, some break it into lines.
+    let compact: Cow<'_, [u8]> = if trimmed.bytes().any(|b| b.is_ascii_whitespace()) {
+        trimmed.bytes().filter(|b| !b.is_ascii_whitespace()).collect()
+    } else {
+        trimmed.as_bytes().into()
+    };
+    STANDARD.decode(compact).map_err(|e| Flaw::new("base64 in a Data element", e.to_string()))
+}
+
+/// Inflates to exactly `size` bytes.
+fn inflate(packed: &[u8], size: usize) -> Result<Vec<u8>, Flaw> {
+    // Numbers seldom compress more than tenfold; a header that promises more gets its memory as the bytes come.
+    let likely = packed.len().saturating_mul(64);
+    let mut raw = Vec::with_capacity(size.min(likely).saturating_add(1));
+    let limit = size as u64 + 1;
+    // The standard's "GZip" is zlib's wrapper in every program that writes it; a real gzip one costs a line.
+    let done = if packed.starts_with(&[0x1f, 0x8b]) {
+        flate2::read::GzDecoder::new(packed).take(limit).read_to_end(&mut raw)
+    } else {
+        flate2::read::ZlibDecoder::new(packed).take(limit).read_to_end(&mut raw)
+    };
+    done.map_err(|e| Flaw::new("a zlib stream in a Data element", e.to_string()))?;
+    Ok(raw)
+}
+
+fn binary(raw: &[u8], count: usize, data_type: DataType, endian: Endian) -> Result<Vec<f64>, Flaw> {
+    if raw.len() != count * data_type.size() {
+        let found = match raw.len() > count * data_type.size() {
+            true => "more".to_owned(),
+            false => raw.len().to_string(),
+        };
+        return Err(Flaw::new(format!("{} bytes of data, as its dimensions say", count * data_type.size()), found));
+    }
+    fn convert<const N: usize>(raw: &[u8], number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
+        raw.as_chunks().0.iter().map(|&bytes| number(bytes)).collect()
+    }
+    Ok(match (data_type, endian) {
+        (DataType::Float32, Endian::Little) => convert(raw, |b| f32::from_le_bytes(b).into()),
+        (DataType::Float32, Endian::Big) => convert(raw, |b| f32::from_be_bytes(b).into()),
+        (DataType::Float64, Endian::Little) => convert(raw, f64::from_le_bytes),
+        (DataType::Float64, Endian::Big) => convert(raw, f64::from_be_bytes),
+        (DataType::Int32, Endian::Little) => convert(raw, |b| i32::from_le_bytes(b).into()),
+        (DataType::Int32, Endian::Big) => convert(raw, |b| i32::from_be_bytes(b).into()),
+        (DataType::Uint8, _) => convert(raw, |[b]: [u8; 1]| b.into()),
+    })
+}
+
+/// Column-major values, columns of `rows`, row by row.
+fn transposed(values: &[f64], rows: usize) -> Vec<f64> {
+    (0..rows).flat_map(|row| values.iter().skip(row).step_by(rows).copied()).collect()
+}

@@ -1,0 +1,123 @@
+//! GIfTI, the neuroimaging community's XML: `NIFTI_INTENT_POINTSET` and `NIFTI_INTENT_TRIANGLE` arrays make a surface,
+//! arrays of any other intent a signal, a channel from each column.
+//!
+//! Source: GIFTI Surface Data Format, version 1.0 (2010). No kept crate reads it; this is quick-xml, base64 and flate2
+//! with what the format adds: `xml` takes the document apart, `data` decodes one array, `write` writes.
+
+mod data;
+mod write;
+mod xml;
+
+use super::flaw::Flaw;
+use super::load::gunzip;
+use crate::mesh::{Input, Mesh, Meta, Signal};
+use data::Array;
+pub(super) use write::{write_mesh, write_signal};
+use xml::{DataArray, Document};
+
+const POINTSET: &str = "NIFTI_INTENT_POINTSET";
+const TRIANGLE: &str = "NIFTI_INTENT_TRIANGLE";
+const STRUCTURE: &str = "AnatomicalStructurePrimary";
+
+/// Reads a surface or a signal, gzipped as a whole or not.
+pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
+    if bytes.starts_with(&[0x1f, 0x8b]) {
+        let inflated = gunzip(bytes)?;
+        return interpret(xml::parse(&String::from_utf8_lossy(&inflated))?);
+    }
+    // The standard wants UTF-8; a stray byte in a comment is no reason to refuse the numbers.
+    interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
+}
+
+fn interpret(mut document: Document) -> Result<Input, Flaw> {
+    if document.arrays.is_empty() {
+        return Err(Flaw::new("at least one DataArray", "none"));
+    }
+    let points = position_of(&document.arrays, POINTSET)?;
+    let triangles = position_of(&document.arrays, TRIANGLE)?;
+    match (points, triangles) {
+        (Some(p), Some(t)) => {
+            let point_array = document.arrays.get_mut(p).map(std::mem::take).unwrap_or_default();
+            let triangle_array = document.arrays.get_mut(t).map(std::mem::take).unwrap_or_default();
+            let vertices = to_positions(point_array.values)?;
+            let faces = to_triangles(triangle_array.values)?;
+            let mut meta = Meta {
+                file_metadata: document.metadata,
+                surface_metadata: point_array.metadata,
+                coordinate_system: point_array.coordinate_system,
+                ..Meta::default()
+            };
+            // It belongs to the point set; some programs write it to the file as a whole.
+            meta.anatomical_structure_primary =
+                take(&mut meta.surface_metadata, STRUCTURE).or_else(|| take(&mut meta.file_metadata, STRUCTURE));
+            Ok(Input::Mesh(Mesh { vertices, faces, meta }))
+        }
+        (Some(_), None) => Err(Flaw::new(format!("a {TRIANGLE} array beside the {POINTSET} one"), "none")),
+        (None, Some(_)) => Err(Flaw::new(format!("a {POINTSET} array beside the {TRIANGLE} one"), "none")),
+        (None, None) => to_signal(document.arrays).map(Input::Signal),
+    }
+}
+
+fn position_of(arrays: &[DataArray], intent: &str) -> Result<Option<usize>, Flaw> {
+    let mut found = arrays.iter().enumerate().filter(|(_, a)| a.intent == intent).map(|(i, _)| i);
+    let first = found.next();
+    match found.count() {
+        0 => Ok(first),
+        more => Err(Flaw::unsupported(format!("{} {intent} arrays", more + 1), "split it into one surface a file")),
+    }
+}
+
+fn take(metadata: &mut Vec<(String, String)>, name: &str) -> Option<String> {
+    let at = metadata.iter().position(|(n, _)| n == name)?;
+    Some(metadata.remove(at).1)
+}
+
+fn rows_of_three(array: Array, intent: &str) -> Result<Vec<f64>, Flaw> {
+    if array.columns != 3 {
+        return Err(Flaw::new(format!("{intent} of n x 3 values"), format!("{} x {}", array.rows, array.columns)));
+    }
+    Ok(array.values)
+}
+
+fn to_positions(array: Array) -> Result<Vec<[f64; 3]>, Flaw> {
+    let values = rows_of_three(array, POINTSET)?;
+    Ok(values.as_chunks().0.to_vec())
+}
+
+fn to_triangles(array: Array) -> Result<Vec<[u32; 3]>, Flaw> {
+    let values = rows_of_three(array, TRIANGLE)?;
+    let index = |x: f64| {
+        // Exact for every integer a u32 holds; a fraction, a sign or NaN fails the comparison.
+        let i = x as u32;
+        if f64::from(i) == x { Ok(i) } else { Err(Flaw::new("vertex indices from 0 to 2^32 - 1", x.to_string())) }
+    };
+    let (triangles, _) = values.as_chunks::<3>();
+    triangles.iter().map(|&[a, b, c]| Ok([index(a)?, index(b)?, index(c)?])).collect()
+}
+
+/// All arrays side by side. A time series comes as one array per frame, a matrix as one array.
+fn to_signal(arrays: Vec<DataArray>) -> Result<Signal, Flaw> {
+    let arrays: Vec<Array> = arrays.into_iter().map(|a| a.values).collect();
+    let vertices = arrays.first().map_or(0, |a| a.rows);
+    for (i, array) in arrays.iter().enumerate() {
+        if array.rows != vertices {
+            return Err(Flaw::new(
+                format!("arrays of {vertices} values, as the first"),
+                format!("{} in array {i} (counted from 0)", array.rows),
+            ));
+        }
+    }
+    // A sum that overflows would need more values than memory holds, and they are all in memory.
+    let channels = arrays.iter().map(|a| a.columns).sum();
+    if let [array] = arrays.as_slice() {
+        return Ok(Signal::new(array.values.clone(), vertices, channels));
+    }
+    let mut values = Vec::with_capacity(arrays.iter().map(|a| a.values.len()).sum());
+    for row in 0..vertices {
+        for array in &arrays {
+            let start = row * array.columns;
+            values.extend_from_slice(array.values.get(start..start + array.columns).unwrap_or_default());
+        }
+    }
+    Ok(Signal::new(values, vertices, channels))
+}

@@ -1,0 +1,174 @@
+//! Writing: GZipBase64Binary, little-endian, row-major, which every reader takes.
+
+use std::io::{self, Write};
+
+use base64::engine::general_purpose::STANDARD;
+use base64::write::EncoderWriter;
+use flate2::Compression;
+use flate2::write::{GzEncoder, ZlibEncoder};
+
+use super::{POINTSET, STRUCTURE, TRIANGLE};
+use crate::mesh::{CoordinateSystem, Mesh, Signal};
+
+const SPACE_UNKNOWN: &str = "NIFTI_XFORM_UNKNOWN";
+
+/// Writes a surface; positions in 64 bits where `double`, the file gzipped as a whole where `gzip`.
+pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, double: bool, gzip: bool) -> io::Result<()> {
+    wrapped(out, gzip, |out| {
+        open(out, 2, &mesh.meta.file_metadata)?;
+
+        let mut metadata = Vec::new();
+        if let Some(structure) = &mesh.meta.anatomical_structure_primary {
+            metadata.push((STRUCTURE.to_owned(), structure.clone()));
+        }
+        metadata.extend_from_slice(&mesh.meta.surface_metadata);
+        let unknown = CoordinateSystem {
+            data_space: SPACE_UNKNOWN.to_owned(),
+            transformed_space: SPACE_UNKNOWN.to_owned(),
+            matrix: std::array::from_fn(|i| if i % 5 == 0 { 1.0 } else { 0.0 }),
+        };
+        let array = Heading {
+            intent: POINTSET,
+            data_type: float_type(double),
+            dimensions: &[mesh.vertices.len(), 3],
+            metadata: &metadata,
+            system: Some(mesh.meta.coordinate_system.as_ref().unwrap_or(&unknown)),
+        };
+        let positions = mesh.vertices.as_flattened();
+        array.write(out, |data| write_floats(data, positions.iter().copied(), double))?;
+
+        let array = Heading {
+            intent: TRIANGLE,
+            data_type: "NIFTI_TYPE_INT32",
+            dimensions: &[mesh.faces.len(), 3],
+            metadata: &[],
+            system: None,
+        };
+        array.write(out, |data| {
+            for &index in mesh.faces.as_flattened() {
+                let index = i32::try_from(index).map_err(|_| {
+                    io::Error::other("GIfTI holds indices below 2^31 only: write the surface as .ply instead")
+                })?;
+                data.write_all(&index.to_le_bytes())?;
+            }
+            Ok(())
+        })?;
+        writeln!(out, "</GIFTI>")
+    })
+}
+
+/// Writes a signal, one array for each channel, as Workbench's metric files have it.
+pub(in crate::io) fn write_signal(out: &mut dyn Write, signal: &Signal, double: bool, gzip: bool) -> io::Result<()> {
+    wrapped(out, gzip, |out| {
+        open(out, signal.channels, &[])?;
+        for channel in 0..signal.channels {
+            let array = Heading {
+                intent: "NIFTI_INTENT_NONE",
+                data_type: float_type(double),
+                dimensions: &[signal.vertices],
+                metadata: &[],
+                system: None,
+            };
+            let column = signal.values.iter().skip(channel).step_by(signal.channels).copied();
+            array.write(out, |data| write_floats(data, column, double))?;
+        }
+        writeln!(out, "</GIFTI>")
+    })
+}
+
+fn wrapped(out: &mut dyn Write, gzip: bool, body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    if !gzip {
+        return body(out);
+    }
+    // The data are compressed already; this pass undoes base64's expansion.
+    let mut packed = GzEncoder::new(out, Compression::fast());
+    body(&mut packed)?;
+    packed.finish().map(drop)
+}
+
+fn float_type(double: bool) -> &'static str {
+    if double { "NIFTI_TYPE_FLOAT64" } else { "NIFTI_TYPE_FLOAT32" }
+}
+
+fn write_floats(out: &mut dyn Write, values: impl Iterator<Item = f64>, double: bool) -> io::Result<()> {
+    for x in values {
+        if double {
+            out.write_all(&x.to_le_bytes())?;
+        } else {
+            out.write_all(&(x as f32).to_le_bytes())?;
+        }
+    }
+    Ok(())
+}
+
+fn open(out: &mut dyn Write, arrays: usize, metadata: &[(String, String)]) -> io::Result<()> {
+    writeln!(out, r#"<?xml version="1.0" encoding="UTF-8"?>"#)?;
+    // Verbatim as the standard gives it: some readers compare the line.
+    writeln!(out, r#"<!DOCTYPE GIFTI SYSTEM "http://www.nitrc.org/frs/download.php/115/gifti.dtd">"#)?;
+    writeln!(out, r#"<GIFTI Version="1.0" NumberOfDataArrays="{arrays}">"#)?;
+    write_metadata(out, metadata)?;
+    writeln!(out, "<LabelTable/>")
+}
+
+fn write_metadata(out: &mut dyn Write, metadata: &[(String, String)]) -> io::Result<()> {
+    writeln!(out, "<MetaData>")?;
+    for (name, value) in metadata {
+        let (name, value) = (escaped(name), escaped(value));
+        writeln!(out, "<MD><Name>{name}</Name><Value>{value}</Value></MD>")?;
+    }
+    writeln!(out, "</MetaData>")
+}
+
+/// Text fit for XML 1.0, which has no way to hold most control characters.
+fn escaped(text: &str) -> String {
+    let printable: String =
+        text.chars().map(|c| if c.is_control() && !matches!(c, '\t' | '\n' | '\r') { ' ' } else { c }).collect();
+    quick_xml::escape::escape(printable).into_owned()
+}
+
+struct Heading<'a> {
+    intent: &'a str,
+    data_type: &'a str,
+    dimensions: &'a [usize],
+    metadata: &'a [(String, String)],
+    system: Option<&'a CoordinateSystem>,
+}
+
+impl Heading<'_> {
+    /// The DataArray element, its data given as little-endian bytes by `data`.
+    fn write(&self, out: &mut dyn Write, data: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+        let (intent, data_type) = (self.intent, self.data_type);
+        write!(out, r#"<DataArray Intent="{intent}" DataType="{data_type}" ArrayIndexingOrder="RowMajorOrder" "#)?;
+        write!(out, r#"Dimensionality="{}" "#, self.dimensions.len())?;
+        for (i, size) in self.dimensions.iter().enumerate() {
+            write!(out, r#"Dim{i}="{size}" "#)?;
+        }
+        writeln!(
+            out,
+            r#"Encoding="GZipBase64Binary" Endian="LittleEndian" ExternalFileName="" ExternalFileOffset="">"#
+        )?;
+        write_metadata(out, self.metadata)?;
+        if let Some(system) = self.system {
+            let (from, to) = (escaped(&system.data_space), escaped(&system.transformed_space));
+            writeln!(out, "<CoordinateSystemTransformMatrix>")?;
+            writeln!(out, "<DataSpace>{from}</DataSpace>")?;
+            writeln!(out, "<TransformedSpace>{to}</TransformedSpace>")?;
+            let matrix = system.matrix.map(|x| format!("{x:?}")).join(" ");
+            writeln!(out, "<MatrixData>{matrix}</MatrixData>")?;
+            writeln!(out, "</CoordinateSystemTransformMatrix>")?;
+        }
+        write!(out, "<Data>")?;
+        let text = EncoderWriter::new(&mut *out, &STANDARD);
+        let mut packed = ZlibEncoder::new(io::BufWriter::with_capacity(1 << 15, text), Compression::default());
+        {
+            let mut raw = io::BufWriter::with_capacity(1 << 15, &mut packed);
+            data(&mut raw)?;
+            raw.flush()?;
+        }
+        let mut text = packed.finish()?.into_inner().map_err(io::IntoInnerError::into_error)?;
+        text.finish()?;
+        drop(text);
+        writeln!(out, "</Data>")?;
+        writeln!(out, "</DataArray>")
+    }
+}

@@ -1,0 +1,251 @@
+//! The document: file metadata and the DataArrays, each decoded as its Data element closes.
+
+use std::borrow::Cow;
+
+use quick_xml::Reader;
+use quick_xml::events::{BytesRef, BytesStart, Event};
+
+use super::super::flaw::{Flaw, shown};
+use super::super::text::{number, words};
+use super::data::{Array, Description, decode};
+use crate::mesh::CoordinateSystem;
+
+/// What a GIfTI file holds.
+#[derive(Debug, Default)]
+pub(super) struct Document {
+    pub(super) metadata: Vec<(String, String)>,
+    pub(super) arrays: Vec<DataArray>,
+}
+
+/// One array with what is said about it.
+#[derive(Debug, Default)]
+pub(super) struct DataArray {
+    pub(super) intent: String,
+    pub(super) metadata: Vec<(String, String)>,
+    pub(super) coordinate_system: Option<CoordinateSystem>,
+    pub(super) values: Array,
+}
+
+/// Deeper than any element of the format, so that a document of nothing but opening tags ends early.
+const DEEPEST: usize = 16;
+
+/// The elements that hold text we keep.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Leaf {
+    Name,
+    Value,
+    DataSpace,
+    TransformedSpace,
+    MatrixData,
+    Data,
+    Other,
+}
+
+#[derive(Default)]
+struct State<'a> {
+    document: Document,
+    /// Open elements.
+    open: Vec<Leaf>,
+    /// Whether the root has been seen.
+    root: bool,
+    /// The DataArray being read, with its attributes and whether its data came.
+    array: Option<(DataArray, Description, bool)>,
+    /// The text of the innermost element so far.
+    text: Cow<'a, str>,
+    name: String,
+    system: Option<CoordinateSystem>,
+}
+
+/// Takes a document apart.
+pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
+    let mut reader = Reader::from_str(text);
+    reader.config_mut().expand_empty_elements = true;
+    let mut state = State::default();
+    loop {
+        let event = reader.read_event().map_err(|e| {
+            let at = reader.error_position();
+            Flaw::new("well-formed XML", format!("at byte {at}: {e}"))
+        })?;
+        match event {
+            Event::Start(tag) => state.start(&tag)?,
+            Event::End(tag) => state.end(tag.name().as_ref())?,
+            Event::Text(t) => state.push(t.into_inner()),
+            Event::CData(t) => state.push(t.into_inner()),
+            Event::GeneralRef(r) => state.push(resolve(&r)?.into()),
+            Event::Eof => break,
+            // `expand_empty_elements` leaves no Empty.
+            Event::Empty(_) | Event::Comment(_) | Event::Decl(_) | Event::PI(_) | Event::DocType(_) => {}
+        }
+    }
+    if !state.root {
+        return Err(Flaw::new("a GIFTI element", "none"));
+    }
+    if !state.open.is_empty() {
+        return Err(Flaw::new("</GIFTI> at the end", "the end of the file"));
+    }
+    Ok(state.document)
+}
+
+/// XML's own entities and character references; there are no others without a DTD, which isn't read.
+fn resolve(reference: &BytesRef<'_>) -> Result<String, Flaw> {
+    if let Ok(Some(c)) = reference.resolve_char_ref() {
+        return Ok(c.into());
+    }
+    let name = reference.xml10_content();
+    match quick_xml::escape::resolve_xml_entity(&name) {
+        Some(text) => Ok(text.into()),
+        None => Err(Flaw::new("XML's predefined entities", shown(name.as_bytes()))),
+    }
+}
+
+impl<'a> State<'a> {
+    fn push(&mut self, text: Cow<'a, str>) {
+        // The numbers of a surface arrive as one borrowed piece and stay so.
+        if self.text.is_empty() {
+            self.text = text;
+        } else {
+            self.text.to_mut().push_str(&text);
+        }
+    }
+
+    fn start(&mut self, tag: &BytesStart<'_>) -> Result<(), Flaw> {
+        let name = tag.name();
+        let name: &[u8] = name.as_ref().as_ref();
+        if self.open.is_empty() {
+            if name != b"GIFTI" || self.root {
+                return Err(Flaw::new("one GIFTI element and nothing beside it", shown(name)));
+            }
+            self.root = true;
+        }
+        if self.open.len() >= DEEPEST {
+            return Err(Flaw::new(format!("elements at most {DEEPEST} deep"), "deeper ones".to_owned()));
+        }
+        match name {
+            b"DataArray" => {
+                if self.array.is_some() {
+                    return Err(Flaw::new("</DataArray>", "another DataArray inside"));
+                }
+                self.array = Some(attributes(tag)?);
+            }
+            b"CoordinateSystemTransformMatrix" => {
+                self.system = Some(CoordinateSystem {
+                    data_space: String::new(),
+                    transformed_space: String::new(),
+                    matrix: [0.0; 16],
+                });
+            }
+            b"MD" => self.name.clear(),
+            _ => {}
+        }
+        self.open.push(match name {
+            b"Name" => Leaf::Name,
+            b"Value" => Leaf::Value,
+            b"DataSpace" => Leaf::DataSpace,
+            b"TransformedSpace" => Leaf::TransformedSpace,
+            b"MatrixData" => Leaf::MatrixData,
+            b"Data" => Leaf::Data,
+            _ => Leaf::Other,
+        });
+        self.text = Cow::default();
+        Ok(())
+    }
+
+    fn end<N: AsRef<[u8]>>(&mut self, name: N) -> Result<(), Flaw> {
+        // quick-xml has checked that the names match.
+        let leaf = self.open.pop().unwrap_or(Leaf::Other);
+        let text = std::mem::take(&mut self.text);
+        match leaf {
+            Leaf::Name => self.name = text.trim().to_owned(),
+            Leaf::Value => {
+                let pair = (std::mem::take(&mut self.name), text.into_owned());
+                match &mut self.array {
+                    Some((array, ..)) => array.metadata.push(pair),
+                    None => self.document.metadata.push(pair),
+                }
+            }
+            Leaf::DataSpace => self.in_system(|s| s.data_space = text.trim().to_owned()),
+            Leaf::TransformedSpace => self.in_system(|s| s.transformed_space = text.trim().to_owned()),
+            Leaf::MatrixData => {
+                let matrix = matrix(&text)?;
+                self.in_system(|s| s.matrix = matrix);
+            }
+            Leaf::Data => {
+                if let Some((array, description, has_data)) = &mut self.array {
+                    if *has_data {
+                        return Err(Flaw::new("one Data element to a DataArray", "two"));
+                    }
+                    array.values = decode(description, &text)?;
+                    *has_data = true;
+                }
+            }
+            Leaf::Other => match name.as_ref() {
+                b"DataArray" => self.end_array()?,
+                b"CoordinateSystemTransformMatrix" => {
+                    let system = self.system.take();
+                    if let Some((array, ..)) = &mut self.array {
+                        // A file may give several; the first is the one other programs use.
+                        array.coordinate_system = array.coordinate_system.take().or(system);
+                    }
+                }
+                _ => {}
+            },
+        }
+        Ok(())
+    }
+
+    fn in_system(&mut self, set: impl FnOnce(&mut CoordinateSystem)) {
+        if let Some(system) = &mut self.system {
+            set(system);
+        }
+    }
+
+    fn end_array(&mut self) -> Result<(), Flaw> {
+        match self.array.take() {
+            Some((array, _, true)) => {
+                self.document.arrays.push(array);
+                Ok(())
+            }
+            _ => Err(Flaw::new("a Data element in each DataArray", "none")),
+        }
+    }
+}
+
+fn attributes(tag: &BytesStart<'_>) -> Result<(DataArray, Description, bool), Flaw> {
+    let mut array = DataArray::default();
+    let mut description = Description::default();
+    for attribute in tag.attributes() {
+        let attribute = attribute.map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
+        let value = attribute
+            .normalized_value(quick_xml::XmlVersion::Implicit1_0)
+            .map_err(|e| Flaw::new("XML attributes", e.to_string()))?
+            .into_owned();
+        let key: &[u8] = attribute.key.as_ref().as_ref();
+        match key {
+            b"Intent" => array.intent = value,
+            b"DataType" => description.data_type = value,
+            b"ArrayIndexingOrder" => description.order = value,
+            b"Encoding" => description.encoding = value,
+            b"Endian" => description.endian = value,
+            b"Dimensionality" => description.dimensionality = value,
+            [b'D', b'i', b'm', digit @ b'0'..=b'5'] => {
+                if let Some(slot) = description.dimensions.get_mut(usize::from(digit - b'0')) {
+                    *slot = Some(value);
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok((array, description, false))
+}
+
+fn matrix(text: &str) -> Result<[f64; 16], Flaw> {
+    let mut matrix = [0.0; 16];
+    let mut numbers = words(text.as_bytes());
+    for x in &mut matrix {
+        let word = numbers.next().unwrap_or_default();
+        *x = number(word)
+            .filter(|x: &f64| x.is_finite())
+            .ok_or_else(|| Flaw::new("16 numbers in MatrixData", shown(word)))?;
+    }
+    Ok(matrix)
+}

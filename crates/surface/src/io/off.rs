@@ -1,0 +1,81 @@
+//! Geomview's OFF: a word, the counts, a line per vertex, a line per polygon. Colours and normals behind the
+//! positions are passed over.
+//!
+//! off-rs rounds positions to 32 bits; hence ours.
+
+use std::io::{self, Write};
+
+use super::flaw::{Flaw, bounded, shown};
+use super::polygon::fan;
+use super::text::{lines, next_number, next_position, words};
+use crate::mesh::Mesh;
+
+/// Reads text OFF, COFF, NOFF and CNOFF.
+pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
+    // Lines with something on them, comments off.
+    let mut lines = lines(bytes)
+        .map(|(number, line)| (number, line.split(|&b| b == b'#').next().unwrap_or_default().trim_ascii()))
+        .filter(|(_, line)| !line.is_empty());
+    let mut next = |what: &str| lines.next().ok_or_else(|| Flaw::new(what, "the end of the file"));
+
+    let (mut at, mut line) = next("the word OFF")?;
+    let mut header = words(line);
+    let keyword = header.next().unwrap_or_default();
+    match keyword {
+        b"OFF" | b"COFF" | b"NOFF" | b"CNOFF" => {}
+        _ if keyword.ends_with(b"OFF") => {
+            return Err(Flaw::unsupported(
+                format!("the variant {}", shown(keyword)),
+                "save it as plain three-dimensional OFF",
+            ));
+        }
+        _ => return Err(Flaw::new("the word OFF", shown(keyword))),
+    }
+    let mut counts = header.peekable();
+    if counts.peek().is_none() {
+        (at, line) = next("the counts of vertices and polygons")?;
+        counts = words(line).peekable();
+    }
+    if counts.peek() == Some(&b"BINARY".as_slice()) {
+        return Err(Flaw::unsupported("binary data", "save it as text"));
+    }
+    let vertex_count: u64 = next_number(&mut counts, "the count of vertices", at)?;
+    let face_count: u64 = next_number(&mut counts, "the count of polygons", at)?;
+
+    // "0 0 0" and a newline; the last line needs none.
+    let vertex_count = bounded(vertex_count, 6, bytes.len() + 1, "vertices")?;
+    let mut vertices = Vec::with_capacity(vertex_count);
+    for _ in 0..vertex_count {
+        let (at, line) = next("a vertex")?;
+        vertices.push(next_position(&mut words(line), at)?);
+    }
+    let face_count = bounded(face_count, 8, bytes.len() + 1, "polygons")?;
+    let mut faces = Vec::with_capacity(face_count);
+    let mut corners = Vec::new();
+    for _ in 0..face_count {
+        let (at, line) = next("a polygon")?;
+        let mut words = words(line);
+        let count: usize = next_number(&mut words, "a count of corners", at)?;
+        corners.clear();
+        // Each corner takes a word of the line, so a count too large ends with it.
+        for _ in 0..count {
+            corners.push(next_number(&mut words, "a vertex's index", at)?);
+        }
+        if !fan(&corners, &mut faces) {
+            return Err(Flaw::new(format!("three or more corners on line {at}"), count.to_string()));
+        }
+    }
+    Ok(Mesh::new(vertices, faces))
+}
+
+/// Writes positions with every digit, and triangles.
+pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
+    writeln!(out, "OFF\n{} {} 0", mesh.vertices.len(), mesh.faces.len())?;
+    for [x, y, z] in &mesh.vertices {
+        writeln!(out, "{x:?} {y:?} {z:?}")?;
+    }
+    for [a, b, c] in &mesh.faces {
+        writeln!(out, "3 {a} {b} {c}")?;
+    }
+    Ok(())
+}

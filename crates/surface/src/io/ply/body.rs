@@ -1,0 +1,195 @@
+//! The data behind the header.
+
+use super::super::bytes::Cursor;
+use super::super::flaw::{Flaw, bounded, shown};
+use super::super::polygon::fan;
+use super::super::text::number;
+use super::header::{Element, Encoding, Header, Kind, Scalar};
+use crate::mesh::Mesh;
+
+/// Reads positions and polygons; steps over everything else.
+pub(super) fn read(header: &Header, cursor: Cursor<'_>) -> Result<Mesh, Flaw> {
+    let mut values = Values { cursor, encoding: header.encoding };
+    let mut mesh = Mesh::default();
+    let mut seen_faces = false;
+    for element in &header.elements {
+        match element.name.as_slice() {
+            b"vertex" if mesh.vertices.is_empty() => mesh.vertices = vertices(element, &mut values)?,
+            b"face" if !seen_faces => {
+                seen_faces = true;
+                mesh.faces = faces(element, &mut values)?;
+            }
+            b"tristrips" => {
+                return Err(Flaw::unsupported("triangle strips", "save it with triangles or polygons"));
+            }
+            _ => skip(element, &mut values)?,
+        }
+    }
+    Ok(mesh)
+}
+
+fn vertices(element: &Element, values: &mut Values<'_>) -> Result<Vec<[f64; 3]>, Flaw> {
+    let axes: Vec<Option<usize>> =
+        element.properties.iter().map(|p| [b"x", b"y", b"z"].iter().position(|axis| p.name == **axis)).collect();
+    for axis in 0..3 {
+        if axes.iter().filter(|&&a| a == Some(axis)).count() != 1 {
+            return Err(Flaw::new("vertex properties x, y and z, once each", "others"));
+        }
+    }
+    let count = values.bounded(element)?;
+    let mut positions = Vec::with_capacity(count);
+    for _ in 0..count {
+        let mut position = [0.0; 3];
+        for (property, axis) in element.properties.iter().zip(&axes) {
+            match property.kind {
+                Kind::Scalar(scalar) => {
+                    let x = values.float(scalar)?;
+                    if let Some(slot) = axis.and_then(|a| position.get_mut(a)) {
+                        *slot = x;
+                    }
+                }
+                Kind::List { .. } => values.skip(property.kind)?,
+            }
+        }
+        positions.push(position);
+    }
+    Ok(positions)
+}
+
+fn faces(element: &Element, values: &mut Values<'_>) -> Result<Vec<[u32; 3]>, Flaw> {
+    let is_corners = |name: &[u8]| name == b"vertex_indices" || name == b"vertex_index";
+    if element.properties.iter().filter(|p| is_corners(&p.name)).count() != 1 {
+        return Err(Flaw::new("one face property vertex_indices", "none, or several"));
+    }
+    let count = values.bounded(element)?;
+    let mut faces = Vec::with_capacity(count);
+    let mut corners = Vec::new();
+    for _ in 0..count {
+        for property in &element.properties {
+            match property.kind {
+                Kind::List { count, item } if is_corners(&property.name) => {
+                    let n = values.index(count)?;
+                    corners.clear();
+                    // Each corner takes bytes, so a count too large ends with the file.
+                    for _ in 0..n {
+                        corners.push(values.index(item)?);
+                    }
+                    if !fan(&corners, &mut faces) {
+                        return Err(Flaw::new("faces of three or more corners", n.to_string()));
+                    }
+                }
+                Kind::Scalar(_) if is_corners(&property.name) => {
+                    return Err(Flaw::new("vertex_indices as a list", "one number"));
+                }
+                kind => values.skip(kind)?,
+            }
+        }
+    }
+    Ok(faces)
+}
+
+fn skip(element: &Element, values: &mut Values<'_>) -> Result<(), Flaw> {
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    for _ in 0..values.bounded(element)? {
+        for property in &element.properties {
+            values.skip(property.kind)?;
+        }
+    }
+    Ok(())
+}
+
+/// The numbers of the body, one after the other; in text, lines matter as little as blanks.
+struct Values<'a> {
+    cursor: Cursor<'a>,
+    encoding: Encoding,
+}
+
+impl Values<'_> {
+    fn bounded(&self, element: &Element) -> Result<usize, Flaw> {
+        // The last number of a text needs no blank after it.
+        let remaining = self.cursor.remaining() + 1;
+        let what = String::from_utf8_lossy(&element.name);
+        bounded(element.count, element.least_size(self.encoding).max(1), remaining, &what)
+    }
+
+    fn float(&mut self, scalar: Scalar) -> Result<f64, Flaw> {
+        let Encoding::Binary(e) = self.encoding else {
+            let word = self.cursor.token();
+            return number(word).ok_or_else(|| Flaw::new("a number", shown(word)));
+        };
+        let c = &mut self.cursor;
+        Ok(match scalar {
+            Scalar::I8 => c.i8(e)?.into(),
+            Scalar::U8 => c.u8(e)?.into(),
+            Scalar::I16 => c.i16(e)?.into(),
+            Scalar::U16 => c.u16(e)?.into(),
+            Scalar::I32 => c.i32(e)?.into(),
+            Scalar::U32 => c.u32(e)?.into(),
+            Scalar::F32 => c.f32(e)?.into(),
+            Scalar::F64 => c.f64(e)?,
+        })
+    }
+
+    /// A count or a vertex's index.
+    fn index(&mut self, scalar: Scalar) -> Result<u32, Flaw> {
+        let Encoding::Binary(e) = self.encoding else {
+            let word = self.cursor.token();
+            return number(word).ok_or_else(|| Flaw::new("a whole number from 0", shown(word)));
+        };
+        // The two types nearly every file uses, without the detour.
+        match scalar {
+            Scalar::U8 => return Ok(self.cursor.u8(e)?.into()),
+            Scalar::U32 => return self.cursor.u32(e),
+            _ => {}
+        }
+        let x = self.float(scalar)?;
+        let i = x as u32;
+        if f64::from(i) == x { Ok(i) } else { Err(Flaw::new("a whole number from 0", x.to_string())) }
+    }
+
+    fn skip(&mut self, kind: Kind) -> Result<(), Flaw> {
+        let (scalar, count) = match kind {
+            Kind::Scalar(scalar) => (scalar, 1),
+            Kind::List { count, item } => (item, self.index(count)? as usize),
+        };
+        match self.encoding {
+            Encoding::Binary(_) => {
+                let size = count.saturating_mul(scalar.size());
+                self.cursor.take(size)?;
+            }
+            Encoding::Ascii => {
+                for _ in 0..count {
+                    if self.cursor.token().is_empty() {
+                        return Err(Flaw::new("a number", "the end of the file"));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read;
+
+    #[test]
+    fn an_element_without_properties_takes_no_room_however_many_there_are() {
+        let text = "ply\nformat binary_little_endian 1.0\nelement void 99999999999999999\n\
+                    element vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+        assert!(read(text.as_bytes()).unwrap().vertices.is_empty());
+    }
+
+    #[test]
+    fn properties_in_any_order_and_foreign_lists_are_stepped_over() {
+        let text = "ply\nformat ascii 1.0\ncomment x\nelement vertex 3\nproperty list uchar int tags\nproperty float z\n\
+                    property float x\nproperty uchar red\nproperty double y\nelement edge 1\nproperty int a\n\
+                    element face 1\nproperty uchar flag\nproperty list uchar int vertex_index\nend_header\n\
+                    2 8 9 3 1 255 2\n0 6 4 0 5\n1 7 9 7 0 8\n77\n1 3 2 1 0";
+        let mesh = read(text.as_bytes()).unwrap();
+        assert_eq!(mesh.vertices, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]);
+        assert_eq!(mesh.faces, [[2, 1, 0]]);
+    }
+}

@@ -1,0 +1,130 @@
+//! STL, text and binary. It has no shared vertices: each triangle carries its corners, and corners with equal
+//! coordinates, to the bit, become one vertex, numbered as they first appear.
+//!
+//! stl_io takes binary files that start with "solid", as many do, for text; hence ours.
+
+use std::collections::HashMap;
+use std::io::{self, Write};
+
+use super::bytes::{Cursor, Endian};
+use super::flaw::{Flaw, bounded, shown};
+use super::text::{lines, next_position, words};
+use crate::mesh::Mesh;
+
+const HEADER: usize = 80;
+/// A normal, three corners, two bytes of attributes.
+const TRIANGLE: usize = 50;
+
+/// Reads either kind. A file whose length is what a binary one's must be is binary, whatever its header says.
+pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
+    let text = bytes.trim_ascii_start().starts_with(b"solid");
+    let mut cursor = Cursor::new(bytes);
+    if text && !has_binary_length(bytes) {
+        return read_text(bytes);
+    }
+    cursor.take(HEADER)?;
+    let count = cursor.u32(Endian::Little)?;
+    let count = bounded(count.into(), TRIANGLE, cursor.remaining(), "triangles")?;
+    let mut welder = Welder::with_capacity(count);
+    for _ in 0..count {
+        cursor.take(12)?;
+        for _ in 0..3 {
+            let mut position = [0.0; 3];
+            for x in &mut position {
+                *x = cursor.f32(Endian::Little)?.into();
+            }
+            welder.corner(position)?;
+        }
+        cursor.take(2)?;
+    }
+    Ok(welder.finish())
+}
+
+fn has_binary_length(bytes: &[u8]) -> bool {
+    let mut cursor = Cursor::new(bytes);
+    let count = cursor.take(HEADER).and_then(|_| cursor.u32(Endian::Little));
+    count.is_ok_and(|n| (n as usize).checked_mul(TRIANGLE) == Some(cursor.remaining()))
+}
+
+fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
+    let mut welder = Welder::with_capacity(0);
+    // Corners of the open loop; whether a solid is open.
+    let (mut corners, mut open) = (0, false);
+    for (at, line) in lines(bytes) {
+        let mut words = words(line);
+        let Some(word) = words.next() else { continue };
+        match word {
+            b"solid" if !open => open = true,
+            b"endsolid" if open => open = false,
+            b"facet" | b"endfacet" | b"outer" if open => {}
+            b"vertex" if open && corners < 3 => {
+                welder.corner(next_position(&mut words, at)?)?;
+                corners += 1;
+            }
+            b"endloop" if corners == 3 => corners = 0,
+            _ => {
+                return Err(Flaw::new(
+                    format!("solid, facet, outer loop, three times vertex, endloop, ... on line {at}"),
+                    shown(word),
+                ));
+            }
+        }
+    }
+    if open || corners != 0 {
+        return Err(Flaw::new("endsolid", "the end of the file"));
+    }
+    Ok(welder.finish())
+}
+
+/// Gives equal positions one number.
+struct Welder {
+    numbers: HashMap<[u64; 3], u32>,
+    vertices: Vec<[f64; 3]>,
+    corners: Vec<u32>,
+}
+
+impl Welder {
+    fn with_capacity(triangles: usize) -> Self {
+        Self {
+            numbers: HashMap::with_capacity(triangles / 2),
+            vertices: Vec::with_capacity(triangles / 2),
+            corners: Vec::with_capacity(triangles * 3),
+        }
+    }
+
+    fn corner(&mut self, position: [f64; 3]) -> Result<(), Flaw> {
+        // Adding 0 turns -0 into +0, which are one place.
+        let key = position.map(|x| (x + 0.0).to_bits());
+        let next = u32::try_from(self.vertices.len()).map_err(|_| Flaw::new("fewer than 2^32 vertices", "more"))?;
+        let number = *self.numbers.entry(key).or_insert(next);
+        if number == next {
+            self.vertices.push(position);
+        }
+        self.corners.push(number);
+        Ok(())
+    }
+
+    fn finish(self) -> Mesh {
+        let (faces, _) = self.corners.as_chunks();
+        Mesh::new(self.vertices, faces.to_vec())
+    }
+}
+
+/// Writes binary STL, with each triangle's unit normal (0 for one without area).
+pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
+    let count = u32::try_from(mesh.faces.len()).map_err(|_| io::Error::other("STL counts triangles to 2^32 - 1"))?;
+    let mut header = [b' '; HEADER];
+    let title = b"binary STL by spharm";
+    header[..title.len()].copy_from_slice(title);
+    out.write_all(&header)?;
+    out.write_all(&count.to_le_bytes())?;
+    for face in &mesh.faces {
+        let corners = face.map(|i| mesh.vertices[i as usize]);
+        let normal = crate::geometry::unit(crate::geometry::face_normal(corners));
+        for x in normal.iter().chain(corners.as_flattened()) {
+            out.write_all(&(*x as f32).to_le_bytes())?;
+        }
+        out.write_all(&[0, 0])?;
+    }
+    Ok(())
+}

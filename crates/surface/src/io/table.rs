@@ -1,0 +1,61 @@
+//! Tables of values on vertices: a row per vertex, a column per channel, an optional line of column names first.
+
+use std::io::{self, Write};
+
+use super::flaw::{Flaw, shown};
+use super::text::{lines, number};
+use crate::mesh::Signal;
+
+/// Reads a table whose cells are parted by `separator`. The first line is taken for names if any cell isn't a number.
+pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
+    // A byte-order mark, as spreadsheets write it.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let mut values: Vec<f64> = Vec::new();
+    let (mut vertices, mut channels) = (0, None);
+    let mut first = true;
+    for (at, line) in lines(bytes) {
+        if line.trim_ascii().is_empty() {
+            continue;
+        }
+        let start = values.len();
+        let mut bad = None;
+        for cell in line.split(|&b| b == separator) {
+            let cell = cell.trim_ascii();
+            match number(cell) {
+                Some(x) => values.push(x),
+                None => bad = bad.or(Some(cell)),
+            }
+        }
+        if let Some(cell) = bad {
+            if !first {
+                return Err(Flaw::new(format!("numbers on line {at}"), shown(cell)));
+            }
+            // Names, whose count binds the rows too.
+            values.truncate(start);
+            channels = Some(line.split(|&b| b == separator).count());
+        } else {
+            let found = values.len() - start;
+            let wanted = *channels.get_or_insert(found);
+            if found != wanted {
+                return Err(Flaw::new(format!("{wanted} values on line {at}, as on the first"), found.to_string()));
+            }
+            vertices += 1;
+        }
+        first = false;
+    }
+    Ok(Signal { values, vertices, channels: channels.unwrap_or(0) })
+}
+
+/// Writes every digit, without a line of names.
+pub(super) fn write(out: &mut dyn Write, signal: &Signal, separator: u8) -> io::Result<()> {
+    for row in signal.values.chunks_exact(signal.channels) {
+        for (i, x) in row.iter().enumerate() {
+            if i > 0 {
+                out.write_all(&[separator])?;
+            }
+            write!(out, "{x:?}")?;
+        }
+        out.write_all(b"\n")?;
+    }
+    Ok(())
+}

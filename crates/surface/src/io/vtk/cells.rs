@@ -1,0 +1,241 @@
+//! Numbers, points, cells and fields, in text or big-endian binary.
+
+use super::super::bytes::{Cursor, Endian};
+use super::super::flaw::{Flaw, bounded, shown};
+use super::super::polygon::fan;
+use super::super::text::number;
+
+/// VTK's names of types that come up in geometry and fields.
+#[derive(Clone, Copy)]
+enum Type {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Type {
+    fn parse(word: &[u8]) -> Result<Self, Flaw> {
+        Ok(match word {
+            b"char" | b"signed_char" => Self::I8,
+            b"unsigned_char" => Self::U8,
+            b"short" => Self::I16,
+            b"unsigned_short" => Self::U16,
+            b"int" | b"vtktypeint32" => Self::I32,
+            b"unsigned_int" | b"vtktypeuint32" => Self::U32,
+            // As VTK writes them on the systems that matter today.
+            b"long" | b"vtkIdType" | b"vtktypeint64" | b"long_long" => Self::I64,
+            b"unsigned_long" | b"vtktypeuint64" => Self::U64,
+            b"float" => Self::F32,
+            b"double" => Self::F64,
+            other => {
+                return Err(Flaw::unsupported(
+                    format!("the type {}", shown(other)),
+                    "save it with float or double points and without text fields",
+                ));
+            }
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+}
+
+/// The data, read number by number.
+pub(super) struct Values<'a> {
+    pub(super) cursor: Cursor<'a>,
+    pub(super) ascii: bool,
+}
+
+impl Values<'_> {
+    fn header<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, Flaw> {
+        let word = self.cursor.token();
+        number(word).ok_or_else(|| Flaw::new(what, shown(word)))
+    }
+
+    /// Binary data start after the newline of the line that announces them.
+    fn begin(&mut self) {
+        if !self.ascii {
+            self.cursor.line();
+        }
+    }
+
+    /// The fewest bytes that `n` items of a type take, one at a time.
+    fn least(&self, size: usize) -> usize {
+        if self.ascii { 2 } else { size }
+    }
+
+    fn bounded(&self, count: u64, size: usize, what: &str) -> Result<usize, Flaw> {
+        bounded(count, self.least(size), self.cursor.remaining() + 1, what)
+    }
+
+    fn float(&mut self, kind: Type) -> Result<f64, Flaw> {
+        if self.ascii {
+            let word = self.cursor.token();
+            return number(word).ok_or_else(|| Flaw::new("a number", shown(word)));
+        }
+        let (c, e) = (&mut self.cursor, Endian::Big);
+        Ok(match kind {
+            Type::I8 => c.i8(e)?.into(),
+            Type::U8 => c.u8(e)?.into(),
+            Type::I16 => c.i16(e)?.into(),
+            Type::U16 => c.u16(e)?.into(),
+            Type::I32 => c.i32(e)?.into(),
+            Type::U32 => c.u32(e)?.into(),
+            Type::I64 => c.i64(e)? as f64,
+            Type::U64 => c.u64(e)? as f64,
+            Type::F32 => c.f32(e)?.into(),
+            Type::F64 => c.f64(e)?,
+        })
+    }
+
+    fn integer(&mut self, kind: Type) -> Result<u64, Flaw> {
+        let found = if self.ascii {
+            self.header::<i64>("a whole number")?
+        } else {
+            match kind {
+                Type::I64 => self.cursor.i64(Endian::Big)?,
+                Type::I32 => self.cursor.i32(Endian::Big)?.into(),
+                // Other types never announce indices; their values are small and exact.
+                other => self.float(other)? as i64,
+            }
+        };
+        u64::try_from(found).map_err(|_| Flaw::new("a whole number from 0", found.to_string()))
+    }
+
+    pub(super) fn points(&mut self) -> Result<Vec<[f64; 3]>, Flaw> {
+        let count: u64 = self.header("the number of points")?;
+        let kind = Type::parse(self.cursor.token())?;
+        self.begin();
+        let count = bounded(count, 3 * self.least(kind.size()), self.cursor.remaining() + 1, "points")?;
+        let mut points = Vec::with_capacity(count);
+        for _ in 0..count {
+            let mut point = [0.0; 3];
+            for x in &mut point {
+                *x = self.float(kind)?;
+            }
+            points.push(point);
+        }
+        Ok(points)
+    }
+
+    pub(super) fn polygons(&mut self) -> Result<Vec<[u32; 3]>, Flaw> {
+        let mut faces = Vec::new();
+        self.cells(|corners| {
+            if fan(corners, &mut faces) {
+                Ok(())
+            } else {
+                Err(Flaw::new("polygons of three or more corners", corners.len().to_string()))
+            }
+        })?;
+        Ok(faces)
+    }
+
+    /// Hands each cell's corners to `cell`.
+    pub(super) fn cells(&mut self, mut cell: impl FnMut(&[u32]) -> Result<(), Flaw>) -> Result<(), Flaw> {
+        let first: u64 = self.header("the number of cells")?;
+        let second: u64 = self.header("the size of the cells' list")?;
+        let mut ahead = self.cursor;
+        if ahead.token() == b"OFFSETS" {
+            self.cursor = ahead;
+            return self.cells_by_offset(first, second, cell);
+        }
+        self.begin();
+        let count = self.bounded(first, 4, "cells")?;
+        let mut left = self.bounded(second, 4, "numbers in the cells' list")?;
+        let mut corners = Vec::new();
+        for _ in 0..count {
+            let n = self.integer(Type::I32)?;
+            let n = usize::try_from(n)
+                .ok()
+                .filter(|&n| n < left)
+                .ok_or_else(|| Flaw::new("cells that fill their list", format!("a cell of {n} corners beyond it")))?;
+            left -= n + 1;
+            corners.clear();
+            for _ in 0..n {
+                corners.push(self.corner(Type::I32)?);
+            }
+            cell(&corners)?;
+        }
+        if left > 0 {
+            return Err(Flaw::new("cells that fill their list", format!("{left} numbers more")));
+        }
+        Ok(())
+    }
+
+    /// Version 5: `offsets` numbers, each cell's start and the last one's end, then all corners in a row.
+    fn cells_by_offset(
+        &mut self,
+        offsets: u64,
+        corners: u64,
+        mut cell: impl FnMut(&[u32]) -> Result<(), Flaw>,
+    ) -> Result<(), Flaw> {
+        let kind = Type::parse(self.cursor.token())?;
+        self.begin();
+        let offset_count = self.bounded(offsets, kind.size(), "offsets")?;
+        let mut starts = Vec::with_capacity(offset_count);
+        for _ in 0..offset_count {
+            starts.push(self.integer(kind)?);
+        }
+        let word = self.cursor.token();
+        if word != b"CONNECTIVITY" {
+            return Err(Flaw::new("CONNECTIVITY", shown(word)));
+        }
+        let kind = Type::parse(self.cursor.token())?;
+        self.begin();
+        let corner_count = self.bounded(corners, kind.size(), "corners")?;
+        let mut all = Vec::with_capacity(corner_count);
+        for _ in 0..corner_count {
+            all.push(self.corner(kind)?);
+        }
+        for pair in starts.windows(2) {
+            let &[start, end] = pair else { continue };
+            let range = usize::try_from(start).ok().zip(usize::try_from(end).ok());
+            let corners = range.and_then(|(start, end)| all.get(start..end)).ok_or_else(|| {
+                Flaw::new(format!("offsets that rise, up to {corner_count}"), format!("{start}, {end}"))
+            })?;
+            cell(corners)?;
+        }
+        Ok(())
+    }
+
+    fn corner(&mut self, kind: Type) -> Result<u32, Flaw> {
+        let i = self.integer(kind)?;
+        u32::try_from(i).map_err(|_| Flaw::new("a point's index", i.to_string()))
+    }
+
+    /// `FIELD name arrays`, each `name components tuples type` and the data.
+    pub(super) fn skip_field(&mut self) -> Result<(), Flaw> {
+        self.cursor.token();
+        let arrays: u64 = self.header("the number of a field's arrays")?;
+        for _ in 0..arrays {
+            self.cursor.token();
+            let components: u64 = self.header("a field's components")?;
+            let tuples: u64 = self.header("a field's tuples")?;
+            let kind = Type::parse(self.cursor.token())?;
+            self.begin();
+            let count = components.saturating_mul(tuples);
+            let count = self.bounded(count, kind.size(), "field values")?;
+            if self.ascii {
+                for _ in 0..count {
+                    self.float(kind)?;
+                }
+            } else {
+                self.cursor.take(count.saturating_mul(kind.size()))?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,77 @@
+//! VTK's legacy format, PolyData with POLYGONS, in text and (big-endian) binary, both ways the versions lay out
+//! polygons: each with its count (to version 4.2), and offsets with connectivity (5.x).
+//!
+//! `cells` reads what stands between the keywords: numbers, points, cells, fields.
+//!
+//! Source: "VTK File Formats", the simple legacy formats. vtkio reads these too; it allocates what headers say.
+
+mod cells;
+
+use std::io::{self, Write};
+
+use super::bytes::Cursor;
+use super::flaw::{Flaw, shown};
+use crate::mesh::Mesh;
+use cells::Values;
+
+/// Reads a PolyData file's points and polygons. Attributes (POINT_DATA, CELL_DATA) come after them and are not read.
+pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
+    let mut cursor = Cursor::new(bytes);
+    let magic = cursor.line().unwrap_or_default();
+    if !magic.starts_with(b"# vtk DataFile Version") {
+        return Err(Flaw::new("\"# vtk DataFile Version\"", shown(magic)));
+    }
+    cursor.line();
+    let ascii = match cursor.line().unwrap_or_default().trim_ascii() {
+        b"ASCII" => true,
+        b"BINARY" => false,
+        other => return Err(Flaw::new("ASCII or BINARY on line 3", shown(other))),
+    };
+    let mut values = Values { cursor, ascii };
+    let mut mesh = Mesh::default();
+    loop {
+        match values.cursor.token() {
+            b"DATASET" => match values.cursor.token() {
+                b"POLYDATA" => {}
+                other => {
+                    return Err(Flaw::unsupported(
+                        format!("the dataset {}", shown(other)),
+                        "save its surface as PolyData",
+                    ));
+                }
+            },
+            b"POINTS" => mesh.vertices = values.points()?,
+            b"POLYGONS" => mesh.faces = values.polygons()?,
+            b"TRIANGLE_STRIPS" => {
+                return Err(Flaw::unsupported("triangle strips", "save it through vtkTriangleFilter"));
+            }
+            // Cells that are no surface; laid out as polygons are.
+            b"VERTICES" | b"LINES" => {
+                values.cells(|_| Ok(()))?;
+            }
+            b"FIELD" => values.skip_field()?,
+            // Ends with an empty line.
+            b"METADATA" => {
+                values.cursor.line();
+                while values.cursor.line().is_some_and(|line| !line.trim_ascii().is_empty()) {}
+            }
+            b"POINT_DATA" | b"CELL_DATA" | b"" => return Ok(mesh),
+            other => return Err(Flaw::new("POINTS, POLYGONS or POINT_DATA", shown(other))),
+        }
+    }
+}
+
+/// Writes text, version 3.0, which every VTK reads, with every digit.
+pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
+    writeln!(out, "# vtk DataFile Version 3.0\nsurface by spharm\nASCII\nDATASET POLYDATA")?;
+    writeln!(out, "POINTS {} double", mesh.vertices.len())?;
+    for [x, y, z] in &mesh.vertices {
+        writeln!(out, "{x:?} {y:?} {z:?}")?;
+    }
+    let faces = mesh.faces.len();
+    writeln!(out, "POLYGONS {faces} {}", 4 * faces)?;
+    for [a, b, c] in &mesh.faces {
+        writeln!(out, "3 {a} {b} {c}")?;
+    }
+    Ok(())
+}

@@ -1,0 +1,77 @@
+//! The orthographic camera.
+
+use crate::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
+
+/// Where the camera stands, as a direction from the surface's middle; it looks back at that.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// From the middle towards the camera; any length above 0.
+    pub from: [f64; 3],
+    /// What is up in the picture, not along `from`.
+    pub up: [f64; 3],
+}
+
+impl View {
+    /// From the left in RAS coordinates (-x), z up: the lateral view of a left hemisphere.
+    pub const LEFT: Self = Self::new([-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    /// From the right (+x), z up.
+    pub const RIGHT: Self = Self::new([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    /// From the front in RAS coordinates (+y), z up.
+    pub const FRONT: Self = Self::new([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
+    /// From above (+z), y up.
+    pub const TOP: Self = Self::new([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
+    /// From the left, the front and above.
+    pub const CORNER: Self = Self::new([-1.0, 0.6, 0.5], [0.0, 0.0, 1.0]);
+
+    /// A view from a direction, with what is up.
+    #[must_use]
+    pub const fn new(from: [f64; 3], up: [f64; 3]) -> Self {
+        Self { from, up }
+    }
+}
+
+/// Maps space to pixels: x right, y down, and a depth that grows towards the camera.
+pub(super) struct Camera {
+    right: Vec3,
+    up: Vec3,
+    pub(super) towards: Vec3,
+    /// In the picture's axes.
+    centre: Vec3,
+    /// Pixels per unit.
+    zoom: f64,
+    middle: (f64, f64),
+}
+
+impl Camera {
+    /// A camera that sees all the points in a frame of `width` by `height` pixels, with a margin.
+    pub(super) fn framing<'a>(view: View, points: impl Iterator<Item = &'a Vec3>, width: usize, height: usize) -> Self {
+        let towards = unit(view.from);
+        let right = unit(cross(view.up, towards));
+        let up = cross(towards, right);
+        let (low, high) = bounds(points.map(|&p| [dot(p, right), dot(p, up), dot(p, towards)]));
+        let (width, height) = (width as f64, height as f64);
+        let zoom = 0.92 * (width / (high[0] - low[0])).min(height / (high[1] - low[1]));
+        let centre = scale(add(low, high), 0.5);
+        Self {
+            right,
+            up,
+            towards,
+            centre,
+            // One point, or none, is drawn at any zoom.
+            zoom: if zoom.is_finite() { zoom } else { 1.0 },
+            middle: (width / 2.0, height / 2.0),
+        }
+    }
+
+    /// (x, y) in pixels and the depth.
+    pub(super) fn project(&self, point: Vec3) -> Vec3 {
+        let p = [dot(point, self.right), dot(point, self.up), dot(point, self.towards)];
+        let [x, y, depth] = scale(sub(p, self.centre), self.zoom);
+        [self.middle.0 + x, self.middle.1 - y, depth]
+    }
+
+    /// A direction given in the picture's axes (right, up, towards the camera), in space.
+    pub(super) fn direction(&self, [right, up, towards]: Vec3) -> Vec3 {
+        unit(add(add(scale(self.right, right), scale(self.up, up)), scale(self.towards, towards)))
+    }
+}

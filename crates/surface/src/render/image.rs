@@ -1,0 +1,68 @@
+//! Pixels, and PNG files of them.
+
+use std::io;
+use std::path::Path;
+
+use crate::error::SurfaceError;
+use crate::io::{WriteOptions, write_new};
+
+/// A picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    /// In pixels.
+    pub width: usize,
+    /// In pixels.
+    pub height: usize,
+    /// (height, width), row-major from the upper left: red, green, blue (sRGB).
+    pub pixels: Vec<[u8; 3]>,
+}
+
+impl Image {
+    pub(super) fn filled(width: usize, height: usize, color: [u8; 3]) -> Self {
+        Self { width, height, pixels: vec![color; width * height] }
+    }
+
+    fn index(&self, x: usize, y: usize) -> Option<usize> {
+        (x < self.width && y < self.height).then(|| y * self.width + x)
+    }
+
+    /// The colour at a place; black outside.
+    pub(super) fn get(&self, x: usize, y: usize) -> [u8; 3] {
+        self.index(x, y).map_or([0; 3], |i| self.pixels[i])
+    }
+
+    /// Sets a pixel; outside, nothing.
+    pub(super) fn set(&mut self, x: usize, y: usize, color: [u8; 3]) {
+        if let Some(i) = self.index(x, y) {
+            self.pixels[i] = color;
+        }
+    }
+
+    /// Lays a colour over a pixel, `coverage` from 0 to 1.
+    pub(super) fn blend(&mut self, x: usize, y: usize, color: [u8; 3], coverage: f64) {
+        let below = self.get(x, y);
+        let mixed = std::array::from_fn(|i| {
+            let (a, b) = (f64::from(below[i]), f64::from(color[i]));
+            (a + coverage.clamp(0.0, 1.0) * (b - a)).round() as u8
+        });
+        self.set(x, y, mixed);
+    }
+}
+
+/// Writes a picture as PNG, whole or not at all.
+///
+/// # Errors
+///
+/// As [`write_new`].
+pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) -> Result<(), SurfaceError> {
+    write_new(path, options.overwrite, |out| {
+        let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
+        let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+        let mut writer = encoder.write_header().map_err(io::Error::other)?;
+        writer.write_image_data(image.pixels.as_flattened()).map_err(io::Error::other)?;
+        writer.finish().map_err(io::Error::other)
+    })
+}

@@ -1,0 +1,231 @@
+//! Pictures of meshes: a small z-buffer renderer, no window or graphics card needed.
+//!
+//! [`render`] draws panels, each a mesh with a caption, in a grid under one orthographic camera, and [`write_png`]
+//! stores the picture.
+//!
+//! ```
+//! use spharm_surface::generate::icosphere;
+//! use spharm_surface::render::{Paint, Panel, Settings, render};
+//!
+//! let ball = icosphere(4);
+//! let height: Vec<f64> = ball.vertices.iter().map(|v| v[2]).collect();
+//! let paint = Paint::Scalar { values: &height, range: (-1.0, 1.0), label: "height" };
+//! let settings = Settings { width: 120, height: 120, ..Settings::default() };
+//! let picture = render(&[Panel::new(&ball, "a ball"), Panel { mesh: &ball, caption: "z", paint }], &settings)?;
+//! assert_eq!(picture.width, 2 * 120);
+//! # Ok::<(), spharm_surface::SurfaceError>(())
+//! ```
+
+mod camera;
+mod image;
+mod raster;
+mod text;
+
+use crate::error::SurfaceError;
+use crate::mesh::Mesh;
+use crate::metrics::{colors, viridis};
+use camera::Camera;
+pub use camera::View;
+pub use image::{Image, write_png};
+use raster::Raster;
+use text::Label;
+
+/// What a mesh's surface looks like.
+#[derive(Clone, Copy, Debug)]
+pub enum Paint<'a> {
+    /// One colour (sRGB).
+    Plain([u8; 3]),
+    /// A value at each vertex, through [`viridis`], with a colour bar beneath.
+    Scalar {
+        /// One a vertex.
+        values: &'a [f64],
+        /// The values at the bar's ends.
+        range: (f64, f64),
+        /// What the bar says.
+        label: &'a str,
+    },
+}
+
+/// A mesh in a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Panel<'a> {
+    /// What to draw.
+    pub mesh: &'a Mesh,
+    /// What to write beneath; may be empty.
+    pub caption: &'a str,
+    /// In which colours.
+    pub paint: Paint<'a>,
+}
+
+impl<'a> Panel<'a> {
+    /// A mesh in a plain warm grey.
+    #[must_use]
+    pub fn new(mesh: &'a Mesh, caption: &'a str) -> Self {
+        Self { mesh, caption, paint: Paint::Plain([222, 208, 196]) }
+    }
+}
+
+/// Layout and camera, the same for all panels.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Width of a panel in pixels.
+    pub width: usize,
+    /// Height of a panel in pixels, caption and colour bar included.
+    pub height: usize,
+    /// Panels in a row; 0 puts all in one.
+    pub columns: usize,
+    /// Where the camera stands.
+    pub view: View,
+    /// Whether all meshes are drawn to one scale about one centre, so that they can be compared; else each fills its
+    /// panel.
+    pub common_scale: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { width: 480, height: 480, columns: 0, view: View::LEFT, common_scale: true }
+    }
+}
+
+/// Pixels on a side of a whole picture, at most.
+const LARGEST: usize = 1 << 14;
+const BACKGROUND: [u8; 3] = [255; 3];
+const INK: [u8; 3] = [40; 3];
+
+/// Draws the panels row by row on white.
+///
+/// # Errors
+///
+/// Where there are no panels, the picture would be empty or larger than 16,384 pixels on a side, a scalar's length
+/// isn't its mesh's number of vertices, or a range isn't finite.
+pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, SurfaceError> {
+    check(panels, settings)?;
+    let columns = match settings.columns {
+        0 => panels.len(),
+        n => n.min(panels.len()),
+    };
+    let rows = panels.len().div_ceil(columns);
+    let (width, height) = (columns * settings.width, rows * settings.height);
+    for (what, found) in [("the picture's width", width), ("the picture's height", height)] {
+        if !(16..=LARGEST).contains(&found) {
+            return Err(SurfaceError::Argument { what, expected: "16 to 16384 pixels", found: found.to_string() });
+        }
+    }
+
+    // The type grows with the panel, within what is legible.
+    let type_size = (settings.width as f64 / 24.0).clamp(11.0, 36.0);
+    let line = (1.5 * type_size) as usize;
+    let any_scalar = panels.iter().any(|p| matches!(p.paint, Paint::Scalar { .. }));
+    let any_caption = panels.iter().any(|p| !p.caption.is_empty());
+    let bar_height = if any_scalar { 2 * line } else { 0 };
+    let caption_height = if any_caption { line + line / 4 } else { 0 };
+    let mesh_height = settings.height.saturating_sub(bar_height + caption_height).max(1);
+
+    let mut picture = Image::filled(width, height, BACKGROUND);
+    for (i, panel) in panels.iter().enumerate() {
+        let (x, y) = ((i % columns) * settings.width, (i / columns) * settings.height);
+        let framed = if settings.common_scale { panels } else { std::slice::from_ref(panel) };
+        let points = framed.iter().flat_map(|p| &p.mesh.vertices);
+        let camera = Camera::framing(settings.view, points, settings.width, mesh_height);
+        let painted = match panel.paint {
+            Paint::Plain(color) => vec![color; panel.mesh.vertices.len()],
+            Paint::Scalar { values, range, .. } => colors(values, range.0, range.1),
+        };
+        let mut raster = Raster::new(settings.width, mesh_height);
+        raster.draw(panel.mesh, &painted, &camera);
+        raster.paint_on(&mut picture, x, y);
+        if let Paint::Scalar { range, label, .. } = panel.paint {
+            bar(&mut picture, x, y + mesh_height, settings.width, line, range, label);
+        }
+        Label::new(panel.caption, type_size).centred(
+            &mut picture,
+            x + settings.width / 2,
+            y + mesh_height + bar_height,
+            INK,
+        );
+    }
+    Ok(picture)
+}
+
+fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), SurfaceError> {
+    if panels.is_empty() || settings.width > LARGEST || settings.height > LARGEST {
+        return Err(SurfaceError::Argument {
+            what: "the panels of a picture",
+            expected: "at least one, of at most 16384 pixels on a side",
+            found: format!("{} of {} x {}", panels.len(), settings.width, settings.height),
+        });
+    }
+    for panel in panels {
+        let Paint::Scalar { values, range, .. } = panel.paint else {
+            continue;
+        };
+        if values.len() != panel.mesh.vertices.len() {
+            return Err(SurfaceError::LengthMismatch {
+                what: "values to colour a mesh by",
+                expected: panel.mesh.vertices.len(),
+                found: values.len(),
+            });
+        }
+        if !(range.0.is_finite() && range.1.is_finite()) {
+            return Err(SurfaceError::Argument {
+                what: "the range of a colour bar",
+                expected: "two finite numbers",
+                found: format!("{range:?}"),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// A strip of colours over half the panel's width, its ends' values beside it, its label beneath.
+fn bar(picture: &mut Image, x: usize, y: usize, width: usize, line: usize, range: (f64, f64), label: &str) {
+    let (left, length) = (x + width / 4, width / 2);
+    let thickness = line / 2;
+    for column in 0..length {
+        let color = viridis(column as f64 / (length.max(2) - 1) as f64);
+        for row in 0..thickness {
+            picture.set(left + column, y + line / 4 + row, color);
+        }
+    }
+    let size = 0.6 * line as f64;
+    let gap = line / 3;
+    Label::new(&short(range.0), size).ending(picture, left.saturating_sub(gap), y + line / 8, INK);
+    Label::new(&short(range.1), size).starting(picture, left + length + gap, y + line / 8, INK);
+    Label::new(label, size).centred(picture, x + width / 2, y + line, INK);
+}
+
+/// Three digits.
+fn short(x: f64) -> String {
+    if x == 0.0 {
+        "0".to_owned()
+    } else if (1e-3..1e4).contains(&x.abs()) {
+        let decimals = (2 - x.abs().log10().floor() as i32).max(0) as usize;
+        let text = format!("{x:.decimals$}");
+        match text.contains('.') {
+            true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+            false => text,
+        }
+    } else {
+        format!("{x:.1e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::short;
+
+    #[test]
+    fn bar_values_have_three_digits() {
+        for (x, text) in [
+            (0.0, "0"),
+            (1.0, "1"),
+            (0.012_34, "0.0123"),
+            (-2.5, "-2.5"),
+            (1234.5, "1234"),
+            (120.0, "120"),
+            (3.2e-8, "3.2e-8"),
+        ] {
+            assert_eq!(short(x), text);
+        }
+    }
+}

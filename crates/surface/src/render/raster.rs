@@ -1,0 +1,155 @@
+//! Triangles into pixels: a z-buffer at twice the resolution, averaged down.
+
+use super::camera::Camera;
+use super::image::Image;
+use crate::geometry::{Vec3, add, dot, face_normal, scale, unit};
+use crate::mesh::Mesh;
+
+/// Samples per pixel along each axis.
+const FINE: usize = 2;
+/// Lights in the picture's axes (right, up, towards the camera) and their strengths: a key light from the upper left,
+/// a weak one from the right that keeps the shadow side legible.
+const LIGHTS: [(Vec3, f64); 2] = [([-0.5, 0.7, 0.8], 0.78), ([0.9, -0.1, 0.4], 0.22)];
+const AMBIENT: f64 = 0.14;
+
+/// A frame in the making.
+pub(super) struct Raster {
+    width: usize,
+    height: usize,
+    depth: Vec<f64>,
+    /// Linear light and coverage.
+    color: Vec<[f32; 3]>,
+}
+
+/// A vertex ready to be drawn.
+#[derive(Clone, Copy)]
+struct Corner {
+    at: Vec3,
+    normal: Vec3,
+    /// Linear light.
+    color: Vec3,
+}
+
+impl Raster {
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        let samples = width * height * FINE * FINE;
+        Self { width, height, depth: vec![f64::NEG_INFINITY; samples], color: vec![[0.0; 3]; samples] }
+    }
+
+    /// Draws a mesh with a colour (sRGB) at each vertex. Triangles that face away are drawn too, lit from behind, so
+    /// that an open or inverted surface shows as it is.
+    pub(super) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], camera: &Camera) {
+        let lights = LIGHTS.map(|(direction, strength)| (camera.direction(direction), strength));
+        let normals = vertex_normals(mesh);
+        let corners: Vec<Corner> = mesh
+            .vertices
+            .iter()
+            .zip(&normals)
+            .zip(colors)
+            .map(|((&position, &normal), &color)| {
+                let at = camera.project(position);
+                Corner { at: [at[0] * FINE as f64, at[1] * FINE as f64, at[2]], normal, color: color.map(to_linear) }
+            })
+            .collect();
+        for face in &mesh.faces {
+            // A mesh built by hand may name a vertex that isn't there; it has no place in the picture.
+            let [Some(a), Some(b), Some(c)] = face.map(|i| corners.get(i as usize)) else {
+                continue;
+            };
+            self.triangle([a, b, c], &lights, camera.towards);
+        }
+    }
+
+    fn triangle(&mut self, corners: [&Corner; 3], lights: &[(Vec3, f64)], towards: Vec3) {
+        let [a, b, c] = corners.map(|corner| corner.at);
+        let area = cross(a, b, c);
+        if !area.is_normal() {
+            return;
+        }
+        let (columns, rows) = (self.width * FINE, self.height * FINE);
+        let range = |axis: usize, most: usize| {
+            let low = a[axis].min(b[axis]).min(c[axis]).floor().max(0.0);
+            let high = a[axis].max(b[axis]).max(c[axis]).ceil().min(most as f64);
+            low as usize..high as usize
+        };
+        for row in range(1, rows) {
+            for column in range(0, columns) {
+                let p = [column as f64 + 0.5, row as f64 + 0.5, 0.0];
+                let weights = [cross(p, b, c) / area, cross(a, p, c) / area, cross(a, b, p) / area];
+                if weights.iter().any(|&w| w < 0.0) {
+                    continue;
+                }
+                let mixed = |of: fn(&Corner) -> Vec3| {
+                    let parts = corners.iter().zip(weights).map(|(corner, w)| scale(of(corner), w));
+                    parts.fold([0.0; 3], add)
+                };
+                let depth = mixed(|corner| corner.at)[2];
+                let sample = row * columns + column;
+                if depth > self.depth[sample] {
+                    self.depth[sample] = depth;
+                    let normal = unit(mixed(|corner| corner.normal));
+                    let light = shade(normal, lights, towards);
+                    self.color[sample] = mixed(|corner| corner.color).map(|x| (x * light) as f32);
+                }
+            }
+        }
+    }
+
+    /// Averages the samples over the background and puts the frame's upper left corner at (x, y).
+    pub(super) fn paint_on(&self, picture: &mut Image, x: usize, y: usize) {
+        let columns = self.width * FINE;
+        for row in 0..self.height {
+            for column in 0..self.width {
+                let background = picture.get(x + column, y + row).map(to_linear);
+                let mut sum = [0.0; 3];
+                for i in 0..FINE * FINE {
+                    let sample = (row * FINE + i / FINE) * columns + column * FINE + i % FINE;
+                    let light = match self.depth[sample] {
+                        f64::NEG_INFINITY => background,
+                        _ => self.color[sample].map(f64::from),
+                    };
+                    sum = add(sum, light);
+                }
+                picture.set(x + column, y + row, sum.map(|s| from_linear(s / (FINE * FINE) as f64)));
+            }
+        }
+    }
+}
+
+/// Lambert's cosine law over an ambient floor.
+fn shade(normal: Vec3, lights: &[(Vec3, f64)], towards: Vec3) -> f64 {
+    let normal = if dot(normal, towards) < 0.0 { scale(normal, -1.0) } else { normal };
+    let lit: f64 = lights.iter().map(|(direction, strength)| strength * dot(normal, *direction).max(0.0)).sum();
+    AMBIENT + lit
+}
+
+/// Area-weighted means of the triangles' normals; not of unit length.
+fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
+    let mut normals = vec![[0.0; 3]; mesh.vertices.len()];
+    for face in &mesh.faces {
+        let [Some(a), Some(b), Some(c)] = face.map(|i| mesh.vertices.get(i as usize)) else {
+            continue;
+        };
+        let normal = face_normal([*a, *b, *c]);
+        for i in face {
+            normals[*i as usize] = add(normals[*i as usize], normal);
+        }
+    }
+    for normal in &mut normals {
+        *normal = unit(*normal);
+    }
+    normals
+}
+
+/// Twice the signed area of a triangle in the plane.
+fn cross(a: Vec3, b: Vec3, c: Vec3) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+fn to_linear(srgb: u8) -> f64 {
+    (f64::from(srgb) / 255.0).powf(2.2)
+}
+
+fn from_linear(light: f64) -> u8 {
+    (255.0 * light.clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8
+}

@@ -1,0 +1,129 @@
+//! Edges and the triangles that meet in them.
+
+use super::is_degenerate;
+use super::union_find::UnionFind;
+use crate::mesh::Mesh;
+
+/// What [`count`] finds.
+#[derive(Debug, Default)]
+pub(super) struct EdgeCounts {
+    pub(super) edges: usize,
+    pub(super) boundary: usize,
+    pub(super) non_manifold: usize,
+    pub(super) inconsistent: usize,
+    pub(super) non_manifold_vertices: usize,
+}
+
+/// Half-edge h = 3 * face + k runs from corner k of the face to corner k + 1, and starts at corner h.
+fn next(h: u32) -> u32 {
+    if h % 3 == 2 { h - 2 } else { h + 1 }
+}
+
+/// Items (x, y, h) of a list, put into one bucket per x: bucket x is `items[starts[x]..starts[x + 1]]`.
+struct Buckets {
+    starts: Vec<u32>,
+    items: Vec<(u32, u32)>,
+}
+
+impl Buckets {
+    /// A counting sort of (bucket, item) pairs, which `list` must produce twice alike.
+    fn new<I: Iterator<Item = (u32, (u32, u32))>>(buckets: usize, list: impl Fn() -> I) -> Self {
+        let mut starts = vec![0_u32; buckets + 1];
+        for (bucket, _) in list() {
+            starts[bucket as usize + 1] += 1;
+        }
+        let mut total = 0;
+        for start in &mut starts {
+            total += *start;
+            *start = total;
+        }
+        let mut items = vec![(0, 0); total as usize];
+        let mut free = starts.clone();
+        for (bucket, item) in list() {
+            let slot = &mut free[bucket as usize];
+            items[*slot as usize] = item;
+            *slot += 1;
+        }
+        Self { starts, items }
+    }
+
+    /// Each bucket in turn, sorted.
+    fn for_each_sorted(mut self, mut f: impl FnMut(u32, &[(u32, u32)])) {
+        for (bucket, range) in self.starts.windows(2).enumerate() {
+            let items = &mut self.items[range[0] as usize..range[1] as usize];
+            items.sort_unstable();
+            f(bucket as u32, items);
+        }
+    }
+}
+
+/// Counts edges, and vertices whose triangles make more than one fan. Degenerate faces are left out.
+pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
+    let faces = &mesh.faces;
+    let vertices = mesh.vertices.len();
+    let half_edges = || {
+        faces.iter().zip(0_u32..).filter(|(face, _)| !is_degenerate(**face)).flat_map(|(&[a, b, c], f)| {
+            [(a, b), (b, c), (c, a)].into_iter().zip(3 * f..).map(|((from, to), h)| (from.min(to), (from.max(to), h)))
+        })
+    };
+    let start = |h: u32| faces[(h / 3) as usize][(h % 3) as usize];
+
+    let mut counts = EdgeCounts::default();
+    let mut corners = UnionFind::new(3 * faces.len());
+    Buckets::new(vertices, half_edges).for_each_sorted(|low, bucket| {
+        for edge in bucket.chunk_by(|x, y| x.0 == y.0) {
+            counts.edges += 1;
+            match edge {
+                [_] => counts.boundary += 1,
+                [(_, g), (_, h)] => counts.inconsistent += usize::from(start(*g) == start(*h)),
+                _ => counts.non_manifold += 1,
+            }
+            // The corners of an edge's triangles at either of its ends belong to one fan.
+            let ends = |h: u32| {
+                if start(h) == low { (h, next(h)) } else { (next(h), h) }
+            };
+            for pair in edge.windows(2) {
+                let (g, h) = (ends(pair[0].1), ends(pair[1].1));
+                corners.join(g.0, h.0);
+                corners.join(g.1, h.1);
+            }
+        }
+    });
+
+    // A vertex with corners in two sets has two fans. 0 stands for none seen, so sets are numbered from 1.
+    let mut fan = vec![0_u32; vertices];
+    let mut several = vec![false; vertices];
+    for (face, f) in faces.iter().zip(0_u32..) {
+        if is_degenerate(*face) {
+            continue;
+        }
+        for (&v, corner) in face.iter().zip(3 * f..) {
+            let root = corners.root(corner) + 1;
+            let seen = &mut fan[v as usize];
+            if *seen == 0 {
+                *seen = root;
+            } else if *seen != root {
+                several[v as usize] = true;
+            }
+        }
+    }
+    counts.non_manifold_vertices = several.iter().filter(|&&s| s).count();
+    counts
+}
+
+/// Triangles beyond the first with the same three vertices, in whatever order.
+pub(super) fn duplicate_faces(mesh: &Mesh) -> usize {
+    let sorted = || {
+        mesh.faces.iter().map(|&face| {
+            let mut corners = face;
+            corners.sort_unstable();
+            let [low, middle, high] = corners;
+            (low, (middle, high))
+        })
+    };
+    let mut duplicates = 0;
+    Buckets::new(mesh.vertices.len(), sorted).for_each_sorted(|_, bucket| {
+        duplicates += bucket.windows(2).filter(|pair| pair[0] == pair[1]).count();
+    });
+    duplicates
+}

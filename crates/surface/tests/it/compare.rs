@@ -1,0 +1,76 @@
+//! Distances and colours.
+
+use spharm_surface::generate::icosphere;
+use spharm_surface::metrics::{bounding_box_scale, colors, compare, squared_distances, viridis};
+use spharm_surface::{Mesh, SurfaceError};
+
+/// A box of 2 x 4 x 8 = 64, so that the scale is 4.
+fn octahedron() -> Mesh {
+    let vertices =
+        vec![[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 4.0], [0.0, 0.0, -4.0]];
+    let faces = vec![[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
+    Mesh::new(vertices, faces)
+}
+
+#[test]
+fn msd_and_xsd_are_the_papers() {
+    let original = octahedron();
+    let mut moved = original.clone();
+    moved.vertices[2] = [0.0, 2.0, 3.0];
+    moved.vertices[4] = [0.0, 1.0, 4.0];
+    let d = compare(&original, &moved).unwrap();
+    assert!((d.scale - 4.0).abs() < 1e-14);
+    assert_eq!((d.worst_vertex, d.xsd_raw, d.msd_raw), (2, 9.0, 10.0 / 6.0));
+    assert!((d.xsd - 9.0 / 16.0).abs() < 1e-14 && (d.msd - 10.0 / 96.0).abs() < 1e-14);
+    let same = compare(&original, &original).unwrap();
+    assert_eq!((same.msd, same.xsd), (0.0, 0.0));
+}
+
+#[test]
+fn the_scale_does_not_depend_on_units_or_place() {
+    let mut mesh = octahedron();
+    for v in &mut mesh.vertices {
+        *v = v.map(|x| 1e150 * x);
+    }
+    let scale = bounding_box_scale(&mesh.vertices).unwrap();
+    assert!((scale / 4e150 - 1.0).abs() < 1e-14, "the volume itself overflows: {scale}");
+}
+
+#[test]
+fn a_reconstruction_that_is_not_a_number_never_passes_for_good() {
+    let original = octahedron();
+    let mut broken = original.clone();
+    broken.vertices[3][0] = f64::NAN;
+    let d = compare(&original, &broken).unwrap();
+    assert!(d.msd.is_nan() && d.xsd.is_nan() && d.worst_vertex == 3);
+}
+
+#[test]
+fn what_cannot_be_compared_is_told() {
+    let original = octahedron();
+    let error = compare(&original, &icosphere(0)).unwrap_err();
+    assert!(matches!(error, SurfaceError::LengthMismatch { expected: 8, found: 20, .. }), "{error}");
+    let mut turned = original.clone();
+    turned.faces[5].rotate_left(1);
+    let error = compare(&original, &turned).unwrap_err();
+    assert!(matches!(error, SurfaceError::TopologyDiffers { face: 5, .. }), "{error}");
+    let mut flat = original.clone();
+    for v in &mut flat.vertices {
+        v[1] = 0.5;
+    }
+    assert!(matches!(compare(&flat, &original), Err(SurfaceError::FlatBox { .. })));
+    assert!(bounding_box_scale(&[]).is_err());
+    assert!(squared_distances(&original.vertices, &original.vertices[1..]).is_err());
+}
+
+#[test]
+fn colours_run_from_dark_blue_to_yellow() {
+    // Matplotlib 3's own values at 0, 1/3, 1/2, 1: off the table's points by at most one step.
+    for (x, wanted) in [(0.0, [68, 1, 84]), (0.5, [33, 145, 140]), (1.0, [253, 231, 37])] {
+        assert_eq!(viridis(x), wanted);
+    }
+    assert_eq!((viridis(-3.0), viridis(9.0)), (viridis(0.0), viridis(1.0)));
+    assert_eq!(viridis(f64::NAN), [128; 3]);
+    assert_eq!(colors(&[2.0, 4.0, 6.0], 2.0, 6.0), [viridis(0.0), viridis(0.5), viridis(1.0)]);
+    assert_eq!(colors(&[5.0], 5.0, 5.0), [viridis(0.0)], "no range");
+}

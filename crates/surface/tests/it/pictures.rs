@@ -1,0 +1,96 @@
+//! Pictures show what they should.
+
+use spharm_surface::generate::icosphere;
+use spharm_surface::io::WriteOptions;
+use spharm_surface::render::{Image, Paint, Panel, Settings, View, render, write_png};
+use spharm_surface::{Mesh, SurfaceError};
+
+fn small() -> Settings {
+    Settings { width: 100, height: 100, view: View::FRONT, ..Settings::default() }
+}
+
+fn at(image: &Image, x: usize, y: usize) -> [u8; 3] {
+    image.pixels[y * image.width + x]
+}
+
+/// Share of pixels that aren't background.
+fn covered(image: &Image) -> f64 {
+    let ink = image.pixels.iter().filter(|&&p| p != [255; 3]).count();
+    ink as f64 / image.pixels.len() as f64
+}
+
+#[test]
+fn a_ball_covers_a_disc() {
+    let ball = icosphere(4);
+    let image = render(&[Panel::new(&ball, "")], &small()).unwrap();
+    // 92 of 100 pixels across.
+    let disc = std::f64::consts::PI * 0.46 * 0.46;
+    assert!((covered(&image) - disc).abs() < 0.02, "{}", covered(&image));
+    assert_eq!(at(&image, 1, 1), [255; 3]);
+    // Lit from the upper left.
+    let brightness = |p: [u8; 3]| p.iter().map(|&c| u32::from(c)).sum::<u32>();
+    assert!(brightness(at(&image, 32, 28)) > brightness(at(&image, 68, 75)) + 60);
+}
+
+#[test]
+fn what_is_nearer_hides_what_is_farther_in_any_order() {
+    // Two squares across the line of sight (y), the nearer one smaller.
+    let square = |y: f64, half: f64| [[-half, y, -half], [half, y, -half], [half, y, half], [-half, y, half]];
+    let vertices = [square(0.0, 2.0), square(1.0, 1.0)].concat();
+    let (far, near) = ([[0, 1, 2], [0, 2, 3]], [[4, 5, 6], [4, 6, 7]]);
+    let values = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+    let paint = Paint::Scalar { values: &values, range: (0.0, 1.0), label: "" };
+    for faces in [[far, near].concat(), [near, far].concat()] {
+        let mesh = Mesh::new(vertices.clone(), faces);
+        let image = render(&[Panel { mesh: &mesh, caption: "", paint }], &small()).unwrap();
+        let yellow = |p: [u8; 3]| p[0] / 2 > p[2];
+        let middle = (0..100).rev().find(|&y| yellow(at(&image, 50, y)) && y < 70);
+        assert!(middle.is_some(), "the near square shows");
+        assert!(!yellow(at(&image, 28, 12)), "the far one shows around it");
+    }
+}
+
+#[test]
+fn panels_fill_a_grid_with_captions_beneath() {
+    let ball = icosphere(2);
+    let panels = [Panel::new(&ball, "one"), Panel::new(&ball, ""), Panel::new(&ball, "three")];
+    let image = render(&panels, &Settings { columns: 2, ..small() }).unwrap();
+    assert_eq!((image.width, image.height), (200, 200));
+    let ink = |x: std::ops::Range<usize>, y: std::ops::Range<usize>| {
+        y.flat_map(|y| x.clone().map(move |x| (x, y))).filter(|&(x, y)| at(&image, x, y) != [255; 3]).count()
+    };
+    assert!(ink(0..100, 82..100) > 20, "the first caption");
+    assert_eq!(ink(100..200, 82..100), 0, "no second caption");
+    assert!(ink(0..100, 182..200) > ink(0..100, 82..100), "a longer word takes more ink");
+    assert_eq!(ink(100..200, 100..200), 0, "no fourth panel");
+}
+
+#[test]
+fn pictures_are_stored_as_png() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let ball = icosphere(1);
+    let image = render(&[Panel::new(&ball, "a")], &small()).unwrap();
+    write_png(&path, &image, &WriteOptions::default()).unwrap();
+    let file = std::io::BufReader::new(std::fs::File::open(&path).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!((info.width, info.height), (100, 100));
+    assert_eq!(pixels, image.pixels.as_flattened());
+}
+
+#[test]
+fn senseless_requests_are_told() {
+    let ball = icosphere(0);
+    assert!(render(&[], &small()).is_err());
+    assert!(render(&[Panel::new(&ball, "")], &Settings { width: 0, ..small() }).is_err());
+    assert!(render(&[Panel::new(&ball, "")], &Settings { height: usize::MAX, ..small() }).is_err());
+    let paint = Paint::Scalar { values: &[1.0], range: (0.0, 1.0), label: "" };
+    let error = render(&[Panel { mesh: &ball, caption: "", paint }], &small()).unwrap_err();
+    assert!(matches!(error, SurfaceError::LengthMismatch { expected: 12, found: 1, .. }), "{error}");
+    // What isn't a number isn't drawn.
+    let mut broken = ball.clone();
+    broken.vertices[3] = [f64::NAN; 3];
+    render(&[Panel::new(&broken, "")], &small()).unwrap();
+}

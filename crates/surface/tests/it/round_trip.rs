@@ -1,0 +1,132 @@
+//! What is written reads back: to the bit in text and 64-bit formats, rounded once to 32 bits in the others.
+
+use spharm_surface::io::{PlyAttributes, WriteOptions, read_mesh, read_signal, write_mesh, write_ply, write_signal};
+use spharm_surface::{Mesh, Signal, SurfaceError};
+
+use crate::fixtures;
+
+/// Coordinates that decimal fractions and 32 bits cannot hold.
+fn awkward() -> Mesh {
+    let mut mesh = read_mesh(fixtures().join("double.surf.gii")).unwrap();
+    for (i, v) in mesh.vertices.iter_mut().enumerate() {
+        *v = [v[0] / 3.0, v[1] * 1e-7 + 1e-300 * i as f64, -v[2] * 1e5 / 7.0];
+    }
+    mesh
+}
+
+fn rounded(mesh: &Mesh) -> Vec<[f64; 3]> {
+    mesh.vertices.iter().map(|v| v.map(|x| f64::from(x as f32))).collect()
+}
+
+#[test]
+fn meshes() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = awkward();
+    for (name, double, exact) in [
+        ("a.surf.gii", false, false),
+        ("b.surf.gii", true, true),
+        ("c.surf.gii.gz", true, true),
+        ("lh.d", false, false),
+        ("e.inflated", false, false),
+        ("f.obj", false, true),
+        ("g.off", false, true),
+        ("h.ply", false, false),
+        ("i.ply", true, true),
+        ("j.vtk", false, true),
+        ("K.OBJ", false, true),
+    ] {
+        let path = folder.path().join(name);
+        let options = WriteOptions { double, ..WriteOptions::default() };
+        write_mesh(&path, &mesh, &options).unwrap();
+        let back = read_mesh(&path).unwrap();
+        assert_eq!(back.vertices, if exact { mesh.vertices.clone() } else { rounded(&mesh) }, "{name}");
+        assert_eq!(back.faces, mesh.faces, "{name}");
+        if name.contains(".gii") {
+            assert_eq!(back.meta, mesh.meta, "{name}");
+        }
+    }
+}
+
+#[test]
+fn stl_keeps_triangles_and_welds_them_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = awkward();
+    let path = folder.path().join("a.stl");
+    write_mesh(&path, &mesh, &WriteOptions::default()).unwrap();
+    let back = read_mesh(&path).unwrap();
+    assert_eq!(back.vertices.len(), mesh.vertices.len());
+    let rounded = rounded(&mesh);
+    for (found, wanted) in back.faces.iter().zip(&mesh.faces) {
+        assert_eq!(found.map(|i| back.vertices[i as usize]), wanted.map(|i| rounded[i as usize]));
+    }
+}
+
+#[test]
+fn a_freesurfer_file_survives_to_the_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["lh.pial", "rh.white"] {
+        let path = folder.path().join(name);
+        write_mesh(&path, &read_mesh(fixtures().join(name)).unwrap(), &WriteOptions::default()).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(fixtures().join(name)).unwrap());
+    }
+}
+
+#[test]
+fn signals() {
+    let folder = tempfile::tempdir().unwrap();
+    let signal = Signal::new((0..21).map(|i| f64::from(i) / 7.0 - 1e-9).collect(), 7, 3);
+    let single = Signal::new(signal.values.iter().map(|&x| f64::from(x as f32)).collect(), 7, 3);
+    for (name, double, wanted) in [
+        ("a.func.gii", false, &single),
+        ("b.func.gii", true, &signal),
+        ("c.csv", false, &signal),
+        ("d.tsv", false, &signal),
+    ] {
+        let path = folder.path().join(name);
+        let options = WriteOptions { double, ..WriteOptions::default() };
+        write_signal(&path, &signal, &options).unwrap();
+        assert_eq!(&read_signal(&path).unwrap(), wanted, "{name}");
+    }
+    let curv = folder.path().join("lh.curv");
+    let error = write_signal(&curv, &signal, &WriteOptions::default()).unwrap_err();
+    assert!(matches!(error, SurfaceError::Argument { .. }), "{error}");
+    let one = Signal::new(vec![0.5, -2.0], 2, 1);
+    write_signal(&curv, &one, &WriteOptions::default()).unwrap();
+    assert_eq!(read_signal(&curv).unwrap(), one);
+}
+
+#[test]
+fn a_number_beyond_32_bits_is_refused_rather_than_written_as_infinity() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut mesh = awkward();
+    mesh.vertices[5][1] = 1e39;
+    for name in ["a.gii", "lh.b", "c.ply", "d.stl"] {
+        let error = write_mesh(folder.path().join(name), &mesh, &WriteOptions::default()).unwrap_err();
+        assert!(matches!(error, SurfaceError::NotRepresentable { vertex: 5, .. }), "{name}: {error}");
+    }
+    let options = WriteOptions { double: true, ..WriteOptions::default() };
+    write_mesh(folder.path().join("a.gii"), &mesh, &options).unwrap();
+    assert!(write_mesh(folder.path().join("lh.b"), &mesh, &options).is_err(), "FreeSurfer has no 64 bits");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing else was written");
+}
+
+#[test]
+fn ply_attributes_must_fit_the_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = awkward();
+    let write = |attributes: &PlyAttributes<'_>| {
+        let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+        write_ply(folder.path().join("a.ply"), &mesh, attributes, &options)
+    };
+    let values = vec![0.25; 12];
+    let colors = vec![[1, 2, 3]; 12];
+    write(&PlyAttributes { scalar: Some(("error", &values)), colors: Some(&colors) }).unwrap();
+    let back = read_mesh(folder.path().join("a.ply")).unwrap();
+    assert_eq!(back.vertices, rounded(&mesh));
+    let short = write(&PlyAttributes { scalar: Some(("error", &values[1..])), colors: None }).unwrap_err();
+    assert!(matches!(short, SurfaceError::LengthMismatch { expected: 12, found: 11, .. }), "{short}");
+    assert!(write(&PlyAttributes { scalar: None, colors: Some(&colors[..3]) }).is_err());
+    for name in ["", "two words", "x", "a\nproperty"] {
+        assert!(write(&PlyAttributes { scalar: Some((name, &values)), colors: None }).is_err(), "{name:?}");
+    }
+}

@@ -1,0 +1,389 @@
+"""Mesh and signal files as other programs write them, for crates/surface's tests.
+
+    make_mesh_fixtures.py OUT           write the files and expected.json to OUT (tests/data/meshes)
+    make_mesh_fixtures.py --check DIR   read what `cargo run --example write_all` wrote to DIR
+
+Everything is written by the formats' own Python libraries where they can, and by hand as exporters do where they
+cannot; expected.json holds what those libraries (never this project) read from the files.
+
+Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2 numpy==2.4.6.
+"""
+
+import gzip
+import json
+import pathlib
+import sys
+
+import meshio
+import nibabel as nib
+import numpy as np
+import trimesh
+import vtk
+from nibabel.freesurfer import io as fsio
+from nibabel.gifti import GiftiCoordSystem, GiftiDataArray, GiftiImage, GiftiMetaData
+from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+EXPECTED = {}
+
+
+def icosahedron():
+    """A closed surface no two of whose coordinates agree, so that a swapped axis or row shows."""
+    mesh = trimesh.creation.icosahedron()
+    faces = np.array(mesh.faces, dtype=np.int32)
+    vertices = np.array(mesh.vertices) * [61.7, 43.1, 29.3] + [-31.25, 17.5, 8.125]
+    vertices += np.sin(np.arange(36.0)).reshape(12, 3)
+    return vertices, faces
+
+
+def box():
+    """Six quadrangles."""
+    vertices = np.array([[x, y, z] for z in (0.5, 4.0) for y in (-1.25, 2.0) for x in (-3.0, 7.5)])
+    vertices += 0.01 * np.arange(24.0).reshape(8, 3)
+    quads = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6]])
+    return vertices, quads
+
+
+def fan(polygons):
+    return [[int(p[0]), int(p[i]), int(p[i + 1])] for p in polygons for i in range(1, len(p) - 1)]
+
+
+def expect_mesh(name, vertices, polygons, **more):
+    faces = fan(polygons)
+    EXPECTED[name] = {"vertices": np.asarray(vertices, dtype=np.float64).tolist(), "faces": faces, **more}
+
+
+def expect_signal(name, values):
+    values = np.asarray(values, dtype=np.float64)
+    EXPECTED[name] = {"signal": values.reshape(len(values), -1).tolist()}
+
+
+# GIfTI
+
+
+def gifti_surface(vertices, faces, encoding, order="C", dtype=np.float32):
+    meta = {"AnatomicalStructurePrimary": "CortexLeft", "GeometricType": "Anatomical", "Note": "a < b & \"c\""}
+    system = GiftiCoordSystem(dataspace=1, xformspace=3, xform=np.diag([1.0, 1.0, 1.0, 1.0]) + np.eye(4, k=3) * 2.5)
+    arrays = [
+        GiftiDataArray(
+            np.asarray(vertices, dtype=dtype),
+            intent="NIFTI_INTENT_POINTSET",
+            encoding=encoding,
+            ordering=order,
+            meta=GiftiMetaData(meta),
+            coordsys=system,
+            datatype=np.dtype(dtype).name,
+        ),
+        GiftiDataArray(
+            faces, intent="NIFTI_INTENT_TRIANGLE", encoding=encoding, ordering=order, datatype="int32"
+        ),
+    ]
+    return GiftiImage(darrays=arrays, meta=GiftiMetaData({"UserName": "tester"}))
+
+
+def write_gifti(out):
+    vertices, faces = icosahedron()
+    save = lambda image, name: (out / name).write_bytes(image.to_bytes())
+    for name, encoding, order, dtype in [
+        ("ascii.surf.gii", "ASCII", "C", np.float32),
+        ("base64.surf.gii", "Base64Binary", "C", np.float32),
+        ("gzip.surf.gii", "GZipBase64Binary", "C", np.float32),
+        ("column_major.surf.gii", "GZipBase64Binary", "F", np.float32),
+        ("double.surf.gii", "GZipBase64Binary", "C", np.float64),
+    ]:
+        # nibabel's own writer refuses float64, which the standard lacks and Workbench reads.
+        mode = {"mode": "force"} if dtype == np.float64 else {}
+        image = gifti_surface(vertices, faces, encoding, order, dtype)
+        (out / name).write_bytes(image.to_bytes(**mode))
+
+    # Big-endian: nibabel reads it but labels what it writes little-endian, so the bytes are swapped by hand.
+    swapped = gifti_surface(vertices, faces, "Base64Binary")
+    text = swapped.to_bytes().decode()
+    for array in swapped.darrays:
+        little = data_text(array.data)
+        assert little in text
+        text = text.replace(little, data_text(array.data.astype(array.data.dtype.newbyteorder(">"))))
+    text = text.replace("LittleEndian", "BigEndian")
+    (out / "big_endian.surf.gii").write_bytes(text.encode())
+
+    # The whole file gzipped, with a broken-up Data element, CDATA and the white space that other writers leave.
+    text = gifti_surface(vertices, faces, "Base64Binary").to_bytes().decode()
+    for array in gifti_surface(vertices, faces, "Base64Binary").darrays:
+        little = data_text(array.data)
+        text = text.replace(little, "\n" + "\n".join(little[i : i + 76] for i in range(0, len(little), 76)) + "\n")
+    text = text.replace("<Name>UserName</Name>", "<Name><![CDATA[UserName]]></Name>\n  ")
+    (out / "wrapped.surf.gii.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
+
+    for path in sorted(out.glob("*.surf.gii*")):
+        image = nib.load(path)
+        points, triangles = image.darrays
+        written = vertices if path.name.startswith("double") else vertices.astype(np.float32)
+        assert np.allclose(points.data, written, rtol=0, atol=1e-5 if path.name.startswith("ascii") else 0)
+        assert np.array_equal(triangles.data, faces)
+        expect_mesh(
+            path.name,
+            points.data,
+            triangles.data,
+            structure=points.meta["AnatomicalStructurePrimary"],
+            note=points.meta["Note"],
+            user=image.meta["UserName"],
+            data_space=points.coordsys.dataspace,
+            transformed_space=points.coordsys.xformspace,
+            matrix=np.asarray(points.coordsys.xform).ravel().tolist(),
+        )
+
+    rng = np.random.default_rng(7)
+    series = rng.normal(size=(12, 4)).astype(np.float32)
+    frames = [GiftiDataArray(c, intent="NIFTI_INTENT_TIME_SERIES", datatype="float32") for c in series.T]
+    save(GiftiImage(darrays=frames), "series.func.gii")
+    save(GiftiImage(darrays=[GiftiDataArray(series[:, 0], intent="NIFTI_INTENT_SHAPE")]), "one.shape.gii")
+    counts = (np.arange(24) * 9 % 251).reshape(12, 2).astype(np.uint8)
+    # Not ASCII: nibabel writes and reads text row by row whatever order it declares.
+    array = GiftiDataArray(counts, intent="NIFTI_INTENT_NONE", ordering="F", encoding="Base64Binary", datatype="uint8")
+    save(GiftiImage(darrays=[array]), "counts.func.gii")
+    for name in ["series.func.gii", "one.shape.gii", "counts.func.gii"]:
+        arrays = [np.asarray(a.data, dtype=np.float64).reshape(12, -1) for a in nib.load(out / name).darrays]
+        expect_signal(name, np.hstack(arrays))
+
+
+def data_text(data):
+    import base64
+
+    return base64.b64encode(data.tobytes()).decode()
+
+
+# FreeSurfer
+
+
+def write_freesurfer(out):
+    vertices, faces = icosahedron()
+    volume = {
+        "head": np.array([2, 0, 20], dtype=np.int32),
+        "valid": "1  # volume info valid",
+        "filename": "../mri/filled.mgz",
+        "volume": np.array([256, 256, 256]),
+        "voxelsize": np.array([1.0, 1.0, 1.0]),
+        "xras": np.array([-1.0, 0.0, 0.0]),
+        "yras": np.array([0.0, 0.0, -1.0]),
+        "zras": np.array([0.0, 1.0, 0.0]),
+        "cras": np.array([5.25, -17.5, 18.125]),
+    }
+    stamp = "created by tester on a day"
+    fsio.write_geometry(out / "lh.pial", vertices, faces, create_stamp=stamp, volume_info=volume)
+    fsio.write_geometry(out / "rh.white", vertices, faces, create_stamp=stamp)
+    raw = (out / "lh.pial").read_bytes()
+    bare = len((out / "rh.white").read_bytes())
+    points, triangles = fsio.read_geometry(out / "lh.pial")
+    expect_mesh("lh.pial", points, triangles, stamp=stamp, footer=list(raw[bare:]))
+    points, triangles = fsio.read_geometry(out / "rh.white")
+    expect_mesh("rh.white", points, triangles, stamp=stamp, footer=None)
+    fsio.write_morph_data(out / "lh.thickness", np.cos(np.arange(12.0)), fnum=20)
+    expect_signal("lh.thickness", fsio.read_morph_data(out / "lh.thickness"))
+
+
+# Text and exchange formats
+
+
+def polygons_of(mesh):
+    return [list(polygon) for block in mesh.cells for polygon in block.data]
+
+
+def write_obj(out):
+    vertices, quads = box()
+    lines = ["# by hand, as exporters write", "mtllib none.mtl", "o box"]
+    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    # As many of these as vertices, else meshio refuses; indices that differ from the vertices', as they do in practice.
+    lines += [f"vt 0 {i / 8}" for i in range(8)] + [f"vn 0 0 {i}" for i in range(8)] + ["s off", "usemtl none"]
+    full = lines + ["f " + " ".join(f"{i + 1}/{k + 1}/{8 - k}" for k, i in enumerate(q)) for q in quads]
+    (out / "quads.obj").write_text("\r\n".join(full) + "\r\n")
+    mesh = meshio.read(out / "quads.obj")
+    expect_mesh("quads.obj", mesh.points, polygons_of(mesh))
+
+    vertices, faces = icosahedron()
+    lines = [f"v {x!r} {y!r} {z!r} 0.5 0.5 0.5" for x, y, z in vertices.tolist()]
+    lines += ["f " + " ".join(str(int(i) - 12) for i in f) for f in faces]
+    (out / "negative.obj").write_text("\n".join(lines))
+    mesh = trimesh.load(out / "negative.obj", process=False, maintain_order=True)
+    expect_mesh("negative.obj", mesh.vertices, mesh.faces)
+
+
+def vtk_polydata(vertices, polygons):
+    points = vtk.vtkPoints()
+    points.SetData(numpy_to_vtk(np.ascontiguousarray(vertices), deep=True))
+    cells = vtk.vtkCellArray()
+    for polygon in polygons:
+        cells.InsertNextCell(len(polygon), [int(i) for i in polygon])
+    data = vtk.vtkPolyData()
+    data.SetPoints(points)
+    data.SetPolys(cells)
+    scalars = numpy_to_vtk(np.arange(len(vertices), dtype=np.float32), deep=True)
+    scalars.SetName("index")
+    scalars.SetComponentName(0, "a component")
+    data.GetPointData().SetScalars(scalars)
+    field = numpy_to_vtk(np.array([1.5, 2.5]), deep=True)
+    field.SetName("time")
+    data.GetFieldData().AddArray(field)
+    return data
+
+
+def from_polydata(data):
+    points = vtk_to_numpy(data.GetPoints().GetData())
+    ids, polygons = vtk.vtkIdList(), []
+    cells = data.GetPolys()
+    cells.InitTraversal()
+    while cells.GetNextCell(ids):
+        polygons.append([ids.GetId(i) for i in range(ids.GetNumberOfIds())])
+    return points, polygons
+
+
+def read_with(reader, path):
+    reader.SetFileName(str(path))
+    reader.Update()
+    return from_polydata(reader.GetOutput())
+
+
+def write_ply(out):
+    vertices, quads = box()
+    mesh = meshio.Mesh(vertices, [("quad", quads)], point_data={"weight": np.arange(8.0)})
+    meshio.write(out / "ascii.ply", mesh, binary=False)
+    meshio.write(out / "little.ply", mesh, binary=True)
+    for name in ["ascii.ply", "little.ply"]:
+        mesh = meshio.read(out / name)
+        expect_mesh(name, mesh.points, polygons_of(mesh))
+    writer = vtk.vtkPLYWriter()
+    writer.SetInputData(vtk_polydata(vertices.astype(np.float32), quads))
+    writer.SetFileTypeToBinary()
+    writer.SetDataByteOrderToBigEndian()
+    writer.SetFileName(str(out / "big.ply"))
+    writer.Write()
+    expect_mesh("big.ply", *read_with(vtk.vtkPLYReader(), out / "big.ply"))
+
+
+def write_off(out):
+    vertices, faces = icosahedron()
+    meshio.write(out / "plain.off", meshio.Mesh(vertices, [("triangle", faces)]))
+    mesh = meshio.read(out / "plain.off")
+    expect_mesh("plain.off", mesh.points, polygons_of(mesh))
+    vertices, quads = box()
+    lines = ["OFF # by hand", "", "8 6 12"] + [f"{x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    lines += [f"4 {a} {b} {c} {d} 0.1 0.2 0.3" for a, b, c, d in quads]
+    (out / "quads.off").write_text("\n".join(lines) + "\n")
+    expect_mesh("quads.off", vertices, quads)
+
+
+def write_stl(out):
+    vertices, faces = icosahedron()
+    mesh = meshio.Mesh(vertices.astype(np.float32), [("triangle", faces)])
+    meshio.write(out / "binary.stl", mesh, binary=True)
+    meshio.write(out / "text.stl", mesh, binary=False)
+    # Many programs start binary files with this word.
+    raw = (out / "binary.stl").read_bytes()
+    (out / "solid_binary.stl").write_bytes(b"solid" + raw[5:])
+    for name in ["binary.stl", "text.stl"]:
+        soup = trimesh.load(out / name, process=False)
+        EXPECTED[name] = {"corners": np.asarray(soup.triangles, dtype=np.float64).tolist(), "unique": 12}
+    EXPECTED["solid_binary.stl"] = EXPECTED["binary.stl"]
+
+
+def write_vtk(out):
+    for name, binary, version in [
+        ("ascii42.vtk", False, 42),
+        ("binary42.vtk", True, 42),
+        ("ascii51.vtk", False, 51),
+        ("binary51.vtk", True, 51),
+    ]:
+        vertices, polygons = box() if version == 51 else icosahedron()
+        writer = vtk.vtkPolyDataWriter()
+        writer.SetInputData(vtk_polydata(vertices, polygons))
+        writer.SetFileVersion(version)
+        writer.SetFileType(vtk.VTK_BINARY if binary else vtk.VTK_ASCII)
+        writer.SetFileName(str(out / name))
+        writer.Write()
+        expect_mesh(name, *read_with(vtk.vtkPolyDataReader(), out / name))
+
+
+def write_tables(out):
+    values = np.sin(np.arange(36.0)).reshape(12, 3)
+    np.savetxt(out / "named.csv", values, delimiter=",", header="thickness,area,curv", comments="", fmt="%.17g")
+    np.savetxt(out / "plain.tsv", values[:, 0], delimiter="\t", fmt="%.17g")
+    expect_signal("named.csv", np.loadtxt(out / "named.csv", delimiter=",", skiprows=1))
+    expect_signal("plain.tsv", np.loadtxt(out / "plain.tsv", delimiter="\t"))
+
+
+# Checking what the project wrote
+
+
+def check(directory):
+    directory = pathlib.Path(directory)
+    fixtures = pathlib.Path(__file__).parent.parent / "data" / "meshes"
+    truth = json.loads((fixtures / "expected.json").read_text())["double.surf.gii"]
+    vertices, faces = np.array(truth["vertices"]), np.array(truth["faces"])
+    single = vertices.astype(np.float32).astype(np.float64)
+    checked = 0
+
+    def same(name, found_vertices, found_faces, wanted=single):
+        nonlocal checked
+        assert np.array_equal(np.asarray(found_vertices, dtype=np.float64), wanted), name
+        assert np.array_equal(np.asarray(found_faces), faces), name
+        checked += 1
+
+    for name, wanted in [("out.surf.gii", single), ("out_double.surf.gii", vertices), ("out.surf.gii.gz", single)]:
+        image = nib.load(directory / name)
+        points, triangles = image.agg_data(("pointset", "triangle"))
+        same(name, points, triangles, wanted)
+        meta = image.darrays[0].meta
+        assert meta["AnatomicalStructurePrimary"] == truth["structure"], name
+        assert meta["Note"] == truth["note"] and image.meta["UserName"] == truth["user"], name
+        assert np.array_equal(np.ravel(image.darrays[0].coordsys.xform), truth["matrix"]), name
+    same("lh.out", *fsio.read_geometry(directory / "lh.out"))
+    same("out.obj", *mesh_of(meshio.read(directory / "out.obj")), vertices)
+    same("out.obj by trimesh", *trimesh_of(directory / "out.obj"), vertices)
+    same("out.off", *trimesh_of(directory / "out.off"), vertices)
+    same("out.ply", *mesh_of(meshio.read(directory / "out.ply")))
+    same("out.ply by trimesh", *trimesh_of(directory / "out.ply"))
+    same("out_double.ply", *mesh_of(meshio.read(directory / "out_double.ply")), vertices)
+    same("out.vtk", *read_with(vtk.vtkPolyDataReader(), directory / "out.vtk"), vertices)
+    soup = trimesh.load(directory / "out.stl", process=False)
+    assert np.array_equal(np.asarray(soup.triangles, dtype=np.float64), single[faces])
+    normals = np.cross(single[faces][:, 1] - single[faces][:, 0], single[faces][:, 2] - single[faces][:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    written = meshio.read(directory / "out.stl").cell_data
+    stored = np.frombuffer((directory / "out.stl").read_bytes()[84:], dtype=[("n", "<f4", 3), ("rest", "V38")])["n"]
+    assert np.allclose(stored, normals, atol=1e-6), written
+    checked += 1
+
+    colored = meshio.read(directory / "attributes.ply")
+    same("attributes.ply", *mesh_of(colored))
+    assert np.array_equal(colored.point_data["error"], (np.arange(12) / 8).astype(np.float32))
+    assert np.array_equal(colored.point_data["red"], np.arange(12)) and np.all(colored.point_data["blue"] == 7)
+
+    signal = np.arange(36.0).reshape(12, 3) / 7.0
+    arrays = nib.load(directory / "out.func.gii").agg_data()
+    assert np.array_equal(np.array(arrays).T, signal.astype(np.float32))
+    assert np.array_equal(np.loadtxt(directory / "out.csv", delimiter=","), signal)
+    assert np.array_equal(fsio.read_morph_data(directory / "lh.out.curv"), signal[:, 0].astype(np.float32))
+    print(f"{checked + 3} files agree")
+
+
+def mesh_of(mesh):
+    return mesh.points, polygons_of(mesh)
+
+
+def trimesh_of(path):
+    mesh = trimesh.load(path, process=False, maintain_order=True)
+    return mesh.vertices, mesh.faces
+
+
+def main():
+    if len(sys.argv) == 3 and sys.argv[1] == "--check":
+        return check(sys.argv[2])
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    out = pathlib.Path(sys.argv[1])
+    out.mkdir(parents=True, exist_ok=True)
+    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_tables]:
+        write(out)
+    (out / "expected.json").write_text(json.dumps(EXPECTED, indent=None, separators=(",", ":")) + "\n")
+
+
+if __name__ == "__main__":
+    main()

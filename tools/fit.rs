@@ -1,0 +1,620 @@
+//! `fit`: fits surfaces and signals to a basis in a store.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, ValueEnum};
+use ndarray::{Array2, ArrayView2, s};
+use rayon::prelude::*;
+use serde::Serialize;
+use spharm_cli::Common;
+use spharm_cli::console::{Console, Unit};
+use spharm_cli::inputs::{Sphere, Target, expand_lists, read_sphere, read_target, stem};
+use spharm_cli::machine::{Memory, Versions, memory, versions};
+use spharm_cli::output::{print, print_json, table, write_json};
+use spharm_cli::size::Size;
+use spharm_cli::threads::Threads;
+use spharm_harmonics::{Coefficients, basis_size};
+use spharm_solver::{ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method, Operator};
+use spharm_store::{Scalar, Scheme, SchemeKey, StoreError, catalog};
+use spharm_surface::io::{read_signal, write_new};
+use spharm_surface::metrics::bounding_box_scale;
+use spharm_surface::model::{Model, write_complex_csv};
+
+/// Fit surfaces, or any signals on the sphere, with spherical harmonics
+///
+/// The basis comes from a store that basis-build has made for the same sphere. All surfaces of one call are fitted
+/// together, in as few sweeps over the store as the memory allows.
+#[derive(Debug, Parser)]
+#[command(name = "fit", version)]
+struct Cli {
+    /// Folder of the basis store
+    #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
+    store: PathBuf,
+    /// The sphere that the basis was built for
+    #[arg(long, value_name = "SPHERE")]
+    sphere: PathBuf,
+    /// Surfaces or signals on the sphere's vertices; @LIST takes the paths from a file, one a line
+    #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
+    surface: Vec<PathBuf>,
+    /// Highest degree, inclusive
+    #[arg(long, value_name = "L")]
+    max_degree: usize,
+    /// Iterative residual fitting, the paper's special cases of it, or the full least squares
+    #[arg(long, value_enum, default_value_t = MethodName::Irf)]
+    method: MethodName,
+    /// Number of passes, p (irf, mirf)
+    #[arg(long, value_name = "P", value_parser = at_least_one)]
+    passes: Option<usize>,
+    /// Most basis functions solved together, g (irf) [default: 100]
+    #[arg(long, value_name = "G", value_parser = at_least_one)]
+    granularity: Option<usize>,
+    /// Last degree of the first block, s (sirf, mirf) [default: 0]
+    #[arg(long, value_name = "S")]
+    start_degree: Option<usize>,
+    /// Weights of the vertices: uniform, area (their share of the sphere), or a file with one value for each
+    #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
+    weights: String,
+    /// Scalar type of the basis to use [default: what the store holds, f64 first]
+    #[arg(long, value_enum)]
+    dtype: Option<Dtype>,
+    /// Memory to keep to, mapped files included
+    #[arg(long, value_name = "SIZE", default_value = "256MiB")]
+    memory: Size,
+    #[command(flatten)]
+    threads: Threads,
+    /// File for one surface, folder for several [default: NAME.spharm.npz here]
+    #[arg(short, long, value_name = "OUT")]
+    output: Option<PathBuf>,
+    /// Also write the paper's complex coefficients, NAME.spharm.csv, beside each model
+    #[arg(long)]
+    coefficients_csv: bool,
+    /// Write a report to FILE
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Print the report as JSON in place of the table
+    #[arg(long)]
+    json: bool,
+    /// Check every byte of the basis against its hash first
+    #[arg(long)]
+    verify: bool,
+    /// Refuse surfaces that aren't closed and of genus zero
+    #[arg(long)]
+    strict: bool,
+    /// Replace outputs that exist
+    #[arg(long)]
+    force: bool,
+    /// Leave surfaces out whose output exists
+    #[arg(long, conflicts_with = "force")]
+    skip_existing: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum MethodName {
+    Irf,
+    Sirf,
+    Mirf,
+    Nlsf,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Dtype {
+    F64,
+    F32,
+}
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    match text {
+        "inf" => Ok(usize::MAX),
+        _ => text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "expected a whole number from 1, or inf".to_owned()),
+    }
+}
+
+/// Most sweeps beyond the one pass of nlsf: each takes the error that rounding left down by eps times the condition.
+const REFINEMENTS: usize = 5;
+/// More surfaces at a time gain nothing: their products then take much longer than reading the basis.
+const MOST_TOGETHER: usize = 128;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let method = method_of(&cli);
+    spharm_cli::exit::run(|| work(&cli, method))
+}
+
+/// The method that the flags name; flags that don't belong to it are usage errors.
+fn method_of(cli: &Cli) -> Method {
+    let refuse = |flag: &str, method: &str, hint: &str| -> ! {
+        let message = format!("{flag} doesn't go with --method {method}{hint}");
+        Cli::command().error(ErrorKind::ArgumentConflict, message).exit()
+    };
+    if cli.start_degree.is_some() && !matches!(cli.method, MethodName::Sirf | MethodName::Mirf) {
+        refuse("--start-degree", "irf or nlsf", "");
+    }
+    if cli.granularity.is_some() && cli.method != MethodName::Irf {
+        refuse("--granularity", "sirf, mirf or nlsf", "");
+    }
+    if cli.passes.is_some_and(|p| p > 1) && matches!(cli.method, MethodName::Sirf | MethodName::Nlsf) {
+        refuse("--passes", "sirf or nlsf", ", which have one pass; several passes of sirf are mirf");
+    }
+    let (passes, start_degree) = (cli.passes.unwrap_or(1), cli.start_degree.unwrap_or(0));
+    match cli.method {
+        MethodName::Irf => Method::Irf { passes, granularity: cli.granularity.unwrap_or(100) },
+        MethodName::Sirf => Method::Sirf { start_degree },
+        MethodName::Mirf => Method::Mirf { passes, start_degree },
+        MethodName::Nlsf => Method::Nlsf,
+    }
+}
+
+/// One surface to fit and where its model goes.
+struct Item {
+    input: PathBuf,
+    output: PathBuf,
+}
+
+fn work(cli: &Cli, method: Method) -> Result<()> {
+    let started = Instant::now();
+    let console = cli.common.console();
+    let cancel = spharm_cli::exit::cancel();
+    let items = items(cli, &console)?;
+    if items.is_empty() {
+        return print("nothing to do: every output exists");
+    }
+    if let Some(report) = cli.report.as_deref().filter(|path| path.exists() && !cli.force) {
+        bail!("{}: the report exists; choose another --report or give --force", report.display());
+    }
+    let sphere = read_sphere(&cli.sphere, &console)?;
+    let weights = weights(&cli.weights, &sphere)?;
+    let pool = cli.threads.pool()?;
+    let (scheme, scalar) = open_scheme(cli, &sphere)?;
+    if cli.verify {
+        verify(&scheme, &console)?;
+    }
+    let mut seconds = Seconds { read: started.elapsed().as_secs_f64(), ..Seconds::default() };
+    let key = scheme.key();
+    let operator = DiskOperator::new(scheme);
+    let threads = cli.threads.count();
+    let mut job = Job { cli, console, sphere, weights, key, scalar, method, operator, seconds, threads };
+    let fits = pool.install(|| job.run(&items, cancel))?;
+    seconds = job.seconds;
+    seconds.total = started.elapsed().as_secs_f64();
+    finish(cli, &job, fits, seconds)
+}
+
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+struct Seconds {
+    read: f64,
+    plan: f64,
+    solve: f64,
+    write: f64,
+    total: f64,
+}
+
+/// Inputs and outputs; refuses before any work what would clash or overwrite.
+fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
+    let inputs = expand_lists(&cli.surface)?;
+    let name = |input: &Path| format!("{}.spharm.npz", stem(input));
+    let mut items: Vec<Item> = match (&inputs[..], &cli.output) {
+        ([input], Some(output)) if !output.is_dir() => {
+            vec![Item { input: input.clone(), output: output.clone() }]
+        }
+        (_, folder) => {
+            let folder = folder.clone().unwrap_or_default();
+            inputs.iter().map(|input| Item { output: folder.join(name(input)), input: input.clone() }).collect()
+        }
+    };
+    let mut outputs: Vec<&Path> = items.iter().map(|item| item.output.as_path()).collect();
+    outputs.sort_unstable();
+    if let Some(pair) = outputs.windows(2).find(|pair| pair[0] == pair[1]) {
+        bail!("two surfaces would be written to {}; rename one or fit them apart", pair[0].display());
+    }
+    let before = items.len();
+    if cli.skip_existing {
+        items.retain(|item| !item.output.exists());
+        if items.len() < before {
+            console.note(format!("{} outputs exist and are left alone", before - items.len()));
+        }
+    } else if !cli.force
+        && let Some(item) = items.iter().find(|item| item.output.exists())
+    {
+        bail!("{}: the output exists; choose another --output, or give --force or --skip-existing", item.output.display());
+    }
+    for item in &items {
+        if !item.input.is_file() {
+            let what = if item.input.exists() { "not a regular file" } else { "no such file" };
+            bail!("{}: {what}", item.input.display());
+        }
+    }
+    Ok(items)
+}
+
+fn weights(choice: &str, sphere: &Sphere) -> Result<Option<Vec<f64>>> {
+    match choice {
+        "uniform" => Ok(None),
+        "area" if sphere.faces.is_empty() => {
+            bail!("--weights area needs triangles, and {} has none; give a sphere mesh", sphere.path.display())
+        }
+        "area" => Ok(Some(sphere.areas())),
+        file => {
+            let signal = read_signal(file)?;
+            let (n, expected) = (signal.vertices, sphere.directions.len());
+            if signal.channels != 1 || n != expected {
+                bail!("{file}: expected one weight for each of {expected} vertices, found {n} x {}", signal.channels);
+            }
+            Ok(Some(signal.values))
+        }
+    }
+}
+
+fn open_scheme(cli: &Cli, sphere: &Sphere) -> Result<(Scheme, Scalar)> {
+    let n = sphere.directions.len();
+    let open = |scalar| Scheme::open(&cli.store, SchemeKey::of(&sphere.directions, scalar), n, cli.max_degree);
+    if let Err(error) = std::fs::read_dir(&cli.store) {
+        bail!("{}: cannot open the store: {error}; build one with basis-build", cli.store.display());
+    }
+    match cli.dtype {
+        Some(Dtype::F64) => Ok((open(Scalar::F64)?, Scalar::F64)),
+        Some(Dtype::F32) => Ok((open(Scalar::F32)?, Scalar::F32)),
+        None => match open(Scalar::F64) {
+            Err(error @ StoreError::NoSuchScheme { .. }) => match open(Scalar::F32) {
+                Err(StoreError::NoSuchScheme { .. }) => Err(error.into()),
+                single => Ok((single?, Scalar::F32)),
+            },
+            double => Ok((double?, Scalar::F64)),
+        },
+    }
+}
+
+fn verify(scheme: &Scheme, console: &Console) -> Result<()> {
+    let bytes = scheme.files().iter().map(spharm_store::DegreeFile::file_len).sum();
+    let progress = console.progress("verify", bytes, Unit::Bytes);
+    let mut buffer = Vec::new();
+    for file in scheme.files() {
+        catalog::verify(file, &mut buffer)?;
+        progress.add(file.file_len());
+    }
+    Ok(())
+}
+
+struct Job<'c> {
+    cli: &'c Cli,
+    console: Console,
+    sphere: Sphere,
+    weights: Option<Vec<f64>>,
+    key: SchemeKey,
+    scalar: Scalar,
+    method: Method,
+    operator: DiskOperator,
+    seconds: Seconds,
+    threads: usize,
+}
+
+/// A fitted surface, as the report shows it.
+#[derive(Debug, Clone, Serialize)]
+struct Fitted {
+    input: PathBuf,
+    output: PathBuf,
+    channels: usize,
+    /// Cube root of the bounding box's volume, in the input's unit; none for what has no volume.
+    scale: Option<f64>,
+    passes: Vec<Distances>,
+}
+
+/// Distances after one sweep; msd and xsd with the bounding box scaled to volume 1.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Distances {
+    msd: Option<f64>,
+    xsd: Option<f64>,
+    msd_raw: f64,
+    xsd_raw: f64,
+}
+
+impl Job<'_> {
+    fn run(&mut self, items: &[Item], cancel: &std::sync::atomic::AtomicBool) -> Result<(Vec<Fitted>, Vec<FitReport>)> {
+        let (mut fitted, mut reports) = (Vec::new(), Vec::new());
+        // The first one tells the channels of all, which are the same in any study.
+        let mark = Instant::now();
+        let first = self.read(&items[0])?;
+        self.seconds.read += mark.elapsed().as_secs_f64();
+        let mark = Instant::now();
+        let together = self.surfaces_together(items.len(), first.channels)?;
+        let operator = &self.operator;
+        let channels = together * first.channels;
+        let mut fitter = Fitter::new(operator, channels, self.params(together, items.len() > together))?;
+        self.seconds.plan += mark.elapsed().as_secs_f64();
+        self.say_plan(&fitter, items.len(), together);
+        let sweeps = items.len().div_ceil(together) * self.method.passes();
+        let total = (sweeps * basis_size(self.cli.max_degree)) as u64;
+        let progress = self.console.progress("fit", total, Unit::Count("columns"));
+        let mut first = Some(first);
+        for batch in items.chunks(together) {
+            let mark = Instant::now();
+            let (targets, groups, about) = self.read_batch(batch, first.take())?;
+            self.seconds.read += mark.elapsed().as_secs_f64();
+            let mark = Instant::now();
+            let last = std::cell::Cell::new(0);
+            let result = fitter.fit(targets, &groups, cancel, &|event| {
+                if let FitEvent::Block(sweep, done, degrees) = event {
+                    if sweep <= self.method.passes() {
+                        let before = if done <= last.get() { 0 } else { last.get() };
+                        progress.add((done - before) as u64);
+                        last.set(done);
+                    }
+                    progress.say(format!("pass {sweep}, degrees {} to {}", degrees.start(), degrees.end()));
+                }
+            })?;
+            self.seconds.solve += mark.elapsed().as_secs_f64();
+            let mark = Instant::now();
+            fitted.extend(self.write_batch(batch, &groups, about, &result.coefficients, &result.report)?);
+            self.seconds.write += mark.elapsed().as_secs_f64();
+            reports.push(result.report);
+        }
+        Ok((fitted, reports))
+    }
+
+    fn read(&self, item: &Item) -> Result<Target> {
+        read_target(&item.input, &self.sphere, self.cli.strict, &self.console)
+    }
+
+    /// Targets side by side in one array, the columns of each, and what is known about each.
+    fn read_batch(
+        &self,
+        batch: &[Item],
+        first: Option<Target>,
+    ) -> Result<(ChunkedRows, Vec<Range<usize>>, Vec<About>)> {
+        let skip = usize::from(first.is_some());
+        let others: Vec<Target> = batch[skip..].par_iter().map(|item| self.read(item)).collect::<Result<_>>()?;
+        let targets: Vec<Target> = first.into_iter().chain(others).collect();
+        let n = self.sphere.directions.len();
+        let channels = targets.iter().map(|target| target.channels).sum();
+        let mut rows = ChunkedRows::zeros(n, channels, self.operator.chunk_rows());
+        let (mut groups, mut about, mut at) = (Vec::new(), Vec::new(), 0);
+        for target in targets {
+            let values = ArrayView2::from_shape((n, target.channels), &target.values[..])?;
+            rows.set_columns(at, values);
+            groups.push(at..at + target.channels);
+            at += target.channels;
+            about.push(About::of(&target));
+        }
+        Ok((rows, groups, about))
+    }
+
+    fn write_batch(
+        &self,
+        batch: &[Item],
+        groups: &[Range<usize>],
+        about: Vec<About>,
+        coefficients: &Coefficients,
+        report: &FitReport,
+    ) -> Result<Vec<Fitted>> {
+        let one = |((index, item), about): ((usize, &Item), About)| -> Result<Fitted> {
+            let distances = report.sweeps.iter().map(|sweep| about.distances(&sweep.residuals[index])).collect();
+            let fitted = Fitted {
+                input: item.input.clone(),
+                output: item.output.clone(),
+                channels: groups[index].len(),
+                scale: about.scale,
+                passes: distances,
+            };
+            let values: Array2<f64> = coefficients.values().slice(s![.., groups[index].clone()]).to_owned();
+            self.write(&fitted, &about, Coefficients::new(values)?)?;
+            Ok(fitted)
+        };
+        let work: Vec<_> = batch.iter().enumerate().zip(about).collect();
+        work.into_par_iter().map(one).collect()
+    }
+
+    fn write(&self, fitted: &Fitted, about: &About, coefficients: Coefficients) -> Result<()> {
+        let output = &fitted.output;
+        if let Some(folder) = output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
+        }
+        let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+        let granularity = match self.method {
+            Method::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
+            _ => None,
+        };
+        let provenance = Provenance {
+            tool: "fit",
+            versions: versions(),
+            input: name(&fitted.input),
+            sphere: name(&self.sphere.path),
+            method: self.method.name(),
+            passes: self.method.passes(),
+            granularity,
+            weights: &self.cli.weights,
+            dtype: self.scalar.name(),
+            surface: about.surface,
+            scale: fitted.scale,
+            distances: fitted.passes.last().copied(),
+            anatomical_structure_primary: about.anatomical_structure.as_deref(),
+        };
+        if self.cli.coefficients_csv {
+            let text = output.to_string_lossy();
+            let path = PathBuf::from(format!("{}.csv", text.strip_suffix(".npz").unwrap_or(&text)));
+            write_new(path, self.cli.force, |out| write_complex_csv(&coefficients, out))?;
+        }
+        let model = Model {
+            coefficients,
+            directions: self.sphere.directions.as_slice().to_vec(),
+            faces: self.sphere.faces.clone(),
+            scheme_key: self.key.to_string(),
+            provenance: serde_json::to_string(&provenance)?,
+        };
+        write_new(output, self.cli.force, |out| model.write(out))?;
+        Ok(())
+    }
+
+    fn params(&self, together: usize, reuse: bool) -> FitParams {
+        FitParams {
+            max_degree: self.cli.max_degree,
+            method: self.method,
+            refinements: if self.method == Method::Nlsf { REFINEMENTS } else { 0 },
+            weights: self.weights.clone(),
+            memory: self.cli.memory.0,
+            held: self.held(together),
+            threads: self.threads,
+            reuse,
+        }
+    }
+
+    /// Bytes that the tool holds beside the solver: the program, the sphere, and a surface for each thread while it is
+    /// read or written.
+    fn held(&self, together: usize) -> usize {
+        /// The program, its stacks and allocator, measured on a fit of a small mesh.
+        const BASE: usize = 12 << 20;
+        let sphere = 24 * self.sphere.directions.len() + 12 * self.sphere.faces.len();
+        // A file as text, decoded, and as a mesh with its topology.
+        BASE + sphere + 5 * sphere * self.threads.min(together)
+    }
+
+    /// As many surfaces as fit the budget with every block whole in memory; if that is none, as many as fit at all.
+    fn surfaces_together(&self, surfaces: usize, channels: usize) -> Result<usize> {
+        let plan = |together: usize| {
+            spharm_solver::plan(&self.operator, together * channels, &self.params(together, surfaces > together))
+        };
+        let whole = |&together: &usize| plan(together).is_ok_and(|plan| plan.whole.iter().all(|&whole| whole));
+        let most = surfaces.min(MOST_TOGETHER);
+        if let Some(together) = (1..=most).rev().find(whole) {
+            return Ok(together);
+        }
+        match (1..=most).rev().find(|&together| plan(together).is_ok()) {
+            Some(together) => Ok(together),
+            // Says what would be enough for one.
+            None => Ok(plan(1).map(|_| 1)?),
+        }
+    }
+
+    fn say_plan(&self, fitter: &Fitter<'_>, surfaces: usize, together: usize) {
+        let plan = fitter.plan();
+        let blocks = fitter.blocks().len();
+        self.console.note(format!(
+            "{surfaces} of n = {}, L = {}: {} with {} pass(es) of {blocks} block(s), {together} at a time, {} of {} planned",
+            self.operator.rows(),
+            self.cli.max_degree,
+            self.method.name(),
+            self.method.passes(),
+            Size(plan.total),
+            Size(plan.budget),
+        ));
+        if !plan.whole.iter().all(|&whole| whole) {
+            let twice = plan.whole.iter().filter(|&&whole| !whole).count();
+            self.console.note(format!("{twice} block(s) don't fit the memory and are read twice a pass"));
+        }
+    }
+}
+
+/// What is kept of a target while its values are being fitted.
+struct About {
+    surface: bool,
+    scale: Option<f64>,
+    anatomical_structure: Option<String>,
+}
+
+impl About {
+    fn of(target: &Target) -> Self {
+        let scale = target.surface.then(|| {
+            let vertices: Vec<[f64; 3]> = target.values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
+            // A flat surface has no volume to scale to.
+            bounding_box_scale(&vertices).ok()
+        });
+        Self { surface: target.surface, scale: scale.flatten(), anatomical_structure: target.anatomical_structure.clone() }
+    }
+
+    fn distances(&self, residual: &spharm_solver::report::Residual) -> Distances {
+        let normalised = |value: f64| self.scale.map(|scale| value / (scale * scale));
+        Distances {
+            msd: normalised(residual.mean_square),
+            xsd: normalised(residual.max_square),
+            msd_raw: residual.mean_square,
+            xsd_raw: residual.max_square,
+        }
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Provenance<'a> {
+    tool: &'static str,
+    versions: Versions,
+    input: Option<String>,
+    sphere: Option<String>,
+    method: &'static str,
+    passes: usize,
+    granularity: Option<usize>,
+    weights: &'a str,
+    dtype: &'static str,
+    surface: bool,
+    scale: Option<f64>,
+    distances: Option<Distances>,
+    anatomical_structure_primary: Option<&'a str>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    tool: &'static str,
+    versions: Versions,
+    store: PathBuf,
+    sphere: PathBuf,
+    scheme_key: String,
+    dtype: &'static str,
+    weights: String,
+    granularity: Option<usize>,
+    surfaces: Vec<Fitted>,
+    batches: Vec<FitReport>,
+    seconds: Seconds,
+    memory: Memory,
+}
+
+fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<FitReport>), seconds: Seconds) -> Result<()> {
+    let (surfaces, batches) = fits;
+    let granularity = match job.method {
+        Method::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
+        _ => None,
+    };
+    let report = Report {
+        tool: "fit",
+        versions: versions(),
+        store: cli.store.clone(),
+        sphere: cli.sphere.clone(),
+        scheme_key: job.key.to_string(),
+        dtype: job.scalar.name(),
+        weights: cli.weights.clone(),
+        granularity,
+        surfaces,
+        batches,
+        seconds,
+        memory: memory(),
+    };
+    for block in report.batches[0].blocks.iter().filter(|block| block.rank < block.columns) {
+        job.console.warn(format!(
+            "degrees {} to {}: rank {} of {} columns; the sampling doesn't determine them, the solution of least norm was taken",
+            block.first_degree, block.last_degree, block.rank, block.columns
+        ));
+    }
+    if let Some(path) = &cli.report {
+        write_json(path, cli.force, &report)?;
+    }
+    if cli.json {
+        return print_json(&report);
+    }
+    let mut rows = vec![["surface", "msd", "xsd", "rms", "max", "model"].map(str::to_owned).to_vec()];
+    for fitted in &report.surfaces {
+        let Some(last) = fitted.passes.last() else { continue };
+        let normalised = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4e}"));
+        rows.push(vec![
+            stem(&fitted.input),
+            normalised(last.msd),
+            normalised(last.xsd),
+            format!("{:.4e}", last.msd_raw.sqrt()),
+            format!("{:.4e}", last.xsd_raw.sqrt()),
+            fitted.output.display().to_string(),
+        ]);
+    }
+    print(&format!("{}\n{:.2} s", table(&rows), seconds.total))
+}
+
