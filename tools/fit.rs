@@ -222,7 +222,10 @@ fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
     } else if !cli.force
         && let Some(item) = items.iter().find(|item| item.output.exists())
     {
-        bail!("{}: the output exists; choose another --output, or give --force or --skip-existing", item.output.display());
+        bail!(
+            "{}: the output exists; choose another --output, or give --force or --skip-existing",
+            item.output.display()
+        );
     }
     for item in &items {
         if !item.input.is_file() {
@@ -523,7 +526,11 @@ impl About {
             // A flat surface has no volume to scale to.
             bounding_box_scale(&vertices).ok()
         });
-        Self { surface: target.surface, scale: scale.flatten(), anatomical_structure: target.anatomical_structure.clone() }
+        Self {
+            surface: target.surface,
+            scale: scale.flatten(),
+            anatomical_structure: target.anatomical_structure.clone(),
+        }
     }
 
     fn distances(&self, residual: &spharm_solver::report::Residual) -> Distances {
@@ -617,4 +624,3 @@ fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<FitReport>), seconds
     }
     print(&format!("{}\n{:.2} s", table(&rows), seconds.total))
 }
-

@@ -93,7 +93,11 @@ fn check_sphere(path: &Path, mesh: &Mesh, directions: &Directions, console: &Con
         bail!("{}: the origin lies outside of this sphere; centre it at the origin", path.display());
     }
     if turns.abs() > 1.5 {
-        bail!("{}: this mesh goes {:.0} times around the origin, not once; it is no sphere", path.display(), turns.abs());
+        bail!(
+            "{}: this mesh goes {:.0} times around the origin, not once; it is no sphere",
+            path.display(),
+            turns.abs()
+        );
     }
     if turns < 0.0 {
         console.warn(format!("{}: the triangles wind inwards", path.display()));
@@ -147,7 +151,11 @@ pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console
     };
     let found = values.len().checked_div(channels).unwrap_or(0);
     if found != n {
-        bail!("{}: {found} vertices, the sphere {} has {n}; they must correspond", path.display(), sphere.path.display());
+        bail!(
+            "{}: {found} vertices, the sphere {} has {n}; they must correspond",
+            path.display(),
+            sphere.path.display()
+        );
     }
     if let Some(at) = values.iter().position(|value| !value.is_finite()) {
         bail!("{}: vertex {} has a NaN or infinite value", path.display(), at / channels);
@@ -212,7 +220,8 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
             continue;
         };
         let list = Path::new(list);
-        let text = std::fs::read_to_string(list).with_context(|| format!("{}: cannot read the list", list.display()))?;
+        let text =
+            std::fs::read_to_string(list).with_context(|| format!("{}: cannot read the list", list.display()))?;
         let base = list.parent().unwrap_or(Path::new(""));
         let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
         let before = expanded.len();
@@ -228,8 +237,21 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
 pub fn stem(path: &Path) -> String {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let endings = [
-        ".surf.gii.gz", ".func.gii.gz", ".shape.gii.gz", ".surf.gii", ".func.gii", ".shape.gii", ".gii.gz", ".gii", ".obj",
-        ".ply", ".off", ".stl", ".vtk", ".csv", ".tsv",
+        ".surf.gii.gz",
+        ".func.gii.gz",
+        ".shape.gii.gz",
+        ".surf.gii",
+        ".func.gii",
+        ".shape.gii",
+        ".gii.gz",
+        ".gii",
+        ".obj",
+        ".ply",
+        ".off",
+        ".stl",
+        ".vtk",
+        ".csv",
+        ".tsv",
     ];
     let lower = name.to_ascii_lowercase();
     let ending = endings.iter().find(|ending| lower.ends_with(*ending) && lower.len() > ending.len());

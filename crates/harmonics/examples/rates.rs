@@ -36,7 +36,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         let skip = start.elapsed().as_secs_f64() / runs as f64;
         let values = (rows * basis_size(max_degree)) as f64;
-        println!("harmonics L={max_degree} rows={rows}: {:.2} Gvalues/s, skipping {:.2}", values / seconds / 1e9, values / skip / 1e9);
+        println!(
+            "harmonics L={max_degree} rows={rows}: {:.2} Gvalues/s, skipping {:.2}",
+            values / seconds / 1e9,
+            values / skip / 1e9
+        );
     }
     for rows in [256, 520, 1032] {
         let k = 201;
@@ -51,7 +55,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     f(Matrix::new(chunk, rows, k, rows));
                 }
             }
-            println!("{what} rows={rows}: {:.1} GB/s", 4.0 * 8.0 * a.len() as f64 / start.elapsed().as_secs_f64() / 1e9);
+            println!(
+                "{what} rows={rows}: {:.1} GB/s",
+                4.0 * 8.0 * a.len() as f64 / start.elapsed().as_secs_f64() / 1e9
+            );
         };
         time("adjoint", &mut |m| accumulate_adjoint(m, Matrix::new(&r, rows, 3, rows), &mut x));
         let y = x.clone();

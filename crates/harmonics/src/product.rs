@@ -28,7 +28,11 @@ impl<'a> Matrix<'a> {
     pub fn new(values: &'a [f64], rows: usize, columns: usize, leading: usize) -> Self {
         assert!(leading >= rows, "leading dimension {leading} below {rows} rows");
         let needed = columns.saturating_sub(1) * leading + if columns > 0 { rows } else { 0 };
-        assert!(values.len() >= needed, "{rows} x {columns} by {leading} needs {needed} values, found {}", values.len());
+        assert!(
+            values.len() >= needed,
+            "{rows} x {columns} by {leading} needs {needed} values, found {}",
+            values.len()
+        );
         Self { values, rows, columns, leading }
     }
 
@@ -176,9 +180,7 @@ macro_rules! synthesis_for {
             let mut j = 0;
             while j + 4 <= block.columns {
                 let columns: [&[f64]; 4] = std::array::from_fn(|k| block.column(j + k));
-                let factors = std::array::from_fn(|k| {
-                    std::array::from_fn(|c| sign * x[(j + k) * total + first + c])
-                });
+                let factors = std::array::from_fn(|k| std::array::from_fn(|c| sign * x[(j + k) * total + first + c]));
                 if target_cfg_f!(target_feature = "fma") {
                     axpys::<4, C, true>(columns, factors, &mut out);
                 } else {

@@ -163,7 +163,8 @@ fn values_do_not_depend_on_the_run_they_are_computed_in() {
         .collect();
     let recurrence = Recurrence::new(130).unwrap();
     let mut whole = Sweep::new(&recurrence, &directions);
-    let mut singles: Vec<Sweep<'_>> = directions.iter().map(|d| Sweep::new(&recurrence, std::slice::from_ref(d))).collect();
+    let mut singles: Vec<Sweep<'_>> =
+        directions.iter().map(|d| Sweep::new(&recurrence, std::slice::from_ref(d))).collect();
     for l in 0..=130 {
         let mut block = vec![0.0; 37 * (2 * l + 1)];
         whole.next_degree(&mut block);

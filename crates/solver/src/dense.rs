@@ -18,6 +18,27 @@ unsafe extern "C" {
     fn openblas_set_num_threads(threads: c_int);
 }
 
+/// Runs before OpenBLAS's own initialiser, which has no priority and so comes last.
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+#[used]
+#[unsafe(link_section = ".init_array.00200")]
+static CHOOSE_KERNELS: extern "C" fn() = choose_kernels;
+
+/// Names the kernels that fit this processor. OpenBLAS 0.3.20 takes processors that it doesn't know, such as the Xeons
+/// of 2023, for a Pentium 4 and runs at a fifth of their speed; whoever sets OPENBLAS_CORETYPE knows better than both.
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+extern "C" fn choose_kernels() {
+    use std::arch::is_x86_feature_detected as has;
+    let wide = has!("avx512f") && has!("avx512cd") && has!("avx512bw") && has!("avx512dq") && has!("avx512vl");
+    let kernels = match (wide, has!("avx2") && has!("fma")) {
+        (true, _) => c"SkylakeX",
+        (false, true) => c"Haswell",
+        (false, false) => return,
+    };
+    // SAFETY: both texts end in a zero, and no thread has been started yet that could read the environment.
+    unsafe { libc::setenv(c"OPENBLAS_CORETYPE".as_ptr(), kernels.as_ptr(), 0) };
+}
+
 /// Sets the threads of later BLAS and LAPACK calls of this process. One inside parallel regions.
 pub fn set_blas_threads(threads: usize) {
     // SAFETY: OpenBLAS takes any number; it clamps it to what it was built for.

@@ -161,8 +161,7 @@ impl<'o> Fitter<'o> {
         for sweep in 1..=passes + self.params.refinements {
             let started = Instant::now();
             let progress = |done, degrees| event(FitEvent::Block(sweep, done, degrees));
-            let (change, bytes_read) =
-                self.sweep(&mut residual, &mut coefficients, &mut seconds, cancel, &progress)?;
+            let (change, bytes_read) = self.sweep(&mut residual, &mut coefficients, &mut seconds, cancel, &progress)?;
             let residuals = groups.iter().map(|group| {
                 let (mean_square, max_square) = residual.squared_norms(group);
                 Residual { mean_square, max_square }

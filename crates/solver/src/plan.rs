@@ -5,11 +5,11 @@ use std::ops::RangeInclusive;
 use serde::Serialize;
 use spharm_harmonics::basis_size;
 
+use crate::SolverError;
 use crate::block::{SHARED_FROM, SHARED_ROWS, rank_revealing_bytes};
 use crate::fit::FitParams;
 use crate::operator::{Operator, Residency};
 use crate::schedule::{Method, columns};
-use crate::SolverError;
 
 /// What OpenBLAS touches of its buffers per thread for narrow blocks, and all of them, for wide ones.
 const BLAS_NARROW: usize = 4 << 20;
@@ -68,7 +68,8 @@ pub fn plan(operator: &dyn Operator, channels: usize, params: &FitParams) -> Res
         return Err(SolverError::Budget { budget: params.memory, needed: needs.least(), granularity });
     }
     let sweeps = params.method.passes() + params.refinements;
-    let keep_factors = (sweeps > 1 || params.reuse) && needs.least() - needs.one_factor + needs.all_factors <= params.memory;
+    let keep_factors =
+        (sweeps > 1 || params.reuse) && needs.least() - needs.one_factor + needs.all_factors <= params.memory;
     let factors = if keep_factors { needs.all_factors } else { needs.one_factor };
     let room = params.memory - needs.fixed - factors;
     let whole: Vec<bool> = needs.resident.iter().map(|&bytes| bytes <= room).collect();
@@ -106,12 +107,7 @@ struct Needs {
 }
 
 impl Needs {
-    fn of(
-        operator: &dyn Operator,
-        channels: usize,
-        params: &FitParams,
-        blocks: &[RangeInclusive<usize>],
-    ) -> Self {
+    fn of(operator: &dyn Operator, channels: usize, params: &FitParams, blocks: &[RangeInclusive<usize>]) -> Self {
         let (n, threads, chunk_rows) = (operator.rows(), params.threads, operator.chunk_rows());
         let widest = blocks.iter().map(columns).max().unwrap_or(0);
         let shared = widest >= SHARED_FROM;
@@ -164,4 +160,3 @@ pub fn least_memory(operator: &dyn Operator, channels: usize, params: &FitParams
     let blocks = params.method.blocks(params.max_degree)?;
     Ok(Needs::of(operator, channels, params, &blocks).least())
 }
-

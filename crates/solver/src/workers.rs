@@ -45,7 +45,8 @@ pub(crate) fn workers<'r>(
     (0..threads)
         .map(|t| {
             let run = t * count / threads..(t + 1) * count / threads;
-            let roots = roots.map_or_else(Vec::new, |roots| run.clone().map(|c| &roots[operator.chunk_range(c)]).collect());
+            let roots =
+                roots.map_or_else(Vec::new, |roots| run.clone().map(|c| &roots[operator.chunk_range(c)]).collect());
             Worker {
                 residual: chunks.by_ref().take(run.len()).collect(),
                 chunks: run,

@@ -404,7 +404,8 @@ fn check_space(store: &Path, scan: &Scan, params: &BuildParams) -> Result<(), St
     // The folder may not be there yet: ask for the nearest one that is.
     let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
-    let statistics = rustix::fs::statvfs(existing).map_err(|e| StoreError::io(existing, "cannot ask for space")(e.into()))?;
+    let statistics =
+        rustix::fs::statvfs(existing).map_err(|e| StoreError::io(existing, "cannot ask for space")(e.into()))?;
     let free = statistics.f_bavail.saturating_mul(statistics.f_frsize);
     let remedy = if scan.bytes > free {
         "choose a --store with more room, a lower --max-degree or --dtype f32, or go on all the same with --yes"

@@ -124,7 +124,12 @@ pub enum StoreError {
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
     /// A chunk size outside of what the format allows.
-    #[error("chunks of {found} rows: expected a multiple of {} from {} to {}", crate::header::ROW_MULTIPLE, crate::header::ROW_MULTIPLE, crate::header::MAX_CHUNK_ROWS)]
+    #[error(
+        "chunks of {found} rows: expected a multiple of {} from {} to {}",
+        crate::header::ROW_MULTIPLE,
+        crate::header::ROW_MULTIPLE,
+        crate::header::MAX_CHUNK_ROWS
+    )]
     ChunkRows {
         /// The number asked for.
         found: usize,

@@ -134,9 +134,9 @@ const CLAIMED: usize = 1;
 /// More than the degrees that can be open at once, twice.
 const SLOT_COUNT: usize = 8192;
 
-static SLOTS: [Slot; SLOT_COUNT] = [const {
-    Slot { start: AtomicUsize::new(FREE), end: AtomicUsize::new(0), faulted: AtomicBool::new(false) }
-}; SLOT_COUNT];
+static SLOTS: [Slot; SLOT_COUNT] =
+    [const { Slot { start: AtomicUsize::new(FREE), end: AtomicUsize::new(0), faulted: AtomicBool::new(false) } };
+        SLOT_COUNT];
 
 impl Slot {
     fn release(&self) {
@@ -162,7 +162,8 @@ fn claim_slot(start: usize, end: usize) -> Option<usize> {
 static INSTALL: Once = Once::new();
 static PAGE: AtomicUsize = AtomicUsize::new(4096);
 /// What handled SIGBUS before; leaked on purpose, the handler may run at any time.
-static PREVIOUS: std::sync::atomic::AtomicPtr<libc::sigaction> = std::sync::atomic::AtomicPtr::new(std::ptr::null_mut());
+static PREVIOUS: std::sync::atomic::AtomicPtr<libc::sigaction> =
+    std::sync::atomic::AtomicPtr::new(std::ptr::null_mut());
 
 fn install_handler() {
     INSTALL.call_once(|| {

@@ -124,7 +124,8 @@ impl DegreeFile {
                 return Err(damaged("the padding after it"));
             }
             if entry.codec == Codec::Zstd {
-                decode(stored, entry.raw_len as usize, self.header.scalar.size()).map_err(|_| damaged("its zstd frame"))?;
+                decode(stored, entry.raw_len as usize, self.header.scalar.size())
+                    .map_err(|_| damaged("its zstd frame"))?;
             }
         }
         self.source.check()

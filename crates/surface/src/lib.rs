@@ -58,5 +58,5 @@ pub mod render;
 pub mod topology;
 
 pub use error::SurfaceError;
-pub use model::{Model, ModelError};
 pub use mesh::{CoordinateSystem, Input, Mesh, Meta, Signal};
+pub use model::{Model, ModelError};

@@ -137,7 +137,8 @@ impl<R: Read + Seek> Archive<'_, R> {
             return Err(invalid(self.path, format!("convention is {convention:?}, expected {CONVENTION:?}")));
         }
         let bytes = self.entry("max_degree")?;
-        let max_degree = Array0::<i64>::read_npy(&bytes[..]).map_err(|e| invalid(self.path, format!("max_degree: {e}")))?;
+        let max_degree =
+            Array0::<i64>::read_npy(&bytes[..]).map_err(|e| invalid(self.path, format!("max_degree: {e}")))?;
         if max_degree.into_scalar() != coefficients.max_degree() as i64 {
             return Err(invalid(self.path, "max_degree doesn't fit the number of coefficients"));
         }

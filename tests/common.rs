@@ -1,0 +1,60 @@
+//! What the tests share: where things are, and running the tools.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The repository.
+pub(crate) fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A file of the shared data, or `None` with a message where the folder isn't there.
+pub(crate) fn shared(name: &str) -> Option<PathBuf> {
+    let path = root().join("../shared/data").join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("skipped: no ../shared/data/{name} here");
+    None
+}
+
+/// How often a test repeats what is random: a tenth of what `./run soak` does.
+pub(crate) fn times(soak: usize) -> usize {
+    if std::env::var_os("SPHARM_SOAK").is_some() { soak } else { soak.div_ceil(10) }
+}
+
+/// One of the tools, ready to be given arguments.
+pub(crate) fn tool(name: &str) -> Command {
+    let path = match name {
+        "basis-build" => env!("CARGO_BIN_EXE_basis-build"),
+        "fit" => env!("CARGO_BIN_EXE_fit"),
+        _ => panic!("no tool {name}"),
+    };
+    let mut command = Command::new(path);
+    command.env_remove("SPHARM_STORE").env_remove("SLURM_CPUS_PER_TASK");
+    command
+}
+
+/// Runs a command that must succeed and gives what it printed.
+pub(crate) fn succeed(command: &mut Command) -> String {
+    let output = command.output().expect("the tool starts");
+    assert!(output.status.success(), "{command:?}\n{}", text(&output));
+    String::from_utf8(output.stdout).expect("stdout is UTF-8")
+}
+
+/// Runs a command that must fail with exit code 1 and one clear line, which is returned.
+pub(crate) fn fail(command: &mut Command) -> String {
+    let output = command.output().expect("the tool starts");
+    assert_eq!(output.status.code(), Some(1), "{command:?}\n{}", text(&output));
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    let errors: Vec<&str> = stderr.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert_eq!(errors.len(), 1, "one line says what is wrong: {stderr}");
+    assert!(!stderr.contains("panicked"), "{stderr}");
+    errors[0].to_owned()
+}
+
+/// Both streams of a finished command.
+pub(crate) fn text(output: &Output) -> String {
+    let stream = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    format!("{}\nstdout: {}\nstderr: {}", output.status, stream(&output.stdout), stream(&output.stderr))
+}
