@@ -27,7 +27,12 @@ pub(crate) fn times(soak: usize) -> usize {
 pub(crate) fn tool(name: &str) -> Command {
     let path = match name {
         "basis-build" => env!("CARGO_BIN_EXE_basis-build"),
+        "compare" => env!("CARGO_BIN_EXE_compare"),
         "fit" => env!("CARGO_BIN_EXE_fit"),
+        "generate" => env!("CARGO_BIN_EXE_generate"),
+        "picture" => env!("CARGO_BIN_EXE_picture"),
+        "reconstruct" => env!("CARGO_BIN_EXE_reconstruct"),
+        "store" => env!("CARGO_BIN_EXE_store"),
         _ => panic!("no tool {name}"),
     };
     let mut command = Command::new(path);
