@@ -1,7 +1,11 @@
 //! What the tests share: where things are, and running the tools.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::Duration;
+
+use rustix::process::{Pid, Signal, kill_process};
 
 /// The repository.
 pub(crate) fn root() -> &'static Path {
@@ -30,6 +34,7 @@ pub(crate) fn tool(name: &str) -> Command {
         "compare" => env!("CARGO_BIN_EXE_compare"),
         "fit" => env!("CARGO_BIN_EXE_fit"),
         "generate" => env!("CARGO_BIN_EXE_generate"),
+        "paper" => env!("CARGO_BIN_EXE_paper"),
         "picture" => env!("CARGO_BIN_EXE_picture"),
         "reconstruct" => env!("CARGO_BIN_EXE_reconstruct"),
         "store" => env!("CARGO_BIN_EXE_store"),
@@ -42,20 +47,50 @@ pub(crate) fn tool(name: &str) -> Command {
 
 /// Runs a command that must succeed and gives what it printed.
 pub(crate) fn succeed(command: &mut Command) -> String {
-    let output = command.output().expect("the tool starts");
+    let output = finish(command);
     assert!(output.status.success(), "{command:?}\n{}", text(&output));
     String::from_utf8(output.stdout).expect("stdout is UTF-8")
 }
 
-/// Runs a command that must fail with exit code 1 and one clear line, which is returned.
+/// Runs a command that must fail with exit code 1, never by a signal, a panic or a hang, and one clear line, which is
+/// returned.
 pub(crate) fn fail(command: &mut Command) -> String {
-    let output = command.output().expect("the tool starts");
-    assert_eq!(output.status.code(), Some(1), "{command:?}\n{}", text(&output));
+    error_line(&finish(command))
+}
+
+/// The one line in which a command that failed with exit code 1 says why.
+pub(crate) fn error_line(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(1), "{}", text(output));
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     let errors: Vec<&str> = stderr.lines().filter(|line| line.starts_with("error: ")).collect();
     assert_eq!(errors.len(), 1, "one line says what is wrong: {stderr}");
     assert!(!stderr.contains("panicked"), "{stderr}");
     errors[0].to_owned()
+}
+
+/// Runs a command that must come to an end on its own; one that hangs is killed and fails the test.
+pub(crate) fn finish(command: &mut Command) -> Output {
+    wait(command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts"))
+}
+
+/// Waits for a process to come to an end on its own.
+pub(crate) fn wait(child: Child) -> Output {
+    /// No test works this long on one command, however slow the machine.
+    const HANGS: Duration = Duration::from_secs(300);
+    let pid = Pid::from_child(&child);
+    let (ended, end) = std::sync::mpsc::channel::<()>();
+    let watch = std::thread::spawn(move || {
+        let hangs = end.recv_timeout(HANGS) == Err(RecvTimeoutError::Timeout);
+        if hangs {
+            // Fails when it has just ended after all.
+            let _ = kill_process(pid, Signal::KILL);
+        }
+        hangs
+    });
+    let output = child.wait_with_output().expect("it has ended");
+    drop(ended);
+    assert!(!watch.join().expect("no panic"), "it hangs: {}", text(&output));
+    output
 }
 
 /// Both streams of a finished command.

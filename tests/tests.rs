@@ -1,3 +1,9 @@
 //! One test target for everything that goes through the binaries or across crates, so that OpenBLAS is linked once.
 
+mod accuracy;
+mod bad_input;
 mod common;
+mod memory;
+mod paper;
+mod pipeline;
+mod store;

@@ -11,7 +11,7 @@ use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::{Console, Progress, Unit};
 use spharm_cli::inputs::read_sphere;
-use spharm_cli::machine::{Memory, Versions, memory, versions};
+use spharm_cli::machine::{Memory, Versions, memory, raise_file_limit, versions};
 use spharm_cli::output::{print, print_json, table, write_json};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
@@ -104,6 +104,7 @@ fn work(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
     let cancel = spharm_cli::exit::cancel();
+    raise_file_limit();
     let sphere = read_sphere(&cli.sphere, &console)?;
     let params = BuildParams {
         max_degree: cli.max_degree,

@@ -14,7 +14,7 @@ use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::{Console, Unit};
 use spharm_cli::inputs::{Sphere, Target, expand_lists, read_sphere, read_target, stem};
-use spharm_cli::machine::{Memory, Versions, memory, versions};
+use spharm_cli::machine::{Memory, Versions, check_limits, memory, raise_file_limit, versions};
 use spharm_cli::output::{print, print_json, table, write_json};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
@@ -161,6 +161,7 @@ fn work(cli: &Cli, method: Method) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
     let cancel = spharm_cli::exit::cancel();
+    raise_file_limit();
     let items = items(cli, &console)?;
     if items.is_empty() {
         return print("nothing to do: every output exists");
@@ -331,6 +332,7 @@ impl Job<'_> {
         let mut fitter = Fitter::new(operator, channels, self.params(together, items.len() > together))?;
         self.seconds.plan += mark.elapsed().as_secs_f64();
         self.say_plan(&fitter, items.len(), together);
+        self.check_limits(&fitter)?;
         let sweeps = items.len().div_ceil(together) * self.method.passes();
         let total = (sweeps * basis_size(self.cli.max_degree)) as u64;
         let progress = self.console.progress("fit", total, Unit::Count("columns"));
@@ -491,6 +493,13 @@ impl Job<'_> {
             // Says what would be enough for one.
             None => Ok(plan(1).map(|_| 1)?),
         }
+    }
+
+    fn check_limits(&self, fitter: &Fitter<'_>) -> Result<()> {
+        let plan = fitter.plan();
+        let blas = self.threads * spharm_solver::dense::RESERVED_PER_THREAD;
+        let decoded = if self.operator.is_direct() { 0 } else { plan.basis };
+        check_limits(plan.arrays + plan.work + plan.factors + blas + decoded, plan.basis)
     }
 
     fn say_plan(&self, fitter: &Fitter<'_>, surfaces: usize, together: usize) {

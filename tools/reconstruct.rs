@@ -86,7 +86,7 @@ fn work(cli: &Cli) -> Result<()> {
             (Directions::from_vertices(&sphere.vertices)?, sphere.faces)
         }
         (None, None) => (
-            Directions::from_vertices(&model.directions).with_context(|| cli.model.display().to_string())?,
+            Directions::from_unit_vectors(model.directions.clone()).with_context(|| cli.model.display().to_string())?,
             model.faces.clone(),
         ),
     };

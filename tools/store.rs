@@ -106,6 +106,7 @@ fn main() -> ExitCode {
 
 fn work(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
+    spharm_cli::machine::raise_file_limit();
     match &cli.command {
         Command::List { dir, json } => list(dir, *json),
         Command::Show { which, json } => show(which, *json),

@@ -1,6 +1,10 @@
 //! What the process took, and what it runs as.
 
+use anyhow::{Result, bail};
+use rustix::process::{Resource, getrlimit};
 use serde::Serialize;
+
+use crate::size::Size;
 
 /// Memory of this process, bytes; `None` where the system doesn't tell.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -13,13 +17,46 @@ pub struct Memory {
 
 /// Reads this process's memory from `/proc`.
 pub fn memory() -> Memory {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let field = |name: &str| {
-        let line = status.lines().find_map(|line| line.strip_prefix(name))?;
-        let kib: u64 = line.trim().trim_end_matches(" kB").trim().parse().ok()?;
-        Some(kib << 10)
-    };
-    Memory { peak_resident: field("VmHWM:"), anonymous: field("RssAnon:") }
+    Memory { peak_resident: status("VmHWM:"), anonymous: status("RssAnon:") }
+}
+
+/// A field of `/proc/self/status` in bytes.
+fn status(name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    let kib: u64 = line.trim().trim_end_matches(" kB").trim().parse().ok()?;
+    Some(kib << 10)
+}
+
+/// Refuses to start what a limit on this process's data (`ulimit -d`) or address space (`ulimit -v`) would break off:
+/// `data` and `mapped` are the bytes that will be asked for, of anonymous memory and of mapped files.
+///
+/// # Errors
+///
+/// When a limit is too low, with the least that works.
+pub fn check_limits(data: usize, mapped: usize) -> Result<()> {
+    let checks = [
+        (Resource::Data, "VmData:", data, "data (ulimit -d)"),
+        (Resource::As, "VmSize:", data + mapped, "address space (ulimit -v)"),
+    ];
+    for (resource, used, more, name) in checks {
+        let (Some(limit), Some(used)) = (getrlimit(resource).current, status(used)) else { continue };
+        let needed = used + more as u64;
+        if limit < needed {
+            let (limit, needed) = (Size(limit as usize), Size(needed as usize));
+            bail!(
+                "the limit on this process's {name} is {limit}; this takes {needed}: raise it or use fewer --threads"
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Raises the limit on open files as far as the system allows: a store has a file for each degree.
+pub fn raise_file_limit() {
+    let limit = getrlimit(Resource::Nofile);
+    // At worst it stays what it was, and an error names it when it is reached.
+    let _ = rustix::process::setrlimit(Resource::Nofile, rustix::process::Rlimit { current: limit.maximum, ..limit });
 }
 
 /// Versions that a result may depend on.

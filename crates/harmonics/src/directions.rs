@@ -52,6 +52,20 @@ impl Directions {
         Ok(Self { vectors, radii })
     }
 
+    /// Takes vectors that are directions already, bit for bit: what a model or a cache has kept.
+    ///
+    /// # Errors
+    ///
+    /// As for [`from_vertices`](Self::from_vertices); [`HarmonicsError::NotUnit`] for a length that isn't 1 to 1e-9.
+    pub fn from_unit_vectors(vectors: Vec<[f64; 3]>) -> Result<Self, HarmonicsError> {
+        let checked = Self::from_vertices(&vectors)?;
+        let off = |v: &[f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - 1.0).abs() > 1e-9;
+        if let Some(index) = vectors.iter().position(off) {
+            return Err(HarmonicsError::NotUnit { index, found: vectors[index] });
+        }
+        Ok(Self { vectors, radii: checked.radii })
+    }
+
     /// Directions of (colatitude, azimuth) pairs, in radians.
     ///
     /// # Errors

@@ -26,6 +26,14 @@ pub enum HarmonicsError {
         /// Position in the list, from 0.
         index: usize,
     },
+    /// A vector that should have had unit length.
+    #[error("direction {index}: expected a unit vector, found ({}, {}, {})", .found[0], .found[1], .found[2])]
+    NotUnit {
+        /// Position in the list, from 0.
+        index: usize,
+        /// The offending vector.
+        found: [f64; 3],
+    },
     /// No directions at all.
     #[error("a sampling scheme needs at least one direction, found none")]
     Empty,

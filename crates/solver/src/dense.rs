@@ -24,19 +24,28 @@ unsafe extern "C" {
 #[unsafe(link_section = ".init_array.00200")]
 static CHOOSE_KERNELS: extern "C" fn() = choose_kernels;
 
-/// Names the kernels that fit this processor. OpenBLAS 0.3.20 takes processors that it doesn't know, such as the Xeons
-/// of 2023, for a Pentium 4 and runs at a fifth of their speed; whoever sets OPENBLAS_CORETYPE knows better than both.
+/// Names the kernels that fit this processor, and one thread to begin with: threads of its own, and their buffers, come
+/// when `set_blas_threads` asks for them.
+///
+/// OpenBLAS 0.3.20 takes processors that it doesn't know, such as the Xeons of 2023, for a Pentium 4 and runs at a fifth
+/// of their speed. Whoever sets OPENBLAS_CORETYPE or OPENBLAS_NUM_THREADS knows better than this.
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 extern "C" fn choose_kernels() {
     use std::arch::is_x86_feature_detected as has;
     let wide = has!("avx512f") && has!("avx512cd") && has!("avx512bw") && has!("avx512dq") && has!("avx512vl");
     let kernels = match (wide, has!("avx2") && has!("fma")) {
-        (true, _) => c"SkylakeX",
-        (false, true) => c"Haswell",
-        (false, false) => return,
+        (true, _) => Some(c"SkylakeX"),
+        (false, true) => Some(c"Haswell"),
+        (false, false) => None,
     };
-    // SAFETY: both texts end in a zero, and no thread has been started yet that could read the environment.
-    unsafe { libc::setenv(c"OPENBLAS_CORETYPE".as_ptr(), kernels.as_ptr(), 0) };
+    let set = |name: &std::ffi::CStr, value: &std::ffi::CStr| {
+        // SAFETY: both texts end in a zero, and no thread has been started yet that could read the environment.
+        unsafe { libc::setenv(name.as_ptr(), value.as_ptr(), 0) };
+    };
+    if let Some(kernels) = kernels {
+        set(c"OPENBLAS_CORETYPE", kernels);
+    }
+    set(c"OPENBLAS_NUM_THREADS", c"1");
 }
 
 /// Sets the threads of later BLAS and LAPACK calls of this process. One inside parallel regions.
@@ -44,6 +53,9 @@ pub fn set_blas_threads(threads: usize) {
     // SAFETY: OpenBLAS takes any number; it clamps it to what it was built for.
     unsafe { openblas_set_num_threads(threads.clamp(1, 1024) as c_int) };
 }
+
+/// Bytes of address space that OpenBLAS reserves for each thread that calls it, as built by `.cargo/config.toml`.
+pub const RESERVED_PER_THREAD: usize = 32 << 20;
 
 fn int(value: usize) -> c_int {
     c_int::try_from(value).unwrap_or_else(|_| panic!("a dimension of {value} is beyond a 32-bit BLAS"))
@@ -72,7 +84,7 @@ pub(crate) fn accumulate_gram(block: Matrix<'_>, gram: &mut [f64], leading: usiz
 }
 
 /// `out += block^T r`: out (k, c) row-major.
-pub(crate) fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
+pub fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
     let (k, c) = (block.columns(), r.columns());
     assert!(out.len() == k * c && r.rows() == block.rows(), "adjoint of {k} x {c}");
     // Row-major (k, c) is column-major (c, k): out^T += r^T block.

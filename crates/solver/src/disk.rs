@@ -22,6 +22,11 @@ impl DiskOperator {
         Self { scheme }
     }
 
+    /// Whether all of the basis is used in place, without decoding.
+    pub fn is_direct(&self) -> bool {
+        self.scheme.files().iter().all(DegreeFile::is_direct)
+    }
+
     fn files(&self, degrees: &RangeInclusive<usize>) -> &[DegreeFile] {
         &self.scheme.files()[degrees.clone()]
     }

@@ -7,6 +7,7 @@
 //! it, at a quarter of the cost of computing them.
 
 use std::ops::RangeInclusive;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -21,7 +22,7 @@ use crate::header::{HEADER_LEN, Header, MAX_CHUNK_ROWS, ROW_MULTIPLE};
 use crate::reader::DegreeFile;
 use crate::scheme::{Scalar, SchemeKey};
 use crate::table::{ENTRY_LEN, FOOTER_LEN};
-use crate::writer::{DegreeWriter, abandoned, file_name, sync_folder};
+use crate::writer::{DegreeWriter, file_name, remove_abandoned, sync_folder};
 
 /// Rows of a chunk unless asked otherwise. At degree 100 a chunk (0.8 MB) and the state of its sweep (1.7 MB) are at
 /// home in a core's L2 cache; not a multiple of 512, so that the columns don't all fall into the same cache sets.
@@ -140,20 +141,33 @@ pub fn build(
     let recurrence = Recurrence::new(params.max_degree)?;
     let key = SchemeKey::of(directions, params.scalar);
     let folder = store.join(key.to_string());
-    // Said before a folder is made: a refusal leaves nothing behind.
-    let threads = threads_within(params)?;
     let scan = Scan::of(&folder, key, directions.len(), params)?;
-    check_space(store, &scan, params)?;
-    make_folder(store, &folder)?;
-    let _lock = lock(&folder, cancel, event)?;
-    // Again, now that nobody else is building: the other one may have published what was missing.
-    let scan = Scan::of(&folder, key, directions.len(), params)?;
-    for path in abandoned(&folder)? {
-        let _ = std::fs::remove_file(path);
+    // What killed builders left takes the room that this one may need.
+    if folder.is_dir() {
+        remove_abandoned(&folder)?;
     }
+    // Said before a folder is made: a refusal leaves nothing behind.
+    threads_within(&scan, params)?;
+    check_space(store, &scan, params)?;
+    // A finished scheme is left alone, so that one on a disk that can't be written to is no error.
+    let (_lock, scan) = if scan.missing.is_empty() {
+        (None, scan)
+    } else {
+        make_folder(store, &folder)?;
+        let lock = lock(&folder, cancel, event)?;
+        // Again, now that nobody else is building: the other one may have published what was missing.
+        let scan = Scan::of(&folder, key, directions.len(), params)?;
+        remove_abandoned(&folder)?;
+        (lock, scan)
+    };
+    let threads = threads_within(&scan, params)?;
     for damaged in &scan.damaged {
         event(BuildEvent::Replacing(&damaged.1));
-        std::fs::remove_file(&damaged.0).map_err(StoreError::io(&damaged.0, "cannot remove"))?;
+        match std::fs::remove_file(&damaged.0) {
+            // A builder that has no lock either was faster.
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+            removed => removed.map_err(StoreError::io(&damaged.0, "cannot remove"))?,
+        }
     }
     let present = params.max_degree + 1 - scan.missing.len();
     event(BuildEvent::Planned { bytes: scan.bytes, present });
@@ -167,7 +181,7 @@ pub fn build(
         bytes: 0,
         chunk_rows: scan.chunk_rows,
         threads,
-        memory: memory_of(params, threads),
+        memory: memory_of(&scan, params, threads),
     };
     let job = Job { directions, recurrence: &recurrence, codec: params.codec, threads, cancel, event };
     let headers: Vec<Header> = scan.missing.iter().map(|&degree| scan.header(degree, key, params)).collect();
@@ -227,7 +241,7 @@ impl Scan {
         let mut scan = Self { missing: Vec::new(), damaged: Vec::new(), chunk_rows: 0, rows, bytes: 0 };
         for degree in 0..=params.max_degree {
             let path = folder.join(file_name(degree));
-            match DegreeFile::open(&path).and_then(|file| scan.accept(&file, key, degree)) {
+            match DegreeFile::open(&path).and_then(|file| scan.accept(&file, key, degree, params.scalar)) {
                 Ok(()) => {}
                 Err(StoreError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
                     scan.missing.push(degree);
@@ -244,15 +258,24 @@ impl Scan {
         }
         let bytes = |&degree: &usize| file_bytes(rows, degree, params.scalar, scan.chunk_rows);
         scan.bytes = scan.missing.iter().map(bytes).sum();
+        let highest = scan.header(params.max_degree, key, params);
+        if !highest.is_within_bounds() {
+            let Header { rows, degree, chunk_rows, .. } = highest;
+            return Err(StoreError::Layout { rows, degree, chunk_rows });
+        }
         Ok(scan)
     }
 
     /// Takes a file that is there as one of this scheme's. The first one settles the chunks' rows.
-    fn accept(&mut self, file: &DegreeFile, key: SchemeKey, degree: usize) -> Result<(), StoreError> {
+    fn accept(&mut self, file: &DegreeFile, key: SchemeKey, degree: usize, scalar: Scalar) -> Result<(), StoreError> {
         let header = file.header();
-        if header.key != key || header.degree != degree || header.rows != self.rows {
-            let found = format!("{} degree {} of {} rows", header.key.short(), header.degree, header.rows);
-            let expected = format!("{} degree {degree} of {} rows", key.short(), self.rows);
+        let says = |key: SchemeKey, scalar: Scalar, degree: usize, rows: usize| {
+            format!("{} ({}) degree {degree} of {rows} rows", key.short(), scalar.name())
+        };
+        let expected = says(key, scalar, degree, self.rows);
+        let found = says(header.key, header.scalar, header.degree, header.rows);
+        // The key is longer than what is shown of it.
+        if header.key != key || found != expected {
             return Err(StoreError::corrupt(file.path(), "contents", expected, found));
         }
         if self.chunk_rows == 0 {
@@ -377,23 +400,24 @@ impl Job<'_> {
 }
 
 /// The most threads, up to those asked for, that the budget has room for.
-fn threads_within(params: &BuildParams) -> Result<usize, StoreError> {
-    let needed = memory_of(params, 1);
+fn threads_within(scan: &Scan, params: &BuildParams) -> Result<usize, StoreError> {
+    let needed = memory_of(scan, params, 1);
     if params.memory < needed {
         return Err(StoreError::Budget { budget: params.memory, needed });
     }
-    let fits = |threads: &usize| memory_of(params, *threads) <= params.memory;
+    let fits = |threads: &usize| memory_of(scan, params, *threads) <= params.memory;
     Ok((1..=params.threads.max(1)).rev().find(fits).unwrap_or(1))
 }
 
 /// Bytes of memory that a build takes: the coefficients of the recurrence, and for each thread its sweep and a chunk.
-fn memory_of(params: &BuildParams, threads: usize) -> usize {
+fn memory_of(scan: &Scan, params: &BuildParams, threads: usize) -> usize {
     /// The program itself, its stacks and allocator, measured on an empty build.
     const BASE: usize = 8 << 20;
-    let chunk = params.chunk_rows * (2 * params.max_degree + 1) * 8;
+    let rows = scan.chunk_rows.min(scan.rows);
+    let chunk = rows * (2 * params.max_degree + 1) * 8;
     let single = if params.scalar == Scalar::F32 { chunk / 2 } else { 0 };
     let encoder = if params.codec == Codec::Zstd { Encoder::bytes(chunk) } else { 0 };
-    let thread = Sweep::bytes(params.chunk_rows, params.max_degree) + chunk + single + encoder;
+    let thread = Sweep::bytes(rows, params.max_degree) + chunk + single + encoder;
     BASE + Recurrence::bytes(params.max_degree) + threads * thread
 }
 
@@ -433,8 +457,13 @@ fn lock(
     event: &(dyn Fn(BuildEvent<'_>) + Sync),
 ) -> Result<Option<std::fs::File>, StoreError> {
     let path = folder.join(".lock");
-    let file = std::fs::OpenOptions::new().create(true).truncate(false).write(true).open(&path);
-    let file = file.map_err(StoreError::io(&path, "cannot open"))?;
+    let open = |write: bool| {
+        let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
+        std::fs::OpenOptions::new().read(true).write(write).create(write).custom_flags(flags).open(&path)
+    };
+    // Where another user made it, reading is all one may do, and enough. Where there can be none, go on without: a
+    // folder that can't be written to shows when the first file is created.
+    let Ok(file) = open(true).or_else(|_| open(false)) else { return Ok(None) };
     let mut told = false;
     loop {
         match file.try_lock() {

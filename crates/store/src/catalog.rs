@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::StoreError;
 use crate::reader::DegreeFile;
 use crate::scheme::SchemeKey;
-use crate::writer::{abandoned, file_name};
+use crate::writer::{abandoned, file_name, remove_abandoned};
 
 /// The schemes of a store, by key. A folder without any basis has none.
 ///
@@ -38,6 +38,10 @@ impl Scheme {
     ///
     /// [`StoreError::NoSuchScheme`], [`StoreError::DegreeMissing`], and those of [`DegreeFile::open`].
     pub fn open(store: &Path, key: SchemeKey, rows: usize, max_degree: usize) -> Result<Self, StoreError> {
+        if max_degree > spharm_harmonics::MAX_DEGREE {
+            let max = spharm_harmonics::MAX_DEGREE;
+            return Err(spharm_harmonics::HarmonicsError::DegreeTooHigh { degree: max_degree, max }.into());
+        }
         let folder = store.join(key.to_string());
         if !folder.is_dir() {
             let available = schemes(store)?;
@@ -49,8 +53,8 @@ impl Scheme {
             let file = DegreeFile::open(&path).map_err(|error| match error {
                 StoreError::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
                     let store = store.to_path_buf();
-                    let complete_to = degree.checked_sub(1);
-                    StoreError::DegreeMissing { store, key, complete_to, missing: degree, wanted: max_degree }
+                    let (complete_to, scalar) = (degree.checked_sub(1), files.first().map(|file| file.header().scalar));
+                    StoreError::DegreeMissing { store, key, scalar, complete_to, missing: degree, wanted: max_degree }
                 }
                 error => error,
             })?;
@@ -60,9 +64,14 @@ impl Scheme {
                 let found = format!("scheme {} degree {} of {} rows", header.key.short(), header.degree, header.rows);
                 return Err(StoreError::corrupt(&path, "contents", expected, found));
             }
-            let expected = files.first().map_or(header.chunk_rows, |first| first.header().chunk_rows);
-            if header.chunk_rows != expected {
-                return Err(StoreError::ChunkRowsDiffer { path, expected, found: header.chunk_rows });
+            let first = files.first().map_or(header, DegreeFile::header);
+            if header.scalar != first.scalar {
+                let (expected, found) = (first.scalar.name(), header.scalar.name());
+                return Err(StoreError::corrupt(&path, "scalar type (degree 0's is another)", expected, found));
+            }
+            if header.chunk_rows != first.chunk_rows {
+                let (expected, found) = (first.chunk_rows, header.chunk_rows);
+                return Err(StoreError::ChunkRowsDiffer { path, expected, found });
             }
             files.push(file);
         }
@@ -117,7 +126,7 @@ fn open_as(path: &Path, key: SchemeKey, degree: usize) -> Result<DegreeFile, Sto
     Ok(file)
 }
 
-/// Checks every byte of a file against its hashes. `buffer` is scratch space of at most one chunk.
+/// Checks every byte of a file against its hashes. `buffer` is scratch space, a megabyte at most.
 ///
 /// # Errors
 ///
@@ -133,4 +142,14 @@ pub fn verify(file: &DegreeFile, buffer: &mut Vec<u8>) -> Result<(), StoreError>
 /// [`StoreError::Io`] when the folder can't be listed.
 pub fn leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreError> {
     abandoned(&store.join(key.to_string()))
+}
+
+/// Removes the [`leftovers`] of a scheme and says which they were. Safe while others build: each is removed under its
+/// lock, which a builder takes on every file it creates.
+///
+/// # Errors
+///
+/// [`StoreError::Io`] when the folder can't be listed.
+pub fn remove_leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreError> {
+    remove_abandoned(&store.join(key.to_string()))
 }

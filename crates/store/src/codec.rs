@@ -3,7 +3,7 @@
 //! Shuffling puts the first bytes of all values together, then the second ones, and so on: signs and exponents, which
 //! repeat, come to stand side by side. See "Codecs" in `store-format.md`.
 
-use std::io;
+use std::io::{self, BufRead, BufReader, Read};
 
 /// How the bytes of a chunk are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -65,15 +65,46 @@ impl Encoder {
     }
 }
 
-/// Decodes one zstd frame into exactly `raw_len` bytes; a frame that holds more or fewer is an error.
+/// Decodes one zstd frame into exactly `raw_len` bytes; anything else is an error.
 pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::Result<Vec<u8>> {
+    declares(stored, raw_len as u64)?;
+    // More frames, and frames to be skipped, are allowed to zstd but not here.
+    if zstd::zstd_safe::find_frame_compressed_size(stored) != Ok(stored.len()) {
+        return Err(invalid("more or less than one frame".to_owned()));
+    }
     // The buffer is the bound: zstd refuses to write past it, whatever the frame claims.
     let shuffled = zstd::bulk::decompress(stored, raw_len)?;
     if shuffled.len() != raw_len {
-        let message = format!("{} bytes decoded, expected {raw_len}", shuffled.len());
-        return Err(io::Error::new(io::ErrorKind::InvalidData, message));
+        return Err(invalid(format!("{} bytes decoded, expected {raw_len}", shuffled.len())));
     }
     Ok(unshuffle(&shuffled, scalar_size))
+}
+
+/// Whether a stream is one zstd frame of `raw_len` bytes, found out without holding it.
+pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
+    let mut stored = BufReader::new(stored);
+    declares(stored.fill_buf()?, raw_len)?;
+    let mut decoder = zstd::stream::read::Decoder::with_buffer(stored)?.single_frame();
+    let decoded = io::copy(&mut decoder, &mut io::sink())?;
+    let rest = io::copy(&mut decoder.finish(), &mut io::sink())?;
+    if decoded != raw_len || rest > 0 {
+        return Err(invalid(format!("{decoded} bytes decoded and {rest} after the frame, expected {raw_len} and 0")));
+    }
+    Ok(())
+}
+
+/// Fails unless these bytes begin a frame of today's format that says it holds `raw_len` bytes.
+fn declares(stored: &[u8], raw_len: u64) -> io::Result<()> {
+    const MAGIC: [u8; 4] = 0xfd2f_b528_u32.to_le_bytes();
+    let found = zstd::zstd_safe::get_frame_content_size(stored);
+    match found {
+        Ok(Some(len)) if len == raw_len && stored.starts_with(&MAGIC) => Ok(()),
+        _ => Err(invalid(format!("no frame of {raw_len} bytes"))),
+    }
+}
+
+fn invalid(message: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, message)
 }
 
 fn shuffle(raw: &[u8], size: usize, out: &mut Vec<u8>) {
@@ -104,6 +135,7 @@ mod tests {
             let raw: Vec<u8> = (0..count * size).map(|i| (i * i % 251) as u8).collect();
             let stored = Encoder::new().unwrap().encode(&raw, size).unwrap();
             assert_eq!(decode(&stored, raw.len(), size).unwrap(), raw);
+            check_frame(&stored[..], raw.len() as u64).unwrap();
         }
     }
 
@@ -111,8 +143,18 @@ mod tests {
     fn a_frame_of_another_length_is_refused() {
         let stored = Encoder::new().unwrap().encode(&[7; 1 << 20], 8).unwrap();
         assert!(stored.len() < 1000, "a bomb: {} bytes", stored.len());
-        assert!(decode(&stored, 4096, 8).is_err());
-        assert!(decode(&stored, 2 << 20, 8).is_err());
-        assert!(decode(&stored[..stored.len() - 1], 1 << 20, 8).is_err());
+        let refused = |stored: &[u8], raw_len: usize| {
+            assert!(decode(stored, raw_len, 8).is_err());
+            assert!(check_frame(stored, raw_len as u64).is_err());
+        };
+        refused(&stored, 4096);
+        refused(&stored, 2 << 20);
+        refused(&stored[..stored.len() - 1], 1 << 20);
+        refused(&[&stored[..], &[0]].concat(), 1 << 20);
+        // zstd would go on with the next frame, or skip one that asks to be.
+        refused(&[&stored[..], &stored[..]].concat(), 2 << 20);
+        let skipped = [0x50, 0x2a, 0x4d, 0x18, 1, 0, 0, 0, 9];
+        refused(&[&skipped[..], &stored[..]].concat(), 1 << 20);
+        refused(&[&stored[..], &skipped[..]].concat(), 1 << 20);
     }
 }

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::scheme::SchemeKey;
+use crate::scheme::{Scalar, SchemeKey};
 
 /// Errors of this crate.
 #[derive(Debug, thiserror::Error)]
@@ -74,12 +74,14 @@ pub enum StoreError {
         available: Vec<SchemeKey>,
     },
     /// The store holds the scheme, but not to the degree asked for.
-    #[error("{}: scheme {key} holds {}, degree {missing} is missing; extend it with basis-build --max-degree {wanted}", .store.display(), degrees_there(.complete_to))]
+    #[error("{}: scheme {key} holds {}, degree {missing} is missing; extend it with: basis-build --sphere SPHERE --max-degree {wanted} --store {}{}", .store.display(), degrees_there(.complete_to), .store.display(), dtype(.scalar))]
     DegreeMissing {
         /// The store.
         store: PathBuf,
         /// The scheme.
         key: SchemeKey,
+        /// Scalar type of its files, where there is one to tell.
+        scalar: Option<Scalar>,
         /// Degrees 0 to this one are all there.
         complete_to: Option<usize>,
         /// The first degree that is missing.
@@ -134,6 +136,20 @@ pub enum StoreError {
         /// The number asked for.
         found: usize,
     },
+    /// Chunks that are too many or too large for the format.
+    #[error(
+        "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file may have {} chunks of {} bytes; choose another --chunk-rows",
+        crate::header::MAX_CHUNKS,
+        crate::header::MAX_CHUNK_LEN
+    )]
+    Layout {
+        /// Number of directions.
+        rows: usize,
+        /// Highest degree.
+        degree: usize,
+        /// Rows of a chunk.
+        chunk_rows: usize,
+    },
 }
 
 impl StoreError {
@@ -171,6 +187,11 @@ fn keys_there(keys: &[SchemeKey]) -> String {
             format!("it has {}{more}", shown.join(", "))
         }
     }
+}
+
+/// The flag that another run needs to go on with the same scheme.
+fn dtype(scalar: &Option<Scalar>) -> &'static str {
+    if *scalar == Some(Scalar::F32) { " --dtype f32" } else { "" }
 }
 
 fn degrees_there(complete_to: &Option<usize>) -> String {

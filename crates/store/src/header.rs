@@ -23,6 +23,8 @@ pub const ROW_MULTIPLE: usize = 8;
 pub const MAX_CHUNKS: u64 = 1 << 22;
 /// Most bytes that a chunk may have once decoded.
 pub const MAX_CHUNK_LEN: u64 = 1 << 32;
+/// Most rows: beyond what a file can hold, and below that no product of the header's numbers overflows.
+pub const MAX_ROWS: u64 = 1 << 40;
 
 const MAGIC: [u8; 8] = *b"\x89SPH\r\n\x1a\n";
 
@@ -58,6 +60,12 @@ pub struct Header {
 }
 
 impl Header {
+    /// Whether the numbers keep to the bounds of the format.
+    pub(crate) fn is_within_bounds(&self) -> bool {
+        let chunk_len = (self.chunk_rows * self.columns() * self.scalar.size()) as u64;
+        self.rows as u64 <= MAX_ROWS && self.chunk_count() as u64 <= MAX_CHUNKS && chunk_len <= MAX_CHUNK_LEN
+    }
+
     /// Number of columns, `2 l + 1`.
     pub fn columns(&self) -> usize {
         2 * self.degree + 1
@@ -153,8 +161,7 @@ impl Header {
             return Err(corrupt("chunk size", &format!("at most {MAX_CHUNK_LEN} bytes"), &(chunk_rows * columns)));
         }
         let rows = u64_at(bytes, ROWS_AT);
-        // 2^40 rows of any degree are beyond what a file can hold; below that no product here overflows.
-        if rows == 0 || rows > 1 << 40 {
+        if rows == 0 || rows > MAX_ROWS {
             return Err(corrupt("rows", &"1 to 2^40", &rows));
         }
         let header = Self { key: SchemeKey(key), rows: rows as usize, degree, scalar, codec, chunk_rows };

@@ -87,6 +87,9 @@ pub(crate) fn decode_table(
             Codec::Raw => entry.stored_len == raw_len,
             Codec::Zstd => entry.stored_len > 0 && entry.stored_len < raw_len,
         };
+        if entry.codec == Codec::Zstd && header.codec == Codec::Raw {
+            return Err(StoreError::corrupt(path, "codec of a chunk", "none, as the header says", "zstd"));
+        }
         if !fits {
             let expected = format!("{raw_len}, or less when compressed");
             return Err(StoreError::corrupt(path, "stored length of a chunk", expected, entry.stored_len));

@@ -6,7 +6,7 @@
 
 use std::fs::{File, Permissions};
 use std::io;
-use std::os::unix::fs::{FileExt, PermissionsExt};
+use std::os::unix::fs::{FileExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};
@@ -48,14 +48,8 @@ struct Slots {
 impl DegreeWriter {
     pub(crate) fn create(folder: &Path, header: Header) -> Result<Self, StoreError> {
         let path = folder.join(file_name(header.degree));
-        let temporary = tempfile::Builder::new()
-            .prefix(&format!("{TEMPORARY_PREFIX}{}.", header.degree))
-            .suffix(TEMPORARY_SUFFIX)
-            .permissions(Permissions::from_mode(0o666)) // less the umask: a store is there to be shared
-            .tempfile_in(folder)
+        let temporary = create_temporary(folder, header.degree)
             .map_err(StoreError::io(folder, "cannot create a file in the store"))?;
-        // Tells other processes that somebody is at work on it. Where locks don't work, age has to do (see `gc`).
-        let _ = temporary.as_file().try_lock();
         temporary.as_file().write_all_at(&header.encode(), 0).map_err(StoreError::io(&path, "cannot write"))?;
         let slots = Slots { entries: vec![None; header.chunk_count()], next_chunk: 0, next_offset: HEADER_LEN as u64 };
         Ok(Self { header, path, temporary, slots: Mutex::new(slots), turn: Condvar::new() })
@@ -142,6 +136,24 @@ impl DegreeWriter {
     }
 }
 
+/// A new temporary file, locked to tell other processes that somebody is at work on it. Where locks don't work, age has
+/// to do.
+fn create_temporary(folder: &Path, degree: usize) -> io::Result<NamedTempFile> {
+    loop {
+        let temporary = tempfile::Builder::new()
+            .prefix(&format!("{TEMPORARY_PREFIX}{degree}."))
+            .suffix(TEMPORARY_SUFFIX)
+            .permissions(Permissions::from_mode(0o666)) // less the umask: a store is there to be shared
+            .tempfile_in(folder)?;
+        match temporary.as_file().try_lock() {
+            // Between its creation and the lock somebody took it for a leftover and removed it, or is about to.
+            Ok(()) if temporary.as_file().metadata()?.nlink() == 0 => {}
+            Err(std::fs::TryLockError::WouldBlock) => {}
+            Ok(()) | Err(std::fs::TryLockError::Error(_)) => return Ok(temporary),
+        }
+    }
+}
+
 fn entry(offset: u64, stored: &[u8], raw_len: usize, codec: Codec) -> Entry {
     Entry {
         offset,
@@ -165,9 +177,26 @@ pub(crate) fn sync_folder(folder: &Path) -> Result<(), StoreError> {
 
 /// Temporary files in a scheme's folder that nobody is at work on any more.
 pub(crate) fn abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let mut found = Vec::new();
+    for_each_abandoned(folder, &mut |path| found.push(path.to_path_buf()))?;
+    Ok(found)
+}
+
+/// Removes them, and says which. One that can't be removed is left for the next builder.
+pub(crate) fn remove_abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let mut removed = Vec::new();
+    for_each_abandoned(folder, &mut |path| {
+        if std::fs::remove_file(path).is_ok() {
+            removed.push(path.to_path_buf());
+        }
+    })?;
+    Ok(removed)
+}
+
+/// Calls `visit` with each while its lock is held, so that a builder that has only just created a file finds out.
+fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(), StoreError> {
     /// Where locks don't work, nobody works on one file for this long.
     const OLD: Duration = Duration::from_secs(24 * 3600);
-    let mut found = Vec::new();
     for item in std::fs::read_dir(folder).map_err(StoreError::io(folder, "cannot list"))? {
         let item = item.map_err(StoreError::io(folder, "cannot list"))?;
         let name = item.file_name();
@@ -188,8 +217,8 @@ pub(crate) fn abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
             Err(std::fs::TryLockError::Error(_)) => old(),
         };
         if free {
-            found.push(item.path());
+            visit(&item.path());
         }
     }
-    Ok(found)
+    Ok(())
 }

@@ -1,0 +1,357 @@
+#!/usr/bin/env python3
+"""The figures of the README, measured here: each bar beside what it is measured against, in the same run.
+
+`./run bench [--data DIR] [--work DIR] [--tmpfs DIR] [--rounds N] [--only NAME ...]`. Python's standard library only.
+Everything compared is run in turn, round after round, and medians are taken. The store is built at n = 40,962, L = 100,
+f64: 3.3 GB, up to three times at once.
+"""
+
+import argparse
+import csv
+import json
+import math
+import os
+import platform
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = ROOT / "target" / "release"
+N, L = 40962, 100
+MIB = 1 << 20
+
+
+class Bench:
+    def __init__(self, arguments):
+        self.data, self.rounds, self.only = arguments.data, arguments.rounds, arguments.only
+        self.work, self.tmpfs = Path(arguments.work), Path(arguments.tmpfs)
+        self.rows, self.figures = [], {}
+        shutil.rmtree(self.work, ignore_errors=True)
+        self.work.mkdir(parents=True)
+        self.sphere, self.surface = self.work / "sphere.surf.gii", self.work / "cortex.surf.gii"
+        run(BIN / "generate", "--sphere", self.sphere, "--surface", self.surface)
+        self.store = self.work / "store"
+
+    def wanted(self, name):
+        return not self.only or name in self.only
+
+    def bar(self, what, found, limit, note="", least=False):
+        met = found >= limit if least else found <= limit
+        self.rows.append((what, f"{found:.3g}", f"{'>=' if least else '<='} {limit:g}", "yes" if met else "NO", note))
+        print(f"{what}: {found:.3g} (bar {limit:g}) {note}", file=sys.stderr, flush=True)
+
+    def skip(self, what, why):
+        self.rows.append((what, "-", "-", "skipped", why))
+        print(f"{what}: skipped, {why}", file=sys.stderr, flush=True)
+
+    # The commands.
+
+    def build(self, store):
+        return [BIN / "basis-build", "--sphere", self.sphere, "--max-degree", L, "--store", store, "-q"]
+
+    def fit(self, *more, surfaces=None, store=None, output=None):
+        return [BIN / "fit", "--store", store or self.store, "--sphere", self.sphere, "--surface",
+                *(surfaces or [self.surface]), "--max-degree", L, "-q", "--force",
+                "-o", output or self.work / "out.npz", *more]
+
+    def ensure_store(self):
+        if not self.store.exists():
+            run(*self.build(self.store))
+
+    # The bars.
+
+    def building(self):
+        """basis-build against dd to the same disk."""
+        target, zeros = self.work / "disk", self.work / "zeros"
+        ours, theirs = [], []
+        size = None
+        for _ in range(self.rounds):
+            shutil.rmtree(target, ignore_errors=True)
+            os.sync()
+            ours.append(seconds(*self.build(target)))
+            size = sum(f.stat().st_size for f in target.rglob("A_*"))
+            shutil.rmtree(target)
+            os.sync()
+            theirs.append(seconds("dd", "if=/dev/zero", f"of={zeros}", "bs=4M", "conv=fsync", "iflag=fullblock,count_bytes",
+                                  f"count={size}"))
+            zeros.unlink()
+        self.figures["build_disk_s"], self.figures["dd_s"] = median(ours), median(theirs)
+        self.bar("basis-build to disk / dd conv=fsync", ratio(ours, theirs), 1.25,
+                 f"{median(ours):.2f} s / {median(theirs):.2f} s, {size / 1e9:.2f} GB")
+
+    def building_tmpfs(self):
+        """basis-build to tmpfs against cp -r of the finished store within it."""
+        folder = self.tmpfs / f"spharm-bench-{os.getpid()}"
+        try:
+            ours, theirs = [], []
+            # One build that isn't counted: the first touch of the machine's memory is not what is measured.
+            for round_ in range(self.rounds + 1):
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                mine = seconds(*self.build(folder / "a"))
+                copied = seconds("cp", "-r", folder / "a", folder / "b")
+                if round_:
+                    ours.append(mine)
+                    theirs.append(copied)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+        self.figures["build_tmpfs_s"], self.figures["cp_tmpfs_s"] = median(ours), median(theirs)
+        self.bar("basis-build to tmpfs / cp -r within it", ratio(ours, theirs), 1.5,
+                 f"{median(ours):.2f} s / {median(theirs):.2f} s")
+
+    def fitting(self):
+        """fit from the page cache, against the Gram flops at the rate of a dgemm and reading the store."""
+        self.ensure_store()
+        rates = json.loads(run("cargo", "bench", "-q", "--bench", "rates").strip().splitlines()[-1])
+        self.figures["rates"] = rates
+        one, cat, passes = [], [], []
+        report = self.work / "fit.json"
+        self.cat()
+        run(*self.fit("--granularity", 100, "--report", report))
+        blocks = json.loads(report.read_text())["batches"][0]["blocks"]
+        flops = sum(N * b["columns"] * (b["columns"] + 1) for b in blocks)
+        for _ in range(max(self.rounds, 5)):
+            one.append(seconds(*self.fit("--granularity", 100)))
+            cat.append(self.cat())
+            run(*self.fit("--granularity", 100, "--passes", 4, "--report", report))
+            sweeps = json.loads(report.read_text())["batches"][0]["sweeps"]
+            passes.append(median([s["seconds"] for s in sweeps[1:]]))
+        gram = flops / rates["dgemm_flops"]
+        self.figures |= {"fit_1_100_s": median(one), "cat_s": median(cat), "gram_s": gram, "pass_s": median(passes)}
+        self.bar("fit (1,100) / (Gram flops at dgemm's rate + cat)", median(one) / (gram + median(cat)), 2.0,
+                 f"{median(one):.2f} s / ({gram:.2f} s at {rates['dgemm_flops'] / 1e9:.0f} GFLOP/s + {median(cat):.2f} s)")
+        self.bar("streaming pass / cat", median(passes) / median(cat), 3.0, f"{median(passes):.2f} s / {median(cat):.2f} s")
+
+    def batch(self):
+        """32 surfaces in one call against one."""
+        self.ensure_store()
+        surfaces = []
+        for variant in range(32):
+            surfaces.append(self.work / f"subject{variant}.surf.gii")
+            run(BIN / "generate", "--surface", surfaces[-1], "--variant", variant, "--force")
+        one, many = [], []
+        self.cat()
+        for _ in range(self.rounds):
+            one.append(seconds(*self.fit("--granularity", 100)))
+            many.append(seconds(*self.fit("--granularity", 100, surfaces=surfaces, output=self.work / "models")))
+        self.figures |= {"batch_32_s": median(many)}
+        self.bar("one of a batch of 32 / one alone", ratio(many, one) / 32, 0.25,
+                 f"{median(many) / 32:.3f} s / {median(one):.2f} s")
+
+    def memory(self):
+        """The (1,100) fit under 256 MiB: anonymous memory, a cgroup of 320 MiB, prlimit."""
+        self.ensure_store()
+        command = self.fit("--granularity", 100, "--memory", "256MiB")
+        peak = peak_anonymous(command)
+        self.bar("anonymous memory at --memory 256MiB, MiB", peak / MIB, 256)
+        for limit in (320, 256):
+            code = subprocess.run(["prlimit", f"--data={limit * MIB}", *map(str, command)], timeout=300,
+                                  stdout=subprocess.DEVNULL).returncode
+            self.bar(f"exit status under prlimit --data of {limit} MiB", code, 0)
+        with Cgroup(320 * MIB) as group:
+            if not group.works:
+                self.skip("cold fit in a cgroup of 320 MiB / cold fit", group.why)
+                return
+            capped, free = [], []
+            for _ in range(self.rounds):
+                self.drop()
+                free.append(seconds(*command))
+                self.drop()
+                capped.append(seconds(*group.inside(command)))
+        self.figures |= {"cold_s": median(free), "cold_capped_s": median(capped)}
+        self.bar("cold fit in a cgroup of 320 MiB / cold fit", ratio(capped, free), 1.5,
+                 f"{median(capped):.2f} s / {median(free):.2f} s")
+
+    def refusal(self):
+        """Degree 300 on 163,842 vertices must be refused."""
+        sphere = self.work / "sphere7.surf.gii"
+        run(BIN / "generate", "--subdivisions", 7, "--sphere", sphere)
+        found = subprocess.run([BIN / "basis-build", "--sphere", sphere, "--max-degree", "300", "--store",
+                                self.work / "large"], capture_output=True, text=True)
+        said = found.returncode == 1 and "118." in found.stderr and "free" in found.stderr
+        left = (self.work / "large").exists()
+        self.bar("degree 300 on 163,842 vertices refused, nothing left", float(said and not left), 1, found.stderr.strip(),
+                 least=True)
+
+    def accuracy(self):
+        """Every irf and sirf line of reference.json, and the published coefficients."""
+        data = Path(self.data)
+        if not (data / "reference.json").exists():
+            self.skip("reference.json", f"no {data}")
+            return
+        worst = {"msd": 0.0, "xsd": 0.0}
+        for name, expected in json.loads((data / "reference.json").read_text()).items():
+            sphere, surface = data / f"{name}.sphere.surf.gii", data / f"{name}.surf.gii"
+            store = self.work / "accuracy"
+            run(BIN / "basis-build", "--sphere", sphere, "--max-degree", L, "--store", store, "-q")
+            lines = {}
+            for line, values in expected["results"].items():
+                if match := re.fullmatch(r"irf p=(\d+) g=(\d+) L=(\d+)", line):
+                    p, g, degree = map(int, match.groups())
+                    lines.setdefault(("irf", g, degree), {})[p] = values
+                elif match := re.match(r"sirf .*?L=(\d+)", line):
+                    lines.setdefault(("sirf", 1, int(match.group(1))), {})[1] = values
+            for (method, g, degree), by_pass in lines.items():
+                report = self.work / "accuracy.json"
+                more = ["--granularity", g, "--passes", max(by_pass)] if method == "irf" else []
+                run(BIN / "fit", "--store", store, "--sphere", sphere, "--surface", surface, "--max-degree", degree,
+                    "--method", method, *more, "-q", "--force", "-o", self.work / "a.npz", "--report", report)
+                passes = json.loads(report.read_text())["surfaces"][0]["passes"]
+                for p, values in by_pass.items():
+                    for measure in worst:
+                        off = abs(passes[p - 1][measure] / values[measure] - 1)
+                        worst[measure] = max(worst[measure], off)
+            shutil.rmtree(store)
+        self.bar("reference.json, largest relative difference in msd", worst["msd"], 1e-6)
+        self.bar("reference.json, largest relative difference in xsd", worst["xsd"], 1e-4)
+        largest = 0.0
+        for sphere in sorted(data.glob("hippo_*.sphere.obj")):
+            name = sphere.name.removesuffix(".sphere.obj")
+            store = self.work / "hippo"
+            run(BIN / "basis-build", "--sphere", sphere, "--max-degree", 15, "--store", store, "-q")
+            run(BIN / "fit", "--store", store, "--sphere", sphere, "--surface", data / f"{name}.obj", "--max-degree", 15,
+                "--method", "nlsf", "-q", "--force", "--coefficients-csv", "-o", self.work / "h.spharm.npz")
+            ours, theirs = numbers(self.work / "h.spharm.csv"), numbers(data / f"{name}.degree15.fvec.csv")
+            norm = math.sqrt(sum(b * b for b in theirs))
+            largest = max(largest, math.sqrt(sum((a - b) ** 2 for a, b in zip(ours, theirs, strict=True))) / norm)
+        self.bar("published degree-15 coefficients, largest relative difference", largest, 1e-10)
+
+    # Page cache.
+
+    def files(self):
+        return sorted(self.store.rglob("A_*"))
+
+    def cat(self):
+        """Seconds of `cat store > /dev/null`."""
+        with open(os.devnull, "wb") as null:
+            start = time.perf_counter()
+            subprocess.run(["cat", *map(str, self.files())], stdout=null, check=True)
+            return time.perf_counter() - start
+
+    def drop(self):
+        """Drops the store's pages, and makes sure that they are gone."""
+        os.sync()
+        for path in self.files():
+            with open(path, "rb") as file:
+                os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+        resident = subprocess.run(["fincore", "-b", "-n", "-o", "RES", *map(str, self.files())], capture_output=True, text=True)
+        left = sum(map(int, resident.stdout.split()))
+        assert left < 64 * MIB, f"{left} bytes of the store are still in memory: a cold run would prove nothing"
+
+    def table(self):
+        head = ("bar", "measured", "limit", "met", "")
+        widths = [max(len(row[c]) for row in [head, *self.rows]) for c in range(4)]
+        for row in [head, *self.rows]:
+            print("  ".join(cell.ljust(width) for cell, width in zip(row, widths)) + "  " + row[4])
+        processor = next((line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
+                          if line.startswith("model name")), platform.processor())
+        print(f"\n{processor}, {os.cpu_count()} cores, {platform.system()} {platform.release()}; medians of {self.rounds}")
+        self.figures["bars"] = [dict(zip(("bar", "measured", "limit", "met", "note"), row)) for row in self.rows]
+        (self.work / "bench.json").write_text(json.dumps(self.figures, indent=1))
+
+
+class Cgroup:
+    """A memory cgroup of this size, of either version, if one can be made."""
+
+    def __init__(self, limit):
+        self.limit, self.works, self.why, self.path = limit, False, "cgroups can't be made here", None
+
+    def __enter__(self):
+        name = f"spharm-bench-{os.getpid()}"
+        for parent, file in ((Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes"), (Path("/sys/fs/cgroup"), "memory.max")):
+            try:
+                self.path = parent / name
+                self.path.mkdir()
+                (self.path / file).write_text(str(self.limit))
+                self.works = True
+                return self
+            except OSError as error:
+                self.why = f"cgroups can't be made here ({error})"
+                self.leave()
+        return self
+
+    def inside(self, command):
+        return ["sh", "-c", f'echo $$ > "{self.path}/cgroup.procs" && exec "$@"', "sh", *command]
+
+    def leave(self):
+        if self.path and self.path.is_dir():
+            try:
+                self.path.rmdir()
+            except OSError:
+                pass
+
+    def __exit__(self, *_):
+        self.leave()
+
+
+def run(*command):
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=ROOT, timeout=3600)
+    if done.returncode:
+        sys.exit(f"{' '.join(map(str, command))}\n{done.stderr}")
+    return done.stdout
+
+
+def seconds(*command):
+    start = time.perf_counter()
+    run(*command)
+    return time.perf_counter() - start
+
+
+def median(values):
+    return statistics.median(values)
+
+
+def ratio(ours, theirs):
+    """Median of the ratios round by round: the machine's speed drifts, and they were run in turn."""
+    return median([a / b for a, b in zip(ours, theirs, strict=True)])
+
+
+def peak_anonymous(command):
+    """Largest anonymous memory of a command, sampled every two milliseconds."""
+    process = subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL)
+    peak = 0
+    status = Path(f"/proc/{process.pid}/status")
+    while process.poll() is None:
+        try:
+            found = re.search(r"RssAnon:\s+(\d+) kB", status.read_text())
+        except (OSError, ProcessLookupError):
+            break
+        peak = max(peak, int(found.group(1)) * 1024 if found else 0)
+        time.sleep(0.002)
+    assert process.wait() == 0, "the fit failed"
+    return peak
+
+
+def numbers(path):
+    with open(path) as file:
+        return [float(cell) for row in list(csv.reader(file))[1:] for cell in row[2:]]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    bars = ["building", "building_tmpfs", "fitting", "batch", "memory", "refusal", "accuracy"]
+    parser.add_argument("--data", default=ROOT / "../shared/data", help="surfaces with reference results")
+    parser.add_argument("--work", default=ROOT / "bench", help="folder on the disk to measure; emptied")
+    parser.add_argument("--tmpfs", default="/dev/shm", help="a tmpfs with 7 GB to spare")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--only", nargs="*", choices=bars)
+    bench = Bench(parser.parse_args())
+    try:
+        for name in bars:
+            if bench.wanted(name):
+                getattr(bench, name)()
+    finally:
+        bench.table()
+        for path in bench.work.iterdir():
+            if path.name != "bench.json":
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+    sys.exit(any(row[3] == "NO" for row in bench.rows))
+
+
+if __name__ == "__main__":
+    main()

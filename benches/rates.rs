@@ -1,0 +1,73 @@
+//! What the machine can do, as JSON: the rate of one large OpenBLAS dgemm, in flops a second, and of the kernels.
+//!
+//! `cargo bench --bench rates`. The bars of `./run bench` are stated relative to the first.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use spharm_harmonics::product::{self, Matrix};
+use spharm_harmonics::{Recurrence, Sweep, basis_size};
+use spharm_solver::dense;
+
+/// Median of five runs, seconds, after one to warm up.
+fn median(mut work: impl FnMut()) -> f64 {
+    work();
+    let mut seconds: Vec<f64> = (0..5)
+        .map(|_| {
+            let start = Instant::now();
+            work();
+            start.elapsed().as_secs_f64()
+        })
+        .collect();
+    seconds.sort_by(f64::total_cmp);
+    seconds[2]
+}
+
+fn main() {
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let order = 4096;
+    let a: Vec<f64> = (0..order * order).map(|i| (i % 97) as f64).collect();
+    let matrix = Matrix::new(&a, order, order, order);
+    let mut out = vec![0.0; order * order];
+    dense::set_blas_threads(threads);
+    let dgemm = 2.0 * (order as f64).powi(3) / median(|| dense::accumulate_adjoint(matrix, matrix, &mut out));
+    dense::set_blas_threads(1);
+
+    let (rows, max_degree) = (520, 100);
+    let directions: Vec<[f64; 3]> = (0..rows)
+        .map(|i| {
+            let (z, phi) = ((2 * i + 1) as f64 / rows as f64 - 1.0, 2.4 * i as f64);
+            let u = (1.0 - z * z).sqrt();
+            [u * phi.cos(), u * phi.sin(), z]
+        })
+        .collect();
+    let recurrence = Recurrence::new(max_degree).expect("degree 100 is supported");
+    let mut block = vec![0.0; rows * (2 * max_degree + 1)];
+    let values = (rows * basis_size(max_degree)) as f64;
+    let harmonics = values
+        / median(|| {
+            let mut sweep = Sweep::new(&recurrence, &directions);
+            for l in 0..=max_degree {
+                sweep.next_degree(&mut block[..rows * (2 * l + 1)]);
+                black_box(&block);
+            }
+        });
+
+    // Forty chunks, more than any cache holds beside them: what a streaming pass does with each byte.
+    let columns = 2 * max_degree + 1;
+    let chunks = vec![0.5; 40 * rows * columns];
+    let residual = vec![0.25; rows * 3];
+    let (mut x, mut updated) = (vec![0.0; columns * 3], vec![0.0; rows * 3]);
+    let stream = 8.0 * chunks.len() as f64
+        / median(|| {
+            for chunk in chunks.chunks_exact(rows * columns) {
+                let chunk = Matrix::new(chunk, rows, columns, rows);
+                product::accumulate_adjoint(chunk, Matrix::new(&residual, rows, 3, rows), &mut x);
+                product::accumulate_synthesis(chunk, &x, -1e-9, &mut updated, rows);
+            }
+        });
+    println!(
+        "{{\"threads\": {threads}, \"dgemm_flops\": {dgemm:.4e}, \"harmonics_per_second_one_thread\": {harmonics:.4e}, \
+         \"stream_bytes_per_second_one_thread\": {stream:.4e}}}"
+    );
+}

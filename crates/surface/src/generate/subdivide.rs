@@ -1,0 +1,88 @@
+//! Triangles split in four at the midpoints of their edges.
+
+use std::collections::HashMap;
+
+use crate::geometry::{Vec3, add, scale, unit};
+use crate::mesh::Mesh;
+
+/// Splits each triangle in four at the midpoints of its edges: the same surface, sampled more densely.
+///
+/// The first vertices are those of `mesh`, in their order; a midpoint for each edge follows, in the order in which the
+/// triangles come upon them. That order depends on the triangles alone, so a surface and its sphere still correspond
+/// vertex for vertex when the one has been through this function and the other through [`subdivide_sphere`].
+///
+/// A closed surface of genus zero with n vertices comes to 4 n - 6 of them.
+///
+/// # Panics
+///
+/// When a triangle names a vertex that isn't there, or there are more vertices than 32 bits count.
+#[must_use]
+pub fn subdivide(mesh: &Mesh) -> Mesh {
+    split(mesh, |a, b| scale(add(a, b), 0.5))
+}
+
+/// [`subdivide`] for the sphere that a surface is parameterised by: vertices and midpoints are brought to length 1.
+///
+/// # Panics
+///
+/// As [`subdivide`].
+#[must_use]
+pub fn subdivide_sphere(sphere: &Mesh) -> Mesh {
+    let unit_sphere = sphere.with_vertices(sphere.vertices.iter().map(|&v| unit(v)).collect());
+    split(&unit_sphere, |a, b| unit(add(a, b)))
+}
+
+fn split(mesh: &Mesh, middle: impl Fn(Vec3, Vec3) -> Vec3) -> Mesh {
+    let edges = mesh.faces.len() * 3 / 2;
+    let mut vertices = mesh.vertices.clone();
+    vertices.reserve(edges);
+    let mut midpoints: HashMap<(u32, u32), u32> = HashMap::with_capacity(edges);
+    let mut midpoint = |a: u32, b: u32| {
+        *midpoints.entry((a.min(b), a.max(b))).or_insert_with(|| {
+            let next = u32::try_from(vertices.len()).expect("more vertices than 32 bits count");
+            vertices.push(middle(vertices[a as usize], vertices[b as usize]));
+            next
+        })
+    };
+    let faces = mesh.faces.iter().flat_map(|&[a, b, c]| {
+        let (ab, bc, ca) = (midpoint(a, b), midpoint(b, c), midpoint(c, a));
+        [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
+    });
+    let faces = faces.collect();
+    Mesh { vertices, faces, meta: mesh.meta.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::{Cortex, cortex, icosphere};
+    use crate::geometry::{dot, face_normal};
+    use crate::topology::{Topology, is_outward};
+
+    fn area(mesh: &Mesh) -> f64 {
+        let normals = mesh.faces.iter().map(|face| face_normal(face.map(|v| mesh.vertices[v as usize])));
+        normals.map(|normal| 0.5 * dot(normal, normal).sqrt()).sum()
+    }
+
+    #[test]
+    fn the_surface_stays_and_corresponds_to_its_sphere() {
+        let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 1 });
+        let (fine, fine_sphere) = (subdivide(&surface), subdivide_sphere(&sphere));
+        assert_eq!(fine.vertices.len(), 4 * surface.vertices.len() - 6);
+        assert_eq!(fine.vertices[..surface.vertices.len()], surface.vertices[..]);
+        assert_eq!(fine.faces, fine_sphere.faces);
+        assert_eq!(fine.meta, surface.meta);
+        assert!(Topology::of(&fine).is_sphere() && is_outward(&fine));
+        assert!((area(&fine) / area(&surface) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn spheres_of_any_radius_become_the_next_icosphere() {
+        let coarse = icosphere(2);
+        let scaled = coarse.with_vertices(coarse.vertices.iter().map(|&v| scale(v, 100.0)).collect());
+        let (found, expected) = (subdivide_sphere(&scaled), icosphere(3));
+        assert_eq!(found.faces, expected.faces);
+        let off = |(a, b): (&Vec3, &Vec3)| (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f64::max);
+        assert!(found.vertices.iter().zip(&expected.vertices).map(off).all(|off| off < 1e-15));
+    }
+}

@@ -1,0 +1,94 @@
+//! Fits of real surfaces against results that were computed without any of this code.
+
+use std::path::Path;
+
+use serde_json::Value;
+use spharm_surface::io::read_signal;
+
+use crate::common::{shared, succeed, tool};
+
+/// Runs a fit and gives its report.
+fn report(store: &Path, sphere: &Path, surface: &Path, arguments: &[&str]) -> Value {
+    let folder = store.parent().expect("a folder");
+    let mut command = tool("fit");
+    command.args(["--store".as_ref(), store.as_os_str(), "--sphere".as_ref(), sphere.as_os_str()]);
+    command.args(["--surface".as_ref(), surface.as_os_str(), "-o".as_ref(), folder.join("m.spharm.npz").as_os_str()]);
+    let text = succeed(command.args(["--json", "--force", "--coefficients-csv", "-q"]).args(arguments));
+    serde_json::from_str(&text).expect("the report is JSON")
+}
+
+fn build(store: &Path, sphere: &Path, max_degree: usize) {
+    let mut command = tool("basis-build");
+    command.args(["--store".as_ref(), store.as_os_str(), "--sphere".as_ref(), sphere.as_os_str()]);
+    succeed(command.args(["-q", "--max-degree", &max_degree.to_string()]));
+}
+
+/// msd to 1e-6 and xsd to 1e-4, relative, on every irf and sirf line of `reference.json`.
+fn meets_reference(name: &str) {
+    let Some(reference) = shared("reference.json") else { return };
+    let (Some(sphere), Some(surface)) =
+        (shared(&format!("{name}.sphere.surf.gii")), shared(&format!("{name}.surf.gii")))
+    else {
+        return;
+    };
+    let reference: Value = serde_json::from_slice(&std::fs::read(reference).unwrap()).unwrap();
+    let lines = reference[name]["results"].as_object().expect("results");
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path().join("store");
+    build(&store, &sphere, 100);
+    let mut met = 0;
+    let mut check = |line: &str, pass: &Value| {
+        let Some(expected) = lines.get(line) else { return };
+        for (measure, tolerance) in [("msd", 1e-6), ("xsd", 1e-4)] {
+            let (found, expected) = (pass[measure].as_f64().unwrap(), expected[measure].as_f64().unwrap());
+            assert!((found / expected - 1.0).abs() <= tolerance, "{name}, {line}: {measure} {found}, not {expected}");
+        }
+        met += 1;
+    };
+    for g in [1, 100, 200, 400] {
+        let arguments = ["--max-degree", "100", "--passes", "8", "--granularity", &g.to_string()];
+        let report = report(&store, &sphere, &surface, &arguments);
+        for p in 1..=8 {
+            check(&format!("irf p={p} g={g} L=100"), &report["surfaces"][0]["passes"][p - 1]);
+        }
+    }
+    for degree in [10, 20, 60, 100] {
+        let arguments = ["--method", "sirf", "--max-degree", &degree.to_string()];
+        let report = report(&store, &sphere, &surface, &arguments);
+        check(&format!("sirf L={degree}"), &report["surfaces"][0]["passes"][0]);
+    }
+    let wanted = lines.keys().filter(|line| line.contains("irf")).count();
+    assert_eq!(met, wanted, "every irf and sirf line was met: {:?}", lines.keys());
+}
+
+#[test]
+fn the_cortex_meets_every_line_of_the_reference() {
+    meets_reference("cort40962");
+}
+
+#[test]
+fn the_head_meets_every_line_of_the_reference() {
+    meets_reference("head27618");
+}
+
+/// The least squares of three hippocampi at degree 15, as their authors published it.
+#[test]
+fn full_least_squares_equals_published_coefficients() {
+    for name in ["hippo_a01_l", "hippo_a02_l", "hippo_a03_l"] {
+        let files = [format!("{name}.sphere.obj"), format!("{name}.obj"), format!("{name}.degree15.fvec.csv")];
+        let [Some(sphere), Some(surface), Some(published)] = files.map(|file| shared(&file)) else { return };
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("store");
+        build(&store, &sphere, 15);
+        report(&store, &sphere, &surface, &["--method", "nlsf", "--max-degree", "15"]);
+        let ours = read_signal(folder.path().join("m.spharm.csv")).unwrap();
+        let theirs = read_signal(&published).unwrap();
+        assert_eq!((ours.vertices, ours.channels), (256, 8));
+        let coefficients =
+            |values: &[f64]| -> Vec<f64> { values.chunks(8).flat_map(|row| row[2..].to_vec()).collect() };
+        let (ours, theirs) = (coefficients(&ours.values), coefficients(&theirs.values));
+        let difference: f64 = ours.iter().zip(&theirs).map(|(a, b)| (a - b) * (a - b)).sum();
+        let norm: f64 = theirs.iter().map(|b| b * b).sum();
+        assert!((difference / norm).sqrt() <= 1e-10, "{name}: {}", (difference / norm).sqrt());
+    }
+}

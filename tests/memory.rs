@@ -1,0 +1,148 @@
+//! Memory that is kept to: a fit of 40,962 vertices from a store of 1.2 GB under limits that the system enforces.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use crate::common::{succeed, tool};
+
+const LIMIT: usize = 320 << 20;
+
+/// A generated cortex of 40,962 vertices and its basis to degree 60; kept in the target folder from run to run.
+static STUDY: LazyLock<PathBuf> = LazyLock::new(|| {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("memory");
+    fs::create_dir_all(&folder).unwrap();
+    let sphere = folder.join("sphere.surf.gii");
+    succeed(
+        tool("generate").arg("--surface").arg(folder.join("s.surf.gii")).arg("--sphere").arg(&sphere).arg("--force"),
+    );
+    let mut build = tool("basis-build");
+    build.arg("--sphere").arg(&sphere).arg("--store").arg(folder.join("store")).args(["--max-degree", "60", "-q"]);
+    succeed(&mut build);
+    folder
+});
+
+fn fit(wrapper: &[String]) -> Command {
+    let arguments = [
+        ("--store", STUDY.join("store")),
+        ("--sphere", STUDY.join("sphere.surf.gii")),
+        ("--surface", STUDY.join("s.surf.gii")),
+        ("--output", STUDY.join(format!("{}.npz", std::process::id()))),
+    ];
+    let tool = tool("fit");
+    let mut command = match wrapper {
+        [] => Command::new(tool.get_program()),
+        [program, more @ ..] => {
+            let mut command = Command::new(program);
+            command.args(more).arg(tool.get_program());
+            command
+        }
+    };
+    for (flag, value) in arguments {
+        command.arg(flag).arg(value);
+    }
+    command.args([
+        "--max-degree",
+        "60",
+        "--granularity",
+        "100",
+        "--memory",
+        "256MiB",
+        "--threads",
+        "2",
+        "--force",
+        "-q",
+    ]);
+    command
+}
+
+/// Drops the store's pages and makes sure that they are gone; else a cold run would prove nothing.
+fn drop_pages() -> bool {
+    let scheme = fs::read_dir(STUDY.join("store")).unwrap().next().unwrap().unwrap().path();
+    let files: Vec<PathBuf> = fs::read_dir(scheme).unwrap().map(|item| item.unwrap().path()).collect();
+    for path in &files {
+        let file = fs::File::open(path).unwrap();
+        file.sync_all().unwrap();
+        rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed).unwrap();
+    }
+    let Ok(output) = Command::new("fincore").args(["-b", "-n", "-o", "RES"]).args(&files).output() else {
+        eprintln!("skipped: no fincore here to see that the store's pages are gone");
+        return false;
+    };
+    let resident: u64 =
+        String::from_utf8_lossy(&output.stdout).lines().filter_map(|l| l.trim().parse::<u64>().ok()).sum();
+    if resident > 64 << 20 {
+        eprintln!("skipped: {resident} bytes of the store stay in memory on this file system");
+    }
+    resident <= 64 << 20
+}
+
+#[test]
+fn anonymous_memory_stays_below_the_budget() {
+    let mut child = fit(&[]).stdout(Stdio::null()).spawn().unwrap();
+    let status = PathBuf::from(format!("/proc/{}/status", child.id()));
+    let mut peak = 0;
+    while child.try_wait().unwrap().is_none() {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("RssAnon:"));
+        let kib: u64 = line.and_then(|line| line.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(0);
+        peak = peak.max(kib << 10);
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert!(child.wait().unwrap().success());
+    assert!(peak > 1 << 20, "something was measured");
+    assert!(peak < 256 << 20, "{peak} bytes");
+}
+
+#[test]
+fn a_limit_on_data_is_no_obstacle() {
+    let limit = |bytes: usize| ["prlimit".to_owned(), format!("--data={bytes}")];
+    if Command::new("prlimit").arg("--version").output().is_err() {
+        eprintln!("skipped: no prlimit here");
+        return;
+    }
+    succeed(&mut fit(&limit(LIMIT)));
+    succeed(&mut fit(&limit(256 << 20)));
+    // Too low a limit is said before the work starts, where OpenBLAS would wait for memory for ever.
+    let error = crate::common::fail(&mut fit(&limit(64 << 20)));
+    assert!(error.contains("ulimit -d"), "{error}");
+}
+
+#[test]
+fn a_cold_fit_succeeds_in_a_cgroup_far_smaller_than_the_store() {
+    let Some(group) = Cgroup::new() else {
+        eprintln!("skipped: no memory cgroup can be made here");
+        return;
+    };
+    if !drop_pages() {
+        return;
+    }
+    let enter = format!("echo $$ > '{}/cgroup.procs' && exec \"$@\"", group.0.display());
+    succeed(&mut fit(&["sh".to_owned(), "-c".to_owned(), enter, "sh".to_owned()]));
+}
+
+/// A memory cgroup of `LIMIT` bytes, of either version.
+struct Cgroup(PathBuf);
+
+impl Cgroup {
+    fn new() -> Option<Self> {
+        let name = format!("spharm-test-{}", std::process::id());
+        [("/sys/fs/cgroup/memory", "memory.limit_in_bytes"), ("/sys/fs/cgroup", "memory.max")].iter().find_map(
+            |(parent, file)| {
+                let group = Self(Path::new(parent).join(&name));
+                fs::create_dir(&group.0).ok()?;
+                fs::write(group.0.join(file), LIMIT.to_string()).ok()?;
+                Some(group)
+            },
+        )
+    }
+}
+
+impl Drop for Cgroup {
+    fn drop(&mut self) {
+        // Empty once its only process has ended.
+        let _ = fs::remove_dir(&self.0);
+    }
+}

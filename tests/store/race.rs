@@ -1,0 +1,113 @@
+//! Many builders at once on one key leave one store.
+
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use spharm_store::{BuildParams, Scalar, SchemeKey, StoreError, build, catalog};
+
+use super::{build_here, directions, leftovers, verified, write_sphere};
+use crate::common::{text, times, tool, wait};
+
+const N: usize = 1000;
+const MAX_DEGREE: usize = 20;
+const BUILDERS: usize = 16;
+
+fn builder(store: &Path, sphere: &Path) -> Command {
+    let mut command = tool("basis-build");
+    command.arg("--store").arg(store).arg("--sphere").arg(sphere).args(["--max-degree", "20", "--threads", "1"]);
+    command.args(["-q", "--json", "-"]).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+/// Races them and gives how many degrees all of them together say they have built.
+fn race(store: &Path, sphere: &Path) -> u64 {
+    let children: Vec<Child> =
+        (0..BUILDERS).map(|_| builder(store, sphere).spawn().expect("the tool starts")).collect();
+    let built = children.into_iter().map(|child| {
+        let output = wait(child);
+        assert!(output.status.success(), "{}", text(&output));
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a report");
+        let count = |name: &str| report[name].as_u64().expect("a number");
+        assert_eq!(count("degrees_built") + count("degrees_present"), MAX_DEGREE as u64 + 1);
+        count("degrees_built")
+    });
+    built.sum()
+}
+
+fn reference(folder: &Path) -> std::collections::BTreeMap<usize, Vec<u8>> {
+    let store = folder.join("reference");
+    build_here(&store, N, &BuildParams { max_degree: MAX_DEGREE, ..BuildParams::default() });
+    verified(&store)
+}
+
+#[test]
+fn sixteen_builders_leave_one_store() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let sphere = write_sphere(folder.path(), N);
+    let store = folder.path().join("store");
+    assert_eq!(race(&store, &sphere), MAX_DEGREE as u64 + 1, "each degree is built once");
+    assert!(verified(&store) == reference(folder.path()));
+    assert_eq!(leftovers(&store), [""; 0]);
+}
+
+/// Where locks don't work (a link in the lock's place stands for that) the work is done many times over, and the first
+/// to publish a degree wins.
+#[test]
+fn sixteen_builders_without_a_lock_leave_one_store() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let sphere = write_sphere(folder.path(), N);
+    let expected = reference(folder.path());
+    for round in 0..times(10) {
+        let store = folder.path().join(format!("store{round}"));
+        let scheme = store.join(SchemeKey::of(&directions(N), Scalar::F64).to_string());
+        std::fs::create_dir_all(&scheme).expect("a folder");
+        std::os::unix::fs::symlink("nowhere", scheme.join(".lock")).expect("a link");
+        assert_eq!(race(&store, &sphere), MAX_DEGREE as u64 + 1, "each degree is published once");
+        assert!(verified(&store) == expected);
+        assert_eq!(leftovers(&store), [""; 0]);
+    }
+}
+
+/// Somebody who clears leftovers away all the time doesn't disturb those who build, not even in the moment between the
+/// creation of a file and its lock.
+#[test]
+fn clearing_away_spares_what_is_being_written() {
+    const ROWS: usize = 8;
+    const FILES: usize = 200;
+    // Many files are what counts here, not the disk.
+    let memory = Path::new("/dev/shm");
+    let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.expect("a folder");
+    let store = folder.path();
+    let key = SchemeKey::of(&directions(ROWS), Scalar::F64);
+    let scheme = store.join(key.to_string());
+    std::fs::create_dir_all(&scheme).expect("a folder");
+    let abandoned = scheme.join(".A_3.abandoned.tmp");
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while !done.load(Ordering::Relaxed) {
+                    // Whatever comes between listing and removing, no error and no harm.
+                    catalog::remove_leftovers(store, key).expect("a folder");
+                }
+            });
+        }
+        let params = BuildParams { max_degree: FILES - 1, ..BuildParams::default() };
+        let build = || -> Result<(), StoreError> {
+            for _ in 0..times(400) {
+                std::fs::write(&abandoned, "").expect("a file");
+                build(store, &directions(ROWS), &params, &AtomicBool::new(false), &|_| {})?;
+                for degree in 0..FILES {
+                    std::fs::remove_file(scheme.join(format!("A_{degree}"))).expect("a published file");
+                }
+            }
+            Ok(())
+        };
+        let built = build();
+        done.store(true, Ordering::Relaxed);
+        built.expect("undisturbed builds");
+    });
+    catalog::remove_leftovers(store, key).expect("a folder");
+    assert!(!abandoned.exists());
+}

@@ -1,0 +1,130 @@
+//! Building bases and fitting surfaces, with the time taken.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use ndarray::ArrayView2;
+use spharm_cli::console::{Console, Unit};
+use spharm_harmonics::{Directions, basis_size};
+use spharm_solver::{ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method, Operator};
+use spharm_store::{BuildEvent, BuildParams, BuildReport, build};
+
+use crate::published::Quality;
+use crate::surfaces::Surface;
+
+/// What all experiments are run with.
+#[derive(Clone, Copy)]
+pub(crate) struct Bench<'a> {
+    pub(crate) console: &'a Console,
+    pub(crate) cancel: &'a AtomicBool,
+    /// Most bytes of memory for a build or a fit.
+    pub(crate) memory: usize,
+    pub(crate) threads: usize,
+    /// Bytes that the surfaces and the program take.
+    pub(crate) held: usize,
+}
+
+/// How good a fit was and how long it took.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measured {
+    pub(crate) quality: Quality,
+    pub(crate) seconds: f64,
+}
+
+/// Most sweeps beyond NLSF's one pass, as in `fit`.
+const REFINEMENTS: usize = 5;
+
+impl Bench<'_> {
+    /// Builds what a store lacks of a basis. The seconds include bringing the files to disk.
+    pub(crate) fn build(&self, store: &Path, directions: &Directions, max_degree: usize) -> Result<(BuildReport, f64)> {
+        let params = BuildParams { max_degree, memory: self.memory, threads: self.threads, ..BuildParams::default() };
+        let progress = Mutex::new(None);
+        let lock = || progress.lock().unwrap_or_else(PoisonError::into_inner);
+        let started = Instant::now();
+        let report = build(store, directions, &params, self.cancel, &|event| match event {
+            BuildEvent::Waiting => self.console.note("another process builds this basis; waiting for it"),
+            BuildEvent::Replacing(error) => self.console.warn(format!("replacing a damaged file: {error}")),
+            BuildEvent::Planned { bytes, .. } if bytes > 0 => {
+                *lock() = Some(self.console.progress("basis", bytes, Unit::Bytes));
+            }
+            BuildEvent::Progress(bytes) => {
+                if let Some(progress) = &*lock() {
+                    progress.add(bytes);
+                }
+            }
+            _ => {}
+        });
+        let seconds = started.elapsed().as_secs_f64();
+        let what = || format!("the basis of {} directions to degree {max_degree}", directions.len());
+        Ok((report.with_context(what)?, seconds))
+    }
+
+    /// Settings of a fit.
+    pub(crate) fn params(&self, method: Method, max_degree: usize) -> FitParams {
+        FitParams {
+            max_degree,
+            method,
+            refinements: if method == Method::Nlsf { REFINEMENTS } else { 0 },
+            memory: self.memory,
+            held: self.held,
+            threads: self.threads,
+            ..FitParams::default()
+        }
+    }
+
+    /// Fits a surface and gives what it came to after each sweep, with the seconds up to there. They are those of the
+    /// sweeps alone, the reading of the basis among them.
+    pub(crate) fn fit(
+        &self,
+        operator: &DiskOperator,
+        surface: &Surface,
+        method: Method,
+        max_degree: usize,
+    ) -> Result<Vec<Measured>> {
+        let what = || format!("{}: {} to degree {max_degree}", surface.name, method.name());
+        let mut fitter = Fitter::new(operator, 3, self.params(method, max_degree)).with_context(what)?;
+        let values = ArrayView2::from_shape((surface.vertices.len(), 3), surface.vertices.as_flattened())?;
+        let targets = ChunkedRows::from_array(values, operator.chunk_rows());
+        let progress = {
+            let total = (method.passes() * basis_size(max_degree)) as u64;
+            self.console.progress("fit", total, Unit::Count("columns"))
+        };
+        let last = std::cell::Cell::new(0);
+        let fit = fitter.fit(targets, std::slice::from_ref(&(0..3)), self.cancel, &|event| {
+            if let FitEvent::Block(sweep, done, _) = event
+                && sweep <= method.passes()
+            {
+                let before = if done <= last.get() { 0 } else { last.get() };
+                progress.add((done - before) as u64);
+                last.set(done);
+            }
+        });
+        let report = fit.with_context(what)?.report;
+        self.warn_of_rank(surface, &report);
+        Ok(measured(&report, surface.scale))
+    }
+
+    fn warn_of_rank(&self, surface: &Surface, report: &FitReport) {
+        for block in report.blocks.iter().filter(|block| block.rank < block.columns) {
+            self.console.warn(format!(
+                "{}: degrees {} to {} have rank {} of {} columns; the solution of least norm was taken",
+                surface.name, block.first_degree, block.last_degree, block.rank, block.columns
+            ));
+        }
+    }
+}
+
+fn measured(report: &FitReport, scale: f64) -> Vec<Measured> {
+    let mut seconds = 0.0;
+    let sweeps = report.sweeps.iter().filter_map(|sweep| {
+        seconds += sweep.seconds;
+        let residual = sweep.residuals.first()?;
+        let square = scale * scale;
+        let quality = Quality { msd: residual.mean_square / square, xsd: residual.max_square / square };
+        Some(Measured { quality, seconds })
+    });
+    sweeps.collect()
+}

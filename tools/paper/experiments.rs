@@ -1,0 +1,224 @@
+//! The experiments: what is measured, over which range.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use spharm_harmonics::{Directions, basis_size};
+use spharm_solver::{DiskOperator, Method, Operator, plan};
+use spharm_surface::generate::icosphere;
+
+use crate::bench::{Bench, Measured};
+use crate::published::{Quality, Reference};
+use crate::surfaces::Surface;
+
+/// How large the experiments are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Extent {
+    /// Of the generated cortex.
+    pub(crate) subdivisions: u32,
+    /// Degree of the grid, and of the bases in the store.
+    pub(crate) max_degree: usize,
+    /// Figure 5: degrees of SIRF.
+    pub(crate) sirf: &'static [usize],
+    /// Figures 6 and 7: g and the largest p.
+    pub(crate) granularities: &'static [usize],
+    pub(crate) passes: usize,
+    /// Table 1: the degree above which NLSF is planned but not run.
+    pub(crate) nlsf: usize,
+    /// Figure 3: degrees at the cortex's number of vertices, icospheres at one degree.
+    pub(crate) basis_degrees: &'static [usize],
+    pub(crate) basis_degree: usize,
+    pub(crate) basis_subdivisions: &'static [u32],
+}
+
+/// The paper's.
+pub(crate) const FULL: Extent = Extent {
+    subdivisions: 6,
+    max_degree: 100,
+    sirf: &[10, 20, 60, 100],
+    granularities: &[1, 100, 200, 400],
+    passes: 8,
+    nlsf: 60,
+    basis_degrees: &[10, 20, 40, 60, 80, 100],
+    basis_degree: 60,
+    basis_subdivisions: &[4, 5, 6],
+};
+
+/// Seconds rather than minutes: to see that everything works.
+pub(crate) const QUICK: Extent = Extent {
+    subdivisions: 4,
+    max_degree: 20,
+    sirf: &[5, 10, 20],
+    granularities: &[1, 50, 100, 200],
+    passes: 8,
+    nlsf: 10,
+    basis_degrees: &[5, 10, 20],
+    basis_degree: 10,
+    basis_subdivisions: &[2, 3, 4],
+};
+
+/// Figure 5: one degree a block, one pass.
+#[derive(Debug)]
+pub(crate) struct Sirf {
+    pub(crate) surface: String,
+    pub(crate) vertices: usize,
+    pub(crate) max_degree: usize,
+    pub(crate) measured: Measured,
+    pub(crate) reference: Option<Quality>,
+}
+
+/// Figures 6 and 7: after one of the passes at one granularity.
+#[derive(Debug)]
+pub(crate) struct Pass {
+    pub(crate) surface: String,
+    pub(crate) vertices: usize,
+    pub(crate) max_degree: usize,
+    pub(crate) granularity: usize,
+    pub(crate) pass: usize,
+    pub(crate) measured: Measured,
+    pub(crate) reference: Option<Quality>,
+}
+
+/// Table 1: what the full least squares needs.
+#[derive(Debug)]
+pub(crate) struct Nlsf {
+    pub(crate) vertices: usize,
+    /// Bytes.
+    pub(crate) memory: usize,
+    /// The largest degree whose plan fits; none when not even degree 0's does.
+    pub(crate) max_degree: Option<usize>,
+    /// The basis ends at that degree: with a higher one more might fit.
+    pub(crate) capped: bool,
+    /// Bytes planned at that degree.
+    pub(crate) planned: Option<usize>,
+    /// A fit in that memory: its degree, and how it went.
+    pub(crate) fitted: Option<(usize, Measured)>,
+}
+
+/// Figure 3: one basis, built from nothing.
+#[derive(Debug)]
+pub(crate) struct Basis {
+    /// Along which of figure 3's axes: `degree` or `vertices`.
+    pub(crate) along: &'static str,
+    pub(crate) vertices: usize,
+    pub(crate) max_degree: usize,
+    pub(crate) seconds: f64,
+    pub(crate) bytes: u64,
+}
+
+/// All that was measured.
+#[derive(Debug, Default)]
+pub(crate) struct Results {
+    pub(crate) sirf: Vec<Sirf>,
+    pub(crate) grid: Vec<Pass>,
+    pub(crate) nlsf: Vec<Nlsf>,
+    pub(crate) basis: Vec<Basis>,
+}
+
+/// Figure 5. Degree for degree SIRF does the same whatever the highest, but msd and time belong to each fit.
+pub(crate) fn sirf(
+    bench: &Bench<'_>,
+    extent: &Extent,
+    operator: &DiskOperator,
+    surface: &Surface,
+    reference: &Reference,
+) -> Result<Vec<Sirf>> {
+    let one = |&max_degree: &usize| -> Result<Sirf> {
+        bench.console.note(format!("{}: figure 5, SIRF to degree {max_degree}", surface.name));
+        let sweeps = bench.fit(operator, surface, Method::Sirf { start_degree: 0 }, max_degree)?;
+        Ok(Sirf {
+            surface: surface.name.clone(),
+            vertices: surface.vertices.len(),
+            max_degree,
+            measured: *sweeps.last().context("a fit without a pass")?,
+            reference: reference.sirf(&surface.name, max_degree),
+        })
+    };
+    extent.sirf.iter().map(one).collect()
+}
+
+/// Figures 6 and 7. One fit of the most passes for each g: after each of its passes it is where a fit of so many passes
+/// ends.
+pub(crate) fn grid(
+    bench: &Bench<'_>,
+    extent: &Extent,
+    operator: &DiskOperator,
+    surface: &Surface,
+    reference: &Reference,
+) -> Result<Vec<Pass>> {
+    let (passes, max_degree) = (extent.passes, extent.max_degree);
+    let mut grid = Vec::new();
+    for &granularity in extent.granularities {
+        bench.console.note(format!("{}: figures 6 and 7, g = {granularity}, {passes} passes", surface.name));
+        let sweeps = bench.fit(operator, surface, Method::Irf { passes, granularity }, max_degree)?;
+        grid.extend(sweeps.into_iter().zip(1..).map(|(measured, pass)| Pass {
+            surface: surface.name.clone(),
+            vertices: surface.vertices.len(),
+            max_degree,
+            granularity,
+            pass,
+            measured,
+            reference: reference.irf(&surface.name, pass, granularity, max_degree),
+        }));
+    }
+    Ok(grid)
+}
+
+/// Table 1: for memories around the one given, the largest degree of NLSF by the solver's plan; and in the memory given,
+/// a fit to that degree or to the highest that is still quick.
+pub(crate) fn nlsf(
+    bench: &Bench<'_>,
+    extent: &Extent,
+    operator: &DiskOperator,
+    surface: &Surface,
+) -> Result<Vec<Nlsf>> {
+    let vertices = surface.vertices.len();
+    let in_memory = |memory: usize| {
+        let plan_to = |max_degree| plan(operator, 3, &Bench { memory, ..*bench }.params(Method::Nlsf, max_degree));
+        let fits = (0..=operator.max_degree()).rev().find_map(|degree| Some((degree, plan_to(degree).ok()?.total)));
+        let max_degree = fits.map(|(degree, _)| degree);
+        let capped = max_degree == Some(operator.max_degree());
+        Nlsf { vertices, memory, max_degree, capped, planned: fits.map(|(_, bytes)| bytes), fitted: None }
+    };
+    let memories = [bench.memory / 8, bench.memory / 4, bench.memory / 2, bench.memory];
+    let mut rows: Vec<Nlsf> = memories.into_iter().map(in_memory).collect();
+    if let Some(row) = rows.last_mut()
+        && let Some(most) = row.max_degree
+    {
+        let degree = most.min(extent.nlsf);
+        bench.console.note(format!("{}: table 1, NLSF to degree {degree}", surface.name));
+        let sweeps = bench.fit(operator, surface, Method::Nlsf, degree)?;
+        row.fitted = sweeps.last().map(|&measured| (degree, measured));
+    }
+    Ok(rows)
+}
+
+/// Figure 3, each basis into a folder of its own in `store`.
+pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<Vec<Basis>> {
+    let by_degree = extent.basis_degrees.iter().map(|&degree| ("degree", extent.subdivisions, degree));
+    let by_vertices = extent.basis_subdivisions.iter().map(|&s| ("vertices", s, extent.basis_degree));
+    let one = |(along, subdivisions, max_degree): (&'static str, u32, usize)| -> Result<Basis> {
+        let directions = Directions::from_vertices(&icosphere(subdivisions).vertices)?;
+        let vertices = directions.len();
+        bench.console.note(format!("figure 3, the basis of {vertices} vertices to degree {max_degree}"));
+        let scratch = tempfile::Builder::new()
+            .prefix(".figure3.")
+            .tempdir_in(store)
+            .with_context(|| format!("{}: cannot create a folder", store.display()))?;
+        let (report, seconds) = bench.build(scratch.path(), &directions, max_degree)?;
+        Ok(Basis { along, vertices, max_degree, seconds, bytes: report.bytes })
+    };
+    by_degree.chain(by_vertices).map(one).collect()
+}
+
+impl Pass {
+    /// Whether it is what a fit of `passes` passes at granularity `granularity` gives.
+    pub(crate) fn is(&self, passes: usize, granularity: usize) -> bool {
+        self.pass == passes && self.granularity == granularity
+    }
+
+    /// Number of basis functions, K.
+    pub(crate) fn columns(&self) -> usize {
+        basis_size(self.max_degree)
+    }
+}

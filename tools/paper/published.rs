@@ -1,0 +1,95 @@
+//! What there is to compare with: the paper's own numbers, and the reference beside the data.
+//!
+//! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+
+/// The paper's surfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Cortex,
+    Head,
+    Hippocampus,
+}
+
+/// One of the paper's fits to degree 100.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Published {
+    pub(crate) kind: Kind,
+    pub(crate) name: &'static str,
+    pub(crate) vertices: usize,
+    pub(crate) passes: usize,
+    pub(crate) granularity: usize,
+    pub(crate) seconds: f64,
+    pub(crate) msd: f64,
+    pub(crate) xsd: f64,
+}
+
+const fn fit(kind: Kind, name: &'static str, vertices: usize, p: usize, g: usize, measured: [f64; 3]) -> Published {
+    let [seconds, msd, xsd] = measured;
+    Published { kind, name, vertices, passes: p, granularity: g, seconds, msd, xsd }
+}
+
+/// The fits that the paper names the time of.
+pub(crate) const PUBLISHED: [Published; 3] = [
+    fit(Kind::Cortex, "cortex", 40_962, 1, 100, [555.0, 4.57e-5, 6.54e-4]),
+    fit(Kind::Head, "head", 27_618, 1, 400, [568.0, 1.16e-5, 2.46e-4]),
+    fit(Kind::Hippocampus, "hippocampus", 10_082, 2, 1, [210.0, 2.33e-5, 1.63e-3]),
+];
+
+/// About the degree that the full least squares reached at 40,962 vertices in 2006.
+pub(crate) const NLSF_DEGREE: usize = 24;
+
+/// msd and xsd of a fit.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub(crate) struct Quality {
+    pub(crate) msd: f64,
+    pub(crate) xsd: f64,
+}
+
+#[derive(Debug, Deserialize)]
+struct OfSurface {
+    results: BTreeMap<String, Quality>,
+}
+
+/// What fits of the surfaces must give, from a `reference.json`: surface, then method, then msd and xsd.
+#[derive(Debug, Default, Deserialize)]
+pub(crate) struct Reference(BTreeMap<String, OfSurface>);
+
+impl Reference {
+    /// Reads the reference of a folder of data; an empty one where there is no such file.
+    pub(crate) fn beside(data: &Path) -> Result<Self> {
+        let path = data.join("reference.json");
+        if !path.exists() {
+            return Ok(Self::default());
+        }
+        let text = std::fs::read_to_string(&path).with_context(|| format!("{}: cannot read", path.display()))?;
+        serde_json::from_str(&text).with_context(|| format!("{}: not a reference as the README says", path.display()))
+    }
+
+    /// After `pass` passes of IRF.
+    pub(crate) fn irf(&self, surface: &str, pass: usize, granularity: usize, max_degree: usize) -> Option<Quality> {
+        self.get(surface, &format!("irf p={pass} g={granularity} L={max_degree}"))
+    }
+
+    /// Of SIRF.
+    pub(crate) fn sirf(&self, surface: &str, max_degree: usize) -> Option<Quality> {
+        self.get(surface, &format!("sirf L={max_degree}"))
+    }
+
+    fn get(&self, surface: &str, fit: &str) -> Option<Quality> {
+        self.0.get(surface)?.results.get(fit).copied()
+    }
+}
+
+impl Quality {
+    /// The larger of the relative differences of msd and xsd from a reference.
+    pub(crate) fn off(self, reference: Self) -> f64 {
+        let off = |found: f64, expected: f64| ((found - expected) / expected).abs();
+        off(self.msd, reference.msd).max(off(self.xsd, reference.xsd))
+    }
+}

@@ -1,0 +1,224 @@
+//! The summary: what was measured beside what the paper says.
+
+use spharm_cli::size::Size;
+
+use crate::experiments::{Extent, Pass, Results};
+use crate::published::{NLSF_DEGREE, PUBLISHED, Quality};
+use crate::surfaces::Surface;
+use crate::tables::markdown;
+
+/// What the numbers depend on beside the experiments.
+#[derive(Debug)]
+pub(crate) struct Circumstances {
+    pub(crate) quick: bool,
+    pub(crate) version: &'static str,
+    pub(crate) threads: usize,
+    pub(crate) memory: usize,
+    pub(crate) peak: Option<u64>,
+    pub(crate) seconds: f64,
+}
+
+/// The summary as Markdown.
+pub(crate) fn summary(
+    results: &Results,
+    extent: &Extent,
+    surfaces: &[Surface],
+    circumstances: &Circumstances,
+) -> String {
+    let sections = [
+        opening(circumstances),
+        beside_the_paper(results, surfaces, circumstances.quick),
+        figure5(results),
+        figures6_7(results, extent),
+        table1(results),
+        figure3(results),
+    ];
+    sections.join("\n")
+}
+
+fn strings<const N: usize>(cells: [&str; N]) -> Vec<String> {
+    cells.map(str::to_owned).to_vec()
+}
+
+fn short(value: f64) -> String {
+    format!("{value:.2e}")
+}
+
+/// Three digits or so.
+fn seconds(value: f64) -> String {
+    let decimals = [1.0, 10.0, 100.0].into_iter().position(|bound| value < bound).map_or(0, |at| 3 - at);
+    format!("{value:.decimals$}")
+}
+
+fn off(found: Quality, reference: Option<Quality>) -> String {
+    reference.map_or("-".to_owned(), |reference| format!("{:.0e}", found.off(reference)))
+}
+
+fn opening(circumstances: &Circumstances) -> String {
+    let Circumstances { quick, version, threads, memory, peak, seconds } = circumstances;
+    let peak = peak.map_or(String::new(), |peak| format!(", {} at the peak", Size(peak as usize)));
+    let caution = if *quick {
+        "\nA quick run, of a small surface to a low degree: it shows that everything works. Its times and errors are not \
+         to be held against the paper's.\n"
+    } else {
+        ""
+    };
+    format!(
+        "# The paper's experiments\n\n\
+         After L. Shen and M. K. Chung, \"Large-scale modeling of parametric surfaces using spherical harmonics\", 3DPVT \
+         2006. spharm {version}, {threads} threads, {} of memory allowed{peak}, {seconds:.0} s in all.\n{caution}\n\
+         msd and xsd are the mean and the maximum of the squared distances, the bounding box scaled to volume 1. A fit's \
+         seconds are those of its sweeps, in which the basis is read from the store (from the system's cache, where that \
+         holds it); building the basis is figure 3. A basis's seconds are those from nothing to files on disk.\n",
+        Size(*memory),
+    )
+}
+
+fn beside_the_paper(results: &Results, surfaces: &[Surface], quick: bool) -> String {
+    let mut rows = vec![strings([
+        "surface",
+        "n",
+        "p",
+        "g",
+        "s",
+        "paper, s",
+        "ratio",
+        "msd",
+        "paper, msd",
+        "xsd",
+        "paper, xsd",
+        "reference",
+    ])];
+    for surface in surfaces {
+        let published = PUBLISHED.iter().filter(|published| published.kind == surface.kind);
+        for published in published {
+            let of = |pass: &&Pass| pass.surface == surface.name && pass.is(published.passes, published.granularity);
+            let Some(pass) = results.grid.iter().find(of) else { continue };
+            let quality = pass.measured.quality;
+            rows.push(vec![
+                surface.name.clone(),
+                pass.vertices.to_string(),
+                published.passes.to_string(),
+                published.granularity.to_string(),
+                seconds(pass.measured.seconds),
+                format!("{}", published.seconds),
+                // Of different work there is no ratio.
+                if quick { "-".to_owned() } else { format!("{:.0}", published.seconds / pass.measured.seconds) },
+                short(quality.msd),
+                short(published.msd),
+                short(quality.xsd),
+                short(published.xsd),
+                off(quality, pass.reference),
+            ]);
+        }
+    }
+    let theirs: Vec<String> = PUBLISHED.iter().map(|p| format!("a {} of {} vertices", p.name, p.vertices)).collect();
+    let mut text = format!(
+        "## Beside the paper's numbers\n\n\
+         The paper's are of {}, on a computer of its time. Only head27618 is the paper's own surface, over another \
+         sphere than the paper's; the other surfaces are of the same kind and size, so that times compare and errors \
+         only in their order of magnitude. The ratio is the paper's seconds over ours. The last column is the relative \
+         difference of msd or xsd, whichever is larger, from reference.json.\n\n{}",
+        theirs.join(", "),
+        markdown(&rows)
+    );
+    for surface in surfaces {
+        let pass = results.grid.iter().find(|pass| pass.surface == surface.name);
+        if let Some(pass) = pass.filter(|pass| pass.columns() > pass.vertices) {
+            text += &format!(
+                "\n{} has fewer vertices, {}, than there are basis functions, {}: its full least squares is not \
+                 determined, and the passes approach one solution of many.\n",
+                surface.name,
+                pass.vertices,
+                pass.columns()
+            );
+        }
+    }
+    text
+}
+
+fn figure5(results: &Results) -> String {
+    let mut rows = vec![strings(["surface", "L", "msd", "xsd", "s", "reference"])];
+    rows.extend(results.sirf.iter().map(|row| {
+        let quality = row.measured.quality;
+        vec![
+            row.surface.clone(),
+            row.max_degree.to_string(),
+            short(quality.msd),
+            short(quality.xsd),
+            seconds(row.measured.seconds),
+            off(quality, row.reference),
+        ]
+    }));
+    format!("## Figure 5: SIRF, one degree a block and one pass\n\n{}", markdown(&rows))
+}
+
+fn figures6_7(results: &Results, extent: &Extent) -> String {
+    let passes: Vec<usize> = [1, 2, 4, 8].into_iter().filter(|&p| p <= extent.passes).collect();
+    let mut header = strings(["surface", "g"]);
+    header.extend(passes.iter().map(|p| format!("msd, p = {p}")));
+    header.extend(passes.iter().map(|p| format!("s, p = {p}")));
+    let mut rows = vec![header];
+    for first in results.grid.iter().filter(|pass| pass.pass == 1) {
+        let of_fit: Vec<&Pass> = results
+            .grid
+            .iter()
+            .filter(|pass| pass.surface == first.surface && pass.granularity == first.granularity)
+            .collect();
+        let at = |p: usize| of_fit.iter().find(|pass| pass.pass == p);
+        let mut row = vec![first.surface.clone(), first.granularity.to_string()];
+        row.extend(passes.iter().map(|&p| at(p).map_or(String::new(), |pass| short(pass.measured.quality.msd))));
+        row.extend(passes.iter().map(|&p| at(p).map_or(String::new(), |pass| seconds(pass.measured.seconds))));
+        rows.push(row);
+    }
+    let worst = results.grid.iter().filter_map(|pass| Some(pass.measured.quality.off(pass.reference?)));
+    let worst = worst
+        .reduce(f64::max)
+        .map_or(String::new(), |worst| format!(" The largest relative difference from reference.json is {worst:.0e}."));
+    format!(
+        "## Figures 6 and 7: IRF to degree {} over passes p and granularity g\n\n\
+         One fit of {} passes for each g, looked at after every pass: a fit of fewer passes is the beginning of it. The \
+         first pass computes the blocks' factors, the later ones use them.{worst}\n\n{}",
+        extent.max_degree,
+        extent.passes,
+        markdown(&rows)
+    )
+}
+
+fn table1(results: &Results) -> String {
+    let mut rows = vec![strings(["memory", "largest L", "planned", "L fitted", "msd", "xsd", "s"])];
+    let none = || "-".to_owned();
+    rows.extend(results.nlsf.iter().map(|row| {
+        let measured = row.fitted.map(|(_, measured)| measured);
+        vec![
+            Size(row.memory).to_string(),
+            row.max_degree.map_or_else(none, |l| if row.capped { format!("{l} or more") } else { l.to_string() }),
+            row.planned.map_or_else(none, |bytes| Size(bytes).to_string()),
+            row.fitted.map_or_else(none, |(degree, _)| degree.to_string()),
+            measured.map_or_else(none, |m| short(m.quality.msd)),
+            measured.map_or_else(none, |m| short(m.quality.xsd)),
+            measured.map_or_else(none, |m| seconds(m.seconds)),
+        ]
+    }));
+    let vertices = results.nlsf.first().map_or(0, |row| row.vertices);
+    format!(
+        "## Table 1: NLSF, the full least squares, in bounded memory\n\n\
+         The largest degree whose plan keeps to the memory at {vertices} vertices. The paper's reached about degree \
+         {NLSF_DEGREE} at 40962 in its time.\n\n{}",
+        markdown(&rows)
+    )
+}
+
+fn figure3(results: &Results) -> String {
+    let mut rows = vec![strings(["along", "n", "L", "s", "size"])];
+    rows.extend(results.basis.iter().map(|row| {
+        vec![
+            row.along.to_owned(),
+            row.vertices.to_string(),
+            row.max_degree.to_string(),
+            seconds(row.seconds),
+            Size(row.bytes as usize).to_string(),
+        ]
+    }));
+    format!("## Figure 3: building the basis\n\n{}", markdown(&rows))
+}

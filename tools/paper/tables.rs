@@ -1,0 +1,104 @@
+//! The measurements as CSV, every digit of them, and tables as Markdown.
+
+use crate::bench::Measured;
+use crate::experiments::{Basis, Nlsf, Pass, Results, Sirf};
+use crate::published::Quality;
+
+/// Cells that depend on what is there: empty when it isn't.
+fn cell<T: ToString>(value: Option<T>) -> String {
+    value.map_or(String::new(), |value| value.to_string())
+}
+
+fn csv(header: &str, rows: impl Iterator<Item = Vec<String>>) -> String {
+    // No cell holds a comma or a quote: they are numbers and names of ours.
+    std::iter::once(header.to_owned()).chain(rows.map(|row| row.join(","))).map(|line| line + "\n").collect()
+}
+
+/// Every digit of a small number.
+fn digits(value: f64) -> String {
+    format!("{value:e}")
+}
+
+fn fitted(measured: Measured) -> [String; 3] {
+    [digits(measured.quality.msd), digits(measured.quality.xsd), measured.seconds.to_string()]
+}
+
+fn against(found: Quality, reference: Option<Quality>) -> [String; 3] {
+    let digits = |value: Option<f64>| cell(value.map(digits));
+    [digits(reference.map(|r| r.msd)), digits(reference.map(|r| r.xsd)), digits(reference.map(|r| found.off(r)))]
+}
+
+const REFERENCE: &str = "reference_msd,reference_xsd,relative_difference";
+
+/// Every experiment as a file: name and text.
+pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
+    let sirf = |row: &Sirf| {
+        let mut cells = vec![row.surface.clone(), row.vertices.to_string(), row.max_degree.to_string()];
+        cells.extend(fitted(row.measured));
+        cells.extend(against(row.measured.quality, row.reference));
+        cells
+    };
+    let pass = |row: &Pass| {
+        let counts = [row.vertices, row.max_degree, row.granularity, row.pass].map(|count| count.to_string());
+        let mut cells: Vec<String> = std::iter::once(row.surface.clone()).chain(counts).collect();
+        cells.extend(fitted(row.measured));
+        cells.extend(against(row.measured.quality, row.reference));
+        cells
+    };
+    let nlsf = |row: &Nlsf| {
+        let mut cells = vec![row.vertices.to_string(), row.memory.to_string(), cell(row.max_degree)];
+        cells.extend([row.capped.to_string(), cell(row.planned), cell(row.fitted.map(|(degree, _)| degree))]);
+        cells.extend(row.fitted.map_or_else(Default::default, |(_, measured)| fitted(measured)));
+        cells
+    };
+    let basis = |row: &Basis| {
+        let counts = [row.vertices, row.max_degree].map(|count| count.to_string());
+        let mut cells: Vec<String> = std::iter::once(row.along.to_owned()).chain(counts).collect();
+        cells.extend([row.seconds.to_string(), row.bytes.to_string()]);
+        cells
+    };
+    let fits = "msd,xsd,seconds";
+    vec![
+        ("figure3.csv", csv("along,vertices,max_degree,seconds,bytes", results.basis.iter().map(basis))),
+        ("figure5.csv", csv(&format!("surface,vertices,max_degree,{fits},{REFERENCE}"), results.sirf.iter().map(sirf))),
+        (
+            "figures6-7.csv",
+            csv(
+                &format!("surface,vertices,max_degree,granularity,pass,{fits},{REFERENCE}"),
+                results.grid.iter().map(pass),
+            ),
+        ),
+        (
+            "table1.csv",
+            csv(
+                &format!("vertices,memory,max_degree,basis_ends_there,planned,fitted_degree,{fits}"),
+                results.nlsf.iter().map(nlsf),
+            ),
+        ),
+    ]
+}
+
+/// Lines cells up as a Markdown table that reads as one in a terminal too: the first row is the header, the first column
+/// to the left and the others to the right.
+pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
+    let columns = rows.first().map_or(0, Vec::len);
+    let length = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());
+    let widths: Vec<usize> =
+        (0..columns).map(|c| rows.iter().map(|row| length(row, c)).max().unwrap_or(0).max(3)).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).enumerate();
+        let padded = cells.map(|(c, (cell, &width))| match c {
+            0 => format!(" {cell:<width$} |"),
+            _ => format!(" {cell:>width$} |"),
+        });
+        format!("|{}\n", padded.collect::<String>())
+    };
+    let rule = widths.iter().enumerate().map(|(c, &width)| match c {
+        0 => format!(" {} |", "-".repeat(width)),
+        _ => format!(" {}: |", "-".repeat(width - 1)),
+    });
+    let rule = format!("|{}\n", rule.collect::<String>());
+    let mut lines = rows.iter().map(line);
+    let header = lines.next().unwrap_or_default();
+    header + &rule + &lines.collect::<String>()
+}
