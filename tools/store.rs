@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::{Args, Parser, Subcommand};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -13,7 +13,7 @@ use spharm_cli::console::{Console, Unit};
 use spharm_cli::output::{print, print_json, table};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
-use spharm_store::catalog::{degrees, leftovers, schemes, verify};
+use spharm_store::catalog::{degrees, leftovers, remove_leftovers, schemes, verify};
 use spharm_store::{DegreeFile, SchemeKey, StoreError};
 
 /// Look after a basis store
@@ -237,21 +237,14 @@ fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> 
 }
 
 fn gc(dir: &Path, dry_run: bool) -> Result<()> {
-    let mut removed = 0;
-    let mut bytes = 0;
+    let mut paths = Vec::new();
     for key in schemes(dir)? {
-        for path in leftovers(dir, key)? {
-            bytes += std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
-            removed += 1;
-            if dry_run {
-                print(&path.display().to_string())?;
-            } else {
-                std::fs::remove_file(&path).with_context(|| format!("{}: cannot remove", path.display()))?;
-            }
-        }
+        paths.extend(if dry_run { leftovers(dir, key)? } else { remove_leftovers(dir, key)? });
     }
-    let what = if dry_run { "would be removed" } else { "removed" };
-    print(&format!("{removed} leftover file(s) {what}, {}", Size(bytes as usize)))
+    for path in &paths {
+        print(&path.display().to_string())?;
+    }
+    print(&format!("{} leftover file(s) {}", paths.len(), if dry_run { "would be removed" } else { "removed" }))
 }
 
 impl Which {

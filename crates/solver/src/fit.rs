@@ -235,7 +235,11 @@ impl<'o> Fitter<'o> {
                 ahead = Some(open(at + 1)?);
             }
             seconds.open += lap(&mut mark);
-            let (x, made) = solve(&context, &*block, degrees, &mut crew, self.factors[at].as_ref())?;
+            let (x, made) = match solve(&context, &*block, degrees, &mut crew, self.factors[at].as_ref()) {
+                Ok(solved) => solved,
+                // A basis that was cut off under the solver looks singular; closing the block tells what happened.
+                Err(error) => return Err(block.close().err().unwrap_or(error)),
+            };
             seconds.solve += lap(&mut mark);
             if let Some(factor) = made {
                 if self.block_reports.len() == at {

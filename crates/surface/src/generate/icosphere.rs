@@ -1,9 +1,9 @@
 //! The icosahedron, subdivided.
 
-use std::collections::HashMap;
-
 use crate::geometry::{add, unit};
 use crate::mesh::Mesh;
+
+use super::subdivide::split;
 
 /// The icosahedron's triangles, each split in four `subdivisions` times, vertices pushed out to the unit sphere.
 ///
@@ -18,7 +18,7 @@ pub fn icosphere(subdivisions: u32) -> Mesh {
     assert!(subdivisions <= 14, "{subdivisions} subdivisions of an icosahedron, at most 14");
     let mut mesh = icosahedron();
     for _ in 0..subdivisions {
-        subdivide(&mut mesh);
+        mesh = split(&mesh, |a, b| unit(add(a, b)));
     }
     mesh
 }
@@ -49,22 +49,4 @@ fn icosahedron() -> Mesh {
         ]);
     }
     Mesh::new(vertices, faces)
-}
-
-fn subdivide(mesh: &mut Mesh) {
-    let edges = mesh.faces.len() * 3 / 2;
-    let mut midpoints: HashMap<(u32, u32), u32> = HashMap::with_capacity(edges);
-    mesh.vertices.reserve_exact(edges);
-    let vertices = &mut mesh.vertices;
-    let mut midpoint = |a: u32, b: u32| {
-        *midpoints.entry((a.min(b), a.max(b))).or_insert_with(|| {
-            vertices.push(unit(add(vertices[a as usize], vertices[b as usize])));
-            vertices.len() as u32 - 1
-        })
-    };
-    let faces = mesh.faces.iter().flat_map(|&[a, b, c]| {
-        let (ab, bc, ca) = (midpoint(a, b), midpoint(b, c), midpoint(c, a));
-        [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
-    });
-    mesh.faces = faces.collect();
 }

@@ -32,7 +32,8 @@ pub fn subdivide_sphere(sphere: &Mesh) -> Mesh {
     split(&unit_sphere, |a, b| unit(add(a, b)))
 }
 
-fn split(mesh: &Mesh, middle: impl Fn(Vec3, Vec3) -> Vec3) -> Mesh {
+/// Each triangle in four, with new vertices where `middle` puts them between the ends of an edge.
+pub(super) fn split(mesh: &Mesh, middle: impl Fn(Vec3, Vec3) -> Vec3) -> Mesh {
     let edges = mesh.faces.len() * 3 / 2;
     let mut vertices = mesh.vertices.clone();
     vertices.reserve(edges);
