@@ -54,7 +54,7 @@ use surfaces::Surface;
 #[derive(Debug, Parser)]
 #[command(name = "paper", version)]
 struct Cli {
-    /// Folder with cort40962, head27618, the hippocampi hippo_a0[123]_l and reference.json, or some of them
+    /// Folder with cort40962, head27618, the hippocampi hippo_a01_l to a03_l and reference.json, or some of them
     #[arg(long, value_name = "DIR", conflicts_with = "quick")]
     data: Option<PathBuf>,
     /// Folder of the results; made when it isn't there

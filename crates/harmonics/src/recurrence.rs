@@ -11,7 +11,7 @@
 //! ```
 //!
 //! and `S_{l,m} + i S_{l,-m} = q_{l,m} u^m e^{i m phi}`. Seeds don't depend on the direction, so nothing underflows in
-//! the recurrence; `u^m` can, and is carried with a factor [`SCALE`] that is taken out of the seeds, after S. A. Holmes
+//! the recurrence; `u^m` can, and is carried with a factor of 2^930 that is taken out of the seeds, after S. A. Holmes
 //! and W. E. Featherstone, "A unified approach to the Clenshaw summation and the recursive computation of very high
 //! degree and order normalised associated Legendre functions", J. Geodesy 76 (2002), section 2.4. That serves to degree
 //! 2,700; [`MAX_DEGREE`] is the highest that is tested.
