@@ -1,0 +1,123 @@
+//! What operators and fits must satisfy, whatever the sampling.
+
+use ndarray::{Array2, ArrayView2};
+use proptest::prelude::*;
+use spharm_harmonics::{Directions, basis_size, synthesis};
+use spharm_solver::{FitParams, MemoryOperator, Method, Operator, fit};
+
+/// n directions without any order, from a seed.
+fn scattered(n: usize, seed: u64) -> Directions {
+    let unit =
+        |k: u64| ((k.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ seed.wrapping_mul(0xd134_2543_de82_ef95)) >> 11) as f64;
+    let angle = |k: u64| unit(k) / (1u64 << 53) as f64;
+    let angles: Vec<[f64; 2]> =
+        (0..n as u64).map(|i| [(1.0 - 2.0 * angle(2 * i + 1)).acos(), 6.2 * angle(2 * i + 2)]).collect();
+    Directions::from_angles(&angles).unwrap()
+}
+
+fn filled(rows: usize, columns: usize, seed: u64) -> Array2<f64> {
+    Array2::from_shape_fn((rows, columns), |(i, j)| ((i * 7 + j * 13) as f64 * 0.37 + seed as f64).sin())
+}
+
+fn inner(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// `<A x, r> = <x, A^T r>`, and `A x` is the direct sum.
+    #[test]
+    fn synthesis_and_adjoint_are_transposes(
+        n in 1usize..300, max_degree in 0usize..12, channels in 1usize..12, chunk in 1usize..9, seed in 0u64..1000
+    ) {
+        let directions = scattered(n, seed);
+        let operator = MemoryOperator::new(&directions, max_degree, 8 * chunk).unwrap();
+        let x = filled(basis_size(max_degree), channels, seed);
+        let r = filled(n, channels, seed + 1);
+        let (forward, back) = (operator.apply(x.view()).unwrap(), operator.apply_adjoint(r.view()).unwrap());
+        let scale = (inner(forward.view(), forward.view()) * inner(r.view(), r.view())).sqrt();
+        let difference = inner(forward.view(), r.view()) - inner(x.view(), back.view());
+        prop_assert!(difference.abs() <= 1e-13 * (1.0 + scale), "{}", difference);
+        let sums = synthesis(&directions, x.view()).unwrap();
+        prop_assert!((&sums - &forward).iter().all(|d| d.abs() < 1e-12));
+    }
+
+    /// At the full least squares the residual is orthogonal to every basis function, weighted or not; functions that
+    /// the basis holds are found again.
+    #[test]
+    fn least_squares_leaves_nothing_that_the_basis_could_explain(
+        max_degree in 0usize..8, channels in 1usize..10, weighted: bool, seed in 0u64..1000
+    ) {
+        let n = 3 * basis_size(max_degree) + 40;
+        let directions = scattered(n, seed);
+        let operator = MemoryOperator::new(&directions, max_degree, 64).unwrap();
+        let weights = weighted.then(|| (0..n).map(|i| 0.5 + ((i * 31) % 7) as f64).collect::<Vec<_>>());
+        let params = FitParams {
+            max_degree, method: Method::Nlsf, refinements: 3, weights: weights.clone(), ..FitParams::default()
+        };
+        let noise = filled(n, channels, seed);
+        let groups: Vec<_> = (0..channels).map(|c| c..c + 1).collect();
+        let found = fit(&operator, noise.view(), &groups, &params).unwrap();
+        let mut residual = &noise - &operator.apply(found.coefficients.values().view()).unwrap();
+        // What the report says is what is left.
+        let mean = residual.column(0).iter().map(|r| r * r).sum::<f64>() / n as f64;
+        let reported = found.report.sweeps.last().unwrap().residuals[0].mean_square;
+        prop_assert!((mean - reported).abs() <= 1e-10 * (mean + 1e-20), "{} {}", mean, reported);
+        if let Some(weights) = &weights {
+            residual.rows_mut().into_iter().zip(weights).for_each(|(mut row, &w)| row *= w);
+        }
+        let gradient = operator.apply_adjoint(residual.view()).unwrap();
+        prop_assert!(gradient.iter().all(|g| g.abs() < 1e-10 * n as f64), "{:?}", gradient);
+
+        let known = filled(basis_size(max_degree), channels, seed);
+        let samples = operator.apply(known.view()).unwrap();
+        let found = fit(&operator, samples.view(), &groups, &params).unwrap();
+        prop_assert!((found.coefficients.values() - &known).iter().all(|d| d.abs() < 1e-9));
+    }
+}
+
+/// Every vertex twice over half of the sphere: far from orthogonal blocks, and IRF still converges to the least squares.
+#[test]
+fn passes_converge_to_the_full_least_squares_on_uneven_samplings() {
+    let north: Vec<[f64; 2]> = (0..900).map(|i| [1.4 * ((i as f64 + 0.5) / 900.0).sqrt(), 2.4 * i as f64]).collect();
+    let south: Vec<[f64; 2]> = (0..300).map(|i| [1.4 + 1.7 * (i as f64 + 0.5) / 300.0, 2.4 * i as f64]).collect();
+    let directions = Directions::from_angles(&[north, south].concat()).unwrap();
+    let operator = MemoryOperator::new(&directions, 6, 104).unwrap();
+    let targets = filled(1200, 3, 5);
+    let run = |method| {
+        let params = FitParams { max_degree: 6, method, ..FitParams::default() };
+        fit(&operator, targets.view(), std::slice::from_ref(&(0..3)), &params).unwrap()
+    };
+    let best = run(Method::Nlsf);
+    for granularity in [1, 10, 30] {
+        let found = run(Method::Irf { passes: 200, granularity });
+        let squares: Vec<f64> = found.report.sweeps.iter().map(|s| s.residuals[0].mean_square).collect();
+        assert!(squares.windows(2).all(|pair| pair[1] <= pair[0] * (1.0 + 1e-12)), "each pass lowers the residual");
+        let off =
+            (found.coefficients.values() - best.coefficients.values()).iter().map(|d| d.abs()).fold(0.0, f64::max);
+        assert!(off < 1e-9, "g = {granularity}: {off}");
+    }
+}
+
+/// Columns that depend on each other get the solution of least norm, and the report says so.
+#[test]
+fn repeated_directions_leave_a_rank_that_is_told() {
+    // Nine different directions, four times each: rank 9 of 16.
+    let few = scattered(9, 3).as_slice().to_vec();
+    let directions = Directions::from_vertices(&few.repeat(4)).unwrap();
+    let operator = MemoryOperator::new(&directions, 3, 16).unwrap();
+    let targets = filled(9, 2, 1);
+    let targets = ndarray::concatenate(ndarray::Axis(0), &[targets.view(); 4]).unwrap();
+    let params = FitParams { max_degree: 3, method: Method::Nlsf, refinements: 2, ..FitParams::default() };
+    let found = fit(&operator, targets.view(), std::slice::from_ref(&(0..2)), &params).unwrap();
+    let block = &found.report.blocks[0];
+    assert_eq!((block.rank, block.columns, block.solver), (9, 16, "rank-revealing"));
+    let residual = &targets - &operator.apply(found.coefficients.values().view()).unwrap();
+    assert!(residual.iter().all(|r| r.abs() < 1e-11), "nine directions can be met exactly");
+    // Nine functions alone meet them, too; of all that do, the solution is the shortest.
+    let alone = FitParams { max_degree: 2, ..params };
+    let other = fit(&operator, targets.view(), std::slice::from_ref(&(0..2)), &alone).unwrap();
+    let norm = |x: &Array2<f64>| inner(x.view(), x.view());
+    assert!(norm(found.coefficients.values()) <= norm(other.coefficients.values()));
+}
