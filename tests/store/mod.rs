@@ -11,6 +11,7 @@ mod interrupted;
 mod killed;
 mod namespace;
 mod not_a_file;
+mod python;
 mod race;
 mod read_only;
 

@@ -1,0 +1,109 @@
+"""Reads a basis file, written from store-format.md alone, to show that the document suffices.
+
+    read_store.py SCHEME_FOLDER DEGREE OUT.npy
+
+It makes the checks of "What a reader checks" but for two. BLAKE3 isn't in Python's standard library, so the hashes
+(of header, footer and chunks, and the root) are skipped. And it knows no directions to hold the number of rows against.
+"""
+
+import os
+import stat
+import struct
+import sys
+
+import numpy as np
+import zstandard
+
+FIELDS = "key rows degree columns scalar codec chunk_rows chunk_count".split()
+
+
+def crc_of_byte(value):
+    for _ in range(8):
+        value = value >> 1 ^ (0x82F63B78 if value & 1 else 0)
+    return value
+
+
+CRC_TABLE = [crc_of_byte(value) for value in range(256)]
+
+
+def crc32c(data):
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc = crc >> 8 ^ CRC_TABLE[(crc ^ byte) & 0xFF]
+    return crc ^ 0xFFFFFFFF
+
+
+def check(condition, what):
+    if not condition:
+        raise ValueError(what)
+
+
+def load(path):
+    with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+        check(stat.S_ISREG(os.fstat(file.fileno()).st_mode), "not a regular file")
+        data = file.read()
+    check(len(data) >= 4096 + 64 + 128, "too short")
+    return data
+
+
+def decode(stored, codec, raw_len, size):
+    """The bytes of a chunk as they are in memory."""
+    if codec == 0:
+        return stored
+    check(stored[:4] == b"\x28\xb5\x2f\xfd", "not a zstd frame")
+    frame = zstandard.get_frame_parameters(stored)
+    check(frame.content_size == raw_len and frame.dict_id == 0, "not a frame as described")
+    # The decoder's buffer has the content size that the frame declares; it writes no more.
+    shuffled = zstandard.ZstdDecompressor().decompress(stored, read_across_frames=False, allow_extra_data=False)
+    check(len(shuffled) == raw_len, "length of the decoded chunk")
+    return np.frombuffer(shuffled, "u1").reshape(size, -1).T.tobytes()
+
+
+def read(path):
+    """The header as a dict, and the values: a row for each direction, a column for each order from -l to l."""
+    data = load(path)
+    check(data[:8] == b"\x89SPH\r\n\x1a\n", "not a basis file")
+    version, header_len = struct.unpack_from("<2I", data, 8)
+    check(version == 1, f"version {version}, not 1")
+    check(header_len == 4096 and not any(data[88:4064]), "header_len or reserved bytes")
+    header = dict(zip(FIELDS, struct.unpack_from("<32sQ4I2Q", data, 16)))
+    key, rows, degree, columns, scalar, codec, chunk_rows, chunk_count = header.values()
+    check(degree <= 2000 and columns == 2 * degree + 1, "degree or columns")
+    check(scalar in (1, 2) and codec in (0, 1), "scalar or codec")
+    check(chunk_rows % 8 == 0 and 8 <= chunk_rows <= 2**20, "chunk_rows")
+    size = {1: 8, 2: 4}[scalar]
+    check(chunk_rows * columns * size <= 2**32 and 1 <= rows <= 2**40, "rows")
+    check(chunk_count <= 2**22 and chunk_count == -(-rows // chunk_rows), "chunk_count")
+
+    footer = data[-128:]
+    magic, table_offset, entries, file_len = struct.unpack_from("<8s3Q", footer)
+    check(magic == b"SPH-END\n" and not any(footer[64:96]), "footer")
+    check(file_len == len(data) and entries == chunk_count, "file_len or entries")
+    check(table_offset >= 4096 and table_offset + 64 * entries + 128 == file_len, "table_offset")
+
+    chunks, end = [], 4096
+    for chunk in range(chunk_count):
+        offset, stored_len, raw_len, crc, kind = struct.unpack_from("<3Q2I", data, table_offset + 64 * chunk)
+        height = min(chunk_rows, rows - chunk * chunk_rows)
+        check(offset == end and raw_len == height * columns * size, f"place or length of chunk {chunk}")
+        check(kind <= codec, f"codec of chunk {chunk}")
+        check(stored_len == raw_len if kind == 0 else 1 <= stored_len < raw_len, f"stored_len of chunk {chunk}")
+        end = -(-(offset + stored_len) // 64) * 64
+        check(end <= table_offset and not any(data[offset + stored_len : end]), f"gap after chunk {chunk}")
+        chunks.append((offset, stored_len, raw_len, crc, kind, height))
+    check(end == table_offset, "chunks don't end at the table")
+    folder, name = os.path.split(os.path.abspath(path))
+    check(os.path.basename(folder) == key.hex() and name == f"A_{degree}", "of another scheme or degree")
+
+    blocks = []
+    for offset, stored_len, raw_len, crc, kind, height in chunks:
+        stored = data[offset : offset + stored_len]
+        check(crc32c(stored) == crc, f"CRC of the chunk at {offset}")
+        values = np.frombuffer(decode(stored, kind, raw_len, size), f"<f{size}")
+        blocks.append(values.reshape(columns, height).T)
+    return header, np.ascontiguousarray(np.concatenate(blocks))
+
+
+if __name__ == "__main__":
+    check(crc32c(b"123456789") == 0xE3069283, "CRC-32C")
+    np.save(sys.argv[3], read(os.path.join(sys.argv[1], f"A_{int(sys.argv[2])}"))[1])
