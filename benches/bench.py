@@ -29,7 +29,8 @@ MIB = 1 << 20
 class Bench:
     def __init__(self, arguments):
         self.data, self.rounds, self.only = arguments.data, arguments.rounds, arguments.only
-        self.work, self.tmpfs = Path(arguments.work), Path(arguments.tmpfs)
+        # A folder of its own: whatever else is in the given one stays.
+        self.work, self.tmpfs = Path(arguments.work) / "spharm-bench", Path(arguments.tmpfs)
         self.rows, self.figures = [], {}
         shutil.rmtree(self.work, ignore_errors=True)
         self.work.mkdir(parents=True)
@@ -336,7 +337,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     bars = ["building", "building_tmpfs", "fitting", "batch", "memory", "refusal", "accuracy"]
     parser.add_argument("--data", default=ROOT / "../shared/data", help="surfaces with reference results")
-    parser.add_argument("--work", default=ROOT / "bench", help="folder on the disk to measure; emptied")
+    parser.add_argument("--work", default=ROOT / "bench", help="folder on the disk to measure")
     parser.add_argument("--tmpfs", default="/dev/shm", help="a tmpfs with 7 GB to spare")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--only", nargs="*", choices=bars)

@@ -1,4 +1,4 @@
-//! Memory that is kept to: a fit of 40,962 vertices from a store of 1.2 GB under limits that the system enforces.
+//! Memory that is kept to: a fit of 40,962 vertices from a store of 3.3 GB under limits that the system enforces.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::common::{succeed, tool};
 
 const LIMIT: usize = 320 << 20;
 
-/// A generated cortex of 40,962 vertices and its basis to degree 60; kept in the target folder from run to run.
+/// A generated cortex of 40,962 vertices and its basis to degree 100; kept in the target folder from run to run.
 static STUDY: LazyLock<PathBuf> = LazyLock::new(|| {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("memory");
     fs::create_dir_all(&folder).unwrap();
@@ -19,7 +19,7 @@ static STUDY: LazyLock<PathBuf> = LazyLock::new(|| {
         tool("generate").arg("--surface").arg(folder.join("s.surf.gii")).arg("--sphere").arg(&sphere).arg("--force"),
     );
     let mut build = tool("basis-build");
-    build.arg("--sphere").arg(&sphere).arg("--store").arg(folder.join("store")).args(["--max-degree", "60", "-q"]);
+    build.arg("--sphere").arg(&sphere).arg("--store").arg(folder.join("store")).args(["--max-degree", "100", "-q"]);
     succeed(&mut build);
     folder
 });
@@ -45,7 +45,7 @@ fn fit(wrapper: &[String]) -> Command {
     }
     command.args([
         "--max-degree",
-        "60",
+        "100",
         "--granularity",
         "100",
         "--memory",

@@ -149,7 +149,7 @@ fn the_smallest_budget_that_is_named_works_and_one_below_does_not() {
         let tight = format!("{least}MiB");
         study.report(&["s0.surf.gii"], "tight.npz", &[&arguments[..], &["--memory", &tight, "--force"]].concat());
         study.report(&["s0.surf.gii"], "wide.npz", &[&arguments[..], &["--force"]].concat());
-        assert_eq!(study.model("tight.npz").coefficients, study.model("wide.npz").coefficients);
+        close(&study.model("tight.npz"), &study.model("wide.npz"), 1e-12);
         let below = format!("{}MiB", least - 1);
         fail(study.fit(&["s0.surf.gii"], &arguments).args(["--memory", &below]).arg("-o").arg(study.path("n.npz")));
     }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Parser, ValueEnum};
 use serde::Serialize;
 use spharm_cli::Common;
@@ -105,6 +105,9 @@ fn work(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let cancel = spharm_cli::exit::cancel();
     raise_file_limit();
+    if let Some(path) = cli.json.as_deref().filter(|path| path.exists() && !cli.force) {
+        bail!("{}: the report exists; choose another --json or give --force", path.display());
+    }
     let sphere = read_sphere(&cli.sphere, &console)?;
     let params = BuildParams {
         max_degree: cli.max_degree,
@@ -126,6 +129,8 @@ fn work(cli: &Cli) -> Result<()> {
         build(&cli.store, &sphere.directions, &params, cancel, &|event| tell(&event, &console, &progress))
     })?;
     drop(progress);
+    let planned = Size(report.memory);
+    console.detail(format!("{} threads, {planned} planned, chunks of {} rows", report.threads, report.chunk_rows));
     let seconds = started.elapsed().as_secs_f64();
     if let Some(path) = &cli.json {
         let report = full_report(cli, &report, &params, sphere.directions.len(), seconds);

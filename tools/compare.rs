@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Parser;
 use serde::Serialize;
 use spharm_cli::Common;
@@ -57,7 +57,8 @@ fn main() -> ExitCode {
 fn work(cli: &Cli) -> Result<()> {
     let original = read_mesh(&cli.original)?;
     let reconstruction = read_mesh(&cli.reconstruction)?;
-    let found = compare(&original, &reconstruction)?;
+    let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
+    let found = compare(&original, &reconstruction).with_context(pair)?;
     if let Some(output) = &cli.output {
         let squares = squared_distances(&original.vertices, &reconstruction.vertices)?;
         let distances: Vec<f64> = squares.iter().map(|square| square.sqrt()).collect();

@@ -1,8 +1,10 @@
 //! `fit`: fits surfaces and signals to a basis in a store.
 
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -19,7 +21,8 @@ use spharm_cli::output::{print, print_json, table, write_json};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_harmonics::{Coefficients, basis_size};
-use spharm_solver::{ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method, Operator};
+use spharm_solver::report::SweepReport;
+use spharm_solver::{ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method, Operator, SolverError};
 use spharm_store::{Scalar, Scheme, SchemeKey, StoreError, catalog};
 use spharm_surface::io::{read_signal, write_new};
 use spharm_surface::metrics::bounding_box_scale;
@@ -48,8 +51,8 @@ struct Cli {
     #[arg(long, value_enum, default_value_t = MethodName::Irf)]
     method: MethodName,
     /// Number of passes, p (irf, mirf)
-    #[arg(long, value_name = "P", value_parser = at_least_one)]
-    passes: Option<usize>,
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
+    passes: Option<u32>,
     /// Most basis functions solved together, g (irf) [default: 100]
     #[arg(long, value_name = "G", value_parser = at_least_one)]
     granularity: Option<usize>,
@@ -142,12 +145,28 @@ fn method_of(cli: &Cli) -> Method {
     if cli.passes.is_some_and(|p| p > 1) && matches!(cli.method, MethodName::Sirf | MethodName::Nlsf) {
         refuse("--passes", "sirf or nlsf", ", which have one pass; several passes of sirf are mirf");
     }
-    let (passes, start_degree) = (cli.passes.unwrap_or(1), cli.start_degree.unwrap_or(0));
+    let (passes, start_degree) = (cli.passes.unwrap_or(1) as usize, cli.start_degree.unwrap_or(0));
     match cli.method {
         MethodName::Irf => Method::Irf { passes, granularity: cli.granularity.unwrap_or(100) },
         MethodName::Sirf => Method::Sirf { start_degree },
         MethodName::Mirf => Method::Mirf { passes, start_degree },
         MethodName::Nlsf => Method::Nlsf,
+    }
+}
+
+/// g, where the method has one that isn't infinite.
+fn granularity_of(method: Method) -> Option<usize> {
+    match method {
+        Method::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
+        _ => None,
+    }
+}
+
+/// s, where the method has one.
+fn start_degree_of(method: Method) -> Option<usize> {
+    match method {
+        Method::Sirf { start_degree } | Method::Mirf { start_degree, .. } => Some(start_degree),
+        Method::Irf { .. } | Method::Nlsf => None,
     }
 }
 
@@ -174,7 +193,7 @@ fn work(cli: &Cli, method: Method) -> Result<()> {
     let pool = cli.threads.pool()?;
     let (scheme, scalar) = open_scheme(cli, &sphere)?;
     if cli.verify {
-        verify(&scheme, &console)?;
+        verify(&scheme, &console, cancel)?;
     }
     let mut seconds = Seconds { read: started.elapsed().as_secs_f64(), ..Seconds::default() };
     let key = scheme.key();
@@ -196,12 +215,24 @@ struct Seconds {
     total: f64,
 }
 
+/// Whether `--output` means a folder: it is one, ends in a slash, or a list was given.
+fn names_folder(cli: &Cli, output: &Path) -> bool {
+    let is_list = |path: &PathBuf| path.to_str().is_some_and(|text| text.starts_with('@'));
+    output.is_dir() || output.to_string_lossy().ends_with('/') || cli.surface.iter().any(is_list)
+}
+
+/// `NAME.spharm.csv` beside `NAME.spharm.npz`.
+fn csv_of(output: &Path) -> PathBuf {
+    let text = output.to_string_lossy();
+    PathBuf::from(format!("{}.csv", text.strip_suffix(".npz").unwrap_or(&text)))
+}
+
 /// Inputs and outputs; refuses before any work what would clash or overwrite.
 fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
     let inputs = expand_lists(&cli.surface)?;
     let name = |input: &Path| format!("{}.spharm.npz", stem(input));
     let mut items: Vec<Item> = match (&inputs[..], &cli.output) {
-        ([input], Some(output)) if !output.is_dir() => {
+        ([input], Some(output)) if !names_folder(cli, output) => {
             vec![Item { input: input.clone(), output: output.clone() }]
         }
         (_, folder) => {
@@ -229,6 +260,10 @@ fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
         );
     }
     for item in &items {
+        let csv = csv_of(&item.output);
+        if cli.coefficients_csv && !cli.force && csv.exists() {
+            bail!("{}: the output exists; choose another --output or give --force", csv.display());
+        }
         if !item.input.is_file() {
             let what = if item.input.exists() { "not a regular file" } else { "no such file" };
             bail!("{}: {what}", item.input.display());
@@ -274,11 +309,14 @@ fn open_scheme(cli: &Cli, sphere: &Sphere) -> Result<(Scheme, Scalar)> {
     }
 }
 
-fn verify(scheme: &Scheme, console: &Console) -> Result<()> {
+fn verify(scheme: &Scheme, console: &Console, cancel: &AtomicBool) -> Result<()> {
     let bytes = scheme.files().iter().map(spharm_store::DegreeFile::file_len).sum();
     let progress = console.progress("verify", bytes, Unit::Bytes);
     let mut buffer = Vec::new();
     for file in scheme.files() {
+        if cancel.load(Ordering::Relaxed) {
+            return Err(StoreError::Interrupted.into());
+        }
         catalog::verify(file, &mut buffer)?;
         progress.add(file.file_len());
     }
@@ -312,93 +350,158 @@ struct Fitted {
 /// Distances after one sweep; msd and xsd with the bounding box scaled to volume 1.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct Distances {
+    /// Whether this sweep came after the passes asked for, to remove what rounding had left.
+    refinement: bool,
     msd: Option<f64>,
     xsd: Option<f64>,
     msd_raw: f64,
     xsd_raw: f64,
 }
 
+/// Targets in the order of the items, read a few at a time.
+struct Queue<'i> {
+    rest: std::slice::Iter<'i, Item>,
+    ready: VecDeque<(&'i Item, Target)>,
+}
+
+/// Targets side by side in one array, the columns of each, and what is known about each.
+struct Batch<'i> {
+    items: Vec<&'i Item>,
+    targets: ChunkedRows,
+    groups: Vec<Range<usize>>,
+    about: Vec<About>,
+}
+
 impl Job<'_> {
-    fn run(&mut self, items: &[Item], cancel: &std::sync::atomic::AtomicBool) -> Result<(Vec<Fitted>, Vec<FitReport>)> {
-        let (mut fitted, mut reports) = (Vec::new(), Vec::new());
-        // The first one tells the channels of all, which are the same in any study.
+    fn run(&mut self, items: &[Item], cancel: &AtomicBool) -> Result<(Vec<Fitted>, Vec<FitReport>)> {
+        let mut queue = Queue { rest: items.iter(), ready: VecDeque::new() };
         let mark = Instant::now();
-        let first = self.read(&items[0])?;
+        self.fill(&mut queue)?;
         self.seconds.read += mark.elapsed().as_secs_f64();
+        // The first one tells the channels of all, which are the same in most studies.
+        let channels = queue.ready[0].1.channels;
+        self.lower_threads(channels);
+        let mut seconds = self.seconds;
+        let done = self.fit_all(items.len(), channels, queue, &mut seconds, cancel)?;
+        self.seconds = seconds;
+        Ok(done)
+    }
+
+    fn fit_all(
+        &self,
+        surfaces: usize,
+        channels: usize,
+        mut queue: Queue<'_>,
+        seconds: &mut Seconds,
+        cancel: &AtomicBool,
+    ) -> Result<(Vec<Fitted>, Vec<FitReport>)> {
+        let (mut fitted, mut reports) = (Vec::new(), Vec::new());
         let mark = Instant::now();
-        let together = self.surfaces_together(items.len(), first.channels)?;
-        let operator = &self.operator;
-        let channels = together * first.channels;
-        let mut fitter = Fitter::new(operator, channels, self.params(together, items.len() > together))?;
-        self.seconds.plan += mark.elapsed().as_secs_f64();
-        self.say_plan(&fitter, items.len(), together);
-        self.check_limits(&fitter)?;
-        let sweeps = items.len().div_ceil(together) * self.method.passes();
+        let together = self.surfaces_together(surfaces, channels)?;
+        let mut fitter = self.fitter(together, channels, surfaces > together)?;
+        seconds.plan += mark.elapsed().as_secs_f64();
+        self.say_plan(&fitter, surfaces, together);
+        let sweeps = surfaces.div_ceil(together) * self.method.passes();
         let total = (sweeps * basis_size(self.cli.max_degree)) as u64;
         let progress = self.console.progress("fit", total, Unit::Count("columns"));
-        let mut first = Some(first);
-        for batch in items.chunks(together) {
+        loop {
             let mark = Instant::now();
-            let (targets, groups, about) = self.read_batch(batch, first.take())?;
-            self.seconds.read += mark.elapsed().as_secs_f64();
+            let Some(batch) = self.next_batch(&mut queue, fitter.channels())? else { break };
+            seconds.read += mark.elapsed().as_secs_f64();
+            if batch.targets.channels() > fitter.channels() {
+                // One target with more channels than were planned for has a batch, and a plan, of its own.
+                fitter = self.fitter(1, batch.targets.channels(), true)?;
+            }
             let mark = Instant::now();
             let last = std::cell::Cell::new(0);
-            let result = fitter.fit(targets, &groups, cancel, &|event| {
-                if let FitEvent::Block(sweep, done, degrees) = event {
-                    if sweep <= self.method.passes() {
-                        let before = if done <= last.get() { 0 } else { last.get() };
-                        progress.add((done - before) as u64);
-                        last.set(done);
-                    }
+            let result = fitter.fit(batch.targets, &batch.groups, cancel, &|event| match event {
+                FitEvent::Solving(sweep, degrees) => {
                     progress.say(format!("pass {sweep}, degrees {} to {}", degrees.start(), degrees.end()));
                 }
+                FitEvent::Block(sweep, done, _) if sweep <= self.method.passes() => {
+                    let before = if done <= last.get() { 0 } else { last.get() };
+                    progress.add((done - before) as u64);
+                    last.set(done);
+                }
+                FitEvent::Sweep(report) => {
+                    let gigabytes = report.bytes_read as f64 / 1e9;
+                    self.console.detail(format!("pass {}: {:.2} s, {gigabytes:.2} GB", report.pass, report.seconds));
+                }
+                _ => {}
             })?;
-            self.seconds.solve += mark.elapsed().as_secs_f64();
+            seconds.solve += mark.elapsed().as_secs_f64();
             let mark = Instant::now();
-            fitted.extend(self.write_batch(batch, &groups, about, &result.coefficients, &result.report)?);
-            self.seconds.write += mark.elapsed().as_secs_f64();
+            let (items, groups) = (&batch.items, &batch.groups);
+            fitted.extend(self.write_batch(items, groups, batch.about, &result.coefficients, &result.report)?);
+            seconds.write += mark.elapsed().as_secs_f64();
             reports.push(result.report);
         }
         Ok((fitted, reports))
     }
 
-    fn read(&self, item: &Item) -> Result<Target> {
-        read_target(&item.input, &self.sphere, self.cli.strict, &self.console)
+    fn fitter(&self, together: usize, channels: usize, reuse: bool) -> Result<Fitter<'_>> {
+        let fitter = Fitter::new(&self.operator, together * channels, self.params(together, channels, reuse));
+        let fitter = fitter.map_err(|error| match error {
+            error @ SolverError::Weight { .. } => {
+                anyhow::Error::from(error).context(format!("--weights {}", self.cli.weights))
+            }
+            error => error.into(),
+        })?;
+        self.check_limits(&fitter)?;
+        Ok(fitter)
     }
 
-    /// Targets side by side in one array, the columns of each, and what is known about each.
-    fn read_batch(
-        &self,
-        batch: &[Item],
-        first: Option<Target>,
-    ) -> Result<(ChunkedRows, Vec<Range<usize>>, Vec<About>)> {
-        let skip = usize::from(first.is_some());
-        let others: Vec<Target> = batch[skip..].par_iter().map(|item| self.read(item)).collect::<Result<_>>()?;
-        let targets: Vec<Target> = first.into_iter().chain(others).collect();
+    /// Reads the next few targets, one for each thread.
+    fn fill<'i>(&self, queue: &mut Queue<'i>) -> Result<()> {
+        let next: Vec<&Item> = queue.rest.by_ref().take(self.threads).collect();
+        let read = |item: &&'i Item| -> Result<(&'i Item, Target)> {
+            Ok((item, read_target(&item.input, &self.sphere, self.cli.strict, &self.console)?))
+        };
+        let targets: Vec<(&Item, Target)> = next.par_iter().map(read).collect::<Result<_>>()?;
+        queue.ready.extend(targets);
+        Ok(())
+    }
+
+    /// As many targets as have at most `channels` columns together, and at least one; `None` when all are done.
+    fn next_batch<'i>(&self, queue: &mut Queue<'i>, channels: usize) -> Result<Option<Batch<'i>>> {
+        let (mut taken, mut columns) = (Vec::new(), 0);
+        loop {
+            if queue.ready.is_empty() {
+                self.fill(queue)?;
+            }
+            let Some((_, target)) = queue.ready.front() else { break };
+            if !taken.is_empty() && columns + target.channels > channels {
+                break;
+            }
+            columns += target.channels;
+            taken.extend(queue.ready.pop_front());
+        }
+        if taken.is_empty() {
+            return Ok(None);
+        }
         let n = self.sphere.directions.len();
-        let channels = targets.iter().map(|target| target.channels).sum();
-        let mut rows = ChunkedRows::zeros(n, channels, self.operator.chunk_rows());
-        let (mut groups, mut about, mut at) = (Vec::new(), Vec::new(), 0);
-        for target in targets {
-            let values = ArrayView2::from_shape((n, target.channels), &target.values[..])?;
-            rows.set_columns(at, values);
+        let mut targets = ChunkedRows::zeros(n, columns, self.operator.chunk_rows());
+        let (mut items, mut groups, mut about, mut at) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        for (item, target) in taken {
+            targets.set_columns(at, ArrayView2::from_shape((n, target.channels), &target.values[..])?);
             groups.push(at..at + target.channels);
             at += target.channels;
             about.push(About::of(&target));
+            items.push(item);
         }
-        Ok((rows, groups, about))
+        Ok(Some(Batch { items, targets, groups, about }))
     }
 
     fn write_batch(
         &self,
-        batch: &[Item],
+        batch: &[&Item],
         groups: &[Range<usize>],
         about: Vec<About>,
         coefficients: &Coefficients,
         report: &FitReport,
     ) -> Result<Vec<Fitted>> {
-        let one = |((index, item), about): ((usize, &Item), About)| -> Result<Fitted> {
-            let distances = report.sweeps.iter().map(|sweep| about.distances(&sweep.residuals[index])).collect();
+        let one = |((index, item), about): ((usize, &&Item), About)| -> Result<Fitted> {
+            let distances = report.sweeps.iter().map(|sweep| about.distances(sweep, index)).collect();
             let fitted = Fitted {
                 input: item.input.clone(),
                 output: item.output.clone(),
@@ -420,10 +523,6 @@ impl Job<'_> {
             std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
         }
         let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
-        let granularity = match self.method {
-            Method::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
-            _ => None,
-        };
         let provenance = Provenance {
             tool: "fit",
             versions: versions(),
@@ -431,7 +530,8 @@ impl Job<'_> {
             sphere: name(&self.sphere.path),
             method: self.method.name(),
             passes: self.method.passes(),
-            granularity,
+            granularity: granularity_of(self.method),
+            start_degree: start_degree_of(self.method),
             weights: &self.cli.weights,
             dtype: self.scalar.name(),
             surface: about.surface,
@@ -440,9 +540,7 @@ impl Job<'_> {
             anatomical_structure_primary: about.anatomical_structure.as_deref(),
         };
         if self.cli.coefficients_csv {
-            let text = output.to_string_lossy();
-            let path = PathBuf::from(format!("{}.csv", text.strip_suffix(".npz").unwrap_or(&text)));
-            write_new(path, self.cli.force, |out| write_complex_csv(&coefficients, out))?;
+            write_new(csv_of(output), self.cli.force, |out| write_complex_csv(&coefficients, out))?;
         }
         let model = Model {
             coefficients,
@@ -455,33 +553,36 @@ impl Job<'_> {
         Ok(())
     }
 
-    fn params(&self, together: usize, reuse: bool) -> FitParams {
+    fn params(&self, together: usize, channels: usize, reuse: bool) -> FitParams {
         FitParams {
             max_degree: self.cli.max_degree,
             method: self.method,
             refinements: if self.method == Method::Nlsf { REFINEMENTS } else { 0 },
             weights: self.weights.clone(),
             memory: self.cli.memory.0,
-            held: self.held(together),
+            held: self.held(together, channels),
             threads: self.threads,
             reuse,
         }
     }
 
-    /// Bytes that the tool holds beside the solver: the program, the sphere, and a surface for each thread while it is
-    /// read or written.
-    fn held(&self, together: usize) -> usize {
+    /// Bytes that the tool holds beside the solver: the program, the sphere, the targets as they were read, and a surface
+    /// for each thread while it is read or written.
+    fn held(&self, together: usize, channels: usize) -> usize {
         /// The program, its stacks and allocator, measured on a fit of a small mesh.
         const BASE: usize = 12 << 20;
-        let sphere = 24 * self.sphere.directions.len() + 12 * self.sphere.faces.len();
+        let n = self.sphere.directions.len();
+        let sphere = 24 * n + 12 * self.sphere.faces.len();
         // A file as text, decoded, and as a mesh with its topology.
-        BASE + sphere + 5 * sphere * self.threads.min(together)
+        let reading = 5 * sphere + 16 * n * channels;
+        BASE + sphere + 8 * n * channels * together + reading * self.threads.min(together)
     }
 
     /// As many surfaces as fit the budget with every block whole in memory; if that is none, as many as fit at all.
     fn surfaces_together(&self, surfaces: usize, channels: usize) -> Result<usize> {
         let plan = |together: usize| {
-            spharm_solver::plan(&self.operator, together * channels, &self.params(together, surfaces > together))
+            let params = self.params(together, channels, surfaces > together);
+            spharm_solver::plan(&self.operator, together * channels, &params)
         };
         let whole = |&together: &usize| plan(together).is_ok_and(|plan| plan.whole.iter().all(|&whole| whole));
         let most = surfaces.min(MOST_TOGETHER);
@@ -492,6 +593,21 @@ impl Job<'_> {
             Some(together) => Ok(together),
             // Says what would be enough for one.
             None => Ok(plan(1).map(|_| 1)?),
+        }
+    }
+
+    /// Each thread has sums of its own: on a node with many cores they may be what doesn't fit the budget.
+    fn lower_threads(&mut self, channels: usize) {
+        let asked = self.threads;
+        let fits = |job: &Self| {
+            let params = job.params(1, channels, false);
+            spharm_solver::plan(&job.operator, channels, &params).is_ok()
+        };
+        while self.threads > 1 && !fits(self) {
+            self.threads -= 1;
+        }
+        if self.threads < asked && fits(self) {
+            self.console.note(format!("{} threads in place of {asked}, to keep to the memory", self.threads));
         }
     }
 
@@ -516,7 +632,7 @@ impl Job<'_> {
         ));
         if !plan.whole.iter().all(|&whole| whole) {
             let twice = plan.whole.iter().filter(|&&whole| !whole).count();
-            self.console.note(format!("{twice} block(s) don't fit the memory and are read twice a pass"));
+            self.console.note(format!("{twice} block(s) don't fit the memory and are read again for each use"));
         }
     }
 }
@@ -542,9 +658,11 @@ impl About {
         }
     }
 
-    fn distances(&self, residual: &spharm_solver::report::Residual) -> Distances {
+    fn distances(&self, sweep: &SweepReport, index: usize) -> Distances {
+        let residual = &sweep.residuals[index];
         let normalised = |value: f64| self.scale.map(|scale| value / (scale * scale));
         Distances {
+            refinement: sweep.refinement,
             msd: normalised(residual.mean_square),
             xsd: normalised(residual.max_square),
             msd_raw: residual.mean_square,
@@ -562,6 +680,7 @@ struct Provenance<'a> {
     method: &'static str,
     passes: usize,
     granularity: Option<usize>,
+    start_degree: Option<usize>,
     weights: &'a str,
     dtype: &'static str,
     surface: bool,
@@ -580,6 +699,8 @@ struct Report {
     dtype: &'static str,
     weights: String,
     granularity: Option<usize>,
+    start_degree: Option<usize>,
+    openblas: String,
     surfaces: Vec<Fitted>,
     batches: Vec<FitReport>,
     seconds: Seconds,
@@ -588,10 +709,6 @@ struct Report {
 
 fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<FitReport>), seconds: Seconds) -> Result<()> {
     let (surfaces, batches) = fits;
-    let granularity = match job.method {
-        Method::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
-        _ => None,
-    };
     let report = Report {
         tool: "fit",
         versions: versions(),
@@ -600,7 +717,9 @@ fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<FitReport>), seconds
         scheme_key: job.key.to_string(),
         dtype: job.scalar.name(),
         weights: cli.weights.clone(),
-        granularity,
+        granularity: granularity_of(job.method),
+        start_degree: start_degree_of(job.method),
+        openblas: spharm_solver::dense::openblas(),
         surfaces,
         batches,
         seconds,

@@ -94,11 +94,12 @@ fn work(cli: &Cli) -> Result<()> {
     let values = cli.threads.pool()?.install(|| synthesis(&directions, model.coefficients.up_to(degree)))?;
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
     let provenance: serde_json::Value = serde_json::from_str(&model.provenance).unwrap_or_default();
-    // A model without a note of what it is of has three channels, or is no surface.
-    let surface = provenance["surface"].as_bool().unwrap_or(model.coefficients.channels() == 3);
+    // Three channels are a surface unless the model says that they are not.
+    let surface = model.coefficients.channels() == 3 && provenance["surface"].as_bool().unwrap_or(true);
     if surface {
         if faces.is_empty() {
-            bail!("{}: this sampling has no triangles; give --icosphere N or --sphere MESH", cli.model.display());
+            let of = cli.sampling.sphere.as_ref().unwrap_or(&cli.model);
+            bail!("{}: this sampling has no triangles; give --icosphere N or a --sphere that is a mesh", of.display());
         }
         let vertices = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
         let mut mesh = Mesh::new(vertices, faces);

@@ -251,6 +251,9 @@ impl Which {
     /// The schemes meant: one by the first digits of its key, or all.
     fn keys(&self) -> Result<Vec<SchemeKey>> {
         let all = schemes(&self.dir)?;
+        if all.is_empty() {
+            bail!("{}: no schemes here; is it the folder that was given as --store?", self.dir.display());
+        }
         let Some(prefix) = &self.key else { return Ok(all) };
         let found: Vec<SchemeKey> = all.iter().copied().filter(|key| key.to_string().starts_with(prefix)).collect();
         match found.len() {

@@ -33,7 +33,7 @@ fn a_build_on_a_disk_of_any_size_fails_cleanly_and_completes_later() {
         let expected = verified(&reference);
         let steps = expected.values().map(|bytes| bytes.len() as u64).sum::<u64>() / STEP;
         // All sizes in the soak, else every tenth, from another start for each codec.
-        let stride = steps as usize / times(steps as usize).max(1);
+        let stride = (steps as usize / times(steps as usize)).max(1);
         for step in (1..=steps).skip(3 * name.len() % stride.max(1)).step_by(stride.max(1)) {
             namespace::mount(&disk, step * STEP);
             let store = disk.join("store");

@@ -4,7 +4,7 @@
 //! first after two seconds. `-q` leaves warnings only.
 
 use std::fmt::Display;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::time::{Duration, Instant};
@@ -19,6 +19,11 @@ pub struct Console {
     verbose: bool,
     quiet: bool,
     terminal: bool,
+}
+
+/// A line on stderr. Whoever reads it may have gone away, which is no reason to stop the work.
+pub(crate) fn say(text: impl Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
 /// What a progress counts.
@@ -39,20 +44,20 @@ impl Console {
     /// Something worth knowing.
     pub fn note(&self, text: impl Display) {
         if !self.quiet {
-            eprintln!("{text}");
+            say(text);
         }
     }
 
     /// Something for those who asked for more.
     pub fn detail(&self, text: impl Display) {
         if self.verbose {
-            eprintln!("{text}");
+            say(text);
         }
     }
 
     /// Something that may be wrong.
     pub fn warn(&self, text: impl Display) {
-        eprintln!("warning: {text}");
+        say(format_args!("warning: {text}"));
     }
 
     /// Progress towards `total`.
@@ -156,6 +161,6 @@ impl Lines {
             Unit::Bytes => format!("{}/s", Size(rate as usize)),
             Unit::Count(name) => format!("{rate:.1} {name}/s"),
         };
-        eprintln!("{}: {percent:.0} %, {rate}, {left:.0} s left {}", self.label, state.saying);
+        say(format_args!("{}: {percent:.0} %, {rate}, {left:.0} s left {}", self.label, state.saying));
     }
 }

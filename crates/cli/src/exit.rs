@@ -33,7 +33,7 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     let line = format!("{error:#}").replace('\n', " ");
-    eprintln!("error: {line}");
+    crate::console::say(format_args!("error: {line}"));
     if is_interrupted(&error) { ExitCode::from(INTERRUPTED) } else { ExitCode::FAILURE }
 }
 

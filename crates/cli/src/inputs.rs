@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use spharm_harmonics::Directions;
 use spharm_surface::io::{read_input, read_mesh, read_signal};
-use spharm_surface::topology::Topology;
+use spharm_surface::topology::{Topology, different_triangles};
 use spharm_surface::{Input, Mesh};
 
 use crate::console::Console;
@@ -186,26 +186,6 @@ pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console
     Ok(Target { path: path.to_path_buf(), values, channels, surface: mesh.is_some(), anatomical_structure: structure })
 }
 
-/// How many triangles of one list the other doesn't have, whatever their order, first corner and winding.
-fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
-    let sorted = |faces: &[[u32; 3]]| {
-        let mut faces: Vec<[u32; 3]> = faces.to_vec();
-        faces.iter_mut().for_each(|face| face.sort_unstable());
-        faces.sort_unstable();
-        faces
-    };
-    let (a, b) = (sorted(a), sorted(b));
-    let (mut i, mut j, mut differ) = (0, 0, 0);
-    while i < a.len() && j < b.len() {
-        match a[i].cmp(&b[j]) {
-            std::cmp::Ordering::Equal => (i, j) = (i + 1, j + 1),
-            std::cmp::Ordering::Less => (i, differ) = (i + 1, differ + 1),
-            std::cmp::Ordering::Greater => (j, differ) = (j + 1, differ + 1),
-        }
-    }
-    differ + (a.len() - i) + (b.len() - j)
-}
-
 /// Paths as given, with each `@list.txt` replaced by the paths that the file names, one a line; blank lines and lines
 /// that begin with `#` are skipped, and relative paths are relative to the list's folder.
 ///
@@ -220,6 +200,9 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
             continue;
         };
         let list = Path::new(list);
+        if !list.is_file() {
+            bail!("{}: no such list of paths", list.display());
+        }
         let text =
             std::fs::read_to_string(list).with_context(|| format!("{}: cannot read the list", list.display()))?;
         let base = list.parent().unwrap_or(Path::new(""));
@@ -273,14 +256,6 @@ mod tests {
         ] {
             assert_eq!(stem(Path::new(path)), expected);
         }
-    }
-
-    #[test]
-    fn triangles_compare_as_sets() {
-        let a = [[0, 1, 2], [3, 2, 1]];
-        assert_eq!(different_triangles(&a, &[[1, 2, 3], [2, 0, 1]]), 0);
-        assert_eq!(different_triangles(&a, &[[1, 2, 3]]), 1);
-        assert_eq!(different_triangles(&a, &[[1, 2, 3], [0, 1, 3]]), 2);
     }
 
     #[test]

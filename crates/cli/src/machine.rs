@@ -11,7 +11,7 @@ use crate::size::Size;
 pub struct Memory {
     /// Largest resident size so far, mapped files included.
     pub peak_resident: Option<u64>,
-    /// Anonymous memory now: without mapped files, which the system can drop at any time.
+    /// Anonymous memory at the end: without mapped files, which the system can drop at any time.
     pub anonymous: Option<u64>,
 }
 

@@ -3,11 +3,14 @@
 use anyhow::{Context, Result};
 use clap::Args;
 
+/// What OpenBLAS is built for (`.cargo/config.toml`).
+const MOST: usize = 64;
+
 /// `--threads`.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Threads {
     /// Threads to use [default: the CPUs this process may run on, or SLURM_CPUS_PER_TASK if fewer]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
     pub threads: Option<u16>,
 }
 
@@ -17,6 +20,7 @@ impl Threads {
         // Knows affinity masks and cgroup quotas.
         let available = std::thread::available_parallelism().map_or(1, |n| n.get());
         let slurm = std::env::var("SLURM_CPUS_PER_TASK").ok().and_then(|text| text.parse::<usize>().ok());
+        let available = available.min(MOST);
         match (self.threads, slurm) {
             (Some(threads), _) => usize::from(threads),
             (None, Some(slurm)) if slurm > 0 => slurm.min(available),

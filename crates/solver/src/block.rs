@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use crate::SolverError;
-use crate::dense::{self, Spectrum};
+use crate::dense;
 use crate::operator::{Block, Operator, Scratch};
 use crate::schedule::columns;
 use crate::workers::{Worker, normal_equations, pack, triangular};
@@ -17,13 +17,19 @@ pub(crate) const SHARED_FROM: usize = 1024;
 /// Rows of a shared `dsyrk`: enough for its traffic on the Gram matrix not to matter.
 pub(crate) const SHARED_ROWS: usize = 2048;
 
-/// What a block's matrix has been factorised to, for any right-hand side.
+/// What is known of a block's matrix once it has been solved.
 #[derive(Debug, Clone)]
 pub(crate) enum Factor {
-    /// Upper Cholesky factor of the Gram matrix, (k, k), and the reciprocal condition number of that matrix.
+    /// Upper Cholesky factor of the Gram matrix, (k, k), and the reciprocal condition number of that matrix: serves any
+    /// right-hand side.
     Cholesky(Vec<f64>, f64),
-    /// Singular values and right vectors, and how many of them count.
-    RankRevealing(Spectrum, usize),
+    /// The Gram matrix is of no use; the block is to be factorised anew each time.
+    RankRevealing {
+        /// Condition number of the block; infinite when its rank is less than its columns.
+        condition: f64,
+        /// Numerical rank.
+        rank: usize,
+    },
 }
 
 impl Factor {
@@ -31,21 +37,21 @@ impl Factor {
     pub(crate) fn condition(&self) -> f64 {
         match self {
             Self::Cholesky(_, reciprocal) => (1.0 / reciprocal).sqrt(),
-            Self::RankRevealing(spectrum, _) => spectrum.condition(),
+            Self::RankRevealing { condition, .. } => *condition,
         }
     }
 
     pub(crate) fn rank(&self, columns: usize) -> usize {
         match self {
             Self::Cholesky(..) => columns,
-            Self::RankRevealing(_, rank) => *rank,
+            Self::RankRevealing { rank, .. } => *rank,
         }
     }
 
     pub(crate) fn name(&self) -> &'static str {
         match self {
             Self::Cholesky(..) => "cholesky",
-            Self::RankRevealing(..) => "rank-revealing",
+            Self::RankRevealing { .. } => "rank-revealing",
         }
     }
 }
@@ -83,16 +89,14 @@ pub(crate) fn solve(
     factor: Option<&Factor>,
 ) -> Result<(Vec<f64>, Option<Factor>), SolverError> {
     let k = columns(degrees);
-    if let Some(factor) = factor {
+    if let Some(Factor::Cholesky(factor, _)) = factor {
         let (mut x, _) = normal_equations(block, workers, k, false)?;
-        match factor {
-            Factor::Cholesky(factor, _) => dense::cholesky_solve(factor, k, &mut x),
-            Factor::RankRevealing(spectrum, rank) => spectrum.solve_normal(*rank, &mut x),
-        }
+        dense::cholesky_solve(factor, k, &mut x);
         return Ok((x, None));
     }
     let (rows, threads) = (context.operator.rows(), context.threads);
-    if k <= rows {
+    // A block that was singular once is so again; its spectrum is not reused, since that would square its condition.
+    if k <= rows && factor.is_none() {
         let shared = k >= SHARED_FROM;
         let (mut x, gram) = normal_equations(block, workers, k, !shared)?;
         let mut gram = match gram {
@@ -114,12 +118,13 @@ pub(crate) fn solve(
     }
     let (r, z, m) = triangular(block, workers, k)?.split(k);
     let tolerance = f64::EPSILON * rows.max(k) as f64;
-    let (x, rank, spectrum) = dense::minimum_norm(r, z, m, tolerance).map_err(|error| SolverError::NoConvergence {
+    let (x, rank, condition) = dense::minimum_norm(r, z, m, tolerance).map_err(|error| SolverError::NoConvergence {
         first: *degrees.start(),
         last: *degrees.end(),
         message: error.to_string(),
     })?;
-    Ok((x, Some(Factor::RankRevealing(spectrum, rank))))
+    let condition = if rank < k { f64::INFINITY } else { condition };
+    Ok((x, Some(Factor::RankRevealing { condition, rank })))
 }
 
 /// The Gram matrix of a wide block: a few chunks at a time side by side, one threaded `dsyrk` for each.

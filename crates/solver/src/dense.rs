@@ -16,6 +16,13 @@ use spharm_harmonics::product::Matrix;
 
 unsafe extern "C" {
     fn openblas_set_num_threads(threads: c_int);
+    fn openblas_get_config() -> *const c_char;
+}
+
+/// Version, kernels and build options of OpenBLAS.
+pub fn openblas() -> String {
+    // SAFETY: OpenBLAS gives a text of its own that ends in a zero and stays.
+    unsafe { std::ffi::CStr::from_ptr(openblas_get_config()) }.to_string_lossy().trim().to_owned()
 }
 
 /// Runs before OpenBLAS's own initialiser, which has no priority and so comes last.
@@ -235,29 +242,20 @@ pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
     }
 }
 
-/// Singular values and right singular vectors of a small matrix.
-#[derive(Debug, Clone)]
-pub(crate) struct Spectrum {
-    /// Decreasing.
-    pub(crate) singular: Vec<f64>,
-    /// `V^T`, (values, k).
-    pub(crate) right: Array2<f64>,
-}
-
 /// What LAPACK's divide and conquer SVD didn't manage, which it says rather than give a wrong answer.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("the singular value decomposition of a block did not converge: {0}")]
 pub(crate) struct NoConvergence(String);
 
 /// Minimum-norm least squares of `r x = z`: r (m, k), z (m, c), column-major. Singular values up to `tolerance` times
-/// the largest count as zero. Returns x (k, c) row-major, the numerical rank, and the spectrum of `r` for later
-/// right-hand sides.
+/// the largest count as zero. Returns x (k, c) row-major, the numerical rank, and the largest over the smallest singular
+/// value.
 pub(crate) fn minimum_norm(
     r: Vec<f64>,
     z: Vec<f64>,
     m: usize,
     tolerance: f64,
-) -> Result<(Vec<f64>, usize, Spectrum), NoConvergence> {
+) -> Result<(Vec<f64>, usize, f64), NoConvergence> {
     let (k, c) = (r.len() / m, z.len() / m);
     let shaped = |values: Vec<f64>, columns: usize| {
         Array2::from_shape_vec((m, columns).f(), values).unwrap_or_else(|_| unreachable!("m divides both"))
@@ -265,44 +263,15 @@ pub(crate) fn minimum_norm(
     let (r, z) = (shaped(r, k), shaped(z, c));
     let (left, singular, right) = r.svddc(JobSvd::Some).map_err(|error| NoConvergence(error.to_string()))?;
     let (Some(left), Some(right)) = (left, right) else { unreachable!("JobSvd::Some asks for both") };
-    let spectrum = Spectrum { singular: singular.to_vec(), right };
-    let rank = spectrum.rank(tolerance);
+    // Decreasing.
+    let largest = singular.first().copied().unwrap_or(0.0);
+    let smallest = singular.last().copied().unwrap_or(0.0);
+    let rank = singular.iter().filter(|&&s| s > tolerance * largest).count();
     let mut projected = left.slice(s![.., ..rank]).t().dot(&z);
-    for (mut row, singular) in projected.rows_mut().into_iter().zip(&spectrum.singular) {
+    for (mut row, singular) in projected.rows_mut().into_iter().zip(&singular) {
         row /= *singular;
     }
-    let solution = spectrum.right.slice(s![..rank, ..]).t().dot(&projected);
-    Ok((solution.as_standard_layout().iter().copied().collect(), rank, spectrum))
-}
-
-impl Spectrum {
-    /// Singular values above `tolerance` times the largest.
-    pub(crate) fn rank(&self, tolerance: f64) -> usize {
-        let largest = self.singular.first().copied().unwrap_or(0.0);
-        self.singular.iter().filter(|&&s| s > tolerance * largest).count()
-    }
-
-    /// Largest over smallest singular value that counts; for a matrix of full rank its condition number.
-    pub(crate) fn condition(&self) -> f64 {
-        match (self.singular.first(), self.singular.last()) {
-            (Some(first), Some(last)) if *last > 0.0 => first / last,
-            _ => f64::INFINITY,
-        }
-    }
-
-    /// `x = (A^T A)^+ x` for `x`, (k, c) row-major, with the first `rank` singular values.
-    pub(crate) fn solve_normal(&self, rank: usize, x: &mut [f64]) {
-        let k = self.right.ncols();
-        let c = x.len() / k;
-        let Ok(b) = ndarray::ArrayView2::from_shape((k, c), &*x) else { return };
-        let v = self.right.slice(s![..rank, ..]);
-        let mut projected = v.dot(&b);
-        for (mut row, s) in projected.rows_mut().into_iter().zip(&self.singular) {
-            row /= s * s;
-        }
-        let solution = v.t().dot(&projected);
-        for (out, value) in x.iter_mut().zip(solution.as_standard_layout().iter()) {
-            *out = *value;
-        }
-    }
+    let solution = right.slice(s![..rank, ..]).t().dot(&projected);
+    let condition = if smallest > 0.0 { largest / smallest } else { f64::INFINITY };
+    Ok((solution.as_standard_layout().iter().copied().collect(), rank, condition))
 }

@@ -66,6 +66,14 @@ pub enum SolverError {
         /// Column from 0.
         column: usize,
     },
+    /// A batch wider than the fit was planned for.
+    #[error("a batch of {found} columns, planned were {planned}")]
+    Channels {
+        /// Columns planned.
+        planned: usize,
+        /// Columns of the targets.
+        found: usize,
+    },
     /// Weights that are negative, not finite or all zero.
     #[error("weights must be finite, not negative and not all zero; row {row} has {found}")]
     Weight {
@@ -95,13 +103,13 @@ pub enum SolverError {
         message: String,
     },
     /// The fit was interrupted.
-    #[error("interrupted; nothing was written")]
+    #[error("interrupted; the models that are finished stay, --skip-existing leaves them out next time")]
     Interrupted,
 }
 
 fn hint(granularity: &Option<usize>) -> String {
     match granularity {
-        Some(g) => format!("; --granularity {g} fits the budget"),
+        Some(g) => format!("; --method irf --granularity {g} fits the budget"),
         None => String::new(),
     }
 }

@@ -84,6 +84,8 @@ pub struct Fit {
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum FitEvent<'a> {
+    /// A block is about to be solved: number of the sweep from 1, its degrees.
+    Solving(usize, RangeInclusive<usize>),
     /// A block was solved: number of the sweep from 1, columns done in it, degrees of the block.
     Block(usize, usize, RangeInclusive<usize>),
     /// A sweep is over.
@@ -97,6 +99,7 @@ const REFINED: f64 = 1e-14;
 pub struct Fitter<'o> {
     operator: &'o dyn Operator,
     params: FitParams,
+    channels: usize,
     blocks: Vec<RangeInclusive<usize>>,
     plan: Plan,
     /// Square roots of the weights, (n).
@@ -117,7 +120,12 @@ impl<'o> Fitter<'o> {
         let plan = plan(operator, channels, &params)?;
         let roots = params.weights.as_ref().map(|weights| weights.iter().map(|w| w.sqrt()).collect());
         let factors = vec![None; blocks.len()];
-        Ok(Self { operator, params, blocks, plan, roots, factors, block_reports: Vec::new() })
+        Ok(Self { operator, params, channels, blocks, plan, roots, factors, block_reports: Vec::new() })
+    }
+
+    /// Most columns that a batch may have.
+    pub fn channels(&self) -> usize {
+        self.channels
     }
 
     /// The memory plan.
@@ -150,8 +158,11 @@ impl<'o> Fitter<'o> {
         if let Some((row, column)) = targets.not_finite() {
             return Err(SolverError::NotFinite { row, column });
         }
-        dense::set_blas_threads(1);
         let channels = targets.channels();
+        if channels > self.channels {
+            return Err(SolverError::Channels { planned: self.channels, found: channels });
+        }
+        dense::set_blas_threads(1);
         let mut residual = targets;
         let mut coefficients = Array2::<f64>::zeros((basis_size(self.params.max_degree), channels));
         let mut seconds = Seconds::default();
@@ -160,8 +171,8 @@ impl<'o> Fitter<'o> {
         let mut last_change = f64::INFINITY;
         for sweep in 1..=passes + self.params.refinements {
             let started = Instant::now();
-            let progress = |done, degrees| event(FitEvent::Block(sweep, done, degrees));
-            let (change, bytes_read) = self.sweep(&mut residual, &mut coefficients, &mut seconds, cancel, &progress)?;
+            let (change, bytes_read) =
+                self.sweep(sweep, &mut residual, &mut coefficients, &mut seconds, cancel, event)?;
             let residuals = groups.iter().map(|group| {
                 let (mean_square, max_square) = residual.squared_norms(group);
                 Residual { mean_square, max_square }
@@ -175,8 +186,10 @@ impl<'o> Fitter<'o> {
             };
             event(FitEvent::Sweep(&report));
             sweeps.push(report);
-            // Rounding has been reached when a further sweep changes nothing, or no less than the one before.
-            if sweep > passes && (change < REFINED || change >= 0.5 * last_change) {
+            // Rounding has been reached when a further sweep changes nothing, or no less than the one before. What
+            // needed a rank-revealing solve is as good as it gets: it doesn't suffer from the Gram matrix's condition.
+            let refined = sweep > passes && (change < REFINED || change >= 0.5 * last_change);
+            if refined || (sweep >= passes && self.block_reports.iter().any(|b| b.solver != "cholesky")) {
                 break;
             }
             last_change = change;
@@ -196,14 +209,16 @@ impl<'o> Fitter<'o> {
         Ok(Fit { coefficients: Coefficients::new(coefficients)?, report })
     }
 
-    /// One sweep over the blocks. Returns the norm of the change relative to the coefficients', and the bytes read.
+    /// One sweep over the blocks. Returns the change relative to the norm of the coefficients, the largest of all
+    /// columns, and the bytes read.
     fn sweep(
         &mut self,
+        sweep: usize,
         residual: &mut ChunkedRows,
         coefficients: &mut Array2<f64>,
         seconds: &mut Seconds,
         cancel: &AtomicBool,
-        progress: &dyn Fn(usize, RangeInclusive<usize>),
+        event: &dyn Fn(FitEvent<'_>),
     ) -> Result<(f64, u64), SolverError> {
         let operator = self.operator;
         let context = Context {
@@ -220,7 +235,8 @@ impl<'o> Fitter<'o> {
             Ok(block)
         };
         let mut crew = workers(operator, residual, context.roots, context.threads);
-        let (mut change, mut done, mut bytes_read) = (0.0f64, 0, 0);
+        let mut change = vec![0.0; context.channels];
+        let (mut done, mut bytes_read) = (0, 0);
         let mut ahead = None;
         for (at, degrees) in self.blocks.iter().enumerate() {
             if cancel.load(Ordering::Relaxed) {
@@ -235,6 +251,7 @@ impl<'o> Fitter<'o> {
                 ahead = Some(open(at + 1)?);
             }
             seconds.open += lap(&mut mark);
+            event(FitEvent::Solving(sweep, degrees.clone()));
             let (x, made) = match solve(&context, &*block, degrees, &mut crew, self.factors[at].as_ref()) {
                 Ok(solved) => solved,
                 // A basis that was cut off under the solver looks singular; closing the block tells what happened.
@@ -256,12 +273,15 @@ impl<'o> Fitter<'o> {
             let first = first_column(*degrees.start());
             let mut rows = coefficients.slice_mut(ndarray::s![first..first + columns(degrees), ..]);
             rows.iter_mut().zip(&x).for_each(|(sum, x)| *sum += x);
-            change += x.iter().map(|x| x * x).sum::<f64>();
+            for row in x.chunks_exact(context.channels) {
+                change.iter_mut().zip(row).for_each(|(sum, x)| *sum += x * x);
+            }
             done += columns(degrees);
-            progress(done, degrees.clone());
+            event(FitEvent::Block(sweep, done, degrees.clone()));
         }
-        let norm = coefficients.iter().map(|a| a * a).sum::<f64>();
-        Ok(((change / norm.max(f64::MIN_POSITIVE)).sqrt(), bytes_read))
+        let norms = coefficients.columns().into_iter().map(|column| column.iter().map(|a| a * a).sum::<f64>());
+        let relative = change.iter().zip(norms).map(|(change, norm)| (change / norm.max(f64::MIN_POSITIVE)).sqrt());
+        Ok((relative.fold(0.0, f64::max), bytes_read))
     }
 }
 

@@ -111,12 +111,17 @@ impl Needs {
         let (n, threads, chunk_rows) = (operator.rows(), params.threads, operator.chunk_rows());
         let widest = blocks.iter().map(columns).max().unwrap_or(0);
         let shared = widest >= SHARED_FROM;
+        // Each thread has sums of its own for the blocks that aren't wide enough to be shared.
+        let narrow = blocks.iter().map(columns).filter(|&k| k < SHARED_FROM).max().unwrap_or(0);
         let weighted = params.weights.is_some();
-        // Residual; coefficients; the roots of the weights.
-        let arrays = 8 * (n * channels + basis_size(params.max_degree) * channels + if weighted { n } else { 0 });
-        let gram = if shared { 0 } else { widest * widest };
-        let packed = if shared { 0 } else { chunk_rows * widest };
-        let per_thread = 8 * (gram + packed + 2 * widest * channels + if weighted { chunk_rows * channels } else { 0 });
+        // Residual; coefficients; a block's right-hand sides, twice transposed; the roots of the weights.
+        let arrays =
+            8 * (n * channels + (basis_size(params.max_degree) + 3 * widest) * channels + if weighted { n } else { 0 });
+        let per_thread = 8
+            * (narrow * narrow
+                + chunk_rows * narrow
+                + widest * channels
+                + if weighted { chunk_rows * channels } else { 0 });
         // The stacked chunks of a shared Gram matrix, and the one being packed.
         let stacked = if shared { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
         let blas = threads * if shared { BLAS_WIDE } else { BLAS_NARROW };
@@ -128,7 +133,9 @@ impl Needs {
             arrays,
             fixed: params.held + arrays + threads * per_thread + stacked + blas + singular,
             one_factor: 8 * widest * widest.min(n),
-            all_factors: blocks.iter().map(factor).sum::<usize>() + 8 * widest * widest.min(n),
+            // While one is made the others are there; a single block's is kept where it was made.
+            all_factors: blocks.iter().map(factor).sum::<usize>()
+                + if blocks.len() > 1 { 8 * widest * widest.min(n) } else { 0 },
             resident: blocks.iter().map(resident).collect(),
             chunkwise: blocks.iter().map(chunkwise).collect(),
         }

@@ -167,6 +167,10 @@ impl<R: Read + Seek> Archive<'_, R> {
 
     fn array<T: ReadableElement>(&mut self, name: &str) -> Result<Array2<T>, ModelError> {
         let bytes = self.entry(name)?;
+        // ndarray-npy allocates what the header claims before it reads.
+        if claimed_values(&bytes).is_none_or(|count| count > bytes.len() as u64) {
+            return Err(invalid(self.path, format!("{name}: its shape doesn't fit its length")));
+        }
         Array2::read_npy(&bytes[..]).map_err(|error| invalid(self.path, format!("{name}: {error}")))
     }
 
@@ -174,6 +178,15 @@ impl<R: Read + Seek> Archive<'_, R> {
         let bytes = self.entry(name)?;
         read_text(&bytes).ok_or_else(|| invalid(self.path, format!("{name}: expected a text")))
     }
+}
+
+/// Number of values that the header of a NumPy array claims; an upper bound of a byte a value holds for any type.
+fn claimed_values(npy: &[u8]) -> Option<u64> {
+    let head = String::from_utf8_lossy(&npy[..npy.len().min(1024)]).into_owned();
+    let (_, rest) = head.split_once("'shape':")?;
+    let (shape, _) = rest.split_once('(')?.1.split_once(')')?;
+    let lengths = shape.split(',').map(str::trim).filter(|length| !length.is_empty());
+    lengths.map(|length| length.parse::<u64>().ok()).try_fold(1u64, |product, length| product.checked_mul(length?))
 }
 
 fn triples<T: Copy>(array: &Array2<T>) -> Option<Vec<[T; 3]>> {
@@ -272,6 +285,23 @@ mod tests {
             std::fs::write(&path, &bytes[..length]).unwrap();
             assert!(Model::read(&path).is_err(), "{length} of {} bytes", bytes.len());
         }
+    }
+
+    /// A header that claims more than there is must not be believed: 24 TB would be allocated.
+    #[test]
+    fn an_array_that_claims_to_be_huge_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.spharm.npz");
+        let header = "{'descr': '<f8', 'fortran_order': False, 'shape': (1099511627776, 3), }";
+        let padded = format!("{header:<117}\n");
+        let npy = [NPY_MAGIC, &(padded.len() as u16).to_le_bytes(), padded.as_bytes()].concat();
+        let mut zip = ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+        zip.start_file("coefficients.npy", options).unwrap();
+        zip.write_all(&npy).unwrap();
+        std::fs::write(&path, zip.finish().unwrap().into_inner()).unwrap();
+        let error = Model::read(&path).unwrap_err().to_string();
+        assert!(error.contains("coefficients: its shape"), "{error}");
     }
 
     #[test]

@@ -7,6 +7,7 @@ pub use colormap::{colors, viridis};
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, bounds, dot, sub};
 use crate::mesh::Mesh;
+use crate::topology::different_triangles;
 
 /// Distances between a surface and its reconstruction, vertex by vertex.
 ///
@@ -79,8 +80,11 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
             found: reconstruction.faces.len(),
         });
     }
+    // The same triangles in another order, or wound the other way, are the same topology.
     let mut pairs = original.faces.iter().zip(&reconstruction.faces).enumerate();
-    if let Some((face, (expected, found))) = pairs.find(|(_, (a, b))| a != b) {
+    if different_triangles(&original.faces, &reconstruction.faces) > 0
+        && let Some((face, (expected, found))) = pairs.find(|(_, (a, b))| a != b)
+    {
         return Err(SurfaceError::TopologyDiffers { face, expected: *expected, found: *found });
     }
     let squared = squared_distances(&original.vertices, &reconstruction.vertices)?;

@@ -172,6 +172,27 @@ impl Topology {
     }
 }
 
+/// How many triangles of one list the other doesn't have, whatever their order, first corner and winding.
+#[must_use]
+pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
+    let sorted = |faces: &[[u32; 3]]| {
+        let mut faces: Vec<[u32; 3]> = faces.to_vec();
+        faces.iter_mut().for_each(|face| face.sort_unstable());
+        faces.sort_unstable();
+        faces
+    };
+    let (a, b) = (sorted(a), sorted(b));
+    let (mut i, mut j, mut differ) = (0, 0, 0);
+    while i < a.len() && j < b.len() {
+        match a[i].cmp(&b[j]) {
+            std::cmp::Ordering::Equal => (i, j) = (i + 1, j + 1),
+            std::cmp::Ordering::Less => (i, differ) = (i + 1, differ + 1),
+            std::cmp::Ordering::Greater => (j, differ) = (j + 1, differ + 1),
+        }
+    }
+    differ + (a.len() - i) + (b.len() - j)
+}
+
 /// The volume inside a closed surface, in cubed units of the coordinates: positive when its
 /// triangles wind counter-clockwise seen from outside.
 ///
@@ -230,4 +251,17 @@ fn mix(mut x: u64) -> u64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangles_compare_as_sets() {
+        let a = [[0, 1, 2], [3, 2, 1]];
+        assert_eq!(different_triangles(&a, &[[1, 2, 3], [2, 0, 1]]), 0);
+        assert_eq!(different_triangles(&a, &[[1, 2, 3]]), 1);
+        assert_eq!(different_triangles(&a, &[[1, 2, 3], [0, 1, 3]]), 2);
+    }
 }
