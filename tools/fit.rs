@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::{Console, Unit};
-use spharm_cli::inputs::{Sphere, Target, expand_lists, read_sphere, read_target, stem};
+use spharm_cli::inputs::{Sphere, Target, expand_lists, read_sphere, read_target, stem, unique_stems};
 use spharm_cli::machine::{Memory, Versions, check_limits, memory, raise_file_limit, versions};
 use spharm_cli::output::{print, print_json, table, write_json};
 use spharm_cli::size::Size;
@@ -230,14 +230,16 @@ fn csv_of(output: &Path) -> PathBuf {
 /// Inputs and outputs; refuses before any work what would clash or overwrite.
 fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
     let inputs = expand_lists(&cli.surface)?;
-    let name = |input: &Path| format!("{}.spharm.npz", stem(input));
     let mut items: Vec<Item> = match (&inputs[..], &cli.output) {
         ([input], Some(output)) if !names_folder(cli, output) => {
             vec![Item { input: input.clone(), output: output.clone() }]
         }
         (_, folder) => {
             let folder = folder.clone().unwrap_or_default();
-            inputs.iter().map(|input| Item { output: folder.join(name(input)), input: input.clone() }).collect()
+            let named = inputs.iter().zip(unique_stems(&inputs));
+            named
+                .map(|(input, name)| Item { output: folder.join(format!("{name}.spharm.npz")), input: input.clone() })
+                .collect()
         }
     };
     let mut outputs: Vec<&Path> = items.iter().map(|item| item.output.as_path()).collect();

@@ -128,6 +128,22 @@ proptest! {
         }
     }
 
+    /// `sum_m S_lm(x) S_lm(y) = (2l+1)/(4 pi) P_l(x . y)` for any two directions.
+    #[test]
+    fn addition_theorem_holds_between_any_two_directions(a in direction(), b in direction()) {
+        let recurrence = Recurrence::new(150).unwrap();
+        let cosine: f64 = (0..3).map(|i| a[i] * b[i]).sum();
+        let (a, b) = (all(&recurrence, a, 150), all(&recurrence, b, 150));
+        let (mut older, mut legendre) = (0.0, 1.0);
+        for l in 0..=150usize {
+            let sum: f64 = (l * l..(l + 1) * (l + 1)).map(|k| a[k] * b[k]).sum();
+            let expected = scale(l).powi(2) * legendre;
+            prop_assert!((sum - expected).abs() < 1e-14 * (1 + l * l) as f64 , "{}: {} {}", l, sum, expected);
+            let next = ((2 * l + 1) as f64 * cosine * legendre - l as f64 * older) / (l + 1) as f64;
+            (older, legendre) = (legendre, next);
+        }
+    }
+
     /// A rotation maps the harmonics of one degree onto each other by an orthogonal matrix, so inner products stay.
     #[test]
     fn inner_products_of_a_degree_survive_rotation(a in direction(), b in direction(), axis in direction(), angle in 0.0..6.3f64) {

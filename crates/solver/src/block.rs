@@ -1,6 +1,7 @@
 //! One block's least squares: the Gram matrix and Cholesky where that is safe, a rank-revealing factor otherwise.
 
 use std::ops::RangeInclusive;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::SolverError;
 use crate::dense;
@@ -66,6 +67,8 @@ pub(crate) struct Context<'a> {
     /// Bytes of the budget that the plan has left over, for a rank-revealing solve that it couldn't foresee.
     pub(crate) spare: usize,
     pub(crate) budget: usize,
+    /// Set when the fit is to stop; looked at between the chunks of a wide block, which may take minutes.
+    pub(crate) cancel: &'a AtomicBool,
 }
 
 /// Bytes that a rank-revealing solve takes beside the rest: each thread's triangle twice while it is folded, a chunk,
@@ -73,7 +76,8 @@ pub(crate) struct Context<'a> {
 pub(crate) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
     let width = k + channels;
     let height = width.min(rows);
-    let fold = width * (3 * height + 2 * chunk_rows) * 8;
+    // R, the rows that wait, both stacked, and R again as it comes out.
+    let fold = width * (5 * height + 4 * chunk_rows) * 8;
     let decomposition = 8 * height * (6 * k + 2 * height);
     (threads * fold).max(decomposition + width * height * 8)
 }
@@ -118,7 +122,10 @@ pub(crate) fn solve(
     }
     let (r, z, m) = triangular(block, workers, k)?.split(k);
     let tolerance = f64::EPSILON * rows.max(k) as f64;
-    let (x, rank, condition) = dense::minimum_norm(r, z, m, tolerance).map_err(|error| SolverError::NoConvergence {
+    dense::set_blas_threads(if k >= SHARED_FROM { threads } else { 1 });
+    let solved = dense::minimum_norm(r, z, m, tolerance);
+    dense::set_blas_threads(1);
+    let (x, rank, condition) = solved.map_err(|error| SolverError::NoConvergence {
         first: *degrees.start(),
         last: *degrees.end(),
         message: error.to_string(),
@@ -129,13 +136,17 @@ pub(crate) fn solve(
 
 /// The Gram matrix of a wide block: a few chunks at a time side by side, one threaded `dsyrk` for each.
 fn shared_gram(context: &Context<'_>, block: &dyn Block, k: usize) -> Result<Vec<f64>, SolverError> {
-    let &Context { operator, roots, threads, .. } = context;
+    let &Context { operator, roots, threads, cancel, .. } = context;
     let mut gram = vec![0.0; k * k];
     let together = (SHARED_ROWS / operator.chunk_rows()).max(1);
     let (mut chunk_values, mut scratch) = (Vec::new(), Scratch::default());
     let mut stacked = Vec::new();
     dense::set_blas_threads(threads);
     for first in (0..operator.chunk_count()).step_by(together) {
+        if cancel.load(Ordering::Relaxed) {
+            dense::set_blas_threads(1);
+            return Err(SolverError::Interrupted);
+        }
         let last = (first + together).min(operator.chunk_count());
         let rows: usize = (first..last).map(|chunk| operator.chunk_range(chunk).len()).sum();
         stacked.clear();

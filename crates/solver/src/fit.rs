@@ -228,6 +228,7 @@ impl<'o> Fitter<'o> {
             threads: self.params.threads,
             spare: self.plan.spare(),
             budget: self.plan.budget,
+            cancel,
         };
         let open = |at: usize| -> Result<Box<dyn Block + 'o>, SolverError> {
             let block = operator.open(self.blocks[at].clone(), self.plan.residency(at))?;

@@ -1,51 +1,75 @@
 //! The triangular factor R of a tall matrix that arrives in chunks of rows.
 //!
 //! Each chunk is put below the R of those before it and the two are factorised again: the sequential tall-skinny QR of
-//! Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput. 34, 2012, section 3). It holds k x k numbers and one chunk,
+//! Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput. 34, 2012, section 3). It holds a few times k x k numbers,
 //! costs 2 n k^2 flops and, unlike a Gram matrix, keeps singular values down to eps times the largest.
 
 use spharm_harmonics::product::Matrix;
 
 use crate::dense::triangularise;
 
-/// R of the rows pushed so far, (height, columns) with height at most columns.
+/// R of the rows pushed so far, (height, columns) with height at most columns, and rows that wait to be folded into it.
 #[derive(Debug, Clone)]
 pub(crate) struct Triangle {
     values: Vec<f64>,
     height: usize,
     columns: usize,
+    /// Column-major runs of rows: folding is worth its price only for about as many rows as there are columns.
+    waiting: Vec<(usize, Vec<f64>)>,
 }
 
 impl Triangle {
     pub(crate) fn new(columns: usize) -> Self {
-        Self { values: Vec::new(), height: 0, columns }
+        Self { values: Vec::new(), height: 0, columns, waiting: Vec::new() }
     }
 
     pub(crate) fn push(&mut self, rows: Matrix<'_>) {
         assert_eq!(rows.columns(), self.columns, "columns of a triangular factor");
-        let stacked = self.height + rows.rows();
+        let values = (0..self.columns).flat_map(|j| rows.column(j)).copied().collect();
+        self.waiting.push((rows.rows(), values));
+        if self.waiting.iter().map(|(rows, _)| rows).sum::<usize>() >= self.columns {
+            self.fold();
+        }
+    }
+
+    /// Takes the rows of another factor.
+    pub(crate) fn push_triangle(&mut self, other: Self) {
+        let other = other.folded();
+        if other.height > 0 {
+            self.waiting.push((other.height, other.values));
+            self.fold();
+        }
+    }
+
+    fn folded(mut self) -> Self {
+        if !self.waiting.is_empty() {
+            self.fold();
+        }
+        self
+    }
+
+    fn fold(&mut self) {
+        let stacked = self.height + self.waiting.iter().map(|(rows, _)| rows).sum::<usize>();
         let mut values = Vec::with_capacity(stacked * self.columns);
         for j in 0..self.columns {
             values.extend_from_slice(&self.values[j * self.height..(j + 1) * self.height]);
-            values.extend_from_slice(rows.column(j));
+            for (rows, run) in &self.waiting {
+                values.extend_from_slice(&run[j * rows..(j + 1) * rows]);
+            }
         }
+        self.waiting.clear();
         triangularise(&mut values, stacked, self.columns);
         let height = stacked.min(self.columns);
         self.values = values.chunks_exact(stacked).flat_map(|column| &column[..height]).copied().collect();
         self.height = height;
     }
 
-    pub(crate) fn push_triangle(&mut self, other: &Self) {
-        if other.height > 0 {
-            self.push(Matrix::new(&other.values, other.height, other.columns, other.height));
-        }
-    }
-
     /// Of `[A | r]` with k columns of A: the rows that matter to A, as R, (m, k), and the transformed right-hand sides
     /// z, (m, c), with m = min(height, k); both column-major. `min |A x - r|` is `min |R x - z|`.
     pub(crate) fn split(self, k: usize) -> (Vec<f64>, Vec<f64>, usize) {
-        let m = self.height.min(k);
-        let mut top = self.values.chunks_exact(self.height).map(|column| &column[..m]);
+        let this = self.folded();
+        let m = this.height.min(k);
+        let mut top = this.values.chunks_exact(this.height).map(|column| &column[..m]);
         let r = top.by_ref().take(k).flatten().copied().collect();
         (r, top.flatten().copied().collect(), m)
     }

@@ -98,7 +98,7 @@ pub(crate) fn triangular(
     let channels = workers[0].channels;
     let mut whole = Triangle::new(columns + channels);
     for part in parts {
-        whole.push_triangle(&part);
+        whole.push_triangle(part);
     }
     Ok(whole)
 }

@@ -131,8 +131,8 @@ struct Slot {
 
 const FREE: usize = 0;
 const CLAIMED: usize = 1;
-/// More than the degrees that can be open at once, twice.
-const SLOT_COUNT: usize = 8192;
+/// A window for each of 64 threads and 500 degrees; systems allow some 65,000 maps a process.
+const SLOT_COUNT: usize = 32_768;
 
 static SLOTS: [Slot; SLOT_COUNT] =
     [const { Slot { start: AtomicUsize::new(FREE), end: AtomicUsize::new(0), faulted: AtomicBool::new(false) } };
