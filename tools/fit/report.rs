@@ -1,0 +1,178 @@
+//! What is told of a fit: in the report, in each model, and as a table.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use serde::Serialize;
+use spharm_cli::inputs::{Target, stem};
+use spharm_cli::machine::{Memory, Versions, memory, versions};
+use spharm_cli::output::{print, print_json, table, write_json};
+use spharm_solver::report::SweepReport;
+use spharm_solver::{FitReport, Method};
+use spharm_surface::metrics::bounding_box_scale;
+
+use crate::Cli;
+use crate::job::Job;
+
+/// g, where the method has one that isn't infinite.
+pub(crate) fn granularity_of(method: Method) -> Option<usize> {
+    match method {
+        Method::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
+        _ => None,
+    }
+}
+
+/// s, where the method has one.
+pub(crate) fn start_degree_of(method: Method) -> Option<usize> {
+    match method {
+        Method::Sirf { start_degree } | Method::Mirf { start_degree, .. } => Some(start_degree),
+        Method::Irf { .. } | Method::Nlsf => None,
+    }
+}
+
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(crate) struct Seconds {
+    pub(crate) read: f64,
+    pub(crate) plan: f64,
+    pub(crate) solve: f64,
+    pub(crate) write: f64,
+    pub(crate) total: f64,
+}
+
+/// A fitted surface, as the report shows it.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Fitted {
+    pub(crate) input: PathBuf,
+    pub(crate) output: PathBuf,
+    pub(crate) channels: usize,
+    /// Cube root of the bounding box's volume, in the input's unit; none for what has no volume.
+    pub(crate) scale: Option<f64>,
+    pub(crate) passes: Vec<Distances>,
+}
+
+/// Distances after one sweep; msd and xsd with the bounding box scaled to volume 1.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(crate) struct Distances {
+    /// Whether this sweep came after the passes asked for, to remove what rounding had left.
+    pub(crate) refinement: bool,
+    pub(crate) msd: Option<f64>,
+    pub(crate) xsd: Option<f64>,
+    pub(crate) msd_raw: f64,
+    pub(crate) xsd_raw: f64,
+}
+
+/// What is kept of a target while its values are being fitted.
+pub(crate) struct About {
+    pub(crate) surface: bool,
+    pub(crate) scale: Option<f64>,
+    pub(crate) anatomical_structure: Option<String>,
+}
+
+impl About {
+    pub(crate) fn of(target: &Target) -> Self {
+        let scale = target.surface.then(|| {
+            let vertices: Vec<[f64; 3]> = target.values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
+            // A flat surface has no volume to scale to.
+            bounding_box_scale(&vertices).ok()
+        });
+        Self {
+            surface: target.surface,
+            scale: scale.flatten(),
+            anatomical_structure: target.anatomical_structure.clone(),
+        }
+    }
+
+    pub(crate) fn distances(&self, sweep: &SweepReport, index: usize) -> Distances {
+        let residual = &sweep.residuals[index];
+        let normalised = |value: f64| self.scale.map(|scale| value / (scale * scale));
+        Distances {
+            refinement: sweep.refinement,
+            msd: normalised(residual.mean_square),
+            xsd: normalised(residual.max_square),
+            msd_raw: residual.mean_square,
+            xsd_raw: residual.max_square,
+        }
+    }
+}
+
+#[derive(Debug, Serialize)]
+pub(crate) struct Provenance<'a> {
+    pub(crate) tool: &'static str,
+    pub(crate) versions: Versions,
+    pub(crate) input: Option<String>,
+    pub(crate) sphere: Option<String>,
+    pub(crate) method: &'static str,
+    pub(crate) passes: usize,
+    pub(crate) granularity: Option<usize>,
+    pub(crate) start_degree: Option<usize>,
+    pub(crate) weights: &'a str,
+    pub(crate) dtype: &'static str,
+    pub(crate) surface: bool,
+    pub(crate) scale: Option<f64>,
+    pub(crate) distances: Option<Distances>,
+    pub(crate) anatomical_structure_primary: Option<&'a str>,
+}
+
+#[derive(Debug, Serialize)]
+pub(crate) struct Report {
+    pub(crate) tool: &'static str,
+    pub(crate) versions: Versions,
+    pub(crate) store: PathBuf,
+    pub(crate) sphere: PathBuf,
+    pub(crate) scheme_key: String,
+    pub(crate) dtype: &'static str,
+    pub(crate) weights: String,
+    pub(crate) granularity: Option<usize>,
+    pub(crate) start_degree: Option<usize>,
+    pub(crate) openblas: String,
+    pub(crate) surfaces: Vec<Fitted>,
+    pub(crate) batches: Vec<FitReport>,
+    pub(crate) seconds: Seconds,
+    pub(crate) memory: Memory,
+}
+
+pub(crate) fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<FitReport>), seconds: Seconds) -> Result<()> {
+    let (surfaces, batches) = fits;
+    let report = Report {
+        tool: "fit",
+        versions: versions(),
+        store: cli.store.clone(),
+        sphere: cli.sphere.clone(),
+        scheme_key: job.key.to_string(),
+        dtype: job.scalar.name(),
+        weights: cli.weights.clone(),
+        granularity: granularity_of(job.method),
+        start_degree: start_degree_of(job.method),
+        openblas: spharm_solver::dense::openblas(),
+        surfaces,
+        batches,
+        seconds,
+        memory: memory(),
+    };
+    for block in report.batches[0].blocks.iter().filter(|block| block.rank < block.columns) {
+        job.console.warn(format!(
+            "degrees {} to {}: rank {} of {} columns; the sampling doesn't determine them, the solution of least norm was taken",
+            block.first_degree, block.last_degree, block.rank, block.columns
+        ));
+    }
+    if let Some(path) = &cli.report {
+        write_json(path, cli.force, &report)?;
+    }
+    if cli.json {
+        return print_json(&report);
+    }
+    let mut rows = vec![["surface", "msd", "xsd", "rms", "max", "model"].map(str::to_owned).to_vec()];
+    for fitted in &report.surfaces {
+        let Some(last) = fitted.passes.last() else { continue };
+        let normalised = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4e}"));
+        rows.push(vec![
+            stem(&fitted.input),
+            normalised(last.msd),
+            normalised(last.xsd),
+            format!("{:.4e}", last.msd_raw.sqrt()),
+            format!("{:.4e}", last.xsd_raw.sqrt()),
+            fitted.output.display().to_string(),
+        ]);
+    }
+    print(&format!("{}\n{:.2} s", table(&rows), seconds.total))
+}
