@@ -102,8 +102,9 @@ impl Job<'_> {
                     last.set(done);
                 }
                 FitEvent::Sweep(report) => {
+                    let name = if report.refinement { "refinement after pass" } else { "pass" };
                     let gigabytes = report.bytes_read as f64 / 1e9;
-                    self.console.detail(format!("pass {}: {:.2} s, {gigabytes:.2} GB", report.pass, report.seconds));
+                    self.console.detail(format!("{name} {}: {:.2} s, {gigabytes:.2} GB", report.pass, report.seconds));
                 }
                 _ => {}
             })?;
