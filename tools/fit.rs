@@ -43,7 +43,8 @@ pub(crate) struct Cli {
     /// The sphere that the basis was built for
     #[arg(long, value_name = "SPHERE")]
     sphere: PathBuf,
-    /// Surfaces or signals on the sphere's vertices; @LIST takes the paths from a file, one a line
+    /// Surfaces, or signals (GIfTI, FreeSurfer curv, CSV with a row a vertex), on the sphere's vertices; @LIST takes the
+    /// paths from a file, one a line, relative to it, # for comments
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     surface: Vec<PathBuf>,
     /// Highest degree, inclusive
@@ -52,7 +53,7 @@ pub(crate) struct Cli {
     /// Iterative residual fitting, the paper's special cases of it, or the full least squares
     #[arg(long, value_enum, default_value_t = MethodName::Irf)]
     method: MethodName,
-    /// Number of passes, p (irf, mirf)
+    /// Number of passes, p (irf, mirf) [default: 1]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     passes: Option<u32>,
     /// Most basis functions solved together, g (irf) [default: 100]
@@ -72,7 +73,7 @@ pub(crate) struct Cli {
     memory: Size,
     #[command(flatten)]
     threads: Threads,
-    /// File for one surface, folder for several [default: NAME.spharm.npz here]
+    /// Folder for the models, NAME.spharm.npz; for one surface also a file, whose name ends in .npz [default: here]
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// Also write the paper's complex coefficients, NAME.spharm.csv, beside each model

@@ -29,7 +29,7 @@ struct Cli {
     /// Where one looks from
     #[arg(long, value_enum, default_value_t = Side::Left)]
     view: Side,
-    /// Panels in a row [default: all]
+    /// Panels in a row; 0 for all
     #[arg(long, value_name = "N", default_value_t = 0)]
     columns: usize,
     /// Width and height of a panel in pixels

@@ -228,7 +228,9 @@ fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> 
         return Err(StoreError::Interrupted.into());
     }
     let problems: Vec<&String> = results.iter().filter_map(|result| result.as_ref().err()).collect();
-    problems.iter().for_each(|problem| console.warn(problem));
+    if problems.len() > 1 {
+        problems.iter().for_each(|problem| console.warn(problem));
+    }
     match problems.len() {
         0 => print(&format!("{} files, {}: all sound", files.len(), Size(bytes as usize))),
         1 => bail!("{}", problems[0]),

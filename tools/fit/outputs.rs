@@ -14,10 +14,9 @@ pub(crate) struct Item {
     pub(crate) output: PathBuf,
 }
 
-/// Whether `--output` means a folder: it is one, ends in a slash, or a list was given.
-pub(crate) fn names_folder(cli: &Cli, output: &Path) -> bool {
-    let is_list = |path: &PathBuf| path.to_str().is_some_and(|text| text.starts_with('@'));
-    output.is_dir() || output.to_string_lossy().ends_with('/') || cli.surface.iter().any(is_list)
+/// Whether `--output` means one file rather than a folder: it ends in `.npz` and isn't a folder.
+fn names_file(output: &Path) -> bool {
+    output.extension().is_some_and(|extension| extension == "npz") && !output.is_dir()
 }
 
 /// `NAME.spharm.csv` beside `NAME.spharm.npz`.
@@ -30,8 +29,11 @@ pub(crate) fn csv_of(output: &Path) -> PathBuf {
 pub(crate) fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
     let inputs = expand_lists(&cli.surface)?;
     let mut items: Vec<Item> = match (&inputs[..], &cli.output) {
-        ([input], Some(output)) if !names_folder(cli, output) => {
+        ([input], Some(output)) if names_file(output) => {
             vec![Item { input: input.clone(), output: output.clone() }]
+        }
+        (several, Some(output)) if names_file(output) => {
+            bail!("{}: a file for {} surfaces; --output must name a folder", output.display(), several.len());
         }
         (_, folder) => {
             let folder = folder.clone().unwrap_or_default();

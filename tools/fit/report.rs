@@ -174,5 +174,6 @@ pub(crate) fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<FitReport
             fitted.output.display().to_string(),
         ]);
     }
-    print(&format!("{}\n{:.2} s", table(&rows), seconds.total))
+    let units = "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit";
+    print(&format!("{}\n{units}\n{:.2} s", table(&rows), seconds.total))
 }

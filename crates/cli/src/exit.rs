@@ -32,9 +32,21 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>) -> ExitCode {
     if is_closed_pipe(&error) {
         return ExitCode::SUCCESS;
     }
-    let line = format!("{error:#}").replace('\n', " ");
+    let line = one_line(&error);
     crate::console::say(format_args!("error: {line}"));
     if is_interrupted(&error) { ExitCode::from(INTERRUPTED) } else { ExitCode::FAILURE }
+}
+
+/// The error and its causes; a cause that is told already isn't told again.
+fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for text in error.chain().map(ToString::to_string) {
+        if !line.contains(&text) {
+            line += if line.is_empty() { "" } else { ": " };
+            line += &text;
+        }
+    }
+    line.replace('\n', " ")
 }
 
 fn is_interrupted(error: &anyhow::Error) -> bool {

@@ -90,7 +90,10 @@ fn check_sphere(path: &Path, mesh: &Mesh, directions: &Directions, console: &Con
     }
     let turns = winding_number(directions.as_slice(), &mesh.faces);
     if turns.abs() < 0.5 {
-        bail!("{}: the origin lies outside of this sphere; centre it at the origin", path.display());
+        bail!(
+            "{}: the origin lies outside of this sphere; centre it at the origin, or is it the surface, not its sphere?",
+            path.display()
+        );
     }
     if turns.abs() > 1.5 {
         bail!(

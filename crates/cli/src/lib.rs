@@ -26,7 +26,7 @@ pub struct Common {
     /// More about what is going on
     #[arg(short, long, global = true)]
     pub verbose: bool,
-    /// Warnings and errors only
+    /// No notes and no progress: the result, warnings and errors only
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
 }

@@ -13,7 +13,7 @@ pub enum SolverError {
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
     /// A budget below what the fit needs.
-    #[error("a memory budget of {} MiB is too small for this fit; the smallest that works is {} MiB{}", .budget >> 20, .needed.div_ceil(1 << 20), hint(.granularity))]
+    #[error("a memory budget of {} is too small for this fit; the smallest that works is {} MiB{}", size(*.budget), .needed.div_ceil(1 << 20), hint(.granularity))]
     Budget {
         /// The budget, bytes.
         budget: usize,
@@ -105,6 +105,11 @@ pub enum SolverError {
     /// The fit was interrupted.
     #[error("interrupted; the models that are finished stay, --skip-existing leaves them out next time")]
     Interrupted,
+}
+
+/// In MiB, or in bytes where a unit was forgotten.
+fn size(bytes: usize) -> String {
+    if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
 }
 
 fn hint(granularity: &Option<usize>) -> String {
