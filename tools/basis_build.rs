@@ -5,14 +5,14 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::time::Instant;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::{Parser, ValueEnum};
 use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::{Console, Progress, Unit};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::{Memory, Versions, memory, raise_file_limit, versions};
-use spharm_cli::output::{print, print_json, table, write_json};
+use spharm_cli::output::{print, print_json, refuse_existing, table, write_json};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_store::build::DEFAULT_CHUNK_ROWS;
@@ -105,8 +105,8 @@ fn work(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let cancel = spharm_cli::exit::cancel();
     raise_file_limit();
-    if let Some(path) = cli.json.as_deref().filter(|path| path.exists() && !cli.force) {
-        bail!("{}: the report exists; choose another --json or give --force", path.display());
+    if let Some(path) = &cli.json {
+        refuse_existing(path, cli.force, "report", "--json")?;
     }
     let sphere = read_sphere(&cli.sphere, &console)?;
     let params = BuildParams {

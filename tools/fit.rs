@@ -19,7 +19,7 @@ use spharm_cli::Common;
 use spharm_cli::console::{Console, Unit};
 use spharm_cli::inputs::{Sphere, read_sphere};
 use spharm_cli::machine::raise_file_limit;
-use spharm_cli::output::print;
+use spharm_cli::output::{print, refuse_existing};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_solver::{DiskOperator, Method};
@@ -166,8 +166,8 @@ fn work(cli: &Cli, method: Method) -> Result<()> {
     if items.is_empty() {
         return print("nothing to do: every output exists");
     }
-    if let Some(report) = cli.report.as_deref().filter(|path| path.exists() && !cli.force) {
-        bail!("{}: the report exists; choose another --report or give --force", report.display());
+    if let Some(path) = &cli.report {
+        refuse_existing(path, cli.force, "report", "--report")?;
     }
     let sphere = read_sphere(&cli.sphere, &console)?;
     let weights = weights(&cli.weights, &sphere)?;

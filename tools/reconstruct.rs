@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use clap::Parser;
 use spharm_cli::Common;
 use spharm_cli::inputs::read_sphere;
-use spharm_cli::output::print;
+use spharm_cli::output::{print, refuse_existing};
 use spharm_cli::threads::Threads;
 use spharm_harmonics::{Directions, synthesis};
 use spharm_surface::generate::icosphere;
@@ -67,9 +67,7 @@ fn main() -> ExitCode {
 fn work(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
-    if cli.output.exists() && !cli.force {
-        bail!("{}: the output exists; choose another --output or give --force", cli.output.display());
-    }
+    refuse_existing(&cli.output, cli.force, "output", "--output")?;
     let model = Model::read(&cli.model)?;
     let degree = cli.degree.unwrap_or(model.coefficients.max_degree());
     if degree > model.coefficients.max_degree() {

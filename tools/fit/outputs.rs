@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use spharm_cli::console::Console;
 use spharm_cli::inputs::{expand_lists, unique_stems};
+use spharm_cli::output::refuse_existing;
 
 use crate::Cli;
 
@@ -63,9 +64,8 @@ pub(crate) fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
         );
     }
     for item in &items {
-        let csv = csv_of(&item.output);
-        if cli.coefficients_csv && !cli.force && csv.exists() {
-            bail!("{}: the output exists; choose another --output or give --force", csv.display());
+        if cli.coefficients_csv {
+            refuse_existing(&csv_of(&item.output), cli.force, "output", "--output")?;
         }
         if !item.input.is_file() {
             let what = if item.input.exists() { "not a regular file" } else { "no such file" };

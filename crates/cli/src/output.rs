@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use spharm_surface::io::write_new;
 
@@ -44,6 +44,19 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
 pub fn write_json(path: &Path, force: bool, value: &impl Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(value)?;
     write_new(path, force, |out| writeln!(out, "{text}"))?;
+    Ok(())
+}
+
+/// Refuses, before any work, to write where something is: `what` it would be, and the `flag` that names another place.
+/// [`write_new`] makes sure of it again when the time comes.
+///
+/// # Errors
+///
+/// When `path` exists and isn't to be replaced.
+pub fn refuse_existing(path: &Path, force: bool, what: &str, flag: &str) -> Result<()> {
+    if path.exists() && !force {
+        bail!("{}: the {what} exists; choose another {flag} or give --force", path.display());
+    }
     Ok(())
 }
 

@@ -157,13 +157,3 @@ fn fitting_granularity(operator: &dyn Operator, channels: usize, params: &FitPar
         Needs::of(operator, channels, &FitParams { method, ..params.clone() }, &blocks).least() <= params.memory
     })
 }
-
-/// Bytes of memory that a fit needs at least.
-///
-/// # Errors
-///
-/// Those of [`Method::blocks`].
-pub fn least_memory(operator: &dyn Operator, channels: usize, params: &FitParams) -> Result<usize, SolverError> {
-    let blocks = params.method.blocks(params.max_degree)?;
-    Ok(Needs::of(operator, channels, params, &blocks).least())
-}

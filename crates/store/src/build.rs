@@ -109,11 +109,6 @@ pub struct BuildReport {
     pub memory: usize,
 }
 
-/// Bytes of the files of degrees `0..=max_degree`, uncompressed.
-pub fn store_bytes(rows: usize, max_degree: usize, scalar: Scalar, chunk_rows: usize) -> u64 {
-    (0..=max_degree).map(|degree| file_bytes(rows, degree, scalar, chunk_rows)).sum()
-}
-
 fn file_bytes(rows: usize, degree: usize, scalar: Scalar, chunk_rows: usize) -> u64 {
     let chunks = rows.div_ceil(chunk_rows);
     (rows * (2 * degree + 1) * scalar.size() + chunks * ENTRY_LEN + HEADER_LEN + FOOTER_LEN) as u64
