@@ -1,0 +1,1 @@
+//! Fast synthesis and adjoint synthesis of spherical harmonics at scattered directions.
