@@ -4,12 +4,16 @@
 //! powers of the azimuth. After T. J. Dekker, "A floating-point technique for extending the available precision", Numer.
 //! Math. 18 (1971), with the fused product where the processor has one.
 
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
 /// `hi + lo` with `|lo| <= ulp(hi) / 2`. `FMA` says whether `f64::mul_add` is one instruction; without it the product's
 /// error is had by Dekker's splitting, which gives the same bits.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct DoubleDouble<const FMA: bool> {
-    pub(crate) hi: f64,
-    pub(crate) lo: f64,
+pub struct DoubleDouble<const FMA: bool> {
+    /// The leading double.
+    pub hi: f64,
+    /// What it leaves over.
+    pub lo: f64,
 }
 
 #[inline(always)]
@@ -56,59 +60,27 @@ fn split(a: f64) -> (f64, f64) {
 }
 
 impl<const FMA: bool> DoubleDouble<FMA> {
-    pub(crate) const ZERO: Self = Self { hi: 0.0, lo: 0.0 };
+    /// Zero.
+    pub const ZERO: Self = Self { hi: 0.0, lo: 0.0 };
 
+    /// A double.
     #[inline(always)]
-    pub(crate) fn new(value: f64) -> Self {
+    #[must_use]
+    pub fn new(value: f64) -> Self {
         Self { hi: value, lo: 0.0 }
     }
 
     /// The product of two doubles, exact.
     #[inline(always)]
-    pub(crate) fn product(a: f64, b: f64) -> Self {
+    pub fn product(a: f64, b: f64) -> Self {
         let (hi, lo) = two_product::<FMA>(a, b);
         Self { hi, lo }
     }
 
-    #[inline(always)]
-    pub(crate) fn add(self, other: Self) -> Self {
-        let (s, e) = two_sum(self.hi, other.hi);
-        let (t, f) = two_sum(self.lo, other.lo);
-        let (s, e) = quick_two_sum(s, e + t);
-        let (hi, lo) = quick_two_sum(s, e + f);
-        Self { hi, lo }
-    }
-
-    #[inline(always)]
-    pub(crate) fn neg(self) -> Self {
-        Self { hi: -self.hi, lo: -self.lo }
-    }
-
-    #[inline(always)]
-    pub(crate) fn sub(self, other: Self) -> Self {
-        self.add(other.neg())
-    }
-
-    #[inline(always)]
-    pub(crate) fn mul(self, other: Self) -> Self {
-        let (p, e) = two_product::<FMA>(self.hi, other.hi);
-        let (hi, lo) = quick_two_sum(p, e + (self.hi * other.lo + self.lo * other.hi));
-        Self { hi, lo }
-    }
-
-    #[inline(always)]
-    pub(crate) fn div(self, other: Self) -> Self {
-        let q1 = self.hi / other.hi;
-        let r = self.sub(other.mul(Self::new(q1)));
-        let q2 = r.hi / other.hi;
-        let r = r.sub(other.mul(Self::new(q2)));
-        let (hi, lo) = quick_two_sum(q1, q2);
-        Self { hi, lo }.add(Self::new(r.hi / other.hi))
-    }
-
     /// Square root of a number that isn't negative.
     #[inline(always)]
-    pub(crate) fn sqrt(self) -> Self {
+    #[must_use]
+    pub fn sqrt(self) -> Self {
         if self.hi <= 0.0 {
             return Self::ZERO;
         }
@@ -118,15 +90,73 @@ impl<const FMA: bool> DoubleDouble<FMA> {
         Self { hi, lo }
     }
 
+    /// The nearest double.
     #[inline(always)]
-    pub(crate) fn value(self) -> f64 {
+    #[must_use]
+    pub fn value(self) -> f64 {
         self.hi + self.lo
+    }
+}
+
+impl<const FMA: bool> std::ops::Add for DoubleDouble<FMA> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        let (s, e) = two_sum(self.hi, other.hi);
+        let (t, f) = two_sum(self.lo, other.lo);
+        let (s, e) = quick_two_sum(s, e + t);
+        let (hi, lo) = quick_two_sum(s, e + f);
+        Self { hi, lo }
+    }
+}
+
+impl<const FMA: bool> std::ops::Neg for DoubleDouble<FMA> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self { hi: -self.hi, lo: -self.lo }
+    }
+}
+
+impl<const FMA: bool> std::ops::Sub for DoubleDouble<FMA> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        self.add(other.neg())
+    }
+}
+
+impl<const FMA: bool> std::ops::Mul for DoubleDouble<FMA> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        let (p, e) = two_product::<FMA>(self.hi, other.hi);
+        let (hi, lo) = quick_two_sum(p, e + (self.hi * other.lo + self.lo * other.hi));
+        Self { hi, lo }
+    }
+}
+
+impl<const FMA: bool> std::ops::Div for DoubleDouble<FMA> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        let q1 = self.hi / other.hi;
+        let r = self.sub(other.mul(Self::new(q1)));
+        let q2 = r.hi / other.hi;
+        let r = r.sub(other.mul(Self::new(q2)));
+        let (hi, lo) = quick_two_sum(q1, q2);
+        Self { hi, lo }.add(Self::new(r.hi / other.hi))
     }
 }
 
 /// `((x + i y) / r, z / r)` with `r = |(x, y, z)|` in double-double: the vector's last bit of length doesn't matter.
 #[inline(always)]
-pub(crate) fn unit<const FMA: bool>(direction: [f64; 3]) -> [DoubleDouble<FMA>; 3] {
+pub fn unit<const FMA: bool>(direction: [f64; 3]) -> [DoubleDouble<FMA>; 3] {
     let [x, y, z] = direction;
     let square = |c| DoubleDouble::<FMA>::product(c, c);
     let r = square(x).add(square(y)).add(square(z)).sqrt();

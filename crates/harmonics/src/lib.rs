@@ -24,10 +24,13 @@
 //! | [`index`] | (degree, order) to column and back |
 //! | [`directions`] | unit vectors: from vertices, from angles; what is wrong with them |
 //! | [`recurrence`] | the normalised Legendre recurrence and its coefficients |
+//! | [`rings`] | the same for one order at a time, for transforms over rings |
 //! | [`sweep`] | blocks `A_l` for a run of directions, degree after degree: the fast path |
 //! | [`product`] | a block times a few columns, and its transpose: the loops that sweeps of a store are made of
 //! | [`mod@synthesis`] | coefficients to samples at any directions |
 //! | [`coefficients`] | canonical coefficients, and the paper's complex ones |
+//! | [`polar`] | the recurrence next to the poles |
+//! | [`double_double`] | arithmetic with 32 digits, for what would lose too many |
 //! | [`textbook`] | the plain implementation that the fast one is tested against |
 //!
 //! ```
@@ -47,12 +50,13 @@
 
 pub mod coefficients;
 pub mod directions;
-mod double_double;
+pub mod double_double;
 mod error;
 pub mod index;
-mod polar;
+pub mod polar;
 pub mod product;
 pub mod recurrence;
+pub mod rings;
 pub mod sweep;
 pub mod synthesis;
 pub mod textbook;

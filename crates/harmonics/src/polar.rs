@@ -5,6 +5,8 @@
 //! degree 2,000 that is 1e-11 of a value; next to none of a sampling's directions are there, so the price of ten times
 //! the work doesn't show.
 
+use std::ops::{Add, Div, Mul, Sub};
+
 use crate::double_double::{DoubleDouble, unit};
 use crate::recurrence::{SCALE, seeds, squares};
 
@@ -15,6 +17,11 @@ type Dd = DoubleDouble<false>;
 const POLAR_SINE_PER_DEGREE: f64 = 5e-5;
 /// Up to this degree the plain recurrence's error at the poles, `eps l^1.5`, is below 2e-13 and nothing is done.
 const PLAIN_DEGREE: usize = 100;
+
+/// Whether the plain recurrence to `max_degree` loses too many digits at a colatitude of this sine.
+pub fn is_polar(sine: f64, max_degree: usize) -> bool {
+    max_degree > PLAIN_DEGREE && sine < POLAR_SINE_PER_DEGREE * max_degree as f64
+}
 
 /// The polar rows of a run, and their state.
 #[derive(Debug)]
@@ -37,12 +44,9 @@ struct Row {
 impl Polar {
     pub(crate) fn new(max_degree: usize, directions: &[[f64; 3]]) -> Self {
         let mut rows = Vec::new();
-        if max_degree > PLAIN_DEGREE {
-            let polar_sine = POLAR_SINE_PER_DEGREE * max_degree as f64;
-            for (index, &direction) in directions.iter().enumerate() {
-                if direction[0].hypot(direction[1]) < polar_sine {
-                    rows.push(Row::new(index, direction, max_degree));
-                }
+        for (index, &direction) in directions.iter().enumerate() {
+            if is_polar(direction[0].hypot(direction[1]), max_degree) {
+                rows.push(Row::new(index, direction, max_degree));
             }
         }
         let seeds = if rows.is_empty() { Vec::new() } else { seeds(max_degree) };

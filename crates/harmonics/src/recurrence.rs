@@ -18,6 +18,8 @@
 //!
 //! Cost: 3 flops a value of q and one more for each of its two harmonics.
 
+use std::ops::{Div, Mul, Sub};
+
 use crate::HarmonicsError;
 use crate::double_double::DoubleDouble;
 

@@ -7,6 +7,8 @@
 //!
 //! Rows next to the poles are taken over by the double-double recurrence of `polar`.
 
+use std::ops::{Add, Mul, Sub};
+
 use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::double_double::{DoubleDouble, unit};

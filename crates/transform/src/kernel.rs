@@ -1,0 +1,228 @@
+//! The interpolation kernel: Kaiser and Bessel's, by pieces of polynomials.
+//!
+//! A function with frequencies `|k| <= L` on the circle is interpolated from a grid of `M > 2 L + 1` points as
+//! `f(x) = sum_j g_j phi(j - x)`, x in grid steps, `g` the grid values of the function whose spectrum is that of f
+//! divided by `p_k`, the transform of the kernel. With support of `w` grid points,
+//!
+//! ```text
+//! phi(s) = I0(beta sqrt(1 - (2 s / w)^2)) / I0(beta)          |s| <= w / 2
+//! p_k    = w sinh(r) / (r I0(beta)),   r = sqrt(beta^2 - (pi w k / M)^2)
+//! beta   = pi w (1 - 1 / (2 sigma)),   sigma = M / (2 L + 1)
+//! ```
+//!
+//! The relative error at frequency k is that of the aliases, `sqrt(sum_{j != 0} p_{k+jM}^2) / p_k`, largest at `k = L`.
+//! `beta` puts the first zero of the transform at the nearest alias; next to the exponential of semicircle of the same
+//! width its error is two to ten times smaller (measured over widths 4 to 16, sigma 1.2 to 2.5). J. I. Jackson et al.,
+//! "Selection of a convolution function for Fourier inversion using gridding", IEEE Trans. Med. Imaging 10 (1991).
+//!
+//! `phi` is evaluated as one polynomial for each of the w steps, all with the same argument, so that a point's w values
+//! are one Horner scheme over lanes.
+
+use multiversion::{multiversion, target::target_cfg_f};
+
+/// Lanes that a point's values are padded to; the widest kernel has so many.
+pub(crate) const MAX_WIDTH: usize = 16;
+
+/// A kernel of one width for one grid.
+#[derive(Debug, Clone)]
+pub(crate) struct Kernel {
+    /// Grid points under the kernel.
+    pub(crate) width: usize,
+    /// `width`, rounded up to lanes: 4, 8, 12 or 16.
+    pub(crate) padded: usize,
+    beta: f64,
+    /// By falling power; lane k is the piece over the k-th grid point.
+    coefficients: Vec<[f64; MAX_WIDTH]>,
+}
+
+impl Kernel {
+    /// The kernel of `width` points for frequencies to `max_degree` on a grid of `grid` points.
+    pub(crate) fn new(width: usize, max_degree: usize, grid: usize) -> Self {
+        let beta = shape(width, max_degree, grid);
+        // The pieces are analytic: their Chebyshev coefficients fall faster than the kernel's own error.
+        let degree = width + 4;
+        let half = width as f64 / 2.0;
+        let mut coefficients = vec![[0.0; MAX_WIDTH]; degree + 1];
+        let nodes: Vec<f64> =
+            (0..=degree).map(|i| (std::f64::consts::PI * (i as f64 + 0.5) / (degree as f64 + 1.0)).cos()).collect();
+        for piece in 0..width {
+            // Argument t in [-1, 1]: the grid point's place left of the kernel's left end plus (t + 1) / 2 steps.
+            let values: Vec<f64> = nodes
+                .iter()
+                .map(|t| {
+                    let s = (piece as f64 + (t + 1.0) / 2.0) - half;
+                    bessel_ratio(beta, 1.0 - (s / half) * (s / half))
+                })
+                .collect();
+            for (power, value) in monomials(&nodes, &values).into_iter().enumerate() {
+                coefficients[degree - power][piece] = value;
+            }
+        }
+        Self { width, padded: width.next_multiple_of(4), beta, coefficients }
+    }
+
+    /// `p_k` for a grid of `grid` points.
+    pub(crate) fn transform(&self, k: usize, grid: usize) -> f64 {
+        transform(self.width, self.beta, k as f64 / grid as f64)
+    }
+
+    /// Where the kernel of a point in cell `cell`, at `fraction` of it, starts: the first grid point, which may lie
+    /// `width / 2` before the grid, and the polynomials' argument.
+    #[inline(always)]
+    pub(crate) fn place(&self, cell: u32, fraction: f64) -> (isize, f64) {
+        let cell = cell as isize - (self.width / 2) as isize;
+        if self.width.is_multiple_of(2) {
+            (cell + 1, 1.0 - 2.0 * fraction)
+        } else if fraction < 0.5 {
+            (cell, -2.0 * fraction)
+        } else {
+            (cell + 1, 2.0 - 2.0 * fraction)
+        }
+    }
+
+    /// Values of the kernel at the points under it, for each argument; lanes from `width` on are zero.
+    pub(crate) fn values(&self, arguments: &[f64], values: &mut [[f64; MAX_WIDTH]]) {
+        if self.padded <= 8 {
+            horner_8(&self.coefficients, arguments, values);
+        } else {
+            horner_16(&self.coefficients, arguments, values);
+        }
+    }
+}
+
+macro_rules! horner_for {
+    ($name:ident, $lanes:literal) => {
+        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+        fn $name(coefficients: &[[f64; MAX_WIDTH]], arguments: &[f64], values: &mut [[f64; MAX_WIDTH]]) {
+            // Two points at a time: the scheme is a chain of dependent steps.
+            for (t, values) in arguments.chunks(2).zip(values.chunks_mut(2)) {
+                let (t0, t1) = (t[0], t[t.len() - 1]);
+                let (mut a, mut b) = ([0.0; $lanes], [0.0; $lanes]);
+                for c in coefficients {
+                    for lane in 0..$lanes {
+                        if target_cfg_f!(target_feature = "fma") {
+                            a[lane] = t0.mul_add(a[lane], c[lane]);
+                            b[lane] = t1.mul_add(b[lane], c[lane]);
+                        } else {
+                            a[lane] = t0 * a[lane] + c[lane];
+                            b[lane] = t1 * b[lane] + c[lane];
+                        }
+                    }
+                }
+                let last = t.len() - 1;
+                values[0][..$lanes].copy_from_slice(&a);
+                values[last][..$lanes].copy_from_slice(&b);
+            }
+        }
+    };
+}
+horner_for!(horner_8, 8);
+horner_for!(horner_16, 16);
+
+fn shape(width: usize, max_degree: usize, grid: usize) -> f64 {
+    let inverse_sigma = (2 * max_degree + 1) as f64 / grid as f64;
+    std::f64::consts::PI * width as f64 * (1.0 - inverse_sigma / 2.0)
+}
+
+/// `p` at `xi = k / M`, apart from `e^beta / I0(beta)`, which `bessel_ratio` leaves out as well.
+fn transform(width: usize, beta: f64, xi: f64) -> f64 {
+    let w = width as f64;
+    let square = beta * beta - (std::f64::consts::PI * w * xi).powi(2);
+    let r = square.abs().sqrt();
+    if r < 1e-9 {
+        w * (-beta).exp()
+    } else if square > 0.0 {
+        w * ((r - beta).exp() - (-r - beta).exp()) / (2.0 * r)
+    } else {
+        w * r.sin() / r * (-beta).exp()
+    }
+}
+
+/// The relative error of a kernel, at the frequency where it is largest.
+pub(crate) fn aliasing(width: usize, max_degree: usize, grid: usize) -> f64 {
+    let beta = shape(width, max_degree, grid);
+    let xi = max_degree as f64 / grid as f64;
+    let aliases: f64 = (1..=20)
+        .flat_map(|j| [xi + f64::from(j), xi - f64::from(j)])
+        .map(|xi| transform(width, beta, xi).powi(2))
+        .sum();
+    aliases.sqrt() / transform(width, beta, xi)
+}
+
+/// By how much the correction at the highest frequency magnifies the grid's rounding errors.
+pub(crate) fn magnification(width: usize, max_degree: usize, grid: usize) -> f64 {
+    let beta = shape(width, max_degree, grid);
+    transform(width, beta, 0.0) / transform(width, beta, max_degree as f64 / grid as f64)
+}
+
+/// `I0(beta sqrt(square)) e^-beta`; entire in `square`, which rounding may make a little negative.
+fn bessel_ratio(beta: f64, square: f64) -> f64 {
+    // I0(z) = sum (z^2 / 4)^k / k!^2; all terms positive where it counts, at most some 60 of them for beta <= 45.
+    let quarter = beta * beta * square / 4.0;
+    let (mut term, mut sum) = (1.0, 1.0);
+    for k in 1..200 {
+        term *= quarter / f64::from(k * k);
+        sum += term;
+        if term.abs() < 1e-17 * sum.abs() {
+            break;
+        }
+    }
+    sum * (-beta).exp()
+}
+
+/// Coefficients by rising power of the polynomial through Chebyshev nodes.
+fn monomials(nodes: &[f64], values: &[f64]) -> Vec<f64> {
+    let count = nodes.len();
+    // Chebyshev coefficients by the nodes' discrete orthogonality, then T_n written out in powers.
+    let mut result = vec![0.0; count];
+    let (mut older, mut newest) = (vec![0.0; count], vec![0.0; count]);
+    newest[0] = 1.0;
+    for n in 0..count {
+        let sum: f64 = nodes.iter().zip(values).map(|(t, v)| v * (n as f64 * t.acos()).cos()).sum();
+        let c = sum * if n == 0 { 1.0 } else { 2.0 } / count as f64;
+        for (r, t) in result.iter_mut().zip(&newest) {
+            *r += c * t;
+        }
+        // T_{n+1} = 2 t T_n - T_{n-1}, T_1 = t T_0.
+        let factor = if n == 0 { 1.0 } else { 2.0 };
+        let mut next = vec![0.0; count];
+        for power in 0..count {
+            let shifted = if power > 0 { factor * newest[power - 1] } else { 0.0 };
+            next[power] = shifted - older[power];
+        }
+        older = std::mem::replace(&mut newest, next);
+    }
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Interpolation of single frequencies has the error that `aliasing` says, and rounding.
+    #[test]
+    fn interpolates_to_its_aliasing_error() {
+        for (width, grid) in [(4, 64), (7, 64), (8, 56), (13, 80), (16, 64), (16, 96)] {
+            let max_degree = 20;
+            let kernel = Kernel::new(width, max_degree, grid);
+            let bound = aliasing(width, max_degree, grid);
+            for k in [0, 1, 7, 20] {
+                for fraction in [0.0, 0.1, 0.499, 0.5, 0.77, 0.999] {
+                    let (first, t) = kernel.place(31, fraction);
+                    let mut values = [[0.0; MAX_WIDTH]];
+                    kernel.values(&[t], &mut values);
+                    let angle = |x: f64| 2.0 * std::f64::consts::PI * k as f64 * x / grid as f64;
+                    let sum: f64 = (0..width)
+                        .map(|j| values[0][j] * angle((first + j as isize) as f64 - 31.0 - fraction).cos())
+                        .sum();
+                    let error = (sum / kernel.transform(k, grid) - 1.0).abs();
+                    // The bound is the root mean square over places; the worst place has sqrt 2 of it and more terms.
+                    assert!(
+                        error < 3.0 * bound + 4e-15 * magnification(width, max_degree, grid),
+                        "{width} {grid} {k}: {error:e} {bound:e}"
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! The directions in the order in which a transform works on them: by strips of the grid's rows, and along a strip.
+
+use rayon::prelude::*;
+
+use crate::TransformError;
+
+/// Columns of the grid that points are kept together by: under a strip's rows that is what the L1 cache holds.
+const TILE_COLUMNS: usize = 16;
+
+/// Places of the directions on the grid, sorted.
+#[derive(Debug)]
+pub(crate) struct Points {
+    /// Where each direction went: `rank[i]` is its place in the sorted order.
+    rank: Vec<u32>,
+    /// The direction at each place.
+    order: Vec<u32>,
+    /// Cells at each place, rows and columns.
+    pub(crate) cells: Vec<[u32; 2]>,
+    /// Where in the cell, rows and columns, in [0, 1).
+    pub(crate) fractions: Vec<[f64; 2]>,
+    /// First place of each strip, and the number of places at the end.
+    pub(crate) strips: Vec<usize>,
+}
+
+impl Points {
+    /// Sorts directions for a grid of `grid` points around, into strips of `strip_rows` rows.
+    pub(crate) fn new(directions: &[[f64; 3]], grid: usize, strip_rows: usize) -> Result<Self, TransformError> {
+        let max = u32::MAX as usize;
+        if directions.len() > max {
+            return Err(TransformError::TooManyDirections { found: directions.len(), max });
+        }
+        let tiles = grid.div_ceil(TILE_COLUMNS);
+        let strip_count = (grid / 2 + 1).div_ceil(strip_rows);
+        let places: Vec<([u32; 2], [f64; 2])> = directions
+            .par_iter()
+            .map(|&[x, y, z]| {
+                let (row, row_fraction) = place(z, x.hypot(y), grid);
+                let (column, column_fraction) = place(x, y, grid);
+                ([row, column], [row_fraction, column_fraction])
+            })
+            .collect();
+        let bucket = |cell: [u32; 2]| cell[0] as usize / strip_rows * tiles + cell[1] as usize / TILE_COLUMNS;
+        let mut first = vec![0usize; strip_count * tiles + 1];
+        for (cell, _) in &places {
+            first[bucket(*cell) + 1] += 1;
+        }
+        for i in 1..first.len() {
+            first[i] += first[i - 1];
+        }
+        let strips = first.iter().copied().step_by(tiles).collect();
+        let mut rank = vec![0u32; places.len()];
+        let mut order = vec![0u32; places.len()];
+        let mut cells = vec![[0u32; 2]; places.len()];
+        let mut fractions = vec![[0.0; 2]; places.len()];
+        for (i, (cell, fraction)) in places.into_iter().enumerate() {
+            let next = &mut first[bucket(cell)];
+            let at = *next;
+            *next += 1;
+            (rank[i], order[at], cells[at], fractions[at]) = (at as u32, i as u32, cell, fraction);
+        }
+        Ok(Self { rank, order, cells, fractions, strips })
+    }
+
+    /// Number of directions.
+    pub(crate) fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Bytes that it holds for a number of directions; twice that while it is made.
+    pub(crate) const fn bytes(directions: usize) -> usize {
+        directions * (2 * 4 + 8 + 16)
+    }
+
+    /// The direction at a place.
+    pub(crate) fn direction(&self, place: usize) -> usize {
+        self.order[place] as usize
+    }
+
+    /// The place of a direction.
+    pub(crate) fn rank(&self, direction: usize) -> usize {
+        self.rank[direction] as usize
+    }
+}
+
+/// Cell and fraction of the angle `atan2(y, x)` in [0, 2 pi) on a grid of `grid` points around, a multiple of 8.
+///
+/// The angle is taken from the nearest quarter, which is a whole number of cells: so its error is that of an angle of at
+/// most pi / 4, an eighth of what an angle near 2 pi can be off by, which counts at high degrees.
+fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
+    let quarter = (grid / 4) as i64;
+    let (quarters, angle) = match (y.abs() <= x.abs(), x > 0.0, y > 0.0) {
+        // At the pole every azimuth is right.
+        (true, _, _) if x == 0.0 => (0, 0.0),
+        (true, true, _) => (0, (y / x).atan()),
+        (true, false, _) => (2, (y / x).atan()),
+        (false, _, true) => (1, -(x / y).atan()),
+        (false, _, false) => (3, -(x / y).atan()),
+    };
+    let steps = angle * (grid as f64 / (2.0 * std::f64::consts::PI));
+    let whole = steps.floor();
+    let cell = (quarters * quarter + whole as i64).rem_euclid(grid as i64);
+    // A tiny negative angle leaves a fraction that rounds to one; less by a rounding is as near.
+    (cell as u32, (steps - whole).min(1.0 - f64::EPSILON / 2.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_the_angles() {
+        let grid = 96;
+        for i in 0..1000 {
+            let angle = f64::from(i) * std::f64::consts::TAU / 1000.0;
+            let (cell, fraction) = place(angle.cos(), angle.sin(), grid);
+            let found = (f64::from(cell) + fraction) * std::f64::consts::TAU / grid as f64;
+            let off = (found - angle).abs();
+            assert!(off < 1e-14 || (off - std::f64::consts::TAU).abs() < 1e-14, "{angle} {found}");
+            assert!((cell as usize) < grid && (0.0..1.0).contains(&fraction));
+        }
+        for (x, y, cell) in [(1.0, 0.0, 0), (0.0, 1.0, 24), (-1.0, 0.0, 48), (0.0, -1.0, 72), (0.0, 0.0, 0)] {
+            assert_eq!(place(x, y, grid), (cell, 0.0));
+        }
+        assert_eq!(place(1.0, -1e-300, grid).0, 95);
+    }
+
+    #[test]
+    fn every_direction_has_one_place_and_strips_are_in_order() {
+        let directions: Vec<[f64; 3]> = (0..500)
+            .map(|i| {
+                let (t, p) = (f64::from(i) * 0.00628, f64::from(i) * 2.4);
+                [t.sin() * p.cos(), t.sin() * p.sin(), t.cos()]
+            })
+            .collect();
+        let points = Points::new(&directions, 64, 16).unwrap();
+        let mut seen = vec![false; 500];
+        for at in 0..500 {
+            seen[points.direction(at)] = true;
+            assert_eq!(points.rank(points.direction(at)), at);
+        }
+        assert!(seen.into_iter().all(|s| s));
+        assert_eq!((points.strips[0], points.strips[points.strips.len() - 1]), (0, 500));
+        for (strip, bounds) in points.strips.windows(2).enumerate() {
+            for cell in &points.cells[bounds[0]..bounds[1]] {
+                assert_eq!(cell[0] as usize / 16, strip);
+            }
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! The Legendre recurrence in double-double, for the rings next to the poles.
+//!
+//! Rounding errors of the plain recurrence, and those of `z` and `alpha`, grow like `min(l, 1 / sin theta)` from each degree
+//! on: at degree 2,000 to some 1e-11 next to the poles. Few rings are there, and only low orders count on them, so ten
+//! times the work doesn't show. The same rule as in `harmonics` says which.
+
+use std::ops::{Mul, Range, Sub};
+
+use multiversion::{multiversion, target::target_cfg_f};
+use spharm_harmonics::double_double::{DoubleDouble, unit};
+use spharm_harmonics::polar::is_polar;
+use spharm_harmonics::rings::{MonicRecurrence, SEED};
+
+use crate::legendre::{BLOCK, CHUNK, LANES};
+
+/// A number as (hi, lo), whatever the processor.
+type Pair = [f64; 2];
+
+/// The rings next to the pole.
+#[derive(Debug)]
+pub(crate) struct PolarRings {
+    z: Vec<Pair>,
+    /// `alpha_l` of each order that counts on them, from degree m on.
+    alpha: Vec<Vec<Pair>>,
+}
+
+/// `r_{l-2}` and `r_{l-1}` of a block of rings.
+#[derive(Debug, Default)]
+pub(crate) struct PolarState {
+    older: Vec<Pair>,
+    newest: Vec<Pair>,
+}
+
+impl PolarRings {
+    pub(crate) fn new(recurrence: &MonicRecurrence, angles: &[[f64; 2]], first_ring: &[usize]) -> Self {
+        let max_degree = recurrence.max_degree();
+        let polar = angles.iter().take_while(|[_, sine]| is_polar(*sine, max_degree)).count();
+        let count = polar.next_multiple_of(LANES).min(angles.len() / LANES * LANES);
+        let pair = |d: DoubleDouble<false>| [d.hi, d.lo];
+        let z = angles[..count].iter().map(|&[cosine, sine]| pair(unit([sine, 0.0, cosine])[2])).collect();
+        let orders = first_ring.iter().take_while(|&&first| first < count).count();
+        let alpha = (0..orders).map(|m| recurrence.exact_order(m).into_iter().map(pair).collect()).collect();
+        Self { z, alpha }
+    }
+
+    /// How many rings.
+    pub(crate) fn count(&self) -> usize {
+        self.z.len()
+    }
+
+    /// Values of r for a chunk of degrees and a block of these rings; chunk 0 starts it.
+    pub(crate) fn fill(&self, m: usize, chunk: usize, rings: Range<usize>, state: &mut PolarState, table: &mut [f64]) {
+        if chunk == 0 {
+            state.newest = vec![[0.0; 2]; rings.len()];
+            state.older = vec![[-SEED, 0.0]; rings.len()];
+        }
+        let alpha = &self.alpha[m][chunk * CHUNK..];
+        recur(&self.z[rings], &alpha[..CHUNK.min(alpha.len())], state, table);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+fn recur(z: &[Pair], alpha: &[Pair], state: &mut PolarState, table: &mut [f64]) {
+    if target_cfg_f!(target_feature = "fma") {
+        recur_of::<true>(z, alpha, state, table);
+    } else {
+        recur_of::<false>(z, alpha, state, table);
+    }
+}
+
+#[inline(always)]
+fn recur_of<const FMA: bool>(z: &[Pair], alpha: &[Pair], state: &mut PolarState, table: &mut [f64]) {
+    let number = |[hi, lo]: Pair| DoubleDouble::<FMA> { hi, lo };
+    for (alpha, column) in alpha.iter().zip(table.chunks_exact_mut(BLOCK)) {
+        let alpha = number(*alpha);
+        for (((z, newest), older), out) in z.iter().zip(&mut state.newest).zip(&mut state.older).zip(column) {
+            let r = alpha.mul(number(*z)).mul(number(*newest)).sub(number(*older));
+            *out = r.hi;
+            *older = std::mem::replace(newest, [r.hi, r.lo]);
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Which grid and which kernel a transform uses: the cheapest that reach the accuracy asked for.
+//!
+//! A finer grid lets the kernel be narrower: the Fourier transforms' cost grows with the square of the grid, the
+//! interpolation's with the square of the kernel and the number of directions.
+
+use crate::TransformError;
+use crate::kernel::{MAX_WIDTH, aliasing, magnification};
+
+/// The finest accuracy on offer.
+pub const FINEST: f64 = 1e-13;
+/// The coarsest accuracy on offer.
+pub const COARSEST: f64 = 1e-3;
+
+/// The smallest grid: strips of rows for threads must fit.
+const MIN_GRID: usize = 64;
+/// The most that oversampling may be.
+const MAX_OVERSAMPLING: f64 = 2.8;
+
+/// Grid and kernel of a transform.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Shape {
+    /// Points of the oversampled grid around the sphere, either way; a multiple of 8.
+    pub(crate) grid: usize,
+    /// Points under the kernel, either way.
+    pub(crate) width: usize,
+    /// Rings from pole to pole that Legendre functions are summed on; twice that many around.
+    pub(crate) rings: usize,
+}
+
+impl Shape {
+    /// The cheapest shape for `directions` directions at a relative accuracy.
+    pub(crate) fn choose(max_degree: usize, directions: usize, accuracy: f64) -> Result<Self, TransformError> {
+        // Also refuses NaN.
+        if !(FINEST..=COARSEST).contains(&accuracy) {
+            return Err(TransformError::Accuracy { found: accuracy, min: FINEST, max: COARSEST });
+        }
+        let rings = smooth(max_degree + 1, 1);
+        let bandwidth = 2 * max_degree + 2;
+        let largest = (MAX_OVERSAMPLING * bandwidth as f64) as usize;
+        let mut grids = Vec::new();
+        let mut next = (bandwidth * 6 / 5).max(MIN_GRID);
+        while grids.is_empty() || next <= largest {
+            let grid = smooth(next, 8);
+            grids.push(grid);
+            next = grid + 8;
+        }
+        let best = (4..=MAX_WIDTH)
+            .filter_map(|width| {
+                // The error falls as the grid grows.
+                let found = grids.partition_point(|&grid| error(width, max_degree, grid) > accuracy);
+                grids.get(found).map(|&grid| Self { grid, width, rings })
+            })
+            .min_by(|a, b| a.cost(max_degree, directions).total_cmp(&b.cost(max_degree, directions)));
+        // The widest kernel on the largest grid serves the finest accuracy.
+        Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, rings }))
+    }
+
+    /// Nanoseconds of one thread for a channel, about; measured.
+    fn cost(&self, max_degree: usize, directions: usize) -> f64 {
+        let (m, l) = (self.grid as f64, max_degree as f64 + 1.0);
+        let fourier = m * m.log2() * (l / 2.0 + m / 4.0);
+        let lanes = self.width.next_multiple_of(4) as f64 / 8.0;
+        let point = self.width as f64 * lanes * 0.9 + 12.0 * lanes + 4.0;
+        0.9 * fourier + point * directions as f64
+    }
+}
+
+/// The error that is to be expected of a width on a grid: both ways' aliases, and rounding errors magnified.
+fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
+    if (2 * max_degree + 1) as f64 > 0.9 * grid as f64 {
+        return f64::INFINITY;
+    }
+    2.0 * aliasing(width, max_degree, grid) + 1e-16 * magnification(width, max_degree, grid)
+}
+
+/// The next multiple of `step` whose factors are all 2, 3, 5 and 7 (and step's).
+fn smooth(at_least: usize, step: usize) -> usize {
+    let mut candidate = at_least.max(1).next_multiple_of(step);
+    loop {
+        let mut rest = candidate;
+        for prime in [2, 3, 5, 7] {
+            while rest.is_multiple_of(prime) {
+                rest /= prime;
+            }
+        }
+        if rest == 1 {
+            return candidate;
+        }
+        candidate += step;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn accuracies_outside_are_refused() {
+        for accuracy in [0.0, 1e-14, 0.01, f64::NAN] {
+            assert!(Shape::choose(10, 100, accuracy).is_err());
+        }
+    }
+
+    #[test]
+    fn every_degree_and_accuracy_has_a_shape_that_reaches_it() {
+        for max_degree in [0, 1, 2, 10, 63, 100, 1000, 2000] {
+            for exponent in 3..=13 {
+                let accuracy = 10f64.powi(-exponent);
+                let shape = Shape::choose(max_degree, 40_962, accuracy).unwrap();
+                assert!(error(shape.width, max_degree, shape.grid) <= accuracy, "{max_degree} {accuracy:e} {shape:?}");
+                assert!(shape.grid.is_multiple_of(8) && 2 * shape.rings > 2 * max_degree);
+            }
+        }
+    }
+}

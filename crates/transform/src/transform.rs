@@ -1,0 +1,384 @@
+//! Synthesis and adjoint synthesis at scattered directions.
+
+use std::sync::Mutex;
+
+use ndarray::{Array2, ArrayView2};
+use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
+use spharm_harmonics::Directions;
+use spharm_harmonics::index::{basis_size, first_column};
+use spharm_harmonics::rings::MonicRecurrence;
+
+use crate::TransformError;
+use crate::fourier::{Fourier, RingPair};
+use crate::grid::{Layout, interpolate, pass_on, spread};
+use crate::kernel::Kernel;
+use crate::legendre::{Legendre, Work};
+use crate::points::Points;
+use crate::shape::Shape;
+
+/// What a transform is made for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TransformParams {
+    /// Highest degree, L.
+    pub max_degree: usize,
+    /// Relative accuracy, from [`FINEST`](crate::FINEST) to [`COARSEST`](crate::COARSEST): the error of the samples, or
+    /// of the coefficients, in relation to their size, both as root mean squares.
+    pub accuracy: f64,
+    /// The most channels that are worked on together: what they cost is memory, what they share is work.
+    pub channels: usize,
+}
+
+impl Default for TransformParams {
+    fn default() -> Self {
+        Self { max_degree: 0, accuracy: 1e-12, channels: 6 }
+    }
+}
+
+/// A plan for transforms between coefficients to one degree and samples at one list of directions: everything that
+/// depends on these alone, computed once.
+///
+/// Its methods run on the rayon pool that they are called in; the results don't depend on the number of threads.
+#[derive(Debug)]
+pub struct Transform {
+    max_degree: usize,
+    channels: usize,
+    shape: Shape,
+    kernel: Kernel,
+    legendre: Legendre,
+    fourier: Fourier,
+    points: Points,
+    /// `1 / (2 p_m)`.
+    order_factor: Vec<f64>,
+    /// Space that a call took and the next one takes again: a fresh page costs more than what is written to it.
+    spaces: Mutex<Vec<Space>>,
+}
+
+#[derive(Debug, Default)]
+struct Space {
+    circles: Vec<Complex64>,
+    spectra: Vec<Complex64>,
+    grids: [Vec<f64>; 2],
+    samples: Vec<f64>,
+    by_order: Vec<f64>,
+}
+
+impl Transform {
+    /// Plans for `directions`.
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Accuracy`], [`TransformError::TooManyDirections`], or a degree above
+    /// twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE): the moments of a Gram matrix go to twice its degree.
+    pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, TransformError> {
+        let max_degree = params.max_degree;
+        let recurrence = MonicRecurrence::new(max_degree)?;
+        let shape = Shape::choose(max_degree, directions.len(), params.accuracy)?;
+        let kernel = Kernel::new(shape.width, max_degree, shape.grid);
+        let angles: Vec<[f64; 2]> = (0..shape.rings.div_ceil(2)).map(|j| ring_angle(j, shape.rings)).collect();
+        let legendre = Legendre::new(&recurrence, &angles, params.accuracy * 1e-4);
+        let points = Points::new(directions.as_slice(), shape.grid, Layout::new(shape.grid, shape.width, 1).strip)?;
+        Ok(Self {
+            max_degree,
+            channels: params.channels.max(1),
+            fourier: Fourier::new(max_degree, shape, &kernel),
+            order_factor: (0..=max_degree).map(|m| 0.5 / kernel.transform(m, shape.grid)).collect(),
+            shape,
+            kernel,
+            legendre,
+            points,
+            spaces: Mutex::default(),
+        })
+    }
+
+    /// Bytes that a plan and a call of it take for so many directions and channels.
+    ///
+    /// # Errors
+    ///
+    /// As [`new`](Self::new).
+    pub fn bytes(params: &TransformParams, directions: usize, channels: usize) -> Result<usize, TransformError> {
+        let shape = Shape::choose(params.max_degree, directions, params.accuracy)?;
+        let group = channels.min(params.channels.max(1));
+        let layout = Layout::new(shape.grid, shape.width, group);
+        let (degrees, core) = (params.max_degree + 1, layout.core_rows());
+        let tables = 8 * degrees * (degrees + shape.rings / 2 + 8);
+        let circles = 16 * (degrees / 2 + 1) * group * shape.grid;
+        let spectra = 16 * core * group * degrees;
+        let samples = 8 * directions * group + 16 * basis_size(params.max_degree) * group;
+        Ok(2 * Points::bytes(directions) + tables + circles + spectra + 16 * layout.len() + samples)
+    }
+
+    /// Highest degree, L.
+    pub fn max_degree(&self) -> usize {
+        self.max_degree
+    }
+
+    /// Number of directions, n.
+    pub fn directions(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Samples at the directions, (n, c), of the functions with the canonical coefficients `coefficients`, (K, c).
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Shape`].
+    pub fn synthesis(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
+        self.expect("coefficients", basis_size(self.max_degree), coefficients.nrows())?;
+        let mut samples = Array2::zeros((self.points.len(), coefficients.ncols()));
+        self.grouped(coefficients.ncols(), |space, columns| {
+            let count = columns.len();
+            let layout = self.to_grid(coefficients.slice(ndarray::s![.., columns.clone()]), space);
+            interpolate(layout, &space.grids[0], &self.kernel, &self.points, &mut space.samples);
+            let sorted = &space.samples;
+            let mut samples = samples.slice_mut(ndarray::s![.., columns]);
+            ndarray::Zip::indexed(samples.rows_mut()).par_for_each(|i, mut row| {
+                let at = self.points.rank(i) * count;
+                for (value, sorted) in row.iter_mut().zip(&sorted[at..at + count]) {
+                    *value = *sorted;
+                }
+            });
+        });
+        Ok(samples)
+    }
+
+    /// Adjoint synthesis, `A^T samples`: samples (n, c) to (K, c).
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Shape`].
+    pub fn adjoint_synthesis(&self, samples: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
+        self.expect("samples", self.points.len(), samples.nrows())?;
+        let mut coefficients = Array2::zeros((basis_size(self.max_degree), samples.ncols()));
+        self.grouped(samples.ncols(), |space, columns| {
+            let count = columns.len();
+            let samples = samples.slice(ndarray::s![.., columns.clone()]);
+            space.samples.par_chunks_exact_mut(count).enumerate().for_each(|(place, sorted)| {
+                for (sorted, value) in sorted.iter_mut().zip(samples.row(self.points.direction(place))) {
+                    *sorted = *value;
+                }
+            });
+            let layout = self.layout(count);
+            space.grids[1].par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
+            spread(layout, &mut space.grids[1], &self.kernel, &self.points, &space.samples);
+            self.from_grid(layout, space, coefficients.slice_mut(ndarray::s![.., columns]));
+        });
+        Ok(coefficients)
+    }
+
+    /// The normal operator, `A^T diag(w) A coefficients`, with w = 1 where there are no weights, (n), in the order that
+    /// [`sorted_weights`](Self::sorted_weights) gives: one walk over the directions, each kernel evaluated once.
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Shape`].
+    pub fn normal(
+        &self,
+        coefficients: ArrayView2<'_, f64>,
+        weights: Option<&SortedWeights>,
+    ) -> Result<Array2<f64>, TransformError> {
+        self.expect("coefficients", basis_size(self.max_degree), coefficients.nrows())?;
+        if let Some(SortedWeights(weights)) = weights {
+            self.expect("weights", self.points.len(), weights.len())?;
+        }
+        let mut result = Array2::zeros(coefficients.dim());
+        self.grouped(coefficients.ncols(), |space, columns| {
+            let layout = self.to_grid(coefficients.slice(ndarray::s![.., columns.clone()]), space);
+            let [from, to] = &mut space.grids;
+            to.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
+            pass_on(layout, [from, to], &self.kernel, &self.points, weights.map(|w| &w.0[..]));
+            self.from_grid(layout, space, result.slice_mut(ndarray::s![.., columns]));
+        });
+        Ok(result)
+    }
+
+    /// Weights of the directions, (n), in the order in which [`normal`](Self::normal) needs them.
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Shape`].
+    pub fn sorted_weights(&self, weights: &[f64]) -> Result<SortedWeights, TransformError> {
+        self.expect("weights", self.points.len(), weights.len())?;
+        Ok(SortedWeights((0..weights.len()).map(|place| weights[self.points.direction(place)]).collect()))
+    }
+
+    fn expect(&self, what: &'static str, expected: usize, found: usize) -> Result<(), TransformError> {
+        if expected == found { Ok(()) } else { Err(TransformError::Shape { what, expected, found }) }
+    }
+
+    fn layout(&self, channels: usize) -> Layout {
+        Layout::new(self.shape.grid, self.shape.width, channels)
+    }
+
+    /// Calls `work` with space for each group of channels.
+    fn grouped(&self, channels: usize, mut work: impl FnMut(&mut Space, std::ops::Range<usize>)) {
+        let mut space = self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop().unwrap_or_default();
+        let mut first = 0;
+        while first < channels {
+            let columns = first..(first + self.channels).min(channels);
+            let count = columns.len();
+            let layout = self.layout(count);
+            let complex = Complex64::default();
+            space.circles.resize(self.fourier.order_pairs() * count * self.shape.grid, complex);
+            space.spectra.resize(layout.core_rows() * count * (self.max_degree + 1), complex);
+            for grid in &mut space.grids {
+                grid.resize(layout.len(), 0.0);
+            }
+            space.samples.resize(self.points.len() * count, 0.0);
+            space.by_order.resize((self.max_degree + 1) * (self.max_degree + 2) * count, 0.0);
+            first = columns.end;
+            work(&mut space, columns);
+        }
+        self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(space);
+    }
+
+    /// Coefficients to the first grid, margins filled.
+    fn to_grid(&self, coefficients: ArrayView2<'_, f64>, space: &mut Space) -> Layout {
+        let channels = coefficients.ncols();
+        let (columns, rings) = (2 * channels, self.legendre.rings());
+        let layout = self.layout(channels);
+        let coefficients = coefficients.as_standard_layout();
+        let coefficients = coefficients.as_slice().unwrap_or_default();
+        space.circles.par_chunks_mut(channels * self.shape.grid).enumerate().with_max_len(1).for_each_init(
+            || (Scratch::new(columns, rings, self.max_degree), self.fourier.work()),
+            |(scratch, fourier_work), (pair, circles)| {
+                for parity in 0..2 {
+                    let m = 2 * pair + parity;
+                    let [even, odd] = &mut scratch.sums[parity];
+                    if m > self.max_degree {
+                        even.fill(0.0);
+                        odd.fill(0.0);
+                        continue;
+                    }
+                    let factor = self.order_factor[m] * if m == 0 { 1.0 } else { 0.5 };
+                    let x = &mut scratch.x;
+                    for ((x, scale), l) in x.chunks_exact_mut(columns).zip(self.legendre.scale(m)).zip(m..) {
+                        let cosines = (first_column(l) + l + m) * channels;
+                        let sines = (first_column(l) + l - m) * channels;
+                        for channel in 0..channels {
+                            x[2 * channel] = factor * scale * coefficients[cosines + channel];
+                            x[2 * channel + 1] =
+                                if m == 0 { 0.0 } else { factor * scale * coefficients[sines + channel] };
+                        }
+                    }
+                    self.legendre.synthesis(m, x, columns, even, odd, &mut scratch.work);
+                }
+                let [[ee, eo], [oe, oo]] = &scratch.sums;
+                for (channel, circle) in circles.chunks_exact_mut(self.shape.grid).enumerate() {
+                    let ring = |j: usize| {
+                        let at = 2 * channel * rings + j;
+                        let pair = |sums: &[f64]| Complex64::new(sums[at], sums[at + rings]);
+                        RingPair { even_order: [pair(ee), pair(eo)], odd_order: [pair(oe), pair(oo)] }
+                    };
+                    self.fourier.rings_to_circle(ring, circle, fourier_work);
+                }
+            },
+        );
+        self.fourier.circles_to_grid(&space.circles, layout, &mut space.grids[0]);
+        layout.extend(&mut space.grids[0]);
+        layout
+    }
+
+    /// The second grid, margins and all, to coefficients: the transpose of [`to_grid`](Self::to_grid).
+    fn from_grid(&self, layout: Layout, space: &mut Space, mut out: ndarray::ArrayViewMut2<'_, f64>) {
+        let channels = layout.channels;
+        let (columns, rings) = (2 * channels, self.legendre.rings());
+        layout.fold(&mut space.grids[1]);
+        self.fourier.grid_to_circles(&mut space.grids[1], layout, &mut space.spectra, &mut space.circles);
+        // Each pair of orders has its part of by_order.
+        let mut rest = &mut space.by_order[..];
+        let mut parts = Vec::with_capacity(self.fourier.order_pairs());
+        for pair in 0..self.fourier.order_pairs() {
+            let degrees = |m: usize| (self.max_degree + 1).saturating_sub(m);
+            let (part, tail) = rest.split_at_mut((degrees(2 * pair) + degrees(2 * pair + 1)) * columns);
+            parts.push(part);
+            rest = tail;
+        }
+        parts
+            .into_par_iter()
+            .zip(space.circles.par_chunks_mut(channels * self.shape.grid))
+            .enumerate()
+            .with_max_len(1)
+            .for_each_init(
+                || (Scratch::new(columns, rings, self.max_degree), self.fourier.work()),
+                |(scratch, fourier_work), (pair, (part, circles))| {
+                    for (channel, circle) in circles.chunks_exact_mut(self.shape.grid).enumerate() {
+                        let [[ee, eo], [oe, oo]] = &mut scratch.sums;
+                        let ring = |j: usize, pair: RingPair| {
+                            let at = 2 * channel * rings + j;
+                            for (sums, value) in [
+                                (&mut *ee, pair.even_order[0]),
+                                (eo, pair.even_order[1]),
+                                (oe, pair.odd_order[0]),
+                                (oo, pair.odd_order[1]),
+                            ] {
+                                (sums[at], sums[at + rings]) = (value.re, value.im);
+                            }
+                        };
+                        self.fourier.circle_to_rings(circle, ring, fourier_work);
+                    }
+                    let degrees = self.max_degree + 1 - 2 * pair;
+                    let (even_order, odd_order) = part.split_at_mut(degrees * columns);
+                    for (parity, x) in [even_order, odd_order].into_iter().enumerate() {
+                        let m = 2 * pair + parity;
+                        if m > self.max_degree {
+                            continue;
+                        }
+                        let [even, odd] = &mut scratch.sums[parity];
+                        self.legendre.adjoint(m, even, odd, columns, x, &mut scratch.work);
+                        for (x, scale) in x.chunks_exact_mut(columns).zip(self.legendre.scale(m)) {
+                            for x in x {
+                                *x *= self.order_factor[m] * scale;
+                            }
+                        }
+                    }
+                },
+            );
+        let by_order = &space.by_order;
+        let start = |m: usize| m * (2 * self.max_degree + 3 - m) / 2;
+        let gather = |column: usize, mut row: ndarray::ArrayViewMut1<'_, f64>| {
+            let (l, order) = spharm_harmonics::index::degree_order(column);
+            let m = order.unsigned_abs();
+            let at = (start(m) + l - m) * columns + usize::from(order < 0);
+            for (channel, value) in row.iter_mut().enumerate() {
+                *value = by_order[at + 2 * channel];
+            }
+        };
+        ndarray::Zip::indexed(out.rows_mut()).par_for_each(gather);
+    }
+}
+
+/// Cosine and sine of the colatitude `(j + 1/2) pi / rings` of a northern ring. From the nearer of pole and equator: an
+/// angle's rounding error counts by the degree.
+fn ring_angle(j: usize, rings: usize) -> [f64; 2] {
+    let angle = |numerator: usize| numerator as f64 * std::f64::consts::PI / (2 * rings) as f64;
+    if 4 * j + 2 < rings {
+        let (sine, cosine) = angle(2 * j + 1).sin_cos();
+        [cosine, sine]
+    } else {
+        let (cosine, sine) = angle(rings - 2 * j - 1).sin_cos();
+        [cosine, sine]
+    }
+}
+
+/// Weights in a transform's own order.
+#[derive(Debug, Clone)]
+pub struct SortedWeights(Vec<f64>);
+
+struct Scratch {
+    x: Vec<f64>,
+    /// Of the even and the odd order of a pair: sums over even and odd `l - m`, (rings, columns).
+    sums: [[Vec<f64>; 2]; 2],
+    work: Work,
+}
+
+impl Scratch {
+    fn new(columns: usize, rings: usize, max_degree: usize) -> Self {
+        let zeros = || vec![0.0; rings * columns];
+        Self {
+            x: vec![0.0; (max_degree + 1) * columns],
+            sums: [[zeros(), zeros()], [zeros(), zeros()]],
+            work: Work::new(),
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Against the direct sums of `harmonics`, and the transforms against each other.
+
+use ndarray::Array2;
+use spharm_harmonics::index::basis_size;
+use spharm_harmonics::{Directions, synthesis};
+use spharm_transform::{Transform, TransformParams};
+
+/// Uniform in [-1, 1), from a counter.
+fn noise(i: usize) -> f64 {
+    let mut z = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+/// Scattered directions, and the ones that go wrong if any do: poles, next to them, the seam, the equator.
+fn directions(scattered: usize) -> Directions {
+    let mut vertices = vec![[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [-0.0, 0.0, 1.0]];
+    for sign in [1.0, -1.0] {
+        for tiny in [1e-300, 1e-17, 1e-9, 1e-4, 1e-2] {
+            vertices.extend([[tiny, 0.0, sign], [-tiny, tiny, sign], [0.0, -tiny, sign]]);
+            vertices.extend([[sign, tiny, 0.3], [sign, -tiny, 0.3], [tiny, sign, 0.0], [sign, 0.0, tiny]]);
+        }
+    }
+    for i in 0..scattered {
+        let v = [noise(3 * i), noise(3 * i + 1), noise(3 * i + 2)];
+        if v.iter().map(|x| x * x).sum::<f64>() > 1e-4 {
+            vertices.push(v);
+        }
+    }
+    Directions::from_vertices(&vertices).unwrap()
+}
+
+fn coefficients(max_degree: usize, channels: usize) -> Array2<f64> {
+    Array2::from_shape_fn((basis_size(max_degree), channels), |(k, c)| noise(k * 31 + c * 1_000_003 + 17))
+}
+
+fn rms(values: &Array2<f64>) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+fn check(max_degree: usize, scattered: usize, channels: usize, accuracies: &[f64]) {
+    let directions = directions(scattered);
+    let x = coefficients(max_degree, channels);
+    let direct = synthesis(&directions, x.view()).unwrap();
+    // Random coefficients are larger at a pole, by the root of the degree, than elsewhere.
+    let peak = direct.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+    for &accuracy in accuracies {
+        let params = TransformParams { max_degree, accuracy, ..Default::default() };
+        let transform = Transform::new(&directions, &params).unwrap();
+        let error = transform.synthesis(x.view()).unwrap() - &direct;
+        let relative = rms(&error) / rms(&direct);
+        let worst = error.iter().fold(0.0f64, |a, e| a.max(e.abs()));
+        println!("degree {max_degree} accuracy {accuracy:e}: {relative:.1e}, worst {:.1e} of the peak", worst / peak);
+        assert!(relative <= accuracy, "degree {max_degree}, {accuracy:e}: relative error {relative:e}");
+        assert!(worst <= 3.0 * accuracy * peak, "degree {max_degree}, {accuracy:e}: {worst:e} of {peak:e}");
+    }
+}
+
+#[test]
+fn synthesis_is_the_direct_sum_to_the_accuracy_asked_for() {
+    let accuracies: Vec<f64> = (3..=13).map(|exponent| 10f64.powi(-exponent)).collect();
+    for max_degree in [0, 1, 2, 3, 10, 37, 100] {
+        check(max_degree, 700, 3, &accuracies);
+    }
+}
+
+#[test]
+fn synthesis_is_the_direct_sum_at_high_degrees() {
+    check(300, 300, 2, &[1e-13]);
+    check(700, 150, 1, &[1e-9, 1e-12]);
+    check(2000, 100, 1, &[1e-6, 1e-12, 1e-13]);
+}
+
+#[test]
+fn adjoint_is_the_transpose() {
+    for (max_degree, channels, accuracy) in
+        [(0, 1, 1e-12), (1, 2, 1e-12), (10, 3, 1e-3), (37, 4, 1e-12), (100, 7, 1e-12), (101, 1, 1e-6), (500, 1, 1e-12)]
+    {
+        let directions = directions(1000);
+        let params = TransformParams { max_degree, accuracy, ..Default::default() };
+        let transform = Transform::new(&directions, &params).unwrap();
+        let x = coefficients(max_degree, channels);
+        let r = Array2::from_shape_fn((directions.len(), channels), |(i, c)| noise(i * 7 + c * 99_991));
+        let synthesis = transform.synthesis(x.view()).unwrap();
+        let adjoint = transform.adjoint_synthesis(r.view()).unwrap();
+        for c in 0..channels {
+            let left = synthesis.column(c).dot(&r.column(c));
+            let right = x.column(c).dot(&adjoint.column(c));
+            let size = synthesis.column(c).dot(&synthesis.column(c)).sqrt() * r.column(c).dot(&r.column(c)).sqrt();
+            assert!((left - right).abs() <= 1e-13 * size, "degree {max_degree}: {left} {right}");
+        }
+    }
+}
+
+#[test]
+fn normal_is_the_adjoint_of_the_weighted_synthesis() {
+    let directions = directions(2000);
+    let params = TransformParams { max_degree: 40, accuracy: 1e-10, channels: 2 };
+    let transform = Transform::new(&directions, &params).unwrap();
+    let x = coefficients(40, 5);
+    let weights: Vec<f64> = (0..directions.len()).map(|i| 2.0 + noise(i)).collect();
+    let mut samples = transform.synthesis(x.view()).unwrap();
+    let plain = transform.adjoint_synthesis(samples.view()).unwrap();
+    for (mut row, w) in samples.rows_mut().into_iter().zip(&weights) {
+        row *= *w;
+    }
+    let weighted = transform.adjoint_synthesis(samples.view()).unwrap();
+    let sorted = transform.sorted_weights(&weights).unwrap();
+    for (expected, weights) in [(plain, None), (weighted, Some(&sorted))] {
+        let found = transform.normal(x.view(), weights).unwrap();
+        assert!(rms(&(&found - &expected)) < 1e-13 * rms(&expected));
+    }
+}
+
+#[test]
+fn bits_do_not_depend_on_the_number_of_threads_or_on_earlier_calls() {
+    let directions = directions(3000);
+    let params = TransformParams { max_degree: 60, accuracy: 1e-9, ..Default::default() };
+    let transform = Transform::new(&directions, &params).unwrap();
+    let x = coefficients(60, 4);
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let samples = transform.synthesis(x.view()).unwrap();
+            let adjoint = transform.adjoint_synthesis(samples.view()).unwrap();
+            (samples, adjoint, transform.normal(x.view(), None).unwrap())
+        })
+    };
+    let one = with(1);
+    assert_eq!(one, with(3));
+    assert_eq!(one, with(2));
+}
+
+#[test]
+fn shapes_that_do_not_fit_are_errors() {
+    let directions = directions(0);
+    let transform = Transform::new(&directions, &TransformParams { max_degree: 3, ..Default::default() }).unwrap();
+    assert!(transform.synthesis(Array2::zeros((15, 1)).view()).is_err());
+    assert!(transform.adjoint_synthesis(Array2::zeros((3, 1)).view()).is_err());
+    assert!(transform.sorted_weights(&[1.0]).is_err());
+    assert_eq!(transform.synthesis(Array2::zeros((16, 0)).view()).unwrap().ncols(), 0);
+}
