@@ -18,7 +18,7 @@
 //!
 //! Cost: 3 flops a value of q and one more for each of its two harmonics.
 
-use std::ops::{Div, Mul, Sub};
+use std::ops::{Div, Mul};
 
 use crate::HarmonicsError;
 use crate::double_double::DoubleDouble;
@@ -114,6 +114,8 @@ pub(crate) fn seeds<const FMA: bool>(max_degree: usize) -> Vec<DoubleDouble<FMA>
 
 #[cfg(test)]
 mod tests {
+    use std::ops::Sub;
+
     use super::*;
 
     #[test]

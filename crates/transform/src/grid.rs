@@ -58,7 +58,8 @@ impl Layout {
 
     /// Values of the grid.
     pub(crate) fn len(&self) -> usize {
-        (self.core_rows().next_multiple_of(self.strip) + self.strip) * self.row()
+        // And one row, so that rows counted from any column are whole.
+        (self.core_rows().next_multiple_of(self.strip) + self.strip + 1) * self.row()
     }
 
     /// The rows of a grid from pole to pole, `count` at a time, each (channels, columns) with margins.
@@ -351,24 +352,25 @@ fn gather<const W: usize, const C: usize, const FMA: bool>(
     channel: usize,
 ) -> [f64; C] {
     let mut sums = [[0.0; W]; C];
-    let mut start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
-    for weight in &batch.row_values[point][..width] {
-        for (c, sums) in sums.iter_mut().enumerate() {
-            let line: &[f64; W] = grid[start + c * layout.stride..].first_chunk().expect("the margins are wide enough");
+    let start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
+    let rows = grid[start..].chunks_exact(layout.row());
+    for (weight, row) in batch.row_values[point][..width].iter().zip(rows) {
+        let mut lines = row.chunks(layout.stride);
+        for sums in &mut sums {
+            let Some(line) = lines.next().and_then(|line| line.first_chunk::<W>()) else { break };
             for i in 0..W {
                 sums[i] = fused::<FMA>(*weight, line[i], sums[i]);
             }
         }
-        start += layout.row();
     }
     let columns = &batch.column_values[point];
     std::array::from_fn(|c| {
-        let mut four = [0.0; 4];
-        for i in (0..W).step_by(4) {
-            for k in 0..4 {
-                four[k] = fused::<FMA>(columns[i + k], sums[c][i + k], four[k]);
-            }
+        let mut v = [0.0; W];
+        for i in 0..W {
+            v[i] = sums[c][i] * columns[i];
         }
+        // Halves, so that it stays in lanes.
+        let four: [f64; 4] = std::array::from_fn(|i| v[i..].iter().step_by(4).sum());
         (four[0] + four[2]) + (four[1] + four[3])
     })
 }
@@ -392,16 +394,16 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
             columns[c][i] = value[c] * batch.column_values[point][i];
         }
     }
-    let mut start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
-    for weight in &batch.row_values[point][..width] {
-        for (c, columns) in columns.iter().enumerate() {
-            let line: &mut [f64; W] =
-                grid[start + c * layout.stride..].first_chunk_mut().expect("the margins are wide enough");
+    let start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
+    let rows = grid[start..].chunks_exact_mut(layout.row());
+    for (weight, row) in batch.row_values[point][..width].iter().zip(rows) {
+        let mut lines = row.chunks_mut(layout.stride);
+        for columns in &columns {
+            let Some(line) = lines.next().and_then(|line| line.first_chunk_mut::<W>()) else { break };
             for i in 0..W {
                 line[i] = fused::<FMA>(*weight, columns[i], line[i]);
             }
         }
-        start += layout.row();
     }
 }
 

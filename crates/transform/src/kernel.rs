@@ -22,6 +22,8 @@ use multiversion::{multiversion, target::target_cfg_f};
 
 /// Lanes that a point's values are padded to; the widest kernel has so many.
 pub(crate) const MAX_WIDTH: usize = 16;
+/// Chebyshev nodes of a piece; more than any accuracy needs.
+const NODES: usize = 24;
 
 /// A kernel of one width for one grid.
 #[derive(Debug, Clone)]
@@ -37,24 +39,32 @@ pub(crate) struct Kernel {
 
 impl Kernel {
     /// The kernel of `width` points for frequencies to `max_degree` on a grid of `grid` points.
-    pub(crate) fn new(width: usize, max_degree: usize, grid: usize) -> Self {
+    pub(crate) fn new(width: usize, max_degree: usize, grid: usize, accuracy: f64) -> Self {
         let beta = shape(width, max_degree, grid);
-        // The pieces are analytic: their Chebyshev coefficients fall faster than the kernel's own error.
-        let degree = width + 4;
         let half = width as f64 / 2.0;
-        let mut coefficients = vec![[0.0; MAX_WIDTH]; degree + 1];
-        let nodes: Vec<f64> =
-            (0..=degree).map(|i| (std::f64::consts::PI * (i as f64 + 0.5) / (degree as f64 + 1.0)).cos()).collect();
-        for piece in 0..width {
-            // Argument t in [-1, 1]: the grid point's place left of the kernel's left end plus (t + 1) / 2 steps.
-            let values: Vec<f64> = nodes
-                .iter()
-                .map(|t| {
-                    let s = (piece as f64 + (t + 1.0) / 2.0) - half;
+        // The pieces are analytic: their Chebyshev coefficients fall fast.
+        let cosines: Vec<[f64; NODES]> = (0..NODES)
+            .map(|n| std::array::from_fn(|i| (std::f64::consts::PI * n as f64 * (i as f64 + 0.5) / NODES as f64).cos()))
+            .collect();
+        let pieces: Vec<[f64; NODES]> = (0..width)
+            .map(|piece| {
+                // Argument t in [-1, 1]: the grid point's place left of the kernel's left end plus (t + 1) / 2 steps.
+                let values: [f64; NODES] = std::array::from_fn(|i| {
+                    let s = (piece as f64 + (cosines[1][i] + 1.0) / 2.0) - half;
                     bessel_ratio(beta, 1.0 - (s / half) * (s / half))
+                });
+                std::array::from_fn(|n| {
+                    let sum: f64 = values.iter().zip(&cosines[n]).map(|(v, c)| v * c).sum();
+                    sum * if n == 0 { 1.0 } else { 2.0 } / NODES as f64
                 })
-                .collect();
-            for (power, value) in monomials(&nodes, &values).into_iter().enumerate() {
+            })
+            .collect();
+        let rest =
+            |degree: usize| pieces.iter().map(|c| c[degree + 1..].iter().map(|c| c.abs()).sum()).fold(0.0, f64::max);
+        let degree = (2..NODES - 1).find(|&degree| rest(degree) < 0.1 * accuracy).unwrap_or(NODES - 1);
+        let mut coefficients = vec![[0.0; MAX_WIDTH]; degree + 1];
+        for (piece, chebyshev) in pieces.iter().enumerate() {
+            for (power, value) in monomials(&chebyshev[..=degree]).into_iter().enumerate() {
                 coefficients[degree - power][piece] = value;
             }
         }
@@ -170,16 +180,13 @@ fn bessel_ratio(beta: f64, square: f64) -> f64 {
     sum * (-beta).exp()
 }
 
-/// Coefficients by rising power of the polynomial through Chebyshev nodes.
-fn monomials(nodes: &[f64], values: &[f64]) -> Vec<f64> {
-    let count = nodes.len();
-    // Chebyshev coefficients by the nodes' discrete orthogonality, then T_n written out in powers.
+/// Coefficients by rising power from Chebyshev coefficients.
+fn monomials(chebyshev: &[f64]) -> Vec<f64> {
+    let count = chebyshev.len();
     let mut result = vec![0.0; count];
     let (mut older, mut newest) = (vec![0.0; count], vec![0.0; count]);
     newest[0] = 1.0;
-    for n in 0..count {
-        let sum: f64 = nodes.iter().zip(values).map(|(t, v)| v * (n as f64 * t.acos()).cos()).sum();
-        let c = sum * if n == 0 { 1.0 } else { 2.0 } / count as f64;
+    for (n, c) in chebyshev.iter().enumerate() {
         for (r, t) in result.iter_mut().zip(&newest) {
             *r += c * t;
         }
@@ -204,7 +211,7 @@ mod tests {
     fn interpolates_to_its_aliasing_error() {
         for (width, grid) in [(4, 64), (7, 64), (8, 56), (13, 80), (16, 64), (16, 96)] {
             let max_degree = 20;
-            let kernel = Kernel::new(width, max_degree, grid);
+            let kernel = Kernel::new(width, max_degree, grid, 1e-15);
             let bound = aliasing(width, max_degree, grid);
             for k in [0, 1, 7, 20] {
                 for fraction in [0.0, 0.1, 0.499, 0.5, 0.77, 0.999] {

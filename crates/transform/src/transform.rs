@@ -74,7 +74,7 @@ impl Transform {
         let max_degree = params.max_degree;
         let recurrence = MonicRecurrence::new(max_degree)?;
         let shape = Shape::choose(max_degree, directions.len(), params.accuracy)?;
-        let kernel = Kernel::new(shape.width, max_degree, shape.grid);
+        let kernel = Kernel::new(shape.width, max_degree, shape.grid, params.accuracy);
         let angles: Vec<[f64; 2]> = (0..shape.rings.div_ceil(2)).map(|j| ring_angle(j, shape.rings)).collect();
         let legendre = Legendre::new(&recurrence, &angles, params.accuracy * 1e-4);
         let points = Points::new(directions.as_slice(), shape.grid, Layout::new(shape.grid, shape.width, 1).strip)?;
