@@ -14,7 +14,9 @@ use spharm_cli::inputs::{Sphere, Target, read_target};
 use spharm_cli::machine::check_limits;
 use spharm_cli::size::Size;
 use spharm_harmonics::{Coefficients, basis_size};
-use spharm_solver::{ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method, Operator, SolverError};
+use spharm_solver::{
+    BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method, Operator, SolverError,
+};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::io::write_new;
 use spharm_surface::model::{Model, write_complex_csv};

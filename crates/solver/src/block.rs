@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::SolverError;
 use crate::dense;
-use crate::operator::{Block, Operator, Scratch};
+use crate::operator::{Block, BlockOperator, Scratch};
 use crate::schedule::columns;
 use crate::workers::{Worker, normal_equations, pack, triangular};
 
@@ -59,7 +59,7 @@ impl Factor {
 
 /// What stays the same from block to block.
 pub(crate) struct Context<'a> {
-    pub(crate) operator: &'a dyn Operator,
+    pub(crate) operator: &'a dyn BlockOperator,
     /// Square roots of the weights, (n), when there are weights.
     pub(crate) roots: Option<&'a [f64]>,
     pub(crate) channels: usize,

@@ -4,11 +4,12 @@ use std::ops::RangeInclusive;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::product::Matrix;
 use spharm_store::{ChunkWindow, DegreeFile, Scheme};
 
 use crate::SolverError;
-use crate::operator::{Block, Operator, Residency, Scratch};
+use crate::operator::{Block, BlockOperator, Operator, Residency, Scratch, apply_adjoint_by_blocks, apply_by_blocks};
 
 /// A basis in a store, streamed.
 #[derive(Debug)]
@@ -41,6 +42,16 @@ impl Operator for DiskOperator {
         self.scheme.max_degree()
     }
 
+    fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
+        apply_by_blocks(self, x)
+    }
+
+    fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
+        apply_adjoint_by_blocks(self, r)
+    }
+}
+
+impl BlockOperator for DiskOperator {
     fn chunk_rows(&self) -> usize {
         self.scheme.files()[0].header().chunk_rows
     }

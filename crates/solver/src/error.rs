@@ -12,6 +12,9 @@ pub enum SolverError {
     /// The harmonics could not be evaluated.
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
+    /// The fast transforms could not be made.
+    #[error(transparent)]
+    Transform(#[from] spharm_transform::TransformError),
     /// A budget below what the fit needs.
     #[error("a memory budget of {} is too small for this fit; the smallest that works is {} MiB{}", size(*.budget), .needed.div_ceil(1 << 20), hint(.granularity))]
     Budget {

@@ -27,7 +27,7 @@ use spharm_harmonics::index::first_column;
 use crate::SolverError;
 use crate::block::{Context, Factor, solve};
 use crate::dense;
-use crate::operator::{Block, Operator};
+use crate::operator::{Block, BlockOperator};
 use crate::plan::{Plan, plan};
 use crate::report::{BlockReport, FitReport, Residual, Seconds, SweepReport};
 use crate::rows::ChunkedRows;
@@ -97,7 +97,7 @@ const REFINED: f64 = 1e-14;
 
 /// Fits batch after batch of targets on one operator, and keeps the blocks' factors from one to the next.
 pub struct Fitter<'o> {
-    operator: &'o dyn Operator,
+    operator: &'o dyn BlockOperator,
     params: FitParams,
     channels: usize,
     blocks: Vec<RangeInclusive<usize>>,
@@ -114,7 +114,7 @@ impl<'o> Fitter<'o> {
     /// # Errors
     ///
     /// [`SolverError::Budget`], and what is wrong with the parameters.
-    pub fn new(operator: &'o dyn Operator, channels: usize, params: FitParams) -> Result<Self, SolverError> {
+    pub fn new(operator: &'o dyn BlockOperator, channels: usize, params: FitParams) -> Result<Self, SolverError> {
         check(operator, &params)?;
         let blocks = params.method.blocks(params.max_degree)?;
         let plan = plan(operator, channels, &params)?;
@@ -292,7 +292,7 @@ impl<'o> Fitter<'o> {
 ///
 /// Those of the two.
 pub fn fit(
-    operator: &dyn Operator,
+    operator: &dyn BlockOperator,
     targets: ArrayView2<'_, f64>,
     groups: &[Range<usize>],
     params: &FitParams,
@@ -319,7 +319,7 @@ fn report_of(degrees: &RangeInclusive<usize>, factor: &Factor) -> BlockReport {
     }
 }
 
-fn check(operator: &dyn Operator, params: &FitParams) -> Result<(), SolverError> {
+fn check(operator: &dyn BlockOperator, params: &FitParams) -> Result<(), SolverError> {
     let expected = operator.rows();
     if params.threads == 0 {
         return Err(SolverError::TooSmall { what: "the number of threads", least: 1, found: 0 });

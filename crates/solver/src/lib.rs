@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`operator`] | what a solver sees of a basis: [`Operator`], [`operator::Block`] |
 //! | [`disk`], [`memory`] | the operator over a store, and one in memory |
+//! | [`matrix_free`] | the operator by fast transforms |
 //! | [`schedule`] | NLSF, SIRF, MIRF, IRF: which degrees are solved together |
 //! | [`mod@plan`] | what memory a fit takes |
 //! | [`rows`] | targets and residual, kept in the basis's chunks |
@@ -14,6 +15,7 @@
 //! | `triangle` | the rank-revealing way: QR of a matrix that arrives in chunks |
 //! | `workers` | what the threads do for a block |
 //! | [`mod@fit`] | the passes |
+//! | [`lsq`] | exact least squares without the matrix |
 //! | [`report`] | what a fit tells about itself |
 //! | [`dense`] | the BLAS and LAPACK, behind one door |
 //!
@@ -39,6 +41,8 @@ pub mod dense;
 pub mod disk;
 mod error;
 pub mod fit;
+pub mod lsq;
+pub mod matrix_free;
 pub mod memory;
 pub mod operator;
 pub mod plan;
@@ -51,8 +55,9 @@ mod workers;
 pub use disk::DiskOperator;
 pub use error::SolverError;
 pub use fit::{Fit, FitEvent, FitParams, Fitter, fit};
+pub use matrix_free::MatrixFreeOperator;
 pub use memory::MemoryOperator;
-pub use operator::{Operator, Residency};
+pub use operator::{BlockOperator, Operator, Residency};
 pub use plan::{Plan, plan};
 pub use report::FitReport;
 pub use rows::ChunkedRows;

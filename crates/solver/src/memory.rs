@@ -2,13 +2,14 @@
 
 use std::ops::RangeInclusive;
 
+use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 use spharm_harmonics::index::{basis_size, first_column, order_count};
 use spharm_harmonics::product::Matrix;
 use spharm_harmonics::{Directions, HarmonicsError, Recurrence, Sweep};
 
 use crate::SolverError;
-use crate::operator::{Block, Operator, Residency, Scratch};
+use crate::operator::{Block, BlockOperator, Operator, Residency, Scratch, apply_adjoint_by_blocks, apply_by_blocks};
 
 /// The whole basis, `8 n (L + 1)^2` bytes, in chunks of rows.
 #[derive(Debug, Clone)]
@@ -50,6 +51,16 @@ impl Operator for MemoryOperator {
         self.max_degree
     }
 
+    fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
+        apply_by_blocks(self, x)
+    }
+
+    fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
+        apply_adjoint_by_blocks(self, r)
+    }
+}
+
+impl BlockOperator for MemoryOperator {
     fn chunk_rows(&self) -> usize {
         self.chunk_rows
     }

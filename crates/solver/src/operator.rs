@@ -1,7 +1,8 @@
-//! What a solver sees of a basis: rows (vertices), columns (basis functions), and blocks of columns by chunks of rows.
+//! What a solver sees of a basis: its products with vectors, and, for iterative residual fitting, its blocks.
 //!
-//! An [`Operator`] is the matrix A, (n, K). A block is a run of degrees, a run of A's columns; it is opened, read chunk
-//! by chunk from several threads, and closed. What was computed from it counts once it was closed without an error.
+//! An [`Operator`] is the matrix A, (n, K): rows are vertices, columns basis functions. A [`BlockOperator`] can also be
+//! read. A block is a run of degrees, a run of A's columns; it is opened, read chunk by chunk from several threads, and
+//! closed. What was computed from it counts once it was closed without an error.
 
 use std::ops::{Range, RangeInclusive};
 use std::sync::Mutex;
@@ -29,7 +30,7 @@ pub struct Scratch {
     pub(crate) buffers: Vec<Vec<f64>>,
 }
 
-/// A basis matrix A, (n, K), readable by blocks of degrees and chunks of rows.
+/// A basis matrix A, (n, K), known by its products.
 pub trait Operator: Sync {
     /// Number of rows (vertices), n.
     fn rows(&self) -> usize;
@@ -37,6 +38,46 @@ pub trait Operator: Sync {
     /// Highest degree, L; the matrix has `(L + 1)^2` columns.
     fn max_degree(&self) -> usize;
 
+    /// Synthesis `A x`: x (K', c) of the degrees that K' stands for, result (n, c).
+    ///
+    /// # Errors
+    ///
+    /// When the basis can't be read.
+    ///
+    /// # Panics
+    ///
+    /// If K' isn't a basis size up to the operator's.
+    fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
+
+    /// Adjoint synthesis `A^T r`: r (n, c), result (K, c).
+    ///
+    /// # Errors
+    ///
+    /// When the basis can't be read.
+    ///
+    /// # Panics
+    ///
+    /// If r hasn't n rows.
+    fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
+
+    /// The normal operator `A^T diag(w) A x`, x (K, c), w = 1 without weights, (n).
+    ///
+    /// # Errors
+    ///
+    /// When the basis can't be read.
+    fn normal(&self, x: ArrayView2<'_, f64>, weights: Option<&[f64]>) -> Result<Array2<f64>, SolverError> {
+        let mut samples = self.apply(x)?;
+        if let Some(weights) = weights {
+            for (mut row, weight) in samples.rows_mut().into_iter().zip(weights) {
+                row *= *weight;
+            }
+        }
+        self.apply_adjoint(samples.view())
+    }
+}
+
+/// A basis matrix that can be read by blocks of degrees and chunks of rows.
+pub trait BlockOperator: Operator {
     /// Rows of every chunk but the last.
     fn chunk_rows(&self) -> usize;
 
@@ -63,74 +104,64 @@ pub trait Operator: Sync {
     fn chunk_range(&self, chunk: usize) -> Range<usize> {
         chunk * self.chunk_rows()..((chunk + 1) * self.chunk_rows()).min(self.rows())
     }
+}
 
-    /// Synthesis `A x`: x (K', c) of the degrees that K' stands for, result (n, c).
-    ///
-    /// # Errors
-    ///
-    /// When the basis can't be read.
-    ///
-    /// # Panics
-    ///
-    /// If K' isn't a basis size up to the operator's.
-    fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
-        let degrees = degrees_of(x.nrows(), self.max_degree());
-        let (x, c) = (x.as_standard_layout().into_owned(), x.ncols());
-        let x = x.as_slice().unwrap_or_default();
-        let mut samples = ChunkedRows::zeros(self.rows(), c, self.chunk_rows());
-        for l in degrees {
-            let block = self.open(l..=l, Residency::Chunks)?;
-            let x = &x[first_column(l) * c..first_column(l + 1) * c];
-            samples.chunks_mut().into_par_iter().enumerate().try_for_each(|(chunk, out)| {
-                let rows = self.chunk_range(chunk).len();
-                block.chunk(chunk, &mut Scratch::default(), &mut |parts| {
-                    accumulate_synthesis(parts[0], x, 1.0, out, rows);
-                })
-            })?;
-            block.close()?;
-        }
-        Ok(samples.to_array())
+/// [`Operator::apply`], a degree after the other.
+pub(crate) fn apply_by_blocks(
+    operator: &dyn BlockOperator,
+    x: ArrayView2<'_, f64>,
+) -> Result<Array2<f64>, SolverError> {
+    let degrees = degrees_of(x.nrows(), operator.max_degree());
+    let (x, c) = (x.as_standard_layout().into_owned(), x.ncols());
+    let x = x.as_slice().unwrap_or_default();
+    let mut samples = ChunkedRows::zeros(operator.rows(), c, operator.chunk_rows());
+    for l in degrees {
+        let block = operator.open(l..=l, Residency::Chunks)?;
+        let x = &x[first_column(l) * c..first_column(l + 1) * c];
+        samples.chunks_mut().into_par_iter().enumerate().try_for_each(|(chunk, out)| {
+            let rows = operator.chunk_range(chunk).len();
+            block.chunk(chunk, &mut Scratch::default(), &mut |parts| {
+                accumulate_synthesis(parts[0], x, 1.0, out, rows);
+            })
+        })?;
+        block.close()?;
     }
+    Ok(samples.to_array())
+}
 
-    /// Adjoint synthesis `A^T r`: r (n, c), result (K, c).
-    ///
-    /// # Errors
-    ///
-    /// When the basis can't be read.
-    ///
-    /// # Panics
-    ///
-    /// If r hasn't n rows.
-    fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
-        assert_eq!(r.nrows(), self.rows(), "rows of the adjoint's argument");
-        let c = r.ncols();
-        let rows = ChunkedRows::from_array(r, self.chunk_rows());
-        let mut result = Array2::zeros((basis_size(self.max_degree()), c));
-        for l in 0..=self.max_degree() {
-            let block = self.open(l..=l, Residency::Chunks)?;
-            let k = 2 * l + 1;
-            let sums: Vec<Mutex<Vec<f64>>> = (0..self.chunk_count()).map(|_| Mutex::default()).collect();
-            (0..self.chunk_count()).into_par_iter().try_for_each(|chunk| {
-                let count = self.chunk_range(chunk).len();
-                let mut sum = vec![0.0; k * c];
-                block.chunk(chunk, &mut Scratch::default(), &mut |parts| {
-                    accumulate_adjoint(parts[0], Matrix::new(rows.chunk(chunk), count, c, count), &mut sum);
-                })?;
-                *sums[chunk].lock().unwrap_or_else(std::sync::PoisonError::into_inner) = sum;
-                Ok::<(), SolverError>(())
+/// [`Operator::apply_adjoint`], a degree after the other.
+pub(crate) fn apply_adjoint_by_blocks(
+    operator: &dyn BlockOperator,
+    r: ArrayView2<'_, f64>,
+) -> Result<Array2<f64>, SolverError> {
+    assert_eq!(r.nrows(), operator.rows(), "rows of the adjoint's argument");
+    let c = r.ncols();
+    let rows = ChunkedRows::from_array(r, operator.chunk_rows());
+    let mut result = Array2::zeros((basis_size(operator.max_degree()), c));
+    for l in 0..=operator.max_degree() {
+        let block = operator.open(l..=l, Residency::Chunks)?;
+        let k = 2 * l + 1;
+        let sums: Vec<Mutex<Vec<f64>>> = (0..operator.chunk_count()).map(|_| Mutex::default()).collect();
+        (0..operator.chunk_count()).into_par_iter().try_for_each(|chunk| {
+            let count = operator.chunk_range(chunk).len();
+            let mut sum = vec![0.0; k * c];
+            block.chunk(chunk, &mut Scratch::default(), &mut |parts| {
+                accumulate_adjoint(parts[0], Matrix::new(rows.chunk(chunk), count, c, count), &mut sum);
             })?;
-            block.close()?;
-            // In the order of the chunks, whatever the threads did.
-            for sum in sums {
-                let sum = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-                let mut rows = result.slice_mut(ndarray::s![first_column(l)..first_column(l + 1), ..]);
-                for (out, value) in rows.iter_mut().zip(&sum) {
-                    *out += value;
-                }
+            *sums[chunk].lock().unwrap_or_else(std::sync::PoisonError::into_inner) = sum;
+            Ok::<(), SolverError>(())
+        })?;
+        block.close()?;
+        // In the order of the chunks, whatever the threads did.
+        for sum in sums {
+            let sum = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut rows = result.slice_mut(ndarray::s![first_column(l)..first_column(l + 1), ..]);
+            for (out, value) in rows.iter_mut().zip(&sum) {
+                *out += value;
             }
         }
-        Ok(result)
     }
+    Ok(result)
 }
 
 fn degrees_of(rows: usize, max_degree: usize) -> Range<usize> {

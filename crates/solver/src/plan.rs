@@ -8,7 +8,7 @@ use spharm_harmonics::basis_size;
 use crate::SolverError;
 use crate::block::{SHARED_FROM, SHARED_ROWS, rank_revealing_bytes};
 use crate::fit::FitParams;
-use crate::operator::{Operator, Residency};
+use crate::operator::{BlockOperator, Residency};
 use crate::schedule::{Method, columns};
 
 /// What OpenBLAS touches of its buffers per thread for narrow blocks, and all of them, for wide ones.
@@ -57,7 +57,7 @@ impl Plan {
 /// # Errors
 ///
 /// [`SolverError::Budget`] when none does, and those of [`Method::blocks`].
-pub fn plan(operator: &dyn Operator, channels: usize, params: &FitParams) -> Result<Plan, SolverError> {
+pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -> Result<Plan, SolverError> {
     let blocks = params.method.blocks(params.max_degree)?;
     let needs = Needs::of(operator, channels, params, &blocks);
     if needs.least() > params.memory {
@@ -107,7 +107,7 @@ struct Needs {
 }
 
 impl Needs {
-    fn of(operator: &dyn Operator, channels: usize, params: &FitParams, blocks: &[RangeInclusive<usize>]) -> Self {
+    fn of(operator: &dyn BlockOperator, channels: usize, params: &FitParams, blocks: &[RangeInclusive<usize>]) -> Self {
         let (n, threads, chunk_rows) = (operator.rows(), params.threads, operator.chunk_rows());
         let widest = blocks.iter().map(columns).max().unwrap_or(0);
         let shared = widest >= SHARED_FROM;
@@ -148,7 +148,7 @@ impl Needs {
 }
 
 /// The largest granularity, to a factor of two, whose plan keeps to the budget.
-fn fitting_granularity(operator: &dyn Operator, channels: usize, params: &FitParams) -> Option<usize> {
+fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -> Option<usize> {
     let passes = params.method.passes();
     let largest = basis_size(params.max_degree).next_power_of_two();
     std::iter::successors(Some(largest), |&g| (g > 1).then_some(g / 2)).find(|&granularity| {

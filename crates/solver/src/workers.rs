@@ -10,7 +10,7 @@ use spharm_harmonics::product::{self, Matrix};
 
 use crate::SolverError;
 use crate::dense;
-use crate::operator::{Block, Operator, Scratch};
+use crate::operator::{Block, BlockOperator, Scratch};
 use crate::rows::ChunkedRows;
 use crate::triangle::Triangle;
 
@@ -33,7 +33,7 @@ pub(crate) struct Worker<'r> {
 
 /// Divides the chunks among `threads` workers.
 pub(crate) fn workers<'r>(
-    operator: &dyn Operator,
+    operator: &dyn BlockOperator,
     residual: &'r mut ChunkedRows,
     roots: Option<&'r [f64]>,
     threads: usize,

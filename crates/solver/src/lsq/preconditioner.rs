@@ -1,0 +1,86 @@
+//! Preconditioners: approximate inverses of the normal equations, symmetric and positive definite.
+
+use ndarray::Array2;
+use spharm_harmonics::index::order_count;
+
+use crate::SolverError;
+use crate::lsq::columns::scale_rows;
+use crate::operator::Operator;
+
+/// An approximate inverse M of N = A^T W A + P.
+pub trait Preconditioner: Sync {
+    /// Its name, in reports.
+    fn name(&self) -> &'static str;
+
+    /// `M r`, r (K, c).
+    ///
+    /// # Errors
+    ///
+    /// When what it needs can't be read.
+    fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError>;
+}
+
+/// The inverse of the diagonal that N would have on an even sampling of the sphere, `sum w / 4 pi + P`. Without a penalty
+/// this is a number, and leaves the iterates as they are.
+#[derive(Debug)]
+pub struct Diagonal {
+    inverse: Vec<f64>,
+}
+
+impl Diagonal {
+    /// From the sum of the weights and the penalty's diagonal.
+    pub fn new(max_degree: usize, weight: f64, penalty: Option<&[f64]>) -> Self {
+        let even = weight / (4.0 * std::f64::consts::PI);
+        let inverse = match penalty {
+            None => (0..=max_degree).flat_map(|l| std::iter::repeat_n(1.0 / even, order_count(l))).collect(),
+            Some(penalty) => penalty.iter().map(|p| 1.0 / (even + p)).collect(),
+        };
+        Self { inverse }
+    }
+}
+
+impl Preconditioner for Diagonal {
+    fn name(&self) -> &'static str {
+        "none"
+    }
+
+    fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        let mut z = r.clone();
+        scale_rows(&mut z, &self.inverse);
+        Ok(z)
+    }
+}
+
+/// `A^T D^2 A / W`, D a quadrature weight for each direction: its share of the sphere.
+///
+/// Where `A^T D A = I` nearly holds, `A^T W A` is multiplication by the density W / D and this is multiplication by its
+/// inverse; degrees next to the highest apart. It costs as much as the normal equations, and gains where the density
+/// varies smoothly and mildly: on icospheres a third of the iterations; on samplings whose density varies by a hundred or
+/// more it loses (measured on the head of 27,618 vertices).
+pub struct Density<'a> {
+    operator: &'a dyn Operator,
+    squares: Vec<f64>,
+}
+
+impl<'a> Density<'a> {
+    /// From each direction's share of the sphere, in steradians, and the weights of the fit.
+    pub fn new(operator: &'a dyn Operator, areas: &[f64], weights: Option<&[f64]>) -> Self {
+        let squares = areas.iter().enumerate().map(|(i, area)| match weights.map(|weights| weights[i]) {
+            None => area * area,
+            Some(weight) if weight > 0.0 => area * area / weight,
+            // Not seen by the fit: nothing to be inverted.
+            Some(_) => 0.0,
+        });
+        Self { operator, squares: squares.collect() }
+    }
+}
+
+impl Preconditioner for Density<'_> {
+    fn name(&self) -> &'static str {
+        "density"
+    }
+
+    fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        self.operator.normal(r.view(), Some(&self.squares))
+    }
+}
