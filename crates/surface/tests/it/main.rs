@@ -4,6 +4,7 @@ mod compare;
 mod cortex;
 mod fixtures;
 mod hostile;
+mod locator;
 mod pictures;
 mod round_trip;
 mod shared_data;
