@@ -2,6 +2,7 @@
 
 mod compare;
 mod cortex;
+mod distance;
 mod fixtures;
 mod hostile;
 mod locator;
