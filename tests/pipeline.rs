@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+use spharm_surface::generate::icosphere;
 use spharm_surface::io::{WriteOptions, read_mesh, read_signal, write_mesh};
 use spharm_surface::{Model, metrics};
 
@@ -87,6 +88,20 @@ fn a_fit_reconstructs_to_the_distances_that_it_reports() {
     succeed(tool("compare").arg(study.path("s0.surf.gii")).arg(&output).arg("-o").arg(&ply));
     let header = String::from_utf8_lossy(&std::fs::read(&ply).unwrap()).into_owned();
     assert!(header.contains("property float distance") && header.contains("property uchar red"));
+    // Beside a mesh of other triangles there are surfaces to compare, but no vertices.
+    let other = study.path("other.obj");
+    write_mesh(&other, &icosphere(2), &WriteOptions::default()).unwrap();
+    for (path, vertexwise) in [(&output, true), (&other, false)] {
+        let mut compare = tool("compare");
+        compare.arg(study.path("s0.surf.gii")).arg(path).args(["--surface-distance", "--json", "--samples", "5000"]);
+        let compared: Value = serde_json::from_str(&succeed(&mut compare)).unwrap();
+        assert_eq!(compared["msd"].is_number(), vertexwise);
+        let surfaces = &compared["surface_distance"];
+        let [mean, rms, most] = ["mean", "rms", "hausdorff"].map(|name| surfaces[name].as_f64().unwrap());
+        assert!(0.0 < mean && mean < rms && rms < most, "{surfaces}");
+        // No point of the surface is further from it than from the vertex that corresponds.
+        assert!(!vertexwise || rms * rms < compared["msd_raw"].as_f64().unwrap());
+    }
 }
 
 /// (p, g) = (1, infinity) is NLSF, (p, 1) is MIRF, (1, 1) SIRF; and IRF's limit is NLSF whatever the granularity.

@@ -216,6 +216,22 @@ pub enum SurfaceError {
         z: f64,
     },
 
+    /// A sphere's triangles leave directions out.
+    #[error(
+        "{missed} of {directions} directions (first: {first}, counted from 0) meet none of the sphere's triangles, \
+         {flipped} of which are flipped: give a closed sphere around the origin whose triangles don't overlap"
+    )]
+    NotCovered {
+        /// How many directions meet no triangle.
+        missed: usize,
+        /// Of how many.
+        directions: usize,
+        /// The first of them.
+        first: usize,
+        /// How many of the sphere's triangles are flipped or without area.
+        flipped: usize,
+    },
+
     /// An argument that makes no sense.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {

@@ -18,7 +18,9 @@
 //! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), how every output is written |
 //! | [`topology`] | whether a mesh is a closed surface of genus zero, and if not, why |
 //! | [`generate`] | icospheres, and folded surfaces whose parameterisation is known |
-//! | [`metrics`] | bounding-box scale, msd, xsd, colours for errors |
+//! | [`metrics`] | bounding-box scale, msd, xsd, the distance of two surfaces of any triangles, colours for errors |
+//! | [`nearest`] | the nearest point of a mesh |
+//! | [`sphere_locator`] | which triangle of a sphere a direction meets, values interpolated there |
 //! | [`model`] | fitted models, `NAME.spharm.npz` |
 //! | [`render`] | pictures of meshes, as PNG |
 //!
@@ -54,7 +56,9 @@ pub mod generate;
 pub mod io;
 pub mod metrics;
 pub mod model;
+pub mod nearest;
 pub mod render;
+pub mod sphere_locator;
 pub mod topology;
 
 pub use error::SurfaceError;

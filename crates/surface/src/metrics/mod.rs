@@ -1,8 +1,10 @@
 //! How far a reconstruction is from its surface.
 
 mod colormap;
+mod distance;
 
 pub use colormap::{colors, viridis};
+pub use distance::{Directed, SurfaceDistance, SurfaceDistanceParams, surface_distance};
 
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, bounds, dot, sub};

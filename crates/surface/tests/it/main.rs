@@ -2,8 +2,10 @@
 
 mod compare;
 mod cortex;
+mod distance;
 mod fixtures;
 mod hostile;
+mod locator;
 mod pictures;
 mod round_trip;
 mod shared_data;

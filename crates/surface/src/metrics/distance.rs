@@ -1,0 +1,281 @@
+//! How far apart two surfaces are, whatever their triangles.
+//!
+//! A reconstruction may be perfect at its vertices and wild between them, and surfaces of different meshes have no
+//! vertices that correspond. So points are spread over both surfaces and the distance d from each to the other surface
+//! (not to its nearest vertex) is taken.
+//!
+//! # Where the points are
+//!
+//! Each triangle is cut into n^2 congruent smaller ones with edges of about one length; their centroids are the points
+//! and their areas the weights, so that mean and root mean square are midpoint rules of the integrals over the surface.
+//! The vertices count for the largest distance, where peaks are. Nothing is random.
+//!
+//! # How much lies between them
+//!
+//! d is 1-Lipschitz, and no point of a small triangle is further from its centroid than 2/3 of its longest edge. So the
+//! true Hausdorff distance is at least the one found and at most 2/3 of the longest such edge (`spacing`) above it,
+//! which is [`SurfaceDistance::bound`]. Mean and root mean square are within the same bound, in practice far closer: the
+//! midpoint rule's error is of second order where d is smooth.
+//!
+//! # Cost
+//!
+//! O((n + samples) log n) time: two surfaces of 80,000 triangles, 200,000 points and 40,962 vertices on each, take 0.5 s
+//! on two cores. Memory is linear, about 200 bytes a triangle and 60 a point.
+//!
+//! After Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces", Computer Graphics Forum 17
+//! (1998), with a grid in place of random points.
+
+use rayon::prelude::*;
+
+use super::bounding_box_scale;
+use crate::error::SurfaceError;
+use crate::geometry::{Vec3, add, dot, face_normal, scale, sub};
+use crate::mesh::Mesh;
+use crate::nearest::TriangleTree;
+
+/// How densely to sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SurfaceDistanceParams {
+    /// About how many points on each surface, beside its vertices. Each triangle gets at least one; long thin ones get
+    /// more than their share, all in all up to eight times as many, beyond which `spacing` grows.
+    pub samples: usize,
+}
+
+impl Default for SurfaceDistanceParams {
+    fn default() -> Self {
+        Self { samples: 100_000 }
+    }
+}
+
+/// Distances from the points of one surface to another surface, in the coordinates' unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Directed {
+    /// Mean over the area.
+    pub mean: f64,
+    /// Root of the mean square over the area.
+    pub rms: f64,
+    /// 95 % of the area is nearer than this.
+    pub percentile95: f64,
+    /// Largest, over points and vertices.
+    pub max: f64,
+    /// The point where it is the largest.
+    pub worst: [f64; 3],
+    /// Points, vertices left out.
+    pub samples: usize,
+    /// The longest edge of the small triangles.
+    pub spacing: f64,
+}
+
+/// Symmetric distance of two surfaces, in the coordinates' unit (mm). Divided by `scale` it belongs to a bounding box
+/// of volume 1, as msd and xsd do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct SurfaceDistance {
+    /// Mean over the area of both surfaces.
+    pub mean: f64,
+    /// Root of the mean square over the area of both.
+    pub rms: f64,
+    /// 95 % of the area of both is nearer to the other surface than this.
+    pub percentile95: f64,
+    /// Hausdorff distance: the larger of the two largest.
+    pub hausdorff: f64,
+    /// From the first surface to the second.
+    pub forward: Directed,
+    /// From the second surface to the first.
+    pub backward: Directed,
+    /// By how much the true Hausdorff distance may exceed `hausdorff`, at most.
+    pub bound: f64,
+    /// The first surface's [`bounding_box_scale`].
+    pub scale: f64,
+}
+
+/// Mean, root mean square, 95th percentile and Hausdorff distance of two surfaces of any topology. The same but for
+/// `scale`, `forward` and `backward` when they are swapped.
+///
+/// # Errors
+///
+/// A surface without area or with a coordinate that isn't finite ([`Argument`](SurfaceError::Argument)); a first one
+/// whose bounding box has no volume.
+///
+/// # Panics
+///
+/// When a triangle names a vertex that isn't there.
+pub fn surface_distance(
+    first: &Mesh,
+    second: &Mesh,
+    params: &SurfaceDistanceParams,
+) -> Result<SurfaceDistance, SurfaceError> {
+    let scale = bounding_box_scale(&first.vertices)?;
+    let there = Samples::towards(first, &TriangleTree::new(second), params)?;
+    let back = Samples::towards(second, &TriangleTree::new(first), params)?;
+    let (forward, backward) = (there.summary(), back.summary());
+    let area = there.area + back.area;
+    // A sum of two doesn't depend on their order.
+    let mean = (there.area * forward.mean + back.area * backward.mean) / area;
+    let square = (there.area * forward.rms * forward.rms + back.area * backward.rms * backward.rms) / area;
+    let bound = forward.spacing.max(backward.spacing) * (2.0 / 3.0);
+    let percentile95 = percentile(there.weighted.iter().chain(&back.weighted).copied().collect(), 0.95);
+    let hausdorff = forward.max.max(backward.max);
+    Ok(SurfaceDistance { mean, rms: square.sqrt(), percentile95, hausdorff, forward, backward, bound, scale })
+}
+
+/// The points of one surface, with their distances to the other.
+struct Samples {
+    /// (distance, area).
+    weighted: Vec<(f64, f64)>,
+    area: f64,
+    worst: (f64, Vec3),
+    spacing: f64,
+}
+
+impl Samples {
+    fn towards(mesh: &Mesh, other: &TriangleTree, params: &SurfaceDistanceParams) -> Result<Self, SurfaceError> {
+        let wrong = |found: String| SurfaceError::Argument {
+            what: "surface to measure the distance of",
+            expected: "finite coordinates and an area above 0",
+            found,
+        };
+        if let Some(vertex) = mesh.vertices.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
+            return Err(wrong(format!("{:?} at vertex {vertex}", mesh.vertices[vertex])));
+        }
+        let grid = Grid::new(mesh, params.samples);
+        if !(grid.area > 0.0 && grid.area.is_finite()) {
+            return Err(wrong(format!("{} triangles of area {}", mesh.faces.len(), grid.area)));
+        }
+        let distance = |point: Vec3| other.nearest(point).map(|found| found.distance);
+        let of_triangle = |(corners, n): ([Vec3; 3], u32)| {
+            centroids(corners, n).map(|point| Some((distance(point)?, point))).collect::<Option<Vec<_>>>()
+        };
+        let found: Option<Vec<Vec<(f64, Vec3)>>> = grid.triangles.into_par_iter().map(of_triangle).collect();
+        let peaks: Option<Vec<f64>> = mesh.vertices.par_iter().map(|&v| distance(v)).collect();
+        let (Some(found), Some(peaks)) = (found, peaks) else {
+            return Err(wrong("no triangle to be near to".to_owned()));
+        };
+        // Gathered in the mesh's order, so that sums don't depend on the threads.
+        let mut worst = (f64::NEG_INFINITY, [0.0; 3]);
+        let mut look = |distance: f64, point: Vec3| {
+            if distance > worst.0 {
+                worst = (distance, point);
+            }
+        };
+        let mut weighted = Vec::with_capacity(grid.samples);
+        for (points, area) in found.into_iter().zip(&grid.areas) {
+            let weight = area / points.len() as f64;
+            for (distance, point) in points {
+                weighted.push((distance, weight));
+                look(distance, point);
+            }
+        }
+        peaks.into_iter().zip(&mesh.vertices).for_each(|(distance, &v)| look(distance, v));
+        Ok(Self { weighted, area: grid.area, worst, spacing: grid.spacing })
+    }
+
+    fn summary(&self) -> Directed {
+        let integral = |f: fn(f64) -> f64| self.weighted.iter().map(|&(d, w)| w * f(d)).sum::<f64>() / self.area;
+        Directed {
+            mean: integral(|d| d),
+            rms: integral(|d| d * d).sqrt(),
+            percentile95: percentile(self.weighted.clone(), 0.95),
+            max: self.worst.0,
+            worst: self.worst.1,
+            samples: self.weighted.len(),
+            spacing: self.spacing,
+        }
+    }
+}
+
+/// Into how many pieces each triangle is cut.
+struct Grid {
+    /// Corners, and the number of pieces along an edge.
+    triangles: Vec<([Vec3; 3], u32)>,
+    areas: Vec<f64>,
+    area: f64,
+    samples: usize,
+    spacing: f64,
+}
+
+impl Grid {
+    fn new(mesh: &Mesh, wanted: usize) -> Self {
+        let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
+        let area_of = |face: &[u32; 3]| {
+            let normal = face_normal(corners(face));
+            0.5 * dot(normal, normal).sqrt()
+        };
+        let longest = |face: &[u32; 3]| {
+            let [a, b, c] = corners(face);
+            let length = |u: Vec3, v: Vec3| dot(sub(u, v), sub(u, v)).sqrt();
+            length(a, b).max(length(b, c)).max(length(c, a))
+        };
+        let areas: Vec<f64> = mesh.faces.iter().map(area_of).collect();
+        let edges: Vec<f64> = mesh.faces.iter().map(longest).collect();
+        let area: f64 = areas.iter().sum();
+        let wanted = wanted.max(1);
+        // The edge of an equilateral triangle of that area's share.
+        let mut step = (4.0 / 3.0_f64.sqrt() * area / wanted as f64).sqrt();
+        let pieces = |edge: f64, step: f64| (edge / step).round().clamp(1.0, 4096.0) as u32;
+        let count = |step: f64| edges.iter().map(|&e| u64::from(pieces(e, step)).pow(2)).sum::<u64>();
+        let most = 8 * wanted.max(mesh.faces.len()) as u64;
+        // Slivers have long edges and next to no area; `is_normal` ends this for surfaces without any.
+        while step.is_normal() && count(step) > most {
+            step *= std::f64::consts::SQRT_2;
+        }
+        let numbers = edges.iter().map(|&e| if step.is_normal() { pieces(e, step) } else { 1 });
+        let triangles: Vec<_> = mesh.faces.iter().map(corners).zip(numbers).collect();
+        let spacing = triangles.iter().zip(&edges).map(|((_, n), e)| e / f64::from(*n)).fold(0.0, f64::max);
+        let samples = triangles.iter().map(|(_, n)| (n * n) as usize).sum();
+        Self { triangles, areas, area, samples, spacing }
+    }
+}
+
+/// The centroids of a triangle's n^2 congruent pieces.
+fn centroids([a, b, c]: [Vec3; 3], n: u32) -> impl Iterator<Item = Vec3> {
+    let (u, v) = (scale(sub(b, a), 1.0 / f64::from(n)), scale(sub(c, a), 1.0 / f64::from(n)));
+    let at = move |s: f64, t: f64| add(a, add(scale(u, s), scale(v, t)));
+    (0..n).flat_map(move |i| {
+        (0..n - i).flat_map(move |j| {
+            let (s, t) = (f64::from(i), f64::from(j));
+            let upright = at(s + 1.0 / 3.0, t + 1.0 / 3.0);
+            let turned = (i + j + 1 < n).then(|| at(s + 2.0 / 3.0, t + 2.0 / 3.0));
+            std::iter::once(upright).chain(turned)
+        })
+    })
+}
+
+/// The smallest value that at least a fraction `part` of the weight doesn't exceed.
+fn percentile(mut weighted: Vec<(f64, f64)>, part: f64) -> f64 {
+    // Ties sorted by weight as well, so that the order in which they came doesn't matter.
+    weighted.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let wanted = part * weighted.iter().map(|(_, w)| w).sum::<f64>();
+    let mut below = 0.0;
+    for &(value, weight) in &weighted {
+        below += weight;
+        if below >= wanted {
+            return value;
+        }
+    }
+    weighted.last().map_or(f64::NAN, |last| last.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_triangles_points_are_the_centroids_of_its_pieces() {
+        let corners = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
+        for n in 1..6 {
+            let points: Vec<Vec3> = centroids(corners, n).collect();
+            assert_eq!(points.len(), (n * n) as usize);
+            let mean = scale(points.iter().copied().fold([0.0; 3], add), 1.0 / points.len() as f64);
+            assert!((mean[0] - 1.0).abs() < 1e-14 && (mean[1] - 1.0).abs() < 1e-14, "{mean:?}");
+            assert!(points.iter().all(|p| p[0] > 0.0 && p[1] > 0.0 && p[0] + p[1] < 3.0));
+        }
+    }
+
+    #[test]
+    fn percentiles_go_by_weight() {
+        assert_eq!(percentile(vec![(5.0, 1.0), (1.0, 18.0), (3.0, 1.0)], 0.95), 3.0);
+        assert_eq!(percentile(vec![(1.0, 1.0)], 0.95), 1.0);
+    }
+}

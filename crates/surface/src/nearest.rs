@@ -1,0 +1,110 @@
+//! The nearest point of a triangle mesh.
+//!
+//! A bounding-volume hierarchy over the triangles (parry3d's), searched best first: the answer is the minimum over all
+//! triangles, O(log n) of them looked at. About 160 bytes a triangle.
+
+use parry3d_f64::bounding_volume::Aabb;
+use parry3d_f64::math::Vector;
+use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
+use parry3d_f64::query::{PointQuery, PointQueryWithLocation};
+use parry3d_f64::shape::Triangle;
+
+use crate::geometry::{Vec3, dot, sub};
+use crate::mesh::Mesh;
+
+/// A mesh's triangles, made ready for searches.
+pub struct TriangleTree {
+    tree: Bvh,
+    triangles: Vec<[Vec3; 3]>,
+}
+
+/// Where a mesh comes nearest to a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nearest {
+    /// The triangle, counted from 0.
+    pub triangle: u32,
+    /// Weights of the triangle's corners, in its order: at least 0, of sum 1.
+    pub barycentric: [f64; 3],
+    /// The nearest point.
+    pub point: [f64; 3],
+    /// Distance to it, in the coordinates' unit.
+    pub distance: f64,
+}
+
+impl TriangleTree {
+    /// A tree over a mesh's triangles. O(n log n).
+    ///
+    /// # Panics
+    ///
+    /// When a triangle names a vertex that isn't there.
+    #[must_use]
+    pub fn new(mesh: &Mesh) -> Self {
+        let triangles: Vec<[Vec3; 3]> = mesh.faces.iter().map(|face| face.map(|v| mesh.vertices[v as usize])).collect();
+        let boxes: Vec<Aabb> = triangles.iter().map(bounding_box).collect();
+        Self { tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles }
+    }
+
+    /// The point of the mesh that is nearest to `point`; `None` for a mesh without a triangle, or a point that isn't
+    /// finite.
+    #[must_use]
+    pub fn nearest(&self, point: [f64; 3]) -> Option<Nearest> {
+        let p = Vector::from(point);
+        let (triangle, (distance, (nearest, barycentric))) = self.tree.find_best(
+            f64::MAX,
+            |node, _| node.aabb().distance_to_local_point(p, true),
+            |triangle, _| {
+                let (found, place) = self.triangle(triangle).project_local_point_and_get_location(p, false);
+                let nearest = found.point.to_array();
+                let off = sub(nearest, point);
+                Some((dot(off, off).sqrt(), (nearest, place.barycentric_coordinates().unwrap_or([1.0, 0.0, 0.0]))))
+            },
+        )?;
+        Some(Nearest { triangle, barycentric, point: nearest, distance })
+    }
+
+    /// The triangles whose bounding boxes meet the box from `low` to `high`, in no order that means anything but always
+    /// the same.
+    pub fn meeting_box(&self, low: [f64; 3], high: [f64; 3]) -> impl Iterator<Item = u32> {
+        let wanted = Aabb::new(Vector::from(low), Vector::from(high));
+        self.tree.leaves(move |node| {
+            let own = node.aabb();
+            own.mins.cmple(wanted.maxs).all() && own.maxs.cmpge(wanted.mins).all()
+        })
+    }
+
+    fn triangle(&self, index: u32) -> Triangle {
+        let [a, b, c] = self.triangles[index as usize].map(Vector::from);
+        Triangle::new(a, b, c)
+    }
+}
+
+fn bounding_box(corners: &[Vec3; 3]) -> Aabb {
+    let (low, high) = crate::geometry::bounds(corners.iter().copied());
+    Aabb::new(Vector::from(low), Vector::from(high))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::icosphere;
+
+    #[test]
+    fn the_tree_finds_what_looking_at_every_triangle_finds() {
+        let mesh = icosphere(3);
+        let tree = TriangleTree::new(&mesh);
+        for k in 0..200_u32 {
+            let t = f64::from(k);
+            let point = [1.7 * (0.9 * t).sin(), 1.3 * (1.7 * t).cos(), (2.3 * t).sin()];
+            let found = tree.nearest(point).unwrap();
+            let all = (0..mesh.faces.len() as u32)
+                .map(|f| tree.triangle(f).distance_to_local_point(Vector::from(point), false));
+            let least = all.fold(f64::INFINITY, f64::min);
+            assert!((found.distance - least).abs() < 1e-14, "{point:?}: {found:?}, {least}");
+            let corners = mesh.faces[found.triangle as usize].map(|v| mesh.vertices[v as usize]);
+            let point: [f64; 3] = std::array::from_fn(|k| (0..3).map(|i| found.barycentric[i] * corners[i][k]).sum());
+            assert!(dot(sub(point, found.point), sub(point, found.point)).sqrt() < 1e-14);
+        }
+        assert_eq!(TriangleTree::new(&Mesh::default()).nearest([0.0; 3]), None);
+        assert_eq!(tree.nearest([f64::NAN; 3]), None);
+    }
+}

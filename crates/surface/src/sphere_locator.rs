@@ -1,0 +1,235 @@
+//! Which triangle of a sphere a direction meets, and values interpolated there.
+//!
+//! A surface over its sphere is a function on the sphere, known at the sphere's vertices. [`SphereLocator`] gives it
+//! everywhere: the triangle with corners a, b, c that the ray along a direction d meets, and the point's weights there,
+//!
+//! > w_a : w_b : w_c = det(d, b, c) : det(a, d, c) : det(a, b, d),  w_a + w_b + w_c = 1,
+//!
+//! which are the barycentric coordinates, within the flat triangle, of the point of the ray (a gnomonic projection). In
+//! a vertex they are 1, 0, 0 to the last bit.
+//!
+//! # Robustness
+//!
+//! Whether d is inside is decided by the signs of the three determinants, exact for the numbers given (Shewchuk's
+//! adaptive predicate, crate `robust`). So the triangles of a sphere without flips leave no gap at edges and vertices
+//! that a direction could fall through; on an edge the triangle with the smaller index is taken. Triangles that are
+//! flipped or without area are left out; where others cover what they would have, nothing is missed. A direction that no
+//! triangle covers, as where a sphere has a hole, goes to the nearest triangle if it is off by at most
+//! [`TOLERANCE`], else it is not found.
+//!
+//! # Cost
+//!
+//! A bounding-volume hierarchy (parry3d's) holds a box around each *spherical* triangle, so d itself, a point of the unit
+//! sphere, is looked up. It follows the triangles' density, however uneven a parameterisation is. A flat triangle with
+//! longest edge e bulges from its plane by at most 1 - sqrt(1 - e^2 / 3) on the sphere, which is how much larger than the
+//! corners' its box is.
+
+use ndarray::{Array2, ArrayView2, Axis};
+use parry3d_f64::bounding_volume::Aabb;
+use parry3d_f64::math::Vector;
+use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
+use rayon::prelude::*;
+use robust::Coord3D;
+use spharm_harmonics::Directions;
+
+use crate::error::SurfaceError;
+use crate::geometry::{Vec3, bounds, cross, dot, sub};
+use crate::mesh::Mesh;
+
+/// How far outside of all triangles a direction may be, in radians.
+pub const TOLERANCE: f64 = 1e-9;
+
+/// Where a direction meets a sphere's triangles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// The triangle, counted from 0.
+    pub triangle: u32,
+    /// Weights of its corners, in its order: at least 0, of sum 1.
+    pub barycentric: [f64; 3],
+}
+
+/// A sphere's triangles, made ready to be asked which of them a direction meets.
+pub struct SphereLocator {
+    tree: Bvh,
+    /// Unit vectors, counter-clockwise seen from outside but for flipped triangles.
+    corners: Vec<[Vec3; 3]>,
+    /// Whether the sphere's own order is clockwise: corners 1 and 2 have changed places in `corners`.
+    inward: bool,
+    faces: Vec<[u32; 3]>,
+    vertices: usize,
+    flipped: usize,
+}
+
+impl SphereLocator {
+    /// For a sphere around the origin, of any radius, wound either way. O(n log n).
+    ///
+    /// # Errors
+    ///
+    /// [`Argument`](SurfaceError::Argument) for a mesh without triangles, a vertex at the origin or not finite, or a
+    /// triangle that names a vertex that isn't there.
+    pub fn new(sphere: &Mesh) -> Result<Self, SurfaceError> {
+        let wrong = |found: String| SurfaceError::Argument {
+            what: "sphere to interpolate over",
+            expected: "triangles over vertices that have a direction",
+            found,
+        };
+        let directions = Directions::from_vertices(&sphere.vertices).map_err(|error| wrong(error.to_string()))?;
+        let vertices = directions.len();
+        if sphere.faces.is_empty() {
+            return Err(wrong("no triangle".to_owned()));
+        }
+        if let Some(face) = sphere.faces.iter().position(|f| f.iter().any(|&v| v as usize >= vertices)) {
+            return Err(wrong(format!("triangle {face} names {:?} of {vertices} vertices", sphere.faces[face])));
+        }
+        let corner = |v: u32| directions.as_slice()[v as usize];
+        let mut corners: Vec<[Vec3; 3]> = sphere.faces.iter().map(|face| face.map(corner)).collect();
+        let positive = |corners: &[[Vec3; 3]]| corners.iter().filter(|c| side(c) > 0.0).count();
+        let mut upright = positive(&corners);
+        // Wound inward: what follows sees it wound outward, and `locate` puts the weights back in the sphere's order.
+        let inward = 2 * upright < corners.len();
+        if inward {
+            corners.iter_mut().for_each(|c| c.swap(1, 2));
+            upright = positive(&corners);
+        }
+        let boxes: Vec<Aabb> = corners.iter().map(spherical_box).collect();
+        let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
+        let flipped = corners.len() - upright;
+        Ok(Self { tree, corners, inward, faces: sphere.faces.clone(), vertices, flipped })
+    }
+
+    /// How many triangles are turned over against the others, or have no area: 0 for a parameterisation that is one to
+    /// one.
+    #[must_use]
+    pub fn flipped(&self) -> usize {
+        self.flipped
+    }
+
+    /// The sphere's number of vertices.
+    #[must_use]
+    pub fn vertices(&self) -> usize {
+        self.vertices
+    }
+
+    /// The vertices whose values the weights of a [`Place`] belong to.
+    ///
+    /// # Panics
+    ///
+    /// When the place is not of this sphere.
+    #[must_use]
+    pub fn corners(&self, place: &Place) -> [u32; 3] {
+        self.faces[place.triangle as usize]
+    }
+
+    /// The triangle that a unit vector meets; `None` where there is none.
+    #[must_use]
+    pub fn locate(&self, direction: [f64; 3]) -> Option<Place> {
+        let inside = self.candidates(direction, 0.0).filter(|&t| contains(&self.corners[t as usize], direction)).min();
+        let triangle = inside.or_else(|| self.nearest(direction))?;
+        let mut barycentric = weights(&self.corners[triangle as usize], direction)?;
+        if self.inward {
+            barycentric.swap(1, 2);
+        }
+        Some(Place { triangle, barycentric })
+    }
+
+    /// [`locate`](Self::locate) for many, in parallel. (m) places.
+    ///
+    /// # Errors
+    ///
+    /// [`NotCovered`](SurfaceError::NotCovered), with how many directions no triangle covers.
+    pub fn locate_all(&self, directions: &[[f64; 3]]) -> Result<Vec<Place>, SurfaceError> {
+        let found: Vec<Option<Place>> = directions.par_iter().with_min_len(256).map(|&d| self.locate(d)).collect();
+        let missed = found.iter().filter(|place| place.is_none()).count();
+        if missed == 0 {
+            return Ok(found.into_iter().flatten().collect());
+        }
+        let first = found.iter().position(Option::is_none).unwrap_or_default();
+        Err(SurfaceError::NotCovered { missed, directions: directions.len(), first, flipped: self.flipped })
+    }
+
+    /// Values on the sphere's vertices, (n, c), interpolated at unit vectors: (m, c).
+    ///
+    /// # Errors
+    ///
+    /// As [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) where n isn't the number of
+    /// vertices.
+    pub fn interpolate(
+        &self,
+        values: ArrayView2<'_, f64>,
+        directions: &[[f64; 3]],
+    ) -> Result<Array2<f64>, SurfaceError> {
+        if values.nrows() != self.vertices {
+            return Err(SurfaceError::LengthMismatch {
+                what: "values over the sphere's vertices",
+                expected: self.vertices,
+                found: values.nrows(),
+            });
+        }
+        let places = self.locate_all(directions)?;
+        let mut result = Array2::zeros((places.len(), values.ncols()));
+        result.axis_iter_mut(Axis(0)).into_par_iter().zip(&places).with_min_len(256).for_each(|(mut row, place)| {
+            for (vertex, weight) in self.corners(place).into_iter().zip(place.barycentric) {
+                // 0 times what isn't finite would spoil a value that is there exactly.
+                if weight != 0.0 {
+                    row.scaled_add(weight, &values.row(vertex as usize));
+                }
+            }
+        });
+        Ok(result)
+    }
+
+    /// The triangles whose boxes hold a point, or come within `slack` of it.
+    fn candidates(&self, point: Vec3, slack: f64) -> impl Iterator<Item = u32> {
+        let point = Vector::from(point);
+        let (low, high) = (point - slack, point + slack);
+        self.tree.leaves(move |node| node.mins().cmple(high).all() && node.maxs().cmpge(low).all())
+    }
+
+    /// Of the triangles within [`TOLERANCE`], the one that a direction is least outside of.
+    fn nearest(&self, direction: Vec3) -> Option<u32> {
+        let outside = |t: u32| {
+            let [a, b, c] = self.corners[t as usize];
+            // Sine of the angle between d and the plane of an edge, beyond it.
+            let beyond = |u: Vec3, v: Vec3| {
+                let normal = cross(u, v);
+                -dot(normal, direction) / dot(normal, normal).sqrt()
+            };
+            let most = beyond(a, b).max(beyond(b, c)).max(beyond(c, a));
+            (side(&[a, b, c]) > 0.0 && most <= TOLERANCE).then_some((most, t))
+        };
+        let near = self.candidates(direction, TOLERANCE).filter_map(outside);
+        near.min_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1))).map(|(_, t)| t)
+    }
+}
+
+/// The sign, exact, of det(a, b, c): positive where the three turn counter-clockwise seen from outside the sphere.
+fn side([a, b, c]: &[Vec3; 3]) -> f64 {
+    let coord = |v: &Vec3| Coord3D { x: v[0], y: v[1], z: v[2] };
+    robust::orient3d(coord(a), coord(b), coord(c), Coord3D { x: 0.0, y: 0.0, z: 0.0 })
+}
+
+fn contains(corners: &[Vec3; 3], d: Vec3) -> bool {
+    let [a, b, c] = *corners;
+    side(&[a, b, d]) >= 0.0 && side(&[b, c, d]) >= 0.0 && side(&[c, a, d]) >= 0.0 && side(corners) > 0.0
+}
+
+/// The gnomonic weights; `None` where they don't exist, for a triangle without area.
+fn weights([a, b, c]: &[Vec3; 3], d: Vec3) -> Option<[f64; 3]> {
+    let [a, b, c] = [a, b, c].map(|&corner| sub(corner, d));
+    // Relative to d, the determinants are 0 exactly where d is a corner, and lose no digits in small triangles. Signs are
+    // decided: what rounding makes negative is 0.
+    let sizes = [(b, c), (c, a), (a, b)].map(|(u, v)| dot(cross(u, v), d).max(0.0));
+    let sum: f64 = sizes.iter().sum();
+    (sum > 0.0).then(|| sizes.map(|size| size / sum))
+}
+
+/// A box that holds the part of the unit sphere above a triangle.
+fn spherical_box(corners: &[Vec3; 3]) -> Aabb {
+    let [a, b, c] = *corners;
+    let square = |u: Vec3, v: Vec3| dot(sub(u, v), sub(u, v));
+    let longest = square(a, b).max(square(b, c)).max(square(c, a));
+    // |p|^2 = 1 - sum w_i w_j |v_i - v_j|^2 >= 1 - e^2 / 3 for any p of the triangle. Rounding adds some epsilons.
+    let bulge = 1.0 - (1.0 - longest / 3.0).max(0.0).sqrt() + 1e-15;
+    let (low, high) = bounds(corners.iter().copied());
+    Aabb::new(Vector::from(low.map(|x| x - bulge)), Vector::from(high.map(|x| x + bulge)))
+}

@@ -1,0 +1,74 @@
+//! Distances of surfaces that don't share their triangles.
+
+use spharm_surface::generate::{Cortex, cortex, icosphere, subdivide};
+use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
+use spharm_surface::{Mesh, SurfaceError};
+
+fn params() -> SurfaceDistanceParams {
+    SurfaceDistanceParams { samples: 20_000 }
+}
+
+fn scaled(mesh: &Mesh, by: f64) -> Mesh {
+    mesh.with_vertices(mesh.vertices.iter().map(|v| v.map(|x| by * x)).collect())
+}
+
+#[test]
+fn concentric_spheres_are_apart_by_the_difference_of_their_radii() {
+    let (inner, outer) = (icosphere(5), scaled(&icosphere(4), 1.25));
+    let d = surface_distance(&inner, &outer, &params()).unwrap();
+    // Facets of icosphere(4) lie up to 1.25 * 0.0016 below the sphere.
+    assert!((d.mean - 0.25).abs() < 2e-3 && (d.rms - 0.25).abs() < 2e-3, "{d:?}");
+    assert!((d.percentile95 - 0.25).abs() < 3e-3 && (d.hausdorff - 0.25).abs() < 1e-3, "{d:?}");
+    assert!((d.scale - 2.0).abs() < 1e-2);
+    assert!(d.forward.samples >= 20_000 && d.bound > 0.0 && d.bound < 0.05, "{d:?}");
+}
+
+#[test]
+fn a_mesh_and_its_subdivision_are_one_surface() {
+    let (surface, _) = cortex(&Cortex { subdivisions: 4, variant: 0 });
+    let d = surface_distance(&surface, &subdivide(&surface), &params()).unwrap();
+    assert!(d.hausdorff < 1e-13 * d.scale, "{d:?}");
+    let same = surface_distance(&surface, &surface, &params()).unwrap();
+    assert!(same.mean < 1e-14 * d.scale && same.hausdorff < 1e-13 * d.scale);
+}
+
+#[test]
+fn one_vertex_pulled_out_is_the_hausdorff_distance() {
+    let round = icosphere(4);
+    let mut pulled = round.clone();
+    pulled.vertices[100] = pulled.vertices[100].map(|x| 1.5 * x);
+    let d = surface_distance(&round, &pulled, &params()).unwrap();
+    assert!((d.hausdorff - 0.5).abs() < 1e-12 && d.backward.worst == pulled.vertices[100], "{d:?}");
+    assert!(d.forward.max < 0.2, "the round one's points find the spike's flanks: {d:?}");
+    assert!(d.mean < 5e-3 && d.percentile95 < 1e-3);
+}
+
+#[test]
+fn swapping_the_surfaces_changes_nothing_but_the_names() {
+    let (a, _) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    let (b, _) = cortex(&Cortex { subdivisions: 4, variant: 1 });
+    let (there, back) = (surface_distance(&a, &b, &params()).unwrap(), surface_distance(&b, &a, &params()).unwrap());
+    assert_eq!((there.mean, there.rms, there.percentile95), (back.mean, back.rms, back.percentile95));
+    assert_eq!((there.hausdorff, there.bound, there.forward), (back.hausdorff, back.bound, back.backward));
+}
+
+#[test]
+fn slivers_do_not_swell_the_work() {
+    // Two faces, 1e4 long and 1e-4 wide.
+    let sliver = Mesh::new(vec![[0.0, 0.0, 0.0], [1e4, 0.0, 0.0], [1e4, 1e-4, 1.0]], vec![[0, 1, 2], [0, 2, 1]]);
+    let d = surface_distance(&sliver, &sliver, &params()).unwrap();
+    assert!(d.forward.samples <= 160_000, "{d:?}");
+}
+
+#[test]
+fn what_has_no_area_has_no_distance() {
+    let round = icosphere(1);
+    let mut broken = round.clone();
+    broken.vertices[3][1] = f64::NAN;
+    let point = Mesh::new(vec![[1.0; 3]; 3], vec![[0, 1, 2]]);
+    for bad in [&broken, &point, &Mesh::default()] {
+        let error = surface_distance(&round, bad, &params()).unwrap_err();
+        assert!(matches!(error, SurfaceError::Argument { .. }), "{error}");
+        assert!(surface_distance(bad, &round, &params()).is_err());
+    }
+}
