@@ -23,6 +23,7 @@
 //! |---|---|
 //! | [`index`] | (degree, order) to column and back |
 //! | [`directions`] | unit vectors: from vertices, from angles; what is wrong with them |
+//! | [`quadrature`] | Gauss-Legendre rings |
 //! | [`recurrence`] | the normalised Legendre recurrence and its coefficients |
 //! | [`sweep`] | blocks `A_l` for a run of directions, degree after degree: the fast path |
 //! | [`product`] | a block times a few columns, and its transpose: the loops that sweeps of a store are made of
@@ -52,6 +53,7 @@ mod error;
 pub mod index;
 mod polar;
 pub mod product;
+pub mod quadrature;
 pub mod recurrence;
 pub mod sweep;
 pub mod synthesis;
@@ -61,6 +63,7 @@ pub use coefficients::Coefficients;
 pub use directions::Directions;
 pub use error::HarmonicsError;
 pub use index::{basis_size, column};
+pub use quadrature::{GaussLegendre, gauss_legendre};
 pub use recurrence::{MAX_DEGREE, Recurrence};
 pub use sweep::Sweep;
 pub use synthesis::synthesis;
