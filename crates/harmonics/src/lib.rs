@@ -23,6 +23,7 @@
 //! |---|---|
 //! | [`index`] | (degree, order) to column and back |
 //! | [`directions`] | unit vectors: from vertices, from angles; what is wrong with them |
+//! | [`quadrature`] | Gauss-Legendre rings |
 //! | [`recurrence`] | the normalised Legendre recurrence and its coefficients |
 //! | [`rings`] | the same for one order at a time, for transforms over rings |
 //! | [`sweep`] | blocks `A_l` for a run of directions, degree after degree: the fast path |
@@ -55,6 +56,7 @@ mod error;
 pub mod index;
 pub mod polar;
 pub mod product;
+pub mod quadrature;
 pub mod recurrence;
 pub mod rings;
 pub mod sweep;
@@ -65,6 +67,7 @@ pub use coefficients::Coefficients;
 pub use directions::Directions;
 pub use error::HarmonicsError;
 pub use index::{basis_size, column};
+pub use quadrature::{GaussLegendre, gauss_legendre};
 pub use recurrence::{MAX_DEGREE, Recurrence};
 pub use sweep::Sweep;
 pub use synthesis::synthesis;

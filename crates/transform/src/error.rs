@@ -37,4 +37,22 @@ pub enum TransformError {
         /// Rows that it has.
         found: usize,
     },
+    /// Moments that don't go to twice the degree.
+    #[error("moments: expected {expected} values, to degree {degree}, found {found}")]
+    MomentCount {
+        /// The degree they should go to, `2 L`.
+        degree: usize,
+        /// `(2 L + 1)^2`.
+        expected: usize,
+        /// Values found.
+        found: usize,
+    },
+    /// A moment that is NaN or infinite.
+    #[error("moment {column}: expected a finite value, found {found}; check the weights and directions")]
+    MomentNotFinite {
+        /// Canonical column, from 0.
+        column: usize,
+        /// The value.
+        found: f64,
+    },
 }

@@ -23,6 +23,7 @@
 //! | `grid` | interpolation at the directions and spreading from them |
 //! | `points` | the directions, sorted |
 //! | `shape` | the choice of grid and kernel |
+//! | [`gram`] | the Gram matrix of the basis at scattered weighted directions, from their moments |
 //!
 //! ```
 //! use ndarray::array;
@@ -40,6 +41,7 @@
 
 mod error;
 mod fourier;
+pub mod gram;
 mod grid;
 mod kernel;
 mod legendre;
@@ -49,5 +51,6 @@ mod shape;
 pub mod transform;
 
 pub use error::TransformError;
+pub use gram::MomentGram;
 pub use shape::{COARSEST, FINEST};
 pub use transform::{SortedWeights, Transform, TransformParams};

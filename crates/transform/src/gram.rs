@@ -1,0 +1,201 @@
+//! The Gram matrix `A^T diag(w) A` of the canonical basis at n scattered weighted directions, without the basis.
+//!
+//! The *moments* `s_{lm} = sum_i w_i S_{lm}(x_i)` to degree 2L, one adjoint synthesis of the weights, are all that the
+//! Gram matrix knows of weights and directions: a product of two harmonics of degrees up to L is of degree 2L. With
+//! `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to 2L, and the integrand's degree
+//! of 4L is met exactly by 2L + 1 Gauss-Legendre rings. There, for orders m, m' >= 0 and s, s' in {cos, sin},
+//!
+//! ```text
+//! G[(l, m, s), (l', m', s')] = sum_j P_{l,m}(theta_j) W_{m,m'}^{s,s'}(j) P_{l',m'}(theta_j)
+//! W^{cos,cos} = c_{m-m'} + c_{m+m'}      W^{sin,cos} = d_{m+m'} + d_{m-m'}
+//! W^{sin,sin} = c_{m-m'} - c_{m+m'}      W^{cos,sin} = d_{m+m'} - d_{m-m'}
+//! ```
+//!
+//! where `c_k`, `d_k` are half the measure's Fourier coefficients on the ring ([`measure`]). A product of three harmonics
+//! of degrees l, l', l'' integrates to zero unless l + l' + l'' is even (`S_{lm}(-x) = (-1)^l S_{lm}(x)`): only the moments
+//! of degrees of l + l' 's parity enter, and with them the integrand is the same on mirrored rings. That leaves the L + 1
+//! rings from the north pole to the equator, and half of the flops.
+//!
+//! # Cost
+//!
+//! Whatever n is: `L^5` flops for the lower triangle (1.05e10 at L = 100, 3.3e11 at L = 200), and 2 `L^3` or so of setting
+//! up. Memory: see [`MomentGram::bytes`]; 5 MB at L = 100, 38 MB at L = 200, beside the matrix. The matrix itself is
+//! `8 (L + 1)^4` bytes and written once, down its columns.
+//!
+//! # Range
+//!
+//! L up to half of [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Weights may be negative. Errors are some eps of the
+//! largest entry. An entry's bits depend neither on the number of threads nor on how the matrix is cut into tiles.
+//!
+//! After D. M. Healy, D. N. Rockmore, P. J. Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and variations", J.
+//! Fourier Anal. Appl. 9 (2003), for the way from a measure to its moments and back by quadrature; the Gram matrix of
+//! scattered data from moments is, on the circle, K. Gröchenig's Toeplitz matrix ("Reconstruction algorithms in irregular
+//! sampling", Math. Comp. 59 (1992)).
+//!
+//! ```
+//! use spharm_transform::MomentGram;
+//!
+//! // The uniform measure: all moments but the first vanish, and the Gram matrix is the identity.
+//! let mut moments = vec![0.0; 25]; // to degree 2 L = 4
+//! moments[0] = (4.0 * std::f64::consts::PI).sqrt();
+//! let gram = MomentGram::new(2, &moments)?;
+//! let mut lower = vec![0.0; 81]; // (9, 9) column-major
+//! gram.write_lower(&mut lower, 9);
+//! assert!((lower[0] - 1.0).abs() < 1e-14 && lower[1].abs() < 1e-14);
+//! # Ok::<(), spharm_transform::TransformError>(())
+//! ```
+
+mod kernel;
+mod measure;
+mod panel;
+#[cfg(test)]
+mod tests;
+
+use std::ops::{Range, RangeInclusive};
+
+use rayon::prelude::*;
+use spharm_harmonics::basis_size;
+use spharm_harmonics::index::{degree_order, first_column};
+
+use crate::TransformError;
+use measure::Measure;
+use panel::{Part, Rows};
+
+/// Degrees l' of one order m' that a thread takes at a time: enough to make good for preparing W, few enough to share.
+const TASK: usize = 16;
+/// Columns and rows that are mirrored at a time: 32 KB, an L1 cache's.
+const MIRROR: usize = 64;
+
+/// The Gram matrix of the canonical basis to degree L, entry by entry or as a whole, from the moments of its measure.
+#[derive(Debug)]
+pub struct MomentGram {
+    measure: Measure,
+}
+
+impl MomentGram {
+    /// From the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2` values in canonical order.
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::MomentCount`], [`TransformError::MomentNotFinite`]; [`TransformError::Harmonics`] where 2L is above
+    /// [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+    pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
+        let degree = 2 * max_degree;
+        let expected = basis_size(degree);
+        if moments.len() != expected {
+            return Err(TransformError::MomentCount { degree, expected, found: moments.len() });
+        }
+        if let Some(column) = moments.iter().position(|moment| !moment.is_finite()) {
+            return Err(TransformError::MomentNotFinite { column, found: moments[column] });
+        }
+        Ok(Self { measure: Measure::new(max_degree, moments)? })
+    }
+
+    /// Bytes that it holds for a degree, about `4 (L + 1)^3`; each thread needs about 1 MiB more while it works.
+    pub const fn bytes(max_degree: usize) -> usize {
+        Measure::bytes(max_degree)
+    }
+
+    /// The highest degree, L.
+    pub fn max_degree(&self) -> usize {
+        self.measure.max_degree()
+    }
+
+    /// Rows and columns of the whole matrix, `K = (L + 1)^2`.
+    pub fn size(&self) -> usize {
+        basis_size(self.max_degree())
+    }
+
+    /// Writes the lower triangle with the diagonal, columns in canonical order, into `out`, (K, K) column-major with
+    /// `leading` values from column to column. What is above the diagonal stays as it is.
+    ///
+    /// # Panics
+    ///
+    /// If `leading` is below K or `out` is too short.
+    pub fn write_lower(&self, out: &mut [f64], leading: usize) {
+        self.fill(0..self.size(), 0..self.size(), true, out, leading);
+    }
+
+    /// Writes the entries of some rows and columns, anywhere in the symmetric matrix, into `out`, (rows, columns)
+    /// column-major with `leading` values from column to column.
+    ///
+    /// Whole degrees are cheapest: a degree of which one column is asked for costs up to half of its own.
+    ///
+    /// # Panics
+    ///
+    /// If a range goes past K, `leading` is below the number of rows or `out` is too short.
+    pub fn tile(&self, rows: Range<usize>, columns: Range<usize>, out: &mut [f64], leading: usize) {
+        self.fill(rows, columns, false, out, leading);
+    }
+
+    /// Writes the Gram matrix of one run of degrees, both triangles, into `out`, (k, k) column-major where k is their number
+    /// of functions. It is symmetric to the last bit.
+    ///
+    /// # Panics
+    ///
+    /// If the degrees go past L or `out` isn't `k^2` long.
+    pub fn block(&self, degrees: RangeInclusive<usize>, out: &mut [f64]) {
+        let columns = first_column(*degrees.start())..first_column(degrees.end() + 1);
+        let size = columns.len();
+        assert_eq!(out.len(), size * size, "a block of {size} functions");
+        self.fill(columns.clone(), columns, true, out, size);
+        mirror_lower(out, size);
+    }
+
+    /// `lower`: rows above a column's own are left alone.
+    fn fill(&self, rows: Range<usize>, columns: Range<usize>, lower: bool, out: &mut [f64], leading: usize) {
+        let size = self.size();
+        assert!(rows.end <= size && columns.end <= size, "{rows:?} x {columns:?} of {size} functions");
+        if rows.is_empty() || columns.is_empty() {
+            return;
+        }
+        assert!(leading >= rows.len(), "leading dimension {leading} below {} rows", rows.len());
+        let needed = (columns.len() - 1) * leading + rows.len();
+        assert!(
+            out.len() >= needed,
+            "{} columns by {leading} need {needed} values, found {}",
+            columns.len(),
+            out.len()
+        );
+
+        // Columns of one order, of both signs, share their sums' factors: they go to one task.
+        let mut orders: Vec<Vec<Part<'_>>> = (0..=self.max_degree()).map(|_| Vec::new()).collect();
+        for (column, values) in columns.zip(out[..needed].chunks_mut(leading)) {
+            let (degree, order) = degree_order(column);
+            let parts = &mut orders[order.unsigned_abs()];
+            let skipped = if lower { column.clamp(rows.start, rows.end) - rows.start } else { 0 };
+            let values = &mut values[skipped..rows.len()];
+            if parts.last().is_none_or(|part| part.degree != degree) {
+                parts.push(Part::new(degree));
+            }
+            if let Some(part) = parts.last_mut() {
+                part.signs[usize::from(order < 0)] = Some(values);
+            }
+        }
+        let mut tasks = Vec::new();
+        for (order, mut parts) in orders.into_iter().enumerate() {
+            while !parts.is_empty() {
+                let rest = parts.split_off(TASK.min(parts.len()));
+                tasks.push((order, parts));
+                parts = rest;
+            }
+        }
+        let rows = Rows { range: rows, lower };
+        tasks.into_par_iter().with_max_len(1).for_each(|(order, mut parts)| {
+            panel::fill(&self.measure, &rows, order, &mut parts);
+        });
+    }
+}
+
+/// Copies the lower triangle of a (size, size) matrix to the upper one.
+fn mirror_lower(matrix: &mut [f64], size: usize) {
+    for first in (0..size).step_by(MIRROR) {
+        for start in (first..size).step_by(MIRROR) {
+            for column in first..size.min(first + MIRROR) {
+                for row in start.max(column + 1)..size.min(start + MIRROR) {
+                    matrix[row * size + column] = matrix[column * size + row];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Columns of one order m': which degrees and orders of rows they need, and where the sums go.
+//!
+//! The orders m of the rows are taken in panels, so that W_{m,m'} of a panel stays in a core's L2 cache while all l and l'
+//! use it. Rows of one degree and sign lie together in the matrix, so a panel's sums go down a column in runs as long as
+//! the panel, all of a degree's orders at degree 100.
+
+use std::ops::Range;
+
+use spharm_harmonics::column;
+use spharm_harmonics::index::degree_order;
+
+use super::kernel::{KINDS, LANES, ROWS, Row, Weights, products, strip};
+use super::measure::Measure;
+
+/// Bytes of W in a panel: beside it, the L2 cache holds the Legendre functions of three degrees, a quarter as much each.
+const WEIGHT_BYTES: usize = 512 << 10;
+
+/// The rows asked for.
+#[derive(Debug)]
+pub(super) struct Rows {
+    pub(super) range: Range<usize>,
+    /// Only rows from the column's own on.
+    pub(super) lower: bool,
+}
+
+/// The columns of one degree and one |order|.
+#[derive(Debug)]
+pub(super) struct Part<'a> {
+    pub(super) degree: usize,
+    /// The column of the cosine and that of the sine, where they are asked for: the rows' last values, from the first on
+    /// that is to be written.
+    pub(super) signs: [Option<&'a mut [f64]>; 2],
+}
+
+impl Part<'_> {
+    pub(super) fn new(degree: usize) -> Self {
+        Self { degree, signs: [None, None] }
+    }
+}
+
+/// Fills the columns `parts`, of one order and ascending in degree.
+pub(super) fn fill(measure: &Measure, rows: &Rows, order: usize, parts: &mut [Part<'_>]) {
+    let rings = measure.rings();
+    let Some(lowest) = parts.first().map(|part| part.degree) else { return };
+    let groups = rows.groups(lowest);
+    let mut columns = vec![0.0; parts.len() * rings];
+    for (part, column) in parts.iter().zip(columns.chunks_exact_mut(rings)) {
+        column.iter_mut().zip(measure.order(part.degree, order)).for_each(|(x, p)| *x = p);
+    }
+    let all = groups.iter().fold(0..0, |all, group| join(all, group.blocks.clone()));
+    let panel = (WEIGHT_BYTES / (rings * size_of::<Weights>())).clamp(1, all.len().max(1));
+    let mut weights = vec![Weights::default(); panel * rings];
+    let mut sums = vec![[0.0; LANES]; ROWS * parts.len() * KINDS * panel];
+    // Degrees l + l' of one parity share W.
+    for parity in 0..2 {
+        for origin in all.clone().step_by(panel) {
+            let end = all.end.min(origin + panel);
+            let mut prepared = false;
+            for group in &groups {
+                let blocks = group.blocks.start.max(origin)..group.blocks.end.min(end);
+                let highest = group.degrees[group.degrees.len() - 1];
+                let wanted = |degree: usize| (degree + highest) % 2 == parity && !(rows.lower && degree > highest);
+                let taken: Vec<_> = (0..parts.len()).filter(|&i| wanted(parts[i].degree)).collect();
+                if blocks.is_empty() || taken.is_empty() {
+                    continue;
+                }
+                if !prepared {
+                    measure.weights(parity, order, origin, &mut weights[..(end - origin) * rings]);
+                    prepared = true;
+                }
+                let legendre = |&degree: &usize| Row { degree, legendre: measure.degree(degree) };
+                let of_rows: Vec<_> = group.degrees.iter().map(legendre).collect();
+                let of_columns: Vec<_> = taken.iter().map(|&i| &columns[i * rings..][..rings]).collect();
+                products(&of_rows, &of_columns, &weights, rings, origin, blocks.clone(), &mut sums);
+                for (r, &degree) in group.degrees.iter().enumerate() {
+                    for (c, &i) in taken.iter().enumerate() {
+                        for kind in 0..KINDS {
+                            if let Some(values) = &mut parts[i].signs[kind / 2] {
+                                let sums = &sums[strip(r, taken.len(), c, kind, blocks.len())..][..blocks.len()];
+                                rows.put(values, degree, kind % 2 == 1, blocks.start * LANES, sums.as_flattened());
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Up to [`ROWS`] degrees of equal parity, ascending, and the blocks of eight orders that are asked for of any of them.
+#[derive(Debug)]
+struct Group {
+    degrees: Vec<usize>,
+    blocks: Range<usize>,
+}
+
+impl Rows {
+    fn groups(&self, lowest: usize) -> Vec<Group> {
+        let (first, last) = (degree_order(self.range.start).0, degree_order(self.range.end - 1).0);
+        let first = if self.lower { first.max(lowest) } else { first };
+        let mut groups = Vec::new();
+        for start in [first, first + 1] {
+            let degrees: Vec<_> = (start..=last).step_by(2).collect();
+            for degrees in degrees.chunks(ROWS) {
+                let blocks = degrees.iter().fold(0..0, |all, &l| join(all, self.blocks(l)));
+                groups.push(Group { degrees: degrees.to_vec(), blocks });
+            }
+        }
+        groups
+    }
+
+    /// Blocks of eight |orders| of which degree `l` has rows in the range.
+    fn blocks(&self, l: usize) -> Range<usize> {
+        let (centre, low, high) = (column(l, 0), column(l, -(l as isize)), column(l, l as isize));
+        let (start, end) = (low.max(self.range.start), high.min(self.range.end - 1));
+        let (start_order, end_order) = (start.abs_diff(centre), end.abs_diff(centre));
+        let least = if start <= centre && centre <= end { 0 } else { start_order.min(end_order) };
+        least / LANES..start_order.max(end_order) / LANES + 1
+    }
+
+    /// Copies the sums of degree `l`, orders from `first` on, to their rows: sines' run the other way.
+    fn put(&self, values: &mut [f64], l: usize, sine: bool, first: usize, sums: &[f64]) {
+        if first > l {
+            return;
+        }
+        let centre = column(l, 0);
+        let sums = &sums[..sums.len().min(l + 1 - first)];
+        // The column's last value is the last row's.
+        let start = self.range.end - values.len();
+        let clip = |low: usize, high: usize| low.clamp(start, self.range.end)..high.clamp(start, self.range.end);
+        if sine {
+            // There is no sine of order 0.
+            let (first, sums) = if first == 0 { (1, &sums[1..]) } else { (first, sums) };
+            let end = centre + 1 - first;
+            let rows = clip(end - sums.len(), end);
+            let sums = &sums[end - rows.end.min(end)..];
+            let out = values[rows.start - start..rows.end - start].iter_mut().rev();
+            out.zip(sums).for_each(|(out, sum)| *out = *sum);
+        } else {
+            let rows = clip(centre + first, centre + first + sums.len());
+            if !rows.is_empty() {
+                let sums = &sums[rows.start - centre - first..][..rows.len()];
+                values[rows.start - start..rows.end - start].copy_from_slice(sums);
+            }
+        }
+    }
+}
+
+/// The smallest range that holds both.
+fn join(a: Range<usize>, b: Range<usize>) -> Range<usize> {
+    match (a.is_empty(), b.is_empty()) {
+        (true, _) => b,
+        (_, true) => a,
+        _ => a.start.min(b.start)..a.end.max(b.end),
+    }
+}
