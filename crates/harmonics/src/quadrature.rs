@@ -16,6 +16,8 @@
 //!
 //! Cost: about 35 n^2 flops and 32 n bytes of tables; 0.05 s for 4,001 rings.
 
+use std::ops::{Add, Div, Mul, Sub};
+
 use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::double_double::DoubleDouble;
