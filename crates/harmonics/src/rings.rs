@@ -119,7 +119,7 @@ mod tests {
             for l in m..=12 {
                 let r = alpha[l - m] * theta.cos() * newest - older;
                 (older, newest) = (newest, r);
-                let expected = textbook::harmonic(l, m as isize, theta, 0.0);
+                let expected = textbook::harmonic(l, m as isize, [theta.sin(), 0.0, theta.cos()]);
                 let found = r * powers[m] * scale[l - m];
                 assert!((found - expected).abs() < 1e-14, "{l} {m}: {found} {expected}");
             }
