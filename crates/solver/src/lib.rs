@@ -17,6 +17,7 @@
 //! | [`mod@fit`] | the passes |
 //! | [`lsq`] | exact least squares without the matrix |
 //! | [`report`] | what a fit tells about itself |
+//! | [`cholesky`] | the factor of the whole normal equations, in memory or in a store |
 //! | [`dense`] | the BLAS and LAPACK, behind one door |
 //!
 //! ```
@@ -37,6 +38,7 @@
 //! ```
 
 mod block;
+pub mod cholesky;
 pub mod dense;
 pub mod disk;
 mod error;
@@ -52,6 +54,7 @@ pub mod schedule;
 mod triangle;
 mod workers;
 
+pub use cholesky::{CholeskyFactor, Factor, FactorParams, GramSource, StoredFactor};
 pub use disk::DiskOperator;
 pub use error::SolverError;
 pub use fit::{Fit, FitEvent, FitParams, Fitter, fit};
