@@ -1,13 +1,21 @@
-//! `fit`: fits surfaces and signals to a basis in a store.
+//! `fit`: fits surfaces and signals on the sphere.
 
+#[path = "fit/exact.rs"]
+mod exact;
+#[path = "fit/hold_out.rs"]
+mod hold_out;
 #[path = "fit/job.rs"]
 mod job;
 #[path = "fit/outputs.rs"]
 mod outputs;
+#[path = "fit/quadrature.rs"]
+mod quadrature;
 #[path = "fit/report.rs"]
 mod report;
+#[path = "fit/streamed.rs"]
+mod streamed;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -22,25 +30,27 @@ use spharm_cli::machine::raise_file_limit;
 use spharm_cli::output::{print, refuse_existing};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
-use spharm_solver::{DiskOperator, Method};
+use spharm_solver::Method;
 use spharm_store::{Scalar, Scheme, SchemeKey, StoreError, catalog};
 use spharm_surface::io::read_signal;
 
+use crate::hold_out::HoldOut;
 use crate::job::Job;
 use crate::outputs::items;
 use crate::report::{Seconds, finish};
 
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
-/// The basis comes from a store that basis-build has made for the same sphere. All surfaces of one call are fitted
-/// together, in as few sweeps over the store as the memory allows.
+/// Without --store: the exact least squares, by fast transforms. With --store: iterative residual fitting over a basis that
+/// basis-build has made for the same sphere, in bounded memory. All surfaces of one call are fitted together, in as few
+/// sweeps as the memory allows.
 #[derive(Debug, Parser)]
 #[command(name = "fit", version)]
 pub(crate) struct Cli {
     /// Folder of the basis store
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
-    store: PathBuf,
-    /// The sphere that the basis was built for
+    store: Option<PathBuf>,
+    /// The sphere: a mesh around the origin, or a CSV of theta,phi
     #[arg(long, value_name = "SPHERE")]
     sphere: PathBuf,
     /// Surfaces, or signals (GIfTI, FreeSurfer curv, CSV with a row a vertex), on the sphere's vertices; @LIST takes the
@@ -50,9 +60,10 @@ pub(crate) struct Cli {
     /// Highest degree, inclusive
     #[arg(long, value_name = "L")]
     max_degree: usize,
-    /// Iterative residual fitting, the paper's special cases of it, or the full least squares
-    #[arg(long, value_enum, default_value_t = MethodName::Irf)]
-    method: MethodName,
+    /// Exact least squares, iterative residual fitting and the paper's special cases of it over a store, the paper's full
+    /// least squares over a store, or quadrature on a resampled grid [default: irf with --store, else lsq]
+    #[arg(long, value_enum)]
+    method: Option<MethodName>,
     /// Number of passes, p (irf, mirf) [default: 1]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     passes: Option<u32>,
@@ -65,12 +76,34 @@ pub(crate) struct Cli {
     /// Weights of the vertices: uniform, area (their share of the sphere), or a file with one value for each
     #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
     weights: String,
+    /// Smoothness penalty (lsq): adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances; auto chooses it for each
+    /// surface by generalised cross-validation
+    #[arg(long, value_name = "LAMBDA|auto")]
+    smoothness: Option<Smoothness>,
+    /// Also write each coefficient's standard error, NAME.spharm.stderr.npy (lsq)
+    #[arg(long)]
+    stderr: bool,
+    /// Leave this fraction of the vertices out of the fit, and tell the distances there
+    #[arg(long, value_name = "FRACTION", value_parser = fraction)]
+    hold_out: Option<f64>,
+    /// Optimality to reach (lsq): the gradient in relation to that of no fit at all
+    #[arg(long, value_name = "T", default_value = "1e-10", value_parser = tolerance)]
+    tolerance: f64,
+    /// Most iterations (lsq)
+    #[arg(long, value_name = "N", default_value_t = 3000)]
+    max_iterations: usize,
+    /// What the iterations are preconditioned with (lsq); auto makes a factor where they are slow
+    #[arg(long, value_enum, default_value_t = PreconditionerName::Auto)]
+    preconditioner: PreconditionerName,
+    /// Highest degree of --preconditioner low-degrees [default: 20]
+    #[arg(long, value_name = "L0")]
+    low_degrees: Option<usize>,
     /// Scalar type of the basis to use [default: what the store holds, f64 first]
     #[arg(long, value_enum)]
     dtype: Option<Dtype>,
-    /// Memory to keep to, mapped files included
-    #[arg(long, value_name = "SIZE", default_value = "256MiB")]
-    memory: Size,
+    /// Memory to keep to, mapped files included [default: 256MiB over a store, else half of what is free]
+    #[arg(long, value_name = "SIZE")]
+    memory: Option<Size>,
     #[command(flatten)]
     threads: Threads,
     /// Folder for the models, NAME.spharm.npz; for one surface also a file, whose name ends in .npz [default: here]
@@ -88,7 +121,7 @@ pub(crate) struct Cli {
     /// Check every byte of the basis against its hash first
     #[arg(long)]
     verify: bool,
-    /// Refuse surfaces that aren't closed and of genus zero
+    /// Refuse surfaces that aren't closed and of genus zero, and fits that don't reach the tolerance
     #[arg(long)]
     strict: bool,
     /// Replace outputs that exist
@@ -103,10 +136,70 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum MethodName {
+    Lsq,
     Irf,
     Sirf,
     Mirf,
     Nlsf,
+    Quadrature,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PreconditionerName {
+    Auto,
+    None,
+    Density,
+    LowDegrees,
+    Factor,
+}
+
+/// The smoothness asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Smoothness {
+    Auto,
+    Lambda(f64),
+}
+
+impl std::str::FromStr for Smoothness {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
+        let lambda = text.parse().ok().filter(|lambda: &f64| *lambda >= 0.0 && lambda.is_finite());
+        lambda.map(Self::Lambda).ok_or_else(|| "expected a number from 0, or auto".to_owned())
+    }
+}
+
+/// What to do with the targets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum How {
+    /// Residual fitting over a store.
+    Streamed(Method),
+    /// Least squares by transforms.
+    Lsq,
+    /// A resampled grid.
+    Quadrature,
+}
+
+impl How {
+    /// The method's name, in lower case.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Streamed(method) => method.name(),
+            Self::Lsq => "lsq",
+            Self::Quadrature => "quadrature",
+        }
+    }
+
+    /// Passes over the basis.
+    pub(crate) fn passes(self) -> usize {
+        match self {
+            Self::Streamed(method) => method.passes(),
+            _ => 1,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -122,6 +215,16 @@ fn at_least_one(text: &str) -> Result<usize, String> {
     }
 }
 
+fn fraction(text: &str) -> Result<f64, String> {
+    let fraction = text.parse().ok().filter(|fraction: &f64| *fraction > 0.0 && *fraction < 1.0);
+    fraction.ok_or_else(|| "expected a fraction between 0 and 1".to_owned())
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    let tolerance = text.parse().ok().filter(|tolerance: &f64| *tolerance > 0.0 && *tolerance < 1.0);
+    tolerance.ok_or_else(|| "expected a number between 0 and 1".to_owned())
+}
+
 /// Most sweeps beyond the one pass of nlsf: each takes the error that rounding left down by eps times the condition.
 const REFINEMENTS: usize = 5;
 /// More surfaces at a time gain nothing: their products then take much longer than reading the basis.
@@ -129,35 +232,63 @@ const MOST_TOGETHER: usize = 128;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let method = method_of(&cli);
-    spharm_cli::exit::run(|| work(&cli, method))
+    let how = how(&cli);
+    spharm_cli::exit::run(|| work(&cli, how))
 }
 
 /// The method that the flags name; flags that don't belong to it are usage errors.
-fn method_of(cli: &Cli) -> Method {
-    let refuse = |flag: &str, method: &str, hint: &str| -> ! {
-        let message = format!("{flag} doesn't go with --method {method}{hint}");
+fn how(cli: &Cli) -> How {
+    let method = cli.method.unwrap_or(if cli.store.is_some() { MethodName::Irf } else { MethodName::Lsq });
+    let name = method.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
+    let refuse = |flag: &str, hint: &str| -> ! {
+        let message = format!("{flag} doesn't go with --method {name}{hint}");
         Cli::command().error(ErrorKind::ArgumentConflict, message).exit()
     };
-    if cli.start_degree.is_some() && !matches!(cli.method, MethodName::Sirf | MethodName::Mirf) {
-        refuse("--start-degree", "irf or nlsf", "");
+    let streamed = !matches!(method, MethodName::Lsq | MethodName::Quadrature);
+    if streamed && cli.store.is_none() {
+        let message = format!("--method {name} needs --store DIR, with a basis that basis-build has made");
+        Cli::command().error(ErrorKind::MissingRequiredArgument, message).exit();
     }
-    if cli.granularity.is_some() && cli.method != MethodName::Irf {
-        refuse("--granularity", "sirf, mirf or nlsf", "");
+    if cli.start_degree.is_some() && !matches!(method, MethodName::Sirf | MethodName::Mirf) {
+        refuse("--start-degree", "");
     }
-    if cli.passes.is_some_and(|p| p > 1) && matches!(cli.method, MethodName::Sirf | MethodName::Nlsf) {
-        refuse("--passes", "sirf or nlsf", ", which have one pass; several passes of sirf are mirf");
+    if cli.granularity.is_some() && method != MethodName::Irf {
+        refuse("--granularity", "");
+    }
+    if cli.passes.is_some_and(|p| p > 1) && !matches!(method, MethodName::Irf | MethodName::Mirf) {
+        refuse("--passes", "; several passes of sirf are mirf");
+    }
+    if method != MethodName::Lsq {
+        let of_lsq = [
+            (cli.smoothness.is_some(), "--smoothness"),
+            (cli.stderr, "--stderr"),
+            (cli.preconditioner != PreconditionerName::Auto, "--preconditioner"),
+        ];
+        if let Some((_, flag)) = of_lsq.into_iter().find(|(given, _)| *given) {
+            refuse(flag, "; use --method lsq");
+        }
+    }
+    if method == MethodName::Quadrature && (cli.weights != "uniform" || cli.hold_out.is_some()) {
+        refuse("--weights or --hold-out", "");
+    }
+    if !streamed && (cli.dtype.is_some() || cli.verify) {
+        refuse("--dtype or --verify", ", which doesn't read a basis");
+    }
+    if cli.low_degrees.is_some() && cli.preconditioner != PreconditionerName::LowDegrees {
+        refuse("--low-degrees", " without --preconditioner low-degrees");
     }
     let (passes, start_degree) = (cli.passes.unwrap_or(1) as usize, cli.start_degree.unwrap_or(0));
-    match cli.method {
-        MethodName::Irf => Method::Irf { passes, granularity: cli.granularity.unwrap_or(100) },
-        MethodName::Sirf => Method::Sirf { start_degree },
-        MethodName::Mirf => Method::Mirf { passes, start_degree },
-        MethodName::Nlsf => Method::Nlsf,
+    match method {
+        MethodName::Lsq => How::Lsq,
+        MethodName::Quadrature => How::Quadrature,
+        MethodName::Irf => How::Streamed(Method::Irf { passes, granularity: cli.granularity.unwrap_or(100) }),
+        MethodName::Sirf => How::Streamed(Method::Sirf { start_degree }),
+        MethodName::Mirf => How::Streamed(Method::Mirf { passes, start_degree }),
+        MethodName::Nlsf => How::Streamed(Method::Nlsf),
     }
 }
 
-fn work(cli: &Cli, method: Method) -> Result<()> {
+fn work(cli: &Cli, how: How) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
     let cancel = spharm_cli::exit::cancel();
@@ -170,18 +301,30 @@ fn work(cli: &Cli, method: Method) -> Result<()> {
         refuse_existing(path, cli.force, "report", "--report")?;
     }
     let sphere = read_sphere(&cli.sphere, &console)?;
-    let weights = weights(&cli.weights, &sphere)?;
+    let hold_out = cli.hold_out.map(|fraction| HoldOut::new(sphere.directions.len(), fraction));
+    let mut weights = weights(&cli.weights, &sphere)?;
+    if let Some(hold_out) = &hold_out {
+        console.note(format!("{} vertices are held out", hold_out.count()));
+        weights = Some(hold_out.apply(weights));
+    }
     let pool = cli.threads.pool()?;
-    let (scheme, scalar) = open_scheme(cli, &sphere)?;
-    if cli.verify {
-        verify(&scheme, &console, cancel)?;
+    let opened = match (how, &cli.store) {
+        (How::Streamed(_), Some(store)) => Some(open_scheme(cli, store, &sphere)?),
+        _ => None,
+    };
+    if let (true, Some((scheme, _))) = (cli.verify, &opened) {
+        verify(scheme, &console, cancel)?;
     }
     let mut seconds = Seconds { read: started.elapsed().as_secs_f64(), ..Seconds::default() };
-    let key = scheme.key();
-    let operator = DiskOperator::new(scheme);
+    let scalar = opened.as_ref().map_or(Scalar::F64, |(_, scalar)| *scalar);
+    let key = opened.as_ref().map_or_else(|| SchemeKey::of(&sphere.directions, scalar), |(scheme, _)| scheme.key());
     let threads = cli.threads.count();
-    let mut job = Job { cli, console, sphere, weights, key, scalar, method, operator, seconds, threads };
-    let fits = pool.install(|| job.run(&items, cancel))?;
+    let mut job = Job { cli, console, sphere, weights, hold_out, key, scalar, how, seconds, threads };
+    let fits = pool.install(|| match (how, opened) {
+        (How::Streamed(method), Some((scheme, _))) => streamed::run(&mut job, method, scheme, &items, cancel),
+        (How::Quadrature, _) => quadrature::run(&mut job, &items, cancel),
+        _ => exact::run(&mut job, &items, cancel),
+    })?;
     seconds = job.seconds;
     seconds.total = started.elapsed().as_secs_f64();
     finish(cli, &job, fits, seconds)
@@ -205,11 +348,11 @@ fn weights(choice: &str, sphere: &Sphere) -> Result<Option<Vec<f64>>> {
     }
 }
 
-fn open_scheme(cli: &Cli, sphere: &Sphere) -> Result<(Scheme, Scalar)> {
+fn open_scheme(cli: &Cli, store: &Path, sphere: &Sphere) -> Result<(Scheme, Scalar)> {
     let n = sphere.directions.len();
-    let open = |scalar| Scheme::open(&cli.store, SchemeKey::of(&sphere.directions, scalar), n, cli.max_degree);
-    if let Err(error) = std::fs::read_dir(&cli.store) {
-        bail!("{}: cannot open the store: {error}; build one with basis-build", cli.store.display());
+    let open = |scalar| Scheme::open(store, SchemeKey::of(&sphere.directions, scalar), n, cli.max_degree);
+    if let Err(error) = std::fs::read_dir(store) {
+        bail!("{}: cannot open the store: {error}; build one with basis-build", store.display());
     }
     match cli.dtype {
         Some(Dtype::F64) => Ok((open(Scalar::F64)?, Scalar::F64)),

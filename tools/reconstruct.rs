@@ -10,10 +10,11 @@ use spharm_cli::Common;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::output::{print, refuse_existing};
 use spharm_cli::threads::Threads;
-use spharm_harmonics::{Directions, synthesis};
+use spharm_harmonics::Directions;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::{WriteOptions, write_mesh, write_signal};
 use spharm_surface::{Mesh, Model, Signal};
+use spharm_transform::synthesis;
 
 /// Evaluate a fitted model, to any degree, at the vertices of any sphere
 ///

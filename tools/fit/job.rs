@@ -1,135 +1,133 @@
-//! The work: batches of targets, as many columns at a time as the memory allows.
+//! What all methods share: targets read a few at a time, batches of them, models written.
 
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use ndarray::{Array2, ArrayView2, s};
 use rayon::prelude::*;
-use spharm_cli::console::{Console, Unit};
+use spharm_cli::console::Console;
 use spharm_cli::inputs::{Sphere, Target, read_target};
-use spharm_cli::machine::check_limits;
-use spharm_cli::size::Size;
-use spharm_harmonics::{Coefficients, basis_size};
-use spharm_solver::{
-    BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method, Operator, SolverError,
-};
+use spharm_cli::machine::available_memory;
+use spharm_harmonics::Coefficients;
+use spharm_solver::report::Residual;
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::io::write_new;
 use spharm_surface::model::{Model, write_complex_csv};
 
-use crate::outputs::{Item, csv_of};
-use crate::report::{About, Fitted, Provenance, Seconds, granularity_of, start_degree_of};
-use crate::{Cli, MOST_TOGETHER, REFINEMENTS};
+use crate::hold_out::HoldOut;
+use crate::outputs::{Item, csv_of, errors_of};
+use crate::report::{About, BatchReport, Fitted, Provenance, Seconds, granularity_of, start_degree_of};
+use crate::{Cli, How};
 
 pub(crate) struct Job<'c> {
     pub(crate) cli: &'c Cli,
     pub(crate) console: Console,
     pub(crate) sphere: Sphere,
+    /// Weights of the vertices; zero for those that are held out.
     pub(crate) weights: Option<Vec<f64>>,
+    pub(crate) hold_out: Option<HoldOut>,
     pub(crate) key: SchemeKey,
     pub(crate) scalar: Scalar,
-    pub(crate) method: Method,
-    pub(crate) operator: DiskOperator,
+    pub(crate) how: How,
     pub(crate) seconds: Seconds,
     pub(crate) threads: usize,
 }
 
 /// Targets in the order of the items, read a few at a time.
-struct Queue<'i> {
+pub(crate) struct Queue<'i> {
     rest: std::slice::Iter<'i, Item>,
     ready: VecDeque<(&'i Item, Target)>,
 }
 
-/// Targets side by side in one array, the columns of each, and what is known about each.
-struct Batch<'i> {
+impl Queue<'_> {
+    /// Channels of the first target: of all of them, in most studies.
+    pub(crate) fn channels(&self) -> usize {
+        self.ready.front().map_or(1, |(_, target)| target.channels)
+    }
+}
+
+/// Targets that are fitted together, and the columns of each.
+pub(crate) struct Batch<'i> {
     items: Vec<&'i Item>,
-    targets: ChunkedRows,
-    groups: Vec<Range<usize>>,
-    about: Vec<About>,
+    targets: Vec<Target>,
+    pub(crate) groups: Vec<Range<usize>>,
+}
+
+/// What a method made of a batch.
+pub(crate) struct Solved {
+    /// Canonical coefficients, (K, columns of the batch).
+    pub(crate) coefficients: Array2<f64>,
+    /// Whether it was a refinement, and the residual of each target, sweep after sweep.
+    pub(crate) sweeps: Vec<(bool, Vec<Residual>)>,
+    /// Like the coefficients, when they were asked for.
+    pub(crate) standard_errors: Option<Array2<f64>>,
+    pub(crate) report: BatchReport,
+}
+
+impl Batch<'_> {
+    /// Columns of all targets.
+    pub(crate) fn columns(&self) -> usize {
+        self.groups.last().map_or(0, |group| group.end)
+    }
+
+    /// Target after target with its columns, (n, c).
+    pub(crate) fn targets(&self) -> impl Iterator<Item = (Range<usize>, ArrayView2<'_, f64>)> {
+        self.groups.iter().cloned().zip(self.targets.iter().map(view))
+    }
+
+    /// All columns side by side, (n, c).
+    pub(crate) fn side_by_side(&self) -> Array2<f64> {
+        let rows = self.targets.first().map_or(0, |target| target.values.len() / target.channels.max(1));
+        let mut all = Array2::zeros((rows, self.columns()));
+        for (group, target) in self.targets() {
+            all.slice_mut(s![.., group]).assign(&target);
+        }
+        all
+    }
+}
+
+/// A target's values, (n, c).
+fn view(target: &Target) -> ArrayView2<'_, f64> {
+    let shape = (target.values.len() / target.channels.max(1), target.channels);
+    ArrayView2::from_shape(shape, &target.values[..]).expect("a target has channels values for each vertex")
 }
 
 impl Job<'_> {
-    pub(crate) fn run(&mut self, items: &[Item], cancel: &AtomicBool) -> Result<(Vec<Fitted>, Vec<FitReport>)> {
+    /// The queue of the items, its first targets read.
+    pub(crate) fn queue<'i>(&mut self, items: &'i [Item]) -> Result<Queue<'i>> {
         let mut queue = Queue { rest: items.iter(), ready: VecDeque::new() };
         let mark = Instant::now();
         self.fill(&mut queue)?;
         self.seconds.read += mark.elapsed().as_secs_f64();
-        // The first one tells the channels of all, which are the same in most studies.
-        let channels = queue.ready[0].1.channels;
-        self.lower_threads(channels);
-        let mut seconds = self.seconds;
-        let done = self.fit_all(items.len(), channels, queue, &mut seconds, cancel)?;
-        self.seconds = seconds;
-        Ok(done)
+        Ok(queue)
     }
 
-    fn fit_all(
+    /// Fits batch after batch with at most `columns` columns, and writes the models. `solve` may find a batch of one target
+    /// with more.
+    pub(crate) fn each_batch<'i>(
         &self,
-        surfaces: usize,
-        channels: usize,
-        mut queue: Queue<'_>,
+        mut queue: Queue<'i>,
+        columns: usize,
         seconds: &mut Seconds,
-        cancel: &AtomicBool,
-    ) -> Result<(Vec<Fitted>, Vec<FitReport>)> {
+        mut solve: impl FnMut(&Batch<'i>) -> Result<Solved>,
+    ) -> Result<(Vec<Fitted>, Vec<BatchReport>)> {
         let (mut fitted, mut reports) = (Vec::new(), Vec::new());
-        let mark = Instant::now();
-        let together = self.surfaces_together(surfaces, channels)?;
-        let mut fitter = self.fitter(together, channels, surfaces > together)?;
-        seconds.plan += mark.elapsed().as_secs_f64();
-        self.say_plan(&fitter, surfaces, together);
-        let sweeps = surfaces.div_ceil(together) * self.method.passes();
-        let total = (sweeps * basis_size(self.cli.max_degree)) as u64;
-        let progress = self.console.progress("fit", total, Unit::Count("columns"));
         loop {
             let mark = Instant::now();
-            let Some(batch) = self.next_batch(&mut queue, fitter.channels())? else { break };
+            let Some(batch) = self.next_batch(&mut queue, columns)? else { break };
             seconds.read += mark.elapsed().as_secs_f64();
-            if batch.targets.channels() > fitter.channels() {
-                // One target with more channels than were planned for has a batch, and a plan, of its own.
-                fitter = self.fitter(1, batch.targets.channels(), true)?;
-            }
             let mark = Instant::now();
-            let last = std::cell::Cell::new(0);
-            let result = fitter.fit(batch.targets, &batch.groups, cancel, &|event| match event {
-                FitEvent::Solving(sweep, degrees) => {
-                    progress.say(format!("pass {sweep}, degrees {} to {}", degrees.start(), degrees.end()));
-                }
-                FitEvent::Block(sweep, done, _) if sweep <= self.method.passes() => {
-                    let before = if done <= last.get() { 0 } else { last.get() };
-                    progress.add((done - before) as u64);
-                    last.set(done);
-                }
-                FitEvent::Sweep(report) => {
-                    let name = if report.refinement { "refinement after pass" } else { "pass" };
-                    let gigabytes = report.bytes_read as f64 / 1e9;
-                    self.console.detail(format!("{name} {}: {:.2} s, {gigabytes:.2} GB", report.pass, report.seconds));
-                }
-                _ => {}
-            })?;
+            let solved = solve(&batch)?;
             seconds.solve += mark.elapsed().as_secs_f64();
             let mark = Instant::now();
-            let (items, groups) = (&batch.items, &batch.groups);
-            fitted.extend(self.write_batch(items, groups, batch.about, &result.coefficients, &result.report)?);
+            fitted.extend(self.write_batch(&batch, &solved)?);
             seconds.write += mark.elapsed().as_secs_f64();
-            reports.push(result.report);
+            reports.push(solved.report);
         }
         Ok((fitted, reports))
-    }
-
-    fn fitter(&self, together: usize, channels: usize, reuse: bool) -> Result<Fitter<'_>> {
-        let fitter = Fitter::new(&self.operator, together * channels, self.params(together, channels, reuse));
-        let fitter = fitter.map_err(|error| match error {
-            error @ SolverError::Weight { .. } => {
-                anyhow::Error::from(error).context(format!("--weights {}", self.cli.weights))
-            }
-            error => error.into(),
-        })?;
-        self.check_limits(&fitter)?;
-        Ok(fitter)
     }
 
     /// Reads the next few targets, one for each thread.
@@ -160,45 +158,50 @@ impl Job<'_> {
         if taken.is_empty() {
             return Ok(None);
         }
-        let n = self.sphere.directions.len();
-        let mut targets = ChunkedRows::zeros(n, columns, self.operator.chunk_rows());
-        let (mut items, mut groups, mut about, mut at) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        let (mut items, mut targets, mut groups, mut at) = (Vec::new(), Vec::new(), Vec::new(), 0);
         for (item, target) in taken {
-            targets.set_columns(at, ArrayView2::from_shape((n, target.channels), &target.values[..])?);
             groups.push(at..at + target.channels);
             at += target.channels;
-            about.push(About::of(&target));
             items.push(item);
+            targets.push(target);
         }
-        Ok(Some(Batch { items, targets, groups, about }))
+        Ok(Some(Batch { items, targets, groups }))
     }
 
-    fn write_batch(
-        &self,
-        batch: &[&Item],
-        groups: &[Range<usize>],
-        about: Vec<About>,
-        coefficients: &Coefficients,
-        report: &FitReport,
-    ) -> Result<Vec<Fitted>> {
-        let one = |((index, item), about): ((usize, &&Item), About)| -> Result<Fitted> {
-            let distances = report.sweeps.iter().map(|sweep| about.distances(sweep, index)).collect();
+    fn write_batch(&self, batch: &Batch<'_>, solved: &Solved) -> Result<Vec<Fitted>> {
+        let one = |index: usize| -> Result<Fitted> {
+            let (item, target, group) = (batch.items[index], &batch.targets[index], batch.groups[index].clone());
+            let about = About::of(target);
+            let distances = solved.sweeps.iter().map(|(refinement, residuals)| {
+                about.of_residual(residuals[index].mean_square, residuals[index].max_square, *refinement)
+            });
+            let values: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
+            let hold_out = self.hold_out.as_ref();
+            let held_out = hold_out
+                .map(|hold_out| hold_out.judge(&self.sphere.directions, values.view(), view(target), &about))
+                .transpose()?;
             let fitted = Fitted {
                 input: item.input.clone(),
                 output: item.output.clone(),
-                channels: groups[index].len(),
+                channels: target.channels,
                 scale: about.scale,
-                passes: distances,
+                passes: distances.collect(),
+                held_out,
             };
-            let values: Array2<f64> = coefficients.values().slice(s![.., groups[index].clone()]).to_owned();
-            self.write(&fitted, &about, Coefficients::new(values)?)?;
+            let errors = solved.standard_errors.as_ref().map(|errors| errors.slice(s![.., group]).to_owned());
+            self.write(&fitted, &about, Coefficients::new(values)?, errors)?;
             Ok(fitted)
         };
-        let work: Vec<_> = batch.iter().enumerate().zip(about).collect();
-        work.into_par_iter().map(one).collect()
+        (0..batch.items.len()).into_par_iter().map(one).collect()
     }
 
-    fn write(&self, fitted: &Fitted, about: &About, coefficients: Coefficients) -> Result<()> {
+    fn write(
+        &self,
+        fitted: &Fitted,
+        about: &About,
+        coefficients: Coefficients,
+        errors: Option<Array2<f64>>,
+    ) -> Result<()> {
         let output = &fitted.output;
         if let Some(folder) = output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
@@ -209,10 +212,10 @@ impl Job<'_> {
             versions: spharm_cli::machine::versions(),
             input: name(&fitted.input),
             sphere: name(&self.sphere.path),
-            method: self.method.name(),
-            passes: self.method.passes(),
-            granularity: granularity_of(self.method),
-            start_degree: start_degree_of(self.method),
+            method: self.how.name(),
+            passes: self.how.passes(),
+            granularity: granularity_of(self.how),
+            start_degree: start_degree_of(self.how),
             weights: &self.cli.weights,
             dtype: self.scalar.name(),
             surface: about.surface,
@@ -222,6 +225,12 @@ impl Job<'_> {
         };
         if self.cli.coefficients_csv {
             write_new(csv_of(output), self.cli.force, |out| write_complex_csv(&coefficients, out))?;
+        }
+        if let Some(errors) = errors {
+            write_new(errors_of(output), self.cli.force, |out| {
+                use ndarray_npy::WriteNpyExt;
+                errors.write_npy(out).map_err(std::io::Error::other)
+            })?;
         }
         let model = Model {
             coefficients,
@@ -234,22 +243,18 @@ impl Job<'_> {
         Ok(())
     }
 
-    fn params(&self, together: usize, channels: usize, reuse: bool) -> FitParams {
-        FitParams {
-            max_degree: self.cli.max_degree,
-            method: self.method,
-            refinements: if self.method == Method::Nlsf { REFINEMENTS } else { 0 },
-            weights: self.weights.clone(),
-            memory: self.cli.memory.0,
-            held: self.held(together, channels),
-            threads: self.threads,
-            reuse,
+    /// The budget: as asked, or what suits the method.
+    pub(crate) fn memory(&self) -> usize {
+        match (&self.cli.memory, self.how) {
+            (Some(size), _) => size.0,
+            (None, How::Streamed(_)) => 256 << 20,
+            (None, _) => available_memory() / 2,
         }
     }
 
     /// Bytes that the tool holds beside the solver: the program, the sphere, the targets as they were read, and a surface
     /// for each thread while it is read or written.
-    fn held(&self, together: usize, channels: usize) -> usize {
+    pub(crate) fn held(&self, together: usize, channels: usize) -> usize {
         /// The program, its stacks and allocator, measured on a fit of a small mesh.
         const BASE: usize = 12 << 20;
         let n = self.sphere.directions.len();
@@ -257,63 +262,5 @@ impl Job<'_> {
         // A file as text, decoded, and as a mesh with its topology.
         let reading = 5 * sphere + 16 * n * channels;
         BASE + sphere + 8 * n * channels * together + reading * self.threads.min(together)
-    }
-
-    /// As many surfaces as fit the budget with every block whole in memory; if that is none, as many as fit at all.
-    fn surfaces_together(&self, surfaces: usize, channels: usize) -> Result<usize> {
-        let plan = |together: usize| {
-            let params = self.params(together, channels, surfaces > together);
-            spharm_solver::plan(&self.operator, together * channels, &params)
-        };
-        let whole = |&together: &usize| plan(together).is_ok_and(|plan| plan.whole.iter().all(|&whole| whole));
-        let most = surfaces.min(MOST_TOGETHER);
-        if let Some(together) = (1..=most).rev().find(whole) {
-            return Ok(together);
-        }
-        match (1..=most).rev().find(|&together| plan(together).is_ok()) {
-            Some(together) => Ok(together),
-            // Says what would be enough for one.
-            None => Ok(plan(1).map(|_| 1)?),
-        }
-    }
-
-    /// Each thread has sums of its own: on a node with many cores they may be what doesn't fit the budget.
-    fn lower_threads(&mut self, channels: usize) {
-        let asked = self.threads;
-        let fits = |job: &Self| {
-            let params = job.params(1, channels, false);
-            spharm_solver::plan(&job.operator, channels, &params).is_ok()
-        };
-        while self.threads > 1 && !fits(self) {
-            self.threads -= 1;
-        }
-        if self.threads < asked && fits(self) {
-            self.console.note(format!("{} threads in place of {asked}, to keep to the memory", self.threads));
-        }
-    }
-
-    fn check_limits(&self, fitter: &Fitter<'_>) -> Result<()> {
-        let plan = fitter.plan();
-        let blas = self.threads * spharm_solver::dense::RESERVED_PER_THREAD;
-        let decoded = if self.operator.is_direct() { 0 } else { plan.basis };
-        check_limits(plan.arrays + plan.work + plan.factors + blas + decoded, plan.basis)
-    }
-
-    fn say_plan(&self, fitter: &Fitter<'_>, surfaces: usize, together: usize) {
-        let plan = fitter.plan();
-        let blocks = fitter.blocks().len();
-        self.console.note(format!(
-            "{surfaces} of n = {}, L = {}: {} with {} pass(es) of {blocks} block(s), {together} at a time, {} of {} planned",
-            self.operator.rows(),
-            self.cli.max_degree,
-            self.method.name(),
-            self.method.passes(),
-            Size(plan.total),
-            Size(plan.budget),
-        ));
-        if !plan.whole.iter().all(|&whole| whole) {
-            let twice = plan.whole.iter().filter(|&&whole| !whole).count();
-            self.console.note(format!("{twice} block(s) don't fit the memory and are read again for each use"));
-        }
     }
 }

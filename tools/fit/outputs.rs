@@ -26,6 +26,12 @@ pub(crate) fn csv_of(output: &Path) -> PathBuf {
     PathBuf::from(format!("{}.csv", text.strip_suffix(".npz").unwrap_or(&text)))
 }
 
+/// `NAME.spharm.stderr.npy` beside `NAME.spharm.npz`.
+pub(crate) fn errors_of(output: &Path) -> PathBuf {
+    let text = output.to_string_lossy();
+    PathBuf::from(format!("{}.stderr.npy", text.strip_suffix(".npz").unwrap_or(&text)))
+}
+
 /// Inputs and outputs; refuses before any work what would clash or overwrite.
 pub(crate) fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
     let inputs = expand_lists(&cli.surface)?;
@@ -66,6 +72,9 @@ pub(crate) fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
     for item in &items {
         if cli.coefficients_csv {
             refuse_existing(&csv_of(&item.output), cli.force, "output", "--output")?;
+        }
+        if cli.stderr {
+            refuse_existing(&errors_of(&item.output), cli.force, "output", "--output")?;
         }
         if !item.input.is_file() {
             let what = if item.input.exists() { "not a regular file" } else { "no such file" };

@@ -7,26 +7,28 @@ use serde::Serialize;
 use spharm_cli::inputs::{Target, stem};
 use spharm_cli::machine::{Memory, Versions, memory, versions};
 use spharm_cli::output::{print, print_json, table, write_json};
-use spharm_solver::report::SweepReport;
+use spharm_solver::lsq::{Gcv, LsqReport};
+use spharm_solver::report::Residual;
 use spharm_solver::{FitReport, Method};
 use spharm_surface::metrics::bounding_box_scale;
 
-use crate::Cli;
+use crate::hold_out::HeldOut;
 use crate::job::Job;
+use crate::{Cli, How};
 
 /// g, where the method has one that isn't infinite.
-pub(crate) fn granularity_of(method: Method) -> Option<usize> {
-    match method {
-        Method::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
+pub(crate) fn granularity_of(how: How) -> Option<usize> {
+    match how {
+        How::Streamed(Method::Irf { granularity, .. }) if granularity < usize::MAX => Some(granularity),
         _ => None,
     }
 }
 
 /// s, where the method has one.
-pub(crate) fn start_degree_of(method: Method) -> Option<usize> {
-    match method {
-        Method::Sirf { start_degree } | Method::Mirf { start_degree, .. } => Some(start_degree),
-        Method::Irf { .. } | Method::Nlsf => None,
+pub(crate) fn start_degree_of(how: How) -> Option<usize> {
+    match how {
+        How::Streamed(Method::Sirf { start_degree } | Method::Mirf { start_degree, .. }) => Some(start_degree),
+        _ => None,
     }
 }
 
@@ -48,6 +50,9 @@ pub(crate) struct Fitted {
     /// Cube root of the bounding box's volume, in the input's unit; none for what has no volume.
     pub(crate) scale: Option<f64>,
     pub(crate) passes: Vec<Distances>,
+    /// With --hold-out: apart for the vertices that the fit saw and didn't see.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) held_out: Option<HeldOut>,
 }
 
 /// Distances after one sweep; msd and xsd with the bounding box scaled to volume 1.
@@ -82,17 +87,37 @@ impl About {
         }
     }
 
-    pub(crate) fn distances(&self, sweep: &SweepReport, index: usize) -> Distances {
-        let residual = &sweep.residuals[index];
+    /// From the mean and the maximum of the squared distances.
+    pub(crate) fn of_residual(&self, mean_square: f64, max_square: f64, refinement: bool) -> Distances {
         let normalised = |value: f64| self.scale.map(|scale| value / (scale * scale));
         Distances {
-            refinement: sweep.refinement,
-            msd: normalised(residual.mean_square),
-            xsd: normalised(residual.max_square),
-            msd_raw: residual.mean_square,
-            xsd_raw: residual.max_square,
+            refinement,
+            msd: normalised(mean_square),
+            xsd: normalised(max_square),
+            msd_raw: mean_square,
+            xsd_raw: max_square,
         }
     }
+}
+
+/// What each way of fitting tells of a batch.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+pub(crate) enum BatchReport {
+    Streamed(FitReport),
+    LeastSquares {
+        #[serde(flatten)]
+        report: LsqReport,
+        /// The search for the smoothness.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        gcv: Option<Gcv>,
+    },
+    Quadrature {
+        max_degree: usize,
+        /// Rings and azimuths.
+        grid: [usize; 2],
+        residuals: Vec<Residual>,
+    },
 }
 
 #[derive(Debug, Serialize)]
@@ -117,7 +142,8 @@ pub(crate) struct Provenance<'a> {
 pub(crate) struct Report {
     pub(crate) tool: &'static str,
     pub(crate) versions: Versions,
-    pub(crate) store: PathBuf,
+    pub(crate) method: &'static str,
+    pub(crate) store: Option<PathBuf>,
     pub(crate) sphere: PathBuf,
     pub(crate) scheme_key: String,
     pub(crate) dtype: &'static str,
@@ -126,30 +152,35 @@ pub(crate) struct Report {
     pub(crate) start_degree: Option<usize>,
     pub(crate) openblas: String,
     pub(crate) surfaces: Vec<Fitted>,
-    pub(crate) batches: Vec<FitReport>,
+    pub(crate) batches: Vec<BatchReport>,
     pub(crate) seconds: Seconds,
     pub(crate) memory: Memory,
 }
 
-pub(crate) fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<FitReport>), seconds: Seconds) -> Result<()> {
+pub(crate) fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<BatchReport>), seconds: Seconds) -> Result<()> {
     let (surfaces, batches) = fits;
     let report = Report {
         tool: "fit",
         versions: versions(),
+        method: job.how.name(),
         store: cli.store.clone(),
         sphere: cli.sphere.clone(),
         scheme_key: job.key.to_string(),
         dtype: job.scalar.name(),
         weights: cli.weights.clone(),
-        granularity: granularity_of(job.method),
-        start_degree: start_degree_of(job.method),
+        granularity: granularity_of(job.how),
+        start_degree: start_degree_of(job.how),
         openblas: spharm_solver::dense::openblas(),
         surfaces,
         batches,
         seconds,
         memory: memory(),
     };
-    for block in report.batches[0].blocks.iter().filter(|block| block.rank < block.columns) {
+    let blocks = match report.batches.first() {
+        Some(BatchReport::Streamed(report)) => &report.blocks[..],
+        _ => &[],
+    };
+    for block in blocks.iter().filter(|block| block.rank < block.columns) {
         job.console.warn(format!(
             "degrees {} to {}: rank {} of {} columns; the sampling doesn't determine them, the solution of least norm was taken",
             block.first_degree, block.last_degree, block.rank, block.columns
@@ -162,17 +193,24 @@ pub(crate) fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<FitReport
         return print_json(&report);
     }
     let mut rows = vec![["surface", "msd", "xsd", "rms", "max", "model"].map(str::to_owned).to_vec()];
+    if cli.hold_out.is_some() {
+        rows[0].insert(5, "msd held out".to_owned());
+    }
     for fitted in &report.surfaces {
         let Some(last) = fitted.passes.last() else { continue };
         let normalised = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4e}"));
-        rows.push(vec![
+        let mut row = vec![
             stem(&fitted.input),
             normalised(last.msd),
             normalised(last.xsd),
             format!("{:.4e}", last.msd_raw.sqrt()),
             format!("{:.4e}", last.xsd_raw.sqrt()),
             fitted.output.display().to_string(),
-        ]);
+        ];
+        if let Some(held_out) = &fitted.held_out {
+            row.insert(5, normalised(held_out.held_out.msd.or(Some(held_out.held_out.msd_raw))));
+        }
+        rows.push(row);
     }
     let units = "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit";
     print(&format!("{}\n{units}\n{:.2} s", table(&rows), seconds.total))

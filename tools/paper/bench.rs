@@ -9,9 +9,7 @@ use anyhow::{Context, Result};
 use ndarray::ArrayView2;
 use spharm_cli::console::{Console, Unit};
 use spharm_harmonics::{Directions, basis_size};
-use spharm_solver::{
-    BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method, Operator,
-};
+use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method};
 use spharm_store::{BuildEvent, BuildParams, BuildReport, build};
 
 use crate::published::Quality;

@@ -78,3 +78,19 @@ pub fn versions() -> Versions {
         platform: (std::env::consts::OS, std::env::consts::ARCH),
     }
 }
+
+/// Bytes of memory that are free to be used, by the system's account and by that of this process's group; two gibibytes
+/// where neither tells.
+pub fn available_memory() -> usize {
+    let read = |path: &str| std::fs::read_to_string(path).ok();
+    let number = |path: &str| read(path)?.trim().parse::<u64>().ok();
+    let meminfo = read("/proc/meminfo").unwrap_or_default();
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let free = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()).map(|kib| kib << 10);
+    let groups = [
+        ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+        ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+    ];
+    let group = groups.iter().find_map(|(limit, used)| Some(number(limit)?.saturating_sub(number(used)?)));
+    free.into_iter().chain(group).min().unwrap_or(2 << 30) as usize
+}

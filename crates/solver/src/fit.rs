@@ -328,14 +328,20 @@ fn check(operator: &dyn BlockOperator, params: &FitParams) -> Result<(), SolverE
         return Err(SolverError::Degree { found: params.max_degree, max_degree: operator.max_degree() });
     }
     if let Some(weights) = &params.weights {
-        if weights.len() != expected {
-            return Err(SolverError::Rows { what: "the list of weights", expected, found: weights.len() });
-        }
-        let bad = |weight: &f64| !weight.is_finite() || *weight < 0.0;
-        let all_zero = weights.iter().all(|&weight| weight == 0.0);
-        if let Some(row) = weights.iter().position(bad).or(all_zero.then_some(0)) {
-            return Err(SolverError::Weight { row, found: weights[row] });
-        }
+        check_weights(weights, expected)?;
+    }
+    Ok(())
+}
+
+/// Refuses weights that aren't one finite, not negative number for each row, or are all zero.
+pub(crate) fn check_weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
+    if weights.len() != rows {
+        return Err(SolverError::Rows { what: "the list of weights", expected: rows, found: weights.len() });
+    }
+    let bad = |weight: &f64| !weight.is_finite() || *weight < 0.0;
+    let all_zero = weights.iter().all(|&weight| weight == 0.0);
+    if let Some(row) = weights.iter().position(bad).or(all_zero.then_some(0)) {
+        return Err(SolverError::Weight { row, found: weights[row] });
     }
     Ok(())
 }

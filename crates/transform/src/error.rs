@@ -3,7 +3,7 @@
 use spharm_harmonics::HarmonicsError;
 
 /// Why a transform can't be made or given its arguments.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TransformError {
     /// The harmonics refuse, say the degree.

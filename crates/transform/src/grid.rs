@@ -358,17 +358,14 @@ fn gather<const W: usize, const C: usize, const FMA: bool>(
         let mut lines = row.chunks(layout.stride);
         for sums in &mut sums {
             let Some(line) = lines.next().and_then(|line| line.first_chunk::<W>()) else { break };
-            for i in 0..W {
-                sums[i] = fused::<FMA>(*weight, line[i], sums[i]);
+            for (sum, value) in sums.iter_mut().zip(line) {
+                *sum = fused::<FMA>(*weight, *value, *sum);
             }
         }
     }
     let columns = &batch.column_values[point];
     std::array::from_fn(|c| {
-        let mut v = [0.0; W];
-        for i in 0..W {
-            v[i] = sums[c][i] * columns[i];
-        }
+        let v: [f64; W] = std::array::from_fn(|i| sums[c][i] * columns[i]);
         // Halves, so that it stays in lanes.
         let four: [f64; 4] = std::array::from_fn(|i| v[i..].iter().step_by(4).sum());
         (four[0] + four[2]) + (four[1] + four[3])
@@ -389,9 +386,9 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
     value: [f64; C],
 ) {
     let mut columns = [[0.0; W]; C];
-    for c in 0..C {
-        for i in 0..W {
-            columns[c][i] = value[c] * batch.column_values[point][i];
+    for (columns, value) in columns.iter_mut().zip(value) {
+        for (scaled, column) in columns.iter_mut().zip(&batch.column_values[point]) {
+            *scaled = value * column;
         }
     }
     let start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
@@ -400,8 +397,8 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
         let mut lines = row.chunks_mut(layout.stride);
         for columns in &columns {
             let Some(line) = lines.next().and_then(|line| line.first_chunk_mut::<W>()) else { break };
-            for i in 0..W {
-                line[i] = fused::<FMA>(*weight, columns[i], line[i]);
+            for (value, column) in line.iter_mut().zip(columns) {
+                *value = fused::<FMA>(*weight, *column, *value);
             }
         }
     }

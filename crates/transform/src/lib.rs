@@ -16,6 +16,7 @@
 //! | module | what |
 //! |---|---|
 //! | [`transform`] | the plan, and the transforms |
+//! | `either` | synthesis by whichever way is faster |
 //! | `legendre` | coefficients to rings and back |
 //! | `polar` | the Legendre recurrence next to the poles |
 //! | `fourier` | rings to the oversampled grid and back |
@@ -39,6 +40,7 @@
 //! # Ok::<(), spharm_transform::TransformError>(())
 //! ```
 
+mod either;
 mod error;
 mod fourier;
 pub mod gram;
@@ -50,6 +52,7 @@ mod polar;
 mod shape;
 pub mod transform;
 
+pub use either::synthesis;
 pub use error::TransformError;
 pub use gram::MomentGram;
 pub use shape::{COARSEST, FINEST};

@@ -128,7 +128,7 @@ impl Transform {
         let mut samples = Array2::zeros((self.points.len(), coefficients.ncols()));
         self.grouped(coefficients.ncols(), |space, columns| {
             let count = columns.len();
-            let layout = self.to_grid(coefficients.slice(ndarray::s![.., columns.clone()]), space);
+            let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns.clone()]), space);
             interpolate(layout, &space.grids[0], &self.kernel, &self.points, &mut space.samples);
             let sorted = &space.samples;
             let mut samples = samples.slice_mut(ndarray::s![.., columns]);
@@ -161,7 +161,7 @@ impl Transform {
             let layout = self.layout(count);
             space.grids[1].par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
             spread(layout, &mut space.grids[1], &self.kernel, &self.points, &space.samples);
-            self.from_grid(layout, space, coefficients.slice_mut(ndarray::s![.., columns]));
+            self.coefficients_of(layout, space, coefficients.slice_mut(ndarray::s![.., columns]));
         });
         Ok(coefficients)
     }
@@ -183,11 +183,11 @@ impl Transform {
         }
         let mut result = Array2::zeros(coefficients.dim());
         self.grouped(coefficients.ncols(), |space, columns| {
-            let layout = self.to_grid(coefficients.slice(ndarray::s![.., columns.clone()]), space);
+            let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns.clone()]), space);
             let [from, to] = &mut space.grids;
             to.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
             pass_on(layout, [from, to], &self.kernel, &self.points, weights.map(|w| &w.0[..]));
-            self.from_grid(layout, space, result.slice_mut(ndarray::s![.., columns]));
+            self.coefficients_of(layout, space, result.slice_mut(ndarray::s![.., columns]));
         });
         Ok(result)
     }
@@ -233,7 +233,7 @@ impl Transform {
     }
 
     /// Coefficients to the first grid, margins filled.
-    fn to_grid(&self, coefficients: ArrayView2<'_, f64>, space: &mut Space) -> Layout {
+    fn grid_of(&self, coefficients: ArrayView2<'_, f64>, space: &mut Space) -> Layout {
         let channels = coefficients.ncols();
         let (columns, rings) = (2 * channels, self.legendre.rings());
         let layout = self.layout(channels);
@@ -279,8 +279,8 @@ impl Transform {
         layout
     }
 
-    /// The second grid, margins and all, to coefficients: the transpose of [`to_grid`](Self::to_grid).
-    fn from_grid(&self, layout: Layout, space: &mut Space, mut out: ndarray::ArrayViewMut2<'_, f64>) {
+    /// The second grid, margins and all, to coefficients: the transpose of [`grid_of`](Self::grid_of).
+    fn coefficients_of(&self, layout: Layout, space: &mut Space, mut out: ndarray::ArrayViewMut2<'_, f64>) {
         let channels = layout.channels;
         let (columns, rings) = (2 * channels, self.legendre.rings());
         layout.fold(&mut space.grids[1]);

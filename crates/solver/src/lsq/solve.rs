@@ -22,7 +22,9 @@ use serde::Serialize;
 use spharm_harmonics::index::{basis_size, first_column};
 use spharm_harmonics::{Coefficients, index};
 
-use crate::cholesky::{CholeskyFactor, Factor, FactorParams, GramSource, Penalised, factorise, plan_factor, smoothness_penalty};
+use crate::cholesky::{
+    CholeskyFactor, Factor, FactorParams, GramSource, Penalised, factorise, plan_factor, smoothness_penalty,
+};
 use crate::lsq::cg::{Cg, CgParams, NormalEquations, Stop, relative};
 use crate::lsq::columns::norms;
 use crate::lsq::preconditioner::{Density, Diagonal, LowDegrees, Preconditioner};
@@ -169,7 +171,7 @@ pub enum LsqEvent {
 }
 
 /// Makes the source of the Gram matrix `A^T W A`, when it comes to that.
-pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramSource + 'a>, SolverError> + Sync + 'a;
+pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramSource>, SolverError> + Sync + 'a;
 
 /// Solves batch after batch on one sampling, and keeps the factor from one to the next.
 pub struct LsqSolver<'a> {
@@ -349,7 +351,8 @@ impl<'a> LsqSolver<'a> {
         let first = if factor_helps { BEFORE_FACTOR.min(params.max_iterations) } else { params.max_iterations };
         let tell = |step, optimality| event(LsqEvent::Step(step, optimality));
         let equations = self.equations();
-        let mut stop = cg.run(&equations, preconditioner, &CgParams { max_iterations: first, ..params }, cancel, &tell)?;
+        let mut stop =
+            cg.run(&equations, preconditioner, &CgParams { max_iterations: first, ..params }, cancel, &tell)?;
         let name = preconditioner.name();
         if stop == Stop::IterationLimit && factor_helps {
             if self.prepare(cancel, event)? {

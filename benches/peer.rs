@@ -1,0 +1,148 @@
+//! Timings of the library on arrays that another program uses as well; `benches/peer.py` drives it.
+//!
+//! Arrays are `.npy` files of f64: directions (n, 3), targets (n, c), coefficients (K, c). Each command prints the seconds of
+//! its repetitions as JSON and writes what it computed, for whoever checks it.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand};
+use ndarray::Array2;
+use ndarray_npy::{read_npy, write_npy};
+use spharm_harmonics::Directions;
+use spharm_solver::MatrixFreeOperator;
+use spharm_solver::cholesky::{CholeskyFactor, GramSource, StoredFactor};
+use spharm_solver::lsq::{LsqParams, LsqSolver, Way, moment_gram};
+use spharm_store::factor::open_factor;
+use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
+use spharm_transform::{Transform, TransformParams};
+
+#[derive(Parser)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[arg(long, global = true)]
+    bench: bool,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Plan, synthesis and adjoint synthesis.
+    Transforms {
+        directions: PathBuf,
+        coefficients: PathBuf,
+        max_degree: usize,
+        accuracy: f64,
+        repeats: usize,
+        out: PathBuf,
+    },
+    /// Least squares from the arrays to the coefficients, the plan included.
+    Lsq {
+        directions: PathBuf,
+        targets: PathBuf,
+        max_degree: usize,
+        accuracy: f64,
+        tolerance: f64,
+        repeats: usize,
+        out: PathBuf,
+        /// A store that has the scheme's factor.
+        #[arg(long)]
+        store: Option<PathBuf>,
+        #[arg(long)]
+        factor: bool,
+    },
+    /// Writes the vertices of an icosphere.
+    Sphere { subdivisions: u32, out: PathBuf },
+    /// The Gram matrix, moments included.
+    Gram { directions: PathBuf, max_degree: usize, repeats: usize },
+}
+
+fn directions(path: &Path) -> Result<Directions> {
+    let vectors: Array2<f64> = read_npy(path).with_context(|| path.display().to_string())?;
+    let vectors: Vec<[f64; 3]> = vectors.rows().into_iter().map(|v| [v[0], v[1], v[2]]).collect();
+    Ok(Directions::from_vertices(&vectors)?)
+}
+
+fn repeat<T>(repeats: usize, mut work: impl FnMut() -> Result<T>) -> Result<(Vec<f64>, T)> {
+    let mut seconds = Vec::new();
+    loop {
+        let start = Instant::now();
+        let done = work()?;
+        seconds.push(start.elapsed().as_secs_f64());
+        if seconds.len() >= repeats {
+            return Ok((seconds, done));
+        }
+    }
+}
+
+/// The most memory that this process has had, in bytes.
+fn peak() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()).unwrap_or(0) << 10
+}
+
+fn main() -> Result<()> {
+    rayon::ThreadPoolBuilder::new().num_threads(2).build_global()?;
+    match Cli::parse().command {
+        Command::Transforms { directions: path, coefficients, max_degree, accuracy, repeats, out } => {
+            let (directions, x): (_, Array2<f64>) = (directions(&path)?, read_npy(coefficients)?);
+            let params = TransformParams { max_degree, accuracy, ..Default::default() };
+            let (plan, transform) = repeat(repeats, || Ok(Transform::new(&directions, &params)?))?;
+            let (synthesis, samples) = repeat(repeats, || Ok(transform.synthesis(x.view())?))?;
+            let (adjoint, back) = repeat(repeats, || Ok(transform.adjoint_synthesis(samples.view())?))?;
+            write_npy(out.with_extension("samples.npy"), &samples)?;
+            write_npy(out.with_extension("adjoint.npy"), &back)?;
+            println!("{}", serde_json::json!({ "plan": plan, "synthesis": synthesis, "adjoint": adjoint }));
+        }
+        Command::Lsq { directions: path, targets, max_degree, accuracy, tolerance, repeats, out, store, factor } => {
+            let (directions, targets): (_, Array2<f64>) = (directions(&path)?, read_npy(targets)?);
+            let make_gram = || Ok(Box::new(moment_gram(&directions, None, max_degree)?) as Box<dyn GramSource>);
+            let key = SchemeKey::of(&directions, Scalar::F64);
+            let (seconds, fit) = repeat(repeats, || {
+                let params = TransformParams { max_degree, accuracy, ..Default::default() };
+                let operator = MatrixFreeOperator::new(&directions, &params)?;
+                let way = if factor { Way::Factor } else { Way::Auto };
+                let params = LsqParams { tolerance, threads: 2, way, ..Default::default() };
+                let stored = match &store {
+                    Some(store) => {
+                        let spec = FactorSpec {
+                            key,
+                            rows: directions.len(),
+                            max_degree,
+                            weights: WeightsHash::of(None),
+                            smoothness: 0.0,
+                        };
+                        Some(StoredFactor::new(open_factor(store, &spec, None)?, 1 << 30, 2))
+                    }
+                    None => None,
+                };
+                let mut solver = LsqSolver::new(&operator, Some(&make_gram), params)?;
+                if let Some(stored) = &stored {
+                    solver = solver.with_factor(stored as &dyn CholeskyFactor);
+                }
+                Ok(solver.fit(&targets, &[0..targets.ncols()], &AtomicBool::new(false), &|_| {})?)
+            })?;
+            write_npy(out.with_extension("coefficients.npy"), fit.coefficients.values())?;
+            println!("{}", serde_json::json!({ "seconds": seconds, "report": fit.report, "peak": peak() }));
+        }
+        Command::Sphere { subdivisions, out } => {
+            let sphere = spharm_surface::generate::icosphere(subdivisions);
+            let vertices = Array2::from_shape_fn((sphere.vertices.len(), 3), |(i, c)| sphere.vertices[i][c]);
+            write_npy(out, &vertices)?;
+        }
+        Command::Gram { directions: path, max_degree, repeats } => {
+            let directions = directions(&path)?;
+            let size = spharm_harmonics::basis_size(max_degree);
+            let mut gram = vec![0.0; size * size];
+            let (seconds, ()) = repeat(repeats, || {
+                moment_gram(&directions, None, max_degree)?.write_lower(&mut gram, size);
+                Ok(())
+            })?;
+            println!("{}", serde_json::json!({ "seconds": seconds }));
+        }
+    }
+    Ok(())
+}

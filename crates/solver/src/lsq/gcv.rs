@@ -1,0 +1,151 @@
+//! The smoothness by generalised cross-validation.
+//!
+//! ```text
+//! GCV(lambda) = n |W^(1/2) (f - A x_lambda)|^2 / (n - tr H)^2,   H = A (A^T W A + P)^-1 A^T W
+//! tr H = K - tr(P N^-1) = K - E[ z^T P^(1/2) N^-1 P^(1/2) z ]
+//! ```
+//!
+//! with z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990): a few fixed, seeded z, the same for every
+//! lambda, so that GCV is a smooth function that can be searched. G. H. Golub, M. Heath, G. Wahba, "Generalized
+//! cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979). The columns of a target
+//! share a lambda: their residuals are summed.
+//!
+//! Cost: some 25 values of lambda, for each one solve with the columns of the target and of the probes by conjugate
+//! gradients.
+
+use std::sync::atomic::AtomicBool;
+
+use ndarray::{Array2, s};
+use serde::Serialize;
+use spharm_harmonics::basis_size;
+
+use crate::SolverError;
+use crate::cholesky::smoothness_penalty;
+use crate::lsq::cg::{Cg, CgParams, NormalEquations};
+use crate::lsq::columns::{norms, scale_rows};
+use crate::lsq::preconditioner::Diagonal;
+use crate::operator::Operator;
+
+/// Probes of the trace: with their number the noise of GCV falls as its root; it is some percent of `tr(P N^-1)`.
+const PROBES: usize = 3;
+/// Values of lambda on the coarse grid.
+const COARSE: usize = 13;
+/// Steps of the golden section after it: a factor of 30 between neighbours on the grid comes down to 1.1.
+const FINE: usize = 10;
+
+/// What was looked at, and what was chosen.
+#[derive(Debug, Clone, Serialize)]
+pub struct Gcv {
+    /// The lambda of the least GCV.
+    pub smoothness: f64,
+    /// (lambda, GCV, tr H) in the order of the search.
+    pub tried: Vec<[f64; 3]>,
+    /// Whether the least lies at the end of the range: the targets ask for no penalty that can be told from none.
+    pub at_the_end: bool,
+}
+
+/// Chooses lambda for targets, (n, c).
+///
+/// # Errors
+///
+/// Those of the operator; [`SolverError::Interrupted`].
+pub fn choose_smoothness(
+    operator: &dyn Operator,
+    weights: Option<&[f64]>,
+    targets: &Array2<f64>,
+    cancel: &AtomicBool,
+    event: &dyn Fn(usize, usize),
+) -> Result<Gcv, SolverError> {
+    let max_degree = operator.max_degree();
+    let weight: f64 = weights.map_or(operator.rows() as f64, |w| w.iter().sum());
+    let even = weight / (4.0 * std::f64::consts::PI);
+    let top = ((max_degree * (max_degree + 1)) as f64).max(2.0).powi(2);
+    // From a penalty that nothing notices, of 1e-6 of the highest degree's diagonal, to one that holds degree 2 down.
+    let (low, high) = ((1e-6 * even / top).ln(), (even / 36.0).ln());
+    let mut search =
+        Search { operator, weights, targets, weight, cancel, tried: Vec::new(), probes: probes(max_degree) };
+    let step = (high - low) / (COARSE - 1) as f64;
+    let mut best = (0, f64::INFINITY);
+    for i in 0..COARSE {
+        event(i, COARSE + FINE);
+        let value = search.gcv((low + step * i as f64).exp())?;
+        if value < best.1 {
+            best = (i, value);
+        }
+    }
+    let at_the_end = best.0 == 0;
+    let centre = low + step * best.0 as f64;
+    let (mut a, mut b) = ((centre - step).max(low), (centre + step).min(high));
+    let golden = (5f64.sqrt() - 1.0) / 2.0;
+    let (mut c, mut d) = (b - golden * (b - a), a + golden * (b - a));
+    let (mut at_c, mut at_d) = (search.gcv(c.exp())?, search.gcv(d.exp())?);
+    for i in 0..FINE - 2 {
+        event(COARSE + 2 + i, COARSE + FINE);
+        if at_c < at_d {
+            (b, d, at_d) = (d, c, at_c);
+            c = b - golden * (b - a);
+            at_c = search.gcv(c.exp())?;
+        } else {
+            (a, c, at_c) = (c, d, at_d);
+            d = a + golden * (b - a);
+            at_d = search.gcv(d.exp())?;
+        }
+    }
+    let least = search.tried.iter().min_by(|x, y| x[1].total_cmp(&y[1])).map_or(0.0, |tried| tried[0]);
+    Ok(Gcv { smoothness: least, tried: search.tried, at_the_end })
+}
+
+struct Search<'a> {
+    operator: &'a dyn Operator,
+    weights: Option<&'a [f64]>,
+    targets: &'a Array2<f64>,
+    weight: f64,
+    cancel: &'a AtomicBool,
+    tried: Vec<[f64; 3]>,
+    probes: Array2<f64>,
+}
+
+impl Search<'_> {
+    fn gcv(&mut self, lambda: f64) -> Result<f64, SolverError> {
+        let (max_degree, c) = (self.operator.max_degree(), self.targets.ncols());
+        let penalty = smoothness_penalty(max_degree, lambda);
+        let equations = NormalEquations { operator: self.operator, weights: self.weights, penalty: Some(&penalty) };
+        let roots: Vec<f64> = penalty.iter().map(|p| p.sqrt()).collect();
+        let mut probes = self.probes.clone();
+        scale_rows(&mut probes, &roots);
+        let adjoint = equations.adjoint(self.targets.clone())?;
+        let mut right = Array2::zeros((adjoint.nrows(), c + PROBES));
+        right.slice_mut(s![.., ..c]).assign(&adjoint);
+        right.slice_mut(s![.., c..]).assign(&probes);
+        let scale = norms(&right);
+        let mut cg = Cg { x: Array2::zeros(right.dim()), gradient: right, scale, iterations: 0, condition: 1.0 };
+        let diagonal = Diagonal::new(max_degree, self.weight, Some(&penalty));
+        let params = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
+        cg.run(&equations, &diagonal, &params, self.cancel, &|_, _| {})?;
+        let residual = self.targets - &self.operator.apply(cg.x.slice(s![.., ..c]))?;
+        let mut square = 0.0;
+        for (i, row) in residual.rows().into_iter().enumerate() {
+            square += self.weights.map_or(1.0, |w| w[i]) * row.dot(&row);
+        }
+        let solved = cg.x.slice(s![.., c..]);
+        let lost = (&probes * &solved).sum() / PROBES as f64;
+        let n = self.weights.map_or(self.operator.rows(), |w| w.iter().filter(|w| **w > 0.0).count()) as f64;
+        let trace = (basis_size(max_degree) as f64 - lost).clamp(0.0, n);
+        // More coefficients than samples leave nothing to validate with unless the penalty counts.
+        let left = n - trace;
+        let value = if left > 1e-3 * n { n * square / (left * left) } else { f64::INFINITY };
+        self.tried.push([lambda, value, trace]);
+        Ok(value)
+    }
+}
+
+/// Signs, (K, PROBES), from a counter.
+fn probes(max_degree: usize) -> Array2<f64> {
+    let sign = |i: usize| {
+        let mut z = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        if (z ^ (z >> 31)) & 1 == 0 { 1.0 } else { -1.0 }
+    };
+    Array2::from_shape_fn((basis_size(max_degree), PROBES), |(k, c)| sign(k * PROBES + c))
+}
