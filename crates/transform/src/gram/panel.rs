@@ -1,7 +1,7 @@
 //! Columns of one order m': which degrees and orders of rows they need, and where the sums go.
 //!
-//! The orders m of the rows are taken in panels, so that W_{m,m'} of a panel stays in a core's L2 cache while all l and l'
-//! use it. Rows of one degree and sign lie together in the matrix, so a panel's sums go down a column in runs as long as
+//! The orders m of the rows are taken in panels, so that the c and d of a panel stay in a core's L2 cache while all l and l'
+//! use them. Rows of one degree and sign lie together in the matrix, so a panel's sums go down a column in runs as long as
 //! the panel, all of a degree's orders at degree 100.
 
 use std::ops::Range;
@@ -9,11 +9,11 @@ use std::ops::Range;
 use spharm_harmonics::column;
 use spharm_harmonics::index::degree_order;
 
-use super::kernel::{KINDS, LANES, ROWS, Row, Weights, products, strip};
+use super::kernel::{KINDS, LANES, Lanes, ROWS, Row, products, strip};
 use super::measure::Measure;
 
-/// Bytes of W in a panel: beside it, the L2 cache holds the Legendre functions of three degrees, a quarter as much each.
-const WEIGHT_BYTES: usize = 512 << 10;
+/// Bytes of c and d in a panel: beside it, the L2 cache holds the Legendre functions of three degrees, a quarter as much each.
+const WAVE_BYTES: usize = 512 << 10;
 
 /// The rows asked for.
 #[derive(Debug)]
@@ -48,14 +48,12 @@ pub(super) fn fill(measure: &Measure, rows: &Rows, order: usize, parts: &mut [Pa
         column.iter_mut().zip(measure.order(part.degree, order)).for_each(|(x, p)| *x = p);
     }
     let all = groups.iter().fold(0..0, |all, group| join(all, group.blocks.clone()));
-    let panel = (WEIGHT_BYTES / (rings * size_of::<Weights>())).clamp(1, all.len().max(1));
-    let mut weights = vec![Weights::default(); panel * rings];
+    let panel = (WAVE_BYTES / (4 * rings * size_of::<Lanes>())).clamp(1, all.len().max(1));
     let mut sums = vec![[0.0; LANES]; ROWS * parts.len() * KINDS * panel];
-    // Degrees l + l' of one parity share W.
+    // Degrees l + l' of one parity share c and d.
     for parity in 0..2 {
         for origin in all.clone().step_by(panel) {
             let end = all.end.min(origin + panel);
-            let mut prepared = false;
             for group in &groups {
                 let blocks = group.blocks.start.max(origin)..group.blocks.end.min(end);
                 let highest = group.degrees[group.degrees.len() - 1];
@@ -64,14 +62,10 @@ pub(super) fn fill(measure: &Measure, rows: &Rows, order: usize, parts: &mut [Pa
                 if blocks.is_empty() || taken.is_empty() {
                     continue;
                 }
-                if !prepared {
-                    measure.weights(parity, order, origin, &mut weights[..(end - origin) * rings]);
-                    prepared = true;
-                }
                 let legendre = |&degree: &usize| Row { degree, legendre: measure.degree(degree) };
                 let of_rows: Vec<_> = group.degrees.iter().map(legendre).collect();
                 let of_columns: Vec<_> = taken.iter().map(|&i| &columns[i * rings..][..rings]).collect();
-                products(&of_rows, &of_columns, &weights, rings, origin, blocks.clone(), &mut sums);
+                products(&of_rows, &of_columns, measure.waves(parity, order), rings, blocks.clone(), &mut sums);
                 for (r, &degree) in group.degrees.iter().enumerate() {
                     for (c, &i) in taken.iter().enumerate() {
                         for kind in 0..KINDS {
@@ -133,7 +127,10 @@ impl Rows {
             let (first, sums) = if first == 0 { (1, &sums[1..]) } else { (first, sums) };
             let end = centre + 1 - first;
             let rows = clip(end - sums.len(), end);
-            let sums = &sums[end - rows.end.min(end)..];
+            if rows.is_empty() {
+                return;
+            }
+            let sums = &sums[end - rows.end..];
             let out = values[rows.start - start..rows.end - start].iter_mut().rev();
             out.zip(sums).for_each(|(out, sum)| *out = *sum);
         } else {
