@@ -7,11 +7,11 @@
 //! ```
 //!
 //! A lane is an order m, which is the order of the matrix' own rows. Up to three degrees l of equal parity, two l' of
-//! equal parity and the four (s, s') make a tile of 24 sums in registers. A step along the rings loads 9 vectors and makes
-//! 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products: two thirds of what a matrix product's kernel
-//! would do in that time, without its packing, its scaled copies of the tables and the scattering of its results. What a
-//! step loads fills 45 KB over all rings at degree 100, an L1 cache. Every sum runs over the rings in the same order
-//! whatever tile it is in: its bits don't depend on the tiling.
+//! equal parity and the four (s, s') make a tile of 24 sums in registers. A step along the rings loads 9 vectors and
+//! makes 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products: two thirds of what a matrix product's
+//! kernel would do in that time, without its packing, its scaled copies of the tables and the scattering of its
+//! results. What a step loads fills 45 KB over all rings at degree 100, an L1 cache. Every sum runs over the rings in
+//! the same order whatever tile it is in: its bits don't depend on the tiling.
 
 use std::ops::Range;
 
@@ -62,14 +62,15 @@ struct Factors<'a, const R: usize, const C: usize> {
 /// The sums of eight lanes: (l, l', kind).
 type Tile<const R: usize, const C: usize> = [[[[f64; LANES]; KINDS]; C]; R];
 
-/// Where [`products`] puts the sum of row degree `row`, column degree `column`, `kind` and the first of `blocks` blocks.
+/// Where [`products`] puts the sum of row degree `row`, column degree `column`, `kind` and the first of `blocks`
+/// blocks.
 #[inline(always)]
 pub(super) fn strip(row: usize, columns: usize, column: usize, kind: usize, blocks: usize) -> usize {
     ((row * columns + column) * KINDS + kind) * blocks
 }
 
-/// Sums for the blocks of eight orders `blocks`: rows of at most [`ROWS`] degrees, ascending; `columns` hold P_{l',m'} at
-/// the `rings` rings. `sums` (row, column, kind, block), see [`strip`].
+/// Sums for the blocks of eight orders `blocks`: rows of at most [`ROWS`] degrees, ascending; `columns` hold P_{l',m'}
+/// at the `rings` rings. `sums` (row, column, kind, block), see [`strip`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn products(
     rows: &[Row<'_>],
@@ -129,25 +130,25 @@ pub(super) fn products(
 /// A tile as one would write it down, for processors without a kernel of their own.
 fn plain<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, C> {
     let Factors { legendre, columns, waves } = factors;
-    let mut sums = [[[[0.0; LANES]; KINDS]; C]; R];
+    let mut tile = [[[[0.0; LANES]; KINDS]; C]; R];
     for j in 0..waves[0].len() {
         for lane in 0..LANES {
             let [c_minus, c_plus, d_minus, d_plus] = waves.map(|wave| wave[j].0[lane]);
             let weights = [c_minus + c_plus, d_plus + d_minus, d_plus - d_minus, c_minus - c_plus];
-            for c in 0..C {
-                for kind in 0..KINDS {
-                    let v = weights[kind] * columns[c][j];
-                    for r in 0..R {
-                        sums[r][c][kind][lane] += legendre[r][j].0[lane] * v;
+            for (tile, p) in tile.iter_mut().zip(legendre) {
+                for (tile, x) in tile.iter_mut().zip(columns) {
+                    for (sums, w) in tile.iter_mut().zip(weights) {
+                        sums[lane] += p[j].0[lane] * (w * x[j]);
                     }
                 }
             }
         }
     }
-    sums
+    tile
 }
 
-/// Tiles with the processor's own vectors: left to itself, the compiler shuffles the 24 sums about and is 15 times slower.
+/// Tiles with the processor's own vectors: left to itself, the compiler shuffles the 24 sums about and is 15 times
+/// slower.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::{
@@ -168,8 +169,8 @@ mod x86 {
                 const WIDTH: usize = LANES / PARTS;
                 let Factors { mut legendre, mut columns, mut waves } = factors;
                 let rings = waves[0].len();
-                // Told once, so that no bounds are checked along the rings. Loops in place of closures, which the compiler
-                // does not inline here.
+                // Told once, so that no bounds are checked along the rings. Loops in place of closures, which the
+                // compiler does not inline here.
                 for legendre in &mut legendre {
                     *legendre = &legendre[..rings];
                 }
@@ -263,7 +264,7 @@ mod tests {
                 let columns: Vec<_> = columns.chunks_exact(rings).take(width).collect();
                 let mut sums = vec![[7.0; LANES]; count * width * KINDS * 2];
                 products(&rows, &columns, waves, rings, 0..2, &mut sums);
-                for at in 0..sums.len() {
+                for (at, found) in sums.iter().enumerate() {
                     let (block, kind) = (at % 2, at / 2 % KINDS);
                     let (column, row) = (at / 2 / KINDS % width, at / 2 / KINDS / width);
                     let wave = |(wave, k): (&'static str, usize)| {
@@ -276,7 +277,7 @@ mod tests {
                         waves: [("cosine", 2), ("cosine", 11), ("sine", 2), ("sine", 11)].map(wave),
                     });
                     let empty = rows[row].degree < block * LANES;
-                    for (found, expected) in sums[at].iter().zip(expected[0][0][kind]) {
+                    for (found, expected) in found.iter().zip(expected[0][0][kind]) {
                         assert!((found - if empty { 7.0 } else { expected }).abs() < 1e-15 * rings as f64);
                     }
                 }

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! where `S^q = sum of s_{l,m} S_{l,m}` over the l of that parity: `c_k = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)` and
-//! `d_k` with `s_{l,-k}` for k > 0, `c_0 = pi g_j sum_l s_{l,0} P_{l,0}`, `d_0 = 0`, `c_{-k} = c_k`, `d_{-k} = -d_k`. No
-//! grid of azimuths and no FFT is needed. The rings south of the equator give what their mirrors give (see
+//! `d_k` with `s_{l,-k}` for k > 0, `c_0 = pi g_j sum_l s_{l,0} P_{l,0}`, `d_0 = 0`, `c_{-k} = c_k`, `d_{-k} = -d_k`.
+//! No grid of azimuths and no FFT is needed. The rings south of the equator give what their mirrors give (see
 //! [`gram`](super)), so the northern ones count twice.
 
 use rayon::prelude::*;
@@ -25,8 +25,8 @@ pub(super) struct Measure {
     max_degree: usize,
     /// `P_{l,m}(theta_j)` of the northern rings: for each l (blocks of eight m, rings), zero where m > l.
     legendre: Vec<Lanes>,
-    /// For each parity q `c_k .. c_{k+7}`, and the same of d: (k from -L to 2L, rings). Each value is there eight times, so
-    /// that the kernel reads along the rings, aligned, whatever m - m' is.
+    /// For each parity q `c_k .. c_{k+7}`, and the same of d: (k from -L to 2L, rings). Each value is there eight
+    /// times, so that the kernel reads along the rings, aligned, whatever m - m' is.
     cosine: [Vec<Lanes>; 2],
     sine: [Vec<Lanes>; 2],
 }
@@ -127,7 +127,8 @@ fn put_legendre(max_degree: usize, legendre: &mut [Lanes], start: usize, runs: &
     });
 }
 
-/// Puts the sums of one run, (its rings, k), in their place among those of all, (rings, k), with the factors of c and d.
+/// Puts the sums of one run, (its rings, k), in their place among those of all, (rings, k), with the factors of c and
+/// d.
 fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &[f64]) {
     let rings = factors.len();
     for (k, (out, sums)) in out.chunks_exact_mut(rings).zip(sums.chunks_exact(rows)).enumerate() {

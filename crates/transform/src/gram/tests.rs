@@ -212,7 +212,8 @@ fn what_are_no_moments_is_refused() {
     assert!(matches!(high, Err(TransformError::Harmonics(_))));
 }
 
-/// The tile `rows` x `columns` of a matrix of which `from` x `from` is known has the same bits, and stays in its bounds.
+/// The tile `rows` x `columns` of a matrix of which `from` x `from` is known has the same bits, and stays in its
+/// bounds.
 fn assert_cut(gram: &MomentGram, known: &[f64], from: &Range<usize>, [rows, columns]: [Range<usize>; 2], gap: usize) {
     let leading = rows.len() + gap;
     let mut tile = vec![7.0; leading * columns.len()];
