@@ -9,10 +9,10 @@
 //! for every polynomial p of degree up to `2n - 1`. On the sphere, n rings of more than 2n - 1 equidistant azimuths
 //! integrate every function of degree up to `2n - 1`.
 //!
-//! Newton's method from F. G. Tricomi's guess, `(1 - (n - 1)/(8 n^3)) cos(pi (4j + 3)/(4n + 2))` (Ann. Mat. Pura Appl. 31
-//! (1950)), in doubles, and its last step in double-double: next to the poles the three-term recurrence of `P_n` loses
-//! some n^1.5 eps of the sine, which is what a colatitude is known by there. So nodes, sines and weights are good to a
-//! few eps, relative, at any n that is practical; tested to 4,001.
+//! Newton's method from F. G. Tricomi's guess, `(1 - (n - 1)/(8 n^3)) cos(pi (4j + 3)/(4n + 2))` (Ann. Mat. Pura Appl.
+//! 31 (1950)), in doubles, and its last step in double-double: next to the poles the three-term recurrence of `P_n`
+//! loses some n^1.5 eps of the sine, which is what a colatitude is known by there. So nodes, sines and weights are good
+//! to a few eps, relative, at any n that is practical; tested to 4,001.
 //!
 //! Cost: about 35 n^2 flops and 32 n bytes of tables; 0.05 s for 4,001 rings.
 

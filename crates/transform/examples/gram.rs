@@ -1,4 +1,5 @@
-//! Seconds and GFLOP/s of the Gram matrix: `cargo run --release -p spharm-transform --example gram -- [L] [columns a tile]`.
+//! Seconds and GFLOP/s of the Gram matrix: `cargo run --release -p spharm-transform --example gram -- [L] [columns a
+//! tile]`.
 
 use std::time::Instant;
 
@@ -31,13 +32,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             report(what, start.elapsed().as_secs_f64());
         }
     }
-    let mut tile = vec![0.0; width * width];
-    let start = Instant::now();
-    for column in (0..size).step_by(width) {
-        for row in (column..size).step_by(width) {
-            gram.tile(row..size.min(row + width), column..size.min(column + width), &mut tile, width);
+    for (what, height) in [("columns, all rows", size), ("columns and rows", width)] {
+        let mut tile = vec![0.0; height * width];
+        let start = Instant::now();
+        for column in (0..size).step_by(width) {
+            for row in (column..size).step_by(height) {
+                gram.tile(row..size.min(row + height), column..size.min(column + width), &mut tile, height);
+            }
         }
+        report(&format!("tiles of {width} {what}"), start.elapsed().as_secs_f64());
     }
-    report(&format!("tiles of {width}"), start.elapsed().as_secs_f64());
     Ok(())
 }

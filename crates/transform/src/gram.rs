@@ -1,9 +1,9 @@
 //! The Gram matrix `A^T diag(w) A` of the canonical basis at n scattered weighted directions, without the basis.
 //!
 //! The *moments* `s_{lm} = sum_i w_i S_{lm}(x_i)` to degree 2L, one adjoint synthesis of the weights, are all that the
-//! Gram matrix knows of weights and directions: a product of two harmonics of degrees up to L is of degree 2L. With
-//! `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to 2L, and the integrand's degree
-//! of 4L is met exactly by 2L + 1 Gauss-Legendre rings. There, for orders m, m' >= 0 and s, s' in {cos, sin},
+//! Gram matrix knows of weights and directions: a product of two harmonics of degrees up to L is of degree 2L. With `S
+//! = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to 2L, and the integrand's
+//! degree of 4L is met exactly by 2L + 1 Gauss-Legendre rings. There, for orders m, m' >= 0 and s, s' in {cos, sin},
 //!
 //! ```text
 //! G[(l, m, s), (l', m', s')] = sum_j P_{l,m}(theta_j) W_{m,m'}^{s,s'}(j) P_{l',m'}(theta_j)
@@ -11,26 +11,25 @@
 //! W^{sin,sin} = c_{m-m'} - c_{m+m'}      W^{cos,sin} = d_{m+m'} - d_{m-m'}
 //! ```
 //!
-//! where `c_k`, `d_k` are half the measure's Fourier coefficients on the ring ([`measure`]). A product of three harmonics
-//! of degrees l, l', l'' integrates to zero unless l + l' + l'' is even (`S_{lm}(-x) = (-1)^l S_{lm}(x)`): only the moments
-//! of degrees of l + l' 's parity enter, and with them the integrand is the same on mirrored rings. That leaves the L + 1
-//! rings from the north pole to the equator, and half of the flops.
+//! where `c_k`, `d_k` are half the measure's Fourier coefficients on the ring (`gram/measure.rs`). A product of three
+//! harmonics of degrees l, l', l'' integrates to zero unless l + l' + l'' is even (`S_{lm}(-x) = (-1)^l S_{lm}(x)`):
+//! only the moments of degrees of l + l' 's parity enter, and with them the integrand is the same on mirrored rings.
+//! That leaves the L + 1 rings from the north pole to the equator, and half of the flops.
 //!
 //! # Cost
 //!
-//! Whatever n is: `L^5` flops for the lower triangle (1.05e10 at L = 100, 3.3e11 at L = 200), and 2 `L^3` or so of setting
-//! up. Memory: see [`MomentGram::bytes`]; 5 MB at L = 100, 38 MB at L = 200, beside the matrix. The matrix itself is
-//! `8 (L + 1)^4` bytes and written once, down its columns.
+//! Whatever n is: `L^5` flops for the lower triangle (1.05e10 at L = 100, 3.3e11 at L = 200), and some 40 `L^3` of
+//! setting up. Memory: see [`MomentGram::bytes`]; 12 MB at L = 100, 65 MB at L = 200, beside the matrix. The matrix
+//! itself is `8 (L + 1)^4` bytes and written once, down its columns.
 //!
 //! # Range
 //!
 //! L up to half of [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Weights may be negative. Errors are some eps of the
 //! largest entry. An entry's bits depend neither on the number of threads nor on how the matrix is cut into tiles.
 //!
-//! After D. M. Healy, D. N. Rockmore, P. J. Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and variations", J.
-//! Fourier Anal. Appl. 9 (2003), for the way from a measure to its moments and back by quadrature; the Gram matrix of
-//! scattered data from moments is, on the circle, K. Gröchenig's Toeplitz matrix ("Reconstruction algorithms in irregular
-//! sampling", Math. Comp. 59 (1992)).
+//! On the circle the Gram matrix of scattered data from its moments is the Toeplitz matrix of H. G. Feichtinger, K.
+//! Gröchenig and T. Strohmer, "Efficient numerical methods in non-uniform sampling theory", Numer. Math. 69 (1995);
+//! this is its sister on the sphere.
 //!
 //! ```
 //! use spharm_transform::MomentGram;
@@ -59,10 +58,11 @@ use spharm_harmonics::index::{degree_order, first_column};
 
 use crate::TransformError;
 use measure::Measure;
-use panel::{Part, Rows};
+use panel::{Columns, Part, Rows};
 
-/// Degrees l' of one order m' that a thread takes at a time: enough to make good for preparing W, few enough to share.
-const TASK: usize = 16;
+/// Pairs (l', m') that a thread takes at a time: each meets the whole Legendre table, so not few; but enough to share
+/// out.
+const TASK: usize = 32;
 /// Columns and rows that are mirrored at a time: 32 KB, an L1 cache's.
 const MIRROR: usize = 64;
 
@@ -77,8 +77,8 @@ impl MomentGram {
     ///
     /// # Errors
     ///
-    /// [`TransformError::MomentCount`], [`TransformError::MomentNotFinite`]; [`TransformError::Harmonics`] where 2L is above
-    /// [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+    /// [`TransformError::MomentCount`], [`TransformError::MomentNotFinite`]; [`TransformError::Harmonics`] where 2L is
+    /// above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
         let degree = 2 * max_degree;
         let expected = basis_size(degree);
@@ -91,7 +91,8 @@ impl MomentGram {
         Ok(Self { measure: Measure::new(max_degree, moments)? })
     }
 
-    /// Bytes that it holds for a degree, about `4 (L + 1)^3`; each thread needs about 1 MiB more while it works.
+    /// Bytes that it holds for a degree, about `4 (L + 1)^3 + 768 (L + 1)^2`; each thread needs some 1 MiB more while
+    /// it works.
     pub const fn bytes(max_degree: usize) -> usize {
         Measure::bytes(max_degree)
     }
@@ -119,7 +120,9 @@ impl MomentGram {
     /// Writes the entries of some rows and columns, anywhere in the symmetric matrix, into `out`, (rows, columns)
     /// column-major with `leading` values from column to column.
     ///
-    /// Whole degrees are cheapest: a degree of which one column is asked for costs up to half of its own.
+    /// Tiles of several whole degrees are cheapest: the sums of a degree are shared by its columns of both signs, and a
+    /// kernel takes three degrees of equal parity at a time. Tiles of less than two degrees a side cost three times as
+    /// much an entry.
     ///
     /// # Panics
     ///
@@ -128,8 +131,8 @@ impl MomentGram {
         self.fill(rows, columns, false, out, leading);
     }
 
-    /// Writes the Gram matrix of one run of degrees, both triangles, into `out`, (k, k) column-major where k is their number
-    /// of functions. It is symmetric to the last bit.
+    /// Writes the Gram matrix of one run of degrees, both triangles, into `out`, (k, k) column-major where k is their
+    /// number of functions. It is symmetric to the last bit.
     ///
     /// # Panics
     ///
@@ -158,7 +161,7 @@ impl MomentGram {
             out.len()
         );
 
-        // Columns of one order, of both signs, share their sums' factors: they go to one task.
+        // Columns of one order, of both signs, share their sums' factors.
         let mut orders: Vec<Vec<Part<'_>>> = (0..=self.max_degree()).map(|_| Vec::new()).collect();
         for (column, values) in columns.zip(out[..needed].chunks_mut(leading)) {
             let (degree, order) = degree_order(column);
@@ -172,18 +175,35 @@ impl MomentGram {
                 part.signs[usize::from(order < 0)] = Some(values);
             }
         }
-        let mut tasks = Vec::new();
+        let rows = Rows { range: rows, lower };
+        self.tasks(orders).into_par_iter().with_max_len(1).for_each(|mut task| {
+            panel::fill(&self.measure, &rows, &mut task);
+        });
+    }
+
+    /// Cuts the columns, given by order, into tasks of about [`TASK`] degrees: of one order where it has so many, else
+    /// of several, as many as share a cache.
+    fn tasks<'a>(&self, orders: Vec<Vec<Part<'a>>>) -> Vec<Vec<Columns<'a>>> {
+        let most = panel::most_orders(self.measure.rings());
+        let mut tasks: Vec<Vec<Columns<'a>>> = Vec::new();
+        let mut room = 0;
         for (order, mut parts) in orders.into_iter().enumerate() {
             while !parts.is_empty() {
                 let rest = parts.split_off(TASK.min(parts.len()));
-                tasks.push((order, parts));
+                match tasks.last_mut() {
+                    Some(task) if parts.len() <= room && task.len() < most => {
+                        room -= parts.len();
+                        task.push(Columns { order, parts });
+                    }
+                    _ => {
+                        room = TASK - parts.len();
+                        tasks.push(vec![Columns { order, parts }]);
+                    }
+                }
                 parts = rest;
             }
         }
-        let rows = Rows { range: rows, lower };
-        tasks.into_par_iter().with_max_len(1).for_each(|(order, mut parts)| {
-            panel::fill(&self.measure, &rows, order, &mut parts);
-        });
+        tasks
     }
 }
 

@@ -7,14 +7,14 @@
 //! ```
 //!
 //! where `S^q = sum of s_{l,m} S_{l,m}` over the l of that parity: `c_k = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)` and
-//! `d_k` with `s_{l,-k}` for k > 0, `c_0 = pi g_j sum_l s_{l,0} P_{l,0}`, `d_0 = 0`, `c_{-k} = c_k`, `d_{-k} = -d_k`. No
-//! grid of azimuths and no FFT is needed. The rings south of the equator give what their mirrors give (see
+//! `d_k` with `s_{l,-k}` for k > 0, `c_0 = pi g_j sum_l s_{l,0} P_{l,0}`, `d_0 = 0`, `c_{-k} = c_k`, `d_{-k} = -d_k`.
+//! No grid of azimuths and no FFT is needed. The rings south of the equator give what their mirrors give (see
 //! [`gram`](super)), so the northern ones count twice.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Recurrence, Sweep, column, gauss_legendre};
 
-use super::kernel::{LANES, Lanes, Weights};
+use super::kernel::{LANES, Lanes, Waves};
 use crate::TransformError;
 
 /// Rings that a thread takes at a time: the harmonics of degree 2L at them stay in its cache.
@@ -25,13 +25,14 @@ pub(super) struct Measure {
     max_degree: usize,
     /// `P_{l,m}(theta_j)` of the northern rings: for each l (blocks of eight m, rings), zero where m > l.
     legendre: Vec<Lanes>,
-    /// c and d for each parity q, (rings, k from -L to 2L + 7).
-    cosine: [Vec<f64>; 2],
-    sine: [Vec<f64>; 2],
+    /// For each parity q `c_k .. c_{k+7}`, and the same of d: (k from -L to 2L, rings). Each value is there eight
+    /// times, so that the kernel reads along the rings, aligned, whatever m - m' is.
+    cosine: [Vec<Lanes>; 2],
+    sine: [Vec<Lanes>; 2],
 }
 
 /// Blocks of eight orders that degree l has.
-pub(super) const fn blocks(l: usize) -> usize {
+const fn blocks(l: usize) -> usize {
     l / LANES + 1
 }
 
@@ -41,15 +42,14 @@ const fn blocks_before(l: usize) -> usize {
     LANES * whole * (whole + 1) / 2 + rest * (whole + 1)
 }
 
-/// Values of k that a ring has; the last seven are zero, for the lanes past order L.
-const fn frequencies(max_degree: usize) -> usize {
-    3 * max_degree + LANES
+/// Windows of eight k, the first from -L on, the last from 2L on.
+const fn window_count(max_degree: usize) -> usize {
+    3 * max_degree + 1
 }
 
 impl Measure {
     pub(super) const fn bytes(max_degree: usize) -> usize {
-        let rings = max_degree + 1;
-        8 * rings * (LANES * blocks_before(max_degree + 1) + 4 * frequencies(max_degree))
+        size_of::<Lanes>() * (max_degree + 1) * (blocks_before(max_degree + 1) + 4 * window_count(max_degree))
     }
 
     /// Northern rings, with the equator.
@@ -71,6 +71,12 @@ impl Measure {
         self.degree(l)[m / LANES * self.rings()..][..self.rings()].iter().map(move |lanes| lanes.0[m % LANES])
     }
 
+    /// The measure for an order m' and degrees with l + l' of parity `parity`.
+    pub(super) fn waves(&self, parity: usize, order: usize) -> Waves<'_> {
+        let (minus, plus) = (self.max_degree - order, self.max_degree + order);
+        Waves { cosine: &self.cosine[parity], sine: &self.sine[parity], minus, plus }
+    }
+
     pub(super) fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
         let recurrence = Recurrence::new(2 * max_degree)?;
         let all = gauss_legendre(2 * max_degree + 1);
@@ -78,86 +84,76 @@ impl Measure {
         let directions: Vec<_> = (0..rings).map(|j| all.direction(j)).collect();
         // All but the equator stand for their mirror too.
         let factors: Vec<_> = (0..rings).map(|j| all.weights[j] * if j < max_degree { 2.0 } else { 1.0 }).collect();
-        let zeros = || vec![0.0; rings * frequencies(max_degree)];
-        let mut measure = Self {
-            max_degree,
-            legendre: vec![Lanes::default(); blocks_before(rings) * rings],
-            cosine: [zeros(), zeros()],
-            sine: [zeros(), zeros()],
-        };
+        let mut legendre = vec![Lanes::default(); blocks_before(rings) * rings];
+        let zeros = || vec![0.0; rings * (2 * max_degree + 1)];
+        let (mut cosine, mut sine) = ([zeros(), zeros()], [zeros(), zeros()]);
         // In batches, so that the parts that wait to be put in place don't double the memory.
-        for start in (0..rings).step_by(RUN * rayon::current_num_threads()) {
-            let batch = &directions[start..rings.min(start + RUN * rayon::current_num_threads())];
+        let together = RUN * rayon::current_num_threads();
+        for start in (0..rings).step_by(together) {
+            let batch = &directions[start..rings.min(start + together)];
             let runs: Vec<_> =
                 batch.par_chunks(RUN).map(|run| Run::new(&recurrence, max_degree, moments, run)).collect();
+            put_legendre(max_degree, &mut legendre, start, &runs);
             for (index, run) in runs.iter().enumerate() {
-                measure.put_frequencies(start + index * RUN, run, &factors);
+                for parity in 0..2 {
+                    put_sums(&mut cosine[parity], &run.cosine[parity], start + index * RUN, run.rows, &factors);
+                    put_sums(&mut sine[parity], &run.sine[parity], start + index * RUN, run.rows, &factors);
+                }
             }
-            measure.put_legendre(start, &runs);
         }
-        Ok(measure)
+        let cosine = cosine.map(|sums| windows(max_degree, &sums, 1.0));
+        let sine = sine.map(|sums| windows(max_degree, &sums, -1.0));
+        Ok(Self { max_degree, legendre, cosine, sine })
     }
+}
 
-    fn put_frequencies(&mut self, first: usize, run: &Run, factors: &[f64]) {
-        let (l, count) = (self.max_degree, frequencies(self.max_degree));
-        for i in 0..run.rows {
-            let j = first + i;
-            for parity in 0..2 {
-                let (cosine, sine) = (&mut self.cosine[parity][j * count..], &mut self.sine[parity][j * count..]);
-                for k in 0..=2 * l {
-                    let half = factors[j] * std::f64::consts::PI * if k == 0 { 1.0 } else { 0.5 };
-                    cosine[l + k] = half * run.cosine[parity][k * run.rows + i];
-                    sine[l + k] = half * run.sine[parity][k * run.rows + i];
-                }
-                for k in 1..=l {
-                    cosine[l - k] = cosine[l + k];
-                    sine[l - k] = -sine[l + k];
-                }
+/// Puts the Legendre functions of some runs, from ring `start` on, in their place.
+fn put_legendre(max_degree: usize, legendre: &mut [Lanes], start: usize, runs: &[Run]) {
+    let rings = max_degree + 1;
+    let mut degrees = Vec::with_capacity(rings);
+    let mut rest = legendre;
+    for l in 0..rings {
+        let (degree, after) = rest.split_at_mut(blocks(l) * rings);
+        degrees.push(degree);
+        rest = after;
+    }
+    degrees.into_par_iter().enumerate().for_each(|(l, degree)| {
+        for (index, run) in runs.iter().enumerate() {
+            for (m, values) in run.legendre[l].chunks_exact(run.rows).enumerate() {
+                let at = m / LANES * rings + start + index * RUN;
+                degree[at..].iter_mut().zip(values).for_each(|(out, value)| out.0[m % LANES] = *value);
             }
         }
-    }
+    });
+}
 
-    fn put_legendre(&mut self, start: usize, runs: &[Run]) {
-        let rings = self.rings();
-        let mut degrees = Vec::with_capacity(rings);
-        let mut rest = self.legendre.as_mut_slice();
-        for l in 0..rings {
-            let (degree, after) = rest.split_at_mut(blocks(l) * rings);
-            degrees.push(degree);
-            rest = after;
+/// Puts the sums of one run, (its rings, k), in their place among those of all, (rings, k), with the factors of c and
+/// d.
+fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &[f64]) {
+    let rings = factors.len();
+    for (k, (out, sums)) in out.chunks_exact_mut(rings).zip(sums.chunks_exact(rows)).enumerate() {
+        let pi = if k == 0 { std::f64::consts::PI } else { std::f64::consts::FRAC_PI_2 };
+        for ((out, sum), factor) in out[first..].iter_mut().zip(sums).zip(&factors[first..]) {
+            *out = pi * factor * sum;
         }
-        degrees.into_par_iter().enumerate().for_each(|(l, degree)| {
-            for (index, run) in runs.iter().enumerate() {
-                let values = &run.legendre[l];
-                for (m, values) in values.chunks_exact(run.rows).enumerate() {
-                    let at = m / LANES * rings + start + index * RUN;
-                    for (out, value) in degree[at..].iter_mut().zip(values) {
-                        out.0[m % LANES] = *value;
-                    }
-                }
-            }
-        });
     }
+}
 
-    /// `W_{m,m'}` for the blocks of orders m from `origin` on, for degrees with l + l' of parity `parity`; `out` (blocks,
-    /// rings). From `2 cos a cos b = cos(a - b) + cos(a + b)` and its three sisters.
-    pub(super) fn weights(&self, parity: usize, order: usize, origin: usize, out: &mut [Weights]) {
-        let (rings, count) = (self.rings(), frequencies(self.max_degree));
-        for (block, out) in out.chunks_exact_mut(rings).enumerate() {
-            let m = (origin + block) * LANES + self.max_degree;
-            for (j, [cc, sc, cs, ss]) in out.iter_mut().enumerate() {
-                let (cosine, sine) = (&self.cosine[parity][j * count..], &self.sine[parity][j * count..]);
-                let (c_minus, c_plus) = (&cosine[m - order..][..LANES], &cosine[m + order..][..LANES]);
-                let (d_minus, d_plus) = (&sine[m - order..][..LANES], &sine[m + order..][..LANES]);
-                for lane in 0..LANES {
-                    cc.0[lane] = c_minus[lane] + c_plus[lane];
-                    sc.0[lane] = d_plus[lane] + d_minus[lane];
-                    cs.0[lane] = d_plus[lane] - d_minus[lane];
-                    ss.0[lane] = c_minus[lane] - c_plus[lane];
-                }
+/// Eight values from every k on, given those of k >= 0, (rings, k), and the sign that those of -k have; zero past 2L.
+fn windows(max_degree: usize, sums: &[f64], sign: f64) -> Vec<Lanes> {
+    let rings = max_degree + 1;
+    let mut windows = vec![Lanes::default(); window_count(max_degree) * rings];
+    windows.par_chunks_exact_mut(rings).enumerate().for_each(|(start, window)| {
+        for lane in 0..LANES {
+            let k = (start + lane).abs_diff(max_degree);
+            if k <= 2 * max_degree {
+                let sign = if start + lane < max_degree { sign } else { 1.0 };
+                let values = &sums[k * rings..][..rings];
+                window.iter_mut().zip(values).for_each(|(window, value)| window.0[lane] = sign * value);
             }
         }
-    }
+    });
+    windows
 }
 
 /// What one run of rings gives.
@@ -166,7 +162,7 @@ struct Run {
     rows: usize,
     /// For each l, (rings, m) column-major.
     legendre: Vec<Vec<f64>>,
-    /// `sum_l s_{l,k} P_{l,k}` for each parity of l, (rings, k) column-major.
+    /// `sum_l s_{l,k} P_{l,k}` for each parity of l, (rings, k) column-major; the same with `s_{l,-k}`.
     cosine: [Vec<f64>; 2],
     sine: [Vec<f64>; 2],
 }

@@ -1,19 +1,21 @@
-//! Columns of one order m': which degrees and orders of rows they need, and where the sums go.
+//! Columns of a few orders m': which degrees and orders of rows they need, and where the sums go.
 //!
-//! The orders m of the rows are taken in panels, so that W_{m,m'} of a panel stays in a core's L2 cache while all l and l'
-//! use it. Rows of one degree and sign lie together in the matrix, so a panel's sums go down a column in runs as long as
-//! the panel, all of a degree's orders at degree 100.
+//! The orders m of the rows are taken in panels: the c and d of a panel for all the m', and the Legendre functions of
+//! three degrees l, then stay in a core's L2 cache while they meet every l'. The Legendre table, which may be larger
+//! than any cache, is gone through once. Rows of one degree and sign lie together in the matrix, so a panel's sums go
+//! down a column in runs as long as the panel: 40 orders at degree 100 where there is one m' at a time, as in the whole
+//! matrix.
 
 use std::ops::Range;
 
 use spharm_harmonics::column;
 use spharm_harmonics::index::degree_order;
 
-use super::kernel::{KINDS, LANES, ROWS, Row, Weights, products, strip};
+use super::kernel::{KINDS, LANES, Lanes, ROWS, Row, products, strip};
 use super::measure::Measure;
 
-/// Bytes of W in a panel: beside it, the L2 cache holds the Legendre functions of three degrees, a quarter as much each.
-const WEIGHT_BYTES: usize = 512 << 10;
+/// Bytes of c and d in a panel, of an L2 cache of 1 MiB or more.
+const WAVE_BYTES: usize = 256 << 10;
 
 /// The rows asked for.
 #[derive(Debug)]
@@ -27,8 +29,8 @@ pub(super) struct Rows {
 #[derive(Debug)]
 pub(super) struct Part<'a> {
     pub(super) degree: usize,
-    /// The column of the cosine and that of the sine, where they are asked for: the rows' last values, from the first on
-    /// that is to be written.
+    /// The column of the cosine and that of the sine, where they are asked for: the rows' last values, from the first
+    /// on that is to be written.
     pub(super) signs: [Option<&'a mut [f64]>; 2],
 }
 
@@ -38,46 +40,63 @@ impl Part<'_> {
     }
 }
 
-/// Fills the columns `parts`, of one order and ascending in degree.
-pub(super) fn fill(measure: &Measure, rows: &Rows, order: usize, parts: &mut [Part<'_>]) {
+/// Columns of one |order|, ascending in degree.
+#[derive(Debug)]
+pub(super) struct Columns<'a> {
+    pub(super) order: usize,
+    pub(super) parts: Vec<Part<'a>>,
+}
+
+/// How many orders a task may have so that their c and d, of both parities, fit a panel of eight orders m.
+pub(super) const fn most_orders(rings: usize) -> usize {
+    let orders = WAVE_BYTES / window_bytes(rings);
+    if orders == 0 { 1 } else { orders }
+}
+
+/// c and d of both parities, from m - m' and from m + m' on.
+const fn window_bytes(rings: usize) -> usize {
+    8 * rings * size_of::<Lanes>()
+}
+
+/// Fills the columns of a few orders.
+pub(super) fn fill(measure: &Measure, rows: &Rows, orders: &mut [Columns<'_>]) {
     let rings = measure.rings();
-    let Some(lowest) = parts.first().map(|part| part.degree) else { return };
+    let parts = || orders.iter().flat_map(|columns| columns.parts.iter().map(|part| (columns.order, part.degree)));
+    let lowest = parts().map(|(_, degree)| degree).min().unwrap_or(0);
+    let legendre: Vec<f64> = parts().flat_map(|(order, degree)| measure.order(degree, order)).collect();
+    let most = orders.iter().map(|columns| columns.parts.len()).max().unwrap_or(0);
     let groups = rows.groups(lowest);
-    let mut columns = vec![0.0; parts.len() * rings];
-    for (part, column) in parts.iter().zip(columns.chunks_exact_mut(rings)) {
-        column.iter_mut().zip(measure.order(part.degree, order)).for_each(|(x, p)| *x = p);
-    }
     let all = groups.iter().fold(0..0, |all, group| join(all, group.blocks.clone()));
-    let panel = (WEIGHT_BYTES / (rings * size_of::<Weights>())).clamp(1, all.len().max(1));
-    let mut weights = vec![Weights::default(); panel * rings];
-    let mut sums = vec![[0.0; LANES]; ROWS * parts.len() * KINDS * panel];
-    // Degrees l + l' of one parity share W.
-    for parity in 0..2 {
-        for origin in all.clone().step_by(panel) {
-            let end = all.end.min(origin + panel);
-            let mut prepared = false;
-            for group in &groups {
-                let blocks = group.blocks.start.max(origin)..group.blocks.end.min(end);
-                let highest = group.degrees[group.degrees.len() - 1];
-                let wanted = |degree: usize| (degree + highest) % 2 == parity && !(rows.lower && degree > highest);
-                let taken: Vec<_> = (0..parts.len()).filter(|&i| wanted(parts[i].degree)).collect();
-                if blocks.is_empty() || taken.is_empty() {
-                    continue;
-                }
-                if !prepared {
-                    measure.weights(parity, order, origin, &mut weights[..(end - origin) * rings]);
-                    prepared = true;
-                }
-                let legendre = |&degree: &usize| Row { degree, legendre: measure.degree(degree) };
-                let of_rows: Vec<_> = group.degrees.iter().map(legendre).collect();
-                let of_columns: Vec<_> = taken.iter().map(|&i| &columns[i * rings..][..rings]).collect();
-                products(&of_rows, &of_columns, &weights, rings, origin, blocks.clone(), &mut sums);
-                for (r, &degree) in group.degrees.iter().enumerate() {
-                    for (c, &i) in taken.iter().enumerate() {
-                        for kind in 0..KINDS {
-                            if let Some(values) = &mut parts[i].signs[kind / 2] {
-                                let sums = &sums[strip(r, taken.len(), c, kind, blocks.len())..][..blocks.len()];
-                                rows.put(values, degree, kind % 2 == 1, blocks.start * LANES, sums.as_flattened());
+    let panel = (WAVE_BYTES / (orders.len() * window_bytes(rings))).clamp(1, all.len().max(1));
+    let mut sums = vec![[0.0; LANES]; ROWS * most * KINDS * panel];
+    let (mut taken, mut of_columns) = (Vec::with_capacity(most), Vec::with_capacity(most));
+    for origin in all.clone().step_by(panel) {
+        for group in &groups {
+            let blocks = group.blocks.start.max(origin)..group.blocks.end.min(origin + panel);
+            if blocks.is_empty() {
+                continue;
+            }
+            let highest = group.degrees[group.degrees.len() - 1];
+            let of_rows = group.degrees.iter().map(|&degree| Row { degree, legendre: measure.degree(degree) });
+            let of_rows: Vec<_> = of_rows.collect();
+            let mut rest = legendre.as_slice();
+            for Columns { order, parts } in &mut *orders {
+                let own = rest.split_off(..parts.len() * rings).unwrap_or_default();
+                // Degrees l + l' of one parity share c and d.
+                for parity in 0..2 {
+                    let wanted = |degree: usize| (degree + highest) % 2 == parity && !(rows.lower && degree > highest);
+                    taken.clear();
+                    taken.extend((0..parts.len()).filter(|&i| wanted(parts[i].degree)));
+                    of_columns.clear();
+                    of_columns.extend(taken.iter().map(|&i| &own[i * rings..][..rings]));
+                    products(&of_rows, &of_columns, measure.waves(parity, *order), rings, blocks.clone(), &mut sums);
+                    for (r, &degree) in group.degrees.iter().enumerate() {
+                        for (c, &i) in taken.iter().enumerate() {
+                            for kind in 0..KINDS {
+                                if let Some(values) = &mut parts[i].signs[kind / 2] {
+                                    let sums = &sums[strip(r, taken.len(), c, kind, blocks.len())..][..blocks.len()];
+                                    rows.put(values, degree, kind % 2 == 1, blocks.start * LANES, sums.as_flattened());
+                                }
                             }
                         }
                     }
@@ -133,7 +152,10 @@ impl Rows {
             let (first, sums) = if first == 0 { (1, &sums[1..]) } else { (first, sums) };
             let end = centre + 1 - first;
             let rows = clip(end - sums.len(), end);
-            let sums = &sums[end - rows.end.min(end)..];
+            if rows.is_empty() {
+                return;
+            }
+            let sums = &sums[end - rows.end..];
             let out = values[rows.start - start..rows.end - start].iter_mut().rev();
             out.zip(sums).for_each(|(out, sum)| *out = *sum);
         } else {

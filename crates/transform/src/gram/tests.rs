@@ -1,5 +1,7 @@
 //! The Gram matrix against `A^T diag(w) A` from the basis itself.
 
+use std::ops::Range;
+
 use proptest::prelude::*;
 use spharm_harmonics::index::{first_column, order_count};
 use spharm_harmonics::product::{Matrix, accumulate_adjoint};
@@ -210,24 +212,47 @@ fn what_are_no_moments_is_refused() {
     assert!(matches!(high, Err(TransformError::Harmonics(_))));
 }
 
+/// The tile `rows` x `columns` of a matrix of which `from` x `from` is known has the same bits, and stays in its
+/// bounds.
+fn assert_cut(gram: &MomentGram, known: &[f64], from: &Range<usize>, [rows, columns]: [Range<usize>; 2], gap: usize) {
+    let leading = rows.len() + gap;
+    let mut tile = vec![7.0; leading * columns.len()];
+    gram.tile(rows.clone(), columns.clone(), &mut tile, leading);
+    for (j, column) in columns.enumerate() {
+        for i in 0..leading {
+            let at = (column - from.start) * from.len() + rows.start + i - from.start;
+            let expected = if i < rows.len() { known[at] } else { 7.0 };
+            assert_eq!(tile[j * leading + i].to_bits(), expected.to_bits(), "row {i} of {rows:?}, column {column}");
+        }
+    }
+}
+
+/// Four numbers as two ranges of `from`.
+fn ranges(from: &Range<usize>, cut: &[usize]) -> [Range<usize>; 2] {
+    let place = |i: usize| from.start + cut[i] % (from.len() + 1);
+    [[0, 1], [2, 3]].map(|[a, b]| place(a).min(place(b))..place(a).max(place(b)))
+}
+
+/// The orders of so high a degree don't fit one panel.
+#[test]
+fn tiles_of_several_panels_are_cut_from_a_larger_one() {
+    let gram = some_gram(150);
+    let from = gram.size() - 1_000..gram.size();
+    let mut known = vec![f64::NAN; from.len() * from.len()];
+    gram.tile(from.clone(), from.clone(), &mut known, from.len());
+    for cut in noise(6, 64).chunks_exact(4) {
+        let cut: Vec<_> = cut.iter().map(|x| (x.abs() * 1e6) as usize).collect();
+        assert_cut(&gram, &known, &from, ranges(&from, &cut), 1);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Any tile has the bits of the whole, and stays within its bounds.
     #[test]
     fn tiles_are_cut_from_the_whole(degree in 0usize..24, cut in prop::array::uniform4(0usize..1_000), gap in 0usize..3) {
         let gram = some_gram(degree);
-        let (size, all) = (gram.size(), whole(&gram));
-        let range = |a: usize, b: usize| (a % (size + 1)).min(b % (size + 1))..(a % (size + 1)).max(b % (size + 1));
-        let (rows, columns) = (range(cut[0], cut[1]), range(cut[2], cut[3]));
-        let leading = rows.len() + gap;
-        let mut tile = vec![7.0; leading * columns.len()];
-        gram.tile(rows.clone(), columns.clone(), &mut tile, leading);
-        for (j, column) in columns.clone().enumerate() {
-            for i in 0..leading {
-                let expected = if i < rows.len() { all[column * size + rows.start + i] } else { 7.0 };
-                prop_assert_eq!(tile[j * leading + i].to_bits(), expected.to_bits());
-            }
-        }
+        let from = 0..gram.size();
+        assert_cut(&gram, &whole(&gram), &from, ranges(&from, &cut), gap);
     }
 }
