@@ -15,13 +15,17 @@
 //!
 //! | module | what |
 //! |---|---|
+//! | [`equal_area`](mod@equal_area) | equal quadrangles for the surface of a voxel object (Brechbuehler et al. 1995) |
+//! | [`volume`] | label volumes (NIfTI): the closed surface around a label, repaired where that is asked for |
 //! | [`quality`] | whether a map is one to one, and how it distorts areas, angles and lengths |
 
 #![forbid(unsafe_code)]
 
+pub mod equal_area;
 mod error;
 mod geometry;
 pub mod quality;
+pub mod volume;
 
 pub use error::ParametrizeError;
 pub use quality::Quality;
