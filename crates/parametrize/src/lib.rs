@@ -15,16 +15,21 @@
 //!
 //! | module | what |
 //! |---|---|
+//! | [`deform`](mod@deform) | an icosphere's mesh deformed onto the surface, coarse to fine |
 //! | [`equal_area`](mod@equal_area) | equal quadrangles for the surface of a voxel object (Brechbuehler et al. 1995) |
+//! | [`resample`](mod@resample) | a surface on another sampling of its sphere |
 //! | [`volume`] | label volumes (NIfTI): the closed surface around a label, repaired where that is asked for |
 //! | [`quality`] | whether a map is one to one, and how it distorts areas, angles and lengths |
 
 #![forbid(unsafe_code)]
 
+mod crossings;
+pub mod deform;
 pub mod equal_area;
 mod error;
 mod geometry;
 pub mod quality;
+pub mod resample;
 pub mod volume;
 
 pub use error::ParametrizeError;
