@@ -19,10 +19,18 @@
 
 #![forbid(unsafe_code)]
 
+mod cald;
+mod domain;
+mod embed;
+mod energy;
 mod error;
 mod geometry;
+mod hierarchy;
+mod newton;
 pub mod quality;
+mod star;
 
+pub use cald::{CaldParams, cald};
 pub use error::ParametrizeError;
 pub use quality::Quality;
 
