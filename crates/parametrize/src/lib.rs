@@ -15,25 +15,36 @@
 //!
 //! | module | what |
 //! |---|---|
-//! | [`deform`](mod@deform) | an icosphere's mesh deformed onto the surface, coarse to fine |
-//! | [`equal_area`](mod@equal_area) | equal quadrangles for the surface of a voxel object (Brechbuehler et al. 1995) |
-//! | [`resample`](mod@resample) | a surface on another sampling of its sphere |
+//! | [`deform`] | an icosphere's mesh deformed onto the surface, coarse to fine |
+//! | [`equal_area`] | equal quadrangles for the surface of a voxel object (Brechbuehler et al. 1995) |
+//! | [`resample`] | a surface on another sampling of its sphere |
 //! | [`volume`] | label volumes (NIfTI): the closed surface around a label, repaired where that is asked for |
 //! | [`quality`] | whether a map is one to one, and how it distorts areas, angles and lengths |
 
 #![forbid(unsafe_code)]
 
+mod cald;
 mod crossings;
-pub mod deform;
-pub mod equal_area;
+mod deform;
+mod domain;
+mod embed;
+mod energy;
+mod equal_area;
 mod error;
 mod geometry;
+mod hierarchy;
+mod newton;
 pub mod quality;
-pub mod resample;
+mod resample;
+mod star;
 pub mod volume;
 
+pub use cald::{CaldParams, cald};
+pub use deform::{DeformParams, deform};
+pub use equal_area::{EqualAreaParams, area_deviation, equal_area};
 pub use error::ParametrizeError;
 pub use quality::Quality;
+pub use resample::{Resampled, resample};
 
 use serde::Serialize;
 use spharm_surface::Mesh;

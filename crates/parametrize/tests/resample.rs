@@ -1,8 +1,6 @@
 //! Surfaces on shared samplings: resampled, and deformed onto.
 
-use spharm_parametrize::deform::{DeformParams, deform};
-use spharm_parametrize::resample::resample;
-use spharm_parametrize::{ParametrizeError, silent};
+use spharm_parametrize::{DeformParams, ParametrizeError, deform, resample, silent};
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_surface::topology::{Topology, is_outward};

@@ -2,9 +2,8 @@
 
 use std::path::PathBuf;
 
-use spharm_parametrize::equal_area::{EqualAreaParams, area_deviation, equal_area};
 use spharm_parametrize::volume::{Affine, LabelVolume, VolumeParams, VolumeSurface, Way, surface_of};
-use spharm_parametrize::{ParametrizeError, silent};
+use spharm_parametrize::{EqualAreaParams, ParametrizeError, area_deviation, equal_area, silent};
 use spharm_surface::topology::{Topology, is_outward, signed_volume};
 
 const N: usize = 24;
