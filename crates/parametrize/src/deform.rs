@@ -13,8 +13,9 @@
 //!
 //! 1. a coarse icosphere's vertices take the places that the map gives them;
 //! 2. in sweeps, each vertex goes with its forces, then to the surface's nearest point, which the map takes back to the
-//!    sphere; it goes only where all triangles around it stay positively oriented there, by an exact predicate. So the mesh
-//!    winds around the surface once, always, and no vertex jumps over a fold to a sheet that is near in space only;
+//!    sphere; it goes only where all triangles around it stay positively oriented there, by an exact predicate, and well
+//!    shaped on the surface. So the mesh winds around the surface once, always, and no vertex jumps over a fold to a sheet
+//!    that is near in space only;
 //! 3. each triangle is split in four, at its edges' midpoints on the sphere, and 2 is repeated.
 //!
 //! Forces on vertex i with neighbours j, l_ij the length of the path on the surface that the map makes of the arc from i
@@ -69,6 +70,8 @@ impl Default for DeformParams {
 const MOST: u32 = 10;
 /// The coarsest level.
 const COARSEST: u32 = 3;
+/// The shape below which no triangle may fall, nor get worse: springs under pressure would flatten them.
+const SHAPE: f64 = 0.4;
 /// Rounds of smoothing where triangles cut each other.
 const ROUNDS: usize = 30;
 
@@ -245,11 +248,11 @@ impl Deformed {
         let targets: Vec<_> = (0..n).into_par_iter().map(target).collect();
         for (v, target) in targets.into_iter().enumerate() {
             let Some((place, direction)) = target else { continue };
+            let shape = self.shape(v);
             let before = std::mem::replace(&mut self.on_sphere[v], direction);
-            if self.turns_well(v) {
-                self.positions[v] = place;
-            } else {
-                self.on_sphere[v] = before;
+            let stood = std::mem::replace(&mut self.positions[v], place);
+            if !self.turns_well(v) || self.shape(v) < shape.min(SHAPE) {
+                (self.on_sphere[v], self.positions[v]) = (before, stood);
             }
         }
     }
@@ -261,6 +264,18 @@ impl Deformed {
             ground.path(pair(&self.on_sphere), pair(&self.positions), self.pieces)
         };
         self.rings.of(v).iter().map(to).collect()
+    }
+
+    /// The worst of the triangles around a vertex: 4 sqrt3 area over the sum of squared edges, 1 for equal edges.
+    fn shape(&self, v: usize) -> f64 {
+        let ring = self.rings.of(v);
+        let of = |k: usize| {
+            let [a, b] = [ring[k], ring[(k + 1) % ring.len()]].map(|w| self.positions[w as usize]);
+            let at = self.positions[v];
+            let square = |u: Vec3, w: Vec3| norm(sub(u, w)).powi(2);
+            4.0 * 3.0_f64.sqrt() * area([at, a, b]) / (square(at, a) + square(a, b) + square(b, at))
+        };
+        (0..ring.len()).map(of).fold(1.0, f64::min)
     }
 
     /// Whether the triangles around a vertex are positively oriented on the sphere.
