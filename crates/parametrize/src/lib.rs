@@ -19,7 +19,10 @@
 
 #![forbid(unsafe_code)]
 
+mod auto;
 mod cald;
+mod conformal;
+mod descend;
 mod domain;
 mod embed;
 mod energy;
@@ -29,10 +32,14 @@ mod hierarchy;
 mod newton;
 pub mod quality;
 mod star;
+mod stretch;
 
+pub use auto::auto;
 pub use cald::{CaldParams, cald};
+pub use conformal::{ConformalParams, conformal};
 pub use error::ParametrizeError;
 pub use quality::Quality;
+pub use stretch::{StretchParams, stretch};
 
 use serde::Serialize;
 use spharm_surface::Mesh;
