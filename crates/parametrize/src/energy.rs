@@ -79,6 +79,11 @@ impl Energy {
         Self::Balanced { area, shape }
     }
 
+    /// F of an isometry.
+    pub(crate) fn least(self) -> f64 {
+        self.density(1.0, 1.0)[0]
+    }
+
     /// F, dF/dq and dF/dr.
     fn density(self, q: f64, r: f64) -> [f64; 3] {
         let s = 1.0 / r;

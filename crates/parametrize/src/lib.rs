@@ -13,8 +13,12 @@
 //!
 //! # Where what is
 //!
-//! | module | what |
+//! | module or method | what |
 //! |---|---|
+//! | [`auto`] | the one for those who have no wish |
+//! | [`cald`] | equal areas with little length distortion (Shen and Makedon 2006) |
+//! | [`conformal`] | least angle distortion |
+//! | [`stretch`] | least stretch (Praun and Hoppe 2003) |
 //! | [`deform`] | an icosphere's mesh deformed onto the surface, coarse to fine |
 //! | [`equal_area`] | equal quadrangles for the surface of a voxel object (Brechbuehler et al. 1995) |
 //! | [`resample`] | a surface on another sampling of its sphere |
@@ -23,9 +27,12 @@
 
 #![forbid(unsafe_code)]
 
+mod auto;
 mod cald;
+mod conformal;
 mod crossings;
 mod deform;
+mod descend;
 mod domain;
 mod embed;
 mod energy;
@@ -37,14 +44,18 @@ mod newton;
 pub mod quality;
 mod resample;
 mod star;
+mod stretch;
 pub mod volume;
 
+pub use auto::auto;
 pub use cald::{CaldParams, cald};
+pub use conformal::{ConformalParams, conformal};
 pub use deform::{DeformParams, deform};
 pub use equal_area::{EqualAreaParams, area_deviation, equal_area};
 pub use error::ParametrizeError;
 pub use quality::Quality;
 pub use resample::{Resampled, resample};
+pub use stretch::{StretchParams, stretch};
 
 use serde::Serialize;
 use spharm_surface::Mesh;
