@@ -20,7 +20,7 @@ use crate::{Parametrization, ParametrizeError, Report};
 /// A surface over a sphere that is shared, and how far it is from the surface it was made of.
 #[derive(Clone, Debug)]
 pub struct Resampled {
-    /// The new surface, the shared sphere (of unit radius), and how the one is mapped onto the other.
+    /// The new surface, the shared sphere, and how the one is mapped onto the other.
     pub map: Parametrization,
     /// From the given surface (first) to the new one.
     pub distance: SurfaceDistance,
@@ -55,7 +55,8 @@ impl Resampled {
 
 /// Puts a surface on the sampling of another sphere.
 ///
-/// `sphere` has the surface's vertices and triangles, `shared` any; of either only the directions count.
+/// `sphere` has the surface's vertices and triangles, `shared` any; of either only the directions count. The result's
+/// sphere is `shared`, bit for bit and of its radius, so that its basis is found under the same key.
 ///
 /// # Errors
 ///
@@ -68,9 +69,13 @@ pub fn resample(surface: &Mesh, sphere: &Mesh, shared: &Mesh) -> Result<Resample
     let positions = positions(&locator, surface, &vertices)?;
     let mut new = Mesh::new(positions, shared.faces.clone());
     new.meta.clone_from(&surface.meta);
-    // What a file says after its triangles of its own vertices is no longer true.
-    let shared = Mesh { vertices, faces: shared.faces.clone(), meta: shared.meta.clone() };
-    Resampled::new("resample", surface, new, shared, started)
+    // What a FreeSurfer or GIfTI file says of its space still holds; of its triangles nothing is said there.
+    let unit = Mesh::new(vertices, shared.faces.clone());
+    let mut found = Resampled::new("resample", surface, new, unit, started)?;
+    // Vectors of length 1 may change in their last bits when they are normalised once more, and with them the key of their
+    // basis: what is shared stays as it is.
+    found.map.sphere = shared.clone();
+    Ok(found)
 }
 
 /// A mesh's vertices as directions.
