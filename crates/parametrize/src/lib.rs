@@ -15,13 +15,13 @@
 //!
 //! | module or method | what |
 //! |---|---|
-//! | [`auto`] | the one for those who have no wish |
-//! | [`cald`] | equal areas with little length distortion (Shen and Makedon 2006) |
-//! | [`conformal`] | least angle distortion |
-//! | [`stretch`] | least stretch (Praun and Hoppe 2003) |
-//! | [`deform`] | an icosphere's mesh deformed onto the surface, coarse to fine |
-//! | [`equal_area`] | equal quadrangles for the surface of a voxel object (Brechbuehler et al. 1995) |
-//! | [`resample`] | a surface on another sampling of its sphere |
+//! | [`auto()`] | the one for those who have no wish |
+//! | [`cald()`] | equal areas with little length distortion (Shen and Makedon 2006) |
+//! | [`conformal()`] | least angle distortion |
+//! | [`stretch()`] | least stretch (Praun and Hoppe 2003) |
+//! | [`deform()`] | an icosphere's mesh deformed onto the surface, coarse to fine |
+//! | [`equal_area()`] | equal quadrangles for the surface of a voxel object (Brechbuehler et al. 1995) |
+//! | [`resample()`] | a surface on another sampling of its sphere |
 //! | [`volume`] | label volumes (NIfTI): the closed surface around a label, repaired where that is asked for |
 //! | [`quality`] | whether a map is one to one, and how it distorts areas, angles and lengths |
 
