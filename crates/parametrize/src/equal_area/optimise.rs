@@ -22,7 +22,8 @@
 //!
 //! # Cost
 //!
-//! Linear in the vertices but for the Cholesky factor, n log n entries; 2,400 vertices take about 20 ms a step.
+//! Linear in the vertices but for the Cholesky factor, n log n entries. 2,400 vertices take 0.6 s in all, 57,674 about 20 s
+//! of processor time and 370 MB.
 
 use faer::linalg::solvers::Solve;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
