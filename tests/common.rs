@@ -35,6 +35,7 @@ pub(crate) fn tool(name: &str) -> Command {
         "fit" => env!("CARGO_BIN_EXE_fit"),
         "generate" => env!("CARGO_BIN_EXE_generate"),
         "paper" => env!("CARGO_BIN_EXE_paper"),
+        "parametrize" => env!("CARGO_BIN_EXE_parametrize"),
         "picture" => env!("CARGO_BIN_EXE_picture"),
         "reconstruct" => env!("CARGO_BIN_EXE_reconstruct"),
         "store" => env!("CARGO_BIN_EXE_store"),

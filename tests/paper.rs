@@ -54,6 +54,12 @@ fn a_quick_run_measures_every_experiment() {
         assert!((found / expected - 1.0).abs() < 1e-6, "{found} and {expected}");
     }
 
+    // The surface lies between its vertices as well, and no further from the fit than the vertices' fit leaves it.
+    let between = rows(&output.join("surface-distance.csv"));
+    assert_eq!(between.len(), 1);
+    let [mean, rms, most] = ["mean", "rms", "hausdorff"].map(|name| number(&between[0], name));
+    assert!(0.0 < mean && mean < rms && rms < most && most < 0.1, "{mean} {rms} {most}");
+
     let sirf = rows(&output.join("figure5.csv"));
     assert_eq!(sirf.iter().map(|row| number(row, "max_degree")).collect::<Vec<_>>(), [5.0, 10.0, 20.0]);
     assert!(sirf.windows(2).all(|pair| number(&pair[1], "msd") < number(&pair[0], "msd")));
@@ -81,7 +87,7 @@ fn a_quick_run_measures_every_experiment() {
         assert!(svg.contains("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"), "{figure}");
     }
     // Neither the store nor anything half-written is left.
-    assert_eq!(std::fs::read_dir(&output).expect("a folder").count(), 4 + 4 + 1);
+    assert_eq!(std::fs::read_dir(&output).expect("a folder").count(), 5 + 4 + 1);
 }
 
 #[test]

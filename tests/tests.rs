@@ -7,3 +7,4 @@ mod memory;
 mod paper;
 mod pipeline;
 mod store;
+mod volumes;

@@ -192,7 +192,9 @@ fn run(
         let (built, _) = bench.build(&store.folder, &surface.directions, extent.max_degree)?;
         let operator = DiskOperator::new(Scheme::open(&store.folder, built.key, n, extent.max_degree)?);
         results.sirf.extend(experiments::sirf(bench, extent, &operator, surface, reference)?);
-        results.grid.extend(experiments::grid(bench, extent, &operator, surface, reference)?);
+        let (grid, between) = experiments::grid(bench, extent, &operator, surface, reference)?;
+        results.grid.extend(grid);
+        results.between.extend(between);
         if index == 0 {
             results.nlsf = experiments::nlsf(bench, extent, &operator, surface)?;
         }

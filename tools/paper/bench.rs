@@ -8,7 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use ndarray::ArrayView2;
 use spharm_cli::console::{Console, Unit};
-use spharm_harmonics::{Directions, basis_size};
+use spharm_harmonics::{Coefficients, Directions, basis_size};
 use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method};
 use spharm_store::{BuildEvent, BuildParams, BuildReport, build};
 
@@ -75,15 +75,15 @@ impl Bench<'_> {
         }
     }
 
-    /// Fits a surface and gives what it came to after each sweep, with the seconds up to there. They are those of the
-    /// sweeps alone, the reading of the basis among them.
+    /// Fits a surface and gives what it came to after each sweep, with the seconds up to there, and the coefficients in
+    /// the end. The seconds are those of the sweeps alone, the reading of the basis among them.
     pub(crate) fn fit(
         &self,
         operator: &DiskOperator,
         surface: &Surface,
         method: Method,
         max_degree: usize,
-    ) -> Result<Vec<Measured>> {
+    ) -> Result<(Vec<Measured>, Coefficients)> {
         let what = || format!("{}: {} to degree {max_degree}", surface.name, method.name());
         let mut fitter = Fitter::new(operator, 3, self.params(method, max_degree)).with_context(what)?;
         let values = ArrayView2::from_shape((surface.vertices.len(), 3), surface.vertices.as_flattened())?;
@@ -102,9 +102,9 @@ impl Bench<'_> {
                 last.set(done);
             }
         });
-        let report = fit.with_context(what)?.report;
-        self.warn_of_rank(surface, &report);
-        Ok(measured(&report, surface.scale))
+        let fit = fit.with_context(what)?;
+        self.warn_of_rank(surface, &fit.report);
+        Ok((measured(&fit.report, surface.scale), fit.coefficients))
     }
 
     fn warn_of_rank(&self, surface: &Surface, report: &FitReport) {

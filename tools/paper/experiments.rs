@@ -3,9 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use spharm_harmonics::{Directions, basis_size};
+use spharm_harmonics::{Coefficients, Directions, basis_size, synthesis};
 use spharm_solver::{DiskOperator, Method, Operator, plan};
+use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
+use spharm_surface::metrics::{SurfaceDistance, SurfaceDistanceParams, surface_distance};
 
 use crate::bench::{Bench, Measured};
 use crate::published::{Quality, Reference};
@@ -79,6 +81,17 @@ pub(crate) struct Pass {
     pub(crate) reference: Option<Quality>,
 }
 
+/// The last fit of the grid, looked at between the vertices.
+#[derive(Debug)]
+pub(crate) struct Between {
+    pub(crate) surface: String,
+    pub(crate) vertices: usize,
+    pub(crate) max_degree: usize,
+    pub(crate) granularity: usize,
+    pub(crate) pass: usize,
+    pub(crate) distance: SurfaceDistance,
+}
+
 /// Table 1: what the full least squares needs.
 #[derive(Debug)]
 pub(crate) struct Nlsf {
@@ -111,6 +124,7 @@ pub(crate) struct Basis {
 pub(crate) struct Results {
     pub(crate) sirf: Vec<Sirf>,
     pub(crate) grid: Vec<Pass>,
+    pub(crate) between: Vec<Between>,
     pub(crate) nlsf: Vec<Nlsf>,
     pub(crate) basis: Vec<Basis>,
 }
@@ -125,7 +139,7 @@ pub(crate) fn sirf(
 ) -> Result<Vec<Sirf>> {
     let one = |&max_degree: &usize| -> Result<Sirf> {
         bench.console.note(format!("{}: figure 5, SIRF to degree {max_degree}", surface.name));
-        let sweeps = bench.fit(operator, surface, Method::Sirf { start_degree: 0 }, max_degree)?;
+        let (sweeps, _) = bench.fit(operator, surface, Method::Sirf { start_degree: 0 }, max_degree)?;
         Ok(Sirf {
             surface: surface.name.clone(),
             vertices: surface.vertices.len(),
@@ -145,12 +159,14 @@ pub(crate) fn grid(
     operator: &DiskOperator,
     surface: &Surface,
     reference: &Reference,
-) -> Result<Vec<Pass>> {
+) -> Result<(Vec<Pass>, Option<Between>)> {
     let (passes, max_degree) = (extent.passes, extent.max_degree);
     let mut grid = Vec::new();
+    let mut last = None;
     for &granularity in extent.granularities {
         bench.console.note(format!("{}: figures 6 and 7, g = {granularity}, {passes} passes", surface.name));
-        let sweeps = bench.fit(operator, surface, Method::Irf { passes, granularity }, max_degree)?;
+        let (sweeps, coefficients) = bench.fit(operator, surface, Method::Irf { passes, granularity }, max_degree)?;
+        last = Some((granularity, coefficients));
         grid.extend(sweeps.into_iter().zip(1..).map(|(measured, pass)| Pass {
             surface: surface.name.clone(),
             vertices: surface.vertices.len(),
@@ -161,7 +177,22 @@ pub(crate) fn grid(
             reference: reference.irf(&surface.name, pass, granularity, max_degree),
         }));
     }
-    Ok(grid)
+    let between = |(granularity, coefficients): (usize, Coefficients)| {
+        let distance = between(surface, &coefficients).with_context(|| surface.name.clone())?;
+        let (surface, vertices) = (surface.name.clone(), surface.vertices.len());
+        Ok::<_, anyhow::Error>(Between { surface, vertices, max_degree, granularity, pass: passes, distance })
+    };
+    Ok((grid, last.map(between).transpose()?))
+}
+
+/// How far a surface is from its reconstruction at four times as many vertices: msd and xsd look at the vertices that were
+/// fitted, between which a fit may do as it likes.
+fn between(surface: &Surface, coefficients: &Coefficients) -> Result<SurfaceDistance> {
+    let denser = surface.denser_sphere();
+    let values = synthesis(&Directions::from_vertices(&denser.vertices)?, coefficients.values().view())?;
+    let vertices = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+    let given = Mesh::new(surface.vertices.clone(), surface.faces.clone());
+    Ok(surface_distance(&given, &Mesh::new(vertices, denser.faces), &SurfaceDistanceParams::default())?)
 }
 
 /// Table 1: for memories around the one given, the largest degree of NLSF by the solver's plan; and in the memory given,
@@ -187,7 +218,7 @@ pub(crate) fn nlsf(
     {
         let degree = most.min(extent.nlsf);
         bench.console.note(format!("{}: table 1, NLSF to degree {degree}", surface.name));
-        let sweeps = bench.fit(operator, surface, Method::Nlsf, degree)?;
+        let (sweeps, _) = bench.fit(operator, surface, Method::Nlsf, degree)?;
         row.fitted = sweeps.last().map(|&measured| (degree, measured));
     }
     Ok(rows)

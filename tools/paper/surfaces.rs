@@ -22,6 +22,8 @@ pub(crate) struct Surface {
     pub(crate) directions: Directions,
     /// Positions.
     pub(crate) vertices: Vec<[f64; 3]>,
+    /// Triangles, of the surface and of the sphere.
+    pub(crate) faces: Vec<[u32; 3]>,
     /// Cube root of the bounding box's volume.
     pub(crate) scale: f64,
 }
@@ -29,12 +31,18 @@ pub(crate) struct Surface {
 impl Surface {
     fn new(name: &str, kind: Kind, surface: Mesh, directions: Directions) -> Result<Self> {
         let scale = bounding_box_scale(&surface.vertices).with_context(|| name.to_owned())?;
-        Ok(Self { name: name.to_owned(), kind, directions, vertices: surface.vertices, scale })
+        let Mesh { vertices, faces, .. } = surface;
+        Ok(Self { name: name.to_owned(), kind, directions, vertices, faces, scale })
+    }
+
+    /// The sphere, four times as dense.
+    pub(crate) fn denser_sphere(&self) -> Mesh {
+        subdivide_sphere(&Mesh::new(self.directions.as_slice().to_vec(), self.faces.clone()))
     }
 
     /// Bytes of memory it takes.
     pub(crate) fn bytes(&self) -> usize {
-        2 * 24 * self.vertices.len()
+        2 * 24 * self.vertices.len() + 12 * self.faces.len()
     }
 }
 

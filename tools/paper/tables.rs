@@ -1,7 +1,7 @@
 //! The measurements as CSV, every digit of them, and tables as Markdown.
 
 use crate::bench::Measured;
-use crate::experiments::{Basis, Nlsf, Pass, Results, Sirf};
+use crate::experiments::{Basis, Between, Nlsf, Pass, Results, Sirf};
 use crate::published::Quality;
 
 /// Cells that depend on what is there: empty when it isn't.
@@ -57,6 +57,14 @@ pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
         cells.extend([row.seconds.to_string(), row.bytes.to_string()]);
         cells
     };
+    let between = |row: &Between| {
+        let counts = [row.vertices, row.max_degree, row.granularity, row.pass].map(|count| count.to_string());
+        let mut cells: Vec<String> = std::iter::once(row.surface.clone()).chain(counts).collect();
+        let d = &row.distance;
+        cells.extend([d.mean, d.rms, d.percentile95, d.hausdorff, d.bound].map(|x| digits(x / d.scale)));
+        cells.extend([d.mean, d.hausdorff].map(digits));
+        cells
+    };
     let fits = "msd,xsd,seconds";
     vec![
         ("figure3.csv", csv("along,vertices,max_degree,seconds,bytes", results.basis.iter().map(basis))),
@@ -66,6 +74,14 @@ pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
             csv(
                 &format!("surface,vertices,max_degree,granularity,pass,{fits},{REFERENCE}"),
                 results.grid.iter().map(pass),
+            ),
+        ),
+        (
+            "surface-distance.csv",
+            csv(
+                "surface,vertices,max_degree,granularity,pass,mean,rms,percentile95,hausdorff,bound,mean_raw,\
+                 hausdorff_raw",
+                results.between.iter().map(between),
             ),
         ),
         (

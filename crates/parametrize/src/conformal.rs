@@ -1,0 +1,167 @@
+//! Least angle distortion, and of the Moebius transformations the one with the least area distortion.
+//!
+//! The energy is the harmonic one of X. Gu et al. (IEEE Trans. Med. Imaging 23, 2004) divided by the area triangle by
+//! triangle (K. Hormann and G. Greiner, MIPS, 2000): the same minimum on a smooth surface, and infinite where a triangle
+//! turns over, which the harmonic energy alone doesn't notice. It doesn't change as the sphere is transformed by a
+//! Moebius transformation; those are a rotation and a boost each, and the boost is chosen so that the mean squared log
+//! area ratio is least. A conformal map makes the end of an arm exponentially small in the arm's length; the map is
+//! taken there by a weight on equal areas that goes down from stage to stage, and it stops where cells would become
+//! too small for 64-bit numbers, which the report says.
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+use spharm_surface::Mesh;
+
+use crate::cald::finish;
+use crate::descend::Descent;
+use crate::domain::Domain;
+use crate::embed::Growth;
+use crate::energy::Energy;
+use crate::geometry::{Vec3, area, dot, orientation, scale, solid_angle, sub, unit};
+use crate::{Event, Parametrization, ParametrizeError, Progress};
+
+/// Weights of equal areas on the way.
+const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
+
+/// Rounds of descent and centring in the end.
+const ROUNDS: usize = 3;
+
+/// Settings of [`conformal`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConformalParams {
+    /// Most Newton steps at each stage.
+    pub steps: usize,
+    /// Of the rotation that the sphere starts from.
+    pub seed: u64,
+}
+
+impl Default for ConformalParams {
+    fn default() -> Self {
+        Self { steps: 20, seed: 0 }
+    }
+}
+
+/// Maps a closed surface to the sphere with little angle distortion.
+///
+/// # Errors
+///
+/// As [`cald`](crate::cald()).
+pub fn conformal(
+    surface: &Mesh,
+    params: &ConformalParams,
+    progress: Progress<'_>,
+) -> Result<Parametrization, ParametrizeError> {
+    let started = Instant::now();
+    let domain = Domain::new(surface)?;
+    let growth = Growth { energy: Energy::balanced(0.3, 1.0), steps: 6, seed: params.seed };
+    let mut descent = Descent::start(&domain, growth, progress)?;
+    progress(Event::Begin { stage: "smoothing", steps: ((STAGES.len() + ROUNDS) * params.steps) as u64 });
+    for weight in STAGES {
+        descent.descend(Energy::balanced(weight, 1.0), 1e-3, params.steps, progress);
+    }
+    for _ in 0..ROUNDS {
+        centre(&domain, &mut descent.map);
+        descent.descend(Energy::CONFORMAL, 1e-4, params.steps, progress);
+    }
+    let kept = centre(&domain, &mut descent.map);
+    let mut notes = Vec::new();
+    if !kept {
+        notes.push("the last centring would have flipped triangles and went as far as it could".to_owned());
+    }
+    finish("conformal", surface, &domain, descent, started, notes)
+}
+
+/// The boost of the sphere by c, |c| < 1: what lies towards c spreads, what lies away from it draws together.
+fn boost(c: Vec3, x: Vec3) -> Vec3 {
+    let d = sub(x, c);
+    unit(sub(scale(d, (1.0 - dot(c, c)) / dot(d, d)), c))
+}
+
+/// Mean squared log area ratio after a boost; infinite where it flips a triangle: great circles don't stay such.
+fn distortion(domain: &Domain, areas: &[f64], map: &[Vec3], c: Vec3) -> f64 {
+    const CHUNK: usize = 4096;
+    let moved: Vec<Vec3> = map.par_iter().map(|&x| boost(c, x)).collect();
+    let sums: Vec<f64> = domain
+        .faces
+        .par_chunks(CHUNK)
+        .zip(areas.par_chunks(CHUNK))
+        .map(|(faces, areas)| {
+            let each = faces.iter().zip(areas).map(|(face, &area)| {
+                let corners = face.map(|v| moved[v as usize]);
+                let angle = solid_angle(corners);
+                if angle <= 0.0 || orientation(corners) <= 0.0 {
+                    return f64::INFINITY;
+                }
+                area * (angle / area).ln().powi(2)
+            });
+            each.sum::<f64>()
+        })
+        .collect();
+    sums.iter().sum::<f64>() / (4.0 * std::f64::consts::PI)
+}
+
+/// Boosts the map to the least area distortion that flips nothing; says whether that is the least there is.
+fn centre(domain: &Domain, map: &mut [Vec3]) -> bool {
+    let areas: Vec<f64> = domain
+        .faces
+        .iter()
+        .map(|face| area(face.map(|v| domain.positions[v as usize])).max(f64::MIN_POSITIVE))
+        .collect();
+    let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let mut blocked = false;
+    for _ in 0..30 {
+        let at = |c: Vec3| distortion(domain, &areas, map, c);
+        let here = at([0.0; 3]);
+        let h = 1e-3;
+        let probes = axes.map(|e| (at(scale(e, h)), at(scale(e, -h))));
+        if probes.iter().any(|(a, b)| !(a + b).is_finite()) {
+            return false;
+        }
+        let slope = probes.map(|(a, b)| (a - b) / (2.0 * h));
+        // Curvatures along the axes are enough: the function is close to round.
+        let curvature = probes.map(|(a, b)| ((a + b - 2.0 * here) / (h * h)).max(0.1));
+        let mut c = [0, 1, 2].map(|i| -slope[i] / curvature[i]);
+        let length = dot(c, c).sqrt();
+        if length < 1e-5 {
+            break;
+        }
+        c = scale(c, (0.5 / length).min(1.0));
+        let mut found = None;
+        blocked = false;
+        for _ in 0..12 {
+            let there = at(c);
+            if there < here {
+                found = Some(c);
+                break;
+            }
+            blocked |= !there.is_finite();
+            c = scale(c, 0.5);
+        }
+        let Some(c) = found else { break };
+        map.par_iter_mut().for_each(|x| *x = boost(c, *x));
+    }
+    !blocked
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_surface::generate::icosphere;
+
+    #[test]
+    fn a_boost_is_conformal_and_centring_takes_it_back() {
+        let sphere = icosphere(4);
+        let c = [0.3, -0.2, 0.4];
+        let moved: Vec<Vec3> = sphere.vertices.iter().map(|&x| boost(c, x)).collect();
+        let quality = crate::Quality::measure(&sphere.vertices, &moved, &sphere.faces);
+        assert!(quality.is_bijective() && quality.area_rms > 0.5, "{quality:?}");
+        assert!(quality.angle_rms_degrees < 2.0, "{quality:?}");
+        let domain = Domain::new(&sphere).unwrap();
+        let mut map = moved;
+        assert!(centre(&domain, &mut map));
+        let quality = crate::Quality::measure(&sphere.vertices, &map, &sphere.faces);
+        assert!(quality.area_rms < 0.02, "{quality:?}");
+        assert!(map.iter().all(|x| (dot(*x, *x) - 1.0).abs() < 1e-14));
+    }
+}

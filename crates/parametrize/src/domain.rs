@@ -1,0 +1,155 @@
+//! The surface as the methods take it: checked, outward, of area 4 pi.
+
+use spharm_surface::Mesh;
+use spharm_surface::topology::{Topology, is_outward};
+
+use crate::error::ParametrizeError;
+use crate::geometry::{Vec3, area, scale};
+
+/// A closed surface of genus zero without flaws.
+pub(crate) struct Domain {
+    /// Positions, scaled so that the triangles' areas sum to 4 pi.
+    pub(crate) positions: Vec<Vec3>,
+    /// Triangles, counter-clockwise seen from outside.
+    pub(crate) faces: Vec<[u32; 3]>,
+    /// Whether the mesh wound inwards, so that its sphere is to be mirrored.
+    inward: bool,
+}
+
+impl Domain {
+    /// Checks and scales a mesh.
+    ///
+    /// # Errors
+    ///
+    /// [`ParametrizeError::BadSurface`] with everything that stands in the way.
+    pub(crate) fn new(mesh: &Mesh) -> Result<Self, ParametrizeError> {
+        check(mesh)?;
+        let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
+        let total: f64 = mesh.faces.iter().map(|face| area(corners(face))).sum();
+        let factor = (4.0 * std::f64::consts::PI / total).sqrt();
+        // About a point of the surface: far from the origin the digits are worth more elsewhere.
+        let [x, y, z] = mesh.vertices[0];
+        let positions = mesh.vertices.iter().map(|&[a, b, c]| scale([a - x, b - y, c - z], factor)).collect();
+        let inward = !is_outward(mesh);
+        let turned = |&[a, b, c]: &[u32; 3]| if inward { [a, c, b] } else { [a, b, c] };
+        Ok(Self { positions, faces: mesh.faces.iter().map(turned).collect(), inward })
+    }
+
+    /// The sphere of a mesh, from the map of its domain.
+    ///
+    /// A surface that winds inwards keeps its triangles; so does its sphere then, and the map mirrors neither.
+    pub(crate) fn sphere(&self, mesh: &Mesh, unit: Vec<Vec3>) -> Mesh {
+        let mut sphere = Mesh::new(unit, mesh.faces.clone());
+        sphere.meta.anatomical_structure_primary = mesh.meta.anatomical_structure_primary.clone();
+        debug_assert_eq!(self.inward, self.faces[0] != mesh.faces[0]);
+        sphere
+    }
+}
+
+/// Refuses what can't be mapped to the sphere one to one, or only by chance.
+fn check(mesh: &Mesh) -> Result<(), ParametrizeError> {
+    let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
+    let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();
+    let bad =
+        |problems: Vec<String>, remedy| Err(ParametrizeError::BadSurface { problems: problems.join("; "), remedy });
+    if infinite > 0 {
+        return bad(
+            vec![format!("{infinite} vertices have NaN or infinite coordinates")],
+            "mend them and export again",
+        );
+    }
+    if outside > 0 {
+        return bad(vec![format!("{outside} triangles name vertices that aren't there")], "export the mesh again");
+    }
+
+    let topology = Topology::of(mesh);
+    let mut problems = topology.problems();
+    if topology.duplicate_vertices > 0 {
+        problems.push(format!("{} vertices lie exactly on others", topology.duplicate_vertices));
+    }
+    let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
+    if flat > topology.degenerate_faces {
+        problems.push(format!("{} triangles have no area", flat - topology.degenerate_faces));
+    }
+    if problems.is_empty() {
+        return Ok(());
+    }
+    let remedy = match topology.genus() {
+        Some(0) => "collapse or remesh the triangles concerned",
+        Some(_) => "cut or fill the handles first: they are often errors of segmentation",
+        None if topology.components > 1 => "keep one piece, in most cases the largest, and close what is open",
+        None => "weld equal vertices, fill holes and orient the triangles alike (MeshLab and pymeshfix do it)",
+    };
+    bad(problems, remedy)
+}
+
+/// Whether a triangle has an area that f64 can tell from 0.
+fn has_area(corners: [Vec3; 3]) -> bool {
+    let longest = (0..3)
+        .map(|i| crate::geometry::norm(crate::geometry::sub(corners[i], corners[(i + 1) % 3])))
+        .fold(0.0, f64::max);
+    // Relative to its own size: a tiny triangle is no flaw, three points in a line are.
+    area(corners) > 1e-12 * longest * longest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_surface::generate::icosphere;
+
+    fn message(mesh: &Mesh) -> String {
+        Domain::new(mesh).err().map(|error| error.to_string()).unwrap_or_default()
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_counts() {
+        let good = icosphere(2);
+        assert!(Domain::new(&good).is_ok());
+
+        let mut open = good.clone();
+        open.faces.pop();
+        assert!(message(&open).contains("3 edges belong to one triangle only"), "{}", message(&open));
+
+        let mut two = good.clone();
+        two.vertices.extend(good.vertices.iter().map(|&[x, y, z]| [x + 5.0, y, z]));
+        two.faces.extend(good.faces.iter().map(|face| face.map(|v| v + good.vertices.len() as u32)));
+        assert!(message(&two).contains("2 separate pieces"), "{}", message(&two));
+
+        let mut nan = good.clone();
+        nan.vertices[3][1] = f64::NAN;
+        assert!(message(&nan).contains("1 vertices have NaN"), "{}", message(&nan));
+
+        let mut turned = good.clone();
+        turned.faces[0].swap(0, 1);
+        assert!(message(&turned).contains("wound against each other"), "{}", message(&turned));
+
+        let mut welded = good.clone();
+        let [a, b, _] = welded.faces[0];
+        welded.vertices[a as usize] = welded.vertices[b as usize];
+        let text = message(&welded);
+        assert!(
+            text.contains("1 vertices lie exactly on others") && text.contains("2 triangles have no area"),
+            "{text}"
+        );
+
+        let mut loose = good.clone();
+        loose.vertices.push([9.0, 9.0, 9.0]);
+        assert!(message(&loose).contains("1 vertex belongs to no triangle"), "{}", message(&loose));
+    }
+
+    #[test]
+    fn a_torus_is_told_its_genus() {
+        let (rings, segments) = (12_u32, 8_u32);
+        let mut torus = Mesh::default();
+        for i in 0..rings {
+            for j in 0..segments {
+                let (u, v) = (f64::from(i) * std::f64::consts::TAU / 12.0, f64::from(j) * std::f64::consts::TAU / 8.0);
+                torus.vertices.push([(2.0 + v.cos()) * u.cos(), (2.0 + v.cos()) * u.sin(), v.sin()]);
+                let at = |i: u32, j: u32| (i % rings) * segments + j % segments;
+                torus.faces.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+                torus.faces.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            }
+        }
+        assert!(message(&torus).contains("genus 1"), "{}", message(&torus));
+    }
+}

@@ -1,0 +1,155 @@
+//! Coarse to fine: a map without flips of any closed surface of genus zero (E. Praun and H. Hoppe, SIGGRAPH 2003).
+//!
+//! The [`Hierarchy`] is taken down to a tetrahedron, which goes onto the sphere as a regular one. Then the vertices come
+//! back: each into the kernel of its ring, which is never empty, since the vertex it had gone into sees all of it; then
+//! it and its neighbours relax. Each time the mesh has doubled, sweeps and Newton's steps let the whole map settle, so
+//! that large features find their room while there are few vertices to move.
+
+use crate::energy::Energy;
+use crate::error::ParametrizeError;
+use crate::geometry::{Vec3, orientation, unit};
+use crate::hierarchy::Hierarchy;
+use crate::newton::Newton;
+use crate::star::{Star, sweep};
+use crate::{Event, Progress};
+
+/// How the map is optimised while it grows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Growth {
+    /// What is made small.
+    pub(crate) energy: Energy,
+    /// Newton's steps at each doubling.
+    pub(crate) steps: usize,
+    /// Seed of the rotation that the sphere starts from.
+    pub(crate) seed: u64,
+}
+
+/// Newton's steps pay from this many vertices on; below, sweeps settle everything.
+const NEWTON_FROM: usize = 100;
+
+/// Maps a closed surface of area 4 pi; also returns how many Newton steps it took, and the hierarchy, refined.
+pub(crate) fn embed(
+    positions: &[Vec3],
+    faces: &[[u32; 3]],
+    growth: Growth,
+    progress: Progress<'_>,
+) -> Result<(Vec<Vec3>, usize, Hierarchy), ParametrizeError> {
+    let n = positions.len();
+    let mut hierarchy = Hierarchy::new(positions, faces);
+    progress(Event::Begin { stage: "coarsening", steps: n as u64 });
+    let corners = hierarchy.coarsen(|step| progress(Event::Step(step)));
+    debug_assert_eq!(hierarchy.present, 4);
+
+    let mut map = vec![[0.0; 3]; n];
+    for (&v, p) in corners.iter().zip(tetrahedron(growth.seed)) {
+        map[v as usize] = p;
+    }
+    debug_assert!(orientation([0, 1, 2].map(|i| map[corners[i] as usize])) > 0.0);
+
+    progress(Event::Begin { stage: "coarse to fine", steps: n as u64 });
+    progress(Event::Step(4));
+    let mut present: Vec<u32> = corners.to_vec();
+    let mut settled = 4;
+    let mut iterations = 0;
+    while let Some((v, into)) = hierarchy.refine() {
+        insert(&hierarchy, &mut map, v, into, growth.energy)?;
+        present.push(v);
+        progress(Event::Step(1));
+        if hierarchy.present >= 2 * settled && hierarchy.present < n {
+            settled = hierarchy.present;
+            iterations += settle(&hierarchy, &mut map, &present, growth);
+        }
+    }
+    Ok((map, iterations, hierarchy))
+}
+
+/// Puts a vertex into the kernel of its ring.
+fn insert(hierarchy: &Hierarchy, map: &mut [Vec3], v: u32, into: u32, energy: Energy) -> Result<(), ParametrizeError> {
+    let ring: Vec<u32> = hierarchy.ring(v).iter().map(|&(w, _)| w).collect();
+    let place = Star::of(hierarchy, map, v).place(energy, map[into as usize]);
+    let Some(place) = place else { return Err(ParametrizeError::NoPlace { vertex: v as usize }) };
+    map[v as usize] = place;
+    for _ in 0..2 {
+        sweep(hierarchy, map, &[v], energy);
+    }
+    sweep(hierarchy, map, &ring, energy);
+    sweep(hierarchy, map, &[v], energy);
+    Ok(())
+}
+
+/// Lets a level of the hierarchy come to rest, nearly.
+fn settle(hierarchy: &Hierarchy, map: &mut [Vec3], present: &[u32], growth: Growth) -> usize {
+    let mut order = present.to_vec();
+    order.sort_unstable();
+    let rounds = if order.len() < NEWTON_FROM { 20 } else { 2 };
+    for _ in 0..rounds {
+        if sweep(hierarchy, map, &order, growth.energy) < 1e-4 {
+            break;
+        }
+    }
+    if order.len() < NEWTON_FROM {
+        return 0;
+    }
+    let mut index = vec![u32::MAX; hierarchy.around.len()];
+    for (i, &v) in order.iter().enumerate() {
+        index[v as usize] = i as u32;
+    }
+    let mut faces: Vec<u32> = order.iter().flat_map(|&v| hierarchy.around[v as usize].iter().copied()).collect();
+    faces.sort_unstable();
+    faces.dedup();
+    let corners = faces.iter().map(|&f| hierarchy.faces[f as usize].map(|v| index[v as usize])).collect();
+    let shapes = faces.iter().map(|&f| hierarchy.shapes[f as usize]).collect();
+    let Some(newton) = Newton::new(order.len(), corners, shapes) else { return 0 };
+    let mut level: Vec<Vec3> = order.iter().map(|&v| map[v as usize]).collect();
+    let mut taken = 0;
+    for _ in 0..growth.steps {
+        let step = newton.step(growth.energy, &mut level);
+        taken += 1;
+        if step.before - step.after < 1e-3 * step.before {
+            break;
+        }
+    }
+    for (&v, p) in order.iter().zip(level) {
+        map[v as usize] = p;
+    }
+    taken
+}
+
+/// A regular tetrahedron, turned by the seed: triangle 0 1 2 is counter-clockwise seen from outside, 3 lies behind it.
+fn tetrahedron(seed: u64) -> [Vec3; 4] {
+    let corners = [[-1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]];
+    // A unit quaternion from four draws; seed 0 leaves all as it is.
+    let mut state = seed;
+    let mut draw = || {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut x = state;
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x ^ (x >> 31)) >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+    };
+    let q = if seed == 0 { [1.0, 0.0, 0.0, 0.0] } else { [(); 4].map(|()| draw()) };
+    let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let [w, x, y, z] = q.map(|c| c / length);
+    corners.map(|[a, b, c]| {
+        unit([
+            (1.0 - 2.0 * (y * y + z * z)) * a + 2.0 * (x * y - w * z) * b + 2.0 * (x * z + w * y) * c,
+            2.0 * (x * y + w * z) * a + (1.0 - 2.0 * (x * x + z * z)) * b + 2.0 * (y * z - w * x) * c,
+            2.0 * (x * z - w * y) * a + 2.0 * (y * z + w * x) * b + (1.0 - 2.0 * (x * x + y * y)) * c,
+        ])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tetrahedron_is_positive_whatever_the_seed() {
+        for seed in 0..50 {
+            let t = tetrahedron(seed);
+            for face in [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]] {
+                assert!(orientation(face.map(|i: usize| t[i])) > 0.0, "seed {seed}");
+            }
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! The start: colatitude and azimuth, harmonic along the edges.
+//!
+//! Two vertices far apart become the poles. The colatitude theta is 0 and pi there and, in every other vertex, the mean
+//! of its neighbours'; so it grows along a path from north to south. The azimuth phi is the mean of its neighbours' as
+//! well, the poles left out, where one that crosses the date line (a path from pole to pole, west of which phi has grown
+//! by 2 pi) counts with that much more or less. Both are sparse positive definite systems over the edges.
+//!
+//! Then theta is drawn out, by one increasing function, so that each zone holds its share of the vertices: harmonic theta
+//! crowds them around the equator, since the poles are points.
+
+use std::collections::VecDeque;
+use std::f64::consts::{PI, TAU};
+
+use faer::prelude::*;
+use faer::sparse::{SparseColMat, Triplet};
+
+use crate::ParametrizeError;
+use crate::geometry::Vec3;
+use crate::volume::QuadMesh;
+
+/// A position on the unit sphere for each vertex.
+pub(super) fn positions(quads: &QuadMesh) -> Result<Vec<Vec3>, ParametrizeError> {
+    let rings = Rings::new(quads);
+    let south = rings.furthest(0);
+    let north = rings.furthest(south);
+    let theta = colatitude(&rings, north, south)?;
+    let phi = azimuth(&rings, &theta, north, south)?;
+    let zone = even_zones(&theta);
+    let place = |(&theta, phi): (&f64, f64)| {
+        let z = zone(theta);
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        [r * phi.cos(), r * phi.sin(), z]
+    };
+    Ok(theta.iter().zip(phi).map(place).collect())
+}
+
+/// Each vertex's neighbours, counter-clockwise seen from outside.
+struct Rings {
+    starts: Vec<u32>,
+    neighbours: Vec<u32>,
+}
+
+impl Rings {
+    fn new(quads: &QuadMesh) -> Self {
+        let mut first = vec![u32::MAX; quads.vertices.len()];
+        for (q, quad) in (0..).zip(&quads.quads) {
+            for (k, &v) in (0..).zip(quad) {
+                first[v as usize] = first[v as usize].min(4 * q + k);
+            }
+        }
+        let mut starts = vec![0];
+        let mut neighbours = Vec::with_capacity(quads.twins.len());
+        for start in first {
+            let mut corner = start;
+            loop {
+                let (quad, k) = (quads.quads[corner as usize / 4], corner as usize % 4);
+                neighbours.push(quad[(k + 1) % 4]);
+                // Over the edge that arrives, to the left of the one that leaves.
+                corner = quads.twins[corner as usize / 4 * 4 + (k + 3) % 4];
+                if corner == start {
+                    break;
+                }
+            }
+            starts.push(neighbours.len() as u32);
+        }
+        Self { starts, neighbours }
+    }
+
+    fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    fn of(&self, vertex: usize) -> &[u32] {
+        &self.neighbours[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+    }
+
+    /// The vertex the most edges away; of several, the first.
+    fn furthest(&self, from: usize) -> usize {
+        let mut distance = vec![usize::MAX; self.len()];
+        distance[from] = 0;
+        let mut queue = VecDeque::from([from]);
+        while let Some(v) = queue.pop_front() {
+            for &w in self.of(v) {
+                if distance[w as usize] == usize::MAX {
+                    distance[w as usize] = distance[v] + 1;
+                    queue.push_back(w as usize);
+                }
+            }
+        }
+        (0..self.len()).max_by_key(|&v| (distance[v], std::cmp::Reverse(v))).unwrap_or(from)
+    }
+}
+
+fn colatitude(rings: &Rings, north: usize, south: usize) -> Result<Vec<f64>, ParametrizeError> {
+    let fixed = |v: usize| if v == north { Some(0.0) } else { (v == south).then_some(PI) };
+    let mut matrix = Vec::new();
+    let mut right = vec![0.0; rings.len()];
+    for (v, right) in right.iter_mut().enumerate() {
+        if let Some(value) = fixed(v) {
+            matrix.push(Triplet::new(v, v, 1.0));
+            *right = value;
+            continue;
+        }
+        matrix.push(Triplet::new(v, v, rings.of(v).len() as f64));
+        for w in rings.of(v).iter().map(|&w| w as usize) {
+            match fixed(w) {
+                Some(value) => *right += value,
+                None => matrix.push(Triplet::new(v, w, -1.0)),
+            }
+        }
+    }
+    solve(&matrix, &right)
+}
+
+fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<Vec<f64>, ParametrizeError> {
+    let pole = |v: usize| v == north || v == south;
+    let mut matrix = Vec::new();
+    let mut right = vec![0.0; rings.len()];
+    for v in 0..rings.len() {
+        let within = rings.of(v).iter().filter(|&&w| !pole(w as usize));
+        let degree = if pole(v) { 1.0 } else { within.clone().count() as f64 };
+        matrix.push(Triplet::new(v, v, degree));
+        if !pole(v) {
+            matrix.extend(within.map(|&w| Triplet::new(v, w as usize, -1.0)));
+        }
+    }
+    let line = date_line(rings, theta, north, south);
+    // The azimuth is free up to a turn: it is 0 where the date line begins.
+    matrix.push(Triplet::new(line[1], line[1], 1.0));
+    for window in line.windows(3) {
+        let [before, v, after] = [window[0], window[1], window[2]];
+        // West of the line, seen from outside with north up: from the vertex before, counter-clockwise to the one after.
+        let ring = rings.of(v);
+        let start = ring.iter().position(|&w| w as usize == before).unwrap_or(0);
+        let around = (1..ring.len()).map(|k| ring[(start + k) % ring.len()] as usize);
+        for west in around.take_while(|&w| w != after).filter(|&w| !pole(w)) {
+            right[v] -= TAU;
+            right[west] += TAU;
+        }
+    }
+    solve(&matrix, &right)
+}
+
+/// A path from pole to pole, each time on to the southernmost neighbour. It ends, as a harmonic theta has no maximum but
+/// at the pole, and no vertex of it has another but the next and the last one for neighbours.
+fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<usize> {
+    let mut line = vec![north];
+    let mut at = north;
+    while at != south && line.len() < rings.len() {
+        let next = rings.of(at).iter().copied().max_by(|&a, &b| theta[a as usize].total_cmp(&theta[b as usize]));
+        at = next.unwrap_or(south as u32) as usize;
+        line.push(at);
+    }
+    line
+}
+
+/// From theta to the z of the zone it belongs to: piecewise linear, decreasing, with as many vertices above z as there is
+/// area.
+fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
+    const ZONES: usize = 64;
+    let mut sorted = theta.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let last = sorted.len() - 1;
+    let mut knots: Vec<(f64, f64)> =
+        (0..=ZONES).map(|k| (sorted[k * last / ZONES], 1.0 - 2.0 * (k * last / ZONES) as f64 / last as f64)).collect();
+    knots.dedup_by(|next, kept| next.0 <= kept.0);
+    move |theta| {
+        let above = knots.partition_point(|knot| knot.0 <= theta).clamp(1, knots.len() - 1);
+        let ((t0, z0), (t1, z1)) = (knots[above - 1], knots[above]);
+        z0 + (z1 - z0) * (theta - t0) / (t1 - t0)
+    }
+}
+
+fn solve(matrix: &[Triplet<usize, usize, f64>], right: &[f64]) -> Result<Vec<f64>, ParametrizeError> {
+    // Nothing but a defect of this program makes these systems unsolvable.
+    let failed = |found: String| ParametrizeError::Argument { what: "surface", expected: "one connected mesh", found };
+    let n = right.len();
+    let matrix = SparseColMat::try_new_from_triplets(n, n, matrix).map_err(|e| failed(format!("{e:?}")))?;
+    let factor = matrix.sp_cholesky(faer::Side::Lower).map_err(|e| failed(format!("{e:?}")))?;
+    let solution = factor.solve(Col::from_fn(n, |i| right[i]));
+    Ok(solution.iter().copied().collect())
+}

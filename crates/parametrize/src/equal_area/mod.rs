@@ -1,0 +1,99 @@
+//! A label's surface onto the sphere, every quadrangle with the same area (Brechbuehler, Gerig, Kuebler 1995).
+//!
+//! The surface of a voxel object consists of squares; on the sphere they shall all have the area 4 pi / (their number) and
+//! be as square as that allows. Two steps, a file each:
+//!
+//! - `initial`: colatitude and azimuth, harmonic along the edges, from two sparse linear systems (section 3.1 there);
+//! - `optimise`: shortest edges (which is squarest quadrangles) under the constraints on areas and angles (section 3.2).
+//!
+//! Each quadrangle is cut along one diagonal into two triangles, the same ones on surface and sphere, so that both are
+//! positively oriented on the sphere.
+//!
+//! The areas are equal per *quadrangle*: where voxels aren't cubes the squares' areas differ in mm^2, and the sphere gives
+//! each the same share all the same, as in the paper.
+//!
+//! C. Brechbuehler, G. Gerig, O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer Vision
+//! and Image Understanding 61 (1995), 154-170.
+
+mod initial;
+mod optimise;
+
+use std::time::Instant;
+
+use spharm_surface::Mesh;
+
+use crate::geometry::{Vec3, norm, orientation, solid_angle, sub};
+use crate::volume::QuadMesh;
+use crate::{Parametrization, ParametrizeError, Progress, Report};
+
+/// How far to optimise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EqualAreaParams {
+    /// The largest deviation of a quadrangle's area from the mean at which to stop, relative.
+    pub tolerance: f64,
+    /// The relative change of the sum of squared edge lengths, over a round, at which to stop.
+    pub change: f64,
+    /// Most rounds of optimisation, of a few steps each.
+    pub rounds: usize,
+}
+
+impl Default for EqualAreaParams {
+    fn default() -> Self {
+        Self { tolerance: 1e-3, change: 1e-3, rounds: 100 }
+    }
+}
+
+/// The equal-area map of a surface of quadrangles.
+///
+/// The report's notes give the quadrangles' largest deviation in area.
+///
+/// # Errors
+///
+/// [`BadSurface`](ParametrizeError::BadSurface) for a surface that isn't one closed one of genus 0;
+/// [`NotBijective`](ParametrizeError::NotBijective) where folds are left.
+pub fn equal_area(
+    quads: &QuadMesh,
+    params: &EqualAreaParams,
+    progress: Progress<'_>,
+) -> Result<Parametrization, ParametrizeError> {
+    const REMEDY: &str = "smooth the label, or take another method on the surface";
+    let started = Instant::now();
+    if quads.components() != 1 || quads.euler_characteristic() != 2 || quads.pinched_edges() > 0 {
+        let (count, chi) = (quads.components(), quads.euler_characteristic());
+        let problems = format!("{count} surfaces of Euler characteristic {chi} in all, of 1 and 2");
+        return Err(ParametrizeError::BadSurface { problems, remedy: "repair the label with --fix" });
+    }
+    let start = initial::positions(quads)?;
+    let found = optimise::optimise(&quads.quads, start, params, progress)?;
+    let from_second: Vec<bool> = quads.quads.iter().map(|quad| cut_from_second(&found.positions, quad)).collect();
+    let surface = quads.triangles(|q| from_second[q]);
+    let sphere = Mesh::new(found.positions, surface.faces.clone());
+    let mut report = Report::new("equal-area", &surface, &sphere, REMEDY)?;
+    report.iterations = found.steps;
+    report.converged = found.converged;
+    report.seconds = started.elapsed().as_secs_f64();
+    let worst = area_deviation(quads, &sphere.vertices);
+    report.notes.push(format!("the areas of the quadrangles are within {:.3} % of equal", 100.0 * worst));
+    Ok(Parametrization { surface, sphere, report })
+}
+
+/// The largest relative deviation of a quadrangle's area on the sphere from the mean.
+#[must_use]
+pub fn area_deviation(quads: &QuadMesh, sphere: &[[f64; 3]]) -> f64 {
+    let mean = 4.0 * std::f64::consts::PI / quads.quads.len() as f64;
+    let off = |quad: &[u32; 4]| (quad_area(quad.map(|v| sphere[v as usize])) / mean - 1.0).abs();
+    quads.quads.iter().map(off).fold(0.0, f64::max)
+}
+
+fn quad_area([a, b, c, d]: [Vec3; 4]) -> f64 {
+    solid_angle([a, b, c]) + solid_angle([a, c, d])
+}
+
+/// Whether a quadrangle is better cut from corner 1 to 3 than from 0 to 2: where only that leaves both triangles turned
+/// the right way, or where its diagonal is the shorter.
+fn cut_from_second(positions: &[Vec3], quad: &[u32; 4]) -> bool {
+    let [a, b, c, d] = quad.map(|v| positions[v as usize]);
+    let good = |triangles: [[Vec3; 3]; 2]| triangles.into_iter().all(|t| orientation(t) > 0.0);
+    let (first, second) = (good([[a, b, c], [a, c, d]]), good([[a, b, d], [b, c, d]]));
+    if first == second { norm(sub(b, d)) < norm(sub(a, c)) } else { second }
+}

@@ -1,0 +1,349 @@
+//! The constrained optimisation.
+//!
+//! > minimise  sum over edges |x_i - x_j|^2   over unit vectors x_i
+//! > subject to  A_q = 4 pi / Q for each of the Q quadrangles,
+//! >             s >= S0 in each corner,
+//!
+//! where A_q is a quadrangle's solid angle, and s the determinant of a corner and its two neighbours in the quadrangle,
+//! over the mean area: 1 in a square, 0 where an angle becomes straight. Among quadrangles of one area the square has the
+//! shortest edges, so short edges are little distortion of lengths and angles. (Brechbuehler et al. maximise the sum of
+//! the cosines of the edges, which is the same function.)
+//!
+//! # Method
+//!
+//! An augmented Lagrangian (Nocedal and Wright, Numerical Optimization, 2006, section 17.3): rounds of minimising
+//!
+//! > L = sum |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,  c_q = A_q / a - 1,
+//!
+//! a the mean area, then m_q += rho c_q, and a larger rho where the constraints don't improve. Each round takes a few
+//! Gauss-Newton steps with Levenberg's damping in the tangent planes: 2 unknowns a vertex, a sparse positive definite
+//! system whose pattern is that of vertices in one quadrangle, analysed once (faer's Cholesky). A step is taken only when L
+//! falls. The penalty on angles is finite, so that a start with folds can unfold.
+//!
+//! # Cost
+//!
+//! Linear in the vertices but for the Cholesky factor, n log n entries. 2,400 vertices take 0.6 s in all, 57,674 about 20 s
+//! of processor time and 370 MB.
+
+use faer::linalg::solvers::Solve;
+use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
+use faer::sparse::{Argsort, Pair, SparseColMat, SymbolicSparseColMat};
+use faer::{Col, Side};
+use rayon::prelude::*;
+
+use super::EqualAreaParams;
+use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, solid_angle, sub, unit};
+use crate::{Event, ParametrizeError, Progress};
+
+/// The least s that isn't penalised.
+const S0: f64 = 0.2;
+/// The angles' penalty kappa, to begin with and, where folds are left, at most.
+const KAPPA: (f64, f64) = (20.0, 1e4);
+/// The constraints' weight rho, to begin with and at most.
+const RHO: (f64, f64) = (1.0, 1e3);
+/// Steps of a round.
+const STEPS: usize = 5;
+
+/// Where it ended.
+pub(super) struct Found {
+    pub(super) positions: Vec<Vec3>,
+    pub(super) steps: usize,
+    pub(super) converged: bool,
+}
+
+pub(super) fn optimise(
+    quads: &[[u32; 4]],
+    start: Vec<Vec3>,
+    params: &EqualAreaParams,
+    progress: Progress<'_>,
+) -> Result<Found, ParametrizeError> {
+    progress(Event::Begin { stage: "equal areas", steps: params.rounds as u64 });
+    let mut system = System::new(quads, start.len())?;
+    let mut positions = start;
+    let mut lagrangian = Lagrangian::new(quads);
+    let mut damping = 1e-2;
+    let (mut steps, mut worst, mut length) = (0, f64::INFINITY, f64::INFINITY);
+    for round in 0..params.rounds {
+        let mut value = lagrangian.value(&positions);
+        for _ in 0..STEPS {
+            steps += 1;
+            let quads = lagrangian.derivatives(&positions);
+            let taken = loop {
+                let step = system.step(&quads, &positions, damping / lagrangian.area);
+                let tried = step.map(|step| moved(&positions, &step));
+                let new = tried.as_ref().map_or(f64::INFINITY, |tried| lagrangian.value(tried));
+                if let Some(tried) = tried.filter(|_| new < value) {
+                    damping = (damping / 4.0_f64).max(1e-9);
+                    let gained = value - new;
+                    (positions, value) = (tried, new);
+                    break gained > 1e-6 * value.abs();
+                }
+                damping *= 8.0;
+                if damping > 1e6 {
+                    damping = 1e-2;
+                    break false;
+                }
+            };
+            if !taken {
+                break;
+            }
+        }
+        progress(Event::Step(1));
+        let state = lagrangian.state(&positions);
+        let settled = (length - state.length).abs() <= params.change * state.length;
+        if state.worst <= params.tolerance && state.folded == 0 && settled {
+            return Ok(Found { positions, steps, converged: true });
+        }
+        lagrangian.update(&positions);
+        if state.worst > 0.5 * worst {
+            lagrangian.rho = (2.0 * lagrangian.rho).min(RHO.1);
+        }
+        if state.folded > 0 && round > 2 {
+            lagrangian.kappa = (2.0 * lagrangian.kappa).min(KAPPA.1);
+        }
+        (worst, length) = (state.worst, state.length);
+    }
+    Ok(Found { positions, steps, converged: false })
+}
+
+/// Each vertex along its step, back onto the sphere.
+fn moved(positions: &[Vec3], step: &[Vec3]) -> Vec<Vec3> {
+    positions.iter().zip(step).map(|(&x, &d)| unit(add(x, d))).collect()
+}
+
+/// How far the optimisation is.
+#[derive(Debug)]
+struct State {
+    /// Largest deviation of an area.
+    worst: f64,
+    /// Quadrangles that no diagonal cuts into two triangles turned the right way.
+    folded: usize,
+    /// Sum of squared edge lengths.
+    length: f64,
+}
+
+struct Lagrangian<'a> {
+    quads: &'a [[u32; 4]],
+    multipliers: Vec<f64>,
+    rho: f64,
+    kappa: f64,
+    /// The mean area, a.
+    area: f64,
+}
+
+/// A quadrangle's part of the Lagrangian: gradient, and lower half of the Gauss-Newton matrix, over its four vertices'
+/// two tangent coordinates each.
+struct Part {
+    gradient: [f64; 8],
+    matrix: [f64; 36],
+}
+
+impl<'a> Lagrangian<'a> {
+    fn new(quads: &'a [[u32; 4]]) -> Self {
+        let area = 4.0 * std::f64::consts::PI / quads.len() as f64;
+        Self { quads, multipliers: vec![0.0; quads.len()], rho: RHO.0, kappa: KAPPA.0, area }
+    }
+
+    fn corners(&self, positions: &[Vec3], q: usize) -> [Vec3; 4] {
+        self.quads[q].map(|v| positions[v as usize])
+    }
+
+    fn constraint(&self, p: [Vec3; 4]) -> f64 {
+        (solid_angle([p[0], p[1], p[2]]) + solid_angle([p[0], p[2], p[3]])) / self.area - 1.0
+    }
+
+    fn value(&self, positions: &[Vec3]) -> f64 {
+        let of = |q: usize| {
+            let p = self.corners(positions, q);
+            let c = self.constraint(p);
+            let edges: f64 = (0..4).map(|k| square(sub(p[k], p[(k + 1) % 4]))).sum();
+            let short = |k: usize| (S0 - self.sine(&p, k)).max(0.0);
+            let angles: f64 = (0..4).map(|k| short(k).powi(2)).sum();
+            // Every edge belongs to two quadrangles.
+            edges / (4.0 * self.area) + self.multipliers[q] * c + 0.5 * self.rho * c * c + 0.5 * self.kappa * angles
+        };
+        // In order, so that the sum doesn't depend on the threads.
+        (0..self.quads.len()).into_par_iter().with_min_len(512).map(of).collect::<Vec<f64>>().iter().sum()
+    }
+
+    fn sine(&self, p: &[Vec3; 4], k: usize) -> f64 {
+        let (before, at, after) = (p[(k + 3) % 4], p[k], p[(k + 1) % 4]);
+        dot(at, cross(sub(after, at), sub(before, at))) / self.area
+    }
+
+    fn update(&mut self, positions: &[Vec3]) {
+        for q in 0..self.quads.len() {
+            let c = self.constraint(self.corners(positions, q));
+            self.multipliers[q] += self.rho * c;
+        }
+    }
+
+    fn state(&self, positions: &[Vec3]) -> State {
+        let mut state = State { worst: 0.0, folded: 0, length: 0.0 };
+        for q in 0..self.quads.len() {
+            let p = self.corners(positions, q);
+            state.worst = state.worst.max(self.constraint(p).abs());
+            state.length += (0..4).map(|k| square(sub(p[k], p[(k + 1) % 4]))).sum::<f64>() / 2.0;
+            let good = |i: usize, j: usize, k: usize| orientation([p[i], p[j], p[k]]) > 0.0;
+            let cut = (good(0, 1, 2) && good(0, 2, 3)) || (good(0, 1, 3) && good(1, 2, 3));
+            state.folded += usize::from(!cut);
+        }
+        state
+    }
+
+    fn derivatives(&self, positions: &[Vec3]) -> Vec<Part> {
+        (0..self.quads.len()).into_par_iter().with_min_len(256).map(|q| self.part(positions, q)).collect()
+    }
+
+    fn part(&self, positions: &[Vec3], q: usize) -> Part {
+        let p = self.corners(positions, q);
+        let bases = p.map(basis);
+        let tangent = |g: [Vec3; 4]| -> [f64; 8] { std::array::from_fn(|i| dot(bases[i / 2][i % 2], g[i / 2])) };
+        let mut part = Part { gradient: [0.0; 8], matrix: [0.0; 36] };
+
+        // Edges: half of each, gradient (2 p_k - p_{k+1} - p_{k-1}) / 2a.
+        let weight = 1.0 / (2.0 * self.area);
+        let pull = |k: usize| scale(sub(scale(p[k], 2.0), add(p[(k + 1) % 4], p[(k + 3) % 4])), weight);
+        part.add_gradient(1.0, &tangent([0, 1, 2, 3].map(pull)));
+        for i in 0..8 {
+            part.matrix[lower(i, i)] += 2.0 * weight;
+        }
+        for k in 0..4 {
+            let next = (k + 1) % 4;
+            for i in 0..2 {
+                for j in 0..2 {
+                    part.matrix[lower(2 * k + i, 2 * next + j)] -= weight * dot(bases[k][i], bases[next][j]);
+                }
+            }
+        }
+
+        // Area.
+        let c = self.constraint(p);
+        let (one, two) = (solid_angle_gradient([p[0], p[1], p[2]]), solid_angle_gradient([p[0], p[2], p[3]]));
+        let area = [add(one[0], two[0]), one[1], add(one[2], two[1]), two[2]];
+        let area = tangent(area.map(|g| scale(g, 1.0 / self.area)));
+        part.add_gradient(self.multipliers[q] + self.rho * c, &area);
+        part.add_square(self.rho, &area);
+
+        // Angles.
+        for k in 0..4 {
+            let short = S0 - self.sine(&p, k);
+            if short > 0.0 {
+                let (before, after) = ((k + 3) % 4, (k + 1) % 4);
+                let mut g = [[0.0; 3]; 4];
+                g[before] = scale(cross(p[k], p[after]), 1.0 / self.area);
+                g[k] = scale(cross(p[after], p[before]), 1.0 / self.area);
+                g[after] = scale(cross(p[before], p[k]), 1.0 / self.area);
+                let g = tangent(g);
+                part.add_gradient(-self.kappa * short, &g);
+                part.add_square(self.kappa, &g);
+            }
+        }
+        part
+    }
+}
+
+impl Part {
+    fn add_gradient(&mut self, weight: f64, g: &[f64; 8]) {
+        self.gradient.iter_mut().zip(g).for_each(|(sum, g)| *sum += weight * g);
+    }
+
+    fn add_square(&mut self, weight: f64, g: &[f64; 8]) {
+        for i in 0..8 {
+            for j in 0..=i {
+                self.matrix[lower(i, j)] += weight * g[i] * g[j];
+            }
+        }
+    }
+}
+
+/// Where entry (i, j) of a symmetric 8 x 8 matrix is among the 36 of its lower half.
+fn lower(i: usize, j: usize) -> usize {
+    let (row, column) = (i.max(j), i.min(j));
+    row * (row + 1) / 2 + column
+}
+
+fn square(a: Vec3) -> f64 {
+    dot(a, a)
+}
+
+/// Two unit vectors square to a unit vector and to each other (T. Duff et al., "Building an orthonormal basis,
+/// revisited", JCGT 6, 2017).
+fn basis([x, y, z]: Vec3) -> [Vec3; 2] {
+    let sign = 1.0_f64.copysign(z);
+    let a = -1.0 / (sign + z);
+    let b = x * y * a;
+    [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
+}
+
+/// The derivative of a triangle's solid angle by its corners, which lie on the unit sphere: with N = det (a, b, c) and D
+/// = 1 + a b + b c + c a it is 2 atan (N / D).
+fn solid_angle_gradient([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
+    let n = dot(a, cross(sub(b, a), sub(c, a)));
+    let d = 1.0 + dot(a, b) + dot(b, c) + dot(c, a);
+    let weight = 2.0 / (n * n + d * d);
+    let of = |u: Vec3, v: Vec3| scale(sub(scale(cross(u, v), d), scale(add(u, v), n)), weight);
+    [of(b, c), of(c, a), of(a, b)]
+}
+
+/// The linear system of a step, its pattern analysed.
+struct System<'a> {
+    quads: &'a [[u32; 4]],
+    pattern: SymbolicSparseColMat<usize>,
+    order: Argsort<usize>,
+    analysis: SymbolicLlt<usize>,
+    values: Vec<f64>,
+}
+
+impl<'a> System<'a> {
+    fn new(quads: &'a [[u32; 4]], vertices: usize) -> Result<Self, ParametrizeError> {
+        let failed = |found: String| ParametrizeError::Argument {
+            what: "equal-area system",
+            expected: "memory for its factor",
+            found,
+        };
+        let mut entries = Vec::with_capacity(36 * quads.len() + 2 * vertices);
+        for quad in quads {
+            let unknown = |i: usize| 2 * quad[i / 2] as usize + i % 2;
+            for i in 0..8 {
+                for j in 0..=i {
+                    let (a, b) = (unknown(i), unknown(j));
+                    entries.push(Pair { row: a.max(b), col: a.min(b) });
+                }
+            }
+        }
+        entries.extend((0..2 * vertices).map(|i| Pair { row: i, col: i }));
+        let (pattern, order) = SymbolicSparseColMat::try_new_from_indices(2 * vertices, 2 * vertices, &entries)
+            .map_err(|error| failed(format!("{error:?}")))?;
+        let analysis =
+            SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).map_err(|error| failed(format!("{error:?}")))?;
+        Ok(Self { quads, pattern, order, analysis, values: Vec::with_capacity(entries.len()) })
+    }
+
+    /// The damped Gauss-Newton step of each vertex, in space; `None` where the matrix isn't positive definite to
+    /// rounding.
+    fn step(&mut self, parts: &[Part], positions: &[Vec3], damping: f64) -> Option<Vec<Vec3>> {
+        let n = 2 * positions.len();
+        self.values.clear();
+        self.values.extend(parts.iter().flat_map(|part| part.matrix));
+        self.values.extend(std::iter::repeat_n(damping, n));
+        let mut right = Col::<f64>::zeros(n);
+        for (quad, part) in self.quads.iter().zip(parts) {
+            for (i, g) in part.gradient.iter().enumerate() {
+                right[2 * quad[i / 2] as usize + i % 2] -= g;
+            }
+        }
+        let matrix = SparseColMat::new_from_argsort(self.pattern.clone(), &self.order, &self.values).ok()?;
+        let factor = Llt::try_new_with_symbolic(self.analysis.clone(), matrix.as_ref(), Side::Lower).ok()?;
+        let solution = factor.solve(&right);
+        let step = positions.iter().enumerate().map(|(v, &x)| {
+            let [e, f] = basis(x);
+            add(scale(e, solution[2 * v]), scale(f, solution[2 * v + 1]))
+        });
+        let step: Vec<Vec3> = step.collect();
+        // Beyond about that the tangent planes say nothing about the sphere.
+        let longest = step.iter().map(|&d| norm(d)).fold(0.0, f64::max);
+        let shrink = (0.5 / longest).min(1.0);
+        longest.is_finite().then(|| step.into_iter().map(|d| scale(d, shrink)).collect())
+    }
+}

@@ -1,0 +1,80 @@
+//! Three-vectors, as much as is needed here, and what is measured on the sphere.
+
+/// A point or a vector in space.
+pub(crate) type Vec3 = [f64; 3];
+
+pub(crate) fn add(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+pub(crate) fn sub(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+pub(crate) fn scale(a: Vec3, s: f64) -> Vec3 {
+    [a[0] * s, a[1] * s, a[2] * s]
+}
+
+pub(crate) fn dot(a: Vec3, b: Vec3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub(crate) fn cross(a: Vec3, b: Vec3) -> Vec3 {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+pub(crate) fn norm(a: Vec3) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// a / |a|.
+pub(crate) fn unit(a: Vec3) -> Vec3 {
+    scale(a, 1.0 / norm(a))
+}
+
+/// Area of a flat triangle.
+pub(crate) fn area([a, b, c]: [Vec3; 3]) -> f64 {
+    0.5 * norm(cross(sub(b, a), sub(c, a)))
+}
+
+/// Signed area of a triangle on the unit sphere, positive where it is counter-clockwise seen from outside (A. van
+/// Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8).
+///
+/// The determinant is taken over edges, which keeps it accurate for cells much smaller than the sphere.
+pub(crate) fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
+    let volume = dot(a, cross(sub(b, a), sub(c, a)));
+    2.0 * volume.atan2(1.0 + dot(a, b) + dot(b, c) + dot(c, a))
+}
+
+/// The orientation of a triangle seen from the origin, exactly for the numbers as they are: positive where it is
+/// counter-clockwise seen from outside, 0 where its plane holds the origin (J. Shewchuk, Discrete Comput. Geom. 18, 1997).
+pub(crate) fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
+    let coord = |[x, y, z]: Vec3| robust::Coord3D { x, y, z };
+    robust::orient3d(coord(a), coord(b), coord(c), coord([0.0; 3]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_octant_is_positive_and_an_eighth_of_the_sphere() {
+        let octant = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        assert!(orientation(octant) > 0.0);
+        assert!((solid_angle(octant) - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+        let [a, b, c] = octant;
+        assert!(orientation([b, a, c]) < 0.0);
+        assert!((solid_angle([b, a, c]) + std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+    }
+
+    #[test]
+    fn orientation_is_exact_where_rounding_decides() {
+        // c = a + b up to one unit in the last place, on either side of the plane of a, b and the origin.
+        let (a, b) = ([0.6, 0.8, 0.1], [0.3, -0.2, 0.7]);
+        let c = [0.6 + 0.3, 0.8 - 0.2, 0.1 + 0.7];
+        let side = |z: f64| orientation([a, b, [c[0], c[1], z]]);
+        assert!(side(f64::from_bits(c[2].to_bits() + 2)) * side(f64::from_bits(c[2].to_bits() - 2)) < 0.0);
+        let (a, b) = ([0.5, 0.25, 1.0], [0.125, 2.0, 0.75]);
+        assert_eq!(orientation([a, b, add(a, b)]), 0.0);
+    }
+}

@@ -1,0 +1,270 @@
+//! The progressive mesh (H. Hoppe, SIGGRAPH 1996): half-edge collapses from the surface down to a tetrahedron, to be
+//! taken back one at a time.
+//!
+//! A collapse v -> u takes vertex v away: the two triangles on edge vu vanish, the others around v get u in its place.
+//! It is allowed where u and v have two neighbours in common, which keeps the mesh a sphere; a triangulated sphere of
+//! more than four vertices always has such an edge (E. Steinitz), so the tetrahedron is always reached.
+//!
+//! The order decides how well the coarse meshes are shaped, not what they look like: next goes the vertex whose removal
+//! leaves the smallest and roundest triangles at vertices of low valence. The area around a collapsed vertex is shared
+//! out over the triangles that take its place, so each coarse mesh carries the whole surface's area where it belongs: a
+//! map that equalises areas makes room for an arm before the arm is there.
+//!
+//! O(n log n): a heap of vertices by cost, stale entries left in it and passed over.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use crate::energy::Shape;
+use crate::geometry::{Vec3, area, dot, sub};
+
+/// Least area of a triangle, as a share of the mean: thinner ones are too small to steer anything.
+const LEAST_AREA: f64 = 1e-7;
+
+/// A triangulated sphere that can be coarsened and refined. Vertices and triangles keep their numbers.
+pub(crate) struct Hierarchy {
+    positions: Vec<Vec3>,
+    /// Corners of each triangle; meaningless where the triangle is away.
+    pub(crate) faces: Vec<[u32; 3]>,
+    /// Area and cotangents of each triangle.
+    pub(crate) shapes: Vec<Shape>,
+    /// The triangles around each vertex, in no particular order (but always the same); none where it is away.
+    pub(crate) around: Vec<Vec<u32>>,
+    collapses: Vec<Collapse>,
+    /// How many vertices there are now.
+    pub(crate) present: usize,
+}
+
+/// What it takes to undo one.
+struct Collapse {
+    vertex: u32,
+    into: u32,
+    /// The triangles around the vertex as they were, the two that vanish first.
+    faces: Vec<(u32, [u32; 3], Shape)>,
+}
+
+/// Finite costs, ordered; ties by vertex.
+#[derive(PartialEq, PartialOrd)]
+struct Entry(f64, u32, u32);
+
+impl Eq for Entry {}
+
+impl Ord for Entry {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0).then(self.1.cmp(&other.1)).then(self.2.cmp(&other.2))
+    }
+}
+
+impl Hierarchy {
+    /// The finest level: the surface itself, of area 4 pi.
+    pub(crate) fn new(positions: &[Vec3], faces: &[[u32; 3]]) -> Self {
+        let least = LEAST_AREA * 4.0 * std::f64::consts::PI / faces.len() as f64;
+        let shape = |face: &[u32; 3]| {
+            let corners = face.map(|v| positions[v as usize]);
+            Shape::new(corners, area(corners).max(least))
+        };
+        let mut around = vec![Vec::new(); positions.len()];
+        for (face, f) in faces.iter().zip(0..) {
+            face.iter().for_each(|&v| around[v as usize].push(f));
+        }
+        Self {
+            positions: positions.to_vec(),
+            faces: faces.to_vec(),
+            shapes: faces.iter().map(shape).collect(),
+            around,
+            collapses: Vec::new(),
+            present: positions.len(),
+        }
+    }
+
+    /// The neighbours of a vertex in cyclic order, counter-clockwise, and the triangles between each and the next.
+    pub(crate) fn ring(&self, v: u32) -> Vec<(u32, u32)> {
+        let around = &self.around[v as usize];
+        // (from, to, triangle) with the triangle (v, from, to).
+        let spokes: Vec<(u32, u32, u32)> = around
+            .iter()
+            .map(|&f| {
+                let [a, b, c] = self.faces[f as usize];
+                let (from, to) = if a == v {
+                    (b, c)
+                } else if b == v {
+                    (c, a)
+                } else {
+                    (a, b)
+                };
+                (from, to, f)
+            })
+            .collect();
+        let mut ring = Vec::with_capacity(spokes.len());
+        let mut next = spokes.first().map_or(0, |spoke| spoke.0);
+        for _ in 0..spokes.len() {
+            if let Some(&(from, to, f)) = spokes.iter().find(|spoke| spoke.0 == next) {
+                ring.push((from, f));
+                next = to;
+            }
+        }
+        debug_assert_eq!(ring.len(), around.len(), "the ring of a manifold's vertex");
+        ring
+    }
+
+    fn is_neighbour(&self, v: u32, w: u32) -> bool {
+        self.around[v as usize].iter().any(|&f| self.faces[f as usize].contains(&w))
+    }
+
+    /// Down to a tetrahedron; `progress` is told of each vertex that goes. Returns the four vertices that stay, as a
+    /// triangle and the apex behind it.
+    pub(crate) fn coarsen(&mut self, mut progress: impl FnMut(u64)) -> [u32; 4] {
+        let mut version = vec![0_u32; self.positions.len()];
+        let mut heap = BinaryHeap::new();
+        for v in 0..self.positions.len() as u32 {
+            if let Some((cost, _)) = self.best(v) {
+                heap.push(Reverse(Entry(cost, v, 0)));
+            }
+        }
+        while self.present > 4 {
+            let Some(Reverse(Entry(_, v, stamp))) = heap.pop() else { break };
+            if stamp != version[v as usize] {
+                continue;
+            }
+            // The ring hasn't changed since, but whether its vertices have other common neighbours may have.
+            let Some((_, u)) = self.best(v) else { continue };
+            let ring: Vec<u32> = self.ring(v).iter().map(|&(w, _)| w).collect();
+            self.collapse(v, u);
+            progress(1);
+            version[v as usize] = u32::MAX;
+            for w in ring {
+                version[w as usize] += 1;
+                if let Some((cost, _)) = self.best(w) {
+                    heap.push(Reverse(Entry(cost, w, version[w as usize])));
+                }
+            }
+        }
+        self.corners_of_the_last()
+    }
+
+    fn corners_of_the_last(&self) -> [u32; 4] {
+        let last = self.around.iter().position(|around| !around.is_empty()).unwrap_or(0) as u32;
+        let face = self.around[last as usize].first().map_or([0; 3], |&f| self.faces[f as usize]);
+        let apex = self.ring(face[0]).iter().map(|&(w, _)| w).find(|w| !face.contains(w)).unwrap_or(0);
+        [face[0], face[1], face[2], apex]
+    }
+
+    /// The neighbour that a vertex is best collapsed into, and the cost.
+    fn best(&self, v: u32) -> Option<(f64, u32)> {
+        let ring = self.ring(v);
+        let k = ring.len();
+        let mut best: Option<(f64, u32)> = None;
+        for i in 0..k {
+            let u = ring[i].0;
+            // Common neighbours other than those beside u on the ring.
+            let beside = [ring[(i + 1) % k].0, ring[(i + k - 1) % k].0];
+            if ring.iter().any(|&(w, _)| w != u && !beside.contains(&w) && self.is_neighbour(u, w)) {
+                continue;
+            }
+            let at = |j: usize| self.positions[ring[(i + j) % k].0 as usize];
+            let squared = |a: Vec3, b: Vec3| dot(sub(a, b), sub(a, b));
+            let cost: f64 =
+                (1..k - 1).map(|j| squared(at(0), at(j)) + squared(at(j), at(j + 1)) + squared(at(j + 1), at(0))).sum();
+            let valence = (self.around[u as usize].len() + k - 4) as f64;
+            let cost = cost * (1.0 + 0.1 * (valence - 7.0).max(0.0).powi(2));
+            if best.is_none_or(|(least, _)| cost < least) {
+                best = Some((cost, u));
+            }
+        }
+        best
+    }
+
+    fn collapse(&mut self, vertex: u32, into: u32) {
+        let mut star = std::mem::take(&mut self.around[vertex as usize]);
+        star.sort_by_key(|&f| !self.faces[f as usize].contains(&into));
+        let faces: Vec<_> = star.iter().map(|&f| (f, self.faces[f as usize], self.shapes[f as usize])).collect();
+        let total: f64 = faces.iter().map(|(_, _, shape)| shape.area).sum();
+        for &(f, corners, _) in &faces[..2] {
+            for w in corners.into_iter().filter(|&w| w != vertex) {
+                self.around[w as usize].retain(|&g| g != f);
+            }
+        }
+        let kept =
+            || faces[2..].iter().map(|&(f, corners, _)| (f, corners.map(|w| if w == vertex { into } else { w })));
+        let flat = |corners: [u32; 3]| corners.map(|w| self.positions[w as usize]);
+        let sum: f64 = kept().map(|(_, corners)| area(flat(corners))).sum();
+        // A little for everyone, lest a triangle that happens to be thin in space gets no room on the sphere.
+        let even = 0.1 / (faces.len() - 2) as f64;
+        let new: Vec<_> = kept()
+            .map(|(f, corners)| {
+                let share = if sum > 0.0 { 0.9 * area(flat(corners)) / sum + even } else { 10.0 * even };
+                (f, corners, Shape::new(flat(corners), total * share))
+            })
+            .collect();
+        for (f, corners, shape) in new {
+            self.faces[f as usize] = corners;
+            self.shapes[f as usize] = shape;
+            self.around[into as usize].push(f);
+        }
+        self.collapses.push(Collapse { vertex, into, faces });
+        self.present -= 1;
+    }
+
+    /// Puts the vertex that went last back, and returns it and the one it had gone into.
+    pub(crate) fn refine(&mut self) -> Option<(u32, u32)> {
+        let Collapse { vertex, into, faces } = self.collapses.pop()?;
+        for &(f, corners, shape) in &faces {
+            self.faces[f as usize] = corners;
+            self.shapes[f as usize] = shape;
+        }
+        self.around[into as usize].retain(|f| !faces[2..].iter().any(|(g, _, _)| g == f));
+        for &(f, corners, _) in &faces[..2] {
+            for w in corners.into_iter().filter(|&w| w != vertex) {
+                self.around[w as usize].push(f);
+            }
+        }
+        self.around[vertex as usize] = faces.iter().map(|&(f, _, _)| f).collect();
+        self.present += 1;
+        Some((vertex, into))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_surface::Mesh;
+    use spharm_surface::generate::icosphere;
+    use spharm_surface::topology::Topology;
+
+    fn present(hierarchy: &Hierarchy) -> Mesh {
+        let mut faces: Vec<u32> = hierarchy.around.iter().flatten().copied().collect();
+        faces.sort_unstable();
+        faces.dedup();
+        Mesh::new(hierarchy.positions.clone(), faces.iter().map(|&f| hierarchy.faces[f as usize]).collect())
+    }
+
+    #[test]
+    fn every_level_is_a_sphere_of_the_same_area_and_the_way_back_ends_at_the_start() {
+        let mesh = icosphere(3);
+        let mut hierarchy = Hierarchy::new(&mesh.vertices, &mesh.faces);
+        let area = |h: &Hierarchy, mesh: &Mesh| -> f64 {
+            let kept = |f: &[u32; 3]| h.faces.iter().position(|g| g == f).unwrap();
+            mesh.faces.iter().map(|f| h.shapes[kept(f)].area).sum()
+        };
+        let whole = area(&hierarchy, &mesh);
+        let [a, b, c, d] = hierarchy.coarsen(|_| ());
+        assert_eq!(hierarchy.present, 4);
+        let tetrahedron = present(&hierarchy);
+        assert_eq!(tetrahedron.faces.len(), 4);
+        assert!(tetrahedron.faces.iter().all(|face| face.iter().all(|v| [a, b, c, d].contains(v))));
+        assert!((area(&hierarchy, &tetrahedron) - whole).abs() < 1e-12 * whole);
+        let mut levels = 0;
+        while let Some((v, u)) = hierarchy.refine() {
+            levels += 1;
+            assert!(hierarchy.is_neighbour(v, u));
+            if levels % 97 == 0 {
+                let level = present(&hierarchy);
+                let topology = Topology::of(&level);
+                assert_eq!(topology.genus(), Some(0), "{topology:?}");
+                assert_eq!(topology.vertices - topology.unreferenced_vertices, hierarchy.present);
+            }
+        }
+        assert_eq!(levels, mesh.vertices.len() - 4);
+        assert_eq!(hierarchy.faces, mesh.faces);
+    }
+}

@@ -1,0 +1,240 @@
+//! How good a map to the sphere is: whether it is one to one, and how it distorts areas, angles and lengths.
+//!
+//! The surface is scaled to the area of the sphere, 4 pi, and each flat triangle of it is mapped linearly onto the flat
+//! triangle of its vertices on the sphere, with singular values s1 >= s2. Then, over the triangles t of the surface
+//! with area A(t):
+//!
+//! | figure | formula | of an isometry |
+//! |---|---|---|
+//! | log area ratio | log (solid angle / A) | 0 |
+//! | angle distortion | corner angle on the sphere - on the surface | 0 |
+//! | L2 stretch | sqrt (sum A (1/s1^2 + 1/s2^2) / 2 / sum A) (Sander, Snyder, Gortler, Hoppe, SIGGRAPH 2001) | 1 |
+//! | length distortion | max (s1, 1/s2), the worst case over directions (Shen and Makedon 2006, section 2.2) | 1 |
+//!
+//! # When a map is one to one
+//!
+//! A continuous map of a closed surface onto the sphere that is a positive local homeomorphism on each triangle is a
+//! branched covering; it is one to one when it covers the sphere once. Each triangle's orientation is found by an exact
+//! predicate from the coordinates as they are; the degree, a whole number, from the sum of solid angles.
+
+use rayon::prelude::*;
+use serde::Serialize;
+use spharm_surface::Mesh;
+
+use crate::geometry::{Vec3, area, cross, dot, norm, orientation, solid_angle, sub};
+
+/// What a map from a surface to the sphere does to it. Written out in reports under these very names.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Quality {
+    /// Triangles.
+    pub triangles: usize,
+    /// Spherical triangles turned over against the rest, by the exact predicate.
+    pub flipped: usize,
+    /// Spherical triangles without area, by the exact predicate.
+    pub degenerate: usize,
+    /// How often the sphere is covered: 1, or -1 where triangles wind clockwise seen from outside.
+    pub degree: i64,
+    /// Root mean square over triangles of the log area ratio.
+    pub area_rms: f64,
+    /// The same, each triangle with the weight of its area on the surface.
+    pub area_rms_weighted: f64,
+    /// 1st percentile over triangles of the log area ratio.
+    pub area_p01: f64,
+    /// 99th percentile over triangles of the log area ratio.
+    pub area_p99: f64,
+    /// Root mean square over corners of the angle distortion, degrees.
+    pub angle_rms_degrees: f64,
+    /// L2 stretch.
+    pub stretch: f64,
+    /// Largest length distortion of a triangle.
+    pub length_worst: f64,
+    /// 99th percentile over triangles of the length distortion.
+    pub length_p99: f64,
+}
+
+impl Quality {
+    /// Measures a map, given as the surface and the sphere with the same triangles.
+    ///
+    /// # Panics
+    ///
+    /// When the numbers of vertices differ, or a triangle names a vertex that isn't there.
+    #[must_use]
+    pub fn of(surface: &Mesh, sphere: &Mesh) -> Self {
+        assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
+        Self::measure(&surface.vertices, &sphere.vertices, &surface.faces)
+    }
+
+    /// Whether every point of the sphere is the image of one point of the surface.
+    #[must_use]
+    pub fn is_bijective(&self) -> bool {
+        self.flipped == 0 && self.degenerate == 0 && self.degree.abs() == 1
+    }
+
+    pub(crate) fn measure(surface: &[Vec3], sphere: &[Vec3], faces: &[[u32; 3]]) -> Self {
+        let corners = |points: &[Vec3], face: &[u32; 3]| face.map(|v| points[v as usize]);
+        let total: f64 = faces.iter().map(|face| area(corners(surface, face))).sum();
+        let scale = 4.0 * std::f64::consts::PI / total;
+        let each: Vec<Triangle> = faces
+            .par_iter()
+            .map(|face| Triangle::measure(corners(surface, face), corners(sphere, face), scale))
+            .collect();
+
+        let turns: f64 = each.iter().map(|t| t.solid_angle).sum::<f64>() / (4.0 * std::f64::consts::PI);
+        let degree = turns.round() as i64;
+        let outward = if degree < 0 { -1.0 } else { 1.0 };
+        let degenerate = each.iter().filter(|t| t.orientation == 0.0).count();
+        let flipped = each.iter().filter(|t| t.orientation * outward < 0.0).count();
+
+        let count = each.len() as f64;
+        let mean = |f: &dyn Fn(&Triangle) -> f64| each.iter().map(f).sum::<f64>() / count;
+        // A flipped triangle has no log; its ratio counts as the least there is.
+        let log = |t: &Triangle| (t.solid_angle * outward / t.area).max(f64::MIN_POSITIVE).ln();
+        let weight: f64 = each.iter().map(|t| t.area).sum();
+        let logs = sorted(each.iter().map(log));
+        let lengths = sorted(each.iter().map(|t| t.length));
+        Self {
+            triangles: each.len(),
+            flipped,
+            degenerate,
+            degree,
+            area_rms: mean(&|t| log(t).powi(2)).sqrt(),
+            area_rms_weighted: (each.iter().map(|t| t.area * log(t).powi(2)).sum::<f64>() / weight).sqrt(),
+            area_p01: percentile(&logs, 0.01),
+            area_p99: percentile(&logs, 0.99),
+            angle_rms_degrees: mean(&|t| t.angle_square).sqrt().to_degrees(),
+            stretch: (each.iter().map(|t| t.area * t.stretch_square).sum::<f64>() / weight).sqrt(),
+            length_worst: percentile(&lengths, 1.0),
+            length_p99: percentile(&lengths, 0.99),
+        }
+    }
+}
+
+/// One triangle's part.
+struct Triangle {
+    /// Of the surface, scaled.
+    area: f64,
+    solid_angle: f64,
+    orientation: f64,
+    /// Mean over corners of the squared angle distortion.
+    angle_square: f64,
+    stretch_square: f64,
+    length: f64,
+}
+
+impl Triangle {
+    fn measure(surface: [Vec3; 3], sphere: [Vec3; 3], scale: f64) -> Self {
+        let (area, image) = (area(surface) * scale, area(sphere));
+        let (before, after) = (angles(surface), angles(sphere));
+        // s1^2 + s2^2 = sum of cot(angle) |opposite edge|^2 / (2 A), s1 s2 = image / A.
+        let [a, b, c] = surface;
+        let cotangents = [cotangent(a, b, c), cotangent(b, c, a), cotangent(c, a, b)];
+        let [p, q, r] = sphere;
+        let opposite = [sub(r, q), sub(p, r), sub(q, p)];
+        let sum = (0..3).map(|i| cotangents[i] * dot(opposite[i], opposite[i])).sum::<f64>() / (2.0 * area);
+        let product = image / area;
+        let root = (sum * sum - 4.0 * product * product).max(0.0).sqrt();
+        let large = ((sum + root) / 2.0).sqrt();
+        let small = product / large;
+        Self {
+            area,
+            solid_angle: solid_angle(sphere),
+            orientation: orientation(sphere),
+            angle_square: (0..3).map(|i| (after[i] - before[i]).powi(2)).sum::<f64>() / 3.0,
+            stretch_square: sum / (2.0 * product * product),
+            length: large.max(1.0 / small),
+        }
+    }
+}
+
+/// Cotangent of the angle at a.
+fn cotangent(a: Vec3, b: Vec3, c: Vec3) -> f64 {
+    let (u, v) = (sub(b, a), sub(c, a));
+    dot(u, v) / norm(cross(u, v))
+}
+
+/// The angle at each corner, radians.
+fn angles([a, b, c]: [Vec3; 3]) -> [f64; 3] {
+    [(a, b, c), (b, c, a), (c, a, b)].map(|(at, to, and)| {
+        let (u, v) = (sub(to, at), sub(and, at));
+        norm(cross(u, v)).atan2(dot(u, v))
+    })
+}
+
+fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values
+}
+
+/// The value below which a share of them lies; NaN of none.
+fn percentile(sorted: &[f64], share: f64) -> f64 {
+    let last = sorted.len().saturating_sub(1);
+    sorted.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_surface::generate::icosphere;
+
+    #[test]
+    fn the_identity_distorts_nothing_but_flat_triangles() {
+        let sphere = icosphere(4);
+        let quality = Quality::of(&sphere, &sphere);
+        assert!(quality.is_bijective());
+        assert_eq!(quality.degree, 1);
+        assert!(quality.area_rms < 0.003, "{quality:?}");
+        assert!((quality.stretch - 1.0).abs() < 0.003, "{quality:?}");
+        assert!((quality.length_worst - 1.0).abs() < 0.003, "{quality:?}");
+        assert!(quality.angle_rms_degrees < 1e-12);
+    }
+
+    #[test]
+    fn a_known_stretch_is_measured() {
+        // Ten times as long along z, mapped back onto the sphere: the equator's triangles are squeezed tenfold.
+        let sphere = icosphere(5);
+        let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 10.0 * z]).collect());
+        let quality = Quality::of(&long, &sphere);
+        // A prolate spheroid's area is 2 pi (1 + c asin(e) / e) for semi-axes 1, 1, c and e^2 = 1 - 1 / c^2.
+        let e = (1.0_f64 - 0.01).sqrt();
+        let area = 2.0 * std::f64::consts::PI * (1.0 + 10.0 * e.asin() / e);
+        let scale = (4.0 * std::f64::consts::PI / area).sqrt();
+        // Near the equator a circle's length grows by 1 / scale on the way to the sphere, one along z by 0.1 / scale.
+        assert!((quality.length_worst / (10.0 * scale) - 1.0).abs() < 0.02, "{quality:?}");
+        assert!((quality.area_p01 - (0.1 / (scale * scale)).ln()).abs() < 0.01, "{quality:?}");
+    }
+
+    #[test]
+    fn flips_and_turned_spheres_are_told_apart() {
+        let sphere = icosphere(2);
+        let mut folded = sphere.clone();
+        // A vertex pulled over its ring.
+        let [a, b, _] = sphere.faces[40];
+        folded.vertices[a as usize] = {
+            let (p, q) = (sphere.vertices[a as usize], sphere.vertices[b as usize]);
+            crate::geometry::unit([3.0 * q[0] - 2.0 * p[0], 3.0 * q[1] - 2.0 * p[1], 3.0 * q[2] - 2.0 * p[2]])
+        };
+        let quality = Quality::of(&sphere, &folded);
+        assert!(quality.flipped > 0 && !quality.is_bijective());
+        assert_eq!(quality.degree, 1);
+
+        let mut inward = sphere.clone();
+        inward.faces.iter_mut().for_each(|face| face.swap(0, 1));
+        let quality = Quality::of(&inward, &inward);
+        assert_eq!((quality.degree, quality.flipped), (-1, 0));
+        assert!(quality.is_bijective());
+        assert!(quality.area_rms < 0.02);
+    }
+
+    #[test]
+    fn a_double_cover_is_not_one_to_one() {
+        let mut twice = icosphere(1);
+        let (n, faces) = (twice.vertices.len() as u32, twice.faces.clone());
+        twice.vertices.extend(twice.vertices.clone());
+        twice.faces.extend(faces.iter().map(|face| face.map(|v| v + n)));
+        let quality = Quality::of(&twice, &twice);
+        assert_eq!((quality.degree, quality.flipped), (2, 0));
+        assert!(!quality.is_bijective());
+    }
+}

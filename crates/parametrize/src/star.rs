@@ -1,0 +1,178 @@
+//! One vertex at a time: where it goes when it comes back, and how its neighbourhood relaxes.
+//!
+//! A vertex may move inside its kernel, the points of the sphere from which the whole of its ring is seen in the right
+//! order: the intersection of the hemispheres to the left of the ring's edges. A move is taken only if every triangle
+//! around the vertex is positive by the exact predicate afterwards and the energy is lower, so a map without flips stays
+//! one, whatever the rounding.
+
+use crate::energy::{Energy, Shape, frame, retract};
+use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, sub, unit};
+use crate::hierarchy::Hierarchy;
+
+/// The triangles around a vertex, each as the two other corners and its shape with the vertex first.
+pub(crate) struct Star {
+    spokes: Vec<([Vec3; 2], Shape)>,
+}
+
+impl Star {
+    pub(crate) fn of(hierarchy: &Hierarchy, unit: &[Vec3], v: u32) -> Self {
+        let spoke = |&f: &u32| {
+            let face = hierarchy.faces[f as usize];
+            let shape = hierarchy.shapes[f as usize];
+            let at = face.iter().position(|&w| w == v).unwrap_or(0);
+            let turn = |k: usize| (at + k) % 3;
+            let cotangents = [0, 1, 2].map(|k| shape.cotangents[turn(k)]);
+            ([1, 2].map(|k| unit[face[turn(k)] as usize]), Shape { area: shape.area, cotangents })
+        };
+        Self { spokes: hierarchy.around[v as usize].iter().map(spoke).collect() }
+    }
+
+    fn value(&self, energy: Energy, x: Vec3) -> f64 {
+        self.spokes.iter().map(|([a, b], shape)| energy.value(shape, [x, *a, *b])).sum()
+    }
+
+    fn gradient(&self, energy: Energy, x: Vec3) -> Vec3 {
+        self.spokes.iter().fold([0.0; 3], |sum, ([a, b], shape)| add(sum, energy.gradient(shape, [x, *a, *b]).1[0]))
+    }
+
+    /// Whether every triangle is positive with the vertex at x, exactly.
+    pub(crate) fn is_positive(&self, x: Vec3) -> bool {
+        self.spokes.iter().all(|([a, b], _)| orientation([x, *a, *b]) > 0.0)
+    }
+
+    /// The least distance from x to an edge of the ring, which a step must not be long against.
+    fn room(&self, x: Vec3) -> f64 {
+        let height = |([a, b], _): &([Vec3; 2], Shape)| {
+            let normal = cross(*a, sub(*b, *a));
+            dot(normal, sub(x, *a)) / norm(normal)
+        };
+        self.spokes.iter().map(height).fold(f64::INFINITY, f64::min)
+    }
+
+    /// A place inside the kernel of little energy; `beside` is where the vertex has been until now.
+    pub(crate) fn place(&self, energy: Energy, beside: Vec3) -> Option<Vec3> {
+        let centre = self.spokes.iter().fold([0.0; 3], |sum, ([a, _], _)| add(sum, *a));
+        let better = |best: Option<(f64, Vec3)>, x: Vec3| {
+            let value = self.value(energy, x);
+            let is_better = self.is_positive(x) && best.is_none_or(|(least, _)| value < least);
+            if is_better { Some((value, x)) } else { best }
+        };
+        let mut best = None;
+        if norm(centre) > 1e-3 {
+            let centre = unit(centre);
+            let places = [centre, unit(add(centre, beside)), unit(add(scale(centre, 0.2), beside))];
+            best = places.into_iter().fold(None, better);
+        }
+        if best.is_none() {
+            let deepest = self.deepest()?;
+            // Rounding can undo the deepest point of a narrow kernel; others may still be inside.
+            let shares = [1.0, 0.5, 0.25, 0.125, 0.0625, 1e-2, 1e-3, 1e-4];
+            let places = shares.map(|s| unit(add(scale(deepest, s), scale(beside, 1.0 - s))));
+            best = places.into_iter().fold(None, better);
+        }
+        best.map(|(_, x)| x)
+    }
+
+    /// The centre of the largest cap inside the kernel.
+    ///
+    /// With n_i the unit normals of the ring's edges it is the x, |x| = 1, for which min n_i . x is largest; by duality
+    /// the direction of the point nearest to the origin in the convex hull of the n_i, which lies on one, two or three
+    /// of them. There are few, so all are tried.
+    fn deepest(&self) -> Option<Vec3> {
+        let normals: Vec<Vec3> =
+            self.spokes.iter().map(|([a, b], _)| cross(*a, sub(*b, *a))).filter(|n| norm(*n) > 0.0).map(unit).collect();
+        let depth = |x: Vec3| normals.iter().map(|n| dot(*n, x)).fold(f64::INFINITY, f64::min);
+        let mut best = None;
+        let mut deepest = 0.0;
+        let mut offer = |x: Vec3| {
+            let length = norm(x);
+            if length > 0.0 {
+                let x = scale(x, 1.0 / length);
+                let depth = depth(x);
+                if depth > deepest {
+                    (best, deepest) = (Some(x), depth);
+                }
+            }
+        };
+        let k = normals.len();
+        for i in 0..k {
+            offer(normals[i]);
+            for j in i + 1..k {
+                offer(add(normals[i], normals[j]));
+                for l in j + 1..k {
+                    // As far from each of three planes: across the plane of the three normals.
+                    let x = cross(sub(normals[j], normals[i]), sub(normals[l], normals[i]));
+                    offer(x);
+                    offer(scale(x, -1.0));
+                }
+            }
+        }
+        best
+    }
+
+    /// One step of Newton's method from x, which is inside the kernel; x itself where nothing is to be gained.
+    pub(crate) fn relax(&self, energy: Energy, x: Vec3) -> Vec3 {
+        let value = self.value(energy, x);
+        let [u, v] = frame(x);
+        let room = self.room(x);
+        let slope = |at: Vec3| {
+            let g = self.gradient(energy, at);
+            // On the sphere, where the tangent plane is that of `at`.
+            let g = sub(g, scale(at, dot(g, at)));
+            [dot(g, u), dot(g, v)]
+        };
+        let g = slope(x);
+        let size = (g[0] * g[0] + g[1] * g[1]).sqrt();
+        if !size.is_finite() || size == 0.0 || room <= 0.0 {
+            return x;
+        }
+        let h = 1e-4 * room;
+        let (gu, gv) = (slope(retract(x, scale(u, h))), slope(retract(x, scale(v, h))));
+        let (a, c) = ((gu[0] - g[0]) / h, (gv[1] - g[1]) / h);
+        let b = 0.5 * ((gu[1] - g[1]) + (gv[0] - g[0])) / h;
+        // Eigenvalues made positive: away from saddles as well as towards minima.
+        let (mean, half) = (0.5 * (a + c), (0.25 * (a - c) * (a - c) + b * b).sqrt());
+        let (large, small) = (mean + half, mean - half);
+        let least = 1e-3 * large.abs().max(small.abs()).max(f64::MIN_POSITIVE);
+        let (large, small) = (large.abs().max(least), small.abs().max(least));
+        // First eigenvector, by the better conditioned of two formulas.
+        let e = if (a - c).abs() > 0.0 || b != 0.0 {
+            let angle = 0.5 * (2.0 * b).atan2(a - c);
+            [angle.cos(), angle.sin()]
+        } else {
+            [1.0, 0.0]
+        };
+        let (along, across) = (g[0] * e[0] + g[1] * e[1], -g[0] * e[1] + g[1] * e[0]);
+        let (along, across) = (-along / large, -across / small);
+        let step = [along * e[0] - across * e[1], along * e[1] + across * e[0]];
+        let decrease = step[0] * g[0] + step[1] * g[1];
+        let step = add(scale(u, step[0]), scale(v, step[1]));
+        let length = norm(step);
+        if !(decrease < 0.0 && length.is_finite()) {
+            return x;
+        }
+        // No further than the ring is wide, which is all that one step could be right about.
+        let widest = self.spokes.iter().map(|([a, _], _)| norm(sub(*a, x))).fold(0.0, f64::max);
+        let mut t = (widest / length).min(1.0);
+        for _ in 0..12 {
+            let moved = retract(x, scale(step, t));
+            if self.value(energy, moved) < value + 1e-4 * t * decrease && self.is_positive(moved) {
+                return moved;
+            }
+            t *= 0.4;
+        }
+        x
+    }
+}
+
+/// A step for each of some vertices, one after the other. Returns how much the largest has moved.
+pub(crate) fn sweep(hierarchy: &Hierarchy, unit: &mut [Vec3], vertices: &[u32], energy: Energy) -> f64 {
+    let mut most: f64 = 0.0;
+    for &v in vertices {
+        let x = unit[v as usize];
+        let moved = Star::of(hierarchy, unit, v).relax(energy, x);
+        most = most.max(norm(sub(moved, x)));
+        unit[v as usize] = moved;
+    }
+    most
+}

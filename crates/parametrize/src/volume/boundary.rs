@@ -1,0 +1,179 @@
+//! The quadrangles between inside and outside, as a closed surface.
+//!
+//! Each face between a voxel inside and one outside is a quadrangle, wound outward. Four of them meet in an edge where
+//! two diagonal voxels touch in it; there, the two of the same voxel are neighbours, so that the surface passes between
+//! the voxels. A vertex is a run of quadrangles that are neighbours of each other around a corner of the lattice: a corner
+//! that two parts of the surface touch gives two vertices. So every edge has two quadrangles and every vertex one fan.
+
+use spharm_surface::Mesh;
+
+use super::mask::{FACES, Mask};
+use super::nifti::Affine;
+
+/// A closed surface of quadrangles.
+#[derive(Clone, Debug, PartialEq)]
+pub struct QuadMesh {
+    /// Positions: voxels as counted in the volume, or mm after [`to_world`](Self::to_world).
+    pub vertices: Vec<[f64; 3]>,
+    /// Four vertices each, counter-clockwise seen from outside.
+    pub quads: Vec<[u32; 4]>,
+    /// The quadrangle beyond each edge: edge 4 q + k runs from corner k of quadrangle q to the next; the same edge as
+    /// the other quadrangle sees it, 4 q' + k'.
+    pub(crate) twins: Vec<u32>,
+}
+
+impl QuadMesh {
+    /// The surface of a mask, in voxels: voxel (0, 0, 0) reaches from -0.5 to 0.5.
+    #[must_use]
+    pub fn around(mask: &Mask) -> Self {
+        let mut corners: Vec<[[i32; 3]; 4]> = Vec::new();
+        let mut voxels: Vec<usize> = Vec::new();
+        for voxel in (0..mask.inside.len()).filter(|&i| mask.inside[i]) {
+            for (face, d) in FACES.iter().enumerate() {
+                if !mask.inside[voxel.wrapping_add_signed(mask.step(*d))] {
+                    corners.push(face_corners(mask.place(voxel).map(|x| x as i32), face));
+                    voxels.push(voxel);
+                }
+            }
+        }
+        let twins = twins(&corners, &voxels);
+        let (of_corner, places) = vertices(&corners, &twins);
+        let place = |[x, y, z]: [i32; 3]| {
+            let at = [x, y, z].map(f64::from);
+            std::array::from_fn(|k| at[k] + mask.origin[k] as f64 - 0.5)
+        };
+        let quads = of_corner.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect();
+        Self { vertices: places.into_iter().map(place).collect(), quads, twins }
+    }
+
+    /// The same surface in mm, wound outward there as well.
+    #[must_use]
+    pub fn to_world(&self, affine: &Affine) -> Self {
+        let vertices = self.vertices.iter().map(|&v| affine.apply(v)).collect();
+        if affine.determinant() > 0.0 {
+            return Self { vertices, ..self.clone() };
+        }
+        // A mirror: corners the other way round. Edge k, from corner k to k + 1, is then edge 2 - k (mod 4).
+        let quads = self.quads.iter().map(|&[a, b, c, d]| [d, c, b, a]).collect();
+        let turned = |edge: u32| edge / 4 * 4 + (6 - edge % 4) % 4;
+        let twins = (0..self.twins.len() as u32).map(|edge| turned(self.twins[turned(edge) as usize])).collect();
+        Self { vertices, quads, twins }
+    }
+
+    /// Vertices - edges + quadrangles.
+    #[must_use]
+    pub fn euler_characteristic(&self) -> i64 {
+        self.vertices.len() as i64 - self.twins.len() as i64 / 2 + self.quads.len() as i64
+    }
+
+    /// How many closed surfaces it is.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        let mut seen = vec![false; self.quads.len()];
+        let mut count = 0;
+        let mut stack = Vec::new();
+        for start in 0..seen.len() {
+            if seen[start] {
+                continue;
+            }
+            count += 1;
+            seen[start] = true;
+            stack.push(start);
+            while let Some(quad) = stack.pop() {
+                for k in 0..4 {
+                    let next = self.twins[4 * quad + k] as usize / 4;
+                    if !seen[next] {
+                        seen[next] = true;
+                        stack.push(next);
+                    }
+                }
+            }
+        }
+        count
+    }
+
+    /// Edges beyond the first between the same two vertices: the surface is closed, but as a list of triangles it would
+    /// have edges of four triangles.
+    #[must_use]
+    pub fn pinched_edges(&self) -> usize {
+        let mut ends: Vec<[u32; 2]> = self.edges().collect();
+        ends.sort_unstable();
+        ends.windows(2).filter(|pair| pair[0] == pair[1]).count()
+    }
+
+    /// The ends of each edge, the smaller first.
+    pub(crate) fn edges(&self) -> impl Iterator<Item = [u32; 2]> {
+        let edges = (0..self.twins.len()).filter(|&edge| edge as u32 <= self.twins[edge]);
+        edges.map(|edge| {
+            let quad = self.quads[edge / 4];
+            let (a, b) = (quad[edge % 4], quad[(edge + 1) % 4]);
+            [a.min(b), a.max(b)]
+        })
+    }
+
+    /// Triangles: each quadrangle cut from corner 0 to 2, or from 1 to 3 where `from_second` says so.
+    #[must_use]
+    pub fn triangles(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
+        let cut = |(q, &[a, b, c, d]): (usize, &[u32; 4])| {
+            if from_second(q) { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] }
+        };
+        Mesh::new(self.vertices.clone(), self.quads.iter().enumerate().flat_map(cut).collect())
+    }
+}
+
+/// The corners of a voxel's face, counter-clockwise seen from outside; a voxel's own corner 0 has its number.
+fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
+    let (axis, high) = (face / 2, face.is_multiple_of(2));
+    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let corner = |du: i32, dv: i32| {
+        let mut at = voxel;
+        at[axis] += i32::from(high);
+        at[u] += du;
+        at[v] += dv;
+        at
+    };
+    let ring = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+    if high { ring } else { [ring[0], ring[3], ring[2], ring[1]] }
+}
+
+/// The neighbour beyond each edge.
+fn twins(corners: &[[[i32; 3]; 4]], voxels: &[usize]) -> Vec<u32> {
+    // Edges by their place in the lattice: two or four at each.
+    let ends = |edge: u32| {
+        let quad = &corners[edge as usize / 4];
+        let (a, b) = (quad[edge as usize % 4], quad[(edge as usize + 1) % 4]);
+        (a.min(b), a.max(b))
+    };
+    let mut edges: Vec<u32> = (0..4 * corners.len() as u32).collect();
+    // Then by voxel, which pairs those of the same one.
+    edges.sort_unstable_by_key(|&edge| (ends(edge), voxels[edge as usize / 4], edge));
+    let mut twins = vec![0; edges.len()];
+    for pair in edges.chunks_exact(2) {
+        debug_assert_eq!(ends(pair[0]), ends(pair[1]));
+        twins[pair[0] as usize] = pair[1];
+        twins[pair[1] as usize] = pair[0];
+    }
+    twins
+}
+
+/// The vertex of each corner 4 q + k, and where each vertex is.
+fn vertices(corners: &[[[i32; 3]; 4]], twins: &[u32]) -> (Vec<u32>, Vec<[i32; 3]>) {
+    let mut of = vec![u32::MAX; twins.len()];
+    let mut places = Vec::new();
+    for start in 0..of.len() {
+        if of[start] != u32::MAX {
+            continue;
+        }
+        let vertex = places.len() as u32;
+        places.push(corners[start / 4][start % 4]);
+        // Around the vertex, from quadrangle to quadrangle over the edge that arrives in it.
+        let mut corner = start;
+        while of[corner] == u32::MAX {
+            of[corner] = vertex;
+            let arriving = corner / 4 * 4 + (corner + 3) % 4;
+            // The neighbour has the edge the other way: it leaves the vertex there.
+            corner = twins[arriving] as usize;
+        }
+    }
+    (of, places)
+}

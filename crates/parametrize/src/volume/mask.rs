@@ -1,0 +1,86 @@
+//! The voxels of one label.
+
+/// A box of voxels, inside or outside, with a rim of background at least one voxel wide: no neighbour of an inner voxel
+/// ever falls out of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mask {
+    /// Voxels along x, y, z, rim included.
+    pub size: [usize; 3],
+    /// Where voxel (0, 0, 0) of the box is in the volume.
+    pub origin: [i64; 3],
+    /// (size), x fastest.
+    pub inside: Vec<bool>,
+}
+
+impl Mask {
+    /// The box around the voxels that `inside` names, of a volume of `size`, with a rim around it; where the label
+    /// touches the volume's border the rim lies beyond.
+    pub fn new(size: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
+        let mut low = [usize::MAX; 3];
+        let mut high = [0; 3];
+        let mut any = false;
+        for_each(size, |at| {
+            if inside(at) {
+                any = true;
+                for axis in 0..3 {
+                    low[axis] = low[axis].min(at[axis]);
+                    high[axis] = high[axis].max(at[axis]);
+                }
+            }
+        });
+        if !any {
+            return Self { size: [2; 3], origin: [0; 3], inside: vec![false; 8] };
+        }
+        let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 3);
+        let mut mask = Self { size: own, origin: low.map(|x| x as i64 - 1), inside: vec![false; own.iter().product()] };
+        for_each(own.map(|n| n - 2), |at| {
+            let index = mask.index(at.map(|x| x + 1));
+            mask.inside[index] = inside(std::array::from_fn(|k| at[k] + low[k]));
+        });
+        mask
+    }
+
+    /// How many voxels are inside.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.inside.iter().filter(|&&inside| inside).count()
+    }
+
+    pub(super) fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        x + self.size[0] * (y + self.size[1] * z)
+    }
+
+    pub(super) fn place(&self, index: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.size;
+        [index % nx, index / nx % ny, index / (nx * ny)]
+    }
+
+    /// Whether a voxel belongs to the rim.
+    pub(super) fn is_rim(&self, index: usize) -> bool {
+        let at = self.place(index);
+        (0..3).any(|k| at[k] == 0 || at[k] + 1 == self.size[k])
+    }
+
+    /// How far a voxel's index is from that of its neighbour at (dx, dy, dz), each of -1, 0, 1.
+    pub(super) fn step(&self, [dx, dy, dz]: [isize; 3]) -> isize {
+        dx + self.size[0] as isize * (dy + self.size[1] as isize * dz)
+    }
+}
+
+fn for_each(size: [usize; 3], mut f: impl FnMut([usize; 3])) {
+    for z in 0..size[2] {
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                f([x, y, z]);
+            }
+        }
+    }
+}
+
+/// The offsets of the 26 neighbours and of the voxel itself, x fastest: 13 is the voxel.
+pub(super) fn around() -> impl Iterator<Item = [isize; 3]> {
+    (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1])
+}
+
+/// The offsets of the 6 neighbours that share a face.
+pub(super) const FACES: [[isize; 3]; 6] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];

@@ -1,0 +1,226 @@
+//! `--fix`: from any label to one ball without bare contacts.
+//!
+//! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, whichever changes fewer
+//! voxels:
+//!
+//! - *cutting*: from its innermost voxel a ball grows through the label, the deepest voxels first, and takes each one
+//!   that is simple and leaves no bare contact ([`simple`](super::simple)). What it can't take without closing a ring
+//!   stays out: a cut through the handle, where it is thinnest.
+//! - *filling*: the box around the label shrinks onto it, the furthest voxels of the background first, by the same rules
+//!   from the other side. What it can't give up without opening a ring stays in: a lid over the hole.
+//!
+//! Both end in a set with the topology of the ball that they began with, whatever the label is; how much of the label it
+//! is, the count of changed voxels tells. O(voxels of the box), times a logarithm.
+
+use std::collections::BinaryHeap;
+
+use serde::Serialize;
+
+use super::mask::{Mask, around};
+use super::pieces::{cavities, pieces};
+use super::simple::{Around, has_bare_contact, is_simple};
+
+/// How handles were opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Way {
+    /// Voxels were taken away.
+    Cut,
+    /// Voxels were added.
+    Filled,
+}
+
+/// What was changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
+pub struct Repair {
+    /// Pieces left out, all but the largest.
+    pub pieces_dropped: usize,
+    /// Their voxels.
+    pub voxels_dropped: usize,
+    /// Cavities filled.
+    pub cavities_filled: usize,
+    /// Their voxels.
+    pub voxels_filled: usize,
+    /// How handles and bare contacts were removed.
+    pub way: Way,
+    /// Voxels changed for that.
+    pub voxels_changed: usize,
+}
+
+impl Repair {
+    /// All voxels whose side changed.
+    #[must_use]
+    pub fn voxels(&self) -> usize {
+        self.voxels_dropped + self.voxels_filled + self.voxels_changed
+    }
+}
+
+impl std::fmt::Display for Repair {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (way, changed) = (if self.way == Way::Cut { "removed" } else { "added" }, self.voxels_changed);
+        write!(
+            f,
+            "the volume was repaired: {} pieces dropped ({} voxels), {} cavities filled ({} voxels), {changed} voxels \
+             {way} to remove handles and bare contacts",
+            self.pieces_dropped, self.voxels_dropped, self.cavities_filled, self.voxels_filled
+        )
+    }
+}
+
+/// The largest piece of a mask, made a ball.
+#[must_use]
+pub fn repair(mask: &Mask) -> (Mask, Repair) {
+    let mut whole = mask.clone();
+    let found = pieces(mask);
+    whole.inside.iter_mut().zip(&found.of).for_each(|(inside, &piece)| *inside = piece == 1);
+    let hollow = cavities(&whole);
+    whole.inside.iter_mut().zip(&hollow.of).for_each(|(inside, &cavity)| *inside |= cavity != 0);
+
+    let cut = cut(&whole);
+    let filled = fill(&whole);
+    let changed = |other: &Mask| whole.inside.iter().zip(&other.inside).filter(|(a, b)| a != b).count();
+    let (removed, added) = (changed(&cut), changed(&filled));
+    let (mended, way, voxels_changed) =
+        if removed <= added { (cut, Way::Cut, removed) } else { (filled, Way::Filled, added) };
+    let dropped = found.sizes.get(1..).unwrap_or_default();
+    let repair = Repair {
+        pieces_dropped: dropped.len(),
+        voxels_dropped: dropped.iter().sum(),
+        cavities_filled: hollow.sizes.len(),
+        voxels_filled: hollow.sizes.iter().sum(),
+        way,
+        voxels_changed,
+    };
+    (mended, repair)
+}
+
+/// A ball grown within the label.
+fn cut(label: &Mask) -> Mask {
+    let depth = distance(label, true);
+    let mut ball = Mask { inside: vec![false; label.inside.len()], ..label.clone() };
+    // The deepest voxel; of several, the first.
+    let seed = (0..depth.len()).max_by_key(|&i| (depth[i], std::cmp::Reverse(i)));
+    let Some(seed) = seed.filter(|&i| label.inside[i]) else { return ball };
+    ball.inside[seed] = true;
+    change_sides(&mut ball, &[seed], |voxel| label.inside[voxel], &depth);
+    ball
+}
+
+/// The box, shrunk onto the label.
+fn fill(label: &Mask) -> Mask {
+    let depth = distance(label, false);
+    let mut ball = Mask { inside: (0..label.inside.len()).map(|i| !label.is_rim(i)).collect(), ..label.clone() };
+    let rim: Vec<usize> = (0..ball.inside.len()).filter(|&i| !ball.inside[i]).collect();
+    change_sides(&mut ball, &rim, |voxel| !label.inside[voxel] && !label.is_rim(voxel), &depth);
+    ball
+}
+
+/// Moves voxels over to the side of `seeds`, those that `wanted` names and that may, the deepest first.
+fn change_sides(ball: &mut Mask, seeds: &[usize], wanted: impl Fn(usize) -> bool, depth: &[u32]) {
+    let Some(&first) = seeds.first() else { return };
+    let side = ball.inside[first];
+    let offsets: Vec<isize> = around().map(|d| ball.step(d)).collect();
+    // A voxel is looked at again whenever one of its 26 neighbours has changed.
+    let mut heap = BinaryHeap::new();
+    let push = |heap: &mut BinaryHeap<_>, ball: &Mask, voxel: usize| {
+        let at = ball.place(voxel);
+        for d in around() {
+            if !(0..3).all(|k| at[k].checked_add_signed(d[k]).is_some_and(|x| x < ball.size[k])) {
+                continue;
+            }
+            let next = voxel.wrapping_add_signed(ball.step(d));
+            if ball.inside[next] != side && wanted(next) {
+                heap.push((depth[next], std::cmp::Reverse(next)));
+            }
+        }
+    };
+    seeds.iter().for_each(|&seed| push(&mut heap, ball, seed));
+    while let Some((_, std::cmp::Reverse(voxel))) = heap.pop() {
+        // Queued more than once, and changed since.
+        if ball.inside[voxel] == side {
+            continue;
+        }
+        let bits = offsets
+            .iter()
+            .enumerate()
+            .fold(0, |bits: Around, (i, &step)| bits | Around::from(ball.inside[voxel.wrapping_add_signed(step)]) << i);
+        let changed = if side { bits | 1 << 13 } else { bits & !(1 << 13) };
+        if is_simple(bits) && !has_bare_contact(changed) {
+            ball.inside[voxel] = side;
+            push(&mut heap, ball, voxel);
+        }
+    }
+}
+
+/// Distance of each voxel of a side from the other side, in steps of about 1/3 voxel (the 3-4-5 chamfer: G. Borgefors,
+/// "Distance transformations in digital images", 1986); 0 on the other side.
+fn distance(label: &Mask, side: bool) -> Vec<u32> {
+    // Outside, the box's border is no end of the background.
+    let far = u32::MAX / 2;
+    let mut depth: Vec<u32> = label.inside.iter().map(|&inside| if inside == side { far } else { 0 }).collect();
+    let cost = |d: [isize; 3]| 2 + d.iter().map(|x| x.unsigned_abs() as u32).sum::<u32>();
+    let before: Vec<[isize; 3]> = around().take(13).collect();
+    let relax = |depth: &mut [u32], voxel: usize, sign: isize| {
+        let at = label.place(voxel);
+        for d in &before {
+            let d = d.map(|x| sign * x);
+            if (0..3).all(|k| at[k].checked_add_signed(d[k]).is_some_and(|x| x < label.size[k])) {
+                let other = depth[voxel.wrapping_add_signed(label.step(d))];
+                depth[voxel] = depth[voxel].min(other + cost(d));
+            }
+        }
+    };
+    (0..depth.len()).for_each(|voxel| relax(&mut depth, voxel, 1));
+    (0..depth.len()).rev().for_each(|voxel| relax(&mut depth, voxel, -1));
+    depth
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise: thousands of pieces, handles, cavities and contacts.
+    fn noise(size: [usize; 3], seed: u64) -> Mask {
+        Mask::new(size, |[x, y, z]| {
+            let mut h = seed ^ (x as u64) << 40 ^ (y as u64) << 20 ^ z as u64;
+            for _ in 0..3 {
+                h = (h ^ h >> 29).wrapping_mul(0x94d0_49bb_1331_11eb).wrapping_add(seed);
+            }
+            h >> 60 > 5
+        })
+    }
+
+    fn any_bare_contact(mask: &Mask) -> bool {
+        (0..mask.inside.len()).filter(|&i| !mask.is_rim(i)).any(|voxel| {
+            let bits = around().enumerate().fold(0, |bits: Around, (i, d)| {
+                bits | Around::from(mask.inside[voxel.wrapping_add_signed(mask.step(d))]) << i
+            });
+            has_bare_contact(bits)
+        })
+    }
+
+    #[test]
+    fn whatever_goes_in_a_ball_comes_out() {
+        for seed in 1..20 {
+            let mask = noise([9, 11, 10], seed);
+            for (way, ball) in [("cut", cut(&mask)), ("fill", fill(&mask))] {
+                let (found, hollow) = (pieces(&ball).sizes.len(), cavities(&ball).sizes.len());
+                assert_eq!((found, hollow, any_bare_contact(&ball)), (1, 0, false), "{way}, {seed}");
+                let surface = crate::volume::QuadMesh::around(&ball);
+                let genus = 1 - surface.euler_characteristic() / 2;
+                assert_eq!((surface.components(), genus, surface.pinched_edges()), (1, 0, 0), "{way}, {seed}");
+            }
+            let (mended, report) = repair(&mask);
+            let changed = mended.inside.iter().zip(&mask.inside).filter(|(a, b)| a != b).count();
+            assert!(changed <= report.voxels(), "{seed}: {changed} {report:?}");
+        }
+    }
+
+    #[test]
+    fn a_ball_is_left_alone() {
+        let ball = Mask::new([21; 3], |at| at.iter().map(|&x| (x as f64 - 10.0).powi(2)).sum::<f64>() < 90.0);
+        let (mended, report) = repair(&ball);
+        assert_eq!((mended == ball, report.voxels()), (true, 0));
+    }
+}

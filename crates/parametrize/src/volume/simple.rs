@@ -1,0 +1,136 @@
+//! Whether a voxel may change sides without the topology changing.
+//!
+//! A voxel is *simple* when neither side is joined, cut, filled or pierced by its changing sides (G. Bertrand and G.
+//! Malandain, "A new characterization of three-dimensional simple points", Pattern Recognition Letters 15, 1994): for
+//! (6, 26)-connectivity, when within its 26 neighbours
+//!
+//! - one piece of the inside, over faces within the 18 neighbours, shares a face with it, and
+//! - the outside is one piece over faces, edges and corners.
+//!
+//! Beyond that a change may be asked to leave no *bare contact*: two voxels of one side that share an edge or a corner
+//! while all others around it are of the other side. Without them a boundary is a surface without any doubled vertex
+//! (L. Latecki, U. Eckhardt, A. Rosenfeld, "Well-composed sets", CVIU 61, 1995).
+
+use std::sync::LazyLock;
+
+/// Which of a voxel's 27 (itself at 13) are inside, as bits; x fastest.
+pub(super) type Around = u32;
+
+/// For each of the 27: the others of them that share a face, and those that share at least a corner.
+struct Neighbours {
+    face: [Around; 27],
+    any: [Around; 27],
+}
+
+static NEIGHBOURS: LazyLock<Neighbours> = LazyLock::new(|| {
+    let at = |i: i32| [i % 3, i / 3 % 3, i / 9];
+    let apart = |i: i32, j: i32| {
+        let (p, q) = (at(i), at(j));
+        let d: [i32; 3] = std::array::from_fn(|k| (p[k] - q[k]).abs());
+        (d.iter().sum::<i32>(), d.into_iter().max().unwrap_or(0))
+    };
+    let of = |near: &dyn Fn(i32, i32) -> bool| {
+        std::array::from_fn(|i| (0..27).filter(|&j| near(i as i32, j)).fold(0, |bits, j| bits | 1 << j))
+    };
+    Neighbours { face: of(&|i, j| apart(i, j).0 == 1), any: of(&|i, j| i != j && apart(i, j).1 == 1) }
+});
+
+const CENTRE: usize = 13;
+
+/// The 18 that share a face or an edge with the centre: all but the corners.
+const EIGHTEEN: Around = {
+    let mut bits = 0;
+    let mut i = 0;
+    while i < 27 {
+        let off = (i % 3 != 1) as u32 + (i / 3 % 3 != 1) as u32 + (i / 9 != 1) as u32;
+        if off == 1 || off == 2 {
+            bits |= 1 << i;
+        }
+        i += 1;
+    }
+    bits
+};
+
+const ALL: Around = ((1 << 27) - 1) & !(1 << CENTRE);
+
+/// What is reached from `seed` within `set`.
+fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
+    let (mut reached, mut front) = (seed, seed);
+    while front != 0 {
+        let mut next = 0;
+        while front != 0 {
+            next |= neighbours[front.trailing_zeros() as usize];
+            front &= front - 1;
+        }
+        front = next & set & !reached;
+        reached |= front;
+    }
+    reached
+}
+
+/// Whether the voxel in the middle is simple, whichever side it is on.
+pub(super) fn is_simple(around: Around) -> bool {
+    let n = &*NEIGHBOURS;
+    let (inside, outside) = (around & EIGHTEEN, !around & ALL);
+    let touching = inside & n.face[CENTRE];
+    let lowest = |bits: Around| bits & bits.wrapping_neg();
+    if touching == 0 || outside == 0 {
+        return false;
+    }
+    let piece = reach(lowest(touching), inside, &n.face);
+    touching & !piece == 0 && reach(lowest(outside), outside, &n.any) == outside
+}
+
+/// Whether there is a bare contact in an edge or a corner of the voxel in the middle.
+pub(super) fn has_bare_contact(around: Around) -> bool {
+    let inside = |[x, y, z]: [i32; 3]| around >> (x + 3 * y + 9 * z) & 1 == 1;
+    // The eight blocks of 2 x 2 x 2 that hold the middle.
+    (0..8).any(|block| {
+        let low = [block & 1, block >> 1 & 1, block >> 2];
+        let of = |corner: i32| inside([low[0] + (corner & 1), low[1] + (corner >> 1 & 1), low[2] + (corner >> 2)]);
+        let sides: u8 = (0..8).fold(0, |bits, corner| bits | u8::from(of(corner)) << corner);
+        // Opposite corners alone, inside or outside.
+        let corner = |sides: u8| matches!(sides, 0b1000_0001 | 0b0100_0010 | 0b0010_0100 | 0b0001_1000);
+        // On a face of the block: diagonal voxels of one side, the others of the other.
+        let face = |[a, b, c, d]: [u8; 4]| {
+            let side = |i: u8| sides >> i & 1;
+            side(a) == side(d) && side(b) == side(c) && side(a) != side(b)
+        };
+        const FACES: [[u8; 4]; 6] =
+            [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 3, 5, 7]];
+        corner(sides) || corner(!sides) || FACES.into_iter().any(face)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bits(inside: &[[i32; 3]]) -> Around {
+        inside.iter().fold(0, |bits, [x, y, z]| bits | 1 << (x + 1 + 3 * (y + 1) + 9 * (z + 1)))
+    }
+
+    #[test]
+    fn simple_points_are_those_of_the_textbook() {
+        assert!(!is_simple(0), "an isolated voxel");
+        assert!(!is_simple(ALL), "a cavity");
+        assert!(is_simple(bits(&[[1, 0, 0]])), "an end");
+        assert!(!is_simple(bits(&[[1, 0, 0], [-1, 0, 0]])), "a bridge");
+        assert!(!is_simple(bits(&[[1, 1, 0]])), "joined over an edge only: not connected inside");
+        assert!(is_simple(bits(&[[1, 0, 0], [1, 1, 0], [0, 1, 0]])), "the corner of a square");
+        assert!(!is_simple(bits(&[[1, 0, 0], [0, 1, 0]])), "the bend of a chain");
+        let flat: Vec<[i32; 3]> = (0..9).map(|i| [i % 3 - 1, i / 3 - 1, -1]).collect();
+        assert!(is_simple(bits(&flat)), "a voxel on a plane");
+        assert!(!is_simple(ALL & !bits(&[[1, 0, 0], [-1, 0, 0]])), "a tunnel");
+    }
+
+    #[test]
+    fn bare_contacts_are_edges_and_corners_alone() {
+        let centre = 1 << CENTRE;
+        assert!(!has_bare_contact(centre) && !has_bare_contact(centre | bits(&[[1, 0, 0]])));
+        assert!(has_bare_contact(centre | bits(&[[1, 1, 0]])));
+        assert!(has_bare_contact(centre | bits(&[[1, 1, 1]])));
+        assert!(!has_bare_contact(centre | bits(&[[1, 1, 0], [1, 0, 0]])));
+        assert!(has_bare_contact(ALL & !bits(&[[1, 1, 1]])), "two of the background");
+    }
+}

@@ -1,0 +1,86 @@
+//! Surfaces on shared samplings: resampled, and deformed onto.
+
+use spharm_parametrize::{DeformParams, ParametrizeError, deform, resample, silent};
+use spharm_surface::Mesh;
+use spharm_surface::generate::{Cortex, cortex, icosphere};
+use spharm_surface::topology::{Topology, is_outward};
+
+/// A ball with arms, over the sphere it was pulled out of.
+fn arms() -> (Mesh, Mesh) {
+    let sphere = icosphere(5);
+    let pull = |&[x, y, z]: &[f64; 3]| {
+        let r = 1.0 + 2.0 * x.powi(8) + 1.5 * y.max(0.0).powi(12) + 2.5 * (-z).max(0.0).powi(10);
+        [r * x, r * y, r * z]
+    };
+    (sphere.with_vertices(sphere.vertices.iter().map(pull).collect()), sphere)
+}
+
+#[test]
+fn the_own_sphere_gives_the_surface_itself() {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
+    // Whatever the radius; and in another order of vertices and triangles.
+    let shared = Mesh::new(sphere.vertices.iter().rev().map(|v| v.map(|x| 64.0 * x)).collect(), {
+        let last = sphere.vertices.len() as u32 - 1;
+        sphere.faces.iter().rev().map(|face| face.map(|v| last - v)).collect()
+    });
+    let found = resample(&surface, &sphere, &shared).unwrap();
+    let turned: Vec<[f64; 3]> = surface.vertices.iter().rev().copied().collect();
+    assert_eq!(found.map.surface.vertices, turned);
+    assert_eq!(found.map.surface.faces, shared.faces);
+    assert!(found.distance.hausdorff < 1e-12 * found.distance.scale);
+    assert_eq!(found.map.sphere, shared, "what is shared stays as it is");
+}
+
+#[test]
+fn denser_samplings_come_closer() {
+    let (surface, sphere) = arms();
+    let off = |subdivisions| {
+        let found = resample(&surface, &sphere, &icosphere(subdivisions)).unwrap();
+        assert!(found.map.report.quality.is_bijective());
+        found.distance.mean / found.distance.scale
+    };
+    let (coarse, fine) = (off(3), off(4));
+    assert!(fine < 0.5 * coarse && fine < 5e-3, "{coarse} {fine}");
+}
+
+#[test]
+fn folded_and_foreign_spheres_are_refused() {
+    let (surface, mut sphere) = arms();
+    let shared = icosphere(2);
+    let error = resample(&surface, &shared, &shared).unwrap_err();
+    assert!(matches!(error, ParametrizeError::Surface(_)), "{error}");
+    sphere.vertices[7] = sphere.vertices[900];
+    let error = resample(&surface, &sphere, &shared).unwrap_err();
+    assert!(matches!(error, ParametrizeError::NotBijective { .. }), "{error}");
+    assert!(deform(&surface, &sphere, &DeformParams::default(), &mut silent).is_err());
+}
+
+#[test]
+fn a_deformed_icosphere_stays_one_and_lies_on_the_surface() {
+    for (name, (surface, sphere)) in [("arms", arms()), ("cortex", cortex(&Cortex { subdivisions: 5, variant: 2 }))] {
+        let params = DeformParams { subdivisions: Some(5), ..DeformParams::default() };
+        let found = deform(&surface, &sphere, &params, &mut silent).unwrap();
+        let map = &found.map;
+        assert_eq!((&map.sphere, &map.surface.faces), (&icosphere(5), &icosphere(5).faces), "{name}");
+        assert!(Topology::of(&map.surface).is_sphere() && is_outward(&map.surface), "{name}");
+        assert_eq!(found.self_intersections, Some(0), "{name}: {:?}", map.report.notes);
+        let (mean, most) =
+            (found.distance.mean / found.distance.scale, found.distance.hausdorff / found.distance.scale);
+        assert!(mean < 3e-3 && most < 5e-2, "{name}: {mean} {most}");
+        // Springs make more even triangles of it than the sphere's own vertices do.
+        let plain = resample(&surface, &sphere, &icosphere(5)).unwrap();
+        let (own, others) = (&map.report.quality, &plain.map.report.quality);
+        assert!(own.stretch < others.stretch, "{name}: {own:?} {others:?}");
+        let again = deform(&surface, &sphere, &params, &mut silent).unwrap();
+        assert_eq!(again.map.surface.vertices, map.surface.vertices, "{name}: the same input, the same bits");
+    }
+}
+
+#[test]
+fn the_number_of_vertices_follows_the_surface() {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    let params = DeformParams { sweeps: 2, ..DeformParams::default() };
+    assert_eq!(deform(&surface, &sphere, &params, &mut silent).unwrap().map.report.vertices, 642);
+    let params = DeformParams { subdivisions: Some(11), ..params };
+    assert!(matches!(deform(&surface, &sphere, &params, &mut silent), Err(ParametrizeError::Argument { .. })));
+}

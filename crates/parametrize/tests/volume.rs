@@ -1,0 +1,294 @@
+//! From label volumes to surfaces and equal-area spheres.
+
+use std::path::PathBuf;
+
+use spharm_parametrize::volume::{Affine, LabelVolume, VolumeParams, VolumeSurface, Way, surface_of};
+use spharm_parametrize::{EqualAreaParams, ParametrizeError, area_deviation, equal_area, silent};
+use spharm_surface::topology::{Topology, is_outward, signed_volume};
+
+const N: usize = 24;
+
+/// A volume of N^3 voxels of the label 1, from a formula in voxels around its middle.
+fn volume(inside: impl Fn([f64; 3]) -> bool) -> LabelVolume {
+    labels(|at| i32::from(inside(at)))
+}
+
+fn labels(label: impl Fn([f64; 3]) -> i32) -> LabelVolume {
+    let at = |i: usize| [i % N, i / N % N, i / (N * N)].map(|x| x as f64 - 11.5);
+    LabelVolume::new([N; 3], (0..N * N * N).map(|i| label(at(i))).collect(), Affine::IDENTITY)
+}
+
+fn ball([x, y, z]: [f64; 3], radius: f64) -> bool {
+    x * x + y * y + z * z < radius * radius
+}
+
+fn torus([x, y, z]: [f64; 3]) -> bool {
+    (x.hypot(y) - 7.0).hypot(z) < 2.6
+}
+
+fn take(volume: &LabelVolume) -> Result<VolumeSurface, ParametrizeError> {
+    surface_of(volume, &VolumeParams::default())
+}
+
+fn fixed(volume: &LabelVolume) -> VolumeSurface {
+    surface_of(volume, &VolumeParams { fix: true, ..VolumeParams::default() }).unwrap()
+}
+
+/// The problems that a volume is refused for.
+fn problems(volume: &LabelVolume) -> String {
+    match take(volume) {
+        Err(ParametrizeError::BadVolume { problems, remedy }) => {
+            assert!(remedy.contains("--fix"));
+            problems
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The map of a surface, checked: closed, one to one, quadrangles within 5 % of equal.
+fn check_map(found: &VolumeSurface) {
+    let map = equal_area(&found.quads, &EqualAreaParams::default(), &mut silent).unwrap();
+    let topology = Topology::of(&map.surface);
+    assert!(topology.is_sphere(), "{:?}", topology.problems());
+    assert!(is_outward(&map.surface) && is_outward(&map.sphere));
+    let quality = &map.report.quality;
+    assert_eq!((quality.flipped, quality.degenerate, quality.degree), (0, 0, 1));
+    let off = area_deviation(&found.quads, &map.sphere.vertices);
+    assert!(off < 0.05 && map.report.converged, "{off} {:?}", map.report);
+    let again = equal_area(&found.quads, &EqualAreaParams::default(), &mut silent).unwrap();
+    assert_eq!(map.sphere.vertices, again.sphere.vertices, "the same input, the same bits");
+}
+
+#[test]
+fn balls_ellipsoids_and_bent_things_get_equal_areas() {
+    check_map(&take(&volume(|at| ball(at, 9.3))).unwrap());
+    check_map(&take(&volume(|[x, y, z]| ball([x / 2.5, y, z / 1.7], 4.3))).unwrap());
+    // A ring with a gap, a dumbbell, a single voxel, three in a corner.
+    check_map(&take(&volume(|at| torus(at) && !(at[0] > 0.0 && at[1].abs() < 3.0))).unwrap());
+    check_map(
+        &take(&volume(|[x, y, z]| ball([x.abs() - 7.0, y, z], 4.0) || (x.abs() < 7.0 && y.hypot(z) < 1.6))).unwrap(),
+    );
+    check_map(&take(&volume(|at| at == [0.5; 3])).unwrap());
+    check_map(&take(&volume(|at| at == [0.5; 3] || at == [1.5, 0.5, 0.5] || at == [0.5, 1.5, 0.5])).unwrap());
+}
+
+#[test]
+fn the_surface_encloses_the_voxels_in_mm() {
+    let inside = |at| ball(at, 6.0);
+    let plain = take(&volume(inside)).unwrap();
+    assert!((signed_volume(&plain.quads.triangles(|_| false)) / plain.voxels as f64 - 1.0).abs() < 1e-12);
+    // Sheared and mirrored: the volume goes with the determinant, the winding stays outward.
+    let affine = Affine([[-2.0, 0.3, 0.0, 90.0], [0.0, 1.5, 0.1, -120.0], [0.0, 0.0, 1.0, -70.0]]);
+    let mut moved = volume(inside);
+    moved.affine = affine;
+    let moved = take(&moved).unwrap();
+    for q in [false, true] {
+        let mesh = moved.quads.triangles(|_| q);
+        assert!((signed_volume(&mesh) / (3.0 * plain.voxels as f64) - 1.0).abs() < 1e-12);
+        assert!(Topology::of(&mesh).is_sphere());
+    }
+    check_map(&moved);
+    // Voxel (0, 0, 0) is around the origin of the matrix.
+    let corner = LabelVolume::new([1, 1, 1], vec![7], affine);
+    let corner = take(&corner).unwrap();
+    let middle: [f64; 3] = std::array::from_fn(|k| corner.quads.vertices.iter().map(|v| v[k]).sum::<f64>() / 8.0);
+    assert!((0..3).all(|k| (middle[k] - affine.0[k][3]).abs() < 1e-12), "{middle:?}");
+    assert_eq!((corner.label, corner.voxels), (7, 1));
+}
+
+#[test]
+fn a_label_at_the_border_is_closed_there() {
+    let full = LabelVolume::new([3, 4, 5], vec![1; 60], Affine::IDENTITY);
+    let found = take(&full).unwrap();
+    assert_eq!(found.quads.quads.len(), 2 * (12 + 15 + 20));
+    check_map(&found);
+}
+
+#[test]
+fn handles_are_named_and_opened() {
+    let ring = volume(torus);
+    assert_eq!(problems(&ring), "1 handle (genus 1)");
+    let found = fixed(&ring);
+    let repair = found.repair.unwrap();
+    // Across the tube there are some 21 voxels, in the hole some 60.
+    assert!(repair.way == Way::Cut && repair.voxels_changed > 10 && repair.voxels_changed < 40, "{repair:?}");
+    check_map(&found);
+
+    // A ball with an ear of one voxel's thickness.
+    let ear = |[x, y, z]: [f64; 3]| (x.hypot(y - 7.0) - 3.0).abs() < 0.71 && z.abs() < 0.6 && z > 0.0;
+    let eared = volume(|at| ball(at, 6.0) || ear(at));
+    assert_eq!(problems(&eared), "1 handle (genus 1)");
+    let found = fixed(&eared);
+    assert!(found.repair.unwrap().voxels() < 5, "{:?}", found.repair);
+    check_map(&found);
+
+    // A ball with a drilled hole of one voxel: filled, since a cut would be larger.
+    let drilled = volume(|at| ball(at, 6.0) && !(at[0] == 0.5 && at[1] == 0.5));
+    let found = fixed(&drilled);
+    assert_eq!(found.repair.unwrap().way, Way::Filled);
+    assert!(found.repair.unwrap().voxels() <= 2, "{:?}", found.repair);
+    check_map(&found);
+}
+
+#[test]
+fn pieces_and_cavities_are_counted() {
+    let two = volume(|[x, y, z]| ball([x - 6.0, y, z], 4.0) || ball([x + 6.0, y, z], 3.0));
+    let said = problems(&two);
+    assert!(said.starts_with("2 pieces") && said.contains("voxels"), "{said}");
+    let found = fixed(&two);
+    let repair = found.repair.unwrap();
+    assert!(repair.pieces_dropped == 1 && repair.voxels_dropped > 50 && repair.voxels_changed == 0, "{repair:?}");
+    assert!(repair.to_string().contains("1 pieces dropped"), "{repair}");
+    check_map(&found);
+
+    let hollow = volume(|at| ball(at, 6.0) && !ball(at, 2.0));
+    let said = problems(&hollow);
+    assert!(said.starts_with("1 cavity inside") && !said.contains("handle"), "{said}");
+    let found = fixed(&hollow);
+    assert_eq!(found.repair.unwrap().voxels_filled, found.repair.unwrap().voxels());
+    check_map(&found);
+}
+
+#[test]
+fn bare_contacts_are_split_or_repaired() {
+    // Two voxels on a ball that share an edge: the surface passes between them.
+    let ball_with = |more: &[[f64; 3]]| {
+        let more = more.to_vec();
+        volume(move |at| ball(at, 5.0) || more.contains(&at))
+    };
+    let top = (0..).map(|k| 0.5 + f64::from(k)).find(|&z| !ball([0.5, 0.5, z], 5.0)).unwrap();
+    let edge = ball_with(&[[0.5, 0.5, top], [1.5, 1.5, top]]);
+    assert!(ball([1.5, 1.5, top - 1.0], 5.0) && !ball([1.5, 1.5, top], 5.0));
+    check_map(&take(&edge).unwrap());
+    check_map(&fixed(&edge));
+    // Two cubes that touch in a corner or an edge only are two pieces.
+    let corner = volume(|at| at == [0.5; 3] || at == [1.5; 3]);
+    assert!(problems(&corner).starts_with("2 pieces"));
+    let diagonal = volume(|at| at == [0.5; 3] || at == [1.5, 1.5, 0.5]);
+    assert!(problems(&diagonal).starts_with("2 pieces"));
+    assert_eq!(fixed(&diagonal).quads.quads.len(), 6);
+    // A hollow that opens to the outside along an edge only: closed as a surface, not as triangles.
+    let bottle = volume(|[x, y, z]| {
+        let walls = x.abs() < 3.0 && y.abs() < 3.0 && z.abs() < 2.0;
+        let room = x.abs() < 2.0 && y.abs() < 2.0 && z.abs() < 1.0;
+        walls && !room && !([x, y, z] == [2.5, 2.5, 0.5])
+    });
+    let said = problems(&bottle);
+    assert!(said.contains("touch"), "{said}");
+    check_map(&fixed(&bottle));
+}
+
+#[test]
+fn labels_are_chosen_or_named() {
+    let several = labels(|at| if ball(at, 5.0) { 17 } else { i32::from(at[2] < -10.0) * 53 });
+    let error = take(&several).unwrap_err().to_string();
+    assert!(error.contains("expected one label") && error.contains("17 (") && error.contains("53 ("), "{error}");
+    let with = |label| surface_of(&several, &VolumeParams { label: Some(label), fix: false });
+    assert!(with(17).is_ok() && with(53).is_ok());
+    let error = with(4).unwrap_err().to_string();
+    assert!(error.contains("no voxel has label 4") && error.contains("--label"), "{error}");
+    let error = take(&labels(|_| 0)).unwrap_err().to_string();
+    assert!(error.contains("none but 0"), "{error}");
+}
+
+/// A NIfTI-1 file of 8-bit values.
+fn nifti(size: [i16; 3], values: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![0; 352];
+    bytes[..4].copy_from_slice(&348_i32.to_le_bytes());
+    let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+    for (k, n) in [3, size[0], size[1], size[2], 1, 1, 1, 1].into_iter().enumerate() {
+        put(40 + 2 * k, &n.to_le_bytes());
+    }
+    put(70, &2_i16.to_le_bytes());
+    put(72, &8_i16.to_le_bytes());
+    for (k, x) in [1.0_f32, 1.0, 2.0, 3.0].into_iter().enumerate() {
+        put(76 + 4 * k, &x.to_le_bytes());
+    }
+    put(108, &352.0_f32.to_le_bytes());
+    put(344, b"n+1\0");
+    bytes.extend(values);
+    bytes
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    use std::io::Write;
+    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+    out.write_all(bytes).unwrap();
+    out.finish().unwrap()
+}
+
+#[test]
+fn nifti_files_are_read_and_distrusted() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |name: &str, bytes: &[u8]| {
+        let path: PathBuf = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        LabelVolume::read(&path)
+    };
+    let values = [0, 5, 5, 0, 9, 0, 0, 0];
+    let plain = nifti([2, 2, 2], &values);
+    for (name, bytes) in [("a.nii", plain.clone()), ("a.nii.gz", gzip(&plain))] {
+        let volume = read(name, &bytes).unwrap();
+        assert_eq!(volume.labels().into_iter().collect::<Vec<_>>(), [(5, 2), (9, 1)]);
+        assert_eq!(volume.affine.apply([1.0; 3]), [1.0, 2.0, 3.0], "the voxels' sizes, without a form");
+    }
+    // The sform first, then the qform: here a half turn around z, with a mirrored third axis.
+    let mut formed = plain.clone();
+    formed[252..254].copy_from_slice(&1_i16.to_le_bytes());
+    formed[264..268].copy_from_slice(&1.0_f32.to_le_bytes());
+    formed[76..80].copy_from_slice(&(-1.0_f32).to_le_bytes());
+    formed[268..272].copy_from_slice(&10.0_f32.to_le_bytes());
+    assert_eq!(read("q.nii", &formed).unwrap().affine.apply([1.0; 3]), [9.0, -2.0, -3.0]);
+    formed[254..256].copy_from_slice(&1_i16.to_le_bytes());
+    for (row, scale) in [4.0_f32, 5.0, 6.0].into_iter().enumerate() {
+        let at = 280 + 16 * row + 4 * row;
+        formed[at..at + 4].copy_from_slice(&scale.to_le_bytes());
+    }
+    assert_eq!(read("s.nii", &formed).unwrap().affine.apply([1.0; 3]), [4.0, 5.0, 6.0]);
+
+    // Every truncation, sizes that the file can't hold, other types and formats.
+    for length in 0..plain.len() {
+        assert!(matches!(read("t.nii", &plain[..length]), Err(ParametrizeError::NotAVolume { .. })), "{length}");
+    }
+    let zipped = gzip(&plain);
+    for length in 0..zipped.len() - 8 {
+        assert!(read("t.nii.gz", &zipped[..length]).is_err(), "{length}");
+    }
+    let huge = nifti([32767, 32767, 32767], &values);
+    let error = read("huge.nii", &huge).unwrap_err().to_string();
+    assert!(error.contains("can't hold"), "{error}");
+    assert!(read("huge.nii.gz", &gzip(&huge)).is_err());
+    let mut bad = plain.clone();
+    bad[48..50].copy_from_slice(&5_i16.to_le_bytes());
+    bad[40..42].copy_from_slice(&4_i16.to_le_bytes());
+    assert!(read("4d.nii", &bad).unwrap_err().to_string().contains("three dimensions"));
+    let mut float = nifti([1, 1, 1], &0.5_f32.to_le_bytes());
+    float[70..72].copy_from_slice(&16_i16.to_le_bytes());
+    float[72..74].copy_from_slice(&32_i16.to_le_bytes());
+    assert!(read("f.nii", &float).unwrap_err().to_string().contains("threshold"));
+    // A byte changed anywhere gives a volume or an error.
+    for at in 0..352 {
+        for value in [0, 0x7f, 0xff] {
+            let mut changed = plain.clone();
+            changed[at] = value;
+            let _ = read("c.nii", &changed);
+        }
+    }
+    assert!(matches!(LabelVolume::read(folder.path()), Err(ParametrizeError::NotAVolume { .. })));
+    assert!(matches!(LabelVolume::read(folder.path().join("none.nii")), Err(ParametrizeError::Io { .. })));
+}
+
+#[test]
+fn published_hippocampi_get_equal_areas() {
+    for name in ["hippo_a01_l", "hippo_a02_l", "hippo_a03_l"] {
+        let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
+        let path = folder.join(format!("{name}.nii.gz"));
+        if !path.exists() {
+            eprintln!("skipped: no {} beside the repository", path.display());
+            continue;
+        }
+        let found = take(&LabelVolume::read(&path).unwrap()).unwrap();
+        assert_eq!(found.repair, None);
+        check_map(&found);
+    }
+}

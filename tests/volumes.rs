@@ -1,0 +1,104 @@
+//! From label volumes and meshes to spheres that a fit takes.
+
+use std::path::Path;
+
+use serde_json::Value;
+use spharm_surface::Mesh;
+use spharm_surface::generate::{icosphere, subdivide};
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+use spharm_surface::topology::Topology;
+
+use crate::common::{fail, succeed, tool};
+
+/// A NIfTI-1 file of 16^3 voxels of 1 mm.
+fn write_volume(path: &Path, label: impl Fn([f64; 3]) -> u8) {
+    let mut bytes = vec![0; 352];
+    bytes[..4].copy_from_slice(&348_i32.to_le_bytes());
+    for (k, n) in [3_i16, 16, 16, 16, 1, 1, 1, 1].into_iter().enumerate() {
+        bytes[40 + 2 * k..42 + 2 * k].copy_from_slice(&n.to_le_bytes());
+    }
+    bytes[70..72].copy_from_slice(&2_i16.to_le_bytes());
+    bytes[72..74].copy_from_slice(&8_i16.to_le_bytes());
+    for k in 0..4 {
+        bytes[76 + 4 * k..80 + 4 * k].copy_from_slice(&1.0_f32.to_le_bytes());
+    }
+    bytes[108..112].copy_from_slice(&352.0_f32.to_le_bytes());
+    bytes[344..348].copy_from_slice(b"n+1\0");
+    bytes.extend((0..16 * 16 * 16).map(|i| label([i % 16, i / 16 % 16, i / 256].map(|x| f64::from(x) - 7.5))));
+    std::fs::write(path, bytes).unwrap();
+}
+
+fn ball([x, y, z]: [f64; 3]) -> bool {
+    x * x + y * y + z * z < 30.0
+}
+
+/// Runs the tool with outputs beside the input; what it reports, the surface and the sphere.
+fn run(input: &Path, arguments: &[&str]) -> (Value, Mesh, Mesh) {
+    let beside = |name: &str| input.with_file_name(name);
+    let [surface, sphere, report] = ["out.surf.gii", "out.sphere.surf.gii", "out.json"].map(beside);
+    let mut command = tool("parametrize");
+    command.arg("--input").arg(input).args(arguments).args(["--force", "-o"]).arg(&sphere);
+    succeed(command.arg("--surface-output").arg(&surface).arg("--report").arg(&report));
+    let report = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+    let (surface, sphere) = (read_mesh(surface).unwrap(), read_mesh(sphere).unwrap());
+    assert!(Topology::of(&surface).is_sphere() && surface.faces == sphere.faces);
+    (report, surface, sphere)
+}
+
+#[test]
+fn a_volume_becomes_a_surface_and_its_sphere() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("label.nii");
+    // A ball with a tunnel through it, and another label beside.
+    write_volume(&path, |at| if at[2] < -7.0 { 9 } else { u8::from(ball(at) && !(at[0] == 0.5 && at[1] == 0.5)) });
+    let refused = |arguments: &[&str]| {
+        let sphere = folder.path().join("refused.obj");
+        let error = fail(tool("parametrize").arg("--input").arg(&path).args(arguments).arg("-o").arg(&sphere));
+        assert!(!sphere.exists());
+        error
+    };
+    let error = refused(&[]);
+    assert!(error.contains("--label") && error.contains("1 (") && error.contains("9 ("), "{error}");
+    let error = refused(&["--label", "1"]);
+    assert!(error.contains("genus 1") && error.contains("--fix"), "{error}");
+    let error = refused(&["--label", "9"]);
+    assert!(error.contains("--surface-output"), "{error}");
+
+    let (report, ..) = run(&path, &["--label", "1", "--fix"]);
+    assert_eq!((report["method"].as_str(), report["quality"]["flipped"].as_u64()), (Some("equal-area"), Some(0)));
+    let repair = &report["volume"]["repair"];
+    assert!(repair["way"] == "filled" && repair["voxels_changed"].as_u64().unwrap() <= 3, "{repair}");
+    // The same surface by a method for meshes.
+    let (report, ..) = run(&path, &["--label", "9", "--method", "cald"]);
+    assert_eq!((report["method"].as_str(), report["volume"]["label"].as_i64()), (Some("cald"), Some(9)));
+}
+
+#[test]
+fn a_mesh_is_put_on_a_shared_sampling() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.obj");
+    let mesh = subdivide(&icosphere(2));
+    let long = mesh.with_vertices(mesh.vertices.iter().map(|&[x, y, z]| [x, 2.0 * y, 3.0 * z]).collect());
+    write_mesh(&path, &long, &WriteOptions::default()).unwrap();
+    for arguments in [["--resample-to", "icosphere:3"], ["--method", "deform"]] {
+        let (report, surface, sphere) = run(&path, &arguments);
+        let shared = icosphere(3);
+        assert!(sphere.vertices == shared.vertices && sphere.faces == shared.faces, "{arguments:?}");
+        let hausdorff = report["distance"]["hausdorff"].as_f64().unwrap();
+        assert!(surface.vertices.len() == 642 && hausdorff > 0.0 && hausdorff < 0.2, "{arguments:?}: {hausdorff}");
+    }
+    // A sphere's file; and what doesn't go together.
+    let shared = folder.path().join("shared.ply");
+    write_mesh(&shared, &icosphere(2), &WriteOptions::default()).unwrap();
+    assert_eq!(run(&path, &["--resample-to", shared.to_str().unwrap()]).1.vertices.len(), 162);
+    for (arguments, words) in [
+        (&["--method", "equal-area"][..], "for volumes"),
+        (&["--resample-to", "icosphere:2"], "--surface-output"),
+        (&["--method", "deform", "--resample-to", "icosphere:2"], "leave out --resample-to"),
+        (&["--fix"], "for volumes"),
+    ] {
+        let sphere = folder.path().join("refused.obj");
+        let error = fail(tool("parametrize").arg("--input").arg(&path).args(arguments).arg("-o").arg(&sphere));
+        assert!(error.contains(words) && !sphere.exists(), "{arguments:?}: {error}");
+    }
+}
