@@ -420,12 +420,7 @@ fn check_space(store: &Path, scan: &Scan, params: &BuildParams) -> Result<(), St
     if params.allow_large || scan.missing.is_empty() {
         return Ok(());
     }
-    // The folder may not be there yet: ask for the nearest one that is.
-    let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
-    let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
-    let statistics =
-        rustix::fs::statvfs(existing).map_err(|e| StoreError::io(existing, "cannot ask for space")(e.into()))?;
-    let free = statistics.f_bavail.saturating_mul(statistics.f_frsize);
+    let free = free_space(store)?;
     let remedy = if scan.bytes > free {
         "choose a --store with more room, a lower --max-degree or --dtype f32, or go on all the same with --yes"
     } else if scan.bytes > LARGE {
@@ -433,10 +428,20 @@ fn check_space(store: &Path, scan: &Scan, params: &BuildParams) -> Result<(), St
     } else {
         return Ok(());
     };
-    Err(StoreError::Space { path: store.to_path_buf(), needed: scan.bytes, free, remedy })
+    Err(StoreError::Space { path: store.to_path_buf(), what: "basis", needed: scan.bytes, free, remedy })
 }
 
-fn make_folder(store: &Path, folder: &Path) -> Result<(), StoreError> {
+/// Bytes free on the disk that a store is, or will be, on.
+pub(crate) fn free_space(store: &Path) -> Result<u64, StoreError> {
+    // The folder may not be there yet: ask for the nearest one that is.
+    let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
+    let statistics =
+        rustix::fs::statvfs(existing).map_err(|e| StoreError::io(existing, "cannot ask for space")(e.into()))?;
+    Ok(statistics.f_bavail.saturating_mul(statistics.f_frsize))
+}
+
+pub(crate) fn make_folder(store: &Path, folder: &Path) -> Result<(), StoreError> {
     if !folder.is_dir() {
         std::fs::create_dir_all(folder).map_err(StoreError::io(folder, "cannot create"))?;
         sync_folder(store)?;
@@ -446,7 +451,7 @@ fn make_folder(store: &Path, folder: &Path) -> Result<(), StoreError> {
 
 /// Waits until no other process builds this scheme. It only spares double work: without a lock (where the file system
 /// has none) builders are safe as well.
-fn lock(
+pub(crate) fn lock(
     folder: &Path,
     cancel: &AtomicBool,
     event: &(dyn Fn(BuildEvent<'_>) + Sync),

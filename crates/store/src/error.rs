@@ -28,7 +28,7 @@ pub enum StoreError {
         found: &'static str,
     },
     /// A field that isn't what the format says.
-    #[error("{}: damaged or not a basis file: {what}: expected {expected}, found {found}; delete it and run basis-build again", .path.display())]
+    #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete it and run basis-build again", .path.display())]
     Corrupt {
         /// The file.
         path: PathBuf,
@@ -48,6 +48,54 @@ pub enum StoreError {
         chunk: usize,
         /// Which check failed.
         what: &'static str,
+    },
+    /// Bytes of a tile of a factor that don't fit their checksum.
+    #[error("{}: tile ({row}, {column}) is damaged ({what} differs from the table); delete the file and run basis-build again", .path.display())]
+    TileDamaged {
+        /// The file.
+        path: PathBuf,
+        /// Tile row from 0.
+        row: usize,
+        /// Tile column from 0.
+        column: usize,
+        /// Which check failed.
+        what: &'static str,
+    },
+    /// A factor that isn't the one that was asked for.
+    #[error("{}: a factor of another {what}: expected {expected}, found {found}; compute the one that is needed with basis-build --factor", .path.display())]
+    FactorDiffers {
+        /// The file.
+        path: PathBuf,
+        /// What differs: scheme, number of directions, degree, weights, smoothness.
+        what: &'static str,
+        /// What was asked for.
+        expected: String,
+        /// What the file has.
+        found: String,
+    },
+    /// The store has no such factor.
+    #[error("{}: no factor of {wanted} for scheme {key}; {}; compute it with basis-build --factor on the same sphere", .store.display(), factors_there(.available))]
+    FactorMissing {
+        /// The store.
+        store: PathBuf,
+        /// The scheme.
+        key: SchemeKey,
+        /// What was asked for: degree, weights, smoothness.
+        wanted: String,
+        /// Names of the factors of the scheme that are there.
+        available: Vec<String>,
+    },
+    /// A factor that the format has no room for.
+    #[error(
+        "a factor of {size} columns in tiles of {tile}: tiles must be a multiple of 8 from 8 to {}, and at most {}; choose a lower degree",
+        crate::factor::MAX_TILE,
+        crate::factor::MAX_TILES
+    )]
+    FactorLayout {
+        /// Number of columns, K.
+        size: usize,
+        /// Rows and columns of a tile.
+        tile: usize,
     },
     /// A format version that this program doesn't know.
     #[error("{}: store format version {found}, this program reads version {}; use the program that wrote it, or build a new store", .path.display(), crate::header::VERSION)]
@@ -100,10 +148,12 @@ pub enum StoreError {
         found: usize,
     },
     /// Not enough room, or more than one would take without asking.
-    #[error("{}: the basis needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB); {remedy}", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
+    #[error("{}: the {what} needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB); {remedy}", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
     Space {
         /// The store.
         path: PathBuf,
+        /// What needs them: the basis, the factor.
+        what: &'static str,
         /// Bytes that would be written.
         needed: u64,
         /// Bytes that are free.
@@ -187,6 +237,10 @@ fn keys_there(keys: &[SchemeKey]) -> String {
             format!("it has {}{more}", shown.join(", "))
         }
     }
+}
+
+fn factors_there(names: &[String]) -> String {
+    if names.is_empty() { "it has none".to_owned() } else { format!("it has {}", names.join(", ")) }
 }
 
 /// The flag that another run needs to go on with the same scheme.

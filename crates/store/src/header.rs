@@ -103,7 +103,7 @@ impl Header {
         put(ROWS_AT, &(self.rows as u64).to_le_bytes());
         put(DEGREE_AT, &(self.degree as u32).to_le_bytes());
         put(COLUMNS_AT, &(self.columns() as u32).to_le_bytes());
-        put(SCALAR_AT, &scalar_code(self.scalar).to_le_bytes());
+        put(SCALAR_AT, &self.scalar.code().to_le_bytes());
         put(CODEC_AT, &self.codec.code().to_le_bytes());
         put(CHUNK_ROWS_AT, &(self.chunk_rows as u64).to_le_bytes());
         put(CHUNK_COUNT_AT, &(self.chunk_count() as u64).to_le_bytes());
@@ -144,11 +144,8 @@ impl Header {
         if columns != 2 * degree + 1 {
             return Err(corrupt("columns", &(2 * degree + 1), &columns));
         }
-        let scalar = match u32_at(bytes, SCALAR_AT) {
-            1 => Scalar::F64,
-            2 => Scalar::F32,
-            other => return Err(corrupt("scalar type", &"1 (f64) or 2 (f32)", &other)),
-        };
+        let scalar = u32_at(bytes, SCALAR_AT);
+        let scalar = Scalar::from_code(scalar).ok_or_else(|| corrupt("scalar type", &"1 (f64) or 2 (f32)", &scalar))?;
         let codec = u32_at(bytes, CODEC_AT);
         let codec = Codec::from_code(codec).ok_or_else(|| corrupt("codec", &"0 (none) or 1 (zstd)", &codec))?;
         let chunk_rows = u64_at(bytes, CHUNK_ROWS_AT);
@@ -173,12 +170,5 @@ impl Header {
             return Err(corrupt("number of chunks", &header.chunk_count(), &chunk_count));
         }
         Ok(header)
-    }
-}
-
-const fn scalar_code(scalar: Scalar) -> u32 {
-    match scalar {
-        Scalar::F64 => 1,
-        Scalar::F32 => 2,
     }
 }

@@ -22,6 +22,7 @@
 //! | `writer` | one file on its way to disk |
 //! | [`mod@build`] | all files of a scheme |
 //! | [`catalog`] | what is in a store; verifying, clearing away |
+//! | [`factor`] | the Cholesky factor of a scheme's normal equations, beside its basis |
 //!
 //! ```
 //! use std::sync::atomic::AtomicBool;
@@ -47,6 +48,7 @@ mod bytes;
 pub mod catalog;
 pub mod codec;
 mod error;
+pub mod factor;
 pub mod header;
 mod map;
 pub mod reader;
@@ -58,6 +60,7 @@ pub use build::{BuildEvent, BuildParams, BuildReport, build};
 pub use catalog::Scheme;
 pub use codec::Codec;
 pub use error::StoreError;
+pub use factor::{FactorFile, FactorSpec, FactorWriter, TileGrid, WeightsHash};
 pub use header::Header;
 pub use reader::{ChunkWindow, DegreeFile};
 pub use scheme::{Scalar, SchemeKey};

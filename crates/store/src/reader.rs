@@ -12,7 +12,7 @@ use crate::codec::{Codec, check_frame, decode};
 use crate::header::{HEADER_LEN, Header};
 use crate::map::{Source, Window};
 use crate::scheme::Scalar;
-use crate::table::{ENTRY_LEN, Entry, FOOTER_LEN, Footer, decode_table, root};
+use crate::table::{ENTRY_LEN, Entry, FOOTER_LEN, Footer, ROOT_CONTEXT, decode_table, root};
 
 /// An open basis file whose header, table and footer are sound. Chunks are checked when they are first read.
 #[derive(Debug)]
@@ -40,24 +40,9 @@ impl DegreeFile {
         let mut header_bytes = [0; HEADER_LEN];
         read_at(&file, path, 0, &mut header_bytes)?;
         let header = Header::decode(&header_bytes, path)?;
-        let mut footer_bytes = [0; FOOTER_LEN];
-        read_at(&file, path, file_len - FOOTER_LEN as u64, &mut footer_bytes)?;
-        let footer = Footer::decode(&footer_bytes, file_len, path)?;
-        if footer.entries != header.chunk_count() as u64 {
-            return Err(StoreError::corrupt(path, "entries of the table", header.chunk_count(), footer.entries));
-        }
-        // The table must be what lies between the chunks and the footer, so its size is bounded by the file's.
-        let table_len = footer.entries.saturating_mul(ENTRY_LEN as u64);
-        let end = footer.table_offset.checked_add(table_len).and_then(|end| end.checked_add(FOOTER_LEN as u64));
-        if footer.table_offset < HEADER_LEN as u64 || end != Some(file_len) {
-            return Err(StoreError::corrupt(path, "place of the table", "just before the footer", footer.table_offset));
-        }
-        let mut table = vec![0; table_len as usize];
-        read_at(&file, path, footer.table_offset, &mut table)?;
-        if root(&header_bytes, &table) != footer.root {
-            return Err(StoreError::corrupt(path, "root hash", "that of header and table", "another"));
-        }
-        let entries = decode_table(&table, &header, footer.table_offset, path)?;
+        let (table, table_offset) =
+            read_table(&file, path, file_len, &header_bytes, header.chunk_count() as u64, ROOT_CONTEXT)?;
+        let entries = decode_table(&table, &header, table_offset, path)?;
         let checked = entries.iter().map(|_| AtomicBool::new(false)).collect();
         let source = Source::new(source.0, file, &source.1);
         Ok(Self { source, header, entries, file_len, checked })
@@ -112,7 +97,7 @@ impl DegreeFile {
             let damaged = |what| StoreError::ChunkDamaged { path: self.path().to_path_buf(), chunk, what };
             let end = entry.offset + entry.stored_len;
             let (mut hasher, mut crc) = (blake3::Hasher::new(), 0);
-            self.pieces(entry.offset..end, buffer, &mut |piece| {
+            pieces(&self.source, entry.offset..end, buffer, &mut |piece| {
                 hasher.update(piece);
                 crc = crc32c::crc32c_append(crc, piece);
             })?;
@@ -124,7 +109,7 @@ impl DegreeFile {
             }
             let next = self.entries.get(chunk + 1).map_or(table_offset, |entry| entry.offset);
             let mut zeros = true;
-            self.pieces(end..next, buffer, &mut |piece| zeros &= piece.iter().all(|&byte| byte == 0))?;
+            pieces(&self.source, end..next, buffer, &mut |piece| zeros &= piece.iter().all(|&byte| byte == 0))?;
             if !zeros {
                 return Err(damaged("the padding after it"));
             }
@@ -134,19 +119,6 @@ impl DegreeFile {
             }
         }
         self.source.check()
-    }
-
-    /// Reads a range of the file through `buffer`.
-    fn pieces(&self, range: Range<u64>, buffer: &mut Vec<u8>, visit: &mut dyn FnMut(&[u8])) -> Result<(), StoreError> {
-        const PIECE: u64 = 1 << 20;
-        let mut at = range.start;
-        while at < range.end {
-            buffer.resize((range.end - at).min(PIECE) as usize, 0);
-            read_at(&self.source.file, self.path(), at, buffer)?;
-            visit(buffer);
-            at += buffer.len() as u64;
-        }
-        Ok(())
     }
 
     fn check_crc(&self, chunk: usize, stored: &[u8]) -> Result<(), StoreError> {
@@ -291,10 +263,58 @@ fn widen(raw: &[u8], scalar: Scalar, out: &mut Vec<f64>) {
     }
 }
 
-type Opened = (File, u64, (std::path::PathBuf, std::fs::Metadata));
+/// Reads the footer and the table of a file whose header has been decoded, and checks all but the table's entries.
+/// Gives the table and its offset.
+pub(crate) fn read_table(
+    file: &File,
+    path: &Path,
+    file_len: u64,
+    header: &[u8; HEADER_LEN],
+    count: u64,
+    root_context: &str,
+) -> Result<(Vec<u8>, u64), StoreError> {
+    let mut footer_bytes = [0; FOOTER_LEN];
+    read_at(file, path, file_len - FOOTER_LEN as u64, &mut footer_bytes)?;
+    let footer = Footer::decode(&footer_bytes, file_len, path)?;
+    if footer.entries != count {
+        return Err(StoreError::corrupt(path, "entries of the table", count, footer.entries));
+    }
+    // The table must be what lies between the chunks and the footer, so its size is bounded by the file's.
+    let table_len = footer.entries.saturating_mul(ENTRY_LEN as u64);
+    let end = footer.table_offset.checked_add(table_len).and_then(|end| end.checked_add(FOOTER_LEN as u64));
+    if footer.table_offset < HEADER_LEN as u64 || end != Some(file_len) {
+        return Err(StoreError::corrupt(path, "place of the table", "just before the footer", footer.table_offset));
+    }
+    let mut table = vec![0; table_len as usize];
+    read_at(file, path, footer.table_offset, &mut table)?;
+    if root(root_context, header, &table) != footer.root {
+        return Err(StoreError::corrupt(path, "root hash", "that of header and table", "another"));
+    }
+    Ok((table, footer.table_offset))
+}
+
+/// Reads a range of a file through `buffer`, a megabyte at a time.
+pub(crate) fn pieces(
+    source: &Source,
+    range: Range<u64>,
+    buffer: &mut Vec<u8>,
+    visit: &mut dyn FnMut(&[u8]),
+) -> Result<(), StoreError> {
+    const PIECE: u64 = 1 << 20;
+    let mut at = range.start;
+    while at < range.end {
+        buffer.resize((range.end - at).min(PIECE) as usize, 0);
+        read_at(&source.file, &source.path, at, buffer)?;
+        visit(buffer);
+        at += buffer.len() as u64;
+    }
+    Ok(())
+}
+
+pub(crate) type Opened = (File, u64, (std::path::PathBuf, std::fs::Metadata));
 
 /// Opens a regular file; never waits for the other end of a FIFO, never follows a symbolic link.
-fn open_regular(path: &Path) -> Result<Opened, StoreError> {
+pub(crate) fn open_regular(path: &Path) -> Result<Opened, StoreError> {
     let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_CLOEXEC;
     let not_a_file = |found| StoreError::NotAFile { path: path.to_path_buf(), found };
     let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
@@ -330,7 +350,7 @@ impl io::Read for FileRange<'_> {
     }
 }
 
-fn read_at(file: &File, path: &Path, offset: u64, buffer: &mut [u8]) -> Result<(), StoreError> {
+pub(crate) fn read_at(file: &File, path: &Path, offset: u64, buffer: &mut [u8]) -> Result<(), StoreError> {
     file.read_exact_at(buffer, offset).map_err(|error| match error.kind() {
         io::ErrorKind::UnexpectedEof => StoreError::ChangedWhileRead { path: path.to_path_buf() },
         _ => StoreError::io(path, "cannot read")(error),

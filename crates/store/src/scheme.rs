@@ -32,6 +32,22 @@ impl Scalar {
             Self::F32 => "f32",
         }
     }
+
+    /// The number that stands for it in a header.
+    pub(crate) const fn code(self) -> u32 {
+        match self {
+            Self::F64 => 1,
+            Self::F32 => 2,
+        }
+    }
+
+    pub(crate) const fn from_code(code: u32) -> Option<Self> {
+        match code {
+            1 => Some(Self::F64),
+            2 => Some(Self::F32),
+            _ => None,
+        }
+    }
 }
 
 /// BLAKE3 key of a sampling scheme; also the name of its folder in a store, as 64 hexadecimal digits.

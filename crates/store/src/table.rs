@@ -43,7 +43,7 @@ impl Entry {
         bytes
     }
 
-    fn decode(bytes: &[u8], path: &Path) -> Result<Self, StoreError> {
+    pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<Self, StoreError> {
         let codec = u32_at(bytes, CODEC_AT);
         let codec = Codec::from_code(codec)
             .ok_or_else(|| StoreError::corrupt(path, "codec of a chunk", "0 (none) or 1 (zstd)", codec))?;
@@ -115,7 +115,8 @@ pub(crate) struct Footer {
 }
 
 const FOOTER_MAGIC: [u8; 8] = *b"SPH-END\n";
-const ROOT_CONTEXT: &str = "spharm-rs 2026-11 basis file root v1";
+/// What the root of a basis file is derived with.
+pub(crate) const ROOT_CONTEXT: &str = "spharm-rs 2026-11 basis file root v1";
 
 const TABLE_OFFSET_AT: usize = 8;
 const ENTRIES_AT: usize = TABLE_OFFSET_AT + 8;
@@ -165,9 +166,9 @@ impl Footer {
     }
 }
 
-/// The root hash of a file with these header and table bytes.
-pub(crate) fn root(header: &[u8], table: &[u8]) -> [u8; 32] {
-    let mut hasher = blake3::Hasher::new_derive_key(ROOT_CONTEXT);
+/// The root hash of a file with these header and table bytes; the context is that of its kind.
+pub(crate) fn root(context: &str, header: &[u8], table: &[u8]) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new_derive_key(context);
     hasher.update(header);
     hasher.update(table);
     *hasher.finalize().as_bytes()

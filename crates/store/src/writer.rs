@@ -18,14 +18,15 @@ use crate::StoreError;
 use crate::codec::{Codec, Encoder};
 use crate::header::{ALIGNMENT, HEADER_LEN, Header};
 use crate::reader::DegreeFile;
-use crate::table::{Entry, FOOTER_LEN, Footer, encode_table, root};
+use crate::table::{Entry, FOOTER_LEN, Footer, ROOT_CONTEXT, encode_table, root};
 
 /// Name of a degree's file.
 pub(crate) fn file_name(degree: usize) -> String {
     format!("A_{degree}")
 }
 
-const TEMPORARY_PREFIX: &str = ".A_";
+/// What temporary names begin with: those of basis files and those of factors.
+const TEMPORARY_PREFIXES: [&str; 2] = [".A_", ".factor_"];
 const TEMPORARY_SUFFIX: &str = ".tmp";
 
 /// A basis file being written. Threads may put different chunks at the same time.
@@ -48,7 +49,7 @@ struct Slots {
 impl DegreeWriter {
     pub(crate) fn create(folder: &Path, header: Header) -> Result<Self, StoreError> {
         let path = folder.join(file_name(header.degree));
-        let temporary = create_temporary(folder, header.degree)
+        let temporary = create_temporary(folder, &format!(".A_{}.", header.degree))
             .map_err(StoreError::io(folder, "cannot create a file in the store"))?;
         temporary.as_file().write_all_at(&header.encode(), 0).map_err(StoreError::io(&path, "cannot write"))?;
         let slots = Slots { entries: vec![None; header.chunk_count()], next_chunk: 0, next_offset: HEADER_LEN as u64 };
@@ -111,37 +112,49 @@ impl DegreeWriter {
     /// Writes table and footer, waits for the disk, and gives the file its name. Returns its length, or `None` when
     /// another builder has published the same file first, which then stays.
     pub(crate) fn publish(self) -> Result<Option<u64>, StoreError> {
-        let failed = |action| StoreError::io(&self.path, action);
         let slots = self.slots.into_inner().unwrap_or_else(PoisonError::into_inner);
         let entries: Vec<Entry> = slots.entries.into_iter().flatten().collect();
         assert_eq!(entries.len(), self.header.chunk_count(), "every chunk was put");
-        let table_offset =
-            entries.last().map_or(0, |entry| (entry.offset + entry.stored_len).next_multiple_of(ALIGNMENT));
-        let table = encode_table(&entries);
-        let file_len = table_offset + (table.len() + FOOTER_LEN) as u64;
-        let root = root(&self.header.encode(), &table);
-        let footer = Footer { table_offset, entries: entries.len() as u64, file_len, root };
-        let file = self.temporary.as_file();
-        file.write_all_at(&table, table_offset).map_err(failed("cannot write"))?;
-        file.write_all_at(&footer.encode(), table_offset + table.len() as u64).map_err(failed("cannot write"))?;
-        file.sync_all().map_err(failed("cannot write to disk"))?;
-        match self.temporary.persist_noclobber(&self.path) {
-            Ok(_) => Ok(Some(file_len)),
-            Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => {
-                DegreeFile::open(&self.path)?;
-                Ok(None)
-            }
-            Err(error) => Err(failed("cannot give the file its name")(error.error)),
+        let published = publish(self.temporary, &self.path, &self.header.encode(), &entries, ROOT_CONTEXT)?;
+        if published.is_none() {
+            DegreeFile::open(&self.path)?;
         }
+        Ok(published)
+    }
+}
+
+/// Writes table and footer of a file whose header and chunks are written, waits for the disk, and gives the file its
+/// name. Returns its length, or `None` when there is a file of that name by now, which then stays.
+pub(crate) fn publish(
+    temporary: NamedTempFile,
+    path: &Path,
+    header: &[u8],
+    entries: &[Entry],
+    root_context: &str,
+) -> Result<Option<u64>, StoreError> {
+    let failed = |action| StoreError::io(path, action);
+    let table_offset = entries.last().map_or(0, |entry| (entry.offset + entry.stored_len).next_multiple_of(ALIGNMENT));
+    let table = encode_table(entries);
+    let file_len = table_offset + (table.len() + FOOTER_LEN) as u64;
+    let root = root(root_context, header, &table);
+    let footer = Footer { table_offset, entries: entries.len() as u64, file_len, root };
+    let file = temporary.as_file();
+    file.write_all_at(&table, table_offset).map_err(failed("cannot write"))?;
+    file.write_all_at(&footer.encode(), table_offset + table.len() as u64).map_err(failed("cannot write"))?;
+    file.sync_all().map_err(failed("cannot write to disk"))?;
+    match temporary.persist_noclobber(path) {
+        Ok(_) => Ok(Some(file_len)),
+        Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(None),
+        Err(error) => Err(failed("cannot give the file its name")(error.error)),
     }
 }
 
 /// A new temporary file, locked to tell other processes that somebody is at work on it. Where locks don't work, age has
 /// to do.
-fn create_temporary(folder: &Path, degree: usize) -> io::Result<NamedTempFile> {
+pub(crate) fn create_temporary(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     loop {
         let temporary = tempfile::Builder::new()
-            .prefix(&format!("{TEMPORARY_PREFIX}{degree}."))
+            .prefix(prefix)
             .suffix(TEMPORARY_SUFFIX)
             .permissions(Permissions::from_mode(0o666)) // less the umask: a store is there to be shared
             .tempfile_in(folder)?;
@@ -154,7 +167,7 @@ fn create_temporary(folder: &Path, degree: usize) -> io::Result<NamedTempFile> {
     }
 }
 
-fn entry(offset: u64, stored: &[u8], raw_len: usize, codec: Codec) -> Entry {
+pub(crate) fn entry(offset: u64, stored: &[u8], raw_len: usize, codec: Codec) -> Entry {
     Entry {
         offset,
         stored_len: stored.len() as u64,
@@ -202,7 +215,10 @@ fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(),
         let name = item.file_name();
         let name = name.to_string_lossy();
         let regular = item.file_type().is_ok_and(|kind| kind.is_file());
-        if !regular || !name.starts_with(TEMPORARY_PREFIX) || !name.ends_with(TEMPORARY_SUFFIX) {
+        if !regular
+            || !TEMPORARY_PREFIXES.iter().any(|prefix| name.starts_with(prefix))
+            || !name.ends_with(TEMPORARY_SUFFIX)
+        {
             continue;
         }
         // It may have been finished or removed since it was listed.

@@ -1,0 +1,114 @@
+//! The tiles of a lower triangle: square but at the end, those on and below the diagonal.
+
+use std::ops::Range;
+
+use crate::StoreError;
+
+/// Most rows and columns of a tile.
+pub const MAX_TILE: usize = 1024;
+/// Most tiles that a file may have: bounds the memory that its table takes.
+pub const MAX_TILES: u64 = 1 << 22;
+
+/// A (K, K) lower triangle cut into tiles of `tile` rows and columns, those of the last row and column of what is left.
+///
+/// Tiles are numbered column after column, each from the diagonal down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TileGrid {
+    size: usize,
+    tile: usize,
+}
+
+impl TileGrid {
+    /// # Errors
+    ///
+    /// [`StoreError::FactorLayout`] when the format has no room for it.
+    pub fn new(size: usize, tile: usize) -> Result<Self, StoreError> {
+        Self::checked(size, tile).ok_or(StoreError::FactorLayout { size, tile })
+    }
+
+    pub(crate) fn checked(size: usize, tile: usize) -> Option<Self> {
+        let wrong = size == 0 || tile == 0 || tile > MAX_TILE || !tile.is_multiple_of(8);
+        // No column of tiles may be so long that the sums below overflow.
+        let fits = !wrong && size.div_ceil(tile) as u64 <= MAX_TILES;
+        let grid = Self { size, tile };
+        (fits && grid.count() as u64 <= MAX_TILES).then_some(grid)
+    }
+
+    /// Rows and columns of the triangle, K.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Rows and columns of a full tile.
+    pub fn tile(&self) -> usize {
+        self.tile
+    }
+
+    /// Number of tile columns, and of tile rows.
+    pub fn columns(&self) -> usize {
+        self.size.div_ceil(self.tile)
+    }
+
+    /// Number of tiles.
+    pub fn count(&self) -> usize {
+        self.columns() * (self.columns() + 1) / 2
+    }
+
+    /// Rows of the triangle in a tile row; columns in a tile column.
+    pub fn range(&self, at: usize) -> Range<usize> {
+        (at * self.tile).min(self.size)..((at + 1) * self.tile).min(self.size)
+    }
+
+    /// Number of a tile.
+    ///
+    /// # Panics
+    ///
+    /// If it lies above the diagonal or outside.
+    pub fn index(&self, row: usize, column: usize) -> usize {
+        let n = self.columns();
+        assert!(column <= row && row < n, "tile ({row}, {column}) of {n} rows");
+        // The columns before this one have n, n - 1, .. tiles.
+        column * n - column * column.saturating_sub(1) / 2 + row - column
+    }
+
+    /// Values of a tile.
+    pub fn len(&self, row: usize, column: usize) -> usize {
+        self.range(row).len() * self.range(column).len()
+    }
+
+    /// Row and column of every tile, in the order of their numbers.
+    pub fn tiles(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let n = self.columns();
+        (0..n).flat_map(move |column| (column..n).map(move |row| (row, column)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_cover_the_triangle_in_order() {
+        for (size, tile) in [(1, 8), (8, 8), (9, 8), (100, 16), (121, 24), (64, 64)] {
+            let grid = TileGrid::new(size, tile).unwrap();
+            let mut values = 0;
+            for (at, (row, column)) in grid.tiles().enumerate() {
+                assert_eq!(grid.index(row, column), at);
+                assert!(grid.len(row, column) > 0);
+                values += if row == column { 0 } else { grid.len(row, column) };
+            }
+            assert_eq!(grid.tiles().count(), grid.count());
+            let diagonal: usize = (0..grid.columns()).map(|j| grid.range(j).len().pow(2)).sum();
+            assert_eq!(2 * values + diagonal, size * size);
+        }
+    }
+
+    #[test]
+    fn what_the_format_has_no_room_for_is_refused() {
+        for (size, tile) in [(0, 8), (10, 0), (10, 12), (10, 1032), (usize::MAX, 8), (1 << 40, 1024), (2896 * 128, 128)]
+        {
+            assert!(TileGrid::new(size, tile).is_err(), "{size} {tile}");
+        }
+        assert!(TileGrid::new(2895 * 128, 128).is_ok());
+    }
+}

@@ -1,0 +1,165 @@
+//! The header of a factor: 4,096 bytes.
+//!
+//! Offsets follow "Header of a factor" in `store-format.md`; a committed file is held against them byte by byte in the
+//! tests.
+
+use std::path::Path;
+
+use crate::StoreError;
+use crate::bytes::{u32_at, u64_at};
+use crate::factor::grid::{MAX_TILE, MAX_TILES, TileGrid};
+use crate::factor::spec::{FactorSpec, WeightsHash};
+use crate::header::{HEADER_LEN, MAX_ROWS};
+use crate::scheme::{Scalar, SchemeKey};
+
+/// The version of factors written, and the only one read.
+pub const FACTOR_VERSION: u32 = 1;
+
+const MAGIC: [u8; 8] = *b"\x89SPF\r\n\x1a\n";
+
+const MAGIC_AT: usize = 0;
+const VERSION_AT: usize = MAGIC_AT + 8;
+const HEADER_LEN_AT: usize = VERSION_AT + 4;
+const KEY_AT: usize = HEADER_LEN_AT + 4;
+const ROWS_AT: usize = KEY_AT + 32;
+const DEGREE_AT: usize = ROWS_AT + 8;
+const SCALAR_AT: usize = DEGREE_AT + 4;
+const SIZE_AT: usize = SCALAR_AT + 4;
+const TILE_AT: usize = SIZE_AT + 8;
+const TILE_COLUMNS_AT: usize = TILE_AT + 4;
+const TILE_COUNT_AT: usize = TILE_COLUMNS_AT + 4;
+const WEIGHTS_AT: usize = TILE_COUNT_AT + 8;
+const SMOOTHNESS_AT: usize = WEIGHTS_AT + 32;
+const NORM_AT: usize = SMOOTHNESS_AT + 8;
+const RCOND_AT: usize = NORM_AT + 8;
+const RESERVED_AT: usize = RCOND_AT + 8;
+const HASH_AT: usize = HEADER_LEN - 32;
+
+/// How well G determines its solutions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Condition {
+    /// 1-norm of G.
+    pub norm: f64,
+    /// Estimate of 1 / (1-norm of G times 1-norm of its inverse), from 0 to 1.
+    pub reciprocal: f64,
+}
+
+/// What a factor's file holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FactorHeader {
+    /// What it is the factor of.
+    pub spec: FactorSpec,
+    /// Scalar type of the values.
+    pub scalar: Scalar,
+    /// Its tiles.
+    pub grid: TileGrid,
+    /// The condition of G.
+    pub condition: Condition,
+}
+
+impl FactorHeader {
+    /// Bytes of a tile.
+    pub fn tile_len(&self, row: usize, column: usize) -> usize {
+        self.grid.len(row, column) * self.scalar.size()
+    }
+
+    pub(crate) fn encode(&self) -> Vec<u8> {
+        let mut bytes = vec![0; HEADER_LEN];
+        let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+        let real = |value: f64| (value + 0.0).to_bits().to_le_bytes();
+        put(MAGIC_AT, &MAGIC);
+        put(VERSION_AT, &FACTOR_VERSION.to_le_bytes());
+        put(HEADER_LEN_AT, &(HEADER_LEN as u32).to_le_bytes());
+        put(KEY_AT, &self.spec.key.0);
+        put(ROWS_AT, &(self.spec.rows as u64).to_le_bytes());
+        put(DEGREE_AT, &(self.spec.max_degree as u32).to_le_bytes());
+        put(SCALAR_AT, &self.scalar.code().to_le_bytes());
+        put(SIZE_AT, &(self.grid.size() as u64).to_le_bytes());
+        put(TILE_AT, &(self.grid.tile() as u32).to_le_bytes());
+        put(TILE_COLUMNS_AT, &(self.grid.columns() as u32).to_le_bytes());
+        put(TILE_COUNT_AT, &(self.grid.count() as u64).to_le_bytes());
+        put(WEIGHTS_AT, &self.spec.weights.0);
+        put(SMOOTHNESS_AT, &real(self.spec.smoothness));
+        put(NORM_AT, &real(self.condition.norm));
+        put(RCOND_AT, &real(self.condition.reciprocal));
+        let hash = blake3::hash(&bytes[..HASH_AT]);
+        bytes[HASH_AT..].copy_from_slice(hash.as_bytes());
+        bytes
+    }
+
+    /// Reads a header; every number is checked before it is used.
+    pub(crate) fn decode(bytes: &[u8; HEADER_LEN], path: &Path) -> Result<Self, StoreError> {
+        let corrupt = |what, expected: &dyn ToString, found: &dyn ToString| {
+            StoreError::corrupt(path, what, expected.to_string(), found.to_string())
+        };
+        if bytes[..8] != MAGIC {
+            return Err(corrupt("magic number", &MAGIC.escape_ascii(), &bytes[..8].escape_ascii()));
+        }
+        let version = u32_at(bytes, VERSION_AT);
+        if version != FACTOR_VERSION {
+            return Err(StoreError::Version { path: path.to_path_buf(), found: version });
+        }
+        if blake3::hash(&bytes[..HASH_AT]).as_bytes() != &bytes[HASH_AT..] {
+            return Err(corrupt("header", &"bytes that fit its hash", &"others"));
+        }
+        let header_len = u32_at(bytes, HEADER_LEN_AT);
+        if header_len as usize != HEADER_LEN {
+            return Err(corrupt("header length", &HEADER_LEN, &header_len));
+        }
+        if bytes[RESERVED_AT..HASH_AT].iter().any(|&b| b != 0) {
+            return Err(corrupt("reserved bytes", &"zeros", &"others"));
+        }
+        let hash_at = |at: usize| {
+            let mut hash = [0; 32];
+            hash.copy_from_slice(&bytes[at..at + 32]);
+            hash
+        };
+        let rows = u64_at(bytes, ROWS_AT);
+        if rows == 0 || rows > MAX_ROWS {
+            return Err(corrupt("rows", &"1 to 2^40", &rows));
+        }
+        let max_degree = u32_at(bytes, DEGREE_AT) as usize;
+        if max_degree > spharm_harmonics::MAX_DEGREE {
+            return Err(corrupt("degree", &format!("at most {}", spharm_harmonics::MAX_DEGREE), &max_degree));
+        }
+        let scalar = u32_at(bytes, SCALAR_AT);
+        let scalar = Scalar::from_code(scalar).ok_or_else(|| corrupt("scalar type", &"1 (f64) or 2 (f32)", &scalar))?;
+        let size = u64_at(bytes, SIZE_AT);
+        if size != spharm_harmonics::basis_size(max_degree) as u64 {
+            return Err(corrupt("columns", &spharm_harmonics::basis_size(max_degree), &size));
+        }
+        let tile = u32_at(bytes, TILE_AT) as usize;
+        let grid = TileGrid::checked(size as usize, tile).ok_or_else(|| {
+            let expected = format!("a multiple of 8 up to {MAX_TILE} that makes at most {MAX_TILES} tiles");
+            corrupt("size of the tiles", &expected, &tile)
+        })?;
+        let tile_columns = u32_at(bytes, TILE_COLUMNS_AT);
+        if tile_columns as usize != grid.columns() {
+            return Err(corrupt("number of tile columns", &grid.columns(), &tile_columns));
+        }
+        let count = u64_at(bytes, TILE_COUNT_AT);
+        if count != grid.count() as u64 {
+            return Err(corrupt("number of tiles", &grid.count(), &count));
+        }
+        let real = |at: usize| f64::from_bits(u64_at(bytes, at));
+        let smoothness = real(SMOOTHNESS_AT);
+        if !smoothness.is_finite() || smoothness.is_sign_negative() {
+            return Err(corrupt("smoothness", &"0 or more", &smoothness));
+        }
+        let condition = Condition { norm: real(NORM_AT), reciprocal: real(RCOND_AT) };
+        if !condition.norm.is_finite() || condition.norm.is_sign_negative() {
+            return Err(corrupt("norm", &"0 or more", &condition.norm));
+        }
+        if !(0.0..=1.0).contains(&condition.reciprocal) {
+            return Err(corrupt("reciprocal condition number", &"0 to 1", &condition.reciprocal));
+        }
+        let spec = FactorSpec {
+            key: SchemeKey(hash_at(KEY_AT)),
+            rows: rows as usize,
+            max_degree,
+            weights: WeightsHash(hash_at(WEIGHTS_AT)),
+            smoothness,
+        };
+        Ok(Self { spec, scalar, grid, condition })
+    }
+}

@@ -1,0 +1,29 @@
+//! The Cholesky factor of a scheme's normal equations, kept beside its basis: one immutable file.
+//!
+//! G = A^T diag(w) A + lambda diag((l (l + 1))^2), (K, K) with K = (L + 1)^2 columns in the order l^2 + l + m, is
+//! symmetric and, on a sampling that determines the coefficients, positive definite: G = C C^T with C lower triangular.
+//! C costs K^3 / 3 flops once; with it every further surface on the scheme costs 2 K^2 flops a channel. See "A factor"
+//! in `store-format.md`.
+//!
+//! The file has the frame of a basis file (header, pieces, table, footer, see `table`); its pieces are the tiles of C's
+//! lower triangle, tile column after tile column, so that both triangular solves read it from end to end.
+//!
+//! | module | what |
+//! |---|---|
+//! | `spec` | what a factor is of: scheme, degree, weights, smoothness; its name |
+//! | `grid` | the tiles of a triangle |
+//! | `header` | the header |
+//! | `reader` | an open factor and windows on its tile columns |
+//! | `writer` | a factor on its way to disk |
+
+mod grid;
+mod header;
+mod reader;
+mod spec;
+mod writer;
+
+pub use grid::{MAX_TILE, MAX_TILES, TileGrid};
+pub use header::{Condition, FACTOR_VERSION, FactorHeader};
+pub use reader::{FactorFile, FoundFactor, TileValues, TileWindow, factors, open_factor, verify_factor};
+pub use spec::{FactorSpec, WeightsHash};
+pub use writer::{Begun, FactorWriter, begin_factor, check_factor_space};
