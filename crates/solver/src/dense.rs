@@ -275,3 +275,132 @@ pub(crate) fn minimum_norm(
     let condition = if smallest > 0.0 { largest / smallest } else { f64::INFINITY };
     Ok((solution.as_standard_layout().iter().copied().collect(), rank, condition))
 }
+
+const LOWER: c_char = b'L' as c_char;
+
+/// Lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with `leading`; what is
+/// above the diagonal is left as it is. Fails with the column, from 0, at which the matrix isn't positive definite.
+pub(crate) fn cholesky_lower(matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize> {
+    assert!(leading >= k && matrix.len() >= (k.max(1) - 1) * leading + k, "matrix of order {k}");
+    let (order, stride, mut info) = (int(k), int(leading), 0);
+    // SAFETY: the matrix is k by k with that leading dimension, as asserted.
+    unsafe { lapack_sys::dpotrf_(&LOWER, &order, matrix.as_mut_ptr(), &stride, &mut info) };
+    if info > 0 { Err(info as usize - 1) } else { Ok(()) }
+}
+
+/// `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with `leading`.
+pub(crate) fn divide_by_transpose(c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize) {
+    let k = c.columns();
+    assert!(c.rows() == k && leading >= rows && out.len() >= (k.max(1) - 1) * leading + rows, "{rows} x {k}");
+    // SAFETY: extents as asserted, `Matrix` has checked the triangle.
+    unsafe {
+        cblas_sys::cblas_dtrsm(
+            CBLAS_LAYOUT::CblasColMajor,
+            cblas_sys::CBLAS_SIDE::CblasRight,
+            CBLAS_UPLO::CblasLower,
+            CBLAS_TRANSPOSE::CblasTrans,
+            cblas_sys::CBLAS_DIAG::CblasNonUnit,
+            int(rows),
+            int(k),
+            1.0,
+            c.values().as_ptr(),
+            int(c.leading()),
+            out.as_mut_ptr(),
+            int(leading),
+        );
+    }
+}
+
+/// `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with `leading`.
+pub(crate) fn subtract_outer(a: Matrix<'_>, b: Matrix<'_>, out: &mut [f64], leading: usize) {
+    let (rows, columns, k) = (a.rows(), b.rows(), a.columns());
+    assert!(b.columns() == k && leading >= rows && out.len() >= (columns.max(1) - 1) * leading + rows, "{rows} x {k}");
+    // SAFETY: extents as asserted, `Matrix` has checked both factors.
+    unsafe {
+        cblas_sys::cblas_dgemm(
+            CBLAS_LAYOUT::CblasColMajor,
+            CBLAS_TRANSPOSE::CblasNoTrans,
+            CBLAS_TRANSPOSE::CblasTrans,
+            int(rows),
+            int(columns),
+            int(k),
+            -1.0,
+            a.values().as_ptr(),
+            int(a.leading()),
+            b.values().as_ptr(),
+            int(b.leading()),
+            1.0,
+            out.as_mut_ptr(),
+            int(leading),
+        );
+    }
+}
+
+/// `out -= a y`, or `out -= a^T y` when `transposed`: all column-major, y and out without gaps.
+fn subtract(a: Matrix<'_>, transposed: bool, y: &[f64], out: &mut [f64]) {
+    let (rows, k) = if transposed { (a.columns(), a.rows()) } else { (a.rows(), a.columns()) };
+    let c = y.len() / k;
+    assert!(y.len() == k * c && out.len() == rows * c, "{rows} x {k} times {c} columns");
+    // SAFETY: extents as asserted, `Matrix` has checked the other factor.
+    unsafe {
+        cblas_sys::cblas_dgemm(
+            CBLAS_LAYOUT::CblasColMajor,
+            if transposed { CBLAS_TRANSPOSE::CblasTrans } else { CBLAS_TRANSPOSE::CblasNoTrans },
+            CBLAS_TRANSPOSE::CblasNoTrans,
+            int(rows),
+            int(c),
+            int(k),
+            -1.0,
+            a.values().as_ptr(),
+            int(a.leading()),
+            y.as_ptr(),
+            int(k),
+            1.0,
+            out.as_mut_ptr(),
+            int(rows),
+        );
+    }
+}
+
+/// `out -= a y`: a (rows, k), y (k, c), out (rows, c) column-major.
+pub(crate) fn subtract_product(a: Matrix<'_>, y: &[f64], out: &mut [f64]) {
+    subtract(a, false, y, out);
+}
+
+/// `out -= a^T x`: a (rows, k), x (rows, c), out (k, c) column-major.
+pub(crate) fn subtract_adjoint_product(a: Matrix<'_>, x: &[f64], out: &mut [f64]) {
+    subtract(a, true, x, out);
+}
+
+/// `x = C^-1 x`, or `C^-T x` when `transposed`: C (k, k) lower triangular, x (k, c) column-major.
+fn solve_triangle(c: Matrix<'_>, transposed: bool, x: &mut [f64]) {
+    let k = c.rows();
+    assert!(c.columns() == k && x.len().is_multiple_of(k), "triangle of order {k}");
+    // SAFETY: extents as asserted, `Matrix` has checked the triangle.
+    unsafe {
+        cblas_sys::cblas_dtrsm(
+            CBLAS_LAYOUT::CblasColMajor,
+            cblas_sys::CBLAS_SIDE::CblasLeft,
+            CBLAS_UPLO::CblasLower,
+            if transposed { CBLAS_TRANSPOSE::CblasTrans } else { CBLAS_TRANSPOSE::CblasNoTrans },
+            cblas_sys::CBLAS_DIAG::CblasNonUnit,
+            int(k),
+            int(x.len() / k),
+            1.0,
+            c.values().as_ptr(),
+            int(c.leading()),
+            x.as_mut_ptr(),
+            int(k),
+        );
+    }
+}
+
+/// `x = C^-1 x`: C (k, k) lower triangular, x (k, c) column-major.
+pub(crate) fn solve_lower(c: Matrix<'_>, x: &mut [f64]) {
+    solve_triangle(c, false, x);
+}
+
+/// `x = C^-T x`.
+pub(crate) fn solve_lower_transposed(c: Matrix<'_>, x: &mut [f64]) {
+    solve_triangle(c, true, x);
+}

@@ -92,6 +92,16 @@ pub enum SolverError {
         /// The least budget, bytes.
         needed: usize,
     },
+    /// A Gram matrix without a Cholesky factor.
+    #[error(
+        "the Gram matrix is not numerically positive definite: its factorisation breaks at column {column}, of degree {degree}: the sampling does not determine the coefficients from there on; choose a lower degree, add --smoothness LAMBDA, or take the minimum-norm solution"
+    )]
+    NotPositiveDefinite {
+        /// Column from 0.
+        column: usize,
+        /// Its degree.
+        degree: usize,
+    },
     /// LAPACK gave up on a block's singular value decomposition.
     #[error("degrees {first} to {last}: {message}")]
     NoConvergence {

@@ -15,6 +15,7 @@
 //! | `workers` | what the threads do for a block |
 //! | [`mod@fit`] | the passes |
 //! | [`report`] | what a fit tells about itself |
+//! | [`cholesky`] | the factor of the whole normal equations, in memory or in a store |
 //! | [`dense`] | the BLAS and LAPACK, behind one door |
 //!
 //! ```
@@ -35,6 +36,7 @@
 //! ```
 
 mod block;
+pub mod cholesky;
 pub mod dense;
 pub mod disk;
 mod error;
@@ -48,6 +50,7 @@ pub mod schedule;
 mod triangle;
 mod workers;
 
+pub use cholesky::{CholeskyFactor, Factor, FactorParams, GramSource, StoredFactor};
 pub use disk::DiskOperator;
 pub use error::SolverError;
 pub use fit::{Fit, FitEvent, FitParams, Fitter, fit};

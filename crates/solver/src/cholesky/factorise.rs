@@ -1,0 +1,192 @@
+//! The factorisation: left-looking, a panel of tile columns at a time.
+//!
+//! For columns J = [a, b) the panel G[a.., J] is asked for, what the columns before contribute is subtracted,
+//!
+//! ```text
+//! P = G[a.., J] - sum_k C[a.., k] C[J, k]^T        (dgemm, runs of k of some 512 columns)
+//! C[J, J] = chol(P[J])                              (dpotrf)
+//! C[b.., J] = P[b..] C[J, J]^-T                     (dtrsm)
+//! ```
+//!
+//! and the finished tiles are put away. Earlier columns are read again for each panel, so a panel of w columns costs
+//! 4 K^3 / (3 w) bytes of reading in all beside K^3 / 3 flops; the wider the budget allows it to be, the less. In memory
+//! "reading" is a copy between tiles and panels. Each entry is computed in an order that depends on the panels' width
+//! alone.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+use spharm_harmonics::index::degree_order;
+use spharm_harmonics::product::Matrix;
+use spharm_store::{StoreError, TileGrid};
+
+use crate::SolverError;
+use crate::cholesky::source::GramSource;
+use crate::cholesky::tiles::Finished;
+use crate::dense;
+
+/// Columns that are subtracted at a time: enough for `dgemm`'s traffic on the panel not to matter.
+const RUN: usize = 512;
+/// Rows that are gathered at a time.
+const ROWS: usize = 4096;
+
+/// How a factorisation goes about it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Panels {
+    pub(crate) grid: TileGrid,
+    /// Tile columns of a panel.
+    pub(crate) width: usize,
+    pub(crate) threads: usize,
+}
+
+impl Panels {
+    /// Bytes of workspace.
+    pub(crate) fn bytes(&self) -> usize {
+        let (size, tile) = (self.grid.size(), self.grid.tile());
+        let width = (self.width * tile).min(size);
+        let run = RUN.max(tile).min(size);
+        let rows = ROWS.max(tile).min(size);
+        // The panel; its triangle apart; the gathered run of the panel's rows and of others; a tile for each thread.
+        8 * (size * width + width * width + width * run + rows * run + 2 * self.threads * tile * tile)
+    }
+
+    /// Flops of all of it.
+    pub(crate) fn flops(&self) -> f64 {
+        (self.grid.size() as f64).powi(3) / 3.0
+    }
+}
+
+/// Factorises `source` into `finished`; gives the 1-norm of G. `progress` is told of flops.
+pub(crate) fn factorise(
+    source: &dyn GramSource,
+    finished: &dyn Finished,
+    panels: &Panels,
+    cancel: &AtomicBool,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<f64, SolverError> {
+    let Panels { grid, width, threads } = *panels;
+    let (size, count) = (grid.size(), grid.columns());
+    assert_eq!(source.size(), size, "the Gram matrix and its tiles");
+    let mut sums = vec![0.0; size];
+    let (mut panel, mut top, mut other) = (Vec::new(), Vec::new(), Vec::new());
+    for first in (0..count).step_by(width) {
+        let columns = first..(first + width).min(count);
+        let (a, b) = (grid.range(first).start, grid.range(columns.end - 1).end);
+        let (rows, wide) = (size - a, b - a);
+        panel.clear();
+        panel.resize(rows * wide, 0.0);
+        stop(cancel)?;
+        source.tile(a..size, a..b, &mut panel, rows)?;
+        add_norms(&panel, rows, &mut sums[a..]);
+        let run = (RUN / grid.tile()).max(1);
+        for start in (0..first).step_by(run) {
+            let before = start..(start + run).min(first);
+            before.clone().for_each(|column| finished.will_need(first, column));
+            let k = before.len() * grid.tile();
+            gather(finished, grid, columns.clone(), before.clone(), &mut top)?;
+            let step = (ROWS / grid.tile()).max(1);
+            for row in (first..count).step_by(step) {
+                stop(cancel)?;
+                let tiles = row..(row + step).min(count);
+                let range = grid.range(row).start..grid.range(tiles.end - 1).end;
+                gather(finished, grid, tiles, before.clone(), &mut other)?;
+                let (height, at) = (range.len(), range.start - a);
+                let (left, right) = (Matrix::new(&other, height, k, height), Matrix::new(&top, wide, k, wide));
+                with_blas(threads, || dense::subtract_outer(left, right, &mut panel[at..], rows));
+                progress(2.0 * (height * wide * k) as f64);
+            }
+        }
+        stop(cancel)?;
+        let factored = with_blas(threads, || dense::cholesky_lower(&mut panel, wide, rows));
+        factored.map_err(|column| not_positive(a + column))?;
+        // LAPACK's comparison with zero lets a NaN through.
+        if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].is_finite()) {
+            return Err(not_positive(a + column));
+        }
+        if rows > wide {
+            let triangle: Vec<f64> = panel.chunks(rows).flat_map(|column| &column[..wide]).copied().collect();
+            let triangle = Matrix::new(&triangle, wide, wide, wide);
+            with_blas(threads, || dense::divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows));
+        }
+        progress(wide as f64 * wide as f64 * (wide as f64 / 3.0 + (rows - wide) as f64));
+        put(finished, grid, columns, &panel, rows)?;
+    }
+    // Not f64::max, which would pass over a NaN.
+    Ok(sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m }))
+}
+
+fn stop(cancel: &AtomicBool) -> Result<(), SolverError> {
+    if cancel.load(Ordering::Relaxed) { Err(StoreError::Interrupted.into()) } else { Ok(()) }
+}
+
+fn not_positive(column: usize) -> SolverError {
+    SolverError::NotPositiveDefinite { column, degree: degree_order(column).0 }
+}
+
+/// Lets BLAS have the threads for one call.
+fn with_blas<T>(threads: usize, call: impl FnOnce() -> T) -> T {
+    dense::set_blas_threads(threads);
+    let result = call();
+    dense::set_blas_threads(1);
+    result
+}
+
+/// Adds up columns of |G| from the panels of its lower triangle. `sums` begins at the panel's first row.
+fn add_norms(panel: &[f64], rows: usize, sums: &mut [f64]) {
+    for (j, column) in panel.chunks_exact(rows).enumerate() {
+        sums[j] += column[j..].iter().map(|value| value.abs()).sum::<f64>();
+        for (sum, value) in sums[j + 1..].iter_mut().zip(&column[j + 1..]) {
+            *sum += value.abs();
+        }
+    }
+}
+
+/// Finished tiles of some tile rows and columns, side by side: column-major without gaps. The columns are full ones.
+fn gather(
+    finished: &dyn Finished,
+    grid: TileGrid,
+    rows: Range<usize>,
+    columns: Range<usize>,
+    out: &mut Vec<f64>,
+) -> Result<(), SolverError> {
+    let start = grid.range(rows.start).start;
+    let height = grid.range(rows.end - 1).end - start;
+    out.resize(height * columns.len() * grid.tile(), 0.0);
+    out.par_chunks_exact_mut(height * grid.tile()).zip(columns).try_for_each_init(Vec::new, |tile, (out, column)| {
+        for row in rows.clone() {
+            let range = grid.range(row);
+            tile.resize(grid.len(row, column), 0.0);
+            finished.get(row, column, tile)?;
+            for (out, values) in out.chunks_exact_mut(height).zip(tile.chunks_exact(range.len())) {
+                out[range.start - start..range.end - start].copy_from_slice(values);
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Puts a panel's tiles away.
+fn put(
+    finished: &dyn Finished,
+    grid: TileGrid,
+    columns: Range<usize>,
+    panel: &[f64],
+    rows: usize,
+) -> Result<(), SolverError> {
+    let start = grid.range(columns.start).start;
+    let tiles: Vec<(usize, usize)> = columns.flat_map(|j| (j..grid.columns()).map(move |i| (i, j))).collect();
+    tiles.into_par_iter().try_for_each_init(Vec::new, |tile, (row, column)| {
+        let (height, width) = (grid.range(row), grid.range(column));
+        tile.clear();
+        for (k, j) in width.enumerate() {
+            let values = &panel[(j - start) * rows..(j - start + 1) * rows];
+            let at = tile.len();
+            tile.extend_from_slice(&values[height.start - start..height.end - start]);
+            if row == column {
+                tile[at..at + k].fill(0.0);
+            }
+        }
+        finished.put(row, column, tile)
+    })
+}

@@ -1,0 +1,74 @@
+//! The Cholesky factor of normal equations, computed once and used for any number of surfaces.
+//!
+//! G = A^T diag(w) A + P = C C^T with C lower triangular: K^3 / 3 flops once, 2 K^2 for each right-hand side. G comes
+//! tile by tile from a [`GramSource`]; C is made of tiles too, in memory ([`Factor`]) or in a store ([`StoredFactor`]).
+//! A factor that is larger than the budget is computed out of core, reading finished columns back from the unfinished
+//! file.
+//!
+//! A factor of f32 takes half of the space, and half of the time to solve with where that is bound by memory. Its solves
+//! are a relative 6e-8 times the condition number of G off: refine with the operator, or precondition.
+//!
+//! | module | what |
+//! |---|---|
+//! | `source` | where G comes from: [`GramSource`], the smoothness penalty |
+//! | `build` | what a factor takes; computing it in memory or into a store |
+//! | `factorise` | the factorisation, panel by panel |
+//! | `tiles` | tiles in memory, and those of an unfinished file |
+//! | `stored` | tiles in a store |
+//! | `sweep` | the triangular solves, `kernels` their SIMD |
+//! | `condition` | the condition estimate |
+//! | `inverse` | the diagonal of G^-1 |
+
+mod build;
+mod condition;
+mod factorise;
+mod inverse;
+mod kernels;
+mod source;
+mod stored;
+mod sweep;
+mod tiles;
+
+use ndarray::Array2;
+use spharm_store::Scalar;
+
+pub use build::{
+    DEFAULT_TILE, Factor, FactorEvent, FactorParams, FactorPlan, FactorReport, build_factor, factorise, plan_factor,
+    plan_stored_factor,
+};
+pub use source::{GramSource, Penalised, smoothness_penalty};
+pub use spharm_store::factor::Condition;
+pub use stored::StoredFactor;
+
+use crate::SolverError;
+
+/// A Cholesky factor, wherever it is.
+pub trait CholeskyFactor: Sync {
+    /// Rows and columns, K.
+    fn size(&self) -> usize;
+
+    /// Scalar type of its values.
+    fn scalar(&self) -> Scalar;
+
+    /// Condition of G.
+    fn condition(&self) -> Condition;
+
+    /// Solves G x = b for any number of columns: `x`, (K, c), is b on the way in. The same bits with any number of
+    /// threads.
+    ///
+    /// # Errors
+    ///
+    /// When the factor can't be read or is damaged; `x` is then as it was.
+    ///
+    /// # Panics
+    ///
+    /// If `x` hasn't K rows.
+    fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError>;
+
+    /// The diagonal of G^-1, (K): the squares of the coefficients' standard errors at unit variance. K^3 / 3 flops.
+    ///
+    /// # Errors
+    ///
+    /// When the factor can't be read or is damaged.
+    fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError>;
+}

@@ -1,0 +1,118 @@
+//! A factor in a store.
+
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+use ndarray::Array2;
+use spharm_store::factor::{Condition, FactorFile, TileValues, TileWindow};
+use spharm_store::{Scalar, TileGrid};
+
+use crate::SolverError;
+use crate::cholesky::tiles::{Cursor, Tiles};
+use crate::cholesky::{CholeskyFactor, inverse, sweep};
+
+/// A factor that is read from a store through windows on its tile columns.
+///
+/// Where the file fits the budget, windows stay from solve to solve; else each is dropped when its column is done, and
+/// memory and address space hold a few columns at a time.
+#[derive(Debug)]
+pub struct StoredFactor {
+    file: FactorFile,
+    kept: bool,
+    windows: Vec<Mutex<Held>>,
+    threads: usize,
+}
+
+/// A window on a tile column: kept, or shared by those who are in it.
+#[derive(Debug)]
+enum Held {
+    None,
+    Kept(Arc<TileWindow>),
+    Shared(Weak<TileWindow>),
+}
+
+impl StoredFactor {
+    /// Uses an open factor, with windows of up to `memory` bytes that stay, and `threads` threads.
+    pub fn new(file: FactorFile, memory: usize, threads: usize) -> Self {
+        let kept = file.file_len() <= memory as u64;
+        let windows = (0..file.header().grid.columns()).map(|_| Mutex::new(Held::None)).collect();
+        Self { file, kept, windows, threads }
+    }
+
+    /// The file.
+    pub fn file(&self) -> &FactorFile {
+        &self.file
+    }
+
+    /// The window on a column: somebody's, or a new one.
+    fn window(&self, column: usize) -> Result<Arc<TileWindow>, SolverError> {
+        let mut held = self.windows[column].lock().unwrap_or_else(PoisonError::into_inner);
+        let there = match &*held {
+            Held::None => None,
+            Held::Kept(window) => Some(window.clone()),
+            Held::Shared(window) => window.upgrade(),
+        };
+        if let Some(window) = there {
+            return Ok(window);
+        }
+        let window = Arc::new(self.file.window(column)?);
+        window.will_need();
+        *held = if self.kept { Held::Kept(window.clone()) } else { Held::Shared(Arc::downgrade(&window)) };
+        Ok(window)
+    }
+}
+
+impl Tiles for StoredFactor {
+    fn grid(&self) -> TileGrid {
+        self.file.header().grid
+    }
+
+    /// The threads divide among them the faults of a first use: for each of them a page at a time, they would cost as
+    /// much as reading the factor.
+    fn prepare(&self, thread: usize, threads: usize) -> Result<(), SolverError> {
+        if !self.kept {
+            return Ok(());
+        }
+        for column in (thread..self.windows.len()).step_by(threads) {
+            let new = matches!(&*self.windows[column].lock().unwrap_or_else(PoisonError::into_inner), Held::None);
+            if new {
+                self.window(column)?.populate();
+            }
+        }
+        Ok(())
+    }
+
+    fn tile<'c>(&'c self, row: usize, column: usize, cursor: &'c mut Cursor) -> Result<TileValues<'c>, SolverError> {
+        if cursor.window.as_ref().is_none_or(|window| window.column() != column) {
+            self.finish(cursor)?;
+            cursor.window = Some(self.window(column)?);
+        }
+        let Some(window) = &cursor.window else { unreachable!("just put there") };
+        Ok(window.values(row)?)
+    }
+
+    fn finish(&self, cursor: &mut Cursor) -> Result<(), SolverError> {
+        Ok(cursor.window.take().map_or(Ok(()), |window| window.check())?)
+    }
+}
+
+impl CholeskyFactor for StoredFactor {
+    fn size(&self) -> usize {
+        self.grid().size()
+    }
+
+    fn scalar(&self) -> Scalar {
+        self.file.header().scalar
+    }
+
+    fn condition(&self) -> Condition {
+        self.file.header().condition
+    }
+
+    fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError> {
+        sweep::solve(self, x, self.threads)
+    }
+
+    fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError> {
+        inverse::diagonal(self, self.threads)
+    }
+}

@@ -1,0 +1,272 @@
+//! The triangular solves, C y = b and C^T x = y, over tiles.
+//!
+//! Both read every tile of C once, 2 K^2 flops a column in all: with few columns they run at the rate at which tiles come
+//! from memory, with many at that of `dgemm` on tiles.
+//!
+//! Forward, a thread owns tile rows and goes through the tile columns in the order in which they lie in a file,
+//! subtracting `C_ij y_j` from its own rows as soon as y_j is there. The owner of row j + 1 takes that row first and
+//! publishes y_(j + 1) before it goes on, so that the others need not wait for the rest of its column. Backward, a thread
+//! owns tile columns and goes up each of them: `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`; its neighbour is half a column
+//! behind, and by the time that it needs x_j as the last of its sum, x_j is there. No other waiting, no barriers.
+//!
+//! Sums are formed in an order that depends on the tiles alone, so any number of threads gives the same bits.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use ndarray::Array2;
+use spharm_harmonics::product::Matrix;
+use spharm_store::factor::TileValues;
+
+use crate::SolverError;
+use crate::cholesky::kernels::{Kernels, widen};
+use crate::cholesky::tiles::{Cursor, Tiles};
+use crate::dense;
+
+/// From this many columns on `dgemm` beats the kernels for few columns.
+const MANY: usize = 6;
+
+/// Solves `C C^T x = b`: `x`, (K, c), is b on the way in.
+pub(crate) fn solve(tiles: &dyn Tiles, x: &mut Array2<f64>, threads: usize) -> Result<(), SolverError> {
+    let grid = tiles.grid();
+    assert_eq!(x.nrows(), grid.size(), "rows of the right-hand sides");
+    let channels = x.ncols();
+    if channels == 0 {
+        return Ok(());
+    }
+    let blocks = (0..grid.columns())
+        .map(|at| {
+            let rows = x.slice(ndarray::s![grid.range(at), ..]);
+            rows.columns().into_iter().flatten().copied().collect()
+        })
+        .collect();
+    let solved = run(tiles, blocks, channels, threads, 0, Direction::Both)?;
+    for (at, block) in solved.iter().enumerate() {
+        let range = grid.range(at);
+        let rows = range.len();
+        let mut out = x.slice_mut(ndarray::s![range, ..]);
+        for (mut out, values) in out.columns_mut().into_iter().zip(block.chunks_exact(rows)) {
+            out.iter_mut().zip(values).for_each(|(out, value)| *out = *value);
+        }
+    }
+    Ok(())
+}
+
+/// How far to go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Direction {
+    /// `C^-1 b` only.
+    Forward,
+    /// `C^-T C^-1 b`.
+    Both,
+}
+
+/// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Those before `first` are zero, which
+/// spares their share of the work forward; they come back as they are when there is no way back.
+pub(crate) fn run(
+    tiles: &dyn Tiles,
+    blocks: Vec<Vec<f64>>,
+    channels: usize,
+    threads: usize,
+    first: usize,
+    direction: Direction,
+) -> Result<Vec<Vec<f64>>, SolverError> {
+    let count = tiles.grid().columns();
+    let threads = threads.clamp(1, count);
+    let mut owned: Vec<Vec<Option<Vec<f64>>>> = (0..threads).map(|_| vec![None; count]).collect();
+    let job = Job {
+        tiles,
+        channels,
+        threads,
+        first,
+        direction,
+        forward: (0..count).map(|_| OnceLock::new()).collect(),
+        backward: (0..count).map(|_| OnceLock::new()).collect(),
+        stopped: AtomicBool::new(false),
+        error: Mutex::new(None),
+    };
+    for (row, block) in blocks.into_iter().enumerate() {
+        if row < first {
+            let _ = job.forward[row].set(block);
+        } else {
+            owned[row % threads][row] = Some(block);
+        }
+    }
+    std::thread::scope(|scope| {
+        // Threads of its own, not of a pool: each may wait for what another one computes, so all have to run.
+        let mut owned = owned.into_iter().enumerate();
+        let mine = owned.next();
+        for (thread, rows) in owned {
+            let job = &job;
+            scope.spawn(move || job.guarded(thread, rows));
+        }
+        if let Some((thread, rows)) = mine {
+            job.guarded(thread, rows);
+        }
+    });
+    if let Some(error) = job.error.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(error);
+    }
+    let solved = if direction == Direction::Both { job.backward } else { job.forward };
+    Ok(solved.into_iter().filter_map(OnceLock::into_inner).collect())
+}
+
+struct Job<'a> {
+    tiles: &'a dyn Tiles,
+    channels: usize,
+    threads: usize,
+    first: usize,
+    direction: Direction,
+    /// y and x by tile rows, once they are known.
+    forward: Vec<OnceLock<Vec<f64>>>,
+    backward: Vec<OnceLock<Vec<f64>>>,
+    /// Set when somebody fails, so that nobody waits for what won't come.
+    stopped: AtomicBool,
+    error: Mutex<Option<SolverError>>,
+}
+
+/// Another thread has failed, and says why itself.
+enum Stop {
+    Failed(SolverError),
+    Others,
+}
+
+impl<E: Into<SolverError>> From<E> for Stop {
+    fn from(error: E) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+impl Job<'_> {
+    fn guarded(&self, thread: usize, rows: Vec<Option<Vec<f64>>>) {
+        /// A panic must not leave the others waiting.
+        struct StopOthers<'a>(&'a AtomicBool);
+        impl Drop for StopOthers<'_> {
+            fn drop(&mut self) {
+                if std::thread::panicking() {
+                    self.0.store(true, Ordering::Release);
+                }
+            }
+        }
+        let _guard = StopOthers(&self.stopped);
+        if let Err(Stop::Failed(error)) = self.work(thread, rows) {
+            self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            self.stopped.store(true, Ordering::Release);
+        }
+    }
+
+    fn work(&self, thread: usize, rows: Vec<Option<Vec<f64>>>) -> Result<(), Stop> {
+        let (mut cursor, mut wide) = (Cursor::default(), Vec::new());
+        self.tiles.prepare(thread, self.threads)?;
+        self.go_forward(rows, &mut cursor, &mut wide)?;
+        if self.direction == Direction::Both {
+            self.go_backward(thread, &mut cursor, &mut wide)?;
+        }
+        Ok(self.tiles.finish(&mut cursor)?)
+    }
+
+    fn go_forward(
+        &self,
+        mut rows: Vec<Option<Vec<f64>>>,
+        cursor: &mut Cursor,
+        wide: &mut Vec<f64>,
+    ) -> Result<(), Stop> {
+        let Some(last) = rows.iter().rposition(Option::is_some) else { return Ok(()) };
+        if let Some(block) = rows[self.first].take() {
+            self.publish(self.first, block, cursor, wide)?;
+        }
+        for column in self.first..last {
+            let y = self.wait(&self.forward[column])?;
+            for (row, slot) in rows.iter_mut().enumerate().skip(column + 1) {
+                let Some(block) = slot else { continue };
+                let height = block.len() / self.channels;
+                let tile = self.tiles.tile(row, column, cursor)?;
+                match tile {
+                    TileValues::F64(tile) if self.channels < MANY => {
+                        f64::subtract(tile, height, y, block, self.channels)
+                    }
+                    TileValues::F32(tile) if self.channels < MANY => {
+                        f32::subtract(tile, height, y, block, self.channels)
+                    }
+                    tile => dense::subtract_product(matrix(tile, height, wide), y, block),
+                }
+                if row == column + 1
+                    && let Some(block) = slot.take()
+                {
+                    self.publish(row, block, cursor, wide)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// `y_j = C_jj^-1 b_j`, for everybody.
+    fn publish(&self, row: usize, mut block: Vec<f64>, cursor: &mut Cursor, wide: &mut Vec<f64>) -> Result<(), Stop> {
+        let height = block.len() / self.channels;
+        match self.tiles.tile(row, row, cursor)? {
+            TileValues::F64(tile) if self.channels < MANY => f64::solve(tile, &mut block, self.channels),
+            TileValues::F32(tile) if self.channels < MANY => f32::solve(tile, &mut block, self.channels),
+            tile => dense::solve_lower(matrix(tile, height, wide), &mut block),
+        }
+        let _ = self.forward[row].set(block);
+        Ok(())
+    }
+
+    fn go_backward(&self, thread: usize, cursor: &mut Cursor, wide: &mut Vec<f64>) -> Result<(), Stop> {
+        let count = self.forward.len();
+        for column in (0..count).rev().filter(|column| column % self.threads == thread) {
+            let mut block = self.wait(&self.forward[column])?.to_vec();
+            for row in (column + 1..count).rev() {
+                let x = self.wait(&self.backward[row])?;
+                let height = x.len() / self.channels;
+                match self.tiles.tile(row, column, cursor)? {
+                    TileValues::F64(tile) if self.channels < MANY => {
+                        f64::subtract_transposed(tile, height, x, &mut block, self.channels);
+                    }
+                    TileValues::F32(tile) if self.channels < MANY => {
+                        f32::subtract_transposed(tile, height, x, &mut block, self.channels);
+                    }
+                    tile => dense::subtract_adjoint_product(matrix(tile, height, wide), x, &mut block),
+                }
+            }
+            let height = block.len() / self.channels;
+            match self.tiles.tile(column, column, cursor)? {
+                TileValues::F64(tile) if self.channels < MANY => f64::solve_transposed(tile, &mut block, self.channels),
+                TileValues::F32(tile) if self.channels < MANY => f32::solve_transposed(tile, &mut block, self.channels),
+                tile => dense::solve_lower_transposed(matrix(tile, height, wide), &mut block),
+            }
+            let _ = self.backward[column].set(block);
+        }
+        Ok(())
+    }
+
+    /// What another thread computes. Usually it is there already; giving way after a while costs little then, and much
+    /// less than a wasted processor when there are more threads than those.
+    fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
+        const SPINS: usize = 2000;
+        let mut spins = 0;
+        loop {
+            if let Some(values) = block.get() {
+                return Ok(values);
+            }
+            if self.stopped.load(Ordering::Acquire) {
+                return Err(Stop::Others);
+            }
+            spins += 1;
+            if spins < SPINS { std::hint::spin_loop() } else { std::thread::yield_now() }
+        }
+    }
+}
+
+/// A tile for the BLAS: as it is, or widened into `wide`.
+fn matrix<'m>(tile: TileValues<'m>, rows: usize, wide: &'m mut Vec<f64>) -> Matrix<'m> {
+    let values: &[f64] = match tile {
+        TileValues::F64(values) => values,
+        TileValues::F32(values) => {
+            wide.resize(values.len(), 0.0);
+            widen(values, wide);
+            wide
+        }
+    };
+    Matrix::new(values, rows, values.len() / rows, rows)
+}

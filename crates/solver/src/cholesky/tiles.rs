@@ -1,0 +1,132 @@
+//! The tiles of a factor, wherever they are.
+
+use std::sync::{Arc, OnceLock};
+
+use spharm_store::TileGrid;
+use spharm_store::factor::{FactorWriter, TileValues, TileWindow};
+
+use crate::SolverError;
+
+/// What one thread holds while it goes from tile to tile.
+#[derive(Debug, Default)]
+pub(crate) struct Cursor {
+    /// A tile that had to be copied.
+    pub(crate) buffer: Vec<f64>,
+    /// The tile column that it is in.
+    pub(crate) window: Option<Arc<TileWindow>>,
+}
+
+/// A lower triangular factor, readable by tiles from several threads.
+pub(crate) trait Tiles: Sync {
+    fn grid(&self) -> TileGrid;
+
+    /// The values of a tile, column-major without gaps.
+    fn tile<'c>(&'c self, row: usize, column: usize, cursor: &'c mut Cursor) -> Result<TileValues<'c>, SolverError>;
+
+    /// Called by each of `threads` threads before it starts.
+    fn prepare(&self, _thread: usize, _threads: usize) -> Result<(), SolverError> {
+        Ok(())
+    }
+
+    /// Called by each thread at its end: what was read counts only once this has passed.
+    fn finish(&self, _cursor: &mut Cursor) -> Result<(), SolverError> {
+        Ok(())
+    }
+}
+
+/// What a factorisation has finished and reads again. Tiles on the diagonal have zeros above it.
+pub(crate) trait Finished: Sync {
+    fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError>;
+    fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError>;
+    /// The tiles of a column from a row on are going to be read.
+    fn will_need(&self, _row: usize, _column: usize) {}
+}
+
+/// Tiles in memory.
+#[derive(Debug)]
+pub(crate) struct MemoryTiles {
+    grid: TileGrid,
+    tiles: Vec<OnceLock<Values>>,
+}
+
+#[derive(Debug, Clone)]
+enum Values {
+    F64(Vec<f64>),
+    F32(Vec<f32>),
+}
+
+impl MemoryTiles {
+    pub(crate) fn new(grid: TileGrid) -> Self {
+        Self { grid, tiles: (0..grid.count()).map(|_| OnceLock::new()).collect() }
+    }
+
+    /// Rounds every tile to single precision, giving the memory of each back before the next.
+    pub(crate) fn narrow(&mut self) {
+        for tile in &mut self.tiles {
+            if let Some(Values::F64(values)) = tile.take() {
+                let _ = tile.set(Values::F32(values.iter().map(|&value| value as f32).collect()));
+            }
+        }
+    }
+
+    fn values(&self, row: usize, column: usize) -> &Values {
+        let values = self.tiles[self.grid.index(row, column)].get();
+        values.unwrap_or_else(|| panic!("tile ({row}, {column}) is read before it is computed"))
+    }
+}
+
+impl Tiles for MemoryTiles {
+    fn grid(&self) -> TileGrid {
+        self.grid
+    }
+
+    fn tile<'c>(&'c self, row: usize, column: usize, _: &'c mut Cursor) -> Result<TileValues<'c>, SolverError> {
+        Ok(match self.values(row, column) {
+            Values::F64(values) => TileValues::F64(values),
+            Values::F32(values) => TileValues::F32(values),
+        })
+    }
+}
+
+impl Finished for MemoryTiles {
+    fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError> {
+        let set = self.tiles[self.grid.index(row, column)].set(Values::F64(values.to_vec()));
+        assert!(set.is_ok(), "tile ({row}, {column}) is computed once");
+        Ok(())
+    }
+
+    fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError> {
+        match self.values(row, column) {
+            Values::F64(tile) => values.copy_from_slice(tile),
+            Values::F32(tile) => values.iter_mut().zip(tile).for_each(|(out, value)| *out = f64::from(*value)),
+        }
+        Ok(())
+    }
+}
+
+impl Finished for FactorWriter {
+    fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError> {
+        Ok(self.put(row, column, values)?)
+    }
+
+    fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError> {
+        Ok(self.get(row, column, values)?)
+    }
+
+    fn will_need(&self, row: usize, column: usize) {
+        self.will_need(row, column);
+    }
+}
+
+/// A factor that isn't published yet, read back for the condition estimate.
+impl Tiles for FactorWriter {
+    fn grid(&self) -> TileGrid {
+        self.grid()
+    }
+
+    fn tile<'c>(&'c self, row: usize, column: usize, cursor: &'c mut Cursor) -> Result<TileValues<'c>, SolverError> {
+        cursor.buffer.resize(self.grid().len(row, column), 0.0);
+        self.get(row, column, &mut cursor.buffer)?;
+        Ok(TileValues::F64(&cursor.buffer))
+    }
+}
