@@ -81,7 +81,14 @@ fn drop_pages() -> bool {
 
 #[test]
 fn anonymous_memory_stays_below_the_budget() {
-    let mut child = fit(&[]).stdout(Stdio::null()).spawn().unwrap();
+    let peak = peak_anonymous(&mut fit(&[]));
+    assert!(peak > 1 << 20, "something was measured");
+    assert!(peak < 256 << 20, "{peak} bytes");
+}
+
+/// The most anonymous memory that a command holds, which has to succeed.
+fn peak_anonymous(command: &mut Command) -> u64 {
+    let mut child = command.stdout(Stdio::null()).spawn().unwrap();
     let status = PathBuf::from(format!("/proc/{}/status", child.id()));
     let mut peak = 0;
     while child.try_wait().unwrap().is_none() {
@@ -92,8 +99,32 @@ fn anonymous_memory_stays_below_the_budget() {
         std::thread::sleep(Duration::from_millis(1));
     }
     assert!(child.wait().unwrap().success());
-    assert!(peak > 1 << 20, "something was measured");
-    assert!(peak < 256 << 20, "{peak} bytes");
+    peak
+}
+
+/// A factor of 172 MB, computed out of core in the least memory that it says it takes.
+#[test]
+fn a_factor_is_computed_in_less_memory_than_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let sphere = folder.path().join("sphere.surf.gii");
+    let surface = folder.path().join("s.surf.gii");
+    succeed(
+        tool("generate").args(["--subdivisions", "3", "-q", "--surface"]).arg(surface).arg("--sphere").arg(&sphere),
+    );
+    let build = |memory: &str| {
+        let mut command = tool("basis-build");
+        command.arg("--sphere").arg(&sphere).arg("--store").arg(folder.path().join("store"));
+        // A penalty makes up for the directions that are too few.
+        command.args(["--factor", "80", "--factor-only", "--smoothness", "1", "--threads", "2", "--memory", memory]);
+        command
+    };
+    let line = crate::common::fail(&mut build("1MiB"));
+    let needed = line.split("the smallest that works is ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let budget: u64 = needed.parse().unwrap();
+    let whole = 8 * 6561 * 6562 / 2;
+    let peak = peak_anonymous(&mut build(needed));
+    assert!(peak < budget && peak > 1 << 20, "{peak} of {budget} bytes");
+    assert!(budget < whole, "{budget} of {whole} bytes");
 }
 
 #[test]

@@ -1,6 +1,7 @@
-"""Reads a basis file, written from store-format.md alone, to show that the document suffices.
+"""Reads a basis file or a factor, written from store-format.md alone, to show that the document suffices.
 
     read_store.py SCHEME_FOLDER DEGREE OUT.npy
+    read_store.py SCHEME_FOLDER FACTOR_NAME OUT.npy
 
 It makes the checks of "What a reader checks" but for two. BLAKE3 isn't in Python's standard library, so the hashes
 (of header, footer and chunks, and the root) are skipped. And it knows no directions to hold the number of rows against.
@@ -104,6 +105,49 @@ def read(path):
     return header, np.ascontiguousarray(np.concatenate(blocks))
 
 
+def read_factor(path):
+    """The lower triangular factor, (columns, columns)."""
+    data = load(path)
+    check(data[:8] == b"\x89SPF\r\n\x1a\n", "not a factor")
+    version, header_len = struct.unpack_from("<2I", data, 8)
+    check(version == 1, f"version {version}, not 1")
+    check(header_len == 4096 and not any(data[144:4064]), "header_len or reserved bytes")
+    key, rows, degree, scalar, columns, tile, tile_columns, tile_count = struct.unpack_from("<32sQ2IQ2IQ", data, 16)
+    smoothness, norm, reciprocal = struct.unpack_from("<3d", data, 120)
+    check(1 <= rows <= 2**40 and degree <= 2000 and columns == (degree + 1) ** 2, "rows, degree or columns")
+    check(scalar in (1, 2) and tile % 8 == 0 and 8 <= tile <= 1024, "scalar or tile")
+    check(tile_columns == -(-columns // tile) and tile_count == tile_columns * (tile_columns + 1) // 2, "tiles")
+    check(tile_count <= 2**22 and 0 <= smoothness < np.inf and 0 <= norm < np.inf and 0 <= reciprocal <= 1, "numbers")
+    size = {1: 8, 2: 4}[scalar]
+
+    footer = data[-128:]
+    magic, table_offset, entries, file_len = struct.unpack_from("<8s3Q", footer)
+    check(magic == b"SPH-END\n" and not any(footer[64:96]), "footer")
+    check(file_len == len(data) and entries == tile_count, "file_len or entries")
+    check(table_offset >= 4096 and table_offset + 64 * entries + 128 == file_len, "table_offset")
+
+    factor = np.zeros((columns, columns), f"<f{size}")
+    at, end = table_offset, 4096
+    for j in range(0, columns, tile):
+        for i in range(j, columns, tile):
+            height, width = min(tile, columns - i), min(tile, columns - j)
+            offset, stored_len, raw_len, crc, codec = struct.unpack_from("<3Q2I", data, at)
+            check(offset == end and stored_len == raw_len == height * width * size and codec == 0, f"tile ({i}, {j})")
+            stored = data[offset : offset + stored_len]
+            check(crc32c(stored) == crc, f"CRC of the tile at {offset}")
+            factor[i : i + height, j : j + width] = np.frombuffer(stored, f"<f{size}").reshape(width, height).T
+            at, end = at + 64, -(-(offset + stored_len) // 64) * 64
+            check(end <= table_offset and not any(data[offset + stored_len : end]), f"gap after tile ({i}, {j})")
+    check(end == table_offset, "tiles don't end at the table")
+    folder, name = os.path.split(os.path.abspath(path))
+    check(os.path.basename(folder) == key.hex(), "of another scheme")
+    check(name.startswith(f"factor_{degree}_f{8 * size}_"), "of another degree or scalar type")
+    return factor
+
+
 if __name__ == "__main__":
     check(crc32c(b"123456789") == 0xE3069283, "CRC-32C")
-    np.save(sys.argv[3], read(os.path.join(sys.argv[1], f"A_{int(sys.argv[2])}"))[1])
+    if sys.argv[2].startswith("factor_"):
+        np.save(sys.argv[3], read_factor(os.path.join(sys.argv[1], sys.argv[2])))
+    else:
+        np.save(sys.argv[3], read(os.path.join(sys.argv[1], f"A_{int(sys.argv[2])}"))[1])

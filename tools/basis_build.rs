@@ -1,4 +1,9 @@
-//! `basis-build`: precomputes the basis of a sampling scheme into a store.
+//! `basis-build`: precomputes the basis of a sampling scheme into a store, and the factor of its normal equations.
+
+#[path = "basis_build/factor.rs"]
+mod factor;
+#[path = "basis_build/gram.rs"]
+mod gram;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -10,18 +15,22 @@ use clap::{Parser, ValueEnum};
 use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::{Console, Progress, Unit};
-use spharm_cli::inputs::read_sphere;
+use spharm_cli::inputs::{Sphere, read_sphere};
 use spharm_cli::machine::{Memory, Versions, memory, raise_file_limit, versions};
 use spharm_cli::output::{print, print_json, refuse_existing, table, write_json};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_store::build::DEFAULT_CHUNK_ROWS;
-use spharm_store::{BuildEvent, BuildParams, BuildReport, Codec, Scalar, build};
+use spharm_store::{BuildEvent, BuildParams, BuildReport, Codec, Scalar, SchemeKey, build};
 
 /// Precompute the spherical-harmonic basis of a sampling scheme, once, for every fit on it
 ///
 /// Writes one immutable file for each degree into STORE. What is there already is kept, so the same command resumes an
 /// interrupted build, and one with a higher --max-degree extends a finished one. Several may run at once.
+///
+/// With --factor, the Cholesky factor of the normal equations of all degrees to L is computed as well and kept beside the
+/// basis: with it the exact least squares of any surface on the scheme is two triangular solves. It takes
+/// 4 (L + 1)^4 bytes of disk in f64, whatever the number of vertices. It is computed anew when it was interrupted.
 #[derive(Debug, Parser)]
 #[command(name = "basis-build", version)]
 struct Cli {
@@ -29,8 +38,8 @@ struct Cli {
     #[arg(long, value_name = "SPHERE")]
     sphere: PathBuf,
     /// Highest degree, inclusive
-    #[arg(long, value_name = "L")]
-    max_degree: usize,
+    #[arg(long, value_name = "L", required_unless_present = "factor_only")]
+    max_degree: Option<usize>,
     /// Folder of the store; made when it isn't there
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
     store: PathBuf,
@@ -43,6 +52,18 @@ struct Cli {
     /// Rows of a chunk, a multiple of 8; a scheme that is there keeps its own
     #[arg(long, value_name = "ROWS", default_value_t = DEFAULT_CHUNK_ROWS)]
     chunk_rows: usize,
+    /// Compute the factor of the normal equations to degree L as well
+    #[arg(long, value_name = "L")]
+    factor: Option<usize>,
+    /// Compute the factor without building a basis
+    #[arg(long, requires = "factor", conflicts_with = "max_degree")]
+    factor_only: bool,
+    /// Scalar type of the factor; f32 takes half of the space, and solutions are 6e-8 times the condition number off
+    #[arg(long, value_enum, default_value_t = Dtype::F64, requires = "factor")]
+    factor_dtype: Dtype,
+    /// Penalty of the factor: LAMBDA sum (l (l + 1))^2 |c|^2
+    #[arg(long, value_name = "LAMBDA", default_value_t = 0.0, value_parser = penalty, requires = "factor")]
+    smoothness: f64,
     /// Memory to keep to
     #[arg(long, value_name = "SIZE", default_value = "512MiB")]
     memory: Size,
@@ -67,6 +88,21 @@ enum Dtype {
     F32,
 }
 
+impl Dtype {
+    fn scalar(self) -> Scalar {
+        match self {
+            Self::F64 => Scalar::F64,
+            Self::F32 => Scalar::F32,
+        }
+    }
+}
+
+/// A number that is finite and not negative.
+fn penalty(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    if value.is_finite() && value >= 0.0 { Ok(value) } else { Err("expected 0 or more".to_owned()) }
+}
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum CodecName {
     None,
@@ -81,18 +117,26 @@ struct Report {
     scheme_key: String,
     folder: PathBuf,
     directions: usize,
-    max_degree: usize,
     dtype: &'static str,
+    /// Nothing of it with --factor-only.
+    #[serde(flatten)]
+    basis: Option<Basis>,
+    factor: Option<factor::FactorRow>,
+    threads: usize,
+    memory: Memory,
+    seconds: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Basis {
+    max_degree: usize,
     codec: &'static str,
     chunk_rows: usize,
     degrees_built: usize,
     degrees_present: usize,
     bytes: u64,
     bytes_written: u64,
-    threads: usize,
     planned_memory: usize,
-    memory: Memory,
-    seconds: f64,
 }
 
 fn main() -> ExitCode {
@@ -103,18 +147,17 @@ fn main() -> ExitCode {
 fn work(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
-    let cancel = spharm_cli::exit::cancel();
+    // From here on a signal is heard.
+    spharm_cli::exit::cancel();
     raise_file_limit();
     if let Some(path) = &cli.json {
         refuse_existing(path, cli.force, "report", "--json")?;
     }
     let sphere = read_sphere(&cli.sphere, &console)?;
     let params = BuildParams {
-        max_degree: cli.max_degree,
-        scalar: match cli.dtype {
-            Dtype::F64 => Scalar::F64,
-            Dtype::F32 => Scalar::F32,
-        },
+        // Without one no basis is built.
+        max_degree: cli.max_degree.unwrap_or_default(),
+        scalar: cli.dtype.scalar(),
         codec: match cli.codec {
             CodecName::None => Codec::Raw,
             CodecName::Zstd => Codec::Zstd,
@@ -124,31 +167,67 @@ fn work(cli: &Cli) -> Result<()> {
         threads: cli.threads.count(),
         allow_large: cli.yes,
     };
-    let progress = Mutex::new(None);
-    let report = cli.threads.pool()?.install(|| {
-        build(&cli.store, &sphere.directions, &params, cancel, &|event| tell(&event, &console, &progress))
-    })?;
-    drop(progress);
-    let planned = Size(report.memory);
-    console.detail(format!("{} threads, {planned} planned, chunks of {} rows", report.threads, report.chunk_rows));
-    let seconds = started.elapsed().as_secs_f64();
+    let pool = cli.threads.pool()?;
+    // What it takes is said, and refused, before a basis is built.
+    let factor =
+        cli.factor.map(|degree| factor::Job::new(cli, &sphere, &console, params.scalar, degree)).transpose()?;
+    let basis = (!cli.factor_only).then(|| pool.install(|| basis(cli, &sphere, &params, &console))).transpose()?;
+    let factor = factor.map(|job| pool.install(|| job.run())).transpose()?;
+    let key = SchemeKey::of(&sphere.directions, params.scalar);
+    let report = Report {
+        tool: "basis-build",
+        versions: versions(),
+        sphere: cli.sphere.clone(),
+        scheme_key: key.to_string(),
+        folder: cli.store.join(key.to_string()),
+        directions: sphere.directions.len(),
+        dtype: params.scalar.name(),
+        threads: basis.as_ref().map_or(params.threads, |report| report.threads),
+        basis: basis.as_ref().map(|report| of_basis(report, &params)),
+        factor,
+        memory: memory(),
+        seconds: started.elapsed().as_secs_f64(),
+    };
     if let Some(path) = &cli.json {
-        let report = full_report(cli, &report, &params, sphere.directions.len(), seconds);
         if path.as_os_str() == "-" {
             return print_json(&report);
         }
         write_json(path, cli.force, &report)?;
     }
+    print(&table(&lines(&report)))
+}
+
+fn basis(cli: &Cli, sphere: &Sphere, params: &BuildParams, console: &Console) -> Result<BuildReport> {
+    let progress = Mutex::new(None);
+    let cancel = spharm_cli::exit::cancel();
+    let report = build(&cli.store, &sphere.directions, params, cancel, &|event| tell(&event, console, &progress))?;
+    drop(progress);
+    let planned = Size(report.memory);
+    console.detail(format!("{} threads, {planned} planned, chunks of {} rows", report.threads, report.chunk_rows));
+    Ok(report)
+}
+
+fn lines(report: &Report) -> Vec<Vec<String>> {
     let row = |name: &str, value: String| vec![name.to_owned(), value];
-    print(&table(&[
-        row("scheme", report.key.to_string()),
-        row("directions", sphere.directions.len().to_string()),
-        row("max degree", cli.max_degree.to_string()),
-        row("degrees built", format!("{} ({} were there)", report.built, report.present)),
-        row("size", Size(report.bytes as usize).to_string()),
-        row("written", Size(report.bytes_written as usize).to_string()),
-        row("seconds", format!("{seconds:.2}")),
-    ]))
+    let mut lines = vec![row("scheme", report.scheme_key.clone()), row("directions", report.directions.to_string())];
+    if let Some(basis) = &report.basis {
+        lines.extend([
+            row("max degree", basis.max_degree.to_string()),
+            row("degrees built", format!("{} ({} were there)", basis.degrees_built, basis.degrees_present)),
+            row("size", Size(basis.bytes as usize).to_string()),
+            row("written", Size(basis.bytes_written as usize).to_string()),
+        ]);
+    }
+    if let Some(factor) = &report.factor {
+        let there = if factor.present { " (was there)" } else { "" };
+        lines.extend([
+            row("factor", format!("degree {}, {}{there}", factor.max_degree, factor.dtype)),
+            row("size of it", Size(factor.bytes as usize).to_string()),
+            row("condition", format!("{:.1e}", 1.0 / factor.reciprocal_condition)),
+        ]);
+    }
+    lines.push(row("seconds", format!("{:.2}", report.seconds)));
+    lines
 }
 
 fn tell(event: &BuildEvent<'_>, console: &Console, progress: &Mutex<Option<Progress>>) {
@@ -171,25 +250,15 @@ fn tell(event: &BuildEvent<'_>, console: &Console, progress: &Mutex<Option<Progr
     }
 }
 
-fn full_report(cli: &Cli, report: &BuildReport, params: &BuildParams, directions: usize, seconds: f64) -> Report {
-    Report {
-        tool: "basis-build",
-        versions: versions(),
-        sphere: cli.sphere.clone(),
-        scheme_key: report.key.to_string(),
-        folder: report.folder.clone(),
-        directions,
-        max_degree: cli.max_degree,
-        dtype: params.scalar.name(),
+fn of_basis(report: &BuildReport, params: &BuildParams) -> Basis {
+    Basis {
+        max_degree: params.max_degree,
         codec: params.codec.name(),
         chunk_rows: report.chunk_rows,
         degrees_built: report.built,
         degrees_present: report.present,
         bytes: report.bytes,
         bytes_written: report.bytes_written,
-        threads: report.threads,
         planned_memory: report.memory,
-        memory: memory(),
-        seconds,
     }
 }

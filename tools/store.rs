@@ -14,6 +14,7 @@ use spharm_cli::output::{print, print_json, table};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_store::catalog::{degrees, leftovers, remove_leftovers, schemes, verify};
+use spharm_store::factor::{FactorFile, factors, verify_factor};
 use spharm_store::{DegreeFile, SchemeKey, StoreError};
 
 /// Look after a basis store
@@ -37,7 +38,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// The files of one scheme, a line for each degree
+    /// The files of one scheme, a line for each degree and each factor
     Show {
         #[command(flatten)]
         which: Which,
@@ -81,6 +82,8 @@ struct SchemeRow {
     degrees: usize,
     /// Highest degree of which every one below is there as well.
     complete_to: Option<usize>,
+    /// Number of factors beside the basis.
+    factors: usize,
     damaged: usize,
     bytes: u64,
 }
@@ -97,6 +100,31 @@ struct DegreeRow {
     chunks: Option<usize>,
     bytes: Option<u64>,
     problem: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct FactorRow {
+    key: String,
+    factor: String,
+    max_degree: Option<usize>,
+    columns: Option<usize>,
+    dtype: Option<&'static str>,
+    weights: Option<String>,
+    smoothness: Option<f64>,
+    norm: Option<f64>,
+    reciprocal_condition: Option<f64>,
+    tile: Option<usize>,
+    tiles: Option<usize>,
+    bytes: Option<u64>,
+    problem: Option<String>,
+}
+
+/// A line of `show`.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Row {
+    Degree(DegreeRow),
+    Factor(FactorRow),
 }
 
 fn main() -> ExitCode {
@@ -123,11 +151,13 @@ fn list(dir: &Path, json: bool) -> Result<()> {
     if rows.is_empty() {
         return print(&format!("{}: no schemes; build one with basis-build", dir.display()));
     }
-    let mut lines = vec![["scheme", "directions", "dtype", "codec", "degrees", "size"].map(str::to_owned).to_vec()];
+    let mut lines =
+        vec![["scheme", "directions", "dtype", "codec", "degrees", "factors", "size"].map(str::to_owned).to_vec()];
     for row in rows {
         let extent = match row.complete_to {
             Some(degree) if degree + 1 == row.degrees => format!("0 to {degree}"),
             Some(degree) => format!("0 to {degree}, {} in all", row.degrees),
+            None if row.degrees == 0 => "none".to_owned(),
             None => format!("{} without degree 0", row.degrees),
         };
         let damage = if row.damaged > 0 { format!(", {} damaged", row.damaged) } else { String::new() };
@@ -137,6 +167,7 @@ fn list(dir: &Path, json: bool) -> Result<()> {
             row.dtype.unwrap_or("-").to_owned(),
             row.codec.unwrap_or("-").to_owned(),
             format!("{extent}{damage}"),
+            row.factors.to_string(),
             Size(row.bytes as usize).to_string(),
         ]);
     }
@@ -145,51 +176,88 @@ fn list(dir: &Path, json: bool) -> Result<()> {
 
 fn scheme_row(dir: &Path, key: SchemeKey) -> Result<SchemeRow> {
     let found = degrees(dir, key)?;
+    let factors = factors(dir, key)?;
+    let sound_factors: Vec<&FactorFile> = factors.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
     let sound: Vec<&DegreeFile> = found.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
     let first = sound.first().map(|file| file.header());
     let complete = found.iter().enumerate().take_while(|(at, (degree, file))| at == degree && file.is_ok()).count();
     Ok(SchemeRow {
         key: key.to_string(),
-        directions: first.map(|header| header.rows),
+        directions: first.map(|header| header.rows).or(sound_factors.first().map(|file| file.header().spec.rows)),
         dtype: first.map(|header| header.scalar.name()),
         codec: first.map(|header| header.codec.name()),
         degrees: found.len(),
         complete_to: complete.checked_sub(1),
-        damaged: found.len() - sound.len(),
-        bytes: sound.iter().map(|file| file.file_len()).sum(),
+        factors: factors.len(),
+        damaged: found.len() + factors.len() - sound.len() - sound_factors.len(),
+        bytes: sound.iter().map(|file| file.file_len()).sum::<u64>()
+            + sound_factors.iter().map(|file| file.file_len()).sum::<u64>(),
     })
 }
 
 fn show(which: &Which, json: bool) -> Result<()> {
-    let mut rows = Vec::new();
+    let (mut basis, mut of_basis) = (Vec::new(), Vec::new());
     for key in which.keys()? {
-        for (degree, file) in degrees(&which.dir, key)? {
-            let header = file.as_ref().ok().map(DegreeFile::header);
-            rows.push(DegreeRow {
-                key: key.to_string(),
-                degree,
-                directions: header.map(|h| h.rows),
-                columns: 2 * degree + 1,
-                dtype: header.map(|h| h.scalar.name()),
-                codec: header.map(|h| h.codec.name()),
-                chunk_rows: header.map(|h| h.chunk_rows),
-                chunks: header.map(|h| h.chunk_count()),
-                bytes: file.as_ref().ok().map(DegreeFile::file_len),
-                problem: file.as_ref().err().map(ToString::to_string),
-            });
-        }
+        basis.extend(degrees(&which.dir, key)?.iter().map(|(degree, file)| degree_row(key, *degree, file)));
+        of_basis.extend(factors(&which.dir, key)?.into_iter().map(|(name, file)| factor_row(key, name, &file)));
     }
     if json {
-        return print_json(&rows);
+        let rows = basis.into_iter().map(Row::Degree).chain(of_basis.into_iter().map(Row::Factor));
+        return print_json(&rows.collect::<Vec<_>>());
     }
+    if !basis.is_empty() || of_basis.is_empty() {
+        print(&table(&degree_lines(basis)))?;
+    }
+    if of_basis.is_empty() { Ok(()) } else { print(&table(&factor_lines(of_basis))) }
+}
+
+fn degree_row(key: SchemeKey, degree: usize, file: &Result<DegreeFile, StoreError>) -> DegreeRow {
+    let header = file.as_ref().ok().map(DegreeFile::header);
+    DegreeRow {
+        key: key.to_string(),
+        degree,
+        directions: header.map(|h| h.rows),
+        columns: 2 * degree + 1,
+        dtype: header.map(|h| h.scalar.name()),
+        codec: header.map(|h| h.codec.name()),
+        chunk_rows: header.map(|h| h.chunk_rows),
+        chunks: header.map(|h| h.chunk_count()),
+        bytes: file.as_ref().ok().map(DegreeFile::file_len),
+        problem: file.as_ref().err().map(ToString::to_string),
+    }
+}
+
+fn factor_row(key: SchemeKey, name: String, file: &Result<FactorFile, StoreError>) -> FactorRow {
+    let header = file.as_ref().ok().map(FactorFile::header);
+    FactorRow {
+        key: key.to_string(),
+        factor: name,
+        max_degree: header.map(|h| h.spec.max_degree),
+        columns: header.map(|h| h.grid.size()),
+        dtype: header.map(|h| h.scalar.name()),
+        weights: header.map(|h| h.spec.weights.to_string()),
+        smoothness: header.map(|h| h.spec.smoothness),
+        norm: header.map(|h| h.condition.norm),
+        reciprocal_condition: header.map(|h| h.condition.reciprocal),
+        tile: header.map(|h| h.grid.tile()),
+        tiles: header.map(|h| h.grid.count()),
+        bytes: file.as_ref().ok().map(FactorFile::file_len),
+        problem: file.as_ref().err().map(ToString::to_string),
+    }
+}
+
+fn size_or_problem(bytes: Option<u64>, problem: Option<String>) -> String {
+    bytes.map_or(problem.unwrap_or_default(), |bytes| Size(bytes as usize).to_string())
+}
+
+fn number(value: Option<usize>) -> String {
+    value.map_or("-".to_owned(), |value| value.to_string())
+}
+
+fn degree_lines(rows: Vec<DegreeRow>) -> Vec<Vec<String>> {
     let head = ["scheme", "degree", "columns", "dtype", "codec", "chunks", "rows a chunk", "size"];
     let mut lines = vec![head.map(str::to_owned).to_vec()];
-    let number = |value: Option<usize>| value.map_or("-".to_owned(), |value| value.to_string());
     for row in rows {
-        let size = match (row.bytes, row.problem) {
-            (Some(bytes), _) => Size(bytes as usize).to_string(),
-            (None, problem) => problem.unwrap_or_default(),
-        };
         lines.push(vec![
             row.key[..12].to_owned(),
             row.degree.to_string(),
@@ -198,27 +266,73 @@ fn show(which: &Which, json: bool) -> Result<()> {
             row.codec.unwrap_or("-").to_owned(),
             number(row.chunks),
             number(row.chunk_rows),
-            size,
+            size_or_problem(row.bytes, row.problem),
         ]);
     }
-    print(&table(&lines))
+    lines
+}
+
+fn factor_lines(rows: Vec<FactorRow>) -> Vec<Vec<String>> {
+    let head = ["scheme", "factor", "columns", "weights", "smoothness", "condition", "tiles", "size"];
+    let mut lines = vec![head.map(str::to_owned).to_vec()];
+    for row in rows {
+        lines.push(vec![
+            row.key[..12].to_owned(),
+            row.factor,
+            number(row.columns),
+            row.weights.unwrap_or("-".to_owned()),
+            row.smoothness.map_or("-".to_owned(), |smoothness| smoothness.to_string()),
+            row.reciprocal_condition.map_or("-".to_owned(), |reciprocal| format!("{:.1e}", 1.0 / reciprocal)),
+            number(row.tiles),
+            size_or_problem(row.bytes, row.problem),
+        ]);
+    }
+    lines
+}
+
+/// A file to be verified, or what was wrong with it when it was opened.
+enum Checked {
+    Degree(DegreeFile),
+    Factor(FactorFile),
+    Problem(String),
+}
+
+impl Checked {
+    fn len(&self) -> u64 {
+        match self {
+            Self::Degree(file) => file.file_len(),
+            Self::Factor(file) => file.file_len(),
+            Self::Problem(_) => 0,
+        }
+    }
+
+    fn verify(&self, buffer: &mut Vec<u8>) -> Result<(), String> {
+        match self {
+            Self::Degree(file) => verify(file, buffer).map_err(|error| error.to_string()),
+            Self::Factor(file) => verify_factor(file, buffer).map_err(|error| error.to_string()),
+            Self::Problem(problem) => Err(problem.clone()),
+        }
+    }
 }
 
 fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> {
     let mut files = Vec::new();
     for key in which.keys()? {
-        files.extend(degrees(&which.dir, key)?.into_iter().map(|(_, file)| file));
+        let problem = |error: StoreError| Checked::Problem(error.to_string());
+        let basis = degrees(&which.dir, key)?.into_iter();
+        files.extend(basis.map(|(_, file)| file.map_or_else(problem, Checked::Degree)));
+        let factors = factors(&which.dir, key)?.into_iter();
+        files.extend(factors.map(|(_, file)| file.map_or_else(problem, Checked::Factor)));
     }
-    let bytes: u64 = files.iter().flatten().map(DegreeFile::file_len).sum();
+    let bytes: u64 = files.iter().map(Checked::len).sum();
     let progress = console.progress("verify", bytes, Unit::Bytes);
     let cancel = spharm_cli::exit::cancel();
-    let check = |buffer: &mut Vec<u8>, file: &Result<DegreeFile, StoreError>| -> Result<(), String> {
+    let check = |buffer: &mut Vec<u8>, file: &Checked| -> Result<(), String> {
         if cancel.load(Ordering::Relaxed) {
             return Err("interrupted".to_owned());
         }
-        let file = file.as_ref().map_err(ToString::to_string)?;
-        verify(file, buffer).map_err(|error| error.to_string())?;
-        progress.add(file.file_len());
+        file.verify(buffer)?;
+        progress.add(file.len());
         Ok(())
     };
     let results: Vec<Result<(), String>> =

@@ -47,9 +47,14 @@ impl Forged {
 
     /// Makes all hashes fit what they are of, and writes the file.
     pub(super) fn write(&mut self, path: &Path) {
+        self.write_as("spharm-rs 2026-11 basis file root v1", path);
+    }
+
+    /// The same for a file of another kind, whose root has a context of its own.
+    pub(super) fn write_as(&mut self, root_context: &str, path: &Path) {
         let hash = blake3::hash(&self.header[..4064]);
         self.header[4064..].copy_from_slice(hash.as_bytes());
-        let mut root = blake3::Hasher::new_derive_key("spharm-rs 2026-11 basis file root v1");
+        let mut root = blake3::Hasher::new_derive_key(root_context);
         root.update(&self.header).update(&self.table);
         self.footer[32..64].copy_from_slice(root.finalize().as_bytes());
         let hash = blake3::hash(&self.footer[..96]);

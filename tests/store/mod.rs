@@ -2,6 +2,7 @@
 
 mod bits;
 mod extend;
+mod factor;
 mod forge;
 mod full_disk;
 mod golden;

@@ -10,7 +10,7 @@ use crate::common::{fail, tool};
 
 type Replace = fn(&Path);
 
-fn fifo(path: &Path) {
+pub(super) fn fifo(path: &Path) {
     assert!(Command::new("mkfifo").arg(path).status().expect("mkfifo").success());
 }
 

@@ -18,7 +18,8 @@ fn python() -> Option<PathBuf> {
 }
 
 fn reader(python: &Path, file: &Path, out: &Path) -> Command {
-    let degree = file.file_name().and_then(|name| name.to_str()?.strip_prefix("A_")).expect("a basis file");
+    let name = file.file_name().and_then(|name| name.to_str()).expect("a basis file or a factor");
+    let degree = name.strip_prefix("A_").unwrap_or(name);
     let mut command = Command::new(python);
     // Without -B, importing it would leave a folder in the sources.
     command.arg("-B").arg(root().join("tests/read_store.py"));
@@ -124,6 +125,32 @@ fn so_it_does_in_the_golden_store() {
         let file = DegreeFile::open(&store.join(key.to_string()).join("A_0")).expect("a file");
         assert_same_bits(&python, &store, key, file.header().scalar, 18, 4);
     }
+}
+
+/// Factors too, those of the golden store.
+#[test]
+fn so_it_does_in_factors() {
+    let Some(python) = python() else { return };
+    let store = root().join("tests/data/golden-v1/store");
+    let out = tempfile::tempdir().expect("a folder");
+    let mut count = 0;
+    for key in catalog::schemes(&store).expect("a store") {
+        for (_, file) in spharm_store::factor::factors(&store, key).expect("a folder") {
+            let file = file.expect("a factor");
+            let (size, scalar) = (file.header().grid.size(), file.header().scalar);
+            let path = out.path().join("factor.npy");
+            succeed(&mut reader(&python, file.path(), &path));
+            let ours: Vec<u8> = match scalar {
+                Scalar::F64 => super::factor::lower(&file).into_iter().flat_map(f64::to_le_bytes).collect(),
+                Scalar::F32 => {
+                    super::factor::lower(&file).into_iter().flat_map(|value| (value as f32).to_le_bytes()).collect()
+                }
+            };
+            assert!(npy(&path, scalar, size, size) == ours, "{}", file.path().display());
+            count += 1;
+        }
+    }
+    assert_eq!(count, 2);
 }
 
 #[test]

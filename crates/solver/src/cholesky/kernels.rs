@@ -61,9 +61,11 @@ macro_rules! kernels {
     ($scalar:ty, $module:ident) => {
         mod $module {
             use super::*;
-            kernels!(@ $scalar, 1, subtract_1, transposed_1, solve_1, solve_transposed_1);
-            kernels!(@ $scalar, 2, subtract_2, transposed_2, solve_2, solve_transposed_2);
-            kernels!(@ $scalar, 3, subtract_3, transposed_3, solve_3, solve_transposed_3);
+            kernels!(@ $scalar, 1, subtract_1, solve_1, solve_transposed_1);
+            kernels!(@ $scalar, 2, subtract_2, solve_2, solve_transposed_2);
+            kernels!(@ $scalar, 3, subtract_3, solve_3, solve_transposed_3);
+            kernels!(@ $scalar, 1, transposed_1);
+            kernels!(@ $scalar, 3, transposed_3);
         }
 
         impl Kernels for $scalar {
@@ -82,7 +84,10 @@ macro_rules! kernels {
                 by_channels!(
                     channels, at,
                     $module::transposed_1(tile, rows, &x[at * rows..], &mut out[at * k..]),
-                    $module::transposed_2(tile, rows, &x[at * rows..], &mut out[at * k..]),
+                    // One after the other: what the compiler makes of two at once takes longer.
+                    for c in at..at + 2 {
+                        $module::transposed_1(tile, rows, &x[c * rows..], &mut out[c * k..]);
+                    },
                     $module::transposed_3(tile, rows, &x[at * rows..], &mut out[at * k..])
                 );
             }
@@ -108,22 +113,13 @@ macro_rules! kernels {
             }
         }
     };
-    (@ $scalar:ty, $c:literal, $subtract:ident, $transposed:ident, $solve:ident, $solve_transposed:ident) => {
+    (@ $scalar:ty, $c:literal, $subtract:ident, $solve:ident, $solve_transposed:ident) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         pub(super) fn $subtract(tile: &[$scalar], rows: usize, y: &[f64], out: &mut [f64]) {
             if target_cfg_f!(target_feature = "fma") {
                 subtract::<$scalar, $c, true>(tile, rows, y, out);
             } else {
                 subtract::<$scalar, $c, false>(tile, rows, y, out);
-            }
-        }
-
-        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-        pub(super) fn $transposed(tile: &[$scalar], rows: usize, x: &[f64], out: &mut [f64]) {
-            if target_cfg_f!(target_feature = "fma") {
-                transposed::<$scalar, $c, true>(tile, rows, x, out);
-            } else {
-                transposed::<$scalar, $c, false>(tile, rows, x, out);
             }
         }
 
@@ -145,9 +141,27 @@ macro_rules! kernels {
             }
         }
     };
+    (@ $scalar:ty, $c:literal, $transposed:ident) => {
+        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+        pub(super) fn $transposed(tile: &[$scalar], rows: usize, x: &[f64], out: &mut [f64]) {
+            if target_cfg_f!(target_feature = "fma") {
+                transposed::<$scalar, $c, true>(tile, rows, x, out);
+            } else {
+                transposed::<$scalar, $c, false>(tile, rows, x, out);
+            }
+        }
+    };
 }
 kernels!(f64, double);
 kernels!(f32, single);
+
+/// f32 to f64, value by value.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+pub(crate) fn widen(values: &[f32], wide: &mut [f64]) {
+    for (wide, value) in wide.iter_mut().zip(values) {
+        *wide = f64::from(*value);
+    }
+}
 
 #[inline(always)]
 fn subtract<S: Real, const C: usize, const FMA: bool>(tile: &[S], rows: usize, y: &[f64], out: &mut [f64]) {

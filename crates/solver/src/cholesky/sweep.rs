@@ -19,12 +19,12 @@ use spharm_harmonics::product::Matrix;
 use spharm_store::factor::TileValues;
 
 use crate::SolverError;
-use crate::cholesky::kernels::Kernels;
+use crate::cholesky::kernels::{Kernels, widen};
 use crate::cholesky::tiles::{Cursor, Tiles};
 use crate::dense;
 
 /// From this many columns on `dgemm` beats the kernels for few columns.
-const MANY: usize = 8;
+const MANY: usize = 6;
 
 /// Solves `C C^T x = b`: `x`, (K, c), is b on the way in.
 pub(crate) fn solve(tiles: &dyn Tiles, x: &mut Array2<f64>, threads: usize) -> Result<(), SolverError> {
@@ -263,8 +263,8 @@ fn matrix<'m>(tile: TileValues<'m>, rows: usize, wide: &'m mut Vec<f64>) -> Matr
     let values: &[f64] = match tile {
         TileValues::F64(values) => values,
         TileValues::F32(values) => {
-            wide.clear();
-            wide.extend(values.iter().map(|&value| f64::from(value)));
+            wide.resize(values.len(), 0.0);
+            widen(values, wide);
             wide
         }
     };

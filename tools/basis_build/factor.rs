@@ -1,0 +1,158 @@
+//! `--factor`: the Cholesky factor of the scheme's normal equations.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use anyhow::Result;
+use serde::Serialize;
+use spharm_cli::console::{Console, Unit};
+use spharm_cli::inputs::Sphere;
+use spharm_cli::machine::check_limits;
+use spharm_cli::size::Size;
+use spharm_solver::cholesky::{
+    FactorEvent, FactorParams, FactorReport, Penalised, build_factor, plan_stored_factor, smoothness_penalty,
+};
+use spharm_store::factor::open_factor;
+use spharm_store::{BuildEvent, FactorFile, FactorSpec, Scalar, SchemeKey, WeightsHash};
+
+use super::Cli;
+use super::gram::gram_source;
+
+/// Below this a solve loses so many digits that it should be known.
+const ILL_CONDITIONED: f64 = 1e-12;
+
+/// What the report says of a factor.
+#[derive(Debug, Serialize)]
+pub(super) struct FactorRow {
+    pub(super) path: PathBuf,
+    pub(super) max_degree: usize,
+    pub(super) columns: usize,
+    pub(super) dtype: &'static str,
+    pub(super) smoothness: f64,
+    pub(super) present: bool,
+    pub(super) bytes: u64,
+    pub(super) norm: f64,
+    pub(super) reciprocal_condition: f64,
+    pub(super) planned_memory: usize,
+}
+
+/// A factor that was asked for.
+pub(super) struct Job<'a> {
+    cli: &'a Cli,
+    sphere: &'a Sphere,
+    console: &'a Console,
+    spec: FactorSpec,
+    params: FactorParams,
+}
+
+impl<'a> Job<'a> {
+    /// From the arguments; says what it takes, and refuses what there is no memory or disk for, before any work.
+    pub(super) fn new(
+        cli: &'a Cli,
+        sphere: &'a Sphere,
+        console: &'a Console,
+        scalar: Scalar,
+        max_degree: usize,
+    ) -> Result<Self> {
+        let rows = sphere.directions.len();
+        let spec = FactorSpec {
+            key: SchemeKey::of(&sphere.directions, scalar),
+            rows,
+            max_degree,
+            weights: WeightsHash::ONES,
+            smoothness: cli.smoothness,
+        };
+        let threads = cli.threads.count();
+        let (_, held) = gram_source(&sphere.directions, max_degree, threads)?;
+        let params = FactorParams {
+            scalar: cli.factor_dtype.scalar(),
+            memory: cli.memory.0,
+            // The sphere's directions and triangles beside the source.
+            held: held + 24 * rows + 12 * sphere.faces.len(),
+            threads,
+            allow_large: cli.yes,
+            ..FactorParams::default()
+        };
+        let job = Self { cli, sphere, console, spec, params };
+        if job.there().is_none() {
+            let (plan, _) = plan_stored_factor(&cli.store, spec.size(), &job.params)?;
+            check_limits(plan.memory, 0)?;
+            let way = if plan.in_memory { "in memory" } else { "out of core" };
+            let (memory, disk) = (Size(plan.memory), Size(plan.disk as usize));
+            console
+                .note(format!("factor of degree {max_degree}: {way}, {memory} of memory and {disk} of disk planned"));
+        }
+        Ok(job)
+    }
+
+    /// The factor, when it is there and sound.
+    fn there(&self) -> Option<FactorFile> {
+        open_factor(&self.cli.store, &self.spec, Some(self.params.scalar)).ok()
+    }
+
+    /// Computes and publishes it, unless it is there.
+    pub(super) fn run(&self) -> Result<FactorRow> {
+        let Self { cli, sphere, console, spec, params } = self;
+        let (source, _) = gram_source(&sphere.directions, spec.max_degree, params.threads)?;
+        let penalised = Penalised::new(&*source, smoothness_penalty(spec.max_degree, spec.smoothness));
+        let progress = Mutex::new((None, 0.0));
+        let tell = |event: FactorEvent<'_>| {
+            let mut progress = progress.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            match event {
+                FactorEvent::Store(BuildEvent::Waiting) => {
+                    console.note("another basis-build is at work on this scheme; waiting for it");
+                }
+                FactorEvent::Store(BuildEvent::Replacing(error)) => {
+                    console.warn(format!("replacing a damaged file: {error}"));
+                }
+                FactorEvent::Planned(_, flops) => {
+                    let total = (flops / 1e9).ceil() as u64;
+                    progress.0 = Some(console.progress("factor", total, Unit::Count("Gflop")));
+                }
+                FactorEvent::Progress(flops) => {
+                    progress.1 += flops / 1e9;
+                    let whole = progress.1.floor();
+                    progress.1 -= whole;
+                    if let Some(progress) = &progress.0 {
+                        progress.add(whole as u64);
+                    }
+                }
+                FactorEvent::Estimating => {
+                    if let Some(progress) = &progress.0 {
+                        progress.say("estimating the condition");
+                    }
+                }
+                _ => {}
+            }
+        };
+        let report = build_factor(&cli.store, spec, &penalised, params, spharm_cli::exit::cancel(), &tell)?;
+        drop(progress);
+        if report.present {
+            console.note(format!("{}: the factor is there already", report.file.path().display()));
+        }
+        let row = row(&report);
+        if row.reciprocal_condition < ILL_CONDITIONED {
+            console.warn(format!(
+                "the normal equations are ill-conditioned (about {:.0e}): solutions lose that many digits; --smoothness mends it",
+                1.0 / row.reciprocal_condition
+            ));
+        }
+        Ok(row)
+    }
+}
+
+fn row(report: &FactorReport) -> FactorRow {
+    let header = report.file.header();
+    FactorRow {
+        path: report.file.path().to_path_buf(),
+        max_degree: header.spec.max_degree,
+        columns: header.grid.size(),
+        dtype: header.scalar.name(),
+        smoothness: header.spec.smoothness,
+        present: report.present,
+        bytes: report.file.file_len(),
+        norm: header.condition.norm,
+        reciprocal_condition: header.condition.reciprocal,
+        planned_memory: report.memory,
+    }
+}
