@@ -123,7 +123,12 @@ fn main() -> Result<()> {
                 if let Some(stored) = &stored {
                     solver = solver.with_factor(stored as &dyn CholeskyFactor);
                 }
-                Ok(solver.fit(&targets, std::slice::from_ref(&(0..targets.ncols())), &AtomicBool::new(false), &|_| {})?)
+                Ok(solver.fit(
+                    &targets,
+                    std::slice::from_ref(&(0..targets.ncols())),
+                    &AtomicBool::new(false),
+                    &|_| {},
+                )?)
             })?;
             write_npy(out.with_extension("coefficients.npy"), fit.coefficients.values())?;
             println!("{}", serde_json::json!({ "seconds": seconds, "report": fit.report, "peak": peak() }));

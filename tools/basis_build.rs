@@ -2,8 +2,6 @@
 
 #[path = "basis_build/factor.rs"]
 mod factor;
-#[path = "basis_build/gram.rs"]
-mod gram;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -12,11 +12,11 @@ use spharm_cli::size::Size;
 use spharm_solver::cholesky::{
     FactorEvent, FactorParams, FactorReport, Penalised, build_factor, plan_stored_factor, smoothness_penalty,
 };
+use spharm_solver::lsq::{moment_gram, moment_gram_bytes};
 use spharm_store::factor::open_factor;
 use spharm_store::{BuildEvent, FactorFile, FactorSpec, Scalar, SchemeKey, WeightsHash};
 
 use super::Cli;
-use super::gram::gram_source;
 
 /// Below this a solve loses so many digits that it should be known.
 const ILL_CONDITIONED: f64 = 1e-12;
@@ -63,7 +63,7 @@ impl<'a> Job<'a> {
             smoothness: cli.smoothness,
         };
         let threads = cli.threads.count();
-        let (_, held) = gram_source(&sphere.directions, max_degree, threads)?;
+        let held = moment_gram_bytes(rows, max_degree)?;
         let params = FactorParams {
             scalar: cli.factor_dtype.scalar(),
             memory: cli.memory.0,
@@ -93,8 +93,8 @@ impl<'a> Job<'a> {
     /// Computes and publishes it, unless it is there.
     pub(super) fn run(&self) -> Result<FactorRow> {
         let Self { cli, sphere, console, spec, params } = self;
-        let (source, _) = gram_source(&sphere.directions, spec.max_degree, params.threads)?;
-        let penalised = Penalised::new(&*source, smoothness_penalty(spec.max_degree, spec.smoothness));
+        let source = moment_gram(&sphere.directions, None, spec.max_degree)?;
+        let penalised = Penalised::new(&source, smoothness_penalty(spec.max_degree, spec.smoothness));
         let progress = Mutex::new((None, 0.0));
         let tell = |event: FactorEvent<'_>| {
             let mut progress = progress.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

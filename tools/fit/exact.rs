@@ -132,27 +132,32 @@ fn areas(job: &Job<'_>) -> Result<Vec<f64>> {
 /// The scheme's factor in the store, where there is one that belongs to this fit.
 fn stored_factor(job: &Job<'_>, memory: usize) -> Result<Option<StoredFactor>> {
     let Some(store) = &job.cli.store else { return Ok(None) };
-    let spec = FactorSpec {
-        key: SchemeKey::of(&job.sphere.directions, Scalar::F64),
-        rows: job.sphere.directions.len(),
-        max_degree: job.cli.max_degree,
-        weights: WeightsHash::of(job.weights.as_deref()),
-        smoothness: fixed_smoothness(job.cli),
-    };
-    let there = factors(store, spec.key)?;
-    if there.is_empty() {
-        job.console.note(format!("{}: no factor of this scheme; solving without one", store.display()));
-        return Ok(None);
-    }
-    let file = match open_factor(store, &spec, None) {
-        Ok(file) => file,
-        Err(error) => {
-            job.console.warn(format!("{error}; solving without it"));
-            return Ok(None);
+    let mut refused = None;
+    // Of the scheme with either scalar type of its basis.
+    for scalar in [Scalar::F64, Scalar::F32] {
+        let spec = FactorSpec {
+            key: SchemeKey::of(&job.sphere.directions, scalar),
+            rows: job.sphere.directions.len(),
+            max_degree: job.cli.max_degree,
+            weights: WeightsHash::of(job.weights.as_deref()),
+            smoothness: fixed_smoothness(job.cli),
+        };
+        if factors(store, spec.key)?.is_empty() {
+            continue;
         }
-    };
-    job.console.note(format!("factor {}", file.path().display()));
-    Ok(Some(StoredFactor::new(file, memory, job.threads)))
+        match open_factor(store, &spec, None) {
+            Ok(file) => {
+                job.console.note(format!("factor {}", file.path().display()));
+                return Ok(Some(StoredFactor::new(file, memory, job.threads)));
+            }
+            Err(error) => refused = Some(error),
+        }
+    }
+    match refused {
+        Some(error) => job.console.warn(format!("{error}; solving without it")),
+        None => job.console.note(format!("{}: no factor of this scheme; solving without one", store.display())),
+    }
+    Ok(None)
 }
 
 /// What is worth a warning, and, with --strict, a failure.

@@ -95,6 +95,31 @@ pub enum SolverError {
         /// The least budget, bytes.
         needed: usize,
     },
+    /// A smoothness that isn't a finite number from zero on.
+    #[error("the smoothness must be a finite number that isn't negative, found {found}")]
+    Smoothness {
+        /// What was given.
+        found: f64,
+    },
+    /// A factor is asked for, and nothing to make it from.
+    #[error("this way of solving needs the Gram matrix or a factor, and has neither")]
+    NoGram,
+    /// The Gram matrix of the low degrees, for a preconditioner, is singular.
+    #[error("the Gram matrix of the degrees to {degree} is numerically singular; precondition with fewer degrees")]
+    LowDegrees {
+        /// The degree.
+        degree: usize,
+    },
+    /// Standard errors of coefficients that the samples don't determine.
+    #[error(
+        "{rows} vertices don't determine {columns} coefficients on this sampling; standard errors need a lower degree or a --smoothness"
+    )]
+    Underdetermined {
+        /// Rows with weight.
+        rows: usize,
+        /// Columns.
+        columns: usize,
+    },
     /// A Gram matrix without a Cholesky factor.
     #[error(
         "the Gram matrix is not numerically positive definite: its factorisation breaks at column {column}, of degree {degree}: the sampling does not determine the coefficients from there on; choose a lower degree, add --smoothness LAMBDA, or take the minimum-norm solution"

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
-use spharm_transform::{MomentGram, Transform, TransformParams};
+use spharm_transform::{FINEST, MomentGram, Transform, TransformParams};
 
 use crate::SolverError;
 use crate::cholesky::GramSource;
@@ -19,8 +19,7 @@ pub fn moment_gram(
     weights: Option<&[f64]>,
     max_degree: usize,
 ) -> Result<MomentGram, SolverError> {
-    let params = TransformParams { max_degree: 2 * max_degree, accuracy: 1e-13, channels: 1 };
-    let transform = Transform::new(directions, &params)?;
+    let transform = Transform::new(directions, &moments(max_degree))?;
     let n = directions.len();
     let weights = match weights {
         Some(weights) if weights.len() != n => {
@@ -31,6 +30,21 @@ pub fn moment_gram(
     };
     let moments = transform.adjoint_synthesis(ArrayView2::from(&weights))?;
     Ok(MomentGram::new(max_degree, moments.as_slice().unwrap_or_default())?)
+}
+
+/// Bytes that [`moment_gram`] takes while it works and what comes out of it, for so many directions.
+///
+/// # Errors
+///
+/// Those of the transforms, to twice the degree.
+pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, SolverError> {
+    let transform = Transform::bytes(&moments(max_degree), directions, 1)?;
+    Ok(transform.max(MomentGram::bytes(max_degree)) + 8 * directions)
+}
+
+/// What moments take: all digits, since the Gram matrix's condition is the square of the basis's.
+fn moments(max_degree: usize) -> TransformParams {
+    TransformParams { max_degree: 2 * max_degree, accuracy: FINEST, channels: 1 }
 }
 
 impl GramSource for MomentGram {

@@ -16,5 +16,5 @@ pub mod preconditioner;
 pub mod solve;
 
 pub use gcv::{Gcv, choose_smoothness};
-pub use gram::moment_gram;
+pub use gram::{moment_gram, moment_gram_bytes};
 pub use solve::{LsqEvent, LsqFit, LsqParams, LsqReport, LsqSolver, MakeGram, Way};
