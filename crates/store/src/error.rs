@@ -170,7 +170,7 @@ pub enum StoreError {
         needed: usize,
     },
     /// The work was interrupted; what is finished stays.
-    #[error("interrupted; the finished degrees are kept, run the same command again to go on")]
+    #[error("interrupted; what is finished is kept, run the same command again to go on")]
     Interrupted,
     /// A request outside of what the harmonics support.
     #[error(transparent)]

@@ -62,5 +62,6 @@ pub use codec::Codec;
 pub use error::StoreError;
 pub use factor::{FactorFile, FactorSpec, FactorWriter, TileGrid, WeightsHash};
 pub use header::Header;
+pub use map::prefetch;
 pub use reader::{ChunkWindow, DegreeFile};
 pub use scheme::{Scalar, SchemeKey};

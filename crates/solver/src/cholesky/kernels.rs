@@ -1,12 +1,14 @@
 //! A tile times a few columns, and its transpose; and the triangles on the diagonal.
 //!
 //! With few columns a solve is bound by how fast the factor comes from memory, so every kernel reads its tile once, in
-//! the order in which it lies there. Values of f32 are widened in registers: sums and right-hand sides are f64 always.
+//! the order in which it lies there, and asks for the next one meanwhile: left to itself the processor waits for one page
+//! after another (28 ms a pass over 208 MB on one thread instead of 10). Values of f32 are widened in registers: sums and right-hand sides are f64 always.
 //! From `MANY` columns on the BLAS is the better choice (see `sweep`).
 //!
 //! Tiles are column-major without gaps, right-hand sides (rows, c) column-major.
 
 use multiversion::{multiversion, target::target_cfg_f};
+use spharm_store::prefetch;
 
 /// Lanes of an accumulator.
 const LANES: usize = 8;
@@ -32,10 +34,10 @@ impl Real for f32 {
 
 /// Kernels for one type of tile.
 pub(crate) trait Kernels: Real {
-    /// `out -= tile y`: tile (rows, k), y (k, c), out (rows, c).
-    fn subtract(tile: &[Self], rows: usize, y: &[f64], out: &mut [f64], channels: usize);
+    /// `out -= tile y`: tile (rows, k), y (k, c), out (rows, c). The next tile lies `ahead` bytes from this one.
+    fn subtract(tile: &[Self], rows: usize, y: &[f64], out: &mut [f64], channels: usize, ahead: isize);
     /// `out -= tile^T x`: tile (rows, k), x (rows, c), out (k, c).
-    fn subtract_transposed(tile: &[Self], rows: usize, x: &[f64], out: &mut [f64], channels: usize);
+    fn subtract_transposed(tile: &[Self], rows: usize, x: &[f64], out: &mut [f64], channels: usize, ahead: isize);
     /// `x = tile^-1 x`: tile (k, k) lower triangular, x (k, c).
     fn solve(tile: &[Self], x: &mut [f64], channels: usize);
     /// `x = tile^-T x`.
@@ -69,26 +71,26 @@ macro_rules! kernels {
         }
 
         impl Kernels for $scalar {
-            fn subtract(tile: &[Self], rows: usize, y: &[f64], out: &mut [f64], channels: usize) {
+            fn subtract(tile: &[Self], rows: usize, y: &[f64], out: &mut [f64], channels: usize, ahead: isize) {
                 let k = tile.len() / rows;
                 by_channels!(
                     channels, at,
-                    $module::subtract_1(tile, rows, &y[at * k..], &mut out[at * rows..]),
-                    $module::subtract_2(tile, rows, &y[at * k..], &mut out[at * rows..]),
-                    $module::subtract_3(tile, rows, &y[at * k..], &mut out[at * rows..])
+                    $module::subtract_1(tile, rows, &y[at * k..], &mut out[at * rows..], ahead),
+                    $module::subtract_2(tile, rows, &y[at * k..], &mut out[at * rows..], ahead),
+                    $module::subtract_3(tile, rows, &y[at * k..], &mut out[at * rows..], ahead)
                 );
             }
 
-            fn subtract_transposed(tile: &[Self], rows: usize, x: &[f64], out: &mut [f64], channels: usize) {
+            fn subtract_transposed(tile: &[Self], rows: usize, x: &[f64], out: &mut [f64], channels: usize, ahead: isize) {
                 let k = tile.len() / rows;
                 by_channels!(
                     channels, at,
-                    $module::transposed_1(tile, rows, &x[at * rows..], &mut out[at * k..]),
+                    $module::transposed_1(tile, rows, &x[at * rows..], &mut out[at * k..], ahead),
                     // One after the other: what the compiler makes of two at once takes longer.
                     for c in at..at + 2 {
-                        $module::transposed_1(tile, rows, &x[c * rows..], &mut out[c * k..]);
+                        $module::transposed_1(tile, rows, &x[c * rows..], &mut out[c * k..], ahead);
                     },
-                    $module::transposed_3(tile, rows, &x[at * rows..], &mut out[at * k..])
+                    $module::transposed_3(tile, rows, &x[at * rows..], &mut out[at * k..], ahead)
                 );
             }
 
@@ -115,11 +117,11 @@ macro_rules! kernels {
     };
     (@ $scalar:ty, $c:literal, $subtract:ident, $solve:ident, $solve_transposed:ident) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-        pub(super) fn $subtract(tile: &[$scalar], rows: usize, y: &[f64], out: &mut [f64]) {
+        pub(super) fn $subtract(tile: &[$scalar], rows: usize, y: &[f64], out: &mut [f64], ahead: isize) {
             if target_cfg_f!(target_feature = "fma") {
-                subtract::<$scalar, $c, true>(tile, rows, y, out);
+                subtract::<$scalar, $c, true>(tile, rows, y, out, ahead);
             } else {
-                subtract::<$scalar, $c, false>(tile, rows, y, out);
+                subtract::<$scalar, $c, false>(tile, rows, y, out, ahead);
             }
         }
 
@@ -143,11 +145,11 @@ macro_rules! kernels {
     };
     (@ $scalar:ty, $c:literal, $transposed:ident) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-        pub(super) fn $transposed(tile: &[$scalar], rows: usize, x: &[f64], out: &mut [f64]) {
+        pub(super) fn $transposed(tile: &[$scalar], rows: usize, x: &[f64], out: &mut [f64], ahead: isize) {
             if target_cfg_f!(target_feature = "fma") {
-                transposed::<$scalar, $c, true>(tile, rows, x, out);
+                transposed::<$scalar, $c, true>(tile, rows, x, out, ahead);
             } else {
-                transposed::<$scalar, $c, false>(tile, rows, x, out);
+                transposed::<$scalar, $c, false>(tile, rows, x, out, ahead);
             }
         }
     };
@@ -164,13 +166,20 @@ pub(crate) fn widen(values: &[f32], wide: &mut [f64]) {
 }
 
 #[inline(always)]
-fn subtract<S: Real, const C: usize, const FMA: bool>(tile: &[S], rows: usize, y: &[f64], out: &mut [f64]) {
+fn subtract<S: Real, const C: usize, const FMA: bool>(
+    tile: &[S],
+    rows: usize,
+    y: &[f64],
+    out: &mut [f64],
+    ahead: isize,
+) {
     let k = tile.len() / rows;
     let mut columns = out.chunks_exact_mut(rows);
     let mut out: [&mut [f64]; C] = std::array::from_fn(|_| columns.next().unwrap_or_default());
     let mut quads = tile.chunks_exact(4 * rows);
     let mut j = 0;
     for quad in &mut quads {
+        prefetch(quad, ahead);
         let a: [&[S]; 4] = std::array::from_fn(|i| &quad[i * rows..(i + 1) * rows]);
         let factors = std::array::from_fn(|i| std::array::from_fn(|c| -y[c * k + j + i]));
         axpys::<S, 4, C, FMA>(a, factors, &mut out);
@@ -183,12 +192,19 @@ fn subtract<S: Real, const C: usize, const FMA: bool>(tile: &[S], rows: usize, y
 }
 
 #[inline(always)]
-fn transposed<S: Real, const C: usize, const FMA: bool>(tile: &[S], rows: usize, x: &[f64], out: &mut [f64]) {
+fn transposed<S: Real, const C: usize, const FMA: bool>(
+    tile: &[S],
+    rows: usize,
+    x: &[f64],
+    out: &mut [f64],
+    ahead: isize,
+) {
     let k = tile.len() / rows;
     let x: [&[f64]; C] = std::array::from_fn(|c| &x[c * rows..(c + 1) * rows]);
     let mut quads = tile.chunks_exact(4 * rows);
     let mut j = 0;
     for quad in &mut quads {
+        prefetch(quad, ahead);
         let sums = dots::<S, 4, C, FMA>(std::array::from_fn(|i| &quad[i * rows..(i + 1) * rows]), x);
         for (i, sums) in sums.iter().enumerate() {
             for (c, sum) in sums.iter().enumerate() {
@@ -325,9 +341,9 @@ mod tests {
                     let tile: Vec<S> = filled(rows * k, 0.7).into_iter().map(narrow).collect();
                     let (y, x) = (filled(k * channels, 0.3), filled(rows * channels, 1.3));
                     let mut out = filled(rows * channels, 0.9);
-                    S::subtract(&tile, rows, &y, &mut out, channels);
+                    S::subtract(&tile, rows, &y, &mut out, channels, 64);
                     let mut back = filled(k * channels, 0.4);
-                    S::subtract_transposed(&tile, rows, &x, &mut back, channels);
+                    S::subtract_transposed(&tile, rows, &x, &mut back, channels, -4096);
                     for c in 0..channels {
                         for i in 0..rows {
                             let sum: f64 = (0..k).map(|j| tile[j * rows + i].widen() * y[c * k + j]).sum();

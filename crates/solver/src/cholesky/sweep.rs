@@ -23,8 +23,8 @@ use crate::cholesky::kernels::{Kernels, widen};
 use crate::cholesky::tiles::{Cursor, Tiles};
 use crate::dense;
 
-/// From this many columns on `dgemm` beats the kernels for few columns.
-const MANY: usize = 6;
+/// From this many columns on `dgemm` beats the kernels for few columns, which take three at a time.
+const MANY: usize = 16;
 
 /// Solves `C C^T x = b`: `x`, (K, c), is b on the way in.
 pub(crate) fn solve(tiles: &dyn Tiles, x: &mut Array2<f64>, threads: usize) -> Result<(), SolverError> {
@@ -181,12 +181,14 @@ impl Job<'_> {
                 let Some(block) = slot else { continue };
                 let height = block.len() / self.channels;
                 let tile = self.tiles.tile(row, column, cursor)?;
+                // Its next row but for those of the other threads.
+                let ahead = (self.threads * bytes(tile)) as isize;
                 match tile {
                     TileValues::F64(tile) if self.channels < MANY => {
-                        f64::subtract(tile, height, y, block, self.channels)
+                        f64::subtract(tile, height, y, block, self.channels, ahead)
                     }
                     TileValues::F32(tile) if self.channels < MANY => {
-                        f32::subtract(tile, height, y, block, self.channels)
+                        f32::subtract(tile, height, y, block, self.channels, ahead)
                     }
                     tile => dense::subtract_product(matrix(tile, height, wide), y, block),
                 }
@@ -219,12 +221,14 @@ impl Job<'_> {
             for row in (column + 1..count).rev() {
                 let x = self.wait(&self.backward[row])?;
                 let height = x.len() / self.channels;
-                match self.tiles.tile(row, column, cursor)? {
+                let tile = self.tiles.tile(row, column, cursor)?;
+                let ahead = -(bytes(tile) as isize);
+                match tile {
                     TileValues::F64(tile) if self.channels < MANY => {
-                        f64::subtract_transposed(tile, height, x, &mut block, self.channels);
+                        f64::subtract_transposed(tile, height, x, &mut block, self.channels, ahead);
                     }
                     TileValues::F32(tile) if self.channels < MANY => {
-                        f32::subtract_transposed(tile, height, x, &mut block, self.channels);
+                        f32::subtract_transposed(tile, height, x, &mut block, self.channels, ahead);
                     }
                     tile => dense::subtract_adjoint_product(matrix(tile, height, wide), x, &mut block),
                 }
@@ -255,6 +259,13 @@ impl Job<'_> {
             spins += 1;
             if spins < SPINS { std::hint::spin_loop() } else { std::thread::yield_now() }
         }
+    }
+}
+
+fn bytes(tile: TileValues<'_>) -> usize {
+    match tile {
+        TileValues::F64(values) => size_of_val(values),
+        TileValues::F32(values) => size_of_val(values),
     }
 }
 
