@@ -1,5 +1,7 @@
 //! `fit`: fits surfaces and signals on the sphere.
 
+#[path = "fit/bare.rs"]
+mod bare;
 #[path = "fit/exact.rs"]
 mod exact;
 #[path = "fit/hold_out.rs"]
@@ -36,8 +38,8 @@ use spharm_surface::io::read_signal;
 
 use crate::hold_out::HoldOut;
 use crate::job::Job;
-use crate::outputs::items;
-use crate::report::{Seconds, finish};
+use crate::outputs::{Item, items};
+use crate::report::{BatchReport, Fitted, Seconds, finish};
 
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
@@ -50,9 +52,10 @@ pub(crate) struct Cli {
     /// Folder of the basis store
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
     store: Option<PathBuf>,
-    /// The sphere: a mesh around the origin, or a CSV of theta,phi
+    /// The sphere: a mesh around the origin, or a CSV of theta,phi; without it each surface is mapped to one of its own
+    /// first, as parametrize does, which is written beside its model
     #[arg(long, value_name = "SPHERE")]
-    sphere: PathBuf,
+    sphere: Option<PathBuf>,
     /// Surfaces, or signals (GIfTI, FreeSurfer curv, CSV with a row a vertex), on the sphere's vertices; @LIST takes the
     /// paths from a file, one a line, relative to it, # for comments
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
@@ -249,6 +252,10 @@ fn how(cli: &Cli) -> How {
         let message = format!("--method {name} needs --store DIR, with a basis that basis-build has made");
         Cli::command().error(ErrorKind::MissingRequiredArgument, message).exit();
     }
+    if streamed && cli.sphere.is_none() {
+        let message = format!("--method {name} needs --sphere SPHERE, the one that the basis was built for");
+        Cli::command().error(ErrorKind::MissingRequiredArgument, message).exit();
+    }
     if cli.start_degree.is_some() && !matches!(method, MethodName::Sirf | MethodName::Mirf) {
         refuse("--start-degree", "");
     }
@@ -300,14 +307,57 @@ fn work(cli: &Cli, how: How) -> Result<()> {
     if let Some(path) = &cli.report {
         refuse_existing(path, cli.force, "report", "--report")?;
     }
-    let sphere = read_sphere(&cli.sphere, &console)?;
+    let pool = cli.threads.pool()?;
+    let mut seconds = Seconds::default();
+    let (mut fitted, mut batches, mut scheme) = (Vec::new(), Vec::new(), None);
+    if let Some(path) = &cli.sphere {
+        let sphere = read_sphere(path, &console)?;
+        seconds.read += started.elapsed().as_secs_f64();
+        let fits = pool.install(|| fit_on(cli, how, console, sphere, &items, &mut seconds, cancel))?;
+        (fitted, batches) = (fits.fitted, fits.batches);
+        scheme = Some(fits.scheme);
+    } else {
+        bare::refuse(cli, &items)?;
+        for item in &items {
+            let (sphere, report) = pool.install(|| bare::parametrize(cli, item, &console))?;
+            seconds.parametrize += report.seconds;
+            let path = sphere.path.clone();
+            let one = std::slice::from_ref(item);
+            let fits = pool.install(|| fit_on(cli, how, console, sphere, one, &mut seconds, cancel))?;
+            fitted.extend(fits.fitted.into_iter().map(|mut fitted| {
+                fitted.parametrization = Some((path.clone(), report.clone()));
+                fitted
+            }));
+            batches.extend(fits.batches);
+        }
+    }
+    seconds.total = started.elapsed().as_secs_f64();
+    finish(cli, &console, how, scheme, (fitted, batches), seconds)
+}
+
+/// What came of the surfaces on one sphere.
+struct Fits {
+    fitted: Vec<Fitted>,
+    batches: Vec<BatchReport>,
+    scheme: (SchemeKey, Scalar),
+}
+
+/// Fits surfaces that share a sphere.
+fn fit_on(
+    cli: &Cli,
+    how: How,
+    console: Console,
+    sphere: Sphere,
+    items: &[Item],
+    seconds: &mut Seconds,
+    cancel: &AtomicBool,
+) -> Result<Fits> {
     let hold_out = cli.hold_out.map(|fraction| HoldOut::new(sphere.directions.len(), fraction));
     let mut weights = weights(&cli.weights, &sphere)?;
     if let Some(hold_out) = &hold_out {
         console.note(format!("{} vertices are held out", hold_out.count()));
         weights = Some(hold_out.apply(weights));
     }
-    let pool = cli.threads.pool()?;
     let opened = match (how, &cli.store) {
         (How::Streamed(_), Some(store)) => Some(open_scheme(cli, store, &sphere)?),
         _ => None,
@@ -315,19 +365,17 @@ fn work(cli: &Cli, how: How) -> Result<()> {
     if let (true, Some((scheme, _))) = (cli.verify, &opened) {
         verify(scheme, &console, cancel)?;
     }
-    let mut seconds = Seconds { read: started.elapsed().as_secs_f64(), ..Seconds::default() };
     let scalar = opened.as_ref().map_or(Scalar::F64, |(_, scalar)| *scalar);
     let key = opened.as_ref().map_or_else(|| SchemeKey::of(&sphere.directions, scalar), |(scheme, _)| scheme.key());
     let threads = cli.threads.count();
-    let mut job = Job { cli, console, sphere, weights, hold_out, key, scalar, how, seconds, threads };
-    let fits = pool.install(|| match (how, opened) {
-        (How::Streamed(method), Some((scheme, _))) => streamed::run(&mut job, method, scheme, &items, cancel),
-        (How::Quadrature, _) => quadrature::run(&mut job, &items, cancel),
-        _ => exact::run(&mut job, &items, cancel),
-    })?;
-    seconds = job.seconds;
-    seconds.total = started.elapsed().as_secs_f64();
-    finish(cli, &job, fits, seconds)
+    let mut job = Job { cli, console, sphere, weights, hold_out, key, scalar, how, seconds: *seconds, threads };
+    let (fitted, batches) = match (how, opened) {
+        (How::Streamed(method), Some((scheme, _))) => streamed::run(&mut job, method, scheme, items, cancel),
+        (How::Quadrature, _) => quadrature::run(&mut job, items, cancel),
+        _ => exact::run(&mut job, items, cancel),
+    }?;
+    *seconds = job.seconds;
+    Ok(Fits { fitted, batches, scheme: (key, scalar) })
 }
 
 fn weights(choice: &str, sphere: &Sphere) -> Result<Option<Vec<f64>>> {

@@ -187,6 +187,7 @@ impl Job<'_> {
                 scale: about.scale,
                 passes: distances.collect(),
                 held_out,
+                parametrization: None,
             };
             let errors = solved.standard_errors.as_ref().map(|errors| errors.slice(s![.., group]).to_owned());
             self.write(&fitted, &about, Coefficients::new(values)?, errors)?;

@@ -4,16 +4,17 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use serde::Serialize;
+use spharm_cli::console::Console;
 use spharm_cli::inputs::{Target, stem};
 use spharm_cli::machine::{Memory, Versions, memory, versions};
 use spharm_cli::output::{print, print_json, table, write_json};
 use spharm_solver::lsq::{Gcv, LsqReport};
 use spharm_solver::report::Residual;
 use spharm_solver::{FitReport, Method};
+use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::metrics::bounding_box_scale;
 
 use crate::hold_out::HeldOut;
-use crate::job::Job;
 use crate::{Cli, How};
 
 /// g, where the method has one that isn't infinite.
@@ -35,6 +36,7 @@ pub(crate) fn start_degree_of(how: How) -> Option<usize> {
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub(crate) struct Seconds {
     pub(crate) read: f64,
+    pub(crate) parametrize: f64,
     pub(crate) plan: f64,
     pub(crate) solve: f64,
     pub(crate) write: f64,
@@ -53,6 +55,9 @@ pub(crate) struct Fitted {
     /// With --hold-out: apart for the vertices that the fit saw and didn't see.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) held_out: Option<HeldOut>,
+    /// Without --sphere: the sphere that was made, and how.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) parametrization: Option<(PathBuf, spharm_parametrize::Report)>,
 }
 
 /// Distances after one sweep; msd and xsd with the bounding box scaled to volume 1.
@@ -144,8 +149,9 @@ pub(crate) struct Report {
     pub(crate) versions: Versions,
     pub(crate) method: &'static str,
     pub(crate) store: Option<PathBuf>,
-    pub(crate) sphere: PathBuf,
-    pub(crate) scheme_key: String,
+    pub(crate) sphere: Option<PathBuf>,
+    /// Of the sphere that all surfaces share.
+    pub(crate) scheme_key: Option<String>,
     pub(crate) dtype: &'static str,
     pub(crate) weights: String,
     pub(crate) granularity: Option<usize>,
@@ -157,19 +163,26 @@ pub(crate) struct Report {
     pub(crate) memory: Memory,
 }
 
-pub(crate) fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<BatchReport>), seconds: Seconds) -> Result<()> {
+pub(crate) fn finish(
+    cli: &Cli,
+    console: &Console,
+    how: How,
+    scheme: Option<(SchemeKey, Scalar)>,
+    fits: (Vec<Fitted>, Vec<BatchReport>),
+    seconds: Seconds,
+) -> Result<()> {
     let (surfaces, batches) = fits;
     let report = Report {
         tool: "fit",
         versions: versions(),
-        method: job.how.name(),
+        method: how.name(),
         store: cli.store.clone(),
         sphere: cli.sphere.clone(),
-        scheme_key: job.key.to_string(),
-        dtype: job.scalar.name(),
+        scheme_key: scheme.map(|(key, _)| key.to_string()),
+        dtype: scheme.map_or(Scalar::F64, |(_, scalar)| scalar).name(),
         weights: cli.weights.clone(),
-        granularity: granularity_of(job.how),
-        start_degree: start_degree_of(job.how),
+        granularity: granularity_of(how),
+        start_degree: start_degree_of(how),
         openblas: spharm_solver::dense::openblas(),
         surfaces,
         batches,
@@ -181,7 +194,7 @@ pub(crate) fn finish(cli: &Cli, job: &Job<'_>, fits: (Vec<Fitted>, Vec<BatchRepo
         _ => &[],
     };
     for block in blocks.iter().filter(|block| block.rank < block.columns) {
-        job.console.warn(format!(
+        console.warn(format!(
             "degrees {} to {}: rank {} of {} columns; the sampling doesn't determine them, the solution of least norm was taken",
             block.first_degree, block.last_degree, block.rank, block.columns
         ));

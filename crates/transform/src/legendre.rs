@@ -24,10 +24,18 @@ use spharm_harmonics::rings::{MonicRecurrence, SEED, sine_powers};
 
 use crate::polar::{PolarRings, PolarState};
 
-/// Rings of a block: the table of a chunk is 16 kB.
-pub(crate) const BLOCK: usize = 128;
-/// Degrees of a chunk; even, so that a chunk starts with an even `l - m`.
-pub(crate) const CHUNK: usize = 16;
+/// Rings of a block and degrees of a chunk: the table of their values is 16 kB, and beside it the L1 cache has to hold the
+/// block's sums. An even number of degrees, so that a chunk starts with an even `l - m`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tiling {
+    pub(crate) block: usize,
+    pub(crate) chunk: usize,
+}
+
+/// Sums over degrees stay in registers for a chunk.
+const SYNTHESIS: Tiling = Tiling { block: 128, chunk: 16 };
+/// Sums over rings end with one across lanes for each block, which costs as much as five products.
+const ADJOINT: Tiling = Tiling { block: 256, chunk: 8 };
 /// Lanes that rings are padded to.
 pub(crate) const LANES: usize = 8;
 
@@ -110,13 +118,14 @@ impl Legendre {
         let (alpha, rings) = (self.order(m).0, self.rings());
         even[..rings * columns].fill(0.0);
         odd[..rings * columns].fill(0.0);
-        self.blocks(m, |first, count| {
+        work.tiling = SYNTHESIS;
+        self.blocks(m, SYNTHESIS.block, |first, count| {
             work.start(count);
-            for (chunk, alpha) in alpha.chunks(CHUNK).enumerate() {
+            for (chunk, alpha) in alpha.chunks(SYNTHESIS.chunk).enumerate() {
                 self.fill(m, chunk, first..first + count, alpha, work);
                 let degrees = alpha.len();
                 for column in (0..columns).step_by(6) {
-                    let x = Coefficients { values: &x[chunk * CHUNK * columns + column..], stride: columns };
+                    let x = Coefficients { values: &x[chunk * SYNTHESIS.chunk * columns + column..], stride: columns };
                     let even = &mut even[column * rings + first..];
                     let odd = &mut odd[column * rings + first..];
                     let table = &work.table;
@@ -155,13 +164,14 @@ impl Legendre {
             }
         }
         x[..alpha.len() * columns].fill(0.0);
-        self.blocks(m, |first, count| {
+        work.tiling = ADJOINT;
+        self.blocks(m, ADJOINT.block, |first, count| {
             work.start(count);
-            for (chunk, alpha) in alpha.chunks(CHUNK).enumerate() {
+            for (chunk, alpha) in alpha.chunks(ADJOINT.chunk).enumerate() {
                 self.fill(m, chunk, first..first + count, alpha, work);
                 let degrees = alpha.len();
                 for column in (0..columns).step_by(6) {
-                    let x = &mut x[chunk * CHUNK * columns + column..];
+                    let x = &mut x[chunk * ADJOINT.chunk * columns + column..];
                     let even = &even[column * rings + first..];
                     let odd = &odd[column * rings + first..];
                     let table = &work.table;
@@ -175,11 +185,11 @@ impl Legendre {
         });
     }
 
-    fn blocks(&self, m: usize, mut block: impl FnMut(usize, usize)) {
+    fn blocks(&self, m: usize, size: usize, mut block: impl FnMut(usize, usize)) {
         let mut first = self.first_ring[m];
         for end in [self.polar.count(), self.rings()] {
             while first < end {
-                let count = BLOCK.min(end - first);
+                let count = size.min(end - first);
                 block(first, count);
                 first += count;
             }
@@ -189,7 +199,7 @@ impl Legendre {
     /// The table of a chunk's degrees for a block of rings.
     fn fill(&self, m: usize, chunk: usize, rings: Range<usize>, alpha: &[f64], work: &mut Work) {
         if rings.start < self.polar.count() {
-            self.polar.fill(m, chunk, rings, &mut work.polar, &mut work.table);
+            self.polar.fill(m, chunk, rings, work.tiling, &mut work.polar, &mut work.table);
         } else {
             fill(&self.z[rings], alpha, work);
         }
@@ -202,7 +212,8 @@ pub(crate) struct Work {
     polar: PolarState,
     older: Vec<f64>,
     newest: Vec<f64>,
-    /// Values of r, (rings of the block, degrees of the chunk) column-major with `BLOCK` between the columns.
+    tiling: Tiling,
+    /// Values of r, (rings of the block, degrees of the chunk) column-major with a whole block between the columns.
     table: Vec<f64>,
 }
 
@@ -210,9 +221,10 @@ impl Work {
     pub(crate) fn new() -> Self {
         Self {
             polar: PolarState::default(),
-            older: vec![0.0; BLOCK],
-            newest: vec![0.0; BLOCK],
-            table: vec![0.0; BLOCK * CHUNK],
+            tiling: SYNTHESIS,
+            older: vec![0.0; ADJOINT.block],
+            newest: vec![0.0; ADJOINT.block],
+            table: vec![0.0; SYNTHESIS.block * SYNTHESIS.chunk],
         }
     }
 
@@ -265,7 +277,7 @@ fn fill_lanes<const W: usize, const FMA: bool>(z: &[f64], alpha: &[f64], work: &
     let z: [f64; W] = load(z, at);
     let mut older: [f64; W] = load(&work.older, at);
     let mut newest: [f64; W] = load(&work.newest, at);
-    for (alpha, column) in alpha.iter().zip(work.table.chunks_exact_mut(BLOCK)) {
+    for (alpha, column) in alpha.iter().zip(work.table.chunks_exact_mut(work.tiling.block)) {
         let mut r = [0.0; W];
         for i in 0..W {
             r[i] = fused::<FMA>(alpha * z[i], newest[i], -older[i]);
@@ -330,7 +342,7 @@ fn sums<const W: usize, const C: usize, const FMA: bool>(
     let mut sums = [[0.0; W]; C];
     let mut k = parity;
     while k < degrees {
-        let r: [f64; W] = load(table, k * BLOCK + at);
+        let r: [f64; W] = load(table, k * SYNTHESIS.block + at);
         let x: [f64; C] = load(x.values, k * x.stride);
         for c in 0..C {
             for i in 0..W {
@@ -399,7 +411,8 @@ fn projections<const C: usize, const FMA: bool>(
     let mut lanes = [[[0.0; LANES]; C]; 2];
     let mut at = 0;
     while at < rings {
-        let r: [[f64; LANES]; 2] = [load(table, degrees[0] * BLOCK + at), load(table, degrees[1] * BLOCK + at)];
+        let r: [[f64; LANES]; 2] =
+            [load(table, degrees[0] * ADJOINT.block + at), load(table, degrees[1] * ADJOINT.block + at)];
         for c in 0..C {
             let h: [f64; LANES] = load(h, c * leading + at);
             for (lanes, r) in lanes.iter_mut().zip(&r) {

@@ -11,7 +11,7 @@ use spharm_harmonics::double_double::{DoubleDouble, unit};
 use spharm_harmonics::polar::is_polar;
 use spharm_harmonics::rings::{MonicRecurrence, SEED};
 
-use crate::legendre::{BLOCK, CHUNK, LANES};
+use crate::legendre::{LANES, Tiling};
 
 /// A number as (hi, lo), whatever the processor.
 type Pair = [f64; 2];
@@ -49,29 +49,37 @@ impl PolarRings {
     }
 
     /// Values of r for a chunk of degrees and a block of these rings; chunk 0 starts it.
-    pub(crate) fn fill(&self, m: usize, chunk: usize, rings: Range<usize>, state: &mut PolarState, table: &mut [f64]) {
+    pub(crate) fn fill(
+        &self,
+        m: usize,
+        chunk: usize,
+        rings: Range<usize>,
+        tiling: Tiling,
+        state: &mut PolarState,
+        table: &mut [f64],
+    ) {
         if chunk == 0 {
             state.newest = vec![[0.0; 2]; rings.len()];
             state.older = vec![[-SEED, 0.0]; rings.len()];
         }
-        let alpha = &self.alpha[m][chunk * CHUNK..];
-        recur(&self.z[rings], &alpha[..CHUNK.min(alpha.len())], state, table);
+        let alpha = &self.alpha[m][chunk * tiling.chunk..];
+        recur(&self.z[rings], &alpha[..tiling.chunk.min(alpha.len())], state, table, tiling.block);
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-fn recur(z: &[Pair], alpha: &[Pair], state: &mut PolarState, table: &mut [f64]) {
+fn recur(z: &[Pair], alpha: &[Pair], state: &mut PolarState, table: &mut [f64], block: usize) {
     if target_cfg_f!(target_feature = "fma") {
-        recur_of::<true>(z, alpha, state, table);
+        recur_of::<true>(z, alpha, state, table, block);
     } else {
-        recur_of::<false>(z, alpha, state, table);
+        recur_of::<false>(z, alpha, state, table, block);
     }
 }
 
 #[inline(always)]
-fn recur_of<const FMA: bool>(z: &[Pair], alpha: &[Pair], state: &mut PolarState, table: &mut [f64]) {
+fn recur_of<const FMA: bool>(z: &[Pair], alpha: &[Pair], state: &mut PolarState, table: &mut [f64], block: usize) {
     let number = |[hi, lo]: Pair| DoubleDouble::<FMA> { hi, lo };
-    for (alpha, column) in alpha.iter().zip(table.chunks_exact_mut(BLOCK)) {
+    for (alpha, column) in alpha.iter().zip(table.chunks_exact_mut(block)) {
         let alpha = number(*alpha);
         for (((z, newest), older), out) in z.iter().zip(&mut state.newest).zip(&mut state.older).zip(column) {
             let r = alpha.mul(number(*z)).mul(number(*newest)).sub(number(*older));
