@@ -12,6 +12,8 @@
 mod bench;
 #[path = "paper/experiments.rs"]
 mod experiments;
+#[path = "paper/families.rs"]
+mod families;
 #[path = "paper/figures.rs"]
 mod figures;
 #[path = "paper/plots.rs"]
@@ -200,6 +202,7 @@ fn run(
         }
         drop(operator);
         store.done_with(&built.folder)?;
+        results.families.extend(families::families(bench, extent, surface)?);
     }
     results.basis = experiments::basis(bench, extent, &store.folder)?;
     Ok(results)

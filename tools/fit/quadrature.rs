@@ -1,20 +1,14 @@
-//! Healy's way: the surface resampled to a Gauss-Legendre grid, and analysis by exact quadrature.
-//!
-//! On L + 1 Gauss-Legendre rings of 2 L + 2 azimuths the coefficients of a function of degree L are sums of its values there
-//! times weights, without any solving. What it fits is the surface between the vertices, linear over the sphere's
-//! triangles, in place of the vertices alone: it neither sees nor minimises the distances there. D. M. Healy et al., "FFTs
-//! for the 2-sphere", J. Fourier Anal. Appl. 9 (2003).
+//! Quadrature on a resampled grid, surface by surface.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::console::Unit;
-use spharm_harmonics::{Directions, gauss_legendre};
 use spharm_solver::SolverError;
 use spharm_solver::report::Residual;
 use spharm_surface::Mesh;
-use spharm_surface::sphere_locator::SphereLocator;
+use spharm_surface::quadrature::Quadrature;
 use spharm_transform::{FINEST, Transform, TransformParams};
 
 use crate::job::{Job, Solved};
@@ -30,10 +24,8 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
     let queue = job.queue(items)?;
     let mark = Instant::now();
     let sphere = Mesh::new(job.sphere.directions.as_slice().to_vec(), job.sphere.faces.clone());
-    let locator = SphereLocator::new(&sphere).with_context(|| job.sphere.path.display().to_string())?;
-    let (grid, weights) = grid(max_degree)?;
+    let quadrature = Quadrature::new(&sphere, max_degree).with_context(|| job.sphere.path.display().to_string())?;
     let params = TransformParams { max_degree, accuracy: FINEST, channels: 6 };
-    let analysis = Transform::new(&grid, &params)?;
     let vertices = Transform::new(&job.sphere.directions, &params)?;
     job.seconds.plan += mark.elapsed().as_secs_f64();
     let mut seconds = job.seconds;
@@ -44,13 +36,7 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
             return Err(SolverError::Interrupted.into());
         }
         let targets = batch.side_by_side();
-        let mut values = locator
-            .interpolate(targets.view(), grid.as_slice())
-            .with_context(|| job.sphere.path.display().to_string())?;
-        for (mut row, weight) in values.rows_mut().into_iter().zip(&weights) {
-            row *= *weight;
-        }
-        let coefficients = analysis.adjoint_synthesis(values.view())?;
+        let coefficients = quadrature.fit(targets.view()).with_context(|| job.sphere.path.display().to_string())?;
         let residual = &targets - &vertices.synthesis(coefficients.view())?;
         let residuals = batch.groups.iter().map(|group| {
             let squares = residual.slice(ndarray::s![.., group.clone()]);
@@ -64,24 +50,9 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
             coefficients,
             sweeps: vec![(false, residuals.clone())],
             standard_errors: None,
-            report: BatchReport::Quadrature { max_degree, grid: [max_degree + 1, 2 * max_degree + 2], residuals },
+            report: BatchReport::Quadrature { max_degree, grid: quadrature.grid(), residuals },
         })
     })?;
     job.seconds = seconds;
     Ok(fits)
-}
-
-/// Directions of the grid, ring after ring, and their weights for integrals over the sphere.
-fn grid(max_degree: usize) -> Result<(Directions, Vec<f64>)> {
-    let rings = gauss_legendre(max_degree + 1);
-    let around = 2 * max_degree + 2;
-    let (mut vectors, mut weights) = (Vec::new(), Vec::new());
-    for j in 0..rings.len() {
-        for k in 0..around {
-            let (sine, cosine) = (std::f64::consts::TAU * k as f64 / around as f64).sin_cos();
-            vectors.push([rings.sines[j] * cosine, rings.sines[j] * sine, rings.cosines[j]]);
-            weights.push(rings.weights[j] * std::f64::consts::TAU / around as f64);
-        }
-    }
-    Ok((Directions::from_vertices(&vectors)?, weights))
 }

@@ -10,6 +10,7 @@ use spharm_surface::generate::icosphere;
 use spharm_surface::metrics::{SurfaceDistance, SurfaceDistanceParams, surface_distance};
 
 use crate::bench::{Bench, Measured};
+use crate::families::Family;
 use crate::published::{Quality, Reference};
 use crate::surfaces::Surface;
 
@@ -31,6 +32,8 @@ pub(crate) struct Extent {
     pub(crate) basis_degrees: &'static [usize],
     pub(crate) basis_degree: usize,
     pub(crate) basis_subdivisions: &'static [u32],
+    /// Least squares beside quadrature.
+    pub(crate) families: &'static [usize],
 }
 
 /// The paper's.
@@ -44,6 +47,7 @@ pub(crate) const FULL: Extent = Extent {
     basis_degrees: &[10, 20, 40, 60, 80, 100],
     basis_degree: 60,
     basis_subdivisions: &[4, 5, 6],
+    families: &[20, 40, 60, 80, 100, 150, 200],
 };
 
 /// Seconds rather than minutes: to see that everything works.
@@ -57,6 +61,7 @@ pub(crate) const QUICK: Extent = Extent {
     basis_degrees: &[5, 10, 20],
     basis_degree: 10,
     basis_subdivisions: &[2, 3, 4],
+    families: &[5, 10, 20],
 };
 
 /// Figure 5: one degree a block, one pass.
@@ -126,6 +131,7 @@ pub(crate) struct Results {
     pub(crate) grid: Vec<Pass>,
     pub(crate) between: Vec<Between>,
     pub(crate) nlsf: Vec<Nlsf>,
+    pub(crate) families: Vec<Family>,
     pub(crate) basis: Vec<Basis>,
 }
 

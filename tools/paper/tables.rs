@@ -2,6 +2,7 @@
 
 use crate::bench::Measured;
 use crate::experiments::{Basis, Between, Nlsf, Pass, Results, Sirf};
+use crate::families::Family;
 use crate::published::Quality;
 
 /// Cells that depend on what is there: empty when it isn't.
@@ -65,6 +66,14 @@ pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
         cells.extend([d.mean, d.hausdorff].map(digits));
         cells
     };
+    let family = |row: &Family| {
+        let counts = [row.vertices, row.max_degree].map(|count| count.to_string());
+        let mut cells: Vec<String> = std::iter::once(row.surface.clone()).chain(counts).collect();
+        cells.extend(fitted(row.least_squares));
+        cells.push(row.converged.to_string());
+        cells.extend(fitted(row.quadrature));
+        cells
+    };
     let fits = "msd,xsd,seconds";
     vec![
         ("figure3.csv", csv("along,vertices,max_degree,seconds,bytes", results.basis.iter().map(basis))),
@@ -74,6 +83,14 @@ pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
             csv(
                 &format!("surface,vertices,max_degree,granularity,pass,{fits},{REFERENCE}"),
                 results.grid.iter().map(pass),
+            ),
+        ),
+        (
+            "least-squares-quadrature.csv",
+            csv(
+                "surface,vertices,max_degree,lsq_msd,lsq_xsd,lsq_seconds,lsq_converged,quadrature_msd,quadrature_xsd,\
+                 quadrature_seconds",
+                results.families.iter().map(family),
             ),
         ),
         (

@@ -20,6 +20,7 @@
 //! | [`generate`] | icospheres, and folded surfaces whose parameterisation is known |
 //! | [`metrics`] | bounding-box scale, msd, xsd, the distance of two surfaces of any triangles, colours for errors |
 //! | [`nearest`] | the nearest point of a mesh |
+//! | [`quadrature`] | coefficients by quadrature on a resampled grid |
 //! | [`sphere_locator`] | which triangle of a sphere a direction meets, values interpolated there |
 //! | [`model`] | fitted models, `NAME.spharm.npz` |
 //! | [`render`] | pictures of meshes, as PNG |
@@ -57,6 +58,7 @@ pub mod io;
 pub mod metrics;
 pub mod model;
 pub mod nearest;
+pub mod quadrature;
 pub mod render;
 pub mod sphere_locator;
 pub mod topology;
