@@ -23,8 +23,6 @@ use spharm_transform::{Transform, TransformParams};
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    #[arg(long, global = true)]
-    bench: bool,
 }
 
 #[derive(Subcommand)]
