@@ -64,7 +64,8 @@ class Problem:
         self.files = [folder / f"{name}.{what}.npy" for what in ["directions", "targets"]]
         np.save(self.files[0], directions)
         np.save(self.files[1], targets)
-        u = directions
+        # The file has the vertices as they are: whoever normalises them twice has another sampling scheme.
+        u = directions / np.linalg.norm(directions, axis=1)[:, None]
         self.loc = np.stack(
             [np.arctan2(np.hypot(u[:, 0], u[:, 1]), u[:, 2]), np.arctan2(u[:, 1], u[:, 0]) % (2 * np.pi)], axis=1
         )
@@ -140,7 +141,7 @@ def load(folder, name, max_degree):
 
     sphere = nibabel.load(DATA / f"{name}.sphere.surf.gii").darrays[0].data.astype(float)
     surface = nibabel.load(DATA / f"{name}.surf.gii").darrays[0].data.astype(float)
-    return Problem(folder, name, sphere / np.linalg.norm(sphere, axis=1)[:, None], surface, max_degree)
+    return Problem(folder, name, sphere, surface, max_degree)
 
 
 def generated(peer, folder, name, subdivisions, max_degree):
@@ -202,8 +203,8 @@ def stored(peer, folder, problem, reference, theirs, repeats):
     store = folder / "store"
     tools = ROOT / "target" / "release"
     sphere = DATA / "cort40962.sphere.surf.gii"
-    command = [tools / "basis-build", "--sphere", sphere, "--max-degree", 100, "--factor", 100, "--factor-only"]
-    command += ["--factor-dtype", "f32", "--store", store, "--memory", "4GiB", "-q"]
+    command = [tools / "basis-build", "--sphere", sphere, "--factor", 100, "--factor-only"]
+    command += ["--store", store, "--memory", "4GiB", "-q"]
     subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
     mine, alms, _ = lsq(peer, problem, 1e-9, 1e-7, repeats, "--store", store)
     msd, optimality = problem.judge(alms)
