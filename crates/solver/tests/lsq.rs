@@ -218,7 +218,10 @@ fn every_way_gives_the_dense_least_squares_weighted_and_penalised_or_not() {
                     gradient.row_mut(k).scaled_add(-p, &fit.coefficients.values().row(k));
                 }
                 let optimality = largest(norms(&gradient).iter().zip(&expected.scale).map(|(g, scale)| g / scale));
-                assert!((optimality - fit.report.optimality).abs() < 2e-12, "{what}: {optimality:.3e}");
+                // Where a target is nearly orthogonal to the basis, errors count more beside what is left of it.
+                let small = largest(expected.size.iter().zip(&expected.scale).map(|(size, scale)| size / scale));
+                let allowed = 2.0 * ACCURACY * expected.singular[0] * small;
+                assert!((optimality - fit.report.optimality).abs() < allowed, "{what}: {optimality:.3e} {allowed:.1e}");
                 let squares: Vec<f64> = residual.rows().into_iter().map(|row| row.dot(&row)).collect();
                 let [mean, most] = [squares.iter().sum::<f64>() / n as f64, largest(squares)];
                 let told = fit.report.residuals[0];
@@ -355,7 +358,6 @@ fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_tha
     let factor = stored(folder.path(), &sampling, 16, None, 0.0, Scalar::F32);
     let mut solver = LsqSolver::new(&operator, None, params(&sampling, Way::Auto)).unwrap().with_factor(&factor);
     let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &never(), &|_| {}).unwrap();
-    eprintln!("{} {:?}", expected.condition(), fit.report);
     assert!(fit.report.optimality <= 1e-9, "{:?}", fit.report);
     expected.meets(&fit, fit.report.optimality, "single");
 }
@@ -538,7 +540,6 @@ fn cross_validation_finds_a_smoothness_that_is_near_the_best() {
         };
         let best = (-16..6).map(|power| error(3f64.powi(power))).fold(f64::INFINITY, f64::min);
         let (chosen, without) = (error(found.smoothness), error(0.0));
-        eprintln!("{} chosen {} {chosen:e} without {without:e} best {best:e}", sampling.name, found.smoothness);
         assert!(chosen < without && chosen < 1.5 * best, "{chosen:e} {without:e} {best:e} {found:?}");
         assert!(!found.at_the_end);
         // The trace of the hat matrix, against the dense one: the probes' noise is some percent of what is lost.
@@ -564,7 +565,6 @@ fn cross_validation_asks_for_next_to_nothing_where_there_is_no_noise() {
     let params = LsqParams { smoothness: found.smoothness, ..params(&sampling, Way::Auto) };
     let fit = solve(&sampling, 12, &targets, params);
     let off = norms(&(fit.coefficients.values() - &known));
-    eprintln!("{} {off:?}", found.smoothness);
     assert!(off.iter().zip(norms(&known)).all(|(off, norm)| *off < 1e-6 * norm), "{off:?} {found:?}");
 }
 
