@@ -313,7 +313,7 @@ fn ways_that_need_triangles_refuse_a_list_of_directions() {
     let rows = sphere
         .vertices
         .iter()
-        .map(|v| format!("{:?},{:?}\n", v[2].acos(), v[1].atan2(v[0]).rem_euclid(6.283185307179586)));
+        .map(|v| format!("{:?},{:?}\n", v[2].acos(), v[1].atan2(v[0]).rem_euclid(std::f64::consts::TAU)));
     std::fs::write(study.path("sphere.csv"), rows.collect::<String>()).unwrap();
     let values: String = sphere.vertices.iter().map(|v| format!("{:?}\n", v[0] * v[1])).collect();
     std::fs::write(study.path("values.csv"), values).unwrap();
