@@ -3,6 +3,7 @@
 mod accuracy;
 mod bad_input;
 mod common;
+mod exact;
 mod memory;
 mod paper;
 mod pipeline;

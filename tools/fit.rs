@@ -354,7 +354,13 @@ fn fit_on(
 ) -> Result<Fits> {
     let hold_out = cli.hold_out.map(|fraction| HoldOut::new(sphere.directions.len(), fraction));
     let mut weights = weights(&cli.weights, &sphere)?;
-    if let Some(hold_out) = &hold_out {
+    if let (Some(hold_out), Some(fraction)) = (&hold_out, cli.hold_out) {
+        if hold_out.count() == 0 {
+            bail!(
+                "--hold-out {fraction} leaves none of {} vertices out; give a larger fraction",
+                sphere.directions.len()
+            );
+        }
         console.note(format!("{} vertices are held out", hold_out.count()));
         weights = Some(hold_out.apply(weights));
     }

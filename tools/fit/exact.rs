@@ -142,7 +142,8 @@ fn stored_factor(job: &Job<'_>, memory: usize) -> Result<Option<StoredFactor>> {
             weights: WeightsHash::of(job.weights.as_deref()),
             smoothness: fixed_smoothness(job.cli),
         };
-        if factors(store, spec.key)?.is_empty() {
+        // Of most schemes there is a folder for one of them, or for none.
+        if !store.join(spec.key.to_string()).exists() || factors(store, spec.key)?.is_empty() {
             continue;
         }
         match open_factor(store, &spec, None) {

@@ -392,7 +392,8 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
         }
     }
     let start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
-    let rows = grid[start..].chunks_exact_mut(layout.row());
+    // The last row of a strip's kernels ends with its grid: it isn't whole, and counts.
+    let rows = grid[start..].chunks_mut(layout.row());
     for (weight, row) in batch.row_values[point][..width].iter().zip(rows) {
         let mut lines = row.chunks_mut(layout.stride);
         for columns in &columns {

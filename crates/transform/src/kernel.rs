@@ -61,7 +61,9 @@ impl Kernel {
             .collect();
         let rest =
             |degree: usize| pieces.iter().map(|c| c[degree + 1..].iter().map(|c| c.abs()).sum()).fold(0.0, f64::max);
-        let degree = (2..NODES - 1).find(|&degree| rest(degree) < 0.1 * accuracy).unwrap_or(NODES - 1);
+        // What pieces are off by is magnified like rounding errors.
+        let enough = 0.1 * accuracy / magnification(width, max_degree, grid).max(1.0);
+        let degree = (2..NODES - 1).find(|&degree| rest(degree) < enough).unwrap_or(NODES - 1);
         let mut coefficients = vec![[0.0; MAX_WIDTH]; degree + 1];
         for (piece, chebyshev) in pieces.iter().enumerate() {
             for (power, value) in monomials(&chebyshev[..=degree]).into_iter().enumerate() {

@@ -72,6 +72,24 @@ fn synthesis_is_the_direct_sum_at_high_degrees() {
     check(2000, 100, 1, &[1e-6, 1e-12, 1e-13]);
 }
 
+/// Entry by entry: what a single direction loses, at the edge of a strip of the grid, drowns in sums over many.
+#[test]
+fn adjoint_of_each_direction_is_its_row_of_the_basis() {
+    for max_degree in [9, 12] {
+        let directions = directions(400);
+        let basis = synthesis(&directions, Array2::eye(basis_size(max_degree)).view()).unwrap();
+        for exponent in 3..=13 {
+            let accuracy = 10f64.powi(-exponent);
+            let params = TransformParams { max_degree, accuracy, channels: 3 };
+            let transform = Transform::new(&directions, &params).unwrap();
+            let adjoint = transform.adjoint_synthesis(Array2::eye(directions.len()).view()).unwrap();
+            let worst = (&adjoint - &basis.t()).iter().fold(0.0f64, |a, e| a.max(e.abs()));
+            // Each row's own size is some (L + 1) / sqrt(4 pi).
+            assert!(worst <= 3.0 * accuracy * (max_degree + 1) as f64, "degree {max_degree}, {accuracy:e}: {worst:e}");
+        }
+    }
+}
+
 #[test]
 fn adjoint_is_the_transpose() {
     for (max_degree, channels, accuracy) in

@@ -151,14 +151,14 @@ impl Cg {
             event(self.iterations, optimality);
             if optimality <= params.tolerance {
                 lanczos.push(&alpha, &vec![0.0; c]);
-                self.condition = lanczos.condition();
+                self.condition = self.condition.max(lanczos.condition());
                 return Ok(Stop::Converged);
             }
             since_best += 1;
             if optimality <= 0.5 * best {
                 (best, since_best) = (optimality, 0);
             } else if since_best >= params.patience {
-                self.condition = lanczos.condition();
+                self.condition = self.condition.max(lanczos.condition());
                 return Ok(Stop::Stalled);
             }
             z = preconditioner.apply(&self.gradient)?;
@@ -167,7 +167,7 @@ impl Cg {
             lanczos.push(&alpha, &beta);
             combine(&mut p, &beta, &ones, &z);
         }
-        self.condition = lanczos.condition();
+        self.condition = self.condition.max(lanczos.condition());
         Ok(Stop::IterationLimit)
     }
 }

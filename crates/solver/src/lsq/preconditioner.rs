@@ -4,6 +4,7 @@ use ndarray::Array2;
 use spharm_harmonics::index::order_count;
 
 use crate::SolverError;
+use crate::cholesky::CholeskyFactor;
 use crate::lsq::columns::scale_rows;
 use crate::operator::Operator;
 
@@ -114,6 +115,21 @@ impl Preconditioner for LowDegrees {
         for (mut row, low) in z.rows_mut().into_iter().zip(low.chunks_exact(c)) {
             row.iter_mut().zip(low).for_each(|(z, low)| *z = *low);
         }
+        Ok(z)
+    }
+}
+
+/// A factor of N itself, of few digits.
+pub(crate) struct ByFactor<'a>(pub(crate) &'a dyn CholeskyFactor);
+
+impl Preconditioner for ByFactor<'_> {
+    fn name(&self) -> &'static str {
+        "factor"
+    }
+
+    fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        let mut z = r.clone();
+        self.0.solve(&mut z)?;
         Ok(z)
     }
 }

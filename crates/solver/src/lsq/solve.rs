@@ -21,13 +21,14 @@ use ndarray::Array2;
 use serde::Serialize;
 use spharm_harmonics::index::{basis_size, first_column};
 use spharm_harmonics::{Coefficients, index};
+use spharm_store::StoreError;
 
 use crate::cholesky::{
     CholeskyFactor, Factor, FactorParams, GramSource, Penalised, factorise, plan_factor, smoothness_penalty,
 };
 use crate::lsq::cg::{Cg, CgParams, NormalEquations, Stop, relative};
 use crate::lsq::columns::norms;
-use crate::lsq::preconditioner::{Density, Diagonal, LowDegrees, Preconditioner};
+use crate::lsq::preconditioner::{ByFactor, Density, Diagonal, LowDegrees, Preconditioner};
 use crate::operator::Operator;
 use crate::report::Residual;
 use crate::{SolverError, dense};
@@ -90,6 +91,8 @@ impl Default for LsqParams {
 const BEFORE_FACTOR: usize = 60;
 /// Iterations without the optimality halving after which it is given up.
 const PATIENCE: usize = 250;
+/// The same with a factor as the preconditioner, where each iteration is worth many.
+const FACTOR_PATIENCE: usize = 30;
 /// Most refinements with a factor.
 const REFINEMENTS: usize = 40;
 /// Below this reciprocal condition number a matrix counts as singular: nothing is left of a solve's digits.
@@ -238,6 +241,11 @@ impl<'a> LsqSolver<'a> {
         self
     }
 
+    fn rows_with_weight(&self) -> usize {
+        let count = |weights: &Vec<f64>| weights.iter().filter(|weight| **weight > 0.0).count();
+        self.params.weights.as_ref().map_or(self.operator.rows(), count)
+    }
+
     fn equations(&self) -> NormalEquations<'_> {
         NormalEquations {
             operator: self.operator,
@@ -285,6 +293,14 @@ impl<'a> LsqSolver<'a> {
             outcome.stop = Stop::Stalled;
         }
         let condition = self.condition(&cg, &outcome);
+        let shift = self.made.as_ref().filter(|_| outcome.refine).map_or(0.0, |made| made.shift);
+        let (seen, columns) = (self.rows_with_weight(), cg.x.nrows());
+        if seen < columns && self.penalty.is_none() && shift == 0.0 {
+            self.notes.push(format!(
+                "{seen} vertices don't determine {columns} coefficients; took the solution of least norm, {:.3e}",
+                norms(&cg.x).into_iter().fold(0.0, f64::max)
+            ));
+        }
         let report = LsqReport {
             max_degree: self.operator.max_degree(),
             rows: expected,
@@ -295,7 +311,7 @@ impl<'a> LsqSolver<'a> {
             optimality,
             stop: outcome.stop,
             condition,
-            shift: self.made.as_ref().filter(|_| outcome.refine).map_or(0.0, |made| made.shift),
+            shift,
             breaks_at: self.made.as_ref().filter(|_| outcome.refine).and_then(|made| made.breaks_at),
             norm: norms(&cg.x).into_iter().fold(0.0, f64::max),
             smoothness: self.params.smoothness,
@@ -354,7 +370,8 @@ impl<'a> LsqSolver<'a> {
         let mut stop =
             cg.run(&equations, preconditioner, &CgParams { max_iterations: first, ..params }, cancel, &tell)?;
         let name = preconditioner.name();
-        if stop == Stop::IterationLimit && factor_helps {
+        // A limit below that is a limit on all the work: no factor then.
+        if stop == Stop::IterationLimit && factor_helps && first < params.max_iterations {
             if self.prepare(cancel, event)? {
                 return Ok(self.to_refine());
             }
@@ -400,7 +417,10 @@ impl<'a> LsqSolver<'a> {
         let penalty = self.penalty.as_deref().unwrap_or(&zero);
         let factor = |shift: f64| {
             let penalised = Penalised::new(&*gram, penalty.iter().map(|p| p + shift).collect());
-            factorise(&penalised, &params, cancel, &tell)
+            factorise(&penalised, &params, cancel, &tell).map_err(|error| match error {
+                SolverError::Store(StoreError::Interrupted) => SolverError::Interrupted,
+                error => error,
+            })
         };
         let mut breaks_at = None;
         let made = match factor(0.0) {
@@ -458,8 +478,8 @@ impl<'a> LsqSolver<'a> {
             let x = &cg.x + &step;
             let (gradient, new_residual) = equations.gradient(targets, &x)?;
             let improved = relative(&norms(&gradient), &cg.scale);
-            // A step that makes it worse isn't taken, unless it is the only one.
-            if improved >= optimality && residual.is_some() {
+            // A step that makes it worse isn't taken.
+            if improved >= optimality && improved > self.params.tolerance {
                 outcome.stop = Stop::Stalled;
                 break;
             }
@@ -476,6 +496,27 @@ impl<'a> LsqSolver<'a> {
                 break;
             }
             optimality = improved;
+        }
+        if residual.is_none() {
+            let (gradient, formed) = equations.gradient(targets, &cg.x)?;
+            (cg.gradient, residual) = (gradient, Some(formed));
+        }
+        // A factor with fewer digits than the condition takes is a good preconditioner yet.
+        let rest = self.params.max_iterations.saturating_sub(cg.iterations);
+        if outcome.stop != Stop::Converged && !shifted && cg.optimality() > ROUNDING && rest > 0 {
+            let before = (cg.x.clone(), cg.gradient.clone());
+            let optimality = cg.optimality();
+            let params = CgParams { tolerance: self.params.tolerance, max_iterations: rest, patience: FACTOR_PATIENCE };
+            let tell = |step, optimality| event(LsqEvent::Step(step, optimality));
+            outcome.stop = cg.run(&equations, &ByFactor(factor), &params, cancel, &tell)?;
+            let (gradient, formed) = equations.gradient(targets, &cg.x)?;
+            cg.gradient = gradient;
+            if cg.optimality() < optimality {
+                residual = Some(formed);
+            } else {
+                (cg.x, cg.gradient) = before;
+                outcome.stop = Stop::Stalled;
+            }
         }
         // As far as rounding goes is where it was to go: the factor is exact.
         if outcome.stop == Stop::Stalled && cg.optimality() <= ROUNDING {
@@ -528,7 +569,7 @@ impl<'a> LsqSolver<'a> {
             (None, Some(made)) if made.shift > 0.0 => f64::INFINITY,
             (None, Some(made)) => of(made.factor.condition().reciprocal),
             // Preconditioned by more than a number it isn't the matrix's own.
-            (None, None) if outcome.preconditioner == "none" => cg.condition.sqrt(),
+            (None, None) if outcome.preconditioner == "none" && self.penalty.is_none() => cg.condition.sqrt(),
             (None, None) => f64::NAN,
         }
     }
@@ -555,7 +596,8 @@ impl<'a> LsqSolver<'a> {
     }
 
     /// Standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`, with `sigma^2` the residual's weighted sum of
-    /// squares over the rows with weight less the coefficients. N^-1 diag needs the whole factor.
+    /// squares over the rows with weight less the trace of the hat matrix `A N^-1 A^T W`, which is K without a penalty.
+    /// `diag N^-1` needs the whole factor.
     ///
     /// # Errors
     ///
@@ -567,8 +609,8 @@ impl<'a> LsqSolver<'a> {
         event: &(dyn Fn(LsqEvent) + Sync),
     ) -> Result<Array2<f64>, SolverError> {
         let columns = basis_size(self.operator.max_degree());
-        let rows = self.params.weights.as_ref().map_or(residual.nrows(), |w| w.iter().filter(|w| **w > 0.0).count());
-        if rows <= columns {
+        let rows = self.rows_with_weight();
+        if rows <= columns && self.penalty.is_none() {
             return Err(SolverError::Underdetermined { rows, columns });
         }
         let way = std::mem::replace(&mut self.params.way, Way::Factor);
@@ -581,7 +623,12 @@ impl<'a> LsqSolver<'a> {
             (None, Some(made)) => made.factor.inverse_diagonal()?,
             (None, None) => return Err(SolverError::NoGram),
         };
-        let degrees_of_freedom = (rows - columns) as f64;
+        // tr H = K - tr(P N^-1), and P is diagonal.
+        let held = self.penalty.iter().flatten().zip(&diagonal).map(|(p, d)| p * d).sum::<f64>();
+        let degrees_of_freedom = rows as f64 - (columns as f64 - held);
+        if degrees_of_freedom <= 0.0 {
+            return Err(SolverError::Underdetermined { rows, columns });
+        }
         let weight = |i: usize| self.params.weights.as_ref().map_or(1.0, |w| w[i]);
         let sigma: Vec<f64> = residual
             .columns()

@@ -1,0 +1,452 @@
+//! The exact least squares through `fit`: without a store, with a factor, and what it says and refuses.
+
+use std::path::Path;
+use std::process::Command;
+
+use ndarray::Array2;
+use ndarray_npy::ReadNpyExt;
+use serde_json::Value;
+use spharm_harmonics::{Coefficients, Directions, basis_size};
+use spharm_surface::Model;
+use spharm_surface::generate::icosphere;
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+
+use crate::common::{fail, finish, shared, succeed, text, tool};
+use crate::pipeline::{Study, names};
+
+const DEGREE: [&str; 2] = ["--max-degree", "12"];
+
+/// `fit` of a file of the study, without a store, to `m.npz`.
+fn exact(study: &Study, arguments: &[&str]) -> Command {
+    let mut command = tool("fit");
+    command.arg("--sphere").arg(study.path("sphere.surf.gii")).arg("--surface").arg(study.path("s0.surf.gii"));
+    command.args(["-q", "-o"]).arg(study.path("m.npz")).args(arguments);
+    command
+}
+
+/// The report of a fit that replaces `m.npz`.
+fn report(study: &Study, arguments: &[&str]) -> Value {
+    report_of(exact(study, arguments).args(["--json", "--force"]))
+}
+
+fn report_of(command: &mut Command) -> Value {
+    serde_json::from_str(&succeed(command)).expect("the report is JSON")
+}
+
+fn model(study: &Study, name: &str) -> Array2<f64> {
+    Model::read(&study.path(name)).unwrap().coefficients.values().to_owned()
+}
+
+/// Of the difference, in relation to the second.
+fn difference(a: &Array2<f64>, b: &Array2<f64>) -> f64 {
+    let norm = |x: &Array2<f64>| x.iter().map(|x| x * x).sum::<f64>().sqrt();
+    norm(&(a - b)) / norm(b)
+}
+
+fn msd(report: &Value) -> f64 {
+    report["surfaces"][0]["passes"].as_array().unwrap().last().unwrap()["msd"].as_f64().unwrap()
+}
+
+fn meets(found: f64, expected: f64, relative: f64, what: &str) {
+    assert!((found / expected - 1.0).abs() <= relative, "{what}: {found:e}, not {expected:e}");
+}
+
+/// What a command that succeeded says on stderr.
+fn said(command: &mut Command) -> String {
+    let output = finish(command);
+    assert!(output.status.success(), "{}", text(&output));
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn without_a_store_fit_gives_the_full_least_squares() {
+    let study = Study::new();
+    for weights in ["uniform", "area"] {
+        let arguments = [&DEGREE[..], &["--weights", weights]].concat();
+        let nlsf = [&arguments[..], &["--method", "nlsf", "--force"]].concat();
+        let full = study.report(&["s0.surf.gii"], "nlsf.npz", &nlsf);
+        for way in ["auto", "none", "density", "low-degrees", "factor"] {
+            let ours = report(&study, &[&arguments[..], &["--preconditioner", way]].concat());
+            assert_eq!((&ours["method"], &ours["store"]), (&"lsq".into(), &Value::Null));
+            meets(msd(&ours), msd(&full), 1e-9, way);
+            let off = difference(&model(&study, "m.npz"), &model(&study, "nlsf.npz"));
+            assert!(off <= 1e-9, "{way}, {weights}: {off:e}");
+            let batch = &ours["batches"][0];
+            assert_eq!((&batch["stop"], batch["shift"].as_f64()), (&"converged".into(), Some(0.0)), "{batch}");
+            assert_eq!(batch["preconditioner"], if way == "auto" { "none" } else { way }, "{batch}");
+        }
+    }
+    let arguments = ["--max-degree", "12", "--preconditioner", "low-degrees", "--low-degrees", "5"];
+    assert_eq!(report(&study, &arguments)["batches"][0]["preconditioner"], "low-degrees");
+}
+
+fn meets_reference(name: &str) {
+    let Some(reference) = shared("reference.json") else { return };
+    let (Some(sphere), Some(surface)) =
+        (shared(&format!("{name}.sphere.surf.gii")), shared(&format!("{name}.surf.gii")))
+    else {
+        return;
+    };
+    let reference: Value = serde_json::from_slice(&std::fs::read(reference).unwrap()).unwrap();
+    let expected = &reference[name]["results"]["least-squares L=100"];
+    let folder = tempfile::tempdir().unwrap();
+    let mut fit = tool("fit");
+    fit.arg("--sphere").arg(sphere).arg("--surface").arg(surface).arg("-o").arg(folder.path());
+    let report = report_of(fit.args(["-q", "--json", "--max-degree", "100", "--strict"]));
+    for (measure, tolerance) in [("msd", 1e-6), ("xsd", 1e-4)] {
+        let found = report["surfaces"][0]["passes"][0][measure].as_f64().unwrap();
+        meets(found, expected[measure].as_f64().unwrap(), tolerance, &format!("{name}, {measure}"));
+    }
+}
+
+#[test]
+fn the_cortex_meets_the_least_squares_of_the_reference() {
+    meets_reference("cort40962");
+}
+
+#[test]
+fn the_head_meets_the_least_squares_of_the_reference() {
+    meets_reference("head27618");
+}
+
+#[test]
+fn the_factor_in_the_store_is_used_where_it_belongs_and_passed_over_where_it_does_not() {
+    let study = Study::new();
+    let nlsf = study.report(&["s0.surf.gii"], "nlsf.npz", &["--max-degree", "12", "--method", "nlsf"]);
+    for dtype in ["f32", "f64"] {
+        succeed(study.build(12).args(["--factor", "12", "--factor-dtype", dtype]));
+        let arguments = ["--method", "lsq", "--preconditioner", "factor", "--max-degree", "12", "--force"];
+        let ours = study.report(&["s0.surf.gii"], "m.npz", &arguments);
+        assert_eq!(ours["batches"][0]["preconditioner"], "stored-factor");
+        meets(msd(&ours), msd(&nlsf), 1e-9, dtype);
+        let off = difference(&model(&study, "m.npz"), &model(&study, "nlsf.npz"));
+        assert!(off <= 1e-9, "{dtype}: {off:e}");
+    }
+    // Of itself for many surfaces, and each as it is alone.
+    let surfaces: Vec<String> = (0..5).map(|i| format!("copy{i}.surf.gii")).collect();
+    for (i, name) in surfaces.iter().enumerate() {
+        std::fs::copy(study.path(&format!("s{}.surf.gii", i % 4)), study.path(name)).unwrap();
+    }
+    let list: Vec<&str> = surfaces.iter().map(String::as_str).collect();
+    let many = study.report(&list, "models", &["--max-degree", "12", "--method", "lsq"]);
+    assert_eq!(many["batches"][0]["preconditioner"], "stored-factor", "{many}");
+    assert_eq!(many["surfaces"].as_array().unwrap().len(), 5);
+    for name in ["copy0", "copy4"] {
+        let off = difference(&model(&study, &format!("models/{name}.spharm.npz")), &model(&study, "nlsf.npz"));
+        assert!(off <= 1e-9, "{name}: {off:e}");
+    }
+    // Of other equations: said, and solved without.
+    let base = ["--method", "lsq", "--preconditioner", "factor", "--force"];
+    let other = |arguments: &[&str]| {
+        let mut command = study.fit(&["s0.surf.gii"], &[&base[..], arguments].concat());
+        let warnings = said(command.arg("-o").arg(study.path("m.npz")));
+        let report = study.report(&["s0.surf.gii"], "m.npz", &[&base[..], arguments].concat());
+        (warnings, report["batches"][0]["preconditioner"].as_str().unwrap().to_owned())
+    };
+    for arguments in [
+        &["--max-degree", "12", "--smoothness", "1e-3"][..],
+        &["--max-degree", "12", "--weights", "area"],
+        &["--max-degree", "11"],
+        &["--max-degree", "12", "--hold-out", "0.1"],
+    ] {
+        let (warnings, preconditioner) = other(arguments);
+        assert!(warnings.contains("warning: ") && warnings.contains("solving without it"), "{arguments:?} {warnings}");
+        assert_eq!(preconditioner, "factor", "{arguments:?}");
+        let without = [&["--preconditioner", "none"], arguments].concat();
+        let with = model(&study, "m.npz");
+        report(&study, &without);
+        assert!(difference(&with, &model(&study, "m.npz")) < 1e-8, "{arguments:?}");
+    }
+    // One of its own is taken then.
+    succeed(study.build(12).args(["--factor", "12", "--smoothness", "1e-3"]));
+    let (warnings, preconditioner) = other(&["--max-degree", "12", "--smoothness", "1e-3"]);
+    assert_eq!((warnings.as_str(), preconditioner.as_str()), ("", "stored-factor"));
+}
+
+#[test]
+fn smoothness_holds_the_high_degrees_down_and_auto_chooses_it() {
+    let study = Study::new();
+    let roughness = |lambda: &str| {
+        let report = report(&study, &["--max-degree", "12", "--smoothness", lambda]);
+        let x = model(&study, "m.npz");
+        let square = |k: usize| {
+            let l = k.isqrt() as f64;
+            (l * (l + 1.0)).powi(2) * x.row(k).dot(&x.row(k))
+        };
+        ((0..169).map(square).sum::<f64>(), report)
+    };
+    let (without, _) = roughness("0");
+    let (with, report) = roughness("1e-3");
+    assert!(with < without, "{with} {without}");
+    assert_eq!(report["batches"][0]["smoothness"], 1e-3);
+    let (most, _) = roughness("10");
+    assert!(most < 0.1 * with, "{most} {with}");
+    let (chosen, report) = roughness("auto");
+    let batch = &report["batches"][0];
+    let lambda = batch["smoothness"].as_f64().unwrap();
+    assert!(lambda > 0.0 && batch["gcv"]["smoothness"] == batch["smoothness"], "{batch}");
+    assert!(chosen <= without);
+    // The least of what was tried.
+    let tried = batch["gcv"]["tried"].as_array().unwrap();
+    let least = tried.iter().min_by(|a, b| a[1].as_f64().unwrap().total_cmp(&b[1].as_f64().unwrap())).unwrap();
+    assert_eq!(least[0].as_f64(), Some(lambda));
+    // That one by hand is the same fit.
+    let automatic = model(&study, "m.npz");
+    roughness(&format!("{lambda:e}"));
+    assert!(difference(&model(&study, "m.npz"), &automatic) < 1e-9);
+}
+
+#[test]
+fn standard_errors_come_beside_the_model() {
+    let study = Study::new();
+    succeed(&mut exact(&study, &["--max-degree", "12", "--stderr"]));
+    let path = study.path("m.stderr.npy");
+    let read = || Array2::<f64>::read_npy(std::fs::File::open(&path).unwrap()).unwrap();
+    let errors = read();
+    assert_eq!(errors.dim(), (169, 3));
+    assert!(errors.iter().all(|e| *e > 0.0 && e.is_finite()));
+    // A penalty leaves less to be wrong about.
+    succeed(&mut exact(&study, &["--max-degree", "12", "--stderr", "--force", "--smoothness", "0.01"]));
+    let penalised = read();
+    assert!(penalised.row(160).sum() < errors.row(160).sum());
+    // More coefficients than vertices: refused by name, but for a penalty.
+    std::fs::remove_file(&path).unwrap();
+    std::fs::remove_file(study.path("m.npz")).unwrap();
+    let before = names(&study.path(""));
+    let error = fail(&mut exact(&study, &["--max-degree", "25", "--stderr"]));
+    assert!(error.contains("642 vertices don't determine 676 coefficients"), "{error}");
+    assert_eq!(names(&study.path("")), before);
+    succeed(&mut exact(&study, &["--max-degree", "25", "--stderr", "--smoothness", "0.01"]));
+    assert!(read().iter().all(|e| *e > 0.0 && e.is_finite()));
+}
+
+#[test]
+fn held_out_vertices_are_further_from_the_model_than_those_it_saw() {
+    let study = Study::new();
+    for arguments in [&["--method", "lsq"][..], &["--method", "irf", "--passes", "5"]] {
+        let arguments = [&DEGREE[..], arguments, &["--hold-out", "0.1", "--force"]].concat();
+        let report = study.report(&["s0.surf.gii"], "m.npz", &arguments);
+        let held_out = &report["surfaces"][0]["held_out"];
+        let vertices = held_out["vertices"].as_u64().unwrap();
+        assert!((35..=95).contains(&vertices), "a tenth of 642: {held_out}");
+        let of = |which: &str| held_out[which]["msd"].as_f64().unwrap();
+        assert!(of("held_out") > of("seen") && of("seen") > 0.0, "{held_out}");
+        // Both together are all of them.
+        let all = (of("held_out") * vertices as f64 + of("seen") * (642 - vertices) as f64) / 642.0;
+        meets(all, msd(&report), 1e-9, "all");
+    }
+    let error = fail(&mut exact(&study, &["--max-degree", "12", "--hold-out", "1e-9", "--force"]));
+    assert!(error.contains("--hold-out 0.000000001") && error.contains("none of 642 vertices"), "{error}");
+}
+
+#[test]
+fn a_fit_that_does_not_reach_its_tolerance_warns_and_with_strict_fails() {
+    let study = Study::new();
+    let loose = report(&study, &["--max-degree", "12", "--tolerance", "1e-3", "--strict"]);
+    let tight = report(&study, &["--max-degree", "12", "--strict"]);
+    let of = |report: &Value, name: &str| report["batches"][0][name].as_f64().unwrap();
+    assert!(of(&loose, "optimality") <= 1.5e-3 && of(&tight, "optimality") <= 1.5e-10);
+    assert!(of(&loose, "iterations") < of(&tight, "iterations") && of(&loose, "optimality") > 1e-9);
+    std::fs::remove_file(study.path("m.npz")).unwrap();
+    let before = names(&study.path(""));
+    let arguments = ["--max-degree", "12", "--max-iterations", "2", "--stderr", "--coefficients-csv"];
+    let error = fail(exact(&study, &arguments).arg("--strict"));
+    assert!(error.contains("the iteration ended at optimality") && error.contains("--strict"), "{error}");
+    assert_eq!(names(&study.path("")), before, "nothing is written");
+    let warnings = said(&mut exact(&study, &arguments));
+    assert!(warnings.contains("warning: the iteration ended at optimality"), "{warnings}");
+    assert!(warnings.contains("not 1.0e-10, after 2 steps"), "{warnings}");
+    assert_eq!(model(&study, "m.npz").dim(), (169, 3));
+    let report = report(&study, &["--max-degree", "12", "--max-iterations", "2"]);
+    assert_eq!(report["batches"][0]["stop"], "iteration-limit");
+    assert!(msd(&report) > msd(&tight));
+}
+
+#[test]
+fn more_coefficients_than_vertices_are_said_to_be_undetermined() {
+    let study = Study::new();
+    let command = &mut exact(&study, &["--max-degree", "27"]);
+    let warnings = said(command);
+    assert!(warnings.contains("642 vertices don't determine 784 coefficients"), "{warnings}");
+    assert!(warnings.contains("least norm"), "{warnings}");
+    let report = report(&study, &["--max-degree", "27"]);
+    assert!(msd(&report) < 1e-15, "{report}");
+    let norm = report["batches"][0]["norm"].as_f64().unwrap();
+    let x = model(&study, "m.npz");
+    let largest = x.columns().into_iter().map(|c| c.dot(&c).sqrt()).fold(0.0, f64::max);
+    meets(norm, largest, 1e-12, "norm");
+    // The surface is of the size of its scale, and so are its coefficients.
+    assert!(norm < 10.0 * report["surfaces"][0]["scale"].as_f64().unwrap(), "{norm}");
+}
+
+/// A surface of degree 3, linear between the vertices of finer and finer spheres: the error falls with the square of the
+/// edges.
+#[test]
+fn quadrature_finds_a_surface_of_low_degree_to_the_error_of_interpolation() {
+    let study = Study::new();
+    succeed(&mut exact(&study, &["--max-degree", "3"]));
+    let mut known = Array2::zeros((169, 3));
+    known.slice_mut(ndarray::s![..16, ..]).assign(&model(&study, "m.npz"));
+    let mut errors = Vec::new();
+    for subdivisions in [4, 5] {
+        let (sphere, surface) = (study.path("fine.sphere.surf.gii"), study.path("fine.surf.gii"));
+        let options = WriteOptions { overwrite: true, double: true };
+        write_mesh(&sphere, &icosphere(subdivisions), &options).unwrap();
+        let mut reconstruct = tool("reconstruct");
+        reconstruct.arg("--model").arg(study.path("m.npz")).arg("-o").arg(&surface);
+        succeed(reconstruct.args(["--double", "--force", "-q", "--icosphere", &subdivisions.to_string()]));
+        let mut fit = tool("fit");
+        fit.arg("--sphere").arg(&sphere).arg("--surface").arg(&surface).arg("-o").arg(study.path("q.npz"));
+        let report = report_of(fit.args(["--method", "quadrature", "--max-degree", "12", "--json", "--force", "-q"]));
+        assert_eq!(report["batches"][0]["grid"], serde_json::json!([13, 26]));
+        errors.push(difference(&model(&study, "q.npz"), &known));
+    }
+    assert!(errors[1] < 2e-3, "{errors:?}");
+    let ratio = errors[0] / errors[1];
+    assert!(ratio > 3.3 && ratio < 4.7, "{errors:?}");
+}
+
+#[test]
+fn ways_that_need_triangles_refuse_a_list_of_directions() {
+    let study = Study::new();
+    let sphere = read_mesh(study.path("sphere.surf.gii")).unwrap();
+    let rows = sphere
+        .vertices
+        .iter()
+        .map(|v| format!("{:?},{:?}\n", v[2].acos(), v[1].atan2(v[0]).rem_euclid(std::f64::consts::TAU)));
+    std::fs::write(study.path("sphere.csv"), rows.collect::<String>()).unwrap();
+    let values: String = sphere.vertices.iter().map(|v| format!("{:?}\n", v[0] * v[1])).collect();
+    std::fs::write(study.path("values.csv"), values).unwrap();
+    let before = names(&study.path(""));
+    for arguments in [&["--method", "quadrature"][..], &["--preconditioner", "density"], &["--weights", "area"]] {
+        let mut fit = tool("fit");
+        fit.arg("--sphere").arg(study.path("sphere.csv")).arg("--surface").arg(study.path("values.csv"));
+        let error = fail(fit.args(["-q", "--max-degree", "6", "-o"]).arg(study.path("")).args(arguments));
+        assert!(error.contains("sphere.csv") && error.contains("needs triangles"), "{error}");
+        assert_eq!(names(&study.path("")), before);
+    }
+    let mut fit = tool("fit");
+    fit.arg("--sphere").arg(study.path("sphere.csv")).arg("--surface").arg(study.path("values.csv"));
+    let report = report_of(fit.args(["-q", "--json", "--max-degree", "6", "-o"]).arg(study.path("v.npz")));
+    assert!(report["surfaces"][0]["passes"][0]["msd_raw"].as_f64().unwrap() < 1e-20, "x y is of degree 2: {report}");
+}
+
+#[test]
+fn flags_that_do_not_go_together_are_usage_errors() {
+    let study = Study::new();
+    let before = names(&study.path(""));
+    for (with_store, arguments, flag) in [
+        (false, &["--granularity", "5"][..], "--granularity"),
+        (true, &["--method", "lsq", "--granularity", "5"], "--granularity"),
+        (false, &["--passes", "2"], "--passes"),
+        (false, &["--method", "irf"], "--store"),
+        (false, &["--method", "nlsf"], "--store"),
+        (false, &["--verify"], "--verify"),
+        (true, &["--smoothness", "1e-3"], "--smoothness"),
+        (true, &["--method", "nlsf", "--stderr"], "--stderr"),
+        (true, &["--preconditioner", "factor"], "--preconditioner"),
+        (false, &["--low-degrees", "5"], "--low-degrees"),
+        (false, &["--method", "quadrature", "--smoothness", "1"], "--smoothness"),
+        (false, &["--method", "quadrature", "--hold-out", "0.1"], "--hold-out"),
+        (false, &["--method", "quadrature", "--weights", "area"], "--weights"),
+        (false, &["--smoothness=-1"], "--smoothness"),
+        (false, &["--smoothness", "nan"], "--smoothness"),
+        (false, &["--smoothness", "some"], "--smoothness"),
+        (false, &["--hold-out", "0"], "--hold-out"),
+        (false, &["--hold-out", "1"], "--hold-out"),
+        (false, &["--tolerance", "0"], "--tolerance"),
+        (false, &["--preconditioner", "magic"], "--preconditioner"),
+    ] {
+        let mut command = exact(&study, &[&DEGREE[..], arguments].concat());
+        if with_store {
+            command.arg("--store").arg(study.path("store"));
+        }
+        let output = finish(&mut command);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?} {}", text(&output));
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(stderr.contains(flag) && !stderr.contains("panicked"), "{arguments:?} {stderr}");
+    }
+    assert_eq!(names(&study.path("")), before);
+}
+
+#[test]
+fn too_little_memory_is_refused_with_the_figure_that_works() {
+    let study = Study::new();
+    let error = fail(&mut exact(&study, &["--max-degree", "12", "--memory", "8MiB"]));
+    assert!(error.contains("--memory 8") && error.contains("is too small"), "{error}");
+    let figure = error.split("the smallest that works is ").nth(1).expect(&error);
+    let figure: usize = figure.trim_end().trim_end_matches("MiB").parse().expect(&error);
+    assert!(!study.path("m.npz").exists());
+    fail(&mut exact(&study, &["--max-degree", "12", "--memory", &format!("{}MiB", figure - 1)]));
+    let output = finish(&mut exact(&study, &["--max-degree", "12", "--memory", &format!("{figure}MiB")]));
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output));
+}
+
+#[test]
+fn outputs_are_not_replaced_unasked() {
+    let study = Study::new();
+    let arguments = ["--max-degree", "12", "--stderr", "--coefficients-csv"];
+    let outputs = ["m.npz", "m.stderr.npy", "m.csv"];
+    succeed(&mut exact(&study, &arguments));
+    let bytes = || outputs.map(|name| std::fs::read(study.path(name)).ok());
+    let before = bytes();
+    assert!(before.iter().all(Option::is_some));
+    for keep in outputs {
+        // Each alone is enough to refuse.
+        for name in outputs.into_iter().filter(|name| *name != keep) {
+            std::fs::rename(study.path(name), study.path(&format!("{name}.away"))).unwrap();
+        }
+        std::fs::write(study.path(keep), "mine").unwrap();
+        let all = names(&study.path(""));
+        let error = fail(&mut exact(&study, &arguments));
+        assert!(error.contains(keep) && error.contains("exists"), "{error}");
+        assert_eq!(names(&study.path("")), all);
+        assert_eq!(std::fs::read(study.path(keep)).unwrap(), b"mine");
+        for name in outputs.into_iter().filter(|name| *name != keep) {
+            std::fs::rename(study.path(&format!("{name}.away")), study.path(name)).unwrap();
+        }
+    }
+    succeed(exact(&study, &arguments).arg("--force"));
+    assert_eq!(bytes()[1..], before[1..], "the same again");
+    let skipped = succeed(exact(&study, &["--max-degree", "6", "--stderr"]).arg("--skip-existing"));
+    assert!(skipped.contains("nothing to do"), "{skipped}");
+    assert_eq!(bytes()[1..], before[1..]);
+}
+
+/// Where the transform is taken: the samples are those of the direct sums.
+#[test]
+fn reconstruction_by_transform_is_that_of_direct_sums() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let sphere = icosphere(5);
+    let k = basis_size(24);
+    let values =
+        Array2::from_shape_fn((k, 3), |(k, c)| ((k * 7 + c * 13) as f64 * 0.37).sin() / (1 + k.isqrt()) as f64);
+    let write = |path: &Path, directions: &Directions, faces: &[[u32; 3]]| {
+        let model = Model {
+            coefficients: Coefficients::new(values.clone()).unwrap(),
+            directions: directions.as_slice().to_vec(),
+            faces: faces.to_vec(),
+            scheme_key: String::new(),
+            provenance: "{}".to_owned(),
+        };
+        model.write(&mut std::fs::File::create(path).unwrap()).unwrap();
+    };
+    let directions = Directions::from_vertices(&sphere.vertices).unwrap();
+    write(&path("m.npz"), &directions, &sphere.faces);
+    for (degree, where_) in [(24, &["--original"][..]), (17, &["--original"]), (24, &["--icosphere", "5"])] {
+        let coefficients = values.slice(ndarray::s![..basis_size(degree), ..]);
+        assert!(directions.len() * coefficients.nrows() > 3_000_000, "else it is the direct sum itself");
+        let mut reconstruct = tool("reconstruct");
+        reconstruct.arg("--model").arg(path("m.npz")).arg("-o").arg(path("r.surf.gii"));
+        succeed(reconstruct.args(["--double", "--force", "-q", "--degree", &degree.to_string()]).args(where_));
+        let expected = spharm_harmonics::synthesis(&directions, coefficients).unwrap();
+        let found = read_mesh(path("r.surf.gii")).unwrap();
+        assert_eq!(found.faces, sphere.faces);
+        let largest = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        for (found, expected) in found.vertices.iter().zip(expected.rows()) {
+            let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(off <= 1e-11 * largest, "{off:e} of {largest}");
+        }
+    }
+}
