@@ -209,7 +209,7 @@ impl Streamed<'_, '_> {
         let plan = fitter.plan();
         let blas = self.job.threads * spharm_solver::dense::RESERVED_PER_THREAD;
         let decoded = if self.operator.is_direct() { 0 } else { plan.basis };
-        check_limits(plan.arrays + plan.work + plan.factors + blas + decoded, plan.basis)
+        check_limits(plan.arrays + plan.work + plan.grams + plan.factors + blas + decoded, plan.basis)
     }
 
     fn say_plan(&self, fitter: &Fitter<'_>, surfaces: usize, together: usize) {

@@ -24,8 +24,10 @@ pub struct Plan {
     pub held: usize,
     /// Residual, coefficients.
     pub arrays: usize,
-    /// Sums, packed chunks and BLAS buffers of all threads, and the source of Gram matrices.
+    /// Sums, packed chunks and BLAS buffers of all threads.
     pub work: usize,
+    /// The source of the blocks' Gram matrices; zero where they are summed from the basis.
+    pub grams: usize,
     /// Factors kept from pass to pass, or the one in use.
     pub factors: usize,
     /// Basis in memory at one time: mapped windows, or decoded chunks.
@@ -86,7 +88,8 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -
     Ok(Plan {
         held: params.held,
         arrays: needs.arrays,
-        work: needs.fixed - needs.arrays - params.held,
+        work: needs.fixed - needs.arrays - needs.grams - params.held,
+        grams: needs.grams,
         factors,
         basis,
         total: needs.fixed + factors + basis,
@@ -99,6 +102,7 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -
 
 struct Needs {
     arrays: usize,
+    grams: usize,
     /// Everything but factors and basis.
     fixed: usize,
     one_factor: usize,
@@ -138,6 +142,7 @@ impl Needs {
         let chunkwise = |degrees| operator.resident_bytes(degrees, Residency::Chunks, threads);
         Self {
             arrays,
+            grams,
             fixed: params.held + arrays + grams + threads * per_thread + stacked + blas + singular,
             one_factor: 8 * widest * widest.min(n),
             // While one is made the others are there; a single block's is kept where it was made.

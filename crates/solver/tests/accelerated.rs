@@ -152,7 +152,7 @@ fn the_plan_counts_the_source_and_the_iteration() {
     let base = params(4, 30, false, None);
     let held = 50 << 20;
     let with = plan(&FitParams { gram_source: Some(held), ..base.clone() });
-    assert!(with.total > held && with.work > held);
+    assert!(with.total > held && with.grams > held && with.work < plan(&base).work);
     let accelerated = plan(&FitParams { accelerate: true, ..base.clone() });
     assert_eq!(accelerated.arrays - plan(&base).arrays, 8 * 2 * (1200 + 81) * 3);
     let low = moment_gram(&directions, None, L - 1).unwrap();
