@@ -4,10 +4,11 @@
 //! sampling have the same matrix in time that doesn't depend on n ([`crate::lsq::moment_gram`]).
 //!
 //! It is the Gram matrix of the harmonics at the directions to 1e-13, the accuracy of the finest transform. That moves
-//! the msd after a first pass by some 1e-10 of itself (5e-10 at most on a cortex, 6e-10 on an irregular head, L = 100);
-//! further passes take it back, since a block's step then is a little off but the residual is exact. A basis kept in f64 is those harmonics to
-//! rounding; one kept in f32 differs from them by 6e-8, and a factor that doesn't belong to the columns would turn the
-//! exact solve of a block into an approximate one. So a source goes with f64 bases only.
+//! the msd after a first pass by some 1e-10 of itself (5e-10 on a cortex, 6e-10 on an irregular head, L = 100); further
+//! passes take it back, for the residual is exact where a step is a little off.
+//!
+//! A basis kept in f64 is those harmonics to rounding; one kept in f32 differs from them by 6e-8, and the exact solve of
+//! a block would become an approximate one. So a source goes with f64 bases only.
 
 use std::ops::RangeInclusive;
 
