@@ -222,6 +222,38 @@ class Bench:
             largest = max(largest, math.sqrt(sum((a - b) ** 2 for a, b in zip(ours, theirs, strict=True))) / norm)
         self.bar("published degree-15 coefficients, largest relative difference", largest, 1e-10)
 
+    def acceleration(self):
+        """Passes within 1e-6 of the optimal msd, plain and accelerated; where they don't get there, how far off."""
+        data = Path(self.data)
+        if not (data / "reference.json").exists():
+            self.skip("accelerated passes", f"no {data}")
+            return
+        reference = json.loads((data / "reference.json").read_text())
+        rows = self.figures["acceleration"] = []
+        for name, most in (("cort40962", 16), ("head27618", 32)):
+            optimum = reference[name]["results"]["least-squares L=100"]["msd"]
+            sphere, surface = data / f"{name}.sphere.surf.gii", data / f"{name}.surf.gii"
+            store, report = self.work / "acceleration", self.work / "acceleration.json"
+            run(BIN / "basis-build", "--sphere", sphere, "--max-degree", L, "--store", store, "-q")
+            left, passes = {}, {}
+            for how, more in (("plain", []), ("accelerated", ["--accelerate"])):
+                run(BIN / "fit", "--store", store, "--sphere", sphere, "--surface", surface, "--max-degree", L,
+                    "--granularity", 100, "--passes", most, *more, "--memory", "1GiB", "-q", "--force",
+                    "-o", self.work / "b.npz", "--report", report)
+                told = json.loads(report.read_text())
+                excess = [distances["msd"] / optimum - 1 for distances in told["surfaces"][0]["passes"]]
+                sweeps = [sweep["pass"] for sweep in told["batches"][0]["sweeps"]]
+                left[how] = excess[-1]
+                passes[how] = next((p for p, e in zip(sweeps, excess) if e <= 1e-6), None)
+                rows.append({"surface": name, "how": how, "passes_to_1e-6": passes[how], "most": most,
+                             "excess": dict(zip(sweeps, excess))})
+            shutil.rmtree(store)
+            if passes["plain"] and passes["accelerated"]:
+                self.bar(f"{name}: accelerated passes to 1e-6", passes["accelerated"], 8, f"plain {passes['plain']}")
+            else:
+                self.bar(f"{name}: what is left after {most} accelerated passes / plain",
+                         left["accelerated"] / left["plain"], 0.5, f"{left['accelerated']:.1e} / {left['plain']:.1e}")
+
     # Page cache.
 
     def files(self):
@@ -335,7 +367,7 @@ def numbers(path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    bars = ["building", "building_tmpfs", "fitting", "batch", "memory", "refusal", "accuracy"]
+    bars = ["building", "building_tmpfs", "fitting", "batch", "memory", "refusal", "accuracy", "acceleration"]
     parser.add_argument("--data", default=ROOT / "../shared/data", help="surfaces with reference results")
     parser.add_argument("--work", default=ROOT / "bench", help="folder on the disk to measure")
     parser.add_argument("--tmpfs", default="/dev/shm", help="a tmpfs with 7 GB to spare")

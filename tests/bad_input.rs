@@ -199,6 +199,8 @@ fn usage_errors_exit_with_two_and_name_the_flag() {
         &["--max-degree", "6", "--method", "nlsf", "--granularity", "5"],
         &["--max-degree", "6", "--method", "sirf", "--passes", "2"],
         &["--max-degree", "6", "--start-degree", "2"],
+        &["--max-degree", "6", "--method", "nlsf", "--accelerate"],
+        &["--max-degree", "6", "--method", "lsq", "--accelerate"],
         &["--max-degree", "-1"],
         &[],
     ] {

@@ -196,9 +196,26 @@ fn codecs_and_scalar_types_give_the_same_fit_within_their_digits() {
         succeed(build.args(["-q", "--max-degree", "12", "--dtype", dtype, "--codec", codec, "--chunk-rows", "104"]));
         let mut fit = tool("fit");
         fit.arg("--sphere").arg(study.path("sphere.surf.gii")).arg("--store").arg(&store).args(arguments);
-        fit.arg("--surface").arg(study.path("s0.surf.gii")).args(["-q", "--verify", "--force"]);
-        succeed(fit.arg("-o").arg(study.path("other.npz")));
+        fit.arg("--surface").arg(study.path("s0.surf.gii")).args(["-q", "--verify", "--force", "--json"]);
+        let report = succeed(fit.arg("-o").arg(study.path("other.npz")));
         close(&study.model("other.npz"), &study.model("raw.npz"), relative);
+        // Moments have the Gram matrix of the harmonics themselves, which a basis in f32 isn't.
+        let report: Value = serde_json::from_str(&report).unwrap();
+        let from_moments = report["batches"][0]["memory"]["grams"].as_u64().unwrap() > 0;
+        assert_eq!(from_moments, dtype == "f64", "{report}");
+    }
+}
+
+#[test]
+fn accelerated_fits_end_at_the_least_squares() {
+    let study = Study::new();
+    study.report(&["s0.surf.gii"], "nlsf.npz", &["--max-degree", "12", "--method", "nlsf", "--memory", "512MiB"]);
+    for more in [&["--granularity", "30"][..], &["--method", "mirf"]] {
+        let arguments = [&["--max-degree", "12", "--accelerate", "--passes", "60", "--force"], more].concat();
+        let report = study.report(&["s0.surf.gii", "s1.surf.gii"], "", &arguments);
+        assert_eq!(report["batches"][0]["accelerated"], true);
+        assert!(report["surfaces"][0]["passes"].as_array().unwrap().len() < 30, "it ends early");
+        close(&study.model("s0.spharm.npz"), &study.model("nlsf.npz"), 1e-10);
     }
 }
 

@@ -8,10 +8,13 @@ use spharm_cli::console::Unit;
 use spharm_cli::machine::check_limits;
 use spharm_cli::size::Size;
 use spharm_harmonics::basis_size;
+use spharm_solver::grams::BlockGrams;
+use spharm_solver::lsq::{moment_gram, moment_gram_bytes};
 use spharm_solver::{
     BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, Fitter, Method, Operator, SolverError,
 };
-use spharm_store::Scheme;
+use spharm_store::{Scalar, Scheme};
+use spharm_transform::MomentGram;
 
 use crate::job::{Batch, Job, Queue, Solved};
 use crate::outputs::Item;
@@ -31,8 +34,11 @@ pub(crate) fn run(
     // The first one tells the channels of all, which are the same in most studies.
     let channels = queue.channels();
     let mut seconds = job.seconds;
-    let mut streamed = Streamed { job, method, operator };
+    let mut streamed = Streamed { job, method, operator, moments: None };
     streamed.lower_threads(channels);
+    let mark = Instant::now();
+    streamed.moments = streamed.moments(channels, items.len() > 1)?;
+    seconds.plan += mark.elapsed().as_secs_f64();
     let done = streamed.fit_all(items.len(), channels, queue, &mut seconds, cancel)?;
     job.seconds = seconds;
     Ok(done)
@@ -42,6 +48,8 @@ struct Streamed<'j, 'c> {
     job: &'j mut Job<'c>,
     method: Method,
     operator: DiskOperator,
+    /// The blocks' Gram matrices, where the memory has room for their source.
+    moments: Option<MomentGram>,
 }
 
 impl Streamed<'_, '_> {
@@ -101,7 +109,14 @@ impl Streamed<'_, '_> {
     }
 
     fn fitter(&self, together: usize, channels: usize, reuse: bool) -> Result<Fitter<'_>> {
-        let fitter = Fitter::new(&self.operator, together * channels, self.params(together, channels, reuse));
+        let (columns, params) = (together * channels, self.params(together, channels, reuse));
+        let fitter = match &self.moments {
+            // A target with more channels than the others may leave no room for it.
+            Some(moments) if spharm_solver::plan(&self.operator, columns, &params).is_ok() => {
+                Fitter::with_grams(&self.operator, columns, params, moments)
+            }
+            _ => Fitter::new(&self.operator, columns, FitParams { gram_source: None, ..params }),
+        };
         let fitter = fitter.map_err(|error| match error {
             error @ SolverError::Weight { .. } => {
                 anyhow::Error::from(error).context(format!("--weights {}", self.job.cli.weights))
@@ -122,7 +137,39 @@ impl Streamed<'_, '_> {
             held: self.job.held(together, channels),
             threads: self.job.threads,
             reuse,
+            accelerate: self.job.cli.accelerate,
+            gram_source: self.moments.as_ref().map(BlockGrams::bytes),
         }
+    }
+
+    /// The source of Gram matrices, for a basis in f64: where the memory has room to make it, and to hold it without a
+    /// block being read more often or a factor made again for its sake.
+    fn moments(&self, channels: usize, reuse: bool) -> Result<Option<MomentGram>> {
+        let (job, max_degree) = (&self.job, self.job.cli.max_degree);
+        // Beyond the range of the transforms, which need twice the degree, there are none.
+        let Ok(making) = moment_gram_bytes(self.operator.rows(), max_degree) else { return Ok(None) };
+        if job.scalar != Scalar::F64 || job.held(1, channels) + making > job.memory() {
+            return Ok(None);
+        }
+        let plan = |gram_source| {
+            let params = FitParams { gram_source, ..self.params(1, channels, reuse) };
+            spharm_solver::plan(&self.operator, channels, &params).ok()
+        };
+        let (without, with) = (plan(None), plan(Some(MomentGram::bytes(max_degree))));
+        let fits = match (without, with) {
+            (None, with) => with.is_some(),
+            (Some(_), None) => false,
+            (Some(without), Some(with)) => {
+                let twice = |whole: &[bool]| whole.iter().filter(|&&whole| !whole).count();
+                with.read_ahead >= without.read_ahead
+                    && with.keep_factors >= without.keep_factors
+                    && twice(&with.whole) <= twice(&without.whole)
+            }
+        };
+        if !fits {
+            return Ok(None);
+        }
+        Ok(Some(moment_gram(&job.sphere.directions, job.weights.as_deref(), max_degree)?))
     }
 
     /// As many surfaces as fit the budget with every block whole in memory; if that is none, as many as fit at all.
@@ -162,7 +209,7 @@ impl Streamed<'_, '_> {
         let plan = fitter.plan();
         let blas = self.job.threads * spharm_solver::dense::RESERVED_PER_THREAD;
         let decoded = if self.operator.is_direct() { 0 } else { plan.basis };
-        check_limits(plan.arrays + plan.work + plan.factors + blas + decoded, plan.basis)
+        check_limits(plan.arrays + plan.work + plan.grams + plan.factors + blas + decoded, plan.basis)
     }
 
     fn say_plan(&self, fitter: &Fitter<'_>, surfaces: usize, together: usize) {

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::SolverError;
 use crate::dense;
+use crate::grams::BlockGrams;
 use crate::operator::{Block, BlockOperator, Scratch};
 use crate::schedule::columns;
 use crate::workers::{Worker, normal_equations, pack, triangular};
@@ -62,6 +63,8 @@ pub(crate) struct Context<'a> {
     pub(crate) operator: &'a dyn BlockOperator,
     /// Square roots of the weights, (n), when there are weights.
     pub(crate) roots: Option<&'a [f64]>,
+    /// Where Gram matrices come from, when it isn't the basis.
+    pub(crate) grams: Option<&'a dyn BlockGrams>,
     pub(crate) channels: usize,
     pub(crate) threads: usize,
     /// Bytes of the budget that the plan has left over, for a rank-revealing solve that it couldn't foresee.
@@ -82,7 +85,18 @@ pub(crate) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize,
     (threads * fold).max(decomposition + width * height * 8)
 }
 
-/// Solves a block for the residual that the workers hold: x (k, c) row-major.
+/// What came out for a block.
+pub(crate) struct Solved {
+    /// The solution, (k, c) row-major.
+    pub(crate) x: Vec<f64>,
+    /// The factor, where one was made.
+    pub(crate) factor: Option<Factor>,
+    /// By how much the step shortens each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`, (c). Formed from the
+    /// right-hand side, for the difference of the squared norms has lost these digits near the optimum.
+    pub(crate) energy: Vec<f64>,
+}
+
+/// Solves a block for the residual that the workers hold.
 ///
 /// Without a factor one is made and returned along; with one only `A^T W r` is computed.
 pub(crate) fn solve(
@@ -91,28 +105,32 @@ pub(crate) fn solve(
     degrees: &RangeInclusive<usize>,
     workers: &mut [Worker<'_>],
     factor: Option<&Factor>,
-) -> Result<(Vec<f64>, Option<Factor>), SolverError> {
-    let k = columns(degrees);
+) -> Result<Solved, SolverError> {
+    let (k, channels) = (columns(degrees), context.channels);
     if let Some(Factor::Cholesky(factor, _)) = factor {
-        let (mut x, _) = normal_equations(block, workers, k, false)?;
-        dense::cholesky_solve(factor, k, &mut x);
-        return Ok((x, None));
+        let (right_hand_sides, _) = normal_equations(block, workers, k, false)?;
+        return Ok(by_cholesky(factor, k, right_hand_sides, channels));
     }
     let (rows, threads) = (context.operator.rows(), context.threads);
     // A block that was singular once is so again; its spectrum is not reused, since that would square its condition.
     if k <= rows && factor.is_none() {
         let shared = k >= SHARED_FROM;
-        let (mut x, gram) = normal_equations(block, workers, k, !shared)?;
-        let mut gram = match gram {
-            Some(gram) => gram,
-            None => shared_gram(context, block, k)?,
+        let (right_hand_sides, gram) = normal_equations(block, workers, k, !shared && context.grams.is_none())?;
+        let mut gram = match (gram, context.grams) {
+            (Some(gram), _) => gram,
+            (None, Some(grams)) => {
+                let mut gram = vec![0.0; k * k];
+                grams.block(degrees.clone(), &mut gram);
+                gram
+            }
+            (None, None) => shared_gram(context, block, k)?,
         };
         dense::set_blas_threads(if shared { threads } else { 1 });
         let reciprocal = dense::cholesky(&mut gram, k);
         dense::set_blas_threads(1);
         if let Some(reciprocal) = reciprocal.filter(|&reciprocal| reciprocal > SAFE_RECIPROCAL) {
-            dense::cholesky_solve(&gram, k, &mut x);
-            return Ok((x, Some(Factor::Cholesky(gram, reciprocal))));
+            let solved = by_cholesky(&gram, k, right_hand_sides, channels);
+            return Ok(Solved { factor: Some(Factor::Cholesky(gram, reciprocal)), ..solved });
         }
         let needed = rank_revealing_bytes(k, context.channels, context.operator.chunk_rows(), threads, rows);
         if needed > context.spare {
@@ -121,6 +139,7 @@ pub(crate) fn solve(
         }
     }
     let (r, z, m) = triangular(block, workers, k)?.split(k);
+    let right_hand_sides = transposed_product(&r, &z, m);
     let tolerance = f64::EPSILON * rows.max(k) as f64;
     dense::set_blas_threads(if k >= SHARED_FROM { threads } else { 1 });
     let solved = dense::minimum_norm(r, z, m, tolerance);
@@ -131,7 +150,30 @@ pub(crate) fn solve(
         message: error.to_string(),
     })?;
     let condition = if rank < k { f64::INFINITY } else { condition };
-    Ok((x, Some(Factor::RankRevealing { condition, rank })))
+    let energy = inner_products(&x, &right_hand_sides, channels);
+    Ok(Solved { x, factor: Some(Factor::RankRevealing { condition, rank }), energy })
+}
+
+fn by_cholesky(factor: &[f64], k: usize, right_hand_sides: Vec<f64>, channels: usize) -> Solved {
+    let mut x = right_hand_sides.clone();
+    dense::cholesky_solve(factor, k, &mut x);
+    let energy = inner_products(&x, &right_hand_sides, channels);
+    Solved { x, factor: None, energy }
+}
+
+/// Column by column, of two (k, c) row-major.
+fn inner_products(a: &[f64], b: &[f64], channels: usize) -> Vec<f64> {
+    let mut sums = vec![0.0; channels];
+    for (a, b) in a.chunks_exact(channels.max(1)).zip(b.chunks_exact(channels.max(1))) {
+        sums.iter_mut().zip(a).zip(b).for_each(|((sum, a), b)| *sum += a * b);
+    }
+    sums
+}
+
+/// `R^T z`, (k, c) row-major, for R (m, k) and z (m, c) column-major: the right-hand sides of the normal equations.
+fn transposed_product(r: &[f64], z: &[f64], m: usize) -> Vec<f64> {
+    let rows = r.chunks_exact(m).flat_map(|r| z.chunks_exact(m).map(move |z| (r, z)));
+    rows.map(|(r, z)| r.iter().zip(z).map(|(r, z)| r * z).sum()).collect()
 }
 
 /// The Gram matrix of a wide block: a few chunks at a time side by side, one threaded `dsyrk` for each.

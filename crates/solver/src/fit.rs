@@ -25,8 +25,9 @@ use spharm_harmonics::basis_size;
 use spharm_harmonics::index::first_column;
 
 use crate::SolverError;
-use crate::block::{Context, Factor, solve};
+use crate::block::{Context, Factor, Solved, solve};
 use crate::dense;
+use crate::grams::BlockGrams;
 use crate::operator::{Block, BlockOperator};
 use crate::plan::{Plan, plan};
 use crate::report::{BlockReport, FitReport, Residual, Seconds, SweepReport};
@@ -54,6 +55,11 @@ pub struct FitParams {
     pub threads: usize,
     /// Whether more fits will follow on the same [`Fitter`], so that factors are worth keeping.
     pub reuse: bool,
+    /// Conjugate gradients over pairs of passes, which converge in far fewer of them; see `accelerated.rs`.
+    pub accelerate: bool,
+    /// Bytes held by the source of the blocks' Gram matrices, for the plan of a fit that is to have one.
+    /// [`Fitter::new`] and [`Fitter::with_grams`] set it to what they are given.
+    pub gram_source: Option<usize>,
 }
 
 impl Default for FitParams {
@@ -67,6 +73,8 @@ impl Default for FitParams {
             held: 0,
             threads: rayon::current_num_threads(),
             reuse: false,
+            accelerate: false,
+            gram_source: None,
         }
     }
 }
@@ -97,13 +105,14 @@ const REFINED: f64 = 1e-14;
 
 /// Fits batch after batch of targets on one operator, and keeps the blocks' factors from one to the next.
 pub struct Fitter<'o> {
-    operator: &'o dyn BlockOperator,
-    params: FitParams,
+    pub(crate) operator: &'o dyn BlockOperator,
+    pub(crate) params: FitParams,
+    grams: Option<&'o dyn BlockGrams>,
     channels: usize,
-    blocks: Vec<RangeInclusive<usize>>,
+    pub(crate) blocks: Vec<RangeInclusive<usize>>,
     plan: Plan,
     /// Square roots of the weights, (n).
-    roots: Option<Vec<f64>>,
+    pub(crate) roots: Option<Vec<f64>>,
     factors: Vec<Option<Factor>>,
     block_reports: Vec<BlockReport>,
 }
@@ -115,12 +124,40 @@ impl<'o> Fitter<'o> {
     ///
     /// [`SolverError::Budget`], and what is wrong with the parameters.
     pub fn new(operator: &'o dyn BlockOperator, channels: usize, params: FitParams) -> Result<Self, SolverError> {
+        Self::planned(operator, channels, params, None)
+    }
+
+    /// The same with the blocks' Gram matrices from `grams`, which must be that of the operator's basis, in f64, with the
+    /// weights of `params`. Passes then cost their adjoints and updates only, the first one too.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Fitter::new`]; [`SolverError::Degree`] for a source that ends below the fit's highest degree.
+    pub fn with_grams(
+        operator: &'o dyn BlockOperator,
+        channels: usize,
+        params: FitParams,
+        grams: &'o dyn BlockGrams,
+    ) -> Result<Self, SolverError> {
+        if params.max_degree > grams.max_degree() {
+            return Err(SolverError::Degree { found: params.max_degree, max_degree: grams.max_degree() });
+        }
+        Self::planned(operator, channels, params, Some(grams))
+    }
+
+    fn planned(
+        operator: &'o dyn BlockOperator,
+        channels: usize,
+        params: FitParams,
+        grams: Option<&'o dyn BlockGrams>,
+    ) -> Result<Self, SolverError> {
+        let params = FitParams { gram_source: grams.map(BlockGrams::bytes), ..params };
         check(operator, &params)?;
         let blocks = params.method.blocks(params.max_degree)?;
         let plan = plan(operator, channels, &params)?;
         let roots = params.weights.as_ref().map(|weights| weights.iter().map(|w| w.sqrt()).collect());
         let factors = vec![None; blocks.len()];
-        Ok(Self { operator, params, channels, blocks, plan, roots, factors, block_reports: Vec::new() })
+        Ok(Self { operator, params, grams, channels, blocks, plan, roots, factors, block_reports: Vec::new() })
     }
 
     /// Most columns that a batch may have.
@@ -166,37 +203,15 @@ impl<'o> Fitter<'o> {
         let mut residual = targets;
         let mut coefficients = Array2::<f64>::zeros((basis_size(self.params.max_degree), channels));
         let mut seconds = Seconds::default();
-        let mut sweeps: Vec<SweepReport> = Vec::new();
-        let passes = self.params.method.passes();
-        let mut last_change = f64::INFINITY;
-        for sweep in 1..=passes + self.params.refinements {
-            let started = Instant::now();
-            let (change, bytes_read) =
-                self.sweep(sweep, &mut residual, &mut coefficients, &mut seconds, cancel, event)?;
-            let residuals = groups.iter().map(|group| {
-                let (mean_square, max_square) = residual.squared_norms(group);
-                Residual { mean_square, max_square }
-            });
-            let report = SweepReport {
-                pass: sweep.min(passes),
-                refinement: sweep > passes,
-                residuals: residuals.collect(),
-                seconds: started.elapsed().as_secs_f64(),
-                bytes_read,
-            };
-            event(FitEvent::Sweep(&report));
-            sweeps.push(report);
-            // Rounding has been reached when a further sweep changes nothing, or no less than the one before. What
-            // needed a rank-revealing solve is as good as it gets: it doesn't suffer from the Gram matrix's condition.
-            let refined = sweep > passes && (change < REFINED || change >= 0.5 * last_change);
-            if refined || (sweep >= passes && self.block_reports.iter().any(|b| b.solver != "cholesky")) {
-                break;
-            }
-            last_change = change;
-        }
+        let watch = Watch { groups, cancel, event };
+        let sweeps = match self.params.accelerate {
+            true => self.accelerated(&mut residual, &mut coefficients, &mut seconds, &watch)?,
+            false => self.passes(&mut residual, &mut coefficients, &mut seconds, &watch)?,
+        };
         let report = FitReport {
             method: self.params.method.name(),
-            passes,
+            accelerated: self.params.accelerate,
+            passes: self.params.method.passes(),
             max_degree: self.params.max_degree,
             rows: expected,
             channels,
@@ -209,21 +224,49 @@ impl<'o> Fitter<'o> {
         Ok(Fit { coefficients: Coefficients::new(coefficients)?, report })
     }
 
-    /// One sweep over the blocks. Returns the change relative to the norm of the coefficients, the largest of all
-    /// columns, and the bytes read.
-    fn sweep(
+    /// Pass after pass, then the refinements.
+    fn passes(
         &mut self,
-        sweep: usize,
         residual: &mut ChunkedRows,
         coefficients: &mut Array2<f64>,
         seconds: &mut Seconds,
-        cancel: &AtomicBool,
-        event: &dyn Fn(FitEvent<'_>),
-    ) -> Result<(f64, u64), SolverError> {
+        watch: &Watch<'_>,
+    ) -> Result<Vec<SweepReport>, SolverError> {
+        let mut sweeps: Vec<SweepReport> = Vec::new();
+        let passes = self.params.method.passes();
+        let mut last_change = f64::INFINITY;
+        for sweep in 1..=passes + self.params.refinements {
+            let started = Instant::now();
+            let swept = self.sweep(sweep, Way::Forward, residual, coefficients, seconds, watch)?;
+            sweeps.push(watch.report(sweep.min(passes), sweep > passes, residual, started, swept.bytes_read));
+            let change = relative_change(&swept.change, coefficients);
+            // Rounding has been reached when a further sweep changes nothing, or no less than the one before. What
+            // needed a rank-revealing solve is as good as it gets: it doesn't suffer from the Gram matrix's condition.
+            let refined = sweep > passes && (change < REFINED || change >= 0.5 * last_change);
+            if refined || (sweep >= passes && self.block_reports.iter().any(|b| b.solver != "cholesky")) {
+                break;
+            }
+            last_change = change;
+        }
+        Ok(sweeps)
+    }
+
+    /// One sweep over the blocks.
+    pub(crate) fn sweep(
+        &mut self,
+        sweep: usize,
+        way: Way,
+        residual: &mut ChunkedRows,
+        coefficients: &mut Array2<f64>,
+        seconds: &mut Seconds,
+        watch: &Watch<'_>,
+    ) -> Result<Swept, SolverError> {
+        let &Watch { cancel, event, .. } = watch;
         let operator = self.operator;
         let context = Context {
             operator,
             roots: self.roots.as_deref(),
+            grams: self.grams,
             channels: residual.channels(),
             threads: self.params.threads,
             spare: self.plan.spare(),
@@ -236,10 +279,16 @@ impl<'o> Fitter<'o> {
             Ok(block)
         };
         let mut crew = workers(operator, residual, context.roots, context.threads);
-        let mut change = vec![0.0; context.channels];
-        let (mut done, mut bytes_read) = (0, 0);
+        let zero = vec![0.0; context.channels];
+        let mut swept = Swept { change: zero.clone(), energy: zero, bytes_read: 0 };
+        let count = self.blocks.len();
+        let (course, mut done): (Vec<usize>, usize) = match way {
+            Way::Forward => ((0..count).collect(), 0),
+            Way::Backward => ((0..count - 1).rev().collect(), columns(&self.blocks[count - 1])),
+        };
         let mut ahead = None;
-        for (at, degrees) in self.blocks.iter().enumerate() {
+        for (step, &at) in course.iter().enumerate() {
+            let degrees = &self.blocks[at];
             if cancel.load(Ordering::Relaxed) {
                 return Err(SolverError::Interrupted);
             }
@@ -248,18 +297,19 @@ impl<'o> Fitter<'o> {
                 Some(block) => block,
                 None => open(at)?,
             };
-            if self.plan.read_ahead && at + 1 < self.blocks.len() {
-                ahead = Some(open(at + 1)?);
+            if let (true, Some(&next)) = (self.plan.read_ahead, course.get(step + 1)) {
+                ahead = Some(open(next)?);
             }
             seconds.open += lap(&mut mark);
             event(FitEvent::Solving(sweep, degrees.clone()));
-            let (x, made) = match solve(&context, &*block, degrees, &mut crew, self.factors[at].as_ref()) {
+            let solved = match solve(&context, &*block, degrees, &mut crew, self.factors[at].as_ref()) {
                 Ok(solved) => solved,
                 // A basis that was cut off under the solver looks singular; closing the block tells what happened.
                 Err(error) => return Err(block.close().err().unwrap_or(error)),
             };
             seconds.solve += lap(&mut mark);
-            if let Some(factor) = made {
+            let Solved { x, factor, energy } = solved;
+            if let Some(factor) = factor {
                 if self.block_reports.len() == at {
                     self.block_reports.push(report_of(degrees, &factor));
                 }
@@ -268,22 +318,75 @@ impl<'o> Fitter<'o> {
                 }
             }
             update(&*block, &mut crew, &x)?;
-            bytes_read += block.bytes_read();
+            swept.bytes_read += block.bytes_read();
             block.close()?;
             seconds.update += lap(&mut mark);
             let first = first_column(*degrees.start());
             let mut rows = coefficients.slice_mut(ndarray::s![first..first + columns(degrees), ..]);
             rows.iter_mut().zip(&x).for_each(|(sum, x)| *sum += x);
             for row in x.chunks_exact(context.channels) {
-                change.iter_mut().zip(row).for_each(|(sum, x)| *sum += x * x);
+                swept.change.iter_mut().zip(row).for_each(|(sum, x)| *sum += x * x);
             }
+            swept.energy.iter_mut().zip(&energy).for_each(|(sum, energy)| *sum += energy);
             done += columns(degrees);
             event(FitEvent::Block(sweep, done, degrees.clone()));
         }
-        let norms = coefficients.columns().into_iter().map(|column| column.iter().map(|a| a * a).sum::<f64>());
-        let relative = change.iter().zip(norms).map(|(change, norm)| (change / norm.max(f64::MIN_POSITIVE)).sqrt());
-        Ok((relative.fold(0.0, f64::max), bytes_read))
+        Ok(swept)
     }
+}
+
+/// The order in which a sweep takes the blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Way {
+    /// From the first to the last.
+    Forward,
+    /// From the last but one to the first, after a forward sweep: the last block has just been solved, and solving it
+    /// again would give zero.
+    Backward,
+}
+
+/// What a sweep did, column by column.
+pub(crate) struct Swept {
+    /// Squared norm of the change of the coefficients, (c).
+    pub(crate) change: Vec<f64>,
+    /// Decrease of the residual's weighted squared norm, (c).
+    pub(crate) energy: Vec<f64>,
+    pub(crate) bytes_read: u64,
+}
+
+/// Who looks on while a fit runs.
+pub(crate) struct Watch<'a> {
+    pub(crate) groups: &'a [Range<usize>],
+    pub(crate) cancel: &'a AtomicBool,
+    pub(crate) event: &'a dyn Fn(FitEvent<'_>),
+}
+
+impl Watch<'_> {
+    /// Tells, and gives back, what a sweep that began at `started` came to.
+    pub(crate) fn report(
+        &self,
+        pass: usize,
+        refinement: bool,
+        residual: &ChunkedRows,
+        started: Instant,
+        bytes_read: u64,
+    ) -> SweepReport {
+        let residuals = self.groups.iter().map(|group| {
+            let (mean_square, max_square) = residual.squared_norms(group);
+            Residual { mean_square, max_square }
+        });
+        let residuals = residuals.collect();
+        let report = SweepReport { pass, refinement, residuals, seconds: started.elapsed().as_secs_f64(), bytes_read };
+        (self.event)(FitEvent::Sweep(&report));
+        report
+    }
+}
+
+/// Of a change with these squared norms, relative to the coefficients, the largest of all columns.
+fn relative_change(change: &[f64], coefficients: &Array2<f64>) -> f64 {
+    let norms = coefficients.columns().into_iter().map(|column| column.iter().map(|a| a * a).sum::<f64>());
+    let relative = change.iter().zip(norms).map(|(change, norm)| (change / norm.max(f64::MIN_POSITIVE)).sqrt());
+    relative.fold(0.0, f64::max)
 }
 
 /// Fits one batch of targets: [`Fitter::new`] and [`Fitter::fit`].

@@ -12,9 +12,11 @@
 //! | [`mod@plan`] | what memory a fit takes |
 //! | [`rows`] | targets and residual, kept in the basis's chunks |
 //! | `block` | one block's least squares |
+//! | [`grams`] | the blocks' Gram matrices from the sampling's moments |
 //! | `triangle` | the rank-revealing way: QR of a matrix that arrives in chunks |
 //! | `workers` | what the threads do for a block |
 //! | [`mod@fit`] | the passes |
+//! | `accelerated` | conjugate gradients over symmetric sweeps of the store |
 //! | [`lsq`] | exact least squares without the matrix |
 //! | [`report`] | what a fit tells about itself |
 //! | [`cholesky`] | the factor of the whole normal equations, in memory or in a store |
@@ -37,12 +39,14 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod accelerated;
 mod block;
 pub mod cholesky;
 pub mod dense;
 pub mod disk;
 mod error;
 pub mod fit;
+pub mod grams;
 pub mod lsq;
 pub mod matrix_free;
 pub mod memory;
@@ -58,6 +62,7 @@ pub use cholesky::{CholeskyFactor, Factor, FactorParams, GramSource, StoredFacto
 pub use disk::DiskOperator;
 pub use error::SolverError;
 pub use fit::{Fit, FitEvent, FitParams, Fitter, fit};
+pub use grams::BlockGrams;
 pub use matrix_free::MatrixFreeOperator;
 pub use memory::MemoryOperator;
 pub use operator::{BlockOperator, Operator, Residency};

@@ -14,6 +14,8 @@ use crate::schedule::{Method, columns};
 /// What OpenBLAS touches of its buffers per thread for narrow blocks, and all of them, for wide ones.
 const BLAS_NARROW: usize = 4 << 20;
 const BLAS_WIDE: usize = 34 << 20;
+/// What a thread takes while it writes a Gram matrix from moments.
+const GRAM_WORK: usize = 1 << 20;
 
 /// The memory plan of a fit. All figures are bytes.
 #[derive(Debug, Clone, Serialize)]
@@ -24,6 +26,8 @@ pub struct Plan {
     pub arrays: usize,
     /// Sums, packed chunks and BLAS buffers of all threads.
     pub work: usize,
+    /// The source of the blocks' Gram matrices; zero where they are summed from the basis.
+    pub grams: usize,
     /// Factors kept from pass to pass, or the one in use.
     pub factors: usize,
     /// Basis in memory at one time: mapped windows, or decoded chunks.
@@ -84,7 +88,8 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -
     Ok(Plan {
         held: params.held,
         arrays: needs.arrays,
-        work: needs.fixed - needs.arrays - params.held,
+        work: needs.fixed - needs.arrays - needs.grams - params.held,
+        grams: needs.grams,
         factors,
         basis,
         total: needs.fixed + factors + basis,
@@ -97,6 +102,7 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -
 
 struct Needs {
     arrays: usize,
+    grams: usize,
     /// Everything but factors and basis.
     fixed: usize,
     one_factor: usize,
@@ -114,16 +120,21 @@ impl Needs {
         // Each thread has sums of its own for the blocks that aren't wide enough to be shared.
         let narrow = blocks.iter().map(columns).filter(|&k| k < SHARED_FROM).max().unwrap_or(0);
         let weighted = params.weights.is_some();
-        // Residual; coefficients; a block's right-hand sides, twice transposed; the roots of the weights.
-        let arrays =
-            8 * (n * channels + (basis_size(params.max_degree) + 3 * widest) * channels + if weighted { n } else { 0 });
+        // Residual; coefficients; a block's right-hand sides, solution and both transposed; the roots of the weights.
+        let size = basis_size(params.max_degree);
+        // Accelerated: what is left within a sweep, the image of the direction; the direction and the sweep's result.
+        let more = if params.accelerate { 2 * (n + size) * channels } else { 0 };
+        let arrays = 8 * (n * channels + (size + 4 * widest) * channels + if weighted { n } else { 0 } + more);
+        // With Gram matrices from elsewhere no thread sums one of its own, or packs chunks for it; making one takes a
+        // thread some room.
+        let from_basis = params.gram_source.is_none();
+        let grams = params.gram_source.map_or(0, |bytes| bytes + threads * GRAM_WORK);
         let per_thread = 8
-            * (narrow * narrow
-                + chunk_rows * narrow
+            * (if from_basis { narrow * narrow + chunk_rows * narrow } else { 0 }
                 + widest * channels
                 + if weighted { chunk_rows * channels } else { 0 });
         // The stacked chunks of a shared Gram matrix, and the one being packed.
-        let stacked = if shared { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
+        let stacked = if shared && from_basis { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
         let blas = threads * if shared { BLAS_WIDE } else { BLAS_NARROW };
         let singular = if widest > n { rank_revealing_bytes(widest, channels, chunk_rows, threads, n) } else { 0 };
         let factor = |degrees: &RangeInclusive<usize>| 8 * columns(degrees) * columns(degrees).min(n);
@@ -131,7 +142,8 @@ impl Needs {
         let chunkwise = |degrees| operator.resident_bytes(degrees, Residency::Chunks, threads);
         Self {
             arrays,
-            fixed: params.held + arrays + threads * per_thread + stacked + blas + singular,
+            grams,
+            fixed: params.held + arrays + grams + threads * per_thread + stacked + blas + singular,
             one_factor: 8 * widest * widest.min(n),
             // While one is made the others are there; a single block's is kept where it was made.
             all_factors: blocks.iter().map(factor).sum::<usize>()

@@ -9,6 +9,8 @@ use crate::plan::Plan;
 pub struct FitReport {
     /// `irf`, `sirf`, `mirf` or `nlsf`.
     pub method: &'static str,
+    /// Whether the passes were accelerated by conjugate gradients.
+    pub accelerated: bool,
     /// Passes, p, without refinements.
     pub passes: usize,
     /// Highest degree, L.
@@ -46,10 +48,10 @@ pub struct BlockReport {
     pub condition: f64,
 }
 
-/// One sweep over all blocks.
+/// One sweep over all blocks; of an accelerated fit one iteration, which is two passes.
 #[derive(Debug, Clone, Serialize)]
 pub struct SweepReport {
-    /// Number of the pass, from 1.
+    /// Number of the pass, from 1; of an iteration, its last one.
     pub pass: usize,
     /// A sweep beyond the passes asked for, which removes what rounding left of the full least squares.
     pub refinement: bool,

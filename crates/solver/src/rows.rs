@@ -6,6 +6,7 @@
 use std::ops::Range;
 
 use ndarray::{Array2, ArrayView2};
+use rayon::prelude::*;
 
 /// An (n, c) array in chunks of rows: the targets of a fit, and then its residual.
 #[derive(Debug, Clone)]
@@ -65,6 +66,24 @@ impl ChunkedRows {
     pub(crate) fn chunk(&self, chunk: usize) -> &[f64] {
         let start = chunk * self.chunk_rows * self.channels;
         &self.values[start..(start + self.chunk_rows * self.channels).min(self.values.len())]
+    }
+
+    /// Takes over the values of an array of the same shape and chunks.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.values.copy_from_slice(&other.values);
+    }
+
+    /// Replaces each value by `f(column, value, other)`, other being at the same place in an array of the same shape and
+    /// chunks.
+    pub(crate) fn combine(&mut self, other: &Self, f: impl Fn(usize, f64, f64) -> f64 + Sync) {
+        let channels = self.channels.max(1);
+        self.chunks_mut().into_par_iter().enumerate().for_each(|(chunk, values)| {
+            let rows = (values.len() / channels).max(1);
+            let columns = values.chunks_exact_mut(rows).zip(other.chunk(chunk).chunks_exact(rows));
+            for (column, (values, others)) in columns.enumerate() {
+                values.iter_mut().zip(others).for_each(|(value, other)| *value = f(column, *value, *other));
+            }
+        });
     }
 
     pub(crate) fn chunks_mut(&mut self) -> Vec<&mut [f64]> {
