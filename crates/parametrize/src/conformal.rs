@@ -25,7 +25,7 @@ use crate::{Event, Parametrization, ParametrizeError, Progress};
 const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
 
 /// Rounds of descent and centring in the end.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 2;
 
 /// Settings of [`conformal`].
 #[derive(Clone, Debug, PartialEq)]
@@ -62,7 +62,7 @@ pub fn conformal(
     }
     for _ in 0..ROUNDS {
         centre(&domain, &mut descent.map);
-        descent.descend(Energy::CONFORMAL, 1e-4, params.steps, progress);
+        descent.descend(Energy::CONFORMAL, 3e-4, params.steps, progress);
     }
     let kept = centre(&domain, &mut descent.map);
     let mut notes = Vec::new();

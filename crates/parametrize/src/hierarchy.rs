@@ -44,10 +44,16 @@ struct Collapse {
 }
 
 /// Finite costs, ordered; ties by vertex.
-#[derive(PartialEq, PartialOrd)]
+#[derive(PartialEq)]
 struct Entry(f64, u32, u32);
 
 impl Eq for Entry {}
+
+impl PartialOrd for Entry {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
 
 impl Ord for Entry {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
