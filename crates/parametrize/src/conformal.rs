@@ -18,14 +18,14 @@ use crate::descend::Descent;
 use crate::domain::Domain;
 use crate::embed::Growth;
 use crate::energy::Energy;
-use crate::geometry::{Vec3, area, dot, orientation, scale, solid_angle, sub, unit};
+use crate::geometry::{Vec3, dot, orientation, scale, solid_angle, sub, unit};
 use crate::{Event, Parametrization, ParametrizeError, Progress};
 
 /// Weights of equal areas on the way.
 const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
 
 /// Rounds of descent and centring in the end.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 2;
 
 /// Settings of [`conformal`].
 #[derive(Clone, Debug, PartialEq)]
@@ -55,14 +55,14 @@ pub fn conformal(
     let started = Instant::now();
     let domain = Domain::new(surface)?;
     let growth = Growth { energy: Energy::balanced(0.3, 1.0), steps: 6, seed: params.seed };
-    let mut descent = Descent::start(&domain, growth, progress)?;
+    let mut descent = Descent::start(&domain, &domain.areas, growth, progress)?;
     progress(Event::Begin { stage: "smoothing", steps: ((STAGES.len() + ROUNDS) * params.steps) as u64 });
     for weight in STAGES {
         descent.descend(Energy::balanced(weight, 1.0), 1e-3, params.steps, progress);
     }
     for _ in 0..ROUNDS {
         centre(&domain, &mut descent.map);
-        descent.descend(Energy::CONFORMAL, 1e-4, params.steps, progress);
+        descent.descend(Energy::CONFORMAL, 3e-4, params.steps, progress);
     }
     let kept = centre(&domain, &mut descent.map);
     let mut notes = Vec::new();
@@ -79,13 +79,13 @@ fn boost(c: Vec3, x: Vec3) -> Vec3 {
 }
 
 /// Mean squared log area ratio after a boost; infinite where it flips a triangle: great circles don't stay such.
-fn distortion(domain: &Domain, areas: &[f64], map: &[Vec3], c: Vec3) -> f64 {
+fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     const CHUNK: usize = 4096;
     let moved: Vec<Vec3> = map.par_iter().map(|&x| boost(c, x)).collect();
     let sums: Vec<f64> = domain
         .faces
         .par_chunks(CHUNK)
-        .zip(areas.par_chunks(CHUNK))
+        .zip(domain.areas.par_chunks(CHUNK))
         .map(|(faces, areas)| {
             let each = faces.iter().zip(areas).map(|(face, &area)| {
                 let corners = face.map(|v| moved[v as usize]);
@@ -103,15 +103,10 @@ fn distortion(domain: &Domain, areas: &[f64], map: &[Vec3], c: Vec3) -> f64 {
 
 /// Boosts the map to the least area distortion that flips nothing; says whether that is the least there is.
 fn centre(domain: &Domain, map: &mut [Vec3]) -> bool {
-    let areas: Vec<f64> = domain
-        .faces
-        .iter()
-        .map(|face| area(face.map(|v| domain.positions[v as usize])).max(f64::MIN_POSITIVE))
-        .collect();
     let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut blocked = false;
     for _ in 0..30 {
-        let at = |c: Vec3| distortion(domain, &areas, map, c);
+        let at = |c: Vec3| distortion(domain, map, c);
         let here = at([0.0; 3]);
         let h = 1e-3;
         let probes = axes.map(|e| (at(scale(e, h)), at(scale(e, -h))));

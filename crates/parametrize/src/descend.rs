@@ -4,7 +4,7 @@ use crate::domain::Domain;
 use crate::embed::{Growth, embed};
 use crate::energy::Energy;
 use crate::error::ParametrizeError;
-use crate::geometry::Vec3;
+use crate::geometry::{Vec3, solid_angle};
 use crate::hierarchy::Hierarchy;
 use crate::newton::Newton;
 use crate::star::sweep;
@@ -27,9 +27,14 @@ pub(crate) struct Descent {
 }
 
 impl Descent {
-    /// Grows a map from a tetrahedron.
-    pub(crate) fn start(domain: &Domain, growth: Growth, progress: Progress<'_>) -> Result<Self, ParametrizeError> {
-        let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, growth, progress)?;
+    /// Grows a map from a tetrahedron; `areas` are what the triangles are to have on the sphere, 4 pi in all.
+    pub(crate) fn start(
+        domain: &Domain,
+        areas: &[f64],
+        growth: Growth,
+        progress: Progress<'_>,
+    ) -> Result<Self, ParametrizeError> {
+        let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, areas, growth, progress)?;
         let newton = Newton::new(map.len(), hierarchy.faces.clone(), hierarchy.shapes.clone());
         let order = (0..map.len() as u32).collect();
         Ok(Self { map, iterations, converged: false, hierarchy, newton, order })
@@ -44,9 +49,6 @@ impl Descent {
         let Some(newton) = &self.newton else { return };
         for done in 0..steps {
             let step = newton.step(energy, &mut self.map);
-            if std::env::var_os("TRACE").is_some() {
-                eprintln!("{energy:?} {done} {step:?}");
-            }
             self.iterations += 1;
             progress(Event::Step(1));
             let mut after = step.after;
@@ -60,5 +62,14 @@ impl Descent {
                 return;
             }
         }
+    }
+
+    /// Root mean square over triangles of the log of the area on the sphere by what it is to be.
+    pub(crate) fn area_error(&self, faces: &[[u32; 3]], areas: &[f64]) -> f64 {
+        let log = |(face, area): (&[u32; 3], &f64)| {
+            let angle = solid_angle(face.map(|v| self.map[v as usize]));
+            (angle / area).max(f64::MIN_POSITIVE).ln().powi(2)
+        };
+        (faces.iter().zip(areas).map(log).sum::<f64>() / faces.len() as f64).sqrt()
     }
 }

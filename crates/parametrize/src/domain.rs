@@ -12,6 +12,8 @@ pub(crate) struct Domain {
     pub(crate) positions: Vec<Vec3>,
     /// Triangles, counter-clockwise seen from outside.
     pub(crate) faces: Vec<[u32; 3]>,
+    /// Areas of the triangles; they sum to 4 pi.
+    pub(crate) areas: Vec<f64>,
     /// Whether the mesh wound inwards, so that its sphere is to be mirrored.
     inward: bool,
 }
@@ -29,10 +31,12 @@ impl Domain {
         let factor = (4.0 * std::f64::consts::PI / total).sqrt();
         // About a point of the surface: far from the origin the digits are worth more elsewhere.
         let [x, y, z] = mesh.vertices[0];
-        let positions = mesh.vertices.iter().map(|&[a, b, c]| scale([a - x, b - y, c - z], factor)).collect();
+        let positions: Vec<Vec3> =
+            mesh.vertices.iter().map(|&[a, b, c]| scale([a - x, b - y, c - z], factor)).collect();
+        let areas = mesh.faces.iter().map(|face| area(face.map(|v| positions[v as usize]))).collect();
         let inward = !is_outward(mesh);
         let turned = |&[a, b, c]: &[u32; 3]| if inward { [a, c, b] } else { [a, b, c] };
-        Ok(Self { positions, faces: mesh.faces.iter().map(turned).collect(), inward })
+        Ok(Self { positions, faces: mesh.faces.iter().map(turned).collect(), areas, inward })
     }
 
     /// The sphere of a mesh, from the map of its domain.

@@ -31,11 +31,12 @@ const NEWTON_FROM: usize = 100;
 pub(crate) fn embed(
     positions: &[Vec3],
     faces: &[[u32; 3]],
+    areas: &[f64],
     growth: Growth,
     progress: Progress<'_>,
 ) -> Result<(Vec<Vec3>, usize, Hierarchy), ParametrizeError> {
     let n = positions.len();
-    let mut hierarchy = Hierarchy::new(positions, faces);
+    let mut hierarchy = Hierarchy::new(positions, faces, areas);
     progress(Event::Begin { stage: "coarsening", steps: n as u64 });
     let corners = hierarchy.coarsen(|step| progress(Event::Step(step)));
     debug_assert_eq!(hierarchy.present, 4);

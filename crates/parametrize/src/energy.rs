@@ -11,6 +11,7 @@
 //! | energy | F(q, r) | least where |
 //! |---|---|---|
 //! | [`Energy::balanced`] | a (r + 1/r) / 2 + b q / r | areas are equal (a), angles are kept (b) |
+//! | [`Energy::bounded`] | the same + c (q / r)^3 | and no triangle is much longer than the others (c) |
 //! | [`Energy::CONFORMAL`] | q / r | angles are kept (the MIPS of Hormann and Greiner, 2000) |
 //! | [`Energy::STRETCH`] | q / r^2 + e q | L2 stretch is least (Sander et al. 2001) |
 //!
@@ -34,7 +35,11 @@ pub(crate) struct Shape {
 
 impl Shape {
     pub(crate) fn new([a, b, c]: [Vec3; 3], area: f64) -> Self {
-        let mut l = [norm(sub(b, c)), norm(sub(c, a)), norm(sub(a, b))];
+        Self::of_lengths([norm(sub(b, c)), norm(sub(c, a)), norm(sub(a, b))], area)
+    }
+
+    /// From the lengths of the edges, each across from its corner.
+    pub(crate) fn of_lengths(mut l: [f64; 3], area: f64) -> Self {
         let mean = (l[0] + l[1] + l[2]) / 3.0;
         let slack = l[0] + l[1] + l[2] - 2.0 * l[0].max(l[1]).max(l[2]);
         let missing = (SLACK * mean - slack).max(0.0);
@@ -57,12 +62,14 @@ impl Shape {
 /// One of the energies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Energy {
-    /// a (r + 1/r) / 2 + b q / r.
+    /// a (r + 1/r) / 2 + b q / r + c (q / r)^3.
     Balanced {
         /// a
         area: f64,
         /// b
         shape: f64,
+        /// c
+        bound: f64,
     },
     /// q / r^2 + `shrink` q.
     Stretch {
@@ -72,11 +79,15 @@ pub(crate) enum Energy {
 }
 
 impl Energy {
-    pub(crate) const CONFORMAL: Self = Self::Balanced { area: 0.0, shape: 1.0 };
+    pub(crate) const CONFORMAL: Self = Self::balanced(0.0, 1.0);
     pub(crate) const STRETCH: Self = Self::Stretch { shrink: 1e-3 };
 
     pub(crate) const fn balanced(area: f64, shape: f64) -> Self {
-        Self::Balanced { area, shape }
+        Self::Balanced { area, shape, bound: 0.0 }
+    }
+
+    pub(crate) const fn bounded(area: f64, shape: f64, bound: f64) -> Self {
+        Self::Balanced { area, shape, bound }
     }
 
     /// F of an isometry.
@@ -88,8 +99,12 @@ impl Energy {
     fn density(self, q: f64, r: f64) -> [f64; 3] {
         let s = 1.0 / r;
         match self {
-            Self::Balanced { area, shape } => {
-                [0.5 * area * (r + s) + shape * q * s, shape * s, 0.5 * area * (1.0 - s * s) - shape * q * s * s]
+            Self::Balanced { area, shape, bound } => {
+                // Of shape x + bound x^3 by x = q / r.
+                let x = q * s;
+                let slope = shape + 3.0 * bound * x * x;
+                let value = 0.5 * area * (r + s) + shape * x + bound * x * x * x;
+                [value, slope * s, 0.5 * area * (1.0 - s * s) - slope * x * s]
             }
             Self::Stretch { shrink } => [q * s * s + shrink * q, s * s + shrink, -2.0 * q * s * s * s],
         }
@@ -164,7 +179,7 @@ mod tests {
         let shape = Shape::new(corners, 0.04);
         let p = [unit([1.0, 0.1, 0.0]), unit([1.0, 0.4, 0.1]), unit([1.0, 0.2, 0.5])];
         assert!(solid_angle(p) > 0.0);
-        for energy in [Energy::balanced(1.0, 0.3), Energy::CONFORMAL, Energy::STRETCH] {
+        for energy in [Energy::bounded(1.0, 0.3, 0.1), Energy::CONFORMAL, Energy::STRETCH] {
             let (value, gradient) = energy.gradient(&shape, p);
             assert!((value - energy.value(&shape, p)).abs() < 1e-14 * value);
             for corner in 0..3 {

@@ -44,10 +44,16 @@ struct Collapse {
 }
 
 /// Finite costs, ordered; ties by vertex.
-#[derive(PartialEq, PartialOrd)]
+#[derive(PartialEq)]
 struct Entry(f64, u32, u32);
 
 impl Eq for Entry {}
+
+impl PartialOrd for Entry {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
 
 impl Ord for Entry {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
@@ -56,13 +62,10 @@ impl Ord for Entry {
 }
 
 impl Hierarchy {
-    /// The finest level: the surface itself, of area 4 pi.
-    pub(crate) fn new(positions: &[Vec3], faces: &[[u32; 3]]) -> Self {
+    /// The finest level: the surface itself, and the area that each triangle is to have on the sphere, 4 pi in all.
+    pub(crate) fn new(positions: &[Vec3], faces: &[[u32; 3]], areas: &[f64]) -> Self {
         let least = LEAST_AREA * 4.0 * std::f64::consts::PI / faces.len() as f64;
-        let shape = |face: &[u32; 3]| {
-            let corners = face.map(|v| positions[v as usize]);
-            Shape::new(corners, area(corners).max(least))
-        };
+        let shape = |(face, &area): (&[u32; 3], &f64)| Shape::new(face.map(|v| positions[v as usize]), area.max(least));
         let mut around = vec![Vec::new(); positions.len()];
         for (face, f) in faces.iter().zip(0..) {
             face.iter().for_each(|&v| around[v as usize].push(f));
@@ -70,7 +73,7 @@ impl Hierarchy {
         Self {
             positions: positions.to_vec(),
             faces: faces.to_vec(),
-            shapes: faces.iter().map(shape).collect(),
+            shapes: faces.iter().zip(areas).map(shape).collect(),
             around,
             collapses: Vec::new(),
             present: positions.len(),
@@ -241,7 +244,7 @@ mod tests {
     #[test]
     fn every_level_is_a_sphere_of_the_same_area_and_the_way_back_ends_at_the_start() {
         let mesh = icosphere(3);
-        let mut hierarchy = Hierarchy::new(&mesh.vertices, &mesh.faces);
+        let mut hierarchy = Hierarchy::new(&mesh.vertices, &mesh.faces, &vec![0.01; mesh.faces.len()]);
         let area = |h: &Hierarchy, mesh: &Mesh| -> f64 {
             let kept = |f: &[u32; 3]| h.faces.iter().position(|g| g == f).unwrap();
             mesh.faces.iter().map(|f| h.shapes[kept(f)].area).sum()

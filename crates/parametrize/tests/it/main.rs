@@ -1,0 +1,6 @@
+//! Maps of many surfaces: one to one, as good as promised, the same every time.
+
+mod methods;
+mod robustness;
+mod shapes;
+mod shared_data;
