@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The table of spherical parameterisations: each mesh by each method, how good the map is, and how good a fit over it.
 
-Called by `./run parametrize-table`; wants `parametrize`, `basis-build`, `fit` and `generate` on the PATH. Python's own
+Called by `./run parametrize-table`; wants `parametrize`, `fit`, `reconstruct`, `compare` and `generate` on the PATH. Python's own
 library suffices. Exits 1 where a bar is missed.
 """
 
@@ -9,7 +9,6 @@ import argparse
 import json
 import math
 import pathlib
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -78,16 +77,20 @@ def run(*command):
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{command[0]}: {done.stderr.strip()}")
+    return done.stdout
 
 
 def least_squares(folder, surface, sphere, degree):
-    """msd of the least squares at the vertices."""
-    store, report = folder / "store", folder / "fit.json"
-    run("basis-build", "--sphere", sphere, "--max-degree", degree, "--store", store, "-q")
-    run("fit", "--store", store, "--sphere", sphere, "--surface", surface, "--max-degree", degree, "--method", "nlsf",
-        "--memory", "6GiB", "-o", folder / "model.spharm.npz", "--report", report, "--force", "-q")
-    shutil.rmtree(store)
-    return json.loads(report.read_text())["surfaces"][0]["passes"][-1]["msd"]
+    """msd of the least squares at the vertices, and the Hausdorff distance at four times as many, at volume 1."""
+    report, model, dense, back = (folder / name for name in ["fit.json", "model.spharm.npz", "four.obj", "back.ply"])
+    run("fit", "--sphere", sphere, "--surface", surface, "--max-degree", degree, "-o", model, "--report", report, "--force",
+        "-q")
+    densify(sphere, dense, 1, True)
+    run("reconstruct", "--model", model, "--sphere", dense, "--double", "-o", back, "--force", "-q")
+    compared = run("compare", surface, back, "--surface-distance", "--json")
+    msd = json.loads(report.read_text())["surfaces"][0]["passes"][-1]["msd"]
+    compared = json.loads(compared)
+    return msd, compared["surface_distance"]["hausdorff"] / compared["scale"]
 
 
 def main():
@@ -100,8 +103,8 @@ def main():
     arguments = parser.parse_args()
 
     rows, missed = [], []
-    header = ("mesh", "method", "n", "flips", "area rms", "length", "stretch", "angle", "seconds", "degree", "msd")
-    layout = "{:<12} {:<10} {:>6} {:>5} {:>8} {:>9} {:>8} {:>6} {:>7} {:>6} {:>9}"
+    header = ("mesh", "method", "n", "flips", "area rms", "length", "stretch", "angle", "seconds", "degree", "msd", "hausdorff")
+    layout = "{:<12} {:<10} {:>6} {:>5} {:>8} {:>9} {:>8} {:>6} {:>7} {:>6} {:>9} {:>9}"
     print(layout.format(*header), flush=True)
     for name, file, subdivisions, degree, bar in MESHES:
         if name not in arguments.meshes:
@@ -119,21 +122,23 @@ def main():
                 sphere, report = folder / f"{method}.obj", folder / f"{method}.json"
                 run("parametrize", "--input", surface, "--method", method, "--output", sphere, "--report", report, "-q")
                 row = by_method[method] = json.loads(report.read_text())
-                row.update(mesh=name, degree=None, msd=None)
+                row.update(mesh=name, degree=None, msd=None, hausdorff=None)
                 if degree and method in arguments.fits:
                     dense_surface, dense_sphere = surface, sphere
                     if subdivisions:
                         dense_surface, dense_sphere = folder / "surface.obj", folder / "dense.obj"
                         densify(surface, dense_surface, subdivisions, False)
                         densify(sphere, dense_sphere, subdivisions, True)
-                    row.update(degree=degree, msd=least_squares(folder, dense_surface, dense_sphere, degree))
+                    msd, hausdorff = least_squares(folder, dense_surface, dense_sphere, degree)
+                    row.update(degree=degree, msd=msd, hausdorff=hausdorff)
                 rows.append(row)
                 q = row["quality"]
                 flips = q["flipped"] + q["degenerate"]
                 print(layout.format(
                     name, row["method"], row["vertices"], flips, f"{q['area_rms']:.4f}", f"{q['length_worst']:.3f}",
                     f"{q['stretch']:.4f}", f"{q['angle_rms_degrees']:.2f}", f"{row['seconds']:.1f}",
-                    row["degree"] or "", f"{row['msd']:.2e}" if row["msd"] else ""), flush=True)
+                    row["degree"] or "", f"{row['msd']:.2e}" if row["msd"] else "",
+                    f"{row['hausdorff']:.2e}" if row["hausdorff"] else ""), flush=True)
                 if flips:
                     missed.append(f"{name}, {method}: {flips} triangles flipped or degenerate")
                 if row["seconds"] > SECONDS_BAR:

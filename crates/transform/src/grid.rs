@@ -363,13 +363,19 @@ fn gather<const W: usize, const C: usize, const FMA: bool>(
             }
         }
     }
+    // Loops throughout: a closure that isn't inlined is compiled for the oldest processor.
     let columns = &batch.column_values[point];
-    std::array::from_fn(|c| {
-        let v: [f64; W] = std::array::from_fn(|i| sums[c][i] * columns[i]);
-        // Halves, so that it stays in lanes.
-        let four: [f64; 4] = std::array::from_fn(|i| v[i..].iter().step_by(4).sum());
-        (four[0] + four[2]) + (four[1] + four[3])
-    })
+    let mut result = [0.0; C];
+    for (result, sums) in result.iter_mut().zip(&sums) {
+        let mut four = [0.0; 4];
+        for (columns, sums) in columns.chunks_exact(4).zip(sums.chunks_exact(4)) {
+            for i in 0..4 {
+                four[i] = fused::<FMA>(columns[i], sums[i], four[i]);
+            }
+        }
+        *result = (four[0] + four[2]) + (four[1] + four[3]);
+    }
+    result
 }
 
 /// Adds values of C channels at one point to the grid.
