@@ -42,6 +42,10 @@ struct Cli {
     /// How the sphere is turned in the beginning; other seeds give maps that are as good but not the same
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+    /// By cald, root mean square of the log area ratio that may go into sampling finely meshed parts better: 0 for equal
+    /// areas as they are on the surface; 0.15 makes fits at the vertices of uneven meshes better still
+    #[arg(long, value_name = "RMS", default_value_t = CaldParams::default().even)]
+    even: f64,
     /// Replace outputs that exist
     #[arg(long)]
     force: bool,
@@ -101,7 +105,7 @@ fn work(cli: &Cli) -> Result<()> {
 
     let mesh = read_mesh(&cli.input)?;
     console.note(format!("{}: {} vertices, {} triangles", cli.input.display(), mesh.vertices.len(), mesh.faces.len()));
-    let found = cli.threads.pool()?.install(|| parametrize(&mesh, cli.method, cli.seed, &console));
+    let found = cli.threads.pool()?.install(|| parametrize(&mesh, cli, &console));
     let found = found.with_context(|| cli.input.display().to_string())?;
     found.report.notes.iter().for_each(|note| console.warn(note));
 
@@ -125,7 +129,7 @@ fn work(cli: &Cli) -> Result<()> {
     print(&summary(&cli.output, &found.report))
 }
 
-fn parametrize(mesh: &Mesh, method: Method, seed: u64, console: &Console) -> Result<Parametrization> {
+fn parametrize(mesh: &Mesh, cli: &Cli, console: &Console) -> Result<Parametrization> {
     let mut bar = None;
     let mut progress = |event| match event {
         Event::Begin { stage, steps } => {
@@ -142,9 +146,11 @@ fn parametrize(mesh: &Mesh, method: Method, seed: u64, console: &Console) -> Res
         _ => {}
     };
     let progress = &mut progress;
-    let found: Result<Parametrization, ParametrizeError> = match method {
-        Method::Auto => auto(mesh, seed, progress),
-        Method::Cald => cald(mesh, &CaldParams { seed, ..CaldParams::default() }, progress),
+    let seed = cli.seed;
+    let even = CaldParams { even: cli.even, seed, ..CaldParams::default() };
+    let found: Result<Parametrization, ParametrizeError> = match cli.method {
+        Method::Auto => auto(mesh, &even, progress),
+        Method::Cald => cald(mesh, &even, progress),
         Method::Conformal => conformal(mesh, &ConformalParams { seed, ..ConformalParams::default() }, progress),
         Method::Stretch => stretch(mesh, &StretchParams { seed, ..StretchParams::default() }, progress),
         // Filled in by the methods for volumes and shared samplings.
