@@ -7,7 +7,7 @@ use spharm_cli::console::{Console, Unit};
 use spharm_cli::inputs::Sphere;
 use spharm_cli::output::refuse_existing;
 use spharm_harmonics::Directions;
-use spharm_parametrize::{Event, Report, auto};
+use spharm_parametrize::{CaldParams, Event, Report, auto};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
 use crate::Cli;
@@ -42,7 +42,7 @@ pub(crate) fn parametrize(cli: &Cli, item: &Item, console: &Console) -> Result<(
         }
         _ => {}
     };
-    let found = auto(&mesh, 0, &mut progress).with_context(|| item.input.display().to_string())?;
+    let found = auto(&mesh, &CaldParams::default(), &mut progress).with_context(|| item.input.display().to_string())?;
     drop(bar);
     let path = sphere_of(&item.output);
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {

@@ -9,7 +9,7 @@
 //! A fit looks at the vertices. Where the mesh is coarse and gets its full area, the sphere is sampled thinly, and few
 //! samples lie where the mesh is fine, which is where the detail is. So areas are not quite what they are on the
 //! surface: a vertex's area is raised to the power 1 - b, smoothly over the surface, b as large as the given area
-//! distortion allows. It lowers the msd of fsaverage5's pial surface at degree 80 by a third. A mesh whose triangles
+//! distortion allows. At a cost of 0.07 it lowers the msd of fsaverage5's pial surface at degree 80 from 1.3e-6 to 1.0e-6. A mesh whose triangles
 //! are of one size has nothing to even out.
 
 use std::time::Instant;
@@ -25,11 +25,11 @@ use crate::{Event, Parametrization, ParametrizeError, Progress, Report};
 /// The shares of shape, the last one for whatever comes.
 const STAGES: [f64; 7] = [0.3, 0.15, 0.08, 0.04, 0.02, 0.01, 0.005];
 
-/// Of the term that bounds lengths, by the share of shape. At ten times this, areas of figures with arms suffer.
+/// Of the term that bounds lengths, by the share of shape. At ten times this, areas of figures with arms suffer (homer: 0.15 in place of 0.08).
 const BOUND: f64 = 0.02;
 
 /// Rounds of averaging over neighbours that make the areas of a mesh's vertices its density of sampling.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 2;
 
 /// Most that areas are evened out: the power b.
 const MOST_EVEN: f64 = 0.5;

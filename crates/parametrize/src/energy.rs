@@ -3,8 +3,10 @@
 //! A triangle of the surface with area A (all of them sum to 4 pi) goes to a spherical triangle of solid angle W. With
 //! s1 >= s2 the singular values of the linear map between the flat triangles,
 //!
-//!     q = (s1^2 + s2^2) / 2 = sum over corners of cot(angle) |opposite edge on the sphere|^2 / (4 A)
-//!     r = W / A,                                        about s1 s2 for small triangles
+//! ```text
+//! q = (s1^2 + s2^2) / 2 = sum over corners of cot(angle) |opposite edge on the sphere|^2 / (4 A)
+//! r = W / A,                                        about s1 s2 for small triangles
+//! ```
 //!
 //! and each energy is the sum over triangles of A F(q, r), where
 //!

@@ -11,6 +11,13 @@
 //! - Areas are compared once the surface is scaled to the area of the sphere, 4 pi.
 //! - The same input and seed give the same bits, whatever the number of threads.
 //!
+//! # How
+//!
+//! All methods for meshes begin alike: the surface is collapsed to a tetrahedron, which goes onto the sphere, and vertices
+//! come back one at a time inside their kernels (`hierarchy.rs`, `embed.rs`, `star.rs`). From there a method descends its
+//! energy (`energy.rs`) by Newton's steps over the whole mesh (`newton.rs`) and by sweeps over single vertices, and no
+//! step that flips a triangle is taken. So there are no folds to repair at any time, and what comes out is checked anew.
+//!
 //! # Where what is
 //!
 //! | module or method | what |
@@ -24,6 +31,19 @@
 //! | [`resample()`] | a surface on another sampling of its sphere |
 //! | [`volume`] | label volumes (NIfTI): the closed surface around a label, repaired where that is asked for |
 //! | [`quality`] | whether a map is one to one, and how it distorts areas, angles and lengths |
+//!
+//! # Example
+//!
+//! ```
+//! use spharm_parametrize::{CaldParams, cald, silent};
+//! use spharm_surface::generate::{Cortex, cortex};
+//!
+//! let (surface, _) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+//! let found = cald(&surface, &CaldParams::default(), &mut silent)?;
+//! assert!(found.report.quality.is_bijective());
+//! assert!(found.report.quality.area_rms < 0.1);
+//! # Ok::<(), spharm_parametrize::ParametrizeError>(())
+//! ```
 
 #![forbid(unsafe_code)]
 

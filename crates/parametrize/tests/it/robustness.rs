@@ -2,7 +2,7 @@
 
 use crate::shapes::surface;
 use rayon::prelude::*;
-use spharm_parametrize::{ConformalParams, Quality, StretchParams, auto, conformal, silent, stretch};
+use spharm_parametrize::{CaldParams, ConformalParams, Quality, StretchParams, auto, conformal, silent, stretch};
 
 #[test]
 fn auto_maps_two_hundred_surfaces_one_to_one() {
@@ -10,7 +10,7 @@ fn auto_maps_two_hundred_surfaces_one_to_one() {
         .into_par_iter()
         .filter_map(|seed| {
             let (kind, mesh) = surface(seed);
-            let found = match auto(&mesh, 0, &mut silent) {
+            let found = match auto(&mesh, &CaldParams::default(), &mut silent) {
                 Ok(found) => found,
                 Err(error) => return Some(format!("{kind} {seed}: {error}")),
             };

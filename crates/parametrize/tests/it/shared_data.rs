@@ -34,7 +34,7 @@ fn hippocampi_are_no_worse_than_as_published() {
             continue;
         };
         let published = Quality::of(&mesh, &sphere);
-        let ours = auto(&mesh, 0, &mut silent).unwrap().report.quality;
+        let ours = auto(&mesh, &CaldParams::default(), &mut silent).unwrap().report.quality;
         assert!(ours.area_rms <= published.area_rms, "{name}: {ours:?} {published:?}");
         assert!(ours.stretch <= published.stretch, "{name}: {ours:?} {published:?}");
     }
@@ -44,7 +44,7 @@ fn hippocampi_are_no_worse_than_as_published() {
 fn surfaces_that_are_not_spheres_are_refused_with_counts() {
     for name in ["bad_cow.obj", "bad_suzanne.obj"] {
         let Some(mesh) = shared(name) else { continue };
-        let error = auto(&mesh, 0, &mut silent).unwrap_err();
+        let error = auto(&mesh, &CaldParams::default(), &mut silent).unwrap_err();
         assert!(matches!(error, ParametrizeError::BadSurface { .. }), "{name}");
         let text = error.to_string();
         assert!(text.chars().any(|c| c.is_ascii_digit()), "{name}: {text}");

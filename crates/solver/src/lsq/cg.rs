@@ -46,12 +46,12 @@ impl NormalEquations<'_> {
         Ok(y)
     }
 
-    /// `A^T W s`, which uses up s.
-    pub(crate) fn adjoint(&self, mut samples: Array2<f64>) -> Result<Array2<f64>, SolverError> {
-        if let Some(weights) = self.weights {
-            super::columns::scale_rows(&mut samples, weights);
-        }
-        self.operator.apply_adjoint(samples.view())
+    /// `A^T W s`.
+    pub(crate) fn adjoint(&self, samples: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        let Some(weights) = self.weights else { return self.operator.apply_adjoint(samples.view()) };
+        let mut weighted = samples.clone();
+        super::columns::scale_rows(&mut weighted, weights);
+        self.operator.apply_adjoint(weighted.view())
     }
 
     /// `A^T W (f - A x) - P x` and the residual `f - A x`.
@@ -60,8 +60,9 @@ impl NormalEquations<'_> {
         targets: &Array2<f64>,
         x: &Array2<f64>,
     ) -> Result<(Array2<f64>, Array2<f64>), SolverError> {
-        let residual = targets - &self.operator.apply(x.view())?;
-        let mut gradient = self.adjoint(residual.clone())?;
+        let mut residual = self.operator.apply(x.view())?;
+        ndarray::Zip::from(&mut residual).and(targets).par_for_each(|residual, target| *residual = target - *residual);
+        let mut gradient = self.adjoint(&residual)?;
         if let Some(penalty) = self.penalty {
             let minus: Vec<f64> = penalty.iter().map(|p| -p).collect();
             add_scaled_rows(&mut gradient, &minus, x);
@@ -108,7 +109,7 @@ pub(crate) struct Cg {
 
 impl Cg {
     pub(crate) fn new(equations: &NormalEquations<'_>, targets: &Array2<f64>) -> Result<Self, SolverError> {
-        let gradient = equations.adjoint(targets.clone())?;
+        let gradient = equations.adjoint(targets)?;
         let scale = norms(&gradient);
         Ok(Self { x: Array2::zeros(gradient.dim()), gradient, scale, iterations: 0, condition: 1.0 })
     }

@@ -113,7 +113,7 @@ impl Search<'_> {
         let roots: Vec<f64> = penalty.iter().map(|p| p.sqrt()).collect();
         let mut probes = self.probes.clone();
         scale_rows(&mut probes, &roots);
-        let adjoint = equations.adjoint(self.targets.clone())?;
+        let adjoint = equations.adjoint(self.targets)?;
         let mut right = Array2::zeros((adjoint.nrows(), c + PROBES));
         right.slice_mut(s![.., ..c]).assign(&adjoint);
         right.slice_mut(s![.., c..]).assign(&probes);

@@ -274,7 +274,9 @@ impl<'a> LsqSolver<'a> {
         if targets.nrows() != expected {
             return Err(SolverError::Rows { what: "the target", expected, found: targets.nrows() });
         }
-        if let Some(((row, column), _)) = targets.indexed_iter().find(|(_, value)| !value.is_finite()) {
+        if !targets.iter().all(|value| value.is_finite())
+            && let Some(((row, column), _)) = targets.indexed_iter().find(|(_, value)| !value.is_finite())
+        {
             return Err(SolverError::NotFinite { row, column });
         }
         let mut cg = Cg::new(&self.equations(), targets)?;
