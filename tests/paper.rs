@@ -82,12 +82,20 @@ fn a_quick_run_measures_every_experiment() {
         assert!(number(row, "bytes") > values && number(row, "seconds") > 0.0);
     }
 
+    let families = rows(&output.join("least-squares-quadrature.csv"));
+    assert_eq!(families.len(), 3);
+    for row in &families {
+        // The least squares is the least there is at the vertices.
+        let (least, quadrature) = (number(row, "lsq_msd"), number(row, "quadrature_msd"));
+        assert!(least > 0.0 && least < quadrature && number(row, "quadrature_seconds") > 0.0, "{least} {quadrature}");
+    }
+
     for figure in ["figure3.svg", "figure5.svg", "figures6-7.generated.svg", "table1.svg"] {
         let svg = std::fs::read_to_string(output.join(figure)).expect("the figure is there");
         assert!(svg.contains("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"), "{figure}");
     }
     // Neither the store nor anything half-written is left.
-    assert_eq!(std::fs::read_dir(&output).expect("a folder").count(), 5 + 4 + 1);
+    assert_eq!(std::fs::read_dir(&output).expect("a folder").count(), 6 + 4 + 1);
 }
 
 #[test]

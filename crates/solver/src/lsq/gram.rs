@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use ndarray::{Array2, ArrayView2};
-use spharm_harmonics::Directions;
+use spharm_harmonics::{Directions, HarmonicsError, MAX_DEGREE};
 use spharm_transform::{FINEST, MomentGram, Transform, TransformParams};
 
 use crate::SolverError;
@@ -36,8 +36,11 @@ pub fn moment_gram(
 ///
 /// # Errors
 ///
-/// Those of the transforms, to twice the degree.
+/// Those of the transforms, to twice the degree, which must not be above [`MAX_DEGREE`].
 pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, SolverError> {
+    if 2 * max_degree > MAX_DEGREE {
+        return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE / 2 }.into());
+    }
     let transform = Transform::bytes(&moments(max_degree), directions, 1)?;
     Ok(transform.max(MomentGram::bytes(max_degree)) + 8 * directions)
 }
