@@ -160,7 +160,7 @@ def transforms(peer, folder, repeats):
         problem = Problem(folder, "transforms", u, rng.normal(size=(n, 3)), max_degree)
         x = canonical(max_degree, 2)
         np.save(folder / "x.npy", x)
-        count = repeats if n < 100_000 else max(3, repeats // 5)
+        count = 10 * repeats if n < 100_000 else max(3, repeats // 5)
         ours = peer.run("transforms", problem.files[0], folder / "x.npy", max_degree, 1e-12, count, folder / "out")
         alms = [to_alm(column, max_degree) for column in x.T]
         theirs, samples = seconds(lambda: [problem.synthesis(alm, 1e-12) for alm in alms], count)
@@ -206,6 +206,8 @@ def stored(peer, folder, problem, reference, theirs, repeats):
     command = [tools / "basis-build", "--sphere", sphere, "--factor", 100, "--factor-only"]
     command += ["--store", store, "--memory", "4GiB", "-q"]
     subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
+    # What is still on its way to the disk would be timed with the fits.
+    os.sync()
     mine, alms, _ = lsq(peer, problem, 1e-9, 1e-7, repeats, "--store", store)
     msd, optimality = problem.judge(alms)
     assert abs(msd / reference - 1) <= 1e-6
@@ -257,7 +259,7 @@ def large(peer, folder, subdivisions, max_degree):
     _, optimality = problem.judge([to_alm(column, max_degree) for column in x.T])
     mine = statistics.median(ours["seconds"])
     print(f"# ours: {mine:.1f} s, optimality {optimality:.1e}, peak {ours['peak'] / 2**30:.2f} GiB", flush=True)
-    for epsilon in [1e-5, 1e-6, 1e-7, 1e-8]:
+    for epsilon in [1e-6, 1e-7, 1e-8]:
         theirs, alms = seconds(lambda: problem.analysis(epsilon, 500), 1)
         _, reached = problem.judge(alms)
         print(f"# ducc0 at epsilon {epsilon:g}: {theirs:.1f} s, optimality {reached:.1e}", flush=True)

@@ -214,7 +214,7 @@ impl Budget {
     fn new(job: &Job<'_>, channels: usize) -> Result<Self> {
         let (n, k) = (job.sphere.directions.len(), basis_size(job.cli.max_degree));
         let budget = job.memory();
-        let group = channels.clamp(1, 6);
+        let group = channels.clamp(1, 3);
         let params = |group| TransformParams { max_degree: job.cli.max_degree, accuracy: ACCURACY, channels: group };
         // Targets and residual, and the samples between; the vectors of conjugate gradients.
         let each = 8 * channels * (4 * n + 8 * k);

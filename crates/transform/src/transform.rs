@@ -31,7 +31,7 @@ pub struct TransformParams {
 
 impl Default for TransformParams {
     fn default() -> Self {
-        Self { max_degree: 0, accuracy: 1e-12, channels: 6 }
+        Self { max_degree: 0, accuracy: 1e-12, channels: 3 }
     }
 }
 
