@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod bad_input;
+mod bare;
 mod common;
 mod exact;
 mod memory;
