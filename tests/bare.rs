@@ -20,7 +20,7 @@ fn a_bare_mesh_is_mapped_fitted_and_its_sphere_kept() {
         command
     };
     let report: Value = serde_json::from_str(&succeed(&mut fit())).expect("JSON");
-    let sphere = read_mesh(&out.join("bare.sphere.surf.gii")).expect("the sphere is kept");
+    let sphere = read_mesh(out.join("bare.sphere.surf.gii")).expect("the sphere is kept");
     assert_eq!(sphere.faces, surface.faces);
     assert!(Quality::of(&surface, &sphere).is_bijective());
     let found = &report["surfaces"][0];
