@@ -8,8 +8,8 @@ use spharm_surface::io::read_mesh;
 
 /// A mesh of the shared data; `None`, with a message, where it isn't there.
 fn shared(name: &str) -> Option<Mesh> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let found = [folder, PathBuf::from("/work/shared/data")].map(|f| f.join(name)).into_iter().find(|f| f.exists());
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(name);
+    let found = path.exists().then_some(path);
     if found.is_none() {
         eprintln!("{name} isn't there: skipped");
     }
