@@ -75,13 +75,6 @@ fn repeat<T>(repeats: usize, mut work: impl FnMut() -> Result<T>) -> Result<(Vec
     }
 }
 
-/// The most memory that this process has had, in bytes.
-fn peak() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()).unwrap_or(0) << 10
-}
-
 fn main() -> Result<()> {
     rayon::ThreadPoolBuilder::new().num_threads(2).build_global()?;
     match Cli::parse().command {
@@ -129,7 +122,10 @@ fn main() -> Result<()> {
                 )?)
             })?;
             write_npy(out.with_extension("coefficients.npy"), fit.coefficients.values())?;
-            println!("{}", serde_json::json!({ "seconds": seconds, "report": fit.report, "peak": peak() }));
+            println!(
+                "{}",
+                serde_json::json!({ "seconds": seconds, "report": fit.report, "peak": spharm_cli::machine::memory().peak_resident })
+            );
         }
         Command::Sphere { subdivisions, out } => {
             let sphere = spharm_surface::generate::icosphere(subdivisions);

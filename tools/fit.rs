@@ -14,6 +14,7 @@ mod outputs;
 mod quadrature;
 #[path = "fit/report.rs"]
 mod report;
+mod stages;
 #[path = "fit/streamed.rs"]
 mod streamed;
 

@@ -9,6 +9,7 @@
 mod input;
 #[path = "parametrize/shared.rs"]
 mod shared;
+mod stages;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -17,7 +18,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Parser, ValueEnum};
 use serde::Serialize;
 use spharm_cli::Common;
-use spharm_cli::console::{Console, Unit};
+use spharm_cli::console::Console;
 use spharm_cli::output::{print, refuse_existing, table, write_json};
 use spharm_cli::threads::Threads;
 use spharm_parametrize::{
@@ -28,6 +29,7 @@ use spharm_surface::io::{WriteOptions, write_mesh};
 
 use input::{Input, Label};
 use shared::Shared;
+use stages::shown;
 
 /// Map a closed surface onto the sphere, one to one: the sphere that a fit needs
 ///
@@ -230,20 +232,12 @@ fn check(cli: &Cli, input: &Input) -> Result<()> {
 }
 
 fn parametrize(cli: &Cli, input: &Input, console: &Console) -> Result<Found> {
-    let mut bar = None;
-    let mut progress = |event| match event {
-        Event::Begin { stage, steps } => {
+    let mut show = shown(console);
+    let mut progress = |event| {
+        if let Event::Begin { stage, .. } = event {
             console.detail(stage);
-            // The last one has to go from the screen before the next comes.
-            bar = None;
-            bar = Some(console.progress(stage, steps, Unit::Count("steps")));
         }
-        Event::Step(steps) => {
-            if let Some(bar) = &bar {
-                bar.add(steps);
-            }
-        }
-        _ => {}
+        show(event);
     };
     let progress = &mut progress;
     let seed = cli.seed;

@@ -3,15 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use spharm_cli::console::{Console, Unit};
+use spharm_cli::console::Console;
 use spharm_cli::inputs::Sphere;
 use spharm_cli::output::refuse_existing;
 use spharm_harmonics::Directions;
-use spharm_parametrize::{CaldParams, Event, Report, auto};
+use spharm_parametrize::{CaldParams, Report, auto};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
 use crate::Cli;
 use crate::outputs::Item;
+use crate::stages::shown;
 
 /// `NAME.sphere.surf.gii` beside `NAME.spharm.npz`.
 pub(crate) fn sphere_of(output: &Path) -> PathBuf {
@@ -28,22 +29,9 @@ pub(crate) fn refuse(cli: &Cli, items: &[Item]) -> Result<()> {
 /// Maps one surface to the sphere, writes the sphere, and says what it did.
 pub(crate) fn parametrize(cli: &Cli, item: &Item, console: &Console) -> Result<(Sphere, Report)> {
     let mesh = read_mesh(&item.input)?;
-    let mut bar = None;
-    let mut progress = |event| match event {
-        Event::Begin { stage, steps } => {
-            // The last one has to go from the screen before the next comes.
-            bar = None;
-            bar = Some(console.progress(stage, steps, Unit::Count("steps")));
-        }
-        Event::Step(steps) => {
-            if let Some(bar) = &bar {
-                bar.add(steps);
-            }
-        }
-        _ => {}
-    };
+    let mut progress = shown(console);
     let found = auto(&mesh, &CaldParams::default(), &mut progress).with_context(|| item.input.display().to_string())?;
-    drop(bar);
+    drop(progress);
     let path = sphere_of(&item.output);
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;

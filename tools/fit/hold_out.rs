@@ -4,6 +4,7 @@ use anyhow::Result;
 use ndarray::{Array2, ArrayView2};
 use serde::Serialize;
 use spharm_harmonics::Directions;
+use spharm_surface::generate::SplitMix64;
 use spharm_transform::synthesis;
 
 use crate::report::{About, Distances};
@@ -24,14 +25,8 @@ pub(crate) struct HeldOut {
 impl HoldOut {
     /// A fraction of n vertices, the same ones each time.
     pub(crate) fn new(n: usize, fraction: f64) -> Self {
-        // A hash of the vertex's number, spread over [0, 1).
-        let uniform = |i: usize| {
-            let mut z = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-            ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-        };
-        Self { held: (0..n).map(|i| uniform(i) < fraction).collect() }
+        let mut random = SplitMix64::new(0);
+        Self { held: (0..n).map(|_| random.between(0.0, 1.0) < fraction).collect() }
     }
 
     pub(crate) fn count(&self) -> usize {

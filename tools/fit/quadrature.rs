@@ -1,5 +1,6 @@
 //! Quadrature on a resampled grid, surface by surface.
 
+use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -38,13 +39,8 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
         let targets = batch.side_by_side();
         let coefficients = quadrature.fit(targets.view()).with_context(|| job.sphere.path.display().to_string())?;
         let residual = &targets - &vertices.synthesis(coefficients.view())?;
-        let residuals = batch.groups.iter().map(|group| {
-            let squares = residual.slice(ndarray::s![.., group.clone()]);
-            let squares: Vec<f64> = squares.rows().into_iter().map(|row| row.dot(&row)).collect();
-            let mean_square = squares.iter().sum::<f64>() / squares.len() as f64;
-            Residual { mean_square, max_square: squares.into_iter().fold(0.0, f64::max) }
-        });
-        let residuals: Vec<Residual> = residuals.collect();
+        let of = |group: &Range<usize>| Residual::of(residual.slice(ndarray::s![.., group.clone()]));
+        let residuals: Vec<Residual> = batch.groups.iter().map(of).collect();
         progress.add(batch.groups.len() as u64);
         Ok(Solved {
             coefficients,

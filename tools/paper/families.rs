@@ -9,6 +9,7 @@ use spharm_harmonics::basis_size;
 use spharm_solver::cholesky::GramSource;
 use spharm_solver::lsq::cg::Stop;
 use spharm_solver::lsq::{LsqParams, LsqSolver, moment_gram, moment_gram_bytes};
+use spharm_solver::report::Residual;
 use spharm_solver::{MatrixFreeOperator, Operator};
 use spharm_surface::Mesh;
 use spharm_surface::quadrature::Quadrature;
@@ -73,7 +74,6 @@ fn family(bench: &Bench<'_>, surface: &Surface, max_degree: usize) -> Result<Fam
 }
 
 fn quality(residual: &Array2<f64>, scale: f64) -> Quality {
-    let squares: Vec<f64> = residual.rows().into_iter().map(|row| row.dot(&row) / (scale * scale)).collect();
-    let msd = squares.iter().sum::<f64>() / squares.len() as f64;
-    Quality { msd, xsd: squares.into_iter().fold(0.0, f64::max) }
+    let Residual { mean_square, max_square } = Residual::of(residual.view());
+    Quality { msd: mean_square / (scale * scale), xsd: max_square / (scale * scale) }
 }

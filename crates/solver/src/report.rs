@@ -1,5 +1,6 @@
 //! What a fit tells about itself.
 
+use ndarray::ArrayView2;
 use serde::Serialize;
 
 use crate::plan::Plan;
@@ -70,6 +71,19 @@ pub struct Residual {
     pub mean_square: f64,
     /// Maximum over the rows.
     pub max_square: f64,
+}
+
+impl Residual {
+    /// Of a target's residual, (n, c).
+    pub fn of(residual: ArrayView2<'_, f64>) -> Self {
+        let (mut sum, mut max) = (0.0, 0.0f64);
+        for row in residual.rows() {
+            let square = row.iter().map(|r| r * r).sum::<f64>();
+            sum += square;
+            max = max.max(square);
+        }
+        Self { mean_square: sum / residual.nrows() as f64, max_square: max }
+    }
 }
 
 /// Seconds by kind of work, summed over the blocks.

@@ -22,7 +22,7 @@ use ndarray::Array2;
 
 use crate::SolverError;
 use crate::lsq::columns::{add_scaled_rows, combine, dots, norms};
-use crate::lsq::preconditioner::Preconditioner;
+use crate::lsq::preconditioner::{Diagonal, Preconditioner};
 use crate::operator::Operator;
 
 /// The normal equations of a weighted and penalised least squares.
@@ -44,6 +44,12 @@ impl NormalEquations<'_> {
             add_scaled_rows(&mut y, penalty, x);
         }
         Ok(y)
+    }
+
+    /// The inverse of the diagonal that N would have on an even sampling.
+    pub(crate) fn diagonal(&self) -> Diagonal {
+        let weight = self.weights.map_or(self.operator.rows() as f64, |weights| weights.iter().sum());
+        Diagonal::new(self.operator.max_degree(), weight, self.penalty)
     }
 
     /// `A^T W s`.

@@ -23,7 +23,6 @@ use crate::SolverError;
 use crate::cholesky::smoothness_penalty;
 use crate::lsq::cg::{Cg, CgParams, NormalEquations};
 use crate::lsq::columns::{norms, scale_rows};
-use crate::lsq::preconditioner::Diagonal;
 use crate::operator::Operator;
 
 /// Probes of the trace: with their number the noise of GCV falls as its root; it is some percent of `tr(P N^-1)`.
@@ -62,8 +61,9 @@ pub fn choose_smoothness(
     let top = ((max_degree * (max_degree + 1)) as f64).max(2.0).powi(2);
     // From a penalty that nothing notices, of 1e-6 of the highest degree's diagonal, to one that holds degree 2 down.
     let (low, high) = ((1e-6 * even / top).ln(), (even / 36.0).ln());
-    let mut search =
-        Search { operator, weights, targets, weight, cancel, tried: Vec::new(), probes: probes(max_degree) };
+    let adjoint = NormalEquations { operator, weights, penalty: None }.adjoint(targets)?;
+    let probes = probes(max_degree);
+    let mut search = Search { operator, weights, targets, adjoint, cancel, tried: Vec::new(), probes };
     let step = (high - low) / (COARSE - 1) as f64;
     let mut best = (0, f64::INFINITY);
     for i in 0..COARSE {
@@ -99,7 +99,8 @@ struct Search<'a> {
     operator: &'a dyn Operator,
     weights: Option<&'a [f64]>,
     targets: &'a Array2<f64>,
-    weight: f64,
+    /// `A^T W f`, the same for every lambda.
+    adjoint: Array2<f64>,
     cancel: &'a AtomicBool,
     tried: Vec<[f64; 3]>,
     probes: Array2<f64>,
@@ -113,15 +114,13 @@ impl Search<'_> {
         let roots: Vec<f64> = penalty.iter().map(|p| p.sqrt()).collect();
         let mut probes = self.probes.clone();
         scale_rows(&mut probes, &roots);
-        let adjoint = equations.adjoint(self.targets)?;
-        let mut right = Array2::zeros((adjoint.nrows(), c + PROBES));
-        right.slice_mut(s![.., ..c]).assign(&adjoint);
+        let mut right = Array2::zeros((self.adjoint.nrows(), c + PROBES));
+        right.slice_mut(s![.., ..c]).assign(&self.adjoint);
         right.slice_mut(s![.., c..]).assign(&probes);
         let scale = norms(&right);
         let mut cg = Cg { x: Array2::zeros(right.dim()), gradient: right, scale, iterations: 0, condition: 1.0 };
-        let diagonal = Diagonal::new(max_degree, self.weight, Some(&penalty));
         let params = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
-        cg.run(&equations, &diagonal, &params, self.cancel, &|_, _| {})?;
+        cg.run(&equations, &equations.diagonal(), &params, self.cancel, &|_, _| {})?;
         let residual = self.targets - &self.operator.apply(cg.x.slice(s![.., ..c]))?;
         let mut square = 0.0;
         for (i, row) in residual.rows().into_iter().enumerate() {

@@ -17,7 +17,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use ndarray::Array2;
+use ndarray::{Array2, s};
 use serde::Serialize;
 use spharm_harmonics::index::{basis_size, first_column};
 use spharm_harmonics::{Coefficients, index};
@@ -28,7 +28,7 @@ use crate::cholesky::{
 };
 use crate::lsq::cg::{Cg, CgParams, NormalEquations, Stop, relative};
 use crate::lsq::columns::norms;
-use crate::lsq::preconditioner::{ByFactor, Density, Diagonal, LowDegrees, Preconditioner};
+use crate::lsq::preconditioner::{ByFactor, Density, LowDegrees, Preconditioner};
 use crate::operator::Operator;
 use crate::report::Residual;
 use crate::{SolverError, dense};
@@ -295,12 +295,12 @@ impl<'a> LsqSolver<'a> {
             outcome.stop = Stop::Stalled;
         }
         let condition = self.condition(&cg, &outcome);
+        let norm = norms(&cg.x).into_iter().fold(0.0, f64::max);
         let shift = self.made.as_ref().filter(|_| outcome.refine).map_or(0.0, |made| made.shift);
         let (seen, columns) = (self.rows_with_weight(), cg.x.nrows());
         if seen < columns && self.penalty.is_none() && shift == 0.0 {
             self.notes.push(format!(
-                "{seen} vertices don't determine {columns} coefficients; took the solution of least norm, {:.3e}",
-                norms(&cg.x).into_iter().fold(0.0, f64::max)
+                "{seen} vertices don't determine {columns} coefficients; took the solution of least norm, {norm:.3e}"
             ));
         }
         let report = LsqReport {
@@ -315,10 +315,10 @@ impl<'a> LsqSolver<'a> {
             condition,
             shift,
             breaks_at: self.made.as_ref().filter(|_| outcome.refine).and_then(|made| made.breaks_at),
-            norm: norms(&cg.x).into_iter().fold(0.0, f64::max),
+            norm,
             smoothness: self.params.smoothness,
             notes: self.notes.clone(),
-            residuals: groups.iter().map(|group| squared_norms(&residual, group)).collect(),
+            residuals: groups.iter().map(|group| Residual::of(residual.slice(s![.., group.clone()]))).collect(),
             seconds: LsqSeconds { factor: self.factor_seconds, total: started.elapsed().as_secs_f64() },
         };
         Ok(LsqFit { coefficients: Coefficients::new(cg.x)?, residual, report })
@@ -352,8 +352,7 @@ impl<'a> LsqSolver<'a> {
         {
             self.low = Some(self.make_low(degree)?);
         }
-        let weight = self.params.weights.as_ref().map_or(self.operator.rows() as f64, |w| w.iter().sum());
-        let diagonal = Diagonal::new(self.operator.max_degree(), weight, self.penalty.as_deref());
+        let diagonal = self.equations().diagonal();
         let density = match (self.params.way, &self.params.areas) {
             (Way::Density, Some(areas)) => Some(Density::new(self.operator, areas, self.params.weights.as_deref())),
             _ => None,
@@ -540,8 +539,7 @@ impl<'a> LsqSolver<'a> {
         event: &(dyn Fn(LsqEvent) + Sync),
     ) -> Result<Array2<f64>, SolverError> {
         let equations = self.equations();
-        let weight = self.params.weights.as_ref().map_or(self.operator.rows() as f64, |w| w.iter().sum());
-        let diagonal = Diagonal::new(self.operator.max_degree(), weight, self.penalty.as_deref());
+        let diagonal = equations.diagonal();
         let mut before = f64::INFINITY;
         loop {
             let (gradient, residual) = equations.gradient(targets, &cg.x)?;
@@ -577,8 +575,7 @@ impl<'a> LsqSolver<'a> {
     }
 
     fn make_low(&self, degree: usize) -> Result<LowDegrees, SolverError> {
-        let max_degree = self.operator.max_degree();
-        let degree = degree.min(max_degree);
+        let degree = degree.min(self.operator.max_degree());
         let make_gram = self.make_gram.ok_or(SolverError::NoGram)?;
         let size = basis_size(degree);
         let mut gram = vec![0.0; size * size];
@@ -592,9 +589,7 @@ impl<'a> LsqSolver<'a> {
         if reciprocal.is_none_or(|reciprocal| reciprocal < SINGULAR) {
             return Err(SolverError::LowDegrees { degree });
         }
-        let weight = self.params.weights.as_ref().map_or(self.operator.rows() as f64, |w| w.iter().sum());
-        let rest = Diagonal::new(max_degree, weight, self.penalty.as_deref());
-        Ok(LowDegrees::new(gram, first_column(degree + 1), rest))
+        Ok(LowDegrees::new(gram, first_column(degree + 1), self.equations().diagonal()))
     }
 
     /// Standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`, with `sigma^2` the residual's weighted sum of
@@ -665,16 +660,4 @@ fn largest_diagonal(gram: &dyn GramSource, penalty: &[f64]) -> Result<f64, Solve
         }
     }
     Ok(largest)
-}
-
-fn squared_norms(residual: &Array2<f64>, group: &Range<usize>) -> Residual {
-    let of = |row: ndarray::ArrayView1<'_, f64>| row.iter().map(|r| r * r).sum::<f64>();
-    let rows = residual.slice(ndarray::s![.., group.clone()]);
-    let (mut sum, mut max) = (0.0, 0.0f64);
-    for row in rows.rows() {
-        let square = of(row);
-        sum += square;
-        max = max.max(square);
-    }
-    Residual { mean_square: sum / residual.nrows() as f64, max_square: max }
 }

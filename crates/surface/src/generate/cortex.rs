@@ -77,8 +77,8 @@ const SHEARS: [(f64, f64, usize); 2] = [(2.0, 0.06, 4), (9.0, 0.026, 10)];
 impl Folding {
     fn new(variant: u64) -> Self {
         // The study's own numbers, then the subject's deviations from them.
-        let mut study = SplitMix64(0x5350_4841_524d);
-        let mut subject = SplitMix64(variant.wrapping_mul(0x2545_f491_4f6c_dd1d));
+        let mut study = SplitMix64::new(0x5350_4841_524d);
+        let mut subject = SplitMix64::new(variant.wrapping_mul(0x2545_f491_4f6c_dd1d));
         let mut deviation = |size: f64| {
             if variant == 0 { 0.0 } else { subject.between(-size, size) }
         };

@@ -8,4 +8,5 @@ mod subdivide;
 
 pub use cortex::{Cortex, cortex};
 pub use icosphere::icosphere;
+pub use random::SplitMix64;
 pub use subdivide::{subdivide, subdivide_sphere};

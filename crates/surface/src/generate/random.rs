@@ -3,9 +3,15 @@
 use crate::geometry::{Vec3, cross, unit};
 
 /// Steele, Lea and Flood's splitmix64 (OOPSLA 2014): enough for shapes, and three lines.
-pub(super) struct SplitMix64(pub(super) u64);
+#[derive(Debug, Clone)]
+pub struct SplitMix64(u64);
 
 impl SplitMix64 {
+    /// From a seed.
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut x = self.0;
@@ -15,7 +21,7 @@ impl SplitMix64 {
     }
 
     /// Uniform in [low, high).
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
         let unit = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
         low + (high - low) * unit
     }
