@@ -28,10 +28,10 @@ pub const MAX_ROWS: u64 = 1 << 40;
 
 const MAGIC: [u8; 8] = *b"\x89SPH\r\n\x1a\n";
 
-const MAGIC_AT: usize = 0;
-const VERSION_AT: usize = MAGIC_AT + 8;
-const HEADER_LEN_AT: usize = VERSION_AT + 4;
-const KEY_AT: usize = HEADER_LEN_AT + 4;
+pub(crate) const MAGIC_AT: usize = 0;
+pub(crate) const VERSION_AT: usize = MAGIC_AT + 8;
+pub(crate) const HEADER_LEN_AT: usize = VERSION_AT + 4;
+pub(crate) const KEY_AT: usize = HEADER_LEN_AT + 4;
 const ROWS_AT: usize = KEY_AT + 32;
 const DEGREE_AT: usize = ROWS_AT + 8;
 const COLUMNS_AT: usize = DEGREE_AT + 4;
@@ -40,7 +40,39 @@ const CODEC_AT: usize = SCALAR_AT + 4;
 const CHUNK_ROWS_AT: usize = CODEC_AT + 4;
 const CHUNK_COUNT_AT: usize = CHUNK_ROWS_AT + 8;
 const RESERVED_AT: usize = CHUNK_COUNT_AT + 8;
-const HASH_AT: usize = HEADER_LEN - 32;
+pub(crate) const HASH_AT: usize = HEADER_LEN - 32;
+
+/// Checks what the headers of all kinds of files have alike: magic, version, hash, length, and that what is reserved, from
+/// `reserved_at` to the hash, is zero.
+pub(crate) fn check_frame(
+    bytes: &[u8; HEADER_LEN],
+    magic: [u8; 8],
+    version: u32,
+    reserved_at: usize,
+    path: &Path,
+) -> Result<(), StoreError> {
+    let corrupt = |what, expected: &dyn ToString, found: &dyn ToString| {
+        StoreError::corrupt(path, what, expected.to_string(), found.to_string())
+    };
+    if bytes[..8] != magic {
+        return Err(corrupt("magic number", &magic.escape_ascii(), &bytes[..8].escape_ascii()));
+    }
+    let found = u32_at(bytes, VERSION_AT);
+    if found != version {
+        return Err(StoreError::Version { path: path.to_path_buf(), found });
+    }
+    if blake3::hash(&bytes[..HASH_AT]).as_bytes() != &bytes[HASH_AT..] {
+        return Err(corrupt("header", &"bytes that fit its hash", &"others"));
+    }
+    let header_len = u32_at(bytes, HEADER_LEN_AT);
+    if header_len as usize != HEADER_LEN {
+        return Err(corrupt("header length", &HEADER_LEN, &header_len));
+    }
+    if bytes[reserved_at..HASH_AT].iter().any(|&b| b != 0) {
+        return Err(corrupt("reserved bytes", &"zeros", &"others"));
+    }
+    Ok(())
+}
 
 /// What one file holds: block `A_l` of a scheme, (rows, 2 l + 1).
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -117,23 +149,7 @@ impl Header {
         let corrupt = |what, expected: &dyn ToString, found: &dyn ToString| {
             StoreError::corrupt(path, what, expected.to_string(), found.to_string())
         };
-        if bytes[..8] != MAGIC {
-            return Err(corrupt("magic number", &MAGIC.escape_ascii(), &bytes[..8].escape_ascii()));
-        }
-        let version = u32_at(bytes, VERSION_AT);
-        if version != VERSION {
-            return Err(StoreError::Version { path: path.to_path_buf(), found: version });
-        }
-        if blake3::hash(&bytes[..HASH_AT]).as_bytes() != &bytes[HASH_AT..] {
-            return Err(corrupt("header", &"bytes that fit its hash", &"others"));
-        }
-        let header_len = u32_at(bytes, HEADER_LEN_AT);
-        if header_len as usize != HEADER_LEN {
-            return Err(corrupt("header length", &HEADER_LEN, &header_len));
-        }
-        if bytes[RESERVED_AT..HASH_AT].iter().any(|&b| b != 0) {
-            return Err(corrupt("reserved bytes", &"zeros", &"others"));
-        }
+        check_frame(bytes, MAGIC, VERSION, RESERVED_AT, path)?;
         let mut key = [0; 32];
         key.copy_from_slice(&bytes[KEY_AT..KEY_AT + 32]);
         let degree = u32_at(bytes, DEGREE_AT) as usize;

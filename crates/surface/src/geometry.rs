@@ -1,24 +1,35 @@
 //! Three-vectors, as much as is needed here.
 
-pub(crate) type Vec3 = [f64; 3];
+/// A point or a vector in space.
+pub type Vec3 = [f64; 3];
 
-pub(crate) fn add(a: Vec3, b: Vec3) -> Vec3 {
+/// a + b.
+#[must_use]
+pub fn add(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-pub(crate) fn sub(a: Vec3, b: Vec3) -> Vec3 {
+/// a - b.
+#[must_use]
+pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-pub(crate) fn scale(a: Vec3, s: f64) -> Vec3 {
+/// s a.
+#[must_use]
+pub fn scale(a: Vec3, s: f64) -> Vec3 {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
-pub(crate) fn dot(a: Vec3, b: Vec3) -> f64 {
+/// The inner product.
+#[must_use]
+pub fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-pub(crate) fn cross(a: Vec3, b: Vec3) -> Vec3 {
+/// The vector product.
+#[must_use]
+pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 

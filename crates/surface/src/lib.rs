@@ -20,6 +20,7 @@
 //! | [`generate`] | icospheres, and folded surfaces whose parameterisation is known |
 //! | [`metrics`] | bounding-box scale, msd, xsd, the distance of two surfaces of any triangles, colours for errors |
 //! | [`nearest`] | the nearest point of a mesh |
+//! | [`geometry`] | three-vectors |
 //! | [`quadrature`] | coefficients by quadrature on a resampled grid |
 //! | [`sphere_locator`] | which triangle of a sphere a direction meets, values interpolated there |
 //! | [`model`] | fitted models, `NAME.spharm.npz` |
@@ -50,7 +51,7 @@
 #![forbid(unsafe_code)]
 
 mod error;
-mod geometry;
+pub mod geometry;
 mod mesh;
 
 pub mod generate;

@@ -9,7 +9,8 @@ use crate::StoreError;
 use crate::bytes::{u32_at, u64_at};
 use crate::factor::grid::{MAX_TILE, MAX_TILES, TileGrid};
 use crate::factor::spec::{FactorSpec, WeightsHash};
-use crate::header::{HEADER_LEN, MAX_ROWS};
+// A factor's header begins and ends as a degree's does.
+use crate::header::{HASH_AT, HEADER_LEN, HEADER_LEN_AT, KEY_AT, MAGIC_AT, MAX_ROWS, VERSION_AT, check_frame};
 use crate::scheme::{Scalar, SchemeKey};
 
 /// The version of factors written, and the only one read.
@@ -17,10 +18,6 @@ pub const FACTOR_VERSION: u32 = 1;
 
 const MAGIC: [u8; 8] = *b"\x89SPF\r\n\x1a\n";
 
-const MAGIC_AT: usize = 0;
-const VERSION_AT: usize = MAGIC_AT + 8;
-const HEADER_LEN_AT: usize = VERSION_AT + 4;
-const KEY_AT: usize = HEADER_LEN_AT + 4;
 const ROWS_AT: usize = KEY_AT + 32;
 const DEGREE_AT: usize = ROWS_AT + 8;
 const SCALAR_AT: usize = DEGREE_AT + 4;
@@ -33,7 +30,6 @@ const SMOOTHNESS_AT: usize = WEIGHTS_AT + 32;
 const NORM_AT: usize = SMOOTHNESS_AT + 8;
 const RCOND_AT: usize = NORM_AT + 8;
 const RESERVED_AT: usize = RCOND_AT + 8;
-const HASH_AT: usize = HEADER_LEN - 32;
 
 /// How well G determines its solutions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,23 +88,7 @@ impl FactorHeader {
         let corrupt = |what, expected: &dyn ToString, found: &dyn ToString| {
             StoreError::corrupt(path, what, expected.to_string(), found.to_string())
         };
-        if bytes[..8] != MAGIC {
-            return Err(corrupt("magic number", &MAGIC.escape_ascii(), &bytes[..8].escape_ascii()));
-        }
-        let version = u32_at(bytes, VERSION_AT);
-        if version != FACTOR_VERSION {
-            return Err(StoreError::Version { path: path.to_path_buf(), found: version });
-        }
-        if blake3::hash(&bytes[..HASH_AT]).as_bytes() != &bytes[HASH_AT..] {
-            return Err(corrupt("header", &"bytes that fit its hash", &"others"));
-        }
-        let header_len = u32_at(bytes, HEADER_LEN_AT);
-        if header_len as usize != HEADER_LEN {
-            return Err(corrupt("header length", &HEADER_LEN, &header_len));
-        }
-        if bytes[RESERVED_AT..HASH_AT].iter().any(|&b| b != 0) {
-            return Err(corrupt("reserved bytes", &"zeros", &"others"));
-        }
+        check_frame(bytes, MAGIC, FACTOR_VERSION, RESERVED_AT, path)?;
         let hash_at = |at: usize| {
             let mut hash = [0; 32];
             hash.copy_from_slice(&bytes[at..at + 32]);
