@@ -2,7 +2,8 @@
 
 use serde_json::Value;
 use spharm_parametrize::Quality;
-use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::Mesh;
+use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
 use crate::common::{fail, succeed, tool};
@@ -24,16 +25,55 @@ fn a_bare_mesh_is_mapped_fitted_and_its_sphere_kept() {
     assert_eq!(sphere.faces, surface.faces);
     assert!(Quality::of(&surface, &sphere).is_bijective());
     let found = &report["surfaces"][0];
-    assert_eq!(found["parametrization"][1]["quality"]["flipped"], 0);
-    // The same sphere, given, is fitted to the same distances.
+    assert_eq!(found["parametrization"]["quality"]["flipped"], 0);
+    // The same sphere and smoothness, given, lead to the same distances.
+    let smoothness = report["batches"][0]["smoothness"].as_f64().expect("a number");
+    assert!(smoothness > 0.0);
     let mut given = fit();
-    given.arg("--sphere").arg(out.join("bare.sphere.surf.gii")).arg("--force");
+    given.arg("--sphere").arg(out.join("bare.sphere.surf.gii")).args(["--smoothness", &smoothness.to_string()]);
+    given.arg("--force");
     let given: Value = serde_json::from_str(&succeed(&mut given)).expect("JSON");
     let msd = |surface: &Value| surface["passes"][0]["msd"].as_f64().expect("an msd");
     assert!((msd(found) / msd(&given["surfaces"][0]) - 1.0).abs() < 1e-9);
     // Neither is replaced unasked, not even the sphere alone.
     std::fs::remove_file(out.join("bare.spharm.npz")).expect("the model is there");
     assert!(fail(&mut fit()).contains("bare.sphere.surf.gii"));
+}
+
+/// A few large triangles and many small ones: to a model of high degree the large ones are holes.
+fn uneven() -> Mesh {
+    let (mut mesh, _) = cortex(&Cortex { subdivisions: 4, variant: 2 });
+    let flat = |p: &[f64; 3]| p[2] < 0.0;
+    let coarse = icosphere(4);
+    // Below the equator all vertices draw together towards the twelve corners of the icosahedron.
+    let corners = icosphere(0).vertices;
+    for (p, unit) in mesh.vertices.iter_mut().zip(&coarse.vertices).filter(|(p, _)| flat(p)) {
+        let near = |c: &&[f64; 3]| c.iter().zip(unit).map(|(a, b)| a * b).sum::<f64>();
+        let corner = corners.iter().max_by(|a, b| near(a).total_cmp(&near(b))).expect("twelve");
+        let size = p.iter().map(|x| x * x).sum::<f64>().sqrt();
+        *p = [0, 1, 2].map(|k| 0.3 * p[k] + 0.7 * size * corner[k]);
+    }
+    mesh
+}
+
+#[test]
+fn a_model_of_a_bare_mesh_is_held_between_its_vertices() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let input = folder.path().join("uneven.ply");
+    write_mesh(&input, &uneven(), &WriteOptions { double: true, ..WriteOptions::default() }).expect("a mesh");
+    let with = |options: &[&str]| -> (f64, f64) {
+        let mut fit = tool("fit");
+        fit.arg("--surface").arg(&input).args(["--max-degree", "24", "--json", "--force", "-o"]);
+        fit.arg(folder.path().join("m.npz")).args(options);
+        let report: Value = serde_json::from_str(&succeed(&mut fit)).expect("JSON");
+        let found = &report["surfaces"][0];
+        let msd = |distances: &Value| distances["msd_raw"].as_f64().expect("a number");
+        (msd(&found["passes"][0]), msd(&found["between"]))
+    };
+    let (at, between) = with(&["--smoothness", "0"]);
+    let (held_at, held_between) = with(&[]);
+    assert!(held_at < 1.5 * at, "{held_at:e} {at:e}");
+    assert!(held_between < 0.1 * between, "{held_between:e} {between:e}");
 }
 
 #[test]

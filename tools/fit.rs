@@ -2,6 +2,8 @@
 
 #[path = "fit/bare.rs"]
 mod bare;
+#[path = "fit/between.rs"]
+mod between;
 #[path = "fit/exact.rs"]
 mod exact;
 #[path = "fit/hold_out.rs"]
@@ -33,14 +35,16 @@ use spharm_cli::machine::raise_file_limit;
 use spharm_cli::output::{print, refuse_existing};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
+use spharm_harmonics::basis_size;
 use spharm_solver::Method;
 use spharm_store::{Scalar, Scheme, SchemeKey, StoreError, catalog};
 use spharm_surface::io::read_signal;
 
+use crate::between::Between;
 use crate::hold_out::HoldOut;
 use crate::job::Job;
 use crate::outputs::{Item, items};
-use crate::report::{BatchReport, Fitted, Seconds, finish};
+use crate::report::{BatchReport, Fitted, Mapped, Seconds, finish};
 
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
@@ -85,7 +89,8 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
     weights: String,
     /// Smoothness penalty (lsq): adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances; auto chooses it for each
-    /// surface by generalised cross-validation
+    /// surface by generalised cross-validation [default: 0 with --sphere; without, what weighs a hundredth of the vertices
+    /// at the highest degree and holds the model between them]
     #[arg(long, value_name = "LAMBDA|auto")]
     smoothness: Option<Smoothness>,
     /// Also write each coefficient's standard error, NAME.spharm.stderr.npy (lsq)
@@ -336,7 +341,7 @@ fn work(cli: &Cli, how: How) -> Result<()> {
             let one = std::slice::from_ref(item);
             let fits = pool.install(|| fit_on(cli, how, console, sphere, one, &mut seconds, cancel))?;
             fitted.extend(fits.fitted.into_iter().map(|mut fitted| {
-                fitted.parametrization = Some((path.clone(), report.clone()));
+                fitted.parametrization = Some(Mapped { sphere: path.clone(), report: report.clone() });
                 fitted
             }));
             batches.extend(fits.batches);
@@ -385,7 +390,9 @@ fn fit_on(
     let scalar = opened.as_ref().map_or(Scalar::F64, |(_, scalar)| *scalar);
     let key = opened.as_ref().map_or_else(|| SchemeKey::of(&sphere.directions, scalar), |(scheme, _)| scheme.key());
     let threads = cli.threads.count();
-    let mut job = Job { cli, console, sphere, weights, hold_out, key, scalar, how, seconds: *seconds, threads };
+    let between = Between::new(&sphere, basis_size(cli.max_degree))?;
+    let mut job =
+        Job { cli, console, sphere, weights, hold_out, between, key, scalar, how, seconds: *seconds, threads };
     let (fitted, batches) = match (how, opened) {
         (How::Streamed(method), Some((scheme, _))) => streamed::run(&mut job, method, scheme, items, cancel),
         (How::Quadrature, _) => quadrature::run(&mut job, items, cancel),

@@ -69,10 +69,14 @@ struct Cli {
     /// How the sphere is turned in the beginning; other seeds give maps that are as good but not the same
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// By cald, root mean square of the log area ratio that may go into sampling finely meshed parts better: 0 for equal
-    /// areas as they are on the surface; 0.15 makes fits at the vertices of uneven meshes better still
-    #[arg(long, value_name = "RMS", default_value_t = CaldParams::default().even)]
-    even: f64,
+    /// By cald, root mean square of the log area ratio that may be spent on shape and on room for detail: 0 for areas as
+    /// equal as they get, 0.25 for the sake of a fit alone
+    #[arg(long, value_name = "RMS", default_value_t = CaldParams::default().area)]
+    area: f64,
+    /// By cald, degree of the model that room is made for [default: that with half as many functions as there are
+    /// vertices, at most 100]
+    #[arg(long, value_name = "L")]
+    degree: Option<usize>,
     /// Replace outputs that exist
     #[arg(long)]
     force: bool,
@@ -242,13 +246,13 @@ fn parametrize(cli: &Cli, input: &Input, console: &Console) -> Result<Found> {
     let progress = &mut progress;
     let seed = cli.seed;
     let mesh = input.mesh();
-    let even = CaldParams { even: cli.even, seed, ..CaldParams::default() };
+    let params = CaldParams { area: cli.area, degree: cli.degree, seed, ..CaldParams::default() };
     let map = match (cli.method, input) {
         (Method::Auto | Method::EqualArea, Input::Volume(quads, _)) => {
             equal_area(quads, &EqualAreaParams::default(), progress)?
         }
-        (Method::Auto | Method::Deform, _) => auto(&mesh, &even, progress)?,
-        (Method::Cald, _) => cald(&mesh, &even, progress)?,
+        (Method::Auto | Method::Deform, _) => auto(&mesh, &params, progress)?,
+        (Method::Cald, _) => cald(&mesh, &params, progress)?,
         (Method::Conformal, _) => conformal(&mesh, &ConformalParams { seed, ..ConformalParams::default() }, progress)?,
         (Method::Stretch, _) => stretch(&mesh, &StretchParams { seed, ..StretchParams::default() }, progress)?,
         // `check` has refused meshes.

@@ -14,6 +14,9 @@ use crate::Cli;
 use crate::outputs::Item;
 use crate::stages::shown;
 
+/// Root mean square of the log area ratio that a map may have for the sake of the fit over it.
+const AREA: f64 = 0.25;
+
 /// `NAME.sphere.surf.gii` beside `NAME.spharm.npz`.
 pub(crate) fn sphere_of(output: &Path) -> PathBuf {
     let name = output.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -30,7 +33,8 @@ pub(crate) fn refuse(cli: &Cli, items: &[Item]) -> Result<()> {
 pub(crate) fn parametrize(cli: &Cli, item: &Item, console: &Console) -> Result<(Sphere, Report)> {
     let mesh = read_mesh(&item.input)?;
     let mut progress = shown(console);
-    let found = auto(&mesh, &CaldParams::default(), &mut progress).with_context(|| item.input.display().to_string())?;
+    let params = CaldParams { area: AREA, degree: Some(cli.max_degree), ..CaldParams::default() };
+    let found = auto(&mesh, &params, &mut progress).with_context(|| item.input.display().to_string())?;
     drop(progress);
     let path = sphere_of(&item.output);
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {

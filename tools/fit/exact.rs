@@ -30,6 +30,10 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
     let max_degree = cli.max_degree;
     let queue = job.queue(items)?;
     let channels = queue.channels();
+    let smoothness = fixed_smoothness(job);
+    if smoothness > 0.0 && cli.smoothness.is_none() {
+        job.console.note(format!("smoothness {smoothness:.2e} holds the model between the vertices; 0 for none"));
+    }
     let automatic = matches!(cli.smoothness, Some(Smoothness::Auto));
     // A smoothness of its own for each surface.
     let most = if automatic { 1 } else { (MOST_COLUMNS / channels).clamp(1, items.len()) };
@@ -52,7 +56,7 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
     };
     let base = LsqParams {
         weights: weights.clone(),
-        smoothness: fixed_smoothness(cli),
+        smoothness,
         way: way(cli),
         areas: matches!(cli.preconditioner, PreconditionerName::Density).then(|| areas(job)).transpose()?,
         tolerance: cli.tolerance,
@@ -105,9 +109,18 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
     Ok(fits)
 }
 
-fn fixed_smoothness(cli: &Cli) -> f64 {
-    match cli.smoothness {
+/// Of a surface that came without a sphere, the penalty at the highest degree in relation to what the vertices weigh
+/// there. Large triangles leave a model open between their corners; this holds it, and adds some per cent to the msd.
+const HOLD: f64 = 0.01;
+
+fn fixed_smoothness(job: &Job<'_>) -> f64 {
+    match job.cli.smoothness {
         Some(Smoothness::Lambda(lambda)) => lambda,
+        // To degree 0 there is nothing to hold.
+        None if job.cli.sphere.is_none() && job.cli.max_degree > 0 => {
+            let (n, degree) = (job.sphere.directions.len() as f64, job.cli.max_degree as f64);
+            HOLD * n / (4.0 * std::f64::consts::PI) / (degree * (degree + 1.0)).powi(2)
+        }
         _ => 0.0,
     }
 }
@@ -140,7 +153,7 @@ fn stored_factor(job: &Job<'_>, memory: usize) -> Result<Option<StoredFactor>> {
             rows: job.sphere.directions.len(),
             max_degree: job.cli.max_degree,
             weights: WeightsHash::of(job.weights.as_deref()),
-            smoothness: fixed_smoothness(job.cli),
+            smoothness: fixed_smoothness(job),
         };
         // Of most schemes there is a folder for one of them, or for none.
         if !store.join(spec.key.to_string()).exists() || factors(store, spec.key)?.is_empty() {

@@ -17,6 +17,7 @@ use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::io::write_new;
 use spharm_surface::model::{Model, write_complex_csv};
 
+use crate::between::{Between, wild};
 use crate::hold_out::HoldOut;
 use crate::outputs::{Item, csv_of, errors_of};
 use crate::report::{About, BatchReport, Fitted, Provenance, Seconds, granularity_of, start_degree_of};
@@ -29,6 +30,7 @@ pub(crate) struct Job<'c> {
     /// Weights of the vertices; zero for those that are held out.
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) hold_out: Option<HoldOut>,
+    pub(crate) between: Option<Between>,
     pub(crate) key: SchemeKey,
     pub(crate) scalar: Scalar,
     pub(crate) how: How,
@@ -180,20 +182,37 @@ impl Job<'_> {
             let held_out = hold_out
                 .map(|hold_out| hold_out.judge(&self.sphere.directions, values.view(), view(target), &about))
                 .transpose()?;
+            let places = self.between.as_ref().filter(|_| target.surface);
+            let between = places.map(|places| places.judge(values.view(), view(target), &about)).transpose()?;
             let fitted = Fitted {
                 input: item.input.clone(),
                 output: item.output.clone(),
                 channels: target.channels,
                 scale: about.scale,
                 passes: distances.collect(),
+                between,
                 held_out,
                 parametrization: None,
             };
             let errors = solved.standard_errors.as_ref().map(|errors| errors.slice(s![.., group]).to_owned());
+            self.warn_if_wild(&fitted);
             self.write(&fitted, &about, Coefficients::new(values)?, errors)?;
             Ok(fitted)
         };
         (0..batch.items.len()).into_par_iter().map(one).collect()
+    }
+
+    fn warn_if_wild(&self, fitted: &Fitted) {
+        let (Some(at), Some(between), Some(scale)) = (fitted.passes.last(), &fitted.between, fitted.scale) else {
+            return;
+        };
+        if let Some(ratio) = wild(at, between, scale) {
+            self.console.warn(format!(
+                "{}: between the vertices the model is {ratio:.0} times as far off as at them, which leave it open there; \
+                 use --smoothness auto, a lower --max-degree, or a sphere that gives room to large triangles",
+                fitted.input.display()
+            ));
+        }
     }
 
     fn write(

@@ -52,12 +52,24 @@ pub(crate) struct Fitted {
     /// Cube root of the bounding box's volume, in the input's unit; none for what has no volume.
     pub(crate) scale: Option<f64>,
     pub(crate) passes: Vec<Distances>,
+    /// At the centres of some of the triangles, of a surface whose sphere has such.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) between: Option<Distances>,
     /// With --hold-out: apart for the vertices that the fit saw and didn't see.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) held_out: Option<HeldOut>,
     /// Without --sphere: the sphere that was made, and how.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) parametrization: Option<(PathBuf, spharm_parametrize::Report)>,
+    pub(crate) parametrization: Option<Mapped>,
+}
+
+/// How a surface came by its sphere.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Mapped {
+    /// The file.
+    pub(crate) sphere: PathBuf,
+    #[serde(flatten)]
+    pub(crate) report: spharm_parametrize::Report,
 }
 
 /// Distances after one sweep; msd and xsd with the bounding box scaled to volume 1.
@@ -205,9 +217,9 @@ pub(crate) fn finish(
     if cli.json {
         return print_json(&report);
     }
-    let mut rows = vec![["surface", "msd", "xsd", "rms", "max", "model"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["surface", "msd", "xsd", "rms", "max", "between", "model"].map(str::to_owned).to_vec()];
     if cli.hold_out.is_some() {
-        rows[0].insert(5, "msd held out".to_owned());
+        rows[0].insert(6, "msd held out".to_owned());
     }
     for fitted in &report.surfaces {
         let Some(last) = fitted.passes.last() else { continue };
@@ -218,13 +230,15 @@ pub(crate) fn finish(
             normalised(last.xsd),
             format!("{:.4e}", last.msd_raw.sqrt()),
             format!("{:.4e}", last.xsd_raw.sqrt()),
+            fitted.between.map_or("-".to_owned(), |between| format!("{:.4e}", between.msd_raw.sqrt())),
             fitted.output.display().to_string(),
         ];
         if let Some(held_out) = &fitted.held_out {
-            row.insert(5, normalised(held_out.held_out.msd.or(Some(held_out.held_out.msd_raw))));
+            row.insert(6, normalised(held_out.held_out.msd.or(Some(held_out.held_out.msd_raw))));
         }
         rows.push(row);
     }
-    let units = "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit";
+    let units =
+        "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit; between: rms at triangles' centres";
     print(&format!("{}\n{units}\n{:.2} s", table(&rows), seconds.total))
 }

@@ -55,7 +55,7 @@ pub fn conformal(
     let started = Instant::now();
     let domain = Domain::new(surface)?;
     let growth = Growth { energy: Energy::balanced(0.3, 1.0), steps: 6, seed: params.seed };
-    let mut descent = Descent::start(&domain, &domain.areas, growth, progress)?;
+    let mut descent = Descent::start(&domain, growth, progress)?;
     progress(Event::Begin { stage: "smoothing", steps: ((STAGES.len() + ROUNDS) * params.steps) as u64 });
     for weight in STAGES {
         descent.descend(Energy::balanced(weight, 1.0), 1e-3, params.steps, progress);

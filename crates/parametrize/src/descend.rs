@@ -2,7 +2,7 @@
 
 use crate::domain::Domain;
 use crate::embed::{Growth, embed};
-use crate::energy::Energy;
+use crate::energy::{Energy, set_areas};
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, solid_angle};
 use crate::hierarchy::Hierarchy;
@@ -27,14 +27,9 @@ pub(crate) struct Descent {
 }
 
 impl Descent {
-    /// Grows a map from a tetrahedron; `areas` are what the triangles are to have on the sphere, 4 pi in all.
-    pub(crate) fn start(
-        domain: &Domain,
-        areas: &[f64],
-        growth: Growth,
-        progress: Progress<'_>,
-    ) -> Result<Self, ParametrizeError> {
-        let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, areas, growth, progress)?;
+    /// Grows a map from a tetrahedron.
+    pub(crate) fn start(domain: &Domain, growth: Growth, progress: Progress<'_>) -> Result<Self, ParametrizeError> {
+        let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, &domain.areas, growth, progress)?;
         let newton = Newton::new(map.len(), hierarchy.faces.clone(), hierarchy.shapes.clone());
         let order = (0..map.len() as u32).collect();
         Ok(Self { map, iterations, converged: false, hierarchy, newton, order })
@@ -64,12 +59,20 @@ impl Descent {
         }
     }
 
-    /// Root mean square over triangles of the log of the area on the sphere by what it is to be.
-    pub(crate) fn area_error(&self, faces: &[[u32; 3]], areas: &[f64]) -> f64 {
+    /// From now on triangles are to have these areas, 4 pi in all.
+    pub(crate) fn set_areas(&mut self, areas: &[f64]) {
+        set_areas(&mut self.hierarchy.shapes, areas);
+        if let Some(newton) = &mut self.newton {
+            newton.set_areas(areas);
+        }
+    }
+
+    /// Root mean square over triangles of the log area ratio.
+    pub(crate) fn area_distortion(&self, domain: &Domain) -> f64 {
         let log = |(face, area): (&[u32; 3], &f64)| {
             let angle = solid_angle(face.map(|v| self.map[v as usize]));
             (angle / area).max(f64::MIN_POSITIVE).ln().powi(2)
         };
-        (faces.iter().zip(areas).map(log).sum::<f64>() / faces.len() as f64).sqrt()
+        (domain.faces.iter().zip(&domain.areas).map(log).sum::<f64>() / domain.faces.len() as f64).sqrt()
     }
 }

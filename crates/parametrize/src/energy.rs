@@ -61,6 +61,11 @@ impl Shape {
     }
 }
 
+/// Gives each triangle its area.
+pub(crate) fn set_areas(shapes: &mut [Shape], areas: &[f64]) {
+    shapes.iter_mut().zip(areas).for_each(|(shape, area)| shape.area = *area);
+}
+
 /// One of the energies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Energy {

@@ -94,6 +94,10 @@ pub enum ParametrizeError {
     #[error(transparent)]
     Surface(#[from] spharm_surface::SurfaceError),
 
+    /// What the solver's crate says of the fit that shows where a model errs.
+    #[error(transparent)]
+    Solver(#[from] spharm_solver::SolverError),
+
     /// An argument that makes no sense.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {

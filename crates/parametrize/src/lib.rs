@@ -53,6 +53,7 @@ mod conformal;
 mod crossings;
 mod deform;
 mod descend;
+mod detail;
 mod domain;
 mod embed;
 mod energy;

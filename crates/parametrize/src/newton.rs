@@ -16,7 +16,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Mat, Side};
 use rayon::prelude::*;
 
-use crate::energy::{Energy, Shape, frame, retract};
+use crate::energy::{Energy, Shape, frame, retract, set_areas};
 use crate::geometry::{Vec3, add, dot, norm, orientation, scale, sub};
 
 /// Triangles per chunk of a sum.
@@ -94,6 +94,11 @@ impl Newton {
         let pattern = SymbolicSparseColMat::new_checked(2 * n, 2 * n, columns, None, rows);
         let symbolic = SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).ok()?;
         Some(Self { faces, shapes, pattern, symbolic, slots, diagonal })
+    }
+
+    /// From now on triangles are to have these areas.
+    pub(crate) fn set_areas(&mut self, areas: &[f64]) {
+        set_areas(&mut self.shapes, areas);
     }
 
     fn corners(&self, unit: &[Vec3], f: usize) -> [Vec3; 3] {

@@ -110,6 +110,31 @@ impl Quality {
     }
 }
 
+/// The log area ratio around each vertex: of what its triangles have on the sphere by what they have on the surface,
+/// both scaled to 4 pi. NaN at a vertex without a triangle.
+///
+/// # Panics
+///
+/// When the numbers of vertices differ, or a triangle names a vertex that isn't there.
+#[must_use]
+pub fn log_area_ratios(surface: &Mesh, sphere: &Mesh) -> Vec<f64> {
+    assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
+    let around = |measure: fn([Vec3; 3]) -> f64, vertices: &[Vec3]| {
+        let mut sums = vec![0.0; vertices.len()];
+        let mut total = 0.0;
+        for face in &surface.faces {
+            let each = measure(face.map(|v| vertices[v as usize]));
+            face.iter().for_each(|&v| sums[v as usize] += each);
+            total += each;
+        }
+        sums.iter_mut().for_each(|sum| *sum /= total);
+        sums
+    };
+    // A sphere that winds inwards has negative angles throughout, and a negative sum.
+    let (before, after) = (around(area, &surface.vertices), around(solid_angle, &sphere.vertices));
+    after.iter().zip(&before).map(|(after, before)| (after / before).ln()).collect()
+}
+
 /// One triangle's part.
 struct Triangle {
     /// Of the surface, scaled.
@@ -203,6 +228,23 @@ mod tests {
         // Near the equator a circle's length grows by 1 / scale on the way to the sphere, one along z by 0.1 / scale.
         assert!((quality.length_worst / (10.0 * scale) - 1.0).abs() < 0.02, "{quality:?}");
         assert!((quality.area_p01 - (0.1 / (scale * scale)).ln()).abs() < 0.01, "{quality:?}");
+    }
+
+    #[test]
+    fn the_log_area_ratio_of_a_vertex_is_that_around_it() {
+        let sphere = icosphere(5);
+        let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 10.0 * z]).collect());
+        let ratios = log_area_ratios(&long, &sphere);
+        let quality = Quality::of(&long, &sphere);
+        // Where the equator is squeezed, and at the poles, which are not.
+        let (least, most) = ratios.iter().fold((f64::MAX, f64::MIN), |(a, b), &x| (a.min(x), b.max(x)));
+        assert!(
+            (least - quality.area_p01).abs() < 0.01 && (most - least - 10.0_f64.ln()).abs() < 0.1,
+            "{least} {most}"
+        );
+        let mut inward = sphere.clone();
+        inward.faces.iter_mut().for_each(|face| face.swap(0, 1));
+        assert!(log_area_ratios(&inward, &inward).iter().all(|ratio| ratio.abs() < 0.02));
     }
 
     #[test]

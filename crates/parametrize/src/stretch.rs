@@ -43,7 +43,7 @@ pub fn stretch(
     let started = Instant::now();
     let domain = Domain::new(surface)?;
     let growth = Growth { energy: Energy::STRETCH, steps: 6, seed: params.seed };
-    let mut descent = Descent::start(&domain, &domain.areas, growth, progress)?;
+    let mut descent = Descent::start(&domain, growth, progress)?;
     progress(Event::Begin { stage: "smoothing", steps: params.steps as u64 });
     descent.descend(Energy::STRETCH, 1e-4, params.steps, progress);
     finish("stretch", surface, &domain, descent, started, Vec::new())

@@ -2,5 +2,6 @@
 
 mod methods;
 mod robustness;
+mod room;
 mod shapes;
 mod shared_data;

@@ -69,7 +69,8 @@ fn a_surface_that_winds_inwards_gets_a_sphere_that_does() {
 
 #[test]
 fn scale_and_place_change_nothing_that_matters() {
-    let (_, mesh) = surface(1);
+    // A blob: on spikes the energy is so flat that where it is left depends on rounding.
+    let (_, mesh) = surface(0);
     let far = mesh.with_vertices(mesh.vertices.iter().map(|p| p.map(|x| 1e-3 * x + 50.0)).collect());
     let (a, b) = (by_cald(&mesh).report.quality, by_cald(&far).report.quality);
     assert!((a.area_rms - b.area_rms).abs() < 1e-3 && (a.stretch - b.stretch).abs() < 1e-2, "{a:?} {b:?}");
@@ -95,7 +96,7 @@ fn bad_surfaces_and_settings_are_refused() {
     open.faces.pop();
     let params = CaldParams::default();
     assert!(matches!(cald(&open, &params, &mut silent), Err(ParametrizeError::BadSurface { .. })));
-    let params = CaldParams { even: f64::NAN, ..CaldParams::default() };
+    let params = CaldParams { area: f64::NAN, ..CaldParams::default() };
     assert!(matches!(cald(&icosphere(1), &params, &mut silent), Err(ParametrizeError::Argument { .. })));
 }
 

@@ -1,0 +1,97 @@
+//! Room for detail: which parts of a surface a model of a given degree errs on, and so which areas help a fit.
+//!
+//! A model of degree L resolves pi / L wherever on the sphere, so its error is largest where the surface bends sharply,
+//! or is meshed more finely than the map gives it room for. A map with room there in place of elsewhere has less error
+//! (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized parametrization", EGRW 2002). Here the model itself
+//! says where: its least squares over the map so far leaves a residual at each vertex, and the areas that triangles are
+//! to have are multiplied by exp (s g), with g the residual's size, averaged a little over neighbours, less its mean.
+
+use std::sync::atomic::AtomicBool;
+
+use ndarray::Array2;
+use spharm_harmonics::Directions;
+use spharm_solver::lsq::{LsqParams, LsqSolver, Way};
+use spharm_solver::{MatrixFreeOperator, SolverError};
+use spharm_transform::TransformParams;
+
+use crate::domain::Domain;
+use crate::geometry::{Vec3, add, norm, scale};
+
+/// Highest degree that areas are adapted to unasked.
+const MOST_UNASKED: usize = 100;
+
+/// Vertices per function of a model that areas are adapted to: where a model nearly interpolates, its residual tells
+/// little. First unasked, then at least.
+const PER_FUNCTION: [f64; 2] = [2.0, 1.5];
+
+/// Rounds of averaging over neighbours.
+const ROUNDS: usize = 2;
+
+/// Most iterations of the least squares: where residuals are large shows long before the coefficients have settled.
+const ITERATIONS: usize = 500;
+
+/// The degree that areas are adapted to: what is asked for, but no more than `vertices` determine well.
+pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
+    let most = |per: f64| ((vertices as f64 / per).sqrt() as usize).saturating_sub(1);
+    asked.map_or(most(PER_FUNCTION[0]).min(MOST_UNASKED), |degree| degree.min(most(PER_FUNCTION[1])))
+}
+
+/// What a model over a map errs.
+pub(crate) struct Detail {
+    /// Root mean square of the distance between a vertex and its model, on the surface of area 4 pi.
+    pub(crate) error: f64,
+    /// For each triangle, how much more the model errs on it than on the mean: zero on average, with a root mean square
+    /// of one.
+    pub(crate) excess: Vec<f64>,
+}
+
+/// Fits a model of a degree over a map and looks where it errs.
+pub(crate) fn detail(domain: &Domain, map: &[Vec3], degree: usize) -> Result<Detail, SolverError> {
+    let directions = Directions::from_vertices(map)?;
+    let transform = TransformParams { max_degree: degree, accuracy: 1e-6, ..TransformParams::default() };
+    let operator = MatrixFreeOperator::new(&directions, &transform)?;
+    let params = LsqParams { way: Way::Plain, tolerance: 1e-4, max_iterations: ITERATIONS, ..LsqParams::default() };
+    let centre = domain.positions.iter().fold([0.0; 3], |sum, p| add(sum, *p));
+    let centre = scale(centre, 1.0 / map.len() as f64);
+    let targets = Array2::from_shape_fn((map.len(), 3), |(v, k)| domain.positions[v][k] - centre[k]);
+    let fit = LsqSolver::new(&operator, None, params)?.fit(&targets, &[], &AtomicBool::new(false), &|_| ())?;
+
+    let mut error: Vec<f64> = fit.residual.rows().into_iter().map(|row| norm([row[0], row[1], row[2]])).collect();
+    let all = (error.iter().map(|e| e * e).sum::<f64>() / error.len() as f64).sqrt();
+    average(&domain.faces, &mut error);
+    let of = |face: &[u32; 3]| face.iter().map(|&v| error[v as usize]).sum::<f64>();
+    let mut excess: Vec<f64> = domain.faces.iter().map(of).collect();
+    normalise(&mut excess);
+    Ok(Detail { error: all, excess })
+}
+
+/// Moves each value half the way to the mean of its neighbours', a few times.
+fn average(faces: &[[u32; 3]], values: &mut [f64]) {
+    let mut valence = vec![0.0; values.len()];
+    faces.iter().flatten().for_each(|&v| valence[v as usize] += 1.0);
+    for _ in 0..ROUNDS {
+        let mut sum = vec![0.0; values.len()];
+        for &[a, b, c] in faces {
+            for (v, w) in [(a, b), (b, c), (c, a)] {
+                sum[v as usize] += values[w as usize];
+            }
+        }
+        values.iter_mut().zip(&sum).zip(&valence).for_each(|((value, sum), n)| *value = 0.5 * (*value + sum / n));
+    }
+}
+
+/// To a mean of zero and a root mean square of one.
+pub(crate) fn normalise(values: &mut [f64]) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let spread = (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt().max(f64::MIN_POSITIVE);
+    values.iter_mut().for_each(|x| *x = (*x - mean) / spread);
+}
+
+/// The areas that triangles are to have: those of the surface times exp (strength g), 4 pi in all.
+pub(crate) fn adapted(areas: &[f64], g: &[f64], strength: f64) -> Vec<f64> {
+    let mut adapted: Vec<f64> = areas.iter().zip(g).map(|(area, g)| area * (strength * g).exp()).collect();
+    let factor = 4.0 * std::f64::consts::PI / adapted.iter().sum::<f64>();
+    adapted.iter_mut().for_each(|area| *area *= factor);
+    adapted
+}
