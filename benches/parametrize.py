@@ -26,7 +26,9 @@ MESHES = [
     ("fsaverage5", "fsaverage5.pial_left.gii.gz", 0, 80, 9e-7),
     ("cortex", None, 0, None, None),
 ]
+VOLUMES = ["hippo_a01_l.nii.gz", "hippo_a02_l.nii.gz", "hippo_a03_l.nii.gz"]
 AREA_BAR = 0.10
+QUADS_BAR = 5.0  # per cent
 SECONDS_BAR = 60  # for meshes of 50,000 vertices and less
 
 
@@ -99,8 +101,8 @@ def judge(folder, surface, sphere, degree, *options):
 def parametrize(folder, surface, method, *options):
     """The sphere, and the report on it."""
     sphere, report = folder / f"{method}.obj", folder / f"{method}.json"
-    run("parametrize", "--input", surface, "--method", method, "--output", sphere, "--report", report, "--force", "-q",
-        *options)
+    run("parametrize", "--input", surface, "--method", method, "--output", sphere, "--surface-output",
+        folder / "its surface.obj", "--report", report, "--force", "-q", *options)
     return sphere, json.loads(report.read_text()) | dict(degree=None, msd=None, hausdorff=None)
 
 
@@ -120,7 +122,7 @@ def line(name, method, row):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--data", type=pathlib.Path, default=pathlib.Path("../shared/data"))
-    parser.add_argument("--methods", nargs="+", default=["cald", "conformal", "stretch"])
+    parser.add_argument("--methods", nargs="+", default=["cald", "conformal", "stretch", "deform"])
     parser.add_argument("--meshes", nargs="+", default=[name for name, *_ in MESHES])
     parser.add_argument("--fits", nargs="*", default=["cald"], help="methods to fit over")
     parser.add_argument("--json", type=pathlib.Path, help="write the rows to a file")
@@ -179,6 +181,19 @@ def main():
             if worst.get("cald", 0.0) >= worst.get("conformal", math.inf):
                 missed.append(f"{name}: worst length distortion {worst['cald']:.2f} by cald, {worst['conformal']:.2f} by "
                               "conformal")
+    for volume in VOLUMES if arguments.meshes == [name for name, *_ in MESHES] else []:
+        path = arguments.data / volume
+        if not path.exists():
+            print(f"{volume}: {path} isn't there: skipped", file=sys.stderr)
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            _, row = parametrize(pathlib.Path(folder), path, "equal-area")
+        add(volume.split(".")[0], "equal-area", row)
+        most = row["quad_area_deviation"] * 100
+        print(f"{'':<12} areas of quadrangles within {most:.3f} % of equal", flush=True)
+        if most > QUADS_BAR:
+            missed.append(f"{volume}: quadrangles differ by {most:.1f} % in area, at most {QUADS_BAR:.0f} %")
+
     if arguments.json:
         arguments.json.write_text(json.dumps(rows, indent=1))
     print("\n" + ("\n".join(["missed:"] + missed) if missed else "every bar is met"))

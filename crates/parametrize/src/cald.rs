@@ -78,10 +78,11 @@ pub fn cald(surface: &Mesh, params: &CaldParams, progress: Progress<'_>) -> Resu
     let mut descent = Descent::start(&domain, growth, progress)?;
     progress(Event::Begin { stage: "smoothing", steps: ((STAGES.len() + ROUNDS + 1) * params.steps) as u64 });
     let mut energy = growth.energy;
-    for shape in STAGES {
+    for (stage, shape) in STAGES.into_iter().enumerate() {
         energy = Energy::bounded(1.0, shape, BOUND * shape);
         descent.descend(energy, 1e-3, params.steps, progress);
         if descent.area_distortion(&domain) <= FOR_SHAPE * params.area {
+            progress(Event::Step(((STAGES.len() - stage - 1) * params.steps) as u64));
             break;
         }
     }

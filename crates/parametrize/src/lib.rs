@@ -108,6 +108,9 @@ pub struct Report {
     pub converged: bool,
     /// Seconds from the mesh to the map.
     pub seconds: f64,
+    /// By equal-area: how far the area of a quadrangle is from equal at most, as a fraction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quad_area_deviation: Option<f64>,
     /// What else is to be known, a sentence each.
     pub notes: Vec<String>,
 }
@@ -130,7 +133,16 @@ impl Report {
             return Err(ParametrizeError::NotBijective { method, flipped, degenerate, triangles, remedy });
         }
         let vertices = surface.vertices.len();
-        Ok(Self { method, vertices, quality, iterations: 0, converged: false, seconds: 0.0, notes: Vec::new() })
+        Ok(Self {
+            method,
+            vertices,
+            quality,
+            iterations: 0,
+            converged: false,
+            seconds: 0.0,
+            quad_area_deviation: None,
+            notes: Vec::new(),
+        })
     }
 }
 

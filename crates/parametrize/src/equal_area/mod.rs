@@ -73,6 +73,7 @@ pub fn equal_area(
     report.converged = found.converged;
     report.seconds = started.elapsed().as_secs_f64();
     let worst = area_deviation(quads, &sphere.vertices);
+    report.quad_area_deviation = Some(worst);
     report.notes.push(format!("the areas of the quadrangles are within {:.3} % of equal", 100.0 * worst));
     Ok(Parametrization { surface, sphere, report })
 }
