@@ -77,6 +77,32 @@ fn a_model_of_a_bare_mesh_is_held_between_its_vertices() {
 }
 
 #[test]
+fn a_wild_model_is_warned_of_and_a_smooth_one_on_large_triangles_is_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = WriteOptions { double: true, ..WriteOptions::default() };
+    let told = |surface: &Mesh, degree: &str, sphere: Option<&Mesh>| -> String {
+        let input = folder.path().join("surface.ply");
+        write_mesh(&input, surface, &WriteOptions { overwrite: true, ..options }).expect("a mesh");
+        let mut fit = tool("fit");
+        fit.arg("--surface").arg(&input).args(["--max-degree", degree, "--smoothness", "0", "--force", "-o"]);
+        fit.arg(folder.path().join("m.npz"));
+        if let Some(sphere) = sphere {
+            let path = folder.path().join("sphere.ply");
+            write_mesh(&path, sphere, &options).expect("a sphere");
+            fit.arg("--sphere").arg(path);
+        }
+        let output = fit.output().expect("fit runs");
+        assert!(output.status.success());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(told(&uneven(), "24", None).contains("times as far off"));
+    // A model that is exact at the vertices bulges over the flat triangles between them, as it should.
+    let sphere = icosphere(2);
+    let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 2.0 * z]).collect());
+    assert!(!told(&long, "3", Some(&sphere)).contains("times as far off"));
+}
+
+#[test]
 fn a_mesh_with_a_hole_is_refused_with_what_is_wrong() {
     let folder = tempfile::tempdir().expect("a folder");
     let (mut surface, _) = cortex(&Cortex { subdivisions: 2, variant: 0 });

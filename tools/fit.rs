@@ -35,7 +35,7 @@ use spharm_cli::machine::raise_file_limit;
 use spharm_cli::output::{print, refuse_existing};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
-use spharm_harmonics::basis_size;
+use spharm_harmonics::{MAX_DEGREE, basis_size};
 use spharm_solver::Method;
 use spharm_store::{Scalar, Scheme, SchemeKey, StoreError, catalog};
 use spharm_surface::io::read_signal;
@@ -316,6 +316,9 @@ fn work(cli: &Cli, how: How) -> Result<()> {
     let console = cli.common.console();
     let cancel = spharm_cli::exit::cancel();
     raise_file_limit();
+    if cli.max_degree > MAX_DEGREE {
+        bail!("--max-degree {}: the highest degree is {MAX_DEGREE}", cli.max_degree);
+    }
     let items = items(cli, &console)?;
     if items.is_empty() {
         return print("nothing to do: every output exists");
@@ -339,7 +342,9 @@ fn work(cli: &Cli, how: How) -> Result<()> {
             seconds.parametrize += report.seconds;
             let path = sphere.path.clone();
             let one = std::slice::from_ref(item);
-            let fits = pool.install(|| fit_on(cli, how, console, sphere, one, &mut seconds, cancel))?;
+            let fits = pool.install(|| fit_on(cli, how, console, sphere, one, &mut seconds, cancel));
+            // A sphere without its model would stand in the way of the next attempt.
+            let fits = fits.inspect_err(|_| drop(std::fs::remove_file(&path)))?;
             fitted.extend(fits.fitted.into_iter().map(|mut fitted| {
                 fitted.parametrization = Some(Mapped { sphere: path.clone(), report: report.clone() });
                 fitted

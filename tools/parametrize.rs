@@ -69,12 +69,12 @@ struct Cli {
     /// How the sphere is turned in the beginning; other seeds give maps that are as good but not the same
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// By cald, root mean square of the log area ratio that may be spent on shape and on room for detail: 0 for areas as
-    /// equal as they get, 0.25 for the sake of a fit alone
-    #[arg(long, value_name = "RMS", default_value_t = CaldParams::default().area)]
-    area: f64,
-    /// By cald, degree of the model that room is made for [default: that with half as many functions as there are
-    /// vertices, at most 100]
+    /// By cald, root mean square of the log area ratio, up to 1, that may be spent on shape and on room for what a model
+    /// errs on: 0 for areas as equal as they get, 0.25 for the sake of a fit alone [default: 0.1]
+    #[arg(long, value_name = "RMS")]
+    area: Option<f64>,
+    /// By cald, degree of the model that room is made for, no more than two thirds of the vertices determine; below 2
+    /// none is made [default: that with half as many functions as there are vertices, at most 100]
     #[arg(long, value_name = "L")]
     degree: Option<usize>,
     /// Replace outputs that exist
@@ -216,6 +216,10 @@ fn work(cli: &Cli) -> Result<()> {
 
 /// Whether what was asked for goes together, said before any work.
 fn check(cli: &Cli, input: &Input) -> Result<()> {
+    let by_cald = matches!(input, Input::Mesh(_)) && !matches!(cli.method, Method::Conformal | Method::Stretch);
+    if !by_cald && (cli.area.is_some() || cli.degree.is_some()) {
+        bail!("--area and --degree are for meshes by --method cald, auto or deform");
+    }
     let why = match (input, cli.method, &cli.resample_to) {
         (Input::Mesh(_), Method::EqualArea, _) => {
             bail!("equal-area is for volumes (.nii, .nii.gz); use --method cald for meshes")
@@ -246,7 +250,8 @@ fn parametrize(cli: &Cli, input: &Input, console: &Console) -> Result<Found> {
     let progress = &mut progress;
     let seed = cli.seed;
     let mesh = input.mesh();
-    let params = CaldParams { area: cli.area, degree: cli.degree, seed, ..CaldParams::default() };
+    let default = CaldParams::default();
+    let params = CaldParams { area: cli.area.unwrap_or(default.area), degree: cli.degree, seed, ..default };
     let map = match (cli.method, input) {
         (Method::Auto | Method::EqualArea, Input::Volume(quads, _)) => {
             equal_area(quads, &EqualAreaParams::default(), progress)?

@@ -100,15 +100,14 @@ fn work(cli: &Cli) -> Result<()> {
     print(&format!("{}: {} panels", cli.output.display(), panels.len()))
 }
 
-/// The sphere of a surface.
+/// The sphere of a surface, with radius 1.
 fn read_sphere(path: &Path, surface: &Mesh) -> Result<Mesh> {
     let sphere = read_mesh(path)?;
     if sphere.faces != surface.faces || sphere.vertices.len() != surface.vertices.len() {
         bail!("expected the sphere of the first surface, with its triangles; found other triangles");
     }
-    // Also refuses what isn't about the origin.
-    Directions::from_vertices(&sphere.vertices)?;
-    Ok(sphere)
+    let unit = Directions::from_vertices(&sphere.vertices)?;
+    Ok(sphere.with_vertices(unit.as_slice().to_vec()))
 }
 
 /// A mesh as large as another and in its place: all panels have one scale.

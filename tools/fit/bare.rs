@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use spharm_cli::console::Console;
+use spharm_cli::exit::leave_if_cancelled;
 use spharm_cli::inputs::Sphere;
 use spharm_cli::output::refuse_existing;
 use spharm_harmonics::Directions;
@@ -32,10 +33,14 @@ pub(crate) fn refuse(cli: &Cli, items: &[Item]) -> Result<()> {
 /// Maps one surface to the sphere, writes the sphere, and says what it did.
 pub(crate) fn parametrize(cli: &Cli, item: &Item, console: &Console) -> Result<(Sphere, Report)> {
     let mesh = read_mesh(&item.input)?;
-    let mut progress = shown(console);
+    let mut show = shown(console);
+    let mut progress = |event| {
+        leave_if_cancelled();
+        show(event);
+    };
     let params = CaldParams { area: AREA, degree: Some(cli.max_degree), ..CaldParams::default() };
     let found = auto(&mesh, &params, &mut progress).with_context(|| item.input.display().to_string())?;
-    drop(progress);
+    drop(show);
     let path = sphere_of(&item.output);
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;

@@ -1,20 +1,20 @@
 //! What a model does between the vertices that it was fitted to: a fit can be perfect at all of them and wild elsewhere.
 
 use anyhow::Result;
-use ndarray::ArrayView2;
+use ndarray::{ArrayView1, ArrayView2};
 use spharm_cli::inputs::Sphere;
 use spharm_harmonics::{Directions, synthesis};
 
 use crate::report::{About, Distances};
 
-/// Products of places and functions: some hundredths of a second.
+/// Products of places and functions: some hundredths of a second, up to degree 300.
 const WORK: usize = 20_000_000;
 /// Least and most places.
 const PLACES: [usize; 2] = [200, 2000];
 /// A model is wild where it is this many times as far off between the vertices as at them, and by more than [`LEAST`] of
-/// the surface's size.
+/// the triangles' size: a smooth model bulges over a flat triangle by less.
 const WILD: f64 = 10.0;
-const LEAST: f64 = 1e-3;
+const LEAST: f64 = 0.3;
 
 /// Centres of some of the triangles, evenly spread over their list.
 pub(crate) struct Between {
@@ -41,26 +41,30 @@ impl Between {
         Ok(Some(Self { faces, centres: Directions::from_vertices(&sums)? }))
     }
 
-    /// Distances of the model with these coefficients from the centres of the surface's triangles.
+    /// Distances of the model with these coefficients from the centres of the surface's triangles, and how many times as
+    /// far off the model is there as `at` the vertices, where that is too many.
     pub(crate) fn judge(
         &self,
         coefficients: ArrayView2<'_, f64>,
         vertices: ArrayView2<'_, f64>,
+        at: &Distances,
         about: &About,
-    ) -> Result<Distances> {
+    ) -> Result<(Distances, Option<f64>)> {
         let model = synthesis(&self.centres, coefficients)?;
-        let (mut sum, mut most) = (0.0, 0.0_f64);
+        let (mut sum, mut most, mut sizes) = (0.0, 0.0_f64, 0.0);
         for (face, model) in self.faces.iter().zip(model.rows()) {
             let off = |k: usize| model[k] - face.iter().map(|&v| vertices[[v as usize, k]]).sum::<f64>() / 3.0;
             let square: f64 = (0..model.len()).map(|k| off(k).powi(2)).sum();
             (sum, most) = (sum + square, most.max(square));
+            let [a, b, c] = face.map(|v| vertices.row(v as usize));
+            let edge = |p: ArrayView1<'_, f64>, q: ArrayView1<'_, f64>| -> f64 {
+                p.iter().zip(q).map(|(p, q)| (p - q).powi(2)).sum()
+            };
+            sizes += edge(a, b).max(edge(b, c)).max(edge(c, a));
         }
-        Ok(about.of_residual(sum / self.faces.len() as f64, most, false))
+        let between = about.of_residual(sum / self.faces.len() as f64, most, false);
+        let ratio = (between.msd_raw / at.msd_raw.max(f64::MIN_POSITIVE)).sqrt();
+        let wild = ratio > WILD && sum > LEAST * LEAST * sizes;
+        Ok((between, wild.then_some(ratio)))
     }
-}
-
-/// How many times as far off a model is between the vertices as at them, where that is too many.
-pub(crate) fn wild(at: &Distances, between: &Distances, scale: f64) -> Option<f64> {
-    let ratio = (between.msd_raw / at.msd_raw).sqrt();
-    (ratio > WILD && between.msd_raw.sqrt() > LEAST * scale).then_some(ratio)
 }

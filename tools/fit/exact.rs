@@ -112,14 +112,16 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
 /// Of a surface that came without a sphere, the penalty at the highest degree in relation to what the vertices weigh
 /// there. Large triangles leave a model open between their corners; this holds it, and adds some per cent to the msd.
 const HOLD: f64 = 0.01;
+/// Lower degrees have wavelengths that no triangle leaves open.
+const HOLD_FROM: usize = 8;
 
 fn fixed_smoothness(job: &Job<'_>) -> f64 {
     match job.cli.smoothness {
         Some(Smoothness::Lambda(lambda)) => lambda,
-        // To degree 0 there is nothing to hold.
-        None if job.cli.sphere.is_none() && job.cli.max_degree > 0 => {
-            let (n, degree) = (job.sphere.directions.len() as f64, job.cli.max_degree as f64);
-            HOLD * n / (4.0 * std::f64::consts::PI) / (degree * (degree + 1.0)).powi(2)
+        None if job.cli.sphere.is_none() && job.cli.max_degree >= HOLD_FROM => {
+            let n = job.sphere.directions.len() as f64;
+            let (weight, degree) = (job.weights.as_ref().map_or(n, |w| w.iter().sum()), job.cli.max_degree as f64);
+            HOLD * weight / (4.0 * std::f64::consts::PI) / (degree * (degree + 1.0)).powi(2)
         }
         _ => 0.0,
     }
@@ -184,6 +186,14 @@ fn say(job: &Job<'_>, report: &LsqReport) -> Result<()> {
         job.console.warn(format!(
             "degree {} isn't determined by this sampling{breaks}; took the solution of least norm, {:.3e}, to optimality {:.1e}",
             report.max_degree, report.norm, report.optimality
+        ));
+    }
+    let functions = basis_size(report.max_degree);
+    if job.cli.sphere.is_none() && job.cli.smoothness.is_none() && report.rows < functions {
+        job.console.warn(format!(
+            "{} vertices don't determine {functions} coefficients, smoothness chose among them; degrees to {} suit this mesh",
+            report.rows,
+            (report.rows as f64 / 1.5).sqrt() as usize - 1
         ));
     }
     for note in &report.notes {

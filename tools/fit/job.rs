@@ -17,11 +17,11 @@ use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::io::write_new;
 use spharm_surface::model::{Model, write_complex_csv};
 
-use crate::between::{Between, wild};
+use crate::between::Between;
 use crate::hold_out::HoldOut;
 use crate::outputs::{Item, csv_of, errors_of};
-use crate::report::{About, BatchReport, Fitted, Provenance, Seconds, granularity_of, start_degree_of};
-use crate::{Cli, How};
+use crate::report::{About, BatchReport, Distances, Fitted, Provenance, Seconds, granularity_of, start_degree_of};
+use crate::{Cli, How, Smoothness};
 
 pub(crate) struct Job<'c> {
     pub(crate) cli: &'c Cli,
@@ -182,37 +182,43 @@ impl Job<'_> {
             let held_out = hold_out
                 .map(|hold_out| hold_out.judge(&self.sphere.directions, values.view(), view(target), &about))
                 .transpose()?;
-            let places = self.between.as_ref().filter(|_| target.surface);
-            let between = places.map(|places| places.judge(values.view(), view(target), &about)).transpose()?;
+            let passes: Vec<Distances> = distances.collect();
+            let between = match (&self.between, passes.last()) {
+                (Some(places), Some(at)) if target.surface => {
+                    let (between, wild) = places.judge(values.view(), view(target), at, &about)?;
+                    wild.into_iter().for_each(|ratio| self.warn_of_wildness(&item.input, ratio));
+                    Some(between)
+                }
+                _ => None,
+            };
             let fitted = Fitted {
                 input: item.input.clone(),
                 output: item.output.clone(),
                 channels: target.channels,
                 scale: about.scale,
-                passes: distances.collect(),
+                passes,
                 between,
                 held_out,
                 parametrization: None,
             };
             let errors = solved.standard_errors.as_ref().map(|errors| errors.slice(s![.., group]).to_owned());
-            self.warn_if_wild(&fitted);
-            self.write(&fitted, &about, Coefficients::new(values)?, errors)?;
+            self.write(&fitted, &about, Coefficients::new(values)?, errors, solved.report.smoothness())?;
             Ok(fitted)
         };
         (0..batch.items.len()).into_par_iter().map(one).collect()
     }
 
-    fn warn_if_wild(&self, fitted: &Fitted) {
-        let (Some(at), Some(between), Some(scale)) = (fitted.passes.last(), &fitted.between, fitted.scale) else {
-            return;
+    fn warn_of_wildness(&self, input: &Path, ratio: f64) {
+        let smoother = match (self.how, self.cli.smoothness) {
+            (How::Lsq, Some(Smoothness::Auto)) => "",
+            (How::Lsq, _) => "--smoothness auto, ",
+            _ => "--method lsq --smoothness auto, ",
         };
-        if let Some(ratio) = wild(at, between, scale) {
-            self.console.warn(format!(
-                "{}: between the vertices the model is {ratio:.0} times as far off as at them, which leave it open there; \
-                 use --smoothness auto, a lower --max-degree, or a sphere that gives room to large triangles",
-                fitted.input.display()
-            ));
-        }
+        self.console.warn(format!(
+            "{}: between the vertices the model is {ratio:.0} times as far off as at them: they leave it open there; use \
+             {smoother}a lower --max-degree, or a sphere that gives room to large triangles",
+            input.display()
+        ));
     }
 
     fn write(
@@ -221,6 +227,7 @@ impl Job<'_> {
         about: &About,
         coefficients: Coefficients,
         errors: Option<Array2<f64>>,
+        smoothness: f64,
     ) -> Result<()> {
         let output = &fitted.output;
         if let Some(folder) = output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -237,6 +244,7 @@ impl Job<'_> {
             granularity: granularity_of(self.how),
             start_degree: start_degree_of(self.how),
             weights: &self.cli.weights,
+            smoothness,
             dtype: self.scalar.name(),
             surface: about.surface,
             scale: fitted.scale,

@@ -137,6 +137,16 @@ pub(crate) enum BatchReport {
     },
 }
 
+impl BatchReport {
+    /// Smoothness penalty, lambda; zero by the methods that have none.
+    pub(crate) fn smoothness(&self) -> f64 {
+        match self {
+            Self::LeastSquares { report, .. } => report.smoothness,
+            _ => 0.0,
+        }
+    }
+}
+
 #[derive(Debug, Serialize)]
 pub(crate) struct Provenance<'a> {
     pub(crate) tool: &'static str,
@@ -148,6 +158,8 @@ pub(crate) struct Provenance<'a> {
     pub(crate) granularity: Option<usize>,
     pub(crate) start_degree: Option<usize>,
     pub(crate) weights: &'a str,
+    /// Smoothness penalty, lambda.
+    pub(crate) smoothness: f64,
     pub(crate) dtype: &'static str,
     pub(crate) surface: bool,
     pub(crate) scale: Option<f64>,

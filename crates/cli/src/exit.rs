@@ -26,6 +26,14 @@ pub fn cancel() -> &'static AtomicBool {
     &CANCEL
 }
 
+/// Ends the process where it has been asked to stop: for work that can't be left half done and has written nothing yet.
+pub fn leave_if_cancelled() {
+    if CANCEL.load(Ordering::Relaxed) {
+        crate::console::say(format_args!("error: interrupted; the same command goes on with --skip-existing"));
+        std::process::exit(i32::from(INTERRUPTED));
+    }
+}
+
 /// Runs a tool's work; an error is one line on stderr.
 pub fn run(work: impl FnOnce() -> anyhow::Result<()>) -> ExitCode {
     let Err(error) = work() else { return ExitCode::SUCCESS };

@@ -24,6 +24,9 @@ const MOST_UNASKED: usize = 100;
 /// little. First unasked, then at least.
 const PER_FUNCTION: [f64; 2] = [2.0, 1.5];
 
+/// The largest excess of error that counts: areas must not explode where a few vertices are far off.
+const MOST: f64 = 8.0;
+
 /// Rounds of averaging over neighbours.
 const ROUNDS: usize = 2;
 
@@ -80,12 +83,12 @@ fn average(faces: &[[u32; 3]], values: &mut [f64]) {
     }
 }
 
-/// To a mean of zero and a root mean square of one.
+/// To a mean of zero and a root mean square of one, nearly: what stands out by more than [`MOST`] is cut there.
 pub(crate) fn normalise(values: &mut [f64]) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
     let spread = (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt().max(f64::MIN_POSITIVE);
-    values.iter_mut().for_each(|x| *x = (*x - mean) / spread);
+    values.iter_mut().for_each(|x| *x = ((*x - mean) / spread).min(MOST));
 }
 
 /// The areas that triangles are to have: those of the surface times exp (strength g), 4 pi in all.

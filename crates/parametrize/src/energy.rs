@@ -61,9 +61,18 @@ impl Shape {
     }
 }
 
+/// Least area of a triangle, as a share of the mean: thinner ones are too small to steer anything.
+const LEAST_AREA: f64 = 1e-7;
+
+/// The least area that counts of so many triangles.
+pub(crate) fn least_area(triangles: usize) -> f64 {
+    LEAST_AREA * 4.0 * std::f64::consts::PI / triangles as f64
+}
+
 /// Gives each triangle its area.
 pub(crate) fn set_areas(shapes: &mut [Shape], areas: &[f64]) {
-    shapes.iter_mut().zip(areas).for_each(|(shape, area)| shape.area = *area);
+    let least = least_area(shapes.len());
+    shapes.iter_mut().zip(areas).for_each(|(shape, area)| shape.area = area.max(least));
 }
 
 /// One of the energies.

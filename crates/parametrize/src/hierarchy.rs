@@ -15,11 +15,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::energy::Shape;
+use crate::energy::{Shape, least_area};
 use crate::geometry::{Vec3, area, dot, sub};
-
-/// Least area of a triangle, as a share of the mean: thinner ones are too small to steer anything.
-const LEAST_AREA: f64 = 1e-7;
 
 /// A triangulated sphere that can be coarsened and refined. Vertices and triangles keep their numbers.
 pub(crate) struct Hierarchy {
@@ -64,7 +61,7 @@ impl Ord for Entry {
 impl Hierarchy {
     /// The finest level: the surface itself, and the area that each triangle is to have on the sphere, 4 pi in all.
     pub(crate) fn new(positions: &[Vec3], faces: &[[u32; 3]], areas: &[f64]) -> Self {
-        let least = LEAST_AREA * 4.0 * std::f64::consts::PI / faces.len() as f64;
+        let least = least_area(faces.len());
         let shape = |(face, &area): (&[u32; 3], &f64)| Shape::new(face.map(|v| positions[v as usize]), area.max(least));
         let mut around = vec![Vec::new(); positions.len()];
         for (face, f) in faces.iter().zip(0..) {

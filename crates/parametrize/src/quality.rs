@@ -111,7 +111,7 @@ impl Quality {
 }
 
 /// The log area ratio around each vertex: of what its triangles have on the sphere by what they have on the surface,
-/// both scaled to 4 pi. NaN at a vertex without a triangle.
+/// both scaled to 4 pi. The sphere's vertices are unit vectors. NaN at a vertex without a triangle.
 ///
 /// # Panics
 ///
