@@ -36,6 +36,9 @@ const AIM: f64 = 0.98;
 /// Rounds of giving room to detail.
 const ROUNDS: usize = 4;
 
+/// What the wish for room is multiplied with where it came out as more than is allowed.
+const LESS: f64 = 0.9;
+
 /// An error of this share of the surface's radius isn't worth distortion, and isn't told from that of the fit itself.
 const NEGLIGIBLE: f64 = 3e-5;
 
@@ -79,7 +82,7 @@ pub fn cald(surface: &Mesh, params: &CaldParams, progress: Progress<'_>) -> Resu
     let domain = Domain::new(surface)?;
     let growth = Growth { energy: Energy::balanced(1.0, STAGES[0]), steps: 6, seed: params.seed };
     let mut descent = Descent::start(&domain, growth, progress)?;
-    progress(Event::Begin { stage: "smoothing", steps: ((STAGES.len() + ROUNDS + 1) * params.steps) as u64 });
+    progress(Event::Begin { stage: "smoothing", steps: ((STAGES.len() + 2 * ROUNDS + 1) * params.steps) as u64 });
     let mut energy = growth.energy;
     for (stage, shape) in STAGES.into_iter().enumerate() {
         energy = Energy::bounded(1.0, shape, BOUND * shape);
@@ -135,6 +138,14 @@ fn make_room(
             wanted.iter_mut().zip(&seen.excess).for_each(|(sum, seen)| *sum += seen);
             normalise(&mut wanted);
         }
+    }
+    for _ in 0..ROUNDS {
+        if descent.area_distortion(domain) <= params.area {
+            break;
+        }
+        applied *= LESS;
+        descent.set_areas(&adapted(&domain.areas, &wanted, applied));
+        descent.descend(energy, 1e-4, params.steps, progress);
     }
     let too_much = descent.area_distortion(domain) > params.area;
     if too_much || detail(domain, &descent.map, degree)?.error > WORTH * without.error {
