@@ -61,8 +61,7 @@ pub fn set_blas_threads(threads: usize) {
     unsafe { openblas_set_num_threads(threads.clamp(1, 1024) as c_int) };
 }
 
-/// Bytes of address space that OpenBLAS reserves for each thread that calls it, as built by `.cargo/config.toml`.
-pub const RESERVED_PER_THREAD: usize = 32 << 20;
+pub use spharm_blas::RESERVED_PER_THREAD;
 
 fn int(value: usize) -> c_int {
     c_int::try_from(value).unwrap_or_else(|_| panic!("a dimension of {value} is beyond a 32-bit BLAS"))
