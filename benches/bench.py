@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-BIN = ROOT / "target" / "release"
+SPHARM = ROOT / "target" / "release" / "spharm"
 N, L = 40962, 100
 MIB = 1 << 20
 
@@ -35,7 +35,7 @@ class Bench:
         shutil.rmtree(self.work, ignore_errors=True)
         self.work.mkdir(parents=True)
         self.sphere, self.surface = self.work / "sphere.surf.gii", self.work / "cortex.surf.gii"
-        run(BIN / "generate", "--sphere", self.sphere, "--surface", self.surface)
+        run(SPHARM, "generate", "--sphere", self.sphere, "--surface", self.surface)
         self.store = self.work / "store"
 
     def wanted(self, name):
@@ -53,10 +53,10 @@ class Bench:
     # The commands.
 
     def build(self, store):
-        return [BIN / "basis-build", "--sphere", self.sphere, "--max-degree", L, "--store", store, "-q"]
+        return [SPHARM, "basis-build", "--sphere", self.sphere, "--max-degree", L, "--store", store, "-q"]
 
     def fit(self, *more, surfaces=None, store=None, output=None):
-        return [BIN / "fit", "--store", store or self.store, "--sphere", self.sphere, "--surface",
+        return [SPHARM, "fit", "--store", store or self.store, "--sphere", self.sphere, "--surface",
                 *(surfaces or [self.surface]), "--max-degree", L, "-q", "--force",
                 "-o", output or self.work / "out.npz", *more]
 
@@ -134,7 +134,7 @@ class Bench:
         surfaces = []
         for variant in range(32):
             surfaces.append(self.work / f"subject{variant}.surf.gii")
-            run(BIN / "generate", "--surface", surfaces[-1], "--variant", variant, "--force")
+            run(SPHARM, "generate", "--surface", surfaces[-1], "--variant", variant, "--force")
         one, many = [], []
         self.cat()
         for _ in range(self.rounds):
@@ -171,8 +171,8 @@ class Bench:
     def refusal(self):
         """Degree 300 on 163,842 vertices must be refused."""
         sphere = self.work / "sphere7.surf.gii"
-        run(BIN / "generate", "--subdivisions", 7, "--sphere", sphere)
-        found = subprocess.run([BIN / "basis-build", "--sphere", sphere, "--max-degree", "300", "--store",
+        run(SPHARM, "generate", "--subdivisions", 7, "--sphere", sphere)
+        found = subprocess.run([SPHARM, "basis-build", "--sphere", sphere, "--max-degree", "300", "--store",
                                 self.work / "large"], capture_output=True, text=True)
         said = found.returncode == 1 and "118." in found.stderr and "free" in found.stderr
         left = (self.work / "large").exists()
@@ -189,7 +189,7 @@ class Bench:
         for name, expected in json.loads((data / "reference.json").read_text()).items():
             sphere, surface = data / f"{name}.sphere.surf.gii", data / f"{name}.surf.gii"
             store = self.work / "accuracy"
-            run(BIN / "basis-build", "--sphere", sphere, "--max-degree", L, "--store", store, "-q")
+            run(SPHARM, "basis-build", "--sphere", sphere, "--max-degree", L, "--store", store, "-q")
             lines = {}
             for line, values in expected["results"].items():
                 if match := re.fullmatch(r"irf p=(\d+) g=(\d+) L=(\d+)", line):
@@ -200,7 +200,7 @@ class Bench:
             for (method, g, degree), by_pass in lines.items():
                 report = self.work / "accuracy.json"
                 more = ["--granularity", g, "--passes", max(by_pass)] if method == "irf" else []
-                run(BIN / "fit", "--store", store, "--sphere", sphere, "--surface", surface, "--max-degree", degree,
+                run(SPHARM, "fit", "--store", store, "--sphere", sphere, "--surface", surface, "--max-degree", degree,
                     "--method", method, *more, "-q", "--force", "-o", self.work / "a.npz", "--report", report)
                 passes = json.loads(report.read_text())["surfaces"][0]["passes"]
                 for p, values in by_pass.items():
@@ -214,8 +214,8 @@ class Bench:
         for sphere in sorted(data.glob("hippo_*.sphere.obj")):
             name = sphere.name.removesuffix(".sphere.obj")
             store = self.work / "hippo"
-            run(BIN / "basis-build", "--sphere", sphere, "--max-degree", 15, "--store", store, "-q")
-            run(BIN / "fit", "--store", store, "--sphere", sphere, "--surface", data / f"{name}.obj", "--max-degree", 15,
+            run(SPHARM, "basis-build", "--sphere", sphere, "--max-degree", 15, "--store", store, "-q")
+            run(SPHARM, "fit", "--store", store, "--sphere", sphere, "--surface", data / f"{name}.obj", "--max-degree", 15,
                 "--method", "nlsf", "-q", "--force", "--coefficients-csv", "-o", self.work / "h.spharm.npz")
             ours, theirs = numbers(self.work / "h.spharm.csv"), numbers(data / f"{name}.degree15.fvec.csv")
             norm = math.sqrt(sum(b * b for b in theirs))
@@ -234,10 +234,10 @@ class Bench:
             optimum = reference[name]["results"]["least-squares L=100"]["msd"]
             sphere, surface = data / f"{name}.sphere.surf.gii", data / f"{name}.surf.gii"
             store, report = self.work / "acceleration", self.work / "acceleration.json"
-            run(BIN / "basis-build", "--sphere", sphere, "--max-degree", L, "--store", store, "-q")
+            run(SPHARM, "basis-build", "--sphere", sphere, "--max-degree", L, "--store", store, "-q")
             left, passes = {}, {}
             for how, more in (("plain", []), ("accelerated", ["--accelerate"])):
-                run(BIN / "fit", "--store", store, "--sphere", sphere, "--surface", surface, "--max-degree", L,
+                run(SPHARM, "fit", "--store", store, "--sphere", sphere, "--surface", surface, "--max-degree", L,
                     "--granularity", 100, "--passes", most, *more, "--memory", "1GiB", "-q", "--force",
                     "-o", self.work / "b.npz", "--report", report)
                 told = json.loads(report.read_text())

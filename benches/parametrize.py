@@ -76,7 +76,8 @@ def densify(source, target, times, on_sphere):
 
 
 def run(*command):
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
+    """Runs a verb of spharm and gives what it printed."""
+    done = subprocess.run(["spharm", *map(str, command)], capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{command[0]}: {done.stderr.strip()}")
     return done.stdout

@@ -201,9 +201,9 @@ def cortex(peer, folder, repeats):
 
 def stored(peer, folder, problem, reference, theirs, repeats):
     store = folder / "store"
-    tools = ROOT / "target" / "release"
+    spharm = ROOT / "target" / "release" / "spharm"
     sphere = DATA / "cort40962.sphere.surf.gii"
-    command = [tools / "basis-build", "--sphere", sphere, "--factor", 100, "--factor-only"]
+    command = [spharm, "basis-build", "--sphere", sphere, "--factor", 100, "--factor-only"]
     command += ["--store", store, "--memory", "4GiB", "-q"]
     subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
     # What is still on its way to the disk would be timed with the fits.

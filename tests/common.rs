@@ -27,22 +27,10 @@ pub(crate) fn times(count: usize) -> usize {
     if std::env::var_os("SPHARM_SOAK").is_some() { 10 * count } else { count }
 }
 
-/// One of the tools, ready to be given arguments.
-pub(crate) fn tool(name: &str) -> Command {
-    let path = match name {
-        "basis-build" => env!("CARGO_BIN_EXE_basis-build"),
-        "compare" => env!("CARGO_BIN_EXE_compare"),
-        "fit" => env!("CARGO_BIN_EXE_fit"),
-        "generate" => env!("CARGO_BIN_EXE_generate"),
-        "paper" => env!("CARGO_BIN_EXE_paper"),
-        "parametrize" => env!("CARGO_BIN_EXE_parametrize"),
-        "picture" => env!("CARGO_BIN_EXE_picture"),
-        "reconstruct" => env!("CARGO_BIN_EXE_reconstruct"),
-        "store" => env!("CARGO_BIN_EXE_store"),
-        _ => panic!("no tool {name}"),
-    };
-    let mut command = Command::new(path);
-    command.env_remove("SPHARM_STORE").env_remove("SLURM_CPUS_PER_TASK");
+/// `spharm` with a verb, ready to be given the verb's arguments.
+pub(crate) fn tool(verb: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_spharm"));
+    command.arg(verb).env_remove("SPHARM_STORE").env_remove("SLURM_CPUS_PER_TASK");
     command
 }
 

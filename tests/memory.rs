@@ -33,10 +33,10 @@ fn fit(wrapper: &[String]) -> Command {
     ];
     let tool = tool("fit");
     let mut command = match wrapper {
-        [] => Command::new(tool.get_program()),
+        [] => tool,
         [program, more @ ..] => {
             let mut command = Command::new(program);
-            command.args(more).arg(tool.get_program());
+            command.args(more).arg(tool.get_program()).args(tool.get_args());
             command
         }
     };

@@ -11,8 +11,8 @@ use spharm_harmonics::Directions;
 use spharm_parametrize::{CaldParams, Report, auto};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
-use crate::Cli;
-use crate::outputs::Item;
+use super::Cli;
+use super::outputs::Item;
 use crate::stages::shown;
 
 /// Root mean square of the log area ratio that a map may have for the sake of the fit over it.

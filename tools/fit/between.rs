@@ -5,7 +5,7 @@ use ndarray::{ArrayView1, ArrayView2};
 use spharm_cli::inputs::Sphere;
 use spharm_harmonics::{Directions, synthesis};
 
-use crate::report::{About, Distances};
+use super::report::{About, Distances};
 
 /// Products of places and functions: some hundredths of a second, up to degree 300.
 const WORK: usize = 20_000_000;

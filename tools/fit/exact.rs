@@ -14,10 +14,10 @@ use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 use spharm_transform::{Transform, TransformParams};
 
-use crate::job::{Job, Solved};
-use crate::outputs::Item;
-use crate::report::{BatchReport, Fitted};
-use crate::{Cli, PreconditionerName, Smoothness};
+use super::job::{Job, Solved};
+use super::outputs::Item;
+use super::report::{BatchReport, Fitted};
+use super::{Cli, PreconditionerName, Smoothness};
 
 /// Columns of a batch, at most: they share what a transform and a factor cost, and more share no more.
 const MOST_COLUMNS: usize = 96;

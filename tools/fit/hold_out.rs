@@ -7,7 +7,7 @@ use spharm_harmonics::Directions;
 use spharm_surface::generate::SplitMix64;
 use spharm_transform::synthesis;
 
-use crate::report::{About, Distances};
+use super::report::{About, Distances};
 
 /// Which vertices are held out.
 pub(crate) struct HoldOut {

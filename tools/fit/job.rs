@@ -17,11 +17,11 @@ use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::io::write_new;
 use spharm_surface::model::{Model, write_complex_csv};
 
-use crate::between::Between;
-use crate::hold_out::HoldOut;
-use crate::outputs::{Item, csv_of, errors_of};
-use crate::report::{About, BatchReport, Distances, Fitted, Provenance, Seconds, granularity_of, start_degree_of};
-use crate::{Cli, How, Smoothness};
+use super::between::Between;
+use super::hold_out::HoldOut;
+use super::outputs::{Item, csv_of, errors_of};
+use super::report::{About, BatchReport, Distances, Fitted, Provenance, Seconds, granularity_of, start_degree_of};
+use super::{Cli, How, Smoothness};
 
 pub(crate) struct Job<'c> {
     pub(crate) cli: &'c Cli,

@@ -7,7 +7,7 @@ use spharm_cli::console::Console;
 use spharm_cli::inputs::{expand_lists, unique_stems};
 use spharm_cli::output::refuse_existing;
 
-use crate::Cli;
+use super::Cli;
 
 /// One surface to fit and where its model goes.
 pub(crate) struct Item {

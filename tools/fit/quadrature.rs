@@ -12,9 +12,9 @@ use spharm_surface::Mesh;
 use spharm_surface::quadrature::Quadrature;
 use spharm_transform::{FINEST, Transform, TransformParams};
 
-use crate::job::{Job, Solved};
-use crate::outputs::Item;
-use crate::report::{BatchReport, Fitted};
+use super::job::{Job, Solved};
+use super::outputs::Item;
+use super::report::{BatchReport, Fitted};
 
 /// Fits all items by quadrature.
 pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Result<(Vec<Fitted>, Vec<BatchReport>)> {

@@ -14,8 +14,8 @@ use spharm_solver::{FitReport, Method};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::metrics::bounding_box_scale;
 
-use crate::hold_out::HeldOut;
-use crate::{Cli, How};
+use super::hold_out::HeldOut;
+use super::{Cli, How};
 
 /// g, where the method has one that isn't infinite.
 pub(crate) fn granularity_of(how: How) -> Option<usize> {

@@ -16,10 +16,10 @@ use spharm_solver::{
 use spharm_store::{Scalar, Scheme};
 use spharm_transform::MomentGram;
 
-use crate::job::{Batch, Job, Queue, Solved};
-use crate::outputs::Item;
-use crate::report::{BatchReport, Fitted, Seconds};
-use crate::{MOST_TOGETHER, REFINEMENTS};
+use super::job::{Batch, Job, Queue, Solved};
+use super::outputs::Item;
+use super::report::{BatchReport, Fitted, Seconds};
+use super::{MOST_TOGETHER, REFINEMENTS};
 
 /// Fits all items by `method` over the basis of `scheme`.
 pub(crate) fn run(

@@ -12,8 +12,8 @@ use spharm_harmonics::{Coefficients, Directions, basis_size};
 use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method};
 use spharm_store::{BuildEvent, BuildParams, BuildReport, build};
 
-use crate::published::Quality;
-use crate::surfaces::Surface;
+use super::published::Quality;
+use super::surfaces::Surface;
 
 /// What all experiments are run with.
 #[derive(Clone, Copy)]

@@ -9,10 +9,10 @@ use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::metrics::{SurfaceDistance, SurfaceDistanceParams, surface_distance};
 
-use crate::bench::{Bench, Measured};
-use crate::families::Family;
-use crate::published::{Quality, Reference};
-use crate::surfaces::Surface;
+use super::bench::{Bench, Measured};
+use super::families::Family;
+use super::published::{Quality, Reference};
+use super::surfaces::Surface;
 
 /// How large the experiments are.
 #[derive(Debug, Clone, Copy)]

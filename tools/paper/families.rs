@@ -15,10 +15,10 @@ use spharm_surface::Mesh;
 use spharm_surface::quadrature::Quadrature;
 use spharm_transform::{Transform, TransformParams};
 
-use crate::bench::{Bench, Measured};
-use crate::experiments::Extent;
-use crate::published::Quality;
-use crate::surfaces::Surface;
+use super::bench::{Bench, Measured};
+use super::experiments::Extent;
+use super::published::Quality;
+use super::surfaces::Surface;
 
 /// One surface to one degree by both.
 #[derive(Debug)]

@@ -2,10 +2,10 @@
 
 use spharm_cli::size::Size;
 
-use crate::experiments::{Extent, Pass, Results};
-use crate::published::{NLSF_DEGREE, PUBLISHED, Quality};
-use crate::surfaces::Surface;
-use crate::tables::markdown;
+use super::experiments::{Extent, Pass, Results};
+use super::published::{NLSF_DEGREE, PUBLISHED, Quality};
+use super::surfaces::Surface;
+use super::tables::markdown;
 
 /// What the numbers depend on beside the experiments.
 #[derive(Debug)]

@@ -10,7 +10,7 @@ use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, subdivide, subdivide_sphere};
 use spharm_surface::metrics::bounding_box_scale;
 
-use crate::published::Kind;
+use super::published::Kind;
 
 /// A surface over its sphere.
 pub(crate) struct Surface {

@@ -9,9 +9,15 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+
+pub use spharm_monitor::Unit;
 
 use crate::size::Size;
+
+/// A forecast of the time left is shown from this time on and from this share of the work on: earlier it would be a guess.
+const FORECAST_AFTER: Duration = Duration::from_secs(5);
+const FORECAST_FROM_PERCENT: u64 = 5;
 
 /// Where a tool says what it does.
 #[derive(Debug, Clone, Copy)]
@@ -24,15 +30,6 @@ pub struct Console {
 /// A line on stderr. Whoever reads it may have gone away, which is no reason to stop the work.
 pub(crate) fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
-}
-
-/// What a progress counts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Unit {
-    /// Bytes, shown as sizes.
-    Bytes,
-    /// Anything else.
-    Count(&'static str),
 }
 
 impl Console {
@@ -60,7 +57,7 @@ impl Console {
         say(format_args!("warning: {text}"));
     }
 
-    /// Progress towards `total`.
+    /// Progress towards `total`; zero when that isn't known.
     pub fn progress(&self, label: &str, total: u64, unit: Unit) -> Progress {
         if self.quiet {
             return Progress { bar: None, lines: None };
@@ -69,12 +66,19 @@ impl Console {
             let lines = Lines { label: label.to_owned(), total, unit, state: Mutex::new(State::new()) };
             return Progress { bar: None, lines: Some(lines) };
         }
-        let counts = match unit {
-            Unit::Bytes => "{bytes}/{total_bytes}, {binary_bytes_per_sec}".to_owned(),
-            Unit::Count(name) => format!("{{pos}}/{{len}} {name}"),
+        let template = match (unit, total) {
+            (_, 0) => "{prefix} {spinner} {msg}".to_owned(),
+            (Unit::Bytes, _) => {
+                "{prefix} [{bar:30}] {bytes}/{total_bytes}, {binary_bytes_per_sec}{forecast} {msg}".to_owned()
+            }
+            (Unit::Count(name), _) => format!("{{prefix}} [{{bar:30}}] {{pos}}/{{len}} {name}{{forecast}} {{msg}}"),
+            _ => "{prefix} [{bar:30}] {percent} %{forecast} {msg}".to_owned(),
         };
-        let template = format!("{{prefix}} [{{bar:30}}] {counts}, {{eta}} left {{msg}}");
         let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let style = style.with_key("forecast", |state: &ProgressState, out: &mut dyn std::fmt::Write| {
+            // The bar's own buffer takes whatever is written.
+            let _ = write!(out, "{}", Forecast::of(state.pos(), state.len().unwrap_or(0), state.elapsed()));
+        });
         let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
         bar.set_style(style.progress_chars("=> "));
         bar.set_prefix(label.to_owned());
@@ -107,6 +111,14 @@ impl Progress {
         }
         if let Some(lines) = &self.lines {
             lines.lock().saying = text.to_string();
+        }
+    }
+
+    /// Prints lines of another kind without tearing the bar.
+    pub(crate) fn beside(&self, print: impl FnOnce()) {
+        match &self.bar {
+            Some(bar) => bar.suspend(print),
+            None => print(),
         }
     }
 }
@@ -150,17 +162,66 @@ impl Lines {
         let mut state = self.lock();
         state.done += step;
         let elapsed = state.started.elapsed();
-        if elapsed < state.next || state.done >= self.total {
+        if elapsed < state.next || (self.total > 0 && state.done >= self.total) {
             return;
         }
         state.next = elapsed + Duration::from_secs(10);
-        let rate = state.done as f64 / elapsed.as_secs_f64();
-        let left = (self.total - state.done) as f64 / rate.max(f64::MIN_POSITIVE);
-        let percent = 100.0 * state.done as f64 / self.total as f64;
-        let rate = match self.unit {
-            Unit::Bytes => format!("{}/s", Size(rate as usize)),
-            Unit::Count(name) => format!("{rate:.1} {name}/s"),
+        let done = state.done;
+        let amount = match self.unit {
+            _ if self.total == 0 => format!("{:.0} s", elapsed.as_secs_f64()),
+            Unit::Bytes => {
+                let rate = Size((done as f64 / elapsed.as_secs_f64()) as usize);
+                format!("{:.0} %, {rate}/s", percent(done, self.total))
+            }
+            Unit::Count(name) => format!("{:.0} %, {done} of {} {name}", percent(done, self.total), self.total),
+            _ => format!("{:.0} %", percent(done, self.total)),
         };
-        say(format_args!("{}: {percent:.0} %, {rate}, {left:.0} s left {}", self.label, state.saying));
+        let line = format!("{}: {amount}{} {}", self.label, Forecast::of(done, self.total, elapsed), state.saying);
+        say(line.trim_end());
+    }
+}
+
+fn percent(done: u64, total: u64) -> f64 {
+    100.0 * done as f64 / total as f64
+}
+
+/// The time that is left, as far as it can be foreseen: `, 12 s left`, or nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Forecast(Option<f64>);
+
+impl Forecast {
+    fn of(done: u64, total: u64, elapsed: Duration) -> Self {
+        let soon = elapsed < FORECAST_AFTER || done.saturating_mul(100) < total.saturating_mul(FORECAST_FROM_PERCENT);
+        if soon || done == 0 || done >= total {
+            return Self(None);
+        }
+        Self(Some(elapsed.as_secs_f64() * (total - done) as f64 / done as f64))
+    }
+}
+
+impl Display for Forecast {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            Some(seconds) if seconds >= 120.0 => write!(f, ", {:.0} min left", seconds / 60.0),
+            Some(seconds) => write!(f, ", {seconds:.0} s left"),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_foreseen_before_some_seconds_and_some_work() {
+        let text = |done, total, seconds| Forecast::of(done, total, Duration::from_secs(seconds)).to_string();
+        assert_eq!(text(1, 2, 4), "", "too early");
+        assert_eq!(text(4, 100, 60), "", "too little of the work");
+        assert_eq!(text(0, 2, 60), "");
+        assert_eq!(text(2, 2, 60), "");
+        assert_eq!(text(5, 0, 60), "", "the total isn't known");
+        assert_eq!(text(25, 100, 10), ", 30 s left");
+        assert_eq!(text(5, 100, 60), ", 19 min left");
     }
 }

@@ -3,11 +3,17 @@
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use clap::Command;
+use spharm_monitor::Interrupted;
 use spharm_solver::SolverError;
 use spharm_store::StoreError;
 
+use crate::usage::Usage;
+
 /// EX_TEMPFAIL: try the same again.
 const INTERRUPTED: u8 = 75;
+/// As clap has it.
+const USAGE: u8 = 2;
 
 static CANCEL: AtomicBool = AtomicBool::new(false);
 
@@ -34,11 +40,22 @@ pub fn leave_if_cancelled() {
     }
 }
 
-/// Runs a tool's work; an error is one line on stderr.
-pub fn run(work: impl FnOnce() -> anyhow::Result<()>) -> ExitCode {
+/// A verb's own command within `program`, for the usage that an error shows.
+pub fn command_of(mut program: Command, verb: &str) -> Command {
+    program.build();
+    program.find_subcommand(verb).cloned().unwrap_or(program)
+}
+
+/// Runs a verb's work; an error is one line on stderr, a [`Usage`] error what clap makes of it for `command`.
+pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> Command) -> ExitCode {
     let Err(error) = work() else { return ExitCode::SUCCESS };
     if is_closed_pipe(&error) {
         return ExitCode::SUCCESS;
+    }
+    if let Some(usage) = error.downcast_ref::<Usage>() {
+        // Where stderr is gone, there is nobody to tell.
+        let _ = usage.of(command()).print();
+        return ExitCode::from(USAGE);
     }
     let line = one_line(&error);
     crate::console::say(format_args!("error: {line}"));
@@ -59,7 +76,8 @@ fn one_line(error: &anyhow::Error) -> String {
 
 fn is_interrupted(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
-        matches!(cause.downcast_ref(), Some(StoreError::Interrupted))
+        cause.is::<Interrupted>()
+            || matches!(cause.downcast_ref(), Some(StoreError::Interrupted))
             || matches!(
                 cause.downcast_ref(),
                 Some(SolverError::Interrupted | SolverError::Store(StoreError::Interrupted))

@@ -7,6 +7,8 @@
 //! | [`console`] | notes, warnings and progress on stderr |
 //! | [`exit`] | from errors to exit codes; signals |
 //! | [`inputs`] | spheres, surfaces and signals from files, checked |
+//! | [`monitor`] | the progress of the library on the console |
+//! | [`usage`] | arguments that don't go together |
 //! | [`output`] | results to stdout, reports to files |
 //! | [`machine`] | peak memory, versions |
 
@@ -14,11 +16,15 @@ pub mod console;
 pub mod exit;
 pub mod inputs;
 pub mod machine;
+pub mod monitor;
 pub mod output;
 pub mod size;
 pub mod threads;
+pub mod usage;
 
 use clap::Args;
+
+pub use usage::Usage;
 
 /// Flags of every tool.
 #[derive(Debug, Clone, Copy, Args)]

@@ -5,17 +5,13 @@
 //! | `input` | a mesh, or the surface around a label of a volume |
 //! | `shared` | what `--resample-to` names |
 
-#[path = "parametrize/input.rs"]
 mod input;
-#[path = "parametrize/shared.rs"]
 mod shared;
-mod stages;
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use clap::{Parser, ValueEnum};
+use clap::ValueEnum;
 use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::Console;
@@ -27,17 +23,16 @@ use spharm_parametrize::{
 };
 use spharm_surface::io::{WriteOptions, write_mesh};
 
-use input::{Input, Label};
-use shared::Shared;
-use stages::shown;
+use self::input::{Input, Label};
+use self::shared::Shared;
+use crate::stages::shown;
 
 /// Map a closed surface onto the sphere, one to one: the sphere that a fit needs
 ///
 /// The sphere has the surface's vertices and triangles, and radius 1. Whatever the method, no triangle of it is flipped
 /// or degenerate, by an exact predicate, or there is an error and no file.
-#[derive(Debug, Parser)]
-#[command(name = "parametrize", version)]
-struct Cli {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cli {
     /// Surface: a closed mesh of genus zero, or a label volume (.nii, .nii.gz), whose label's surface is made
     #[arg(long, value_name = "MESH_OR_VOLUME")]
     input: PathBuf,
@@ -162,12 +157,8 @@ impl From<Resampled> for Found {
     }
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    spharm_cli::exit::run(|| work(&cli))
-}
-
-fn work(cli: &Cli) -> Result<()> {
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     refuse_existing(&cli.output, cli.force, "sphere", "--output")?;
     if let Some(path) = &cli.surface_output {

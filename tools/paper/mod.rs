@@ -8,31 +8,20 @@
 //! | `experiments` | figures 3, 5, 6 and 7 and table 1: what is measured |
 //! | `tables`, `figures`, `plots`, `summary` | what is written about it |
 
-#[path = "paper/bench.rs"]
 mod bench;
-#[path = "paper/experiments.rs"]
 mod experiments;
-#[path = "paper/families.rs"]
 mod families;
-#[path = "paper/figures.rs"]
 mod figures;
-#[path = "paper/plots.rs"]
 mod plots;
-#[path = "paper/published.rs"]
 mod published;
-#[path = "paper/summary.rs"]
 mod summary;
-#[path = "paper/surfaces.rs"]
 mod surfaces;
-#[path = "paper/tables.rs"]
 mod tables;
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use clap::Parser;
 use spharm_cli::Common;
 use spharm_cli::machine::{memory, versions};
 use spharm_cli::output::print;
@@ -42,20 +31,19 @@ use spharm_solver::DiskOperator;
 use spharm_store::Scheme;
 use spharm_surface::io::write_new;
 
-use bench::Bench;
-use experiments::{Extent, FULL, QUICK, Results};
-use published::Reference;
-use summary::Circumstances;
-use surfaces::Surface;
+use self::bench::Bench;
+use self::experiments::{Extent, FULL, QUICK, Results};
+use self::published::Reference;
+use self::summary::Circumstances;
+use self::surfaces::Surface;
 
 /// Repeat the experiments of Shen and Chung's paper (3DPVT 2006) and set the results beside the paper's
 ///
 /// They run on a generated cortex of 40,962 vertices and on the surfaces that --data has. Each experiment is written as
 /// CSV and as SVG, and all of them are summed up in paper.md, which is printed as well. It takes some minutes, and for
 /// the largest basis 3.2 GiB of disk.
-#[derive(Debug, Parser)]
-#[command(name = "paper", version)]
-struct Cli {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cli {
     /// Folder with cort40962, head27618, the hippocampi hippo_a01_l to a03_l and reference.json, or some of them
     #[arg(long, value_name = "DIR", conflicts_with = "quick")]
     data: Option<PathBuf>,
@@ -82,12 +70,8 @@ struct Cli {
 
 const SUMMARY: &str = "paper.md";
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    spharm_cli::exit::run(|| work(&cli))
-}
-
-fn work(cli: &Cli) -> Result<()> {
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     /// The program, its stacks and allocator, as in `fit`.
     const BASE: usize = 12 << 20;
     let started = Instant::now();
@@ -108,7 +92,7 @@ fn work(cli: &Cli) -> Result<()> {
     let held = BASE + surfaces.iter().map(Surface::bytes).sum::<usize>();
     let threads = cli.threads.count();
     let bench = Bench { console: &console, cancel, memory: cli.memory.0, threads, held };
-    let results = cli.threads.pool()?.install(|| run(&bench, &extent, &store, &surfaces, &reference))?;
+    let results = cli.threads.pool()?.install(|| experiments(&bench, &extent, &store, &surfaces, &reference))?;
     let circumstances = Circumstances {
         quick: cli.quick,
         version: versions().spharm,
@@ -180,7 +164,7 @@ impl Store {
     }
 }
 
-fn run(
+fn experiments(
     bench: &Bench<'_>,
     extent: &Extent,
     store: &Store,

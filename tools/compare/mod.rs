@@ -1,10 +1,8 @@
 //! `compare`: how far apart two meshes are: vertex by vertex where they share their triangles, and as surfaces.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use clap::Parser;
 use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::output::{print, print_json, table};
@@ -22,9 +20,8 @@ use spharm_surface::topology::different_triangles;
 /// msd and xsd are those after scaling both so that the original's bounding box has volume 1 (Shen and Chung 2006,
 /// section 4.2); raw ones are in the input's own unit. With --surface-distance also, or for meshes of different
 /// triangles only, how far the surfaces are from each other between the vertices.
-#[derive(Debug, Parser)]
-#[command(name = "compare", version)]
-struct Cli {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cli {
     /// The surface
     original: PathBuf,
     /// Its reconstruction: the same triangles over other positions, or with --surface-distance any surface
@@ -117,9 +114,9 @@ impl From<Directed> for OneWay {
     }
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    spharm_cli::exit::run(|| cli.threads.pool()?.install(|| work(&cli)))
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
+    cli.threads.pool()?.install(|| work(cli))
 }
 
 fn work(cli: &Cli) -> Result<()> {

@@ -1,58 +1,45 @@
 //! `fit`: fits surfaces and signals on the sphere.
 
-#[path = "fit/bare.rs"]
 mod bare;
-#[path = "fit/between.rs"]
 mod between;
-#[path = "fit/exact.rs"]
 mod exact;
-#[path = "fit/hold_out.rs"]
 mod hold_out;
-#[path = "fit/job.rs"]
 mod job;
-#[path = "fit/outputs.rs"]
 mod outputs;
-#[path = "fit/quadrature.rs"]
 mod quadrature;
-#[path = "fit/report.rs"]
 mod report;
-mod stages;
-#[path = "fit/streamed.rs"]
 mod streamed;
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use clap::error::ErrorKind;
-use clap::{CommandFactory, Parser, ValueEnum};
-use spharm_cli::Common;
+use clap::ValueEnum;
 use spharm_cli::console::{Console, Unit};
 use spharm_cli::inputs::{Sphere, read_sphere};
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::output::{print, refuse_existing};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
+use spharm_cli::{Common, Usage};
 use spharm_harmonics::{MAX_DEGREE, basis_size};
 use spharm_solver::Method;
 use spharm_store::{Scalar, Scheme, SchemeKey, StoreError, catalog};
 use spharm_surface::io::read_signal;
 
-use crate::between::Between;
-use crate::hold_out::HoldOut;
-use crate::job::Job;
-use crate::outputs::{Item, items};
-use crate::report::{BatchReport, Fitted, Mapped, Seconds, finish};
+use self::between::Between;
+use self::hold_out::HoldOut;
+use self::job::Job;
+use self::outputs::{Item, items};
+use self::report::{BatchReport, Fitted, Mapped, Seconds, finish};
 
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
 /// Without --store: the exact least squares, by fast transforms. With --store: iterative residual fitting over a basis that
 /// basis-build has made for the same sphere, in bounded memory. All surfaces of one call are fitted together, in as few
 /// sweeps as the memory allows.
-#[derive(Debug, Parser)]
-#[command(name = "fit", version)]
+#[derive(Debug, clap::Args)]
 pub(crate) struct Cli {
     /// Folder of the basis store
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
@@ -245,40 +232,34 @@ const ACCELERATED_PASSES: u32 = 16;
 /// More surfaces at a time gain nothing: their products then take much longer than reading the basis.
 const MOST_TOGETHER: usize = 128;
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let how = how(&cli);
-    spharm_cli::exit::run(|| work(&cli, how))
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
+    work(cli, how(cli)?)
 }
 
 /// The method that the flags name; flags that don't belong to it are usage errors.
-fn how(cli: &Cli) -> How {
+fn how(cli: &Cli) -> Result<How> {
     let method = cli.method.unwrap_or(if cli.store.is_some() { MethodName::Irf } else { MethodName::Lsq });
     let name = method.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
-    let refuse = |flag: &str, hint: &str| -> ! {
-        let message = format!("{flag} doesn't go with --method {name}{hint}");
-        Cli::command().error(ErrorKind::ArgumentConflict, message).exit()
-    };
+    let refuse = |flag: &str, hint: &str| Usage::conflict(format!("{flag} doesn't go with --method {name}{hint}"));
     let streamed = !matches!(method, MethodName::Lsq | MethodName::Quadrature);
     if streamed && cli.store.is_none() {
-        let message = format!("--method {name} needs --store DIR, with a basis that basis-build has made");
-        Cli::command().error(ErrorKind::MissingRequiredArgument, message).exit();
+        bail!(Usage::missing(format!("--method {name} needs --store DIR, with a basis that basis-build has made")));
     }
     if streamed && cli.sphere.is_none() {
-        let message = format!("--method {name} needs --sphere SPHERE, the one that the basis was built for");
-        Cli::command().error(ErrorKind::MissingRequiredArgument, message).exit();
+        bail!(Usage::missing(format!("--method {name} needs --sphere SPHERE, the one that the basis was built for")));
     }
     if cli.start_degree.is_some() && !matches!(method, MethodName::Sirf | MethodName::Mirf) {
-        refuse("--start-degree", "");
+        bail!(refuse("--start-degree", ""));
     }
     if cli.granularity.is_some() && method != MethodName::Irf {
-        refuse("--granularity", "");
+        bail!(refuse("--granularity", ""));
     }
     if cli.passes.is_some_and(|p| p > 1) && !matches!(method, MethodName::Irf | MethodName::Mirf) {
-        refuse("--passes", "; several passes of sirf are mirf");
+        bail!(refuse("--passes", "; several passes of sirf are mirf"));
     }
     if cli.accelerate && !matches!(method, MethodName::Irf | MethodName::Mirf) {
-        refuse("--accelerate", "; use --method irf or mirf");
+        bail!(refuse("--accelerate", "; use --method irf or mirf"));
     }
     if method != MethodName::Lsq {
         let of_lsq = [
@@ -287,28 +268,28 @@ fn how(cli: &Cli) -> How {
             (cli.preconditioner != PreconditionerName::Auto, "--preconditioner"),
         ];
         if let Some((_, flag)) = of_lsq.into_iter().find(|(given, _)| *given) {
-            refuse(flag, "; use --method lsq");
+            bail!(refuse(flag, "; use --method lsq"));
         }
     }
     if method == MethodName::Quadrature && (cli.weights != "uniform" || cli.hold_out.is_some()) {
-        refuse("--weights or --hold-out", "");
+        bail!(refuse("--weights or --hold-out", ""));
     }
     if !streamed && (cli.dtype.is_some() || cli.verify) {
-        refuse("--dtype or --verify", ", which doesn't read a basis");
+        bail!(refuse("--dtype or --verify", ", which doesn't read a basis"));
     }
     if cli.low_degrees.is_some() && cli.preconditioner != PreconditionerName::LowDegrees {
-        refuse("--low-degrees", " without --preconditioner low-degrees");
+        bail!(refuse("--low-degrees", " without --preconditioner low-degrees"));
     }
     let passes = cli.passes.unwrap_or(if cli.accelerate { ACCELERATED_PASSES } else { 1 }) as usize;
     let start_degree = cli.start_degree.unwrap_or(0);
-    match method {
+    Ok(match method {
         MethodName::Lsq => How::Lsq,
         MethodName::Quadrature => How::Quadrature,
         MethodName::Irf => How::Streamed(Method::Irf { passes, granularity: cli.granularity.unwrap_or(100) }),
         MethodName::Sirf => How::Streamed(Method::Sirf { start_degree }),
         MethodName::Mirf => How::Streamed(Method::Mirf { passes, start_degree }),
         MethodName::Nlsf => How::Streamed(Method::Nlsf),
-    }
+    })
 }
 
 fn work(cli: &Cli, how: How) -> Result<()> {

@@ -1,11 +1,10 @@
 //! `store`: what is in a basis store, whether it is sound, and clearing away what killed builds left.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use anyhow::{Result, bail};
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Subcommand};
 use rayon::prelude::*;
 use serde::Serialize;
 use spharm_cli::Common;
@@ -18,9 +17,8 @@ use spharm_store::factor::{FactorFile, factors, verify_factor};
 use spharm_store::{DegreeFile, SchemeKey, StoreError};
 
 /// Look after a basis store
-#[derive(Debug, Parser)]
-#[command(name = "store", version)]
-struct Cli {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cli {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
@@ -127,12 +125,8 @@ enum Row {
     Factor(FactorRow),
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    spharm_cli::exit::run(|| work(&cli))
-}
-
-fn work(cli: &Cli) -> Result<()> {
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     spharm_cli::machine::raise_file_limit();
     match &cli.command {

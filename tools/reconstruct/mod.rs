@@ -1,11 +1,9 @@
 //! `reconstruct`: evaluates a model on any sampling of the sphere.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use clap::Parser;
 use spharm_cli::Common;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::output::{print, refuse_existing};
@@ -20,9 +18,8 @@ use spharm_transform::synthesis;
 ///
 /// With a lower --degree a coarser version of the surface comes out, with --icosphere or --sphere the surface on
 /// another mesh. A model of a signal gives a signal.
-#[derive(Debug, Parser)]
-#[command(name = "reconstruct", version)]
-struct Cli {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cli {
     /// Model, as fit writes it
     #[arg(long, value_name = "MODEL.spharm.npz")]
     model: PathBuf,
@@ -60,12 +57,8 @@ struct Sampling {
     original: bool,
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    spharm_cli::exit::run(|| work(&cli))
-}
-
-fn work(cli: &Cli) -> Result<()> {
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
     refuse_existing(&cli.output, cli.force, "output", "--output")?;

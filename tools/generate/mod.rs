@@ -1,10 +1,8 @@
 //! `generate`: surfaces of our own, whose true parameterisation is known.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use anyhow::Result;
-use clap::Parser;
 use spharm_cli::Common;
 use spharm_cli::output::print;
 use spharm_surface::generate::{Cortex, cortex};
@@ -14,9 +12,8 @@ use spharm_surface::io::{WriteOptions, write_mesh};
 ///
 /// A smooth map bends an icosphere into a closed surface with folds like a cortex's, about 140 mm long and not
 /// star-shaped. Vertex i of the surface belongs to vertex i of the sphere. The same arguments give the same bits.
-#[derive(Debug, Parser)]
-#[command(name = "generate", version)]
-struct Cli {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cli {
     /// Subdivisions of the icosphere: 10 4^N + 2 vertices
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=10))]
     subdivisions: u32,
@@ -39,12 +36,8 @@ struct Cli {
     common: Common,
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    spharm_cli::exit::run(|| work(&cli))
-}
-
-fn work(cli: &Cli) -> Result<()> {
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     let (surface, sphere) = cortex(&Cortex { subdivisions: cli.subdivisions, variant: cli.variant });
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
     for (path, mesh) in [(&cli.surface, &surface), (&cli.sphere, &sphere)] {

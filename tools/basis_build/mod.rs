@@ -1,15 +1,13 @@
 //! `basis-build`: precomputes the basis of a sampling scheme into a store, and the factor of its normal equations.
 
-#[path = "basis_build/factor.rs"]
 mod factor;
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::Result;
-use clap::{Parser, ValueEnum};
+use clap::ValueEnum;
 use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::{Console, Progress, Unit};
@@ -29,9 +27,8 @@ use spharm_store::{BuildEvent, BuildParams, BuildReport, Codec, Scalar, SchemeKe
 /// With --factor, the Cholesky factor of the normal equations of all degrees to L is computed as well and kept beside the
 /// basis: with it the exact least squares of any surface on the scheme is two triangular solves. It takes
 /// 4 (L + 1)^4 bytes of disk in f64, whatever the number of vertices. It is computed anew when it was interrupted.
-#[derive(Debug, Parser)]
-#[command(name = "basis-build", version)]
-struct Cli {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cli {
     /// Sphere mesh of the sampling scheme, any radius, centred at the origin; or a CSV of theta,phi in radians
     #[arg(long, value_name = "SPHERE")]
     sphere: PathBuf,
@@ -137,12 +134,8 @@ struct Basis {
     planned_memory: usize,
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    spharm_cli::exit::run(|| work(&cli))
-}
-
-fn work(cli: &Cli) -> Result<()> {
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
     // From here on a signal is heard.

@@ -1,10 +1,9 @@
 //! `picture`: surfaces side by side as a PNG.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use clap::{Parser, ValueEnum};
+use clap::ValueEnum;
 use spharm_cli::Common;
 use spharm_cli::inputs::stem;
 use spharm_cli::output::print;
@@ -16,9 +15,8 @@ use spharm_surface::metrics::squared_distances;
 use spharm_surface::render::{Paint, Panel, Settings, View, render, write_png};
 
 /// Draw surfaces side by side, and the distance between the first and the last in colour
-#[derive(Debug, Parser)]
-#[command(name = "picture", version)]
-struct Cli {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cli {
     /// Surfaces, in the order of the panels
     #[arg(required = true)]
     surfaces: Vec<PathBuf>,
@@ -60,12 +58,8 @@ enum Side {
     Corner,
 }
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    spharm_cli::exit::run(|| work(&cli))
-}
-
-fn work(cli: &Cli) -> Result<()> {
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     let meshes: Vec<Mesh> = cli.surfaces.iter().map(read_mesh).collect::<Result<_, _>>()?;
     let names: Vec<String> = cli.surfaces.iter().map(|path| stem(path)).collect();
     let mut panels: Vec<Panel<'_>> = meshes.iter().zip(&names).map(|(mesh, name)| Panel::new(mesh, name)).collect();

@@ -1,0 +1,67 @@
+//! A computation's progress on the console, and the signals that stop it.
+
+use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use spharm_monitor::{Level, Monitor, Stage};
+
+use crate::console::{Console, Progress};
+
+/// Shows stages as bars on a terminal and as lines elsewhere, and stops when the process is asked to stop.
+#[derive(Debug)]
+pub struct ConsoleMonitor {
+    console: Console,
+    cancel: &'static AtomicBool,
+    /// Of the stage that is under way.
+    progress: Mutex<Option<Progress>>,
+}
+
+impl ConsoleMonitor {
+    /// A monitor that shows progress on `console`. From now on signals are heard.
+    pub fn new(console: Console) -> Self {
+        Self { console, cancel: crate::exit::cancel(), progress: Mutex::new(None) }
+    }
+
+    fn progress(&self) -> MutexGuard<'_, Option<Progress>> {
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Monitor for ConsoleMonitor {
+    fn begin(&self, stage: Stage, total: u64) {
+        let mut progress = self.progress();
+        // The last bar has to go from the screen before the next comes.
+        *progress = None;
+        self.console.detail(stage.name);
+        *progress = Some(self.console.progress(stage.name, total, stage.unit));
+    }
+
+    fn step(&self, steps: u64) {
+        if let Some(progress) = &*self.progress() {
+            progress.add(steps);
+        }
+    }
+
+    fn end(&self) {
+        *self.progress() = None;
+    }
+
+    fn note(&self, level: Level, text: fmt::Arguments<'_>) {
+        let progress = self.progress();
+        let print = || match level {
+            Level::Detail => self.console.detail(text),
+            _ => self.console.note(text),
+        };
+        match &*progress {
+            Some(progress) if level == Level::Status => progress.say(text),
+            None if level == Level::Status => {}
+            Some(progress) => progress.beside(print),
+            None => print(),
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+}
