@@ -1,4 +1,4 @@
-//! Canonical coefficients, and the paper's complex ones.
+//! Canonical coefficients, and their conversion to and from the complex coefficients of Shen and Chung.
 //!
 //! Shen and Chung (3DPVT 2006) expand in complex harmonics, orthonormal and with the Condon-Shortley phase,
 //! `Y_{l,m} = (-1)^m N P_l^m e^{i m phi}`, `Y_{l,-m} = (-1)^m conj(Y_{l,m})`. For a real function
@@ -22,38 +22,38 @@ pub struct Coefficients {
 }
 
 impl Coefficients {
-    /// Takes an array (K, c).
+    /// Takes an array, (K, c).
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::NotABasisSize`] when K isn't `(L + 1)^2`.
+    /// [`HarmonicsError::NotABasisSize`]: K isn't `(L + 1)^2` for any L.
     pub fn new(values: Array2<f64>) -> Result<Self, HarmonicsError> {
         let rows = values.nrows();
         let max_degree = max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;
         Ok(Self { values, max_degree })
     }
 
-    /// The highest degree, L.
+    /// Returns the highest degree, L.
     pub fn max_degree(&self) -> usize {
         self.max_degree
     }
 
-    /// Number of functions, c.
+    /// Returns the number of functions, c.
     pub fn channels(&self) -> usize {
         self.values.ncols()
     }
 
-    /// The array, (K, c).
+    /// Returns the array, (K, c).
     pub fn values(&self) -> &Array2<f64> {
         &self.values
     }
 
-    /// The rows of the degrees up to `degree`, (K', c).
+    /// Returns the rows of the degrees up to `degree`, inclusive; all rows if `degree` is above L.
     pub fn up_to(&self, degree: usize) -> ArrayView2<'_, f64> {
         self.values.slice(s![..basis_size(degree.min(self.max_degree)), ..])
     }
 
-    /// The paper's complex coefficients, (K, c).
+    /// Returns the complex coefficients of Shen and Chung, (K, c), see the [module](self).
     pub fn to_complex(&self) -> Array2<Complex64> {
         let mut complex = Array2::zeros(self.values.raw_dim());
         for channel in 0..self.channels() {
@@ -71,12 +71,14 @@ impl Coefficients {
         complex
     }
 
-    /// Canonical coefficients of the real part of a sum over complex ones, (K, c). The complex ones need not have the
-    /// symmetry of a real function's; for those that have, this undoes [`to_complex`](Self::to_complex).
+    /// Makes the canonical coefficients of the real part of `sum c_{l,m} Y_{l,m}`, for complex coefficients (K, c).
+    ///
+    /// The complex coefficients need not be those of real functions. If they are, this is the inverse of
+    /// [`to_complex`](Self::to_complex).
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::NotABasisSize`] when K isn't `(L + 1)^2`.
+    /// [`HarmonicsError::NotABasisSize`]: K isn't `(L + 1)^2` for any L.
     pub fn from_complex(complex: &Array2<Complex64>) -> Result<Self, HarmonicsError> {
         let mut coefficients = Self::new(complex.mapv(|c| c.re))?;
         for channel in 0..complex.ncols() {

@@ -1,42 +1,44 @@
-//! Unit vectors, the points at which harmonics are evaluated.
+//! Unit vectors, at which harmonics are evaluated.
 //!
-//! Angles are always derived from the vector, with `atan2(hypot(x, y), z)` and `atan2(y, x)`, never by `acos`, which
+//! Angles are always derived from the vector, with `atan2(hypot(x, y), z)` and `atan2(y, x)`, never with `acos`, which
 //! loses half of the digits near the poles.
 
 use crate::HarmonicsError;
 
 /// An ordered list of unit vectors, (n, 3).
 ///
-/// Each is normalised once, on the way in, so that equal lists have equal bits whatever the radius they came from was
-/// (a power of two apart; other radii agree to rounding).
+/// Vectors are normalised once, when the list is made. Vertices on spheres whose radii differ by a power of two give
+/// the same bits, those on other radii agree to rounding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Directions {
     vectors: Vec<[f64; 3]>,
     radii: Radii,
 }
 
-/// Smallest and largest distance from the origin of the vertices that directions were made from.
+/// Smallest and largest distance from the origin among the vertices that directions were made from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Radii {
-    /// Smallest radius, in the input's unit.
+    /// Smallest radius, in the unit of the vertices.
     pub min: f64,
-    /// Largest radius, in the input's unit.
+    /// Largest radius, in the unit of the vertices.
     pub max: f64,
 }
 
 impl Radii {
-    /// `(max - min) / max`.
+    /// Returns `(max - min) / max`, which is 0 for a perfect sphere around the origin.
     pub fn spread(&self) -> f64 {
         (self.max - self.min) / self.max
     }
 }
 
 impl Directions {
-    /// Directions of vertices seen from the origin; any radius.
+    /// Makes the directions in which the origin sees `vertices`, (n, 3), at any radius.
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::Empty`], [`HarmonicsError::NotFinite`], [`HarmonicsError::AtOrigin`].
+    /// - [`HarmonicsError::Empty`]: there are no vertices.
+    /// - [`HarmonicsError::NotFinite`]: a coordinate is NaN or infinite.
+    /// - [`HarmonicsError::AtOrigin`]: a vertex lies at the origin.
     pub fn from_vertices(vertices: &[[f64; 3]]) -> Result<Self, HarmonicsError> {
         if vertices.is_empty() {
             return Err(HarmonicsError::Empty);
@@ -52,11 +54,12 @@ impl Directions {
         Ok(Self { vectors, radii })
     }
 
-    /// Takes vectors that are directions already, bit for bit: what a model or a cache has kept.
+    /// Takes unit vectors, (n, 3), without changing a bit. For directions that have been stored, say in a model.
     ///
     /// # Errors
     ///
-    /// As for [`from_vertices`](Self::from_vertices); [`HarmonicsError::NotUnit`] for a length that isn't 1 to 1e-9.
+    /// As for [`from_vertices`](Self::from_vertices), and [`HarmonicsError::NotUnit`]: a squared length differs from 1
+    /// by more than 1e-9.
     pub fn from_unit_vectors(vectors: Vec<[f64; 3]>) -> Result<Self, HarmonicsError> {
         let checked = Self::from_vertices(&vectors)?;
         let off = |v: &[f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - 1.0).abs() > 1e-9;
@@ -66,11 +69,12 @@ impl Directions {
         Ok(Self { vectors, radii: checked.radii })
     }
 
-    /// Directions of (colatitude, azimuth) pairs, in radians.
+    /// Makes the directions of (colatitude, azimuth) pairs, (n, 2), in radians.
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::Empty`], [`HarmonicsError::NotFinite`].
+    /// - [`HarmonicsError::Empty`]: there are no angles.
+    /// - [`HarmonicsError::NotFinite`]: an angle is NaN or infinite.
     pub fn from_angles(angles: &[[f64; 2]]) -> Result<Self, HarmonicsError> {
         let vertices: Vec<_> = angles
             .iter()
@@ -79,27 +83,57 @@ impl Directions {
         Self::from_vertices(&vertices)
     }
 
-    /// Number of directions, n.
+    /// Makes n directions spread evenly over the sphere, on a Fibonacci spiral.
+    ///
+    /// Direction i has `cos theta = 1 - (2 i + 1) / n` and azimuth `i pi (3 - sqrt 5)`, the golden angle times i. All
+    /// are the centres of bands of equal area, and none is at a pole. R. Swinbank and R. J. Purser, "Fibonacci grids: a
+    /// novel approach to global modelling", Q. J. R. Meteorol. Soc. 132 (2006).
+    ///
+    /// # Errors
+    ///
+    /// [`HarmonicsError::Empty`]: n is 0.
+    ///
+    /// ```
+    /// use spharm_harmonics::Directions;
+    ///
+    /// let directions = Directions::fibonacci(1_000)?;
+    /// let z: f64 = directions.as_slice().iter().map(|direction| direction[2]).sum();
+    /// assert!(directions.len() == 1_000 && z.abs() < 1e-12);
+    /// # Ok::<(), spharm_harmonics::HarmonicsError>(())
+    /// ```
+    pub fn fibonacci(n: usize) -> Result<Self, HarmonicsError> {
+        let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+        let vertices: Vec<_> = (0..n)
+            .map(|i| {
+                let z = 1.0 - (2 * i + 1) as f64 / n as f64;
+                let (u, phi) = ((1.0 - z * z).sqrt(), i as f64 * golden_angle);
+                [u * phi.cos(), u * phi.sin(), z]
+            })
+            .collect();
+        Self::from_vertices(&vertices)
+    }
+
+    /// Returns the number of directions, n.
     pub fn len(&self) -> usize {
         self.vectors.len()
     }
 
-    /// Never true: a list has at least one direction.
+    /// Returns whether there are no directions, which is never the case.
     pub fn is_empty(&self) -> bool {
         self.vectors.is_empty()
     }
 
-    /// The unit vectors, (n, 3).
+    /// Returns the unit vectors, (n, 3).
     pub fn as_slice(&self) -> &[[f64; 3]] {
         &self.vectors
     }
 
-    /// Radii of the vertices that the directions were made from.
+    /// Returns the range of the radii of the vertices that the directions were made from.
     pub fn radii(&self) -> Radii {
         self.radii
     }
 
-    /// How many directions repeat an earlier one, bit for bit.
+    /// Returns the number of directions that repeat an earlier one, bit for bit.
     pub fn duplicates(&self) -> usize {
         let mut keys: Vec<[u64; 3]> = self.vectors.iter().map(|v| v.map(|c| (c + 0.0).to_bits())).collect();
         keys.sort_unstable();
@@ -107,7 +141,7 @@ impl Directions {
     }
 }
 
-/// Colatitude and azimuth in radians of a vector; azimuth in `[0, 2 pi)`.
+/// Returns colatitude, in `[0, pi]`, and azimuth, in `[0, 2 pi)`, of a vector of any length, in radians.
 pub fn angles(direction: [f64; 3]) -> [f64; 2] {
     let [x, y, z] = direction;
     let phi = y.atan2(x);
@@ -122,11 +156,11 @@ fn normalise(vector: [f64; 3], index: usize) -> Result<([f64; 3], f64), Harmonic
     if largest == 0.0 {
         return Err(HarmonicsError::AtOrigin { index });
     }
-    // Scaling by a power of two first: exact, and the squares neither overflow nor underflow.
+    // Scaled by a power of two first, which is exact, so that the squares neither overflow nor underflow.
     let scale = power_of_two_near(largest);
     let scaled = vector.map(|c| c / scale);
     let norm = (scaled[0] * scaled[0] + scaled[1] * scaled[1] + scaled[2] * scaled[2]).sqrt();
-    // + 0.0 makes -0 into +0, so that equal points have equal bits.
+    // + 0.0 turns -0 into +0, so that equal points have equal bits.
     Ok((scaled.map(|c| c / norm + 0.0), norm * scale))
 }
 
@@ -164,6 +198,28 @@ mod tests {
     fn duplicates_are_counted_and_the_sign_of_zero_does_not_matter() {
         let d = Directions::from_vertices(&[[1.0, 0.0, 0.0], [2.0, -0.0, 0.0], [0.0, 1.0, 0.0], [5.0, 0.0, 0.0]]);
         assert_eq!(d.unwrap().duplicates(), 2);
+    }
+
+    /// Every tenth of the sphere along x has a tenth of the directions (a random sample would be off by 13 or more), and
+    /// no two of them are close.
+    #[test]
+    fn a_fibonacci_spiral_is_even() {
+        let n = 2_000;
+        let directions = Directions::fibonacci(n).unwrap();
+        let mut bands = [0usize; 10];
+        for direction in directions.as_slice() {
+            bands[((direction[0] + 1.0) * 5.0).min(9.0) as usize] += 1;
+        }
+        assert!(bands.iter().all(|count| count.abs_diff(n / 10) <= 8), "{bands:?}");
+        let spacing = (4.0 * std::f64::consts::PI / n as f64).sqrt();
+        let distance = |a: &[f64; 3], b: &[f64; 3]| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+        let vectors = directions.as_slice();
+        for (i, a) in vectors.iter().enumerate() {
+            let nearest = vectors[..i].iter().map(|b| distance(a, b)).fold(f64::INFINITY, f64::min);
+            assert!(nearest > 0.7 * spacing, "{i}: {nearest} of {spacing}");
+        }
+        assert_eq!(Directions::fibonacci(0), Err(HarmonicsError::Empty));
+        assert_eq!(Directions::fibonacci(1).unwrap().as_slice(), [[1.0, 0.0, 0.0]]);
     }
 
     #[test]

@@ -1,18 +1,20 @@
 //! Double-double arithmetic: a number as an unevaluated sum of two doubles, some 32 decimal digits.
 //!
-//! Used where a recurrence would amplify the rounding of doubles beyond what is promised: next to the poles, and in the
-//! powers of the azimuth. After T. J. Dekker, "A floating-point technique for extending the available precision", Numer.
-//! Math. 18 (1971), with the fused product where the processor has one.
+//! Used where a recurrence would amplify the rounding errors of doubles too much: next to the poles, and in the powers
+//! of the azimuth. After T. J. Dekker, "A floating-point technique for extending the available precision", Numer. Math.
+//! 18 (1971), with fused products where the processor has them.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// `hi + lo` with `|lo| <= ulp(hi) / 2`. `FMA` says whether `f64::mul_add` is one instruction; without it the product's
-/// error is had by Dekker's splitting, which gives the same bits.
+/// The number `hi + lo` with `|lo| <= ulp(hi) / 2`.
+///
+/// With `FMA` the error of a product is computed by `f64::mul_add`, which should be one instruction; without, by
+/// Dekker's splitting, which gives the same bits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubleDouble<const FMA: bool> {
     /// The leading double.
     pub hi: f64,
-    /// What it leaves over.
+    /// The remainder.
     pub lo: f64,
 }
 
@@ -63,21 +65,21 @@ impl<const FMA: bool> DoubleDouble<FMA> {
     /// Zero.
     pub const ZERO: Self = Self { hi: 0.0, lo: 0.0 };
 
-    /// A double.
+    /// Converts a double.
     #[inline(always)]
     #[must_use]
     pub fn new(value: f64) -> Self {
         Self { hi: value, lo: 0.0 }
     }
 
-    /// The product of two doubles, exact.
+    /// Returns the exact product of two doubles.
     #[inline(always)]
     pub fn product(a: f64, b: f64) -> Self {
         let (hi, lo) = two_product::<FMA>(a, b);
         Self { hi, lo }
     }
 
-    /// Square root of a number that isn't negative.
+    /// Returns the square root; zero for negative numbers.
     #[inline(always)]
     #[must_use]
     pub fn sqrt(self) -> Self {
@@ -90,7 +92,7 @@ impl<const FMA: bool> DoubleDouble<FMA> {
         Self { hi, lo }
     }
 
-    /// The nearest double.
+    /// Returns the nearest double.
     #[inline(always)]
     #[must_use]
     pub fn value(self) -> f64 {
@@ -154,7 +156,7 @@ impl<const FMA: bool> std::ops::Div for DoubleDouble<FMA> {
     }
 }
 
-/// `((x + i y) / r, z / r)` with `r = |(x, y, z)|` in double-double: the vector's last bit of length doesn't matter.
+/// Returns the vector divided by its length, in double-double.
 #[inline(always)]
 pub fn unit<const FMA: bool>(direction: [f64; 3]) -> [DoubleDouble<FMA>; 3] {
     let [x, y, z] = direction;

@@ -1,15 +1,15 @@
-//! What can be wrong with directions, degrees and coefficients.
+//! Errors in directions, degrees and coefficients.
 
-/// Errors of this crate; each says what was expected and what was found.
+/// An invalid direction, degree or coefficient array.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum HarmonicsError {
     /// A degree above [`MAX_DEGREE`](crate::MAX_DEGREE).
     #[error("degree {degree} is above {max}, the highest at which the scaled recurrence is safe")]
     DegreeTooHigh {
-        /// The degree asked for.
+        /// The requested degree.
         degree: usize,
-        /// The highest supported.
+        /// The highest supported degree.
         max: usize,
     },
     /// A direction with a coordinate that is NaN or infinite.
@@ -17,7 +17,7 @@ pub enum HarmonicsError {
     NotFinite {
         /// Position in the list, from 0.
         index: usize,
-        /// The offending vector.
+        /// The vector found.
         found: [f64; 3],
     },
     /// A vertex at the origin, which has no direction.
@@ -26,12 +26,12 @@ pub enum HarmonicsError {
         /// Position in the list, from 0.
         index: usize,
     },
-    /// A vector that should have had unit length.
+    /// A vector that doesn't have unit length.
     #[error("direction {index}: expected a unit vector, found ({}, {}, {})", .found[0], .found[1], .found[2])]
     NotUnit {
         /// Position in the list, from 0.
         index: usize,
-        /// The offending vector.
+        /// The vector found.
         found: [f64; 3],
     },
     /// No directions at all.
@@ -40,7 +40,7 @@ pub enum HarmonicsError {
     /// A coefficient array whose number of rows is not (L + 1)^2.
     #[error("coefficients: expected a number of rows that is (max_degree + 1)^2, found {rows}")]
     NotABasisSize {
-        /// Rows found.
+        /// Number of rows found.
         rows: usize,
     },
 }

@@ -1,21 +1,21 @@
-//! (degree, order) to column `l^2 + l + m` and back.
+//! The numbering of the basis functions: degree l and order m have column `l^2 + l + m`.
 
-/// Number of harmonics to degree `max_degree`, inclusive: `(L + 1)^2`.
+/// Returns the number of harmonics up to degree `max_degree`, inclusive: `K = (L + 1)^2`.
 pub const fn basis_size(max_degree: usize) -> usize {
     (max_degree + 1) * (max_degree + 1)
 }
 
-/// Number of harmonics of one degree: `2 l + 1`.
+/// Returns the number of harmonics of one degree: `2 l + 1`.
 pub const fn order_count(degree: usize) -> usize {
     2 * degree + 1
 }
 
-/// First column of a degree: `l^2`.
+/// Returns the first column of a degree: `l^2`.
 pub const fn first_column(degree: usize) -> usize {
     degree * degree
 }
 
-/// Column of (degree, order).
+/// Returns the column of a degree and order.
 ///
 /// # Panics
 ///
@@ -25,13 +25,13 @@ pub const fn column(degree: usize, order: isize) -> usize {
     (degree * degree + degree).wrapping_add_signed(order)
 }
 
-/// (degree, order) of a column.
+/// Returns the degree and order of a column.
 pub const fn degree_order(column: usize) -> (usize, isize) {
     let degree = column.isqrt();
     (degree, column as isize - (degree * degree + degree) as isize)
 }
 
-/// `L` when `rows` is `(L + 1)^2`.
+/// Returns L if `rows` is `(L + 1)^2` for some L, else `None`.
 pub const fn max_degree_of(rows: usize) -> Option<usize> {
     let root = rows.isqrt();
     if root > 0 && root * root == rows { Some(root - 1) } else { None }

@@ -15,24 +15,44 @@
 //!   `S_{l,0} = N P_l(cos theta)`, `S_{l,m} = sqrt2 N P_l^m(cos theta) cos(m phi)`,
 //!   `S_{l,-m} = sqrt2 N P_l^m(cos theta) sin(m phi)` for `m > 0`,
 //!   with `N^2 = (2l + 1) / (4 pi) (l - m)! / (l + m)!`.
-//! - It is safe up to degree [`MAX_DEGREE`]: the recurrence is scaled, no factorial is ever formed.
+//! - Degrees go up to [`MAX_DEGREE`]. The recurrence is scaled and no factorial is ever formed, so nothing overflows or
+//!   underflows.
 //!
-//! # Map
+//! Errors of values are below `1e-12 sqrt((2l + 1) / (4 pi))` at any direction, the poles included.
 //!
-//! | module | what |
+//! # Modules
+//!
+//! | module | contents |
 //! |---|---|
 //! | [`index`] | (degree, order) to column and back |
-//! | [`directions`] | unit vectors: from vertices, from angles; what is wrong with them |
+//! | [`directions`] | unit vectors, from vertices, from angles or spread evenly |
+//! | [`sweep`] | blocks `A_l` for a run of directions, degree after degree: the fast way to evaluate harmonics |
+//! | [`product`] | products of a block, and of its transpose, with a few columns |
+//! | [`mod@synthesis`] | coefficients to samples at any directions |
+//! | [`coefficients`] | canonical coefficients, and the complex ones of Shen and Chung |
 //! | [`quadrature`] | Gauss-Legendre rings |
 //! | [`recurrence`] | the normalised Legendre recurrence and its coefficients |
 //! | [`rings`] | the same for one order at a time, for transforms over rings |
-//! | [`sweep`] | blocks `A_l` for a run of directions, degree after degree: the fast path |
-//! | [`product`] | a block times a few columns, and its transpose: the loops that sweeps of a store are made of
-//! | [`mod@synthesis`] | coefficients to samples at any directions |
-//! | [`coefficients`] | canonical coefficients, and the paper's complex ones |
 //! | [`polar`] | the recurrence next to the poles |
-//! | [`double_double`] | arithmetic with 32 digits, for what would lose too many |
-//! | [`textbook`] | the plain implementation that the fast one is tested against |
+//! | [`double_double`] | arithmetic with 32 digits |
+//! | [`textbook`] | a plain implementation, against which the fast one is tested |
+//!
+//! # Examples
+//!
+//! A function from its coefficients:
+//!
+//! ```
+//! use ndarray::array;
+//! use spharm_harmonics::{Directions, synthesis};
+//!
+//! let directions = Directions::fibonacci(100)?;
+//! let samples = synthesis(&directions, array![[0.0], [0.0], [1.0], [0.0]].view())?; // f = S_{1,0}
+//! let z = directions.as_slice()[7][2];
+//! assert!((samples[[7, 0]] - (3.0 / (4.0 * std::f64::consts::PI)).sqrt() * z).abs() < 1e-15);
+//! # Ok::<(), spharm_harmonics::HarmonicsError>(())
+//! ```
+//!
+//! The harmonics themselves:
 //!
 //! ```
 //! use spharm_harmonics::{Directions, Recurrence, Sweep};

@@ -2,8 +2,8 @@
 //!
 //! Near a pole the plain recurrence loses digits twice: `cos theta` as a double fixes theta only to `eps / sin theta`,
 //! and rounding errors, which grow like `min(l, 1 / sin theta)` from one degree on, add up to about `eps l^1.5`. At
-//! degree 2,000 that is 1e-11 of a value; next to none of a sampling's directions are there, so the price of ten times
-//! the work doesn't show.
+//! degree 2,000 that is a relative error of 1e-11. Very few directions of a sampling lie there, so ten times the work
+//! for these is not noticeable.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -12,18 +12,18 @@ use crate::recurrence::{SCALE, seeds, squares};
 
 type Dd = DoubleDouble<false>;
 
-/// A row is polar where the sine of its colatitude is below this times the degree: there the plain recurrence's errors,
-/// some `eps l / sin theta` of a value, would grow past a few 1e-13 of a value.
+/// A row is polar if the sine of its colatitude is below this times the degree: there the relative error of the plain
+/// recurrence, about `eps l / sin theta`, would exceed a few 1e-13.
 const POLAR_SINE_PER_DEGREE: f64 = 5e-5;
-/// Up to this degree the plain recurrence's error at the poles, `eps l^1.5`, is below 2e-13 and nothing is done.
+/// Up to this degree no row is polar: the plain recurrence's error at the poles, `eps l^1.5`, is below 2e-13.
 const PLAIN_DEGREE: usize = 100;
 
-/// Whether the plain recurrence to `max_degree` loses too many digits at a colatitude of this sine.
+/// Returns whether the plain recurrence to `max_degree` is too inaccurate at a colatitude with this sine.
 pub fn is_polar(sine: f64, max_degree: usize) -> bool {
     max_degree > PLAIN_DEGREE && sine < POLAR_SINE_PER_DEGREE * max_degree as f64
 }
 
-/// The polar rows of a run, and their state.
+/// The polar rows of a run of directions, and the state of their recurrence.
 #[derive(Debug)]
 pub(crate) struct Polar {
     rows: Vec<Row>,
@@ -35,7 +35,7 @@ pub(crate) struct Polar {
 struct Row {
     index: usize,
     z: Dd,
-    /// `SCALE u^m cos(m phi)` and `.. sin(m phi)`; cut off where both are zero for good.
+    /// `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, up to the order from which on both are zero.
     azimuth: Vec<[f64; 2]>,
     /// `q_{l,m} / SCALE` of even and of odd l.
     q: [Vec<Dd>; 2],

@@ -1,9 +1,8 @@
-//! A block times a few columns, and its transpose.
+//! Products of a block, and of its transpose, with a few columns.
 //!
-//! Both read every value of the block once and are bound by how fast it comes from memory, as long as there are few
-//! columns: 2 c flops a value. Four columns of the block are taken together so that the columns of the residual, which
-//! stay in the L1 cache, are read and written a quarter as often. From eight columns on a matrix product of a BLAS is
-//! the better choice.
+//! Both read every value of the block once. With few columns, at 2 c flops a value, they are bound by memory bandwidth.
+//! Four columns of the block are taken together, so that the columns of the residual, which stay in the L1 cache, are
+//! read and written a quarter as often. For eight columns or more a BLAS matrix product is faster.
 //!
 //! Matrices are column-major slices with a leading dimension, as in the BLAS.
 
@@ -22,9 +21,12 @@ pub struct Matrix<'a> {
 }
 
 impl<'a> Matrix<'a> {
+    /// Views `values` as a matrix with `leading` values from column to column; the last column needs only `rows`
+    /// values.
+    ///
     /// # Panics
     ///
-    /// If the slice is too short for `columns` columns of `leading` values, the last of `rows`, or `leading < rows`.
+    /// If the slice is too short, or `leading < rows`.
     pub fn new(values: &'a [f64], rows: usize, columns: usize, leading: usize) -> Self {
         assert!(leading >= rows, "leading dimension {leading} below {rows} rows");
         let needed = columns.saturating_sub(1) * leading + if columns > 0 { rows } else { 0 };
@@ -36,37 +38,41 @@ impl<'a> Matrix<'a> {
         Self { values, rows, columns, leading }
     }
 
-    /// Number of rows.
+    /// Returns the number of rows.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Number of columns.
+    /// Returns the number of columns.
     pub fn columns(&self) -> usize {
         self.columns
     }
 
-    /// Distance between the columns' starts.
+    /// Returns the number of values from column to column.
     pub fn leading(&self) -> usize {
         self.leading
     }
 
-    /// Column `j`, (rows).
+    /// Returns column `j`, (rows).
+    ///
+    /// # Panics
+    ///
+    /// If there is no column `j`.
     pub fn column(&self, j: usize) -> &'a [f64] {
         &self.values[j * self.leading..][..self.rows]
     }
 
-    /// The values, from entry (0, 0) on.
+    /// Returns the underlying slice, from entry (0, 0) on.
     pub fn values(&self) -> &'a [f64] {
         self.values
     }
 }
 
-/// `out += block^T r`: block (rows, k), r (rows, c), out (k, c) row-major.
+/// Computes `out += block^T r` for block (rows, k), r (rows, c) and out (k, c) row-major.
 ///
 /// # Panics
 ///
-/// If the shapes don't fit.
+/// If the shapes don't match.
 pub fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
     assert_eq!(block.rows, r.rows, "rows of block and residual");
     assert_eq!(out.len(), block.columns * r.columns, "adjoint (k, c)");
@@ -80,11 +86,12 @@ pub fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
     }
 }
 
-/// `out += sign block x`: block (rows, k), x (k, c) row-major, out (rows, c) column-major with `leading`.
+/// Computes `out += sign block x` for block (rows, k), x (k, c) row-major and out (rows, c) column-major with `leading`
+/// values from column to column.
 ///
 /// # Panics
 ///
-/// If the shapes don't fit.
+/// If the shapes don't match.
 pub fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out: &mut [f64], leading: usize) {
     assert!(block.columns > 0 && x.len().is_multiple_of(block.columns), "coefficients (k, c)");
     let channels = x.len() / block.columns;
@@ -134,7 +141,7 @@ adjoint_for!(adjoint_1, 1);
 adjoint_for!(adjoint_2, 2);
 adjoint_for!(adjoint_3, 3);
 
-/// Inner products of J columns with C others. Summed in lanes and then across them, in this order on any processor.
+/// Inner products of J columns with C others, summed in lanes and then across them, in the same order on any processor.
 #[inline(always)]
 fn dots<const J: usize, const C: usize, const FMA: bool>(columns: [&[f64]; J], residual: [&[f64]; C]) -> [[f64; C]; J] {
     let rows = residual[0].len();
@@ -239,7 +246,7 @@ fn load(values: &[f64], start: usize) -> [f64; LANES] {
     lanes
 }
 
-/// `a b + sum`; fused where that is one instruction.
+/// `a b + sum`; with `FMA` rounded once, which is one instruction on processors that have it.
 #[inline(always)]
 fn fused<const FMA: bool>(a: f64, b: f64, sum: f64) -> f64 {
     if FMA { a.mul_add(b, sum) } else { a * b + sum }

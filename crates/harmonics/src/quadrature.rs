@@ -10,9 +10,9 @@
 //! integrate every function of degree up to `2n - 1`.
 //!
 //! Newton's method from F. G. Tricomi's guess, `(1 - (n - 1)/(8 n^3)) cos(pi (4j + 3)/(4n + 2))` (Ann. Mat. Pura Appl.
-//! 31 (1950)), in doubles, and its last step in double-double: next to the poles the three-term recurrence of `P_n`
-//! loses some n^1.5 eps of the sine, which is what a colatitude is known by there. So nodes, sines and weights are good
-//! to a few eps, relative, at any n that is practical; tested to 4,001.
+//! 31 (1950)), in doubles, with the last step in double-double: next to the poles the three-term recurrence of `P_n`
+//! has a relative error of some n^1.5 eps in the sine, which determines the colatitude there. Nodes, sines and weights
+//! have a relative error of a few eps at any practical n; tested to 4,001.
 //!
 //! Cost: about 35 n^2 flops and 32 n bytes of tables; 0.05 s for 4,001 rings.
 
@@ -22,24 +22,25 @@ use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::double_double::DoubleDouble;
 
-/// Nodes done at once: enough that the recurrence's chain of dependent operations doesn't leave the processor idle.
+/// Nodes computed together: enough to hide the latency of the recurrence's dependent operations.
 const LANES: usize = 16;
-/// Steps of Newton's method in doubles. The guess is worst at the first node, 1% of a spacing or so, and 4 are enough.
+/// Steps of Newton's method in doubles. The guess is worst at the first node, about 1 % of a spacing, where 4 are
+/// enough.
 const STEPS: usize = 5;
 
-/// Gauss-Legendre rings from north to south.
+/// Nodes and weights of Gauss-Legendre quadrature as rings of the sphere, from north to south.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussLegendre {
-    /// `cos theta_j`, falling, (n).
+    /// `cos theta_j`, decreasing, (n).
     pub cosines: Vec<f64>,
-    /// `sin theta_j`, to a few eps of itself also next to the poles, (n).
+    /// `sin theta_j`, (n); the relative error is a few eps, next to the poles as well.
     pub sines: Vec<f64>,
-    /// Weights for the integral over `cos theta`; their sum is 2, (n).
+    /// Weights of the integral over `cos theta`, (n); their sum is 2.
     pub weights: Vec<f64>,
 }
 
 impl GaussLegendre {
-    /// Colatitude of ring `j` in radians.
+    /// Returns the colatitude of ring `j` in radians.
     ///
     /// # Panics
     ///
@@ -48,7 +49,7 @@ impl GaussLegendre {
         self.sines[j].atan2(self.cosines[j])
     }
 
-    /// The direction of ring `j` at azimuth 0.
+    /// Returns the direction of ring `j` at azimuth 0.
     ///
     /// # Panics
     ///
@@ -57,18 +58,18 @@ impl GaussLegendre {
         [self.sines[j], 0.0, self.cosines[j]]
     }
 
-    /// Number of rings.
+    /// Returns the number of rings, n.
     pub fn len(&self) -> usize {
         self.weights.len()
     }
 
-    /// Whether there are no rings.
+    /// Returns whether there are no rings.
     pub fn is_empty(&self) -> bool {
         self.weights.is_empty()
     }
 }
 
-/// The `n` Gauss-Legendre rings; the southern half mirrors the northern bit for bit.
+/// Returns the `n` Gauss-Legendre rings. The southern half mirrors the northern half bit for bit.
 pub fn gauss_legendre(n: usize) -> GaussLegendre {
     let mut rings = GaussLegendre { cosines: vec![0.0; n], sines: vec![0.0; n], weights: vec![0.0; n] };
     let north = n.div_ceil(2);
@@ -85,7 +86,7 @@ pub fn gauss_legendre(n: usize) -> GaussLegendre {
     rings
 }
 
-/// (cosine, sine, weight) of the nodes from `first` on, of which those south of the equator are to be ignored.
+/// (cosine, sine, weight) of the nodes from `first` on. Those south of the equator are meaningless.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn nodes(n: usize, first: usize) -> [[f64; 3]; LANES] {
     if target_cfg_f!(target_feature = "fma") { nodes_of::<true>(n, first) } else { nodes_of::<false>(n, first) }

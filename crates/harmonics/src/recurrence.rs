@@ -11,25 +11,25 @@
 //! ```
 //!
 //! and `S_{l,m} + i S_{l,-m} = q_{l,m} u^m e^{i m phi}`. Seeds don't depend on the direction, so nothing underflows in
-//! the recurrence; `u^m` can, and is carried with a factor of 2^930 that is taken out of the seeds, after S. A. Holmes
-//! and W. E. Featherstone, "A unified approach to the Clenshaw summation and the recursive computation of very high
-//! degree and order normalised associated Legendre functions", J. Geodesy 76 (2002), section 2.4. That serves to degree
-//! 2,700; [`MAX_DEGREE`] is the highest that is tested.
+//! the recurrence; `u^m` can, and is multiplied by 2^930, by which the seeds are divided, after S. A. Holmes and W. E.
+//! Featherstone, "A unified approach to the Clenshaw summation and the recursive computation of very high degree and
+//! order normalised associated Legendre functions", J. Geodesy 76 (2002), section 2.4. This is safe to degree 2,700;
+//! [`MAX_DEGREE`] is the highest degree that is tested.
 //!
-//! Cost: 3 flops a value of q and one more for each of its two harmonics.
+//! Cost: 3 flops for each value of q, and one for each of its two harmonics.
 
 use std::ops::{Div, Mul};
 
 use crate::HarmonicsError;
 use crate::double_double::DoubleDouble;
 
-/// The highest degree for which accuracy is promised and tested.
+/// The highest degree for which accuracy is guaranteed and tested: 1e-12 sqrt((2l + 1) / (4 pi)), absolute.
 pub const MAX_DEGREE: usize = 2_000;
 
 /// `2^930`, near the 1e280 of Holmes and Featherstone; a power of two, so scaling is exact.
 pub(crate) const SCALE: f64 = f64::from_bits((1023 + 930) << 52);
 
-/// Coefficients `a`, `b` and seeds of the recurrence to a degree; computed once, shared by all threads.
+/// Coefficients `a`, `b` and seeds of the recurrence up to a degree. Computed once and shared by all threads.
 #[derive(Debug, Clone)]
 pub struct Recurrence {
     max_degree: usize,
@@ -41,11 +41,11 @@ pub struct Recurrence {
 }
 
 impl Recurrence {
-    /// Coefficients to `max_degree`; `8 (L + 1)^2` bytes.
+    /// Computes the coefficients up to `max_degree`, inclusive; they take `8 (L + 1)^2` bytes.
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::DegreeTooHigh`] above [`MAX_DEGREE`].
+    /// [`HarmonicsError::DegreeTooHigh`]: `max_degree` is above [`MAX_DEGREE`].
     pub fn new(max_degree: usize) -> Result<Self, HarmonicsError> {
         if max_degree > MAX_DEGREE {
             return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE });
@@ -63,12 +63,12 @@ impl Recurrence {
         Ok(Self { max_degree, a, b, seeds })
     }
 
-    /// Bytes that a recurrence to `max_degree` holds.
+    /// Returns the bytes that a recurrence to `max_degree` holds.
     pub const fn bytes(max_degree: usize) -> usize {
         8 * (max_degree + 1) * (max_degree + 1)
     }
 
-    /// The highest degree it serves.
+    /// Returns the highest degree.
     pub fn max_degree(&self) -> usize {
         self.max_degree
     }
@@ -93,7 +93,7 @@ pub(crate) fn squares(l: usize, m: usize) -> [f64; 4] {
     [4.0 * l * l - 1.0, denominator, b_numerator, (2.0 * l - 3.0).abs() * denominator]
 }
 
-/// `q_{m,m} / SCALE` for `m = 0..=max_degree`, in double-double: the product has max_degree factors.
+/// `q_{m,m} / SCALE` for `m = 0..=max_degree`, in double-double, as it is a product of `max_degree` factors.
 pub(crate) fn seeds<const FMA: bool>(max_degree: usize) -> Vec<DoubleDouble<FMA>> {
     // 1 / (4 pi) to 32 digits.
     let inverse_sphere = DoubleDouble { hi: 0.079_577_471_545_947_67, lo: -4.919_669_168_795_621_5e-18 };

@@ -1,4 +1,5 @@
-//! What transforms over rings of constant colatitude need: one order at a time, for all degrees.
+//! The Legendre recurrence for one order at a time and all degrees, as transforms over rings of constant colatitude use
+//! it.
 //!
 //! The recurrence of [`recurrence`](crate::recurrence) for fixed m, divided by factors s that make its second
 //! coefficient one:
@@ -19,10 +20,10 @@ use crate::recurrence::{MAX_DEGREE, SCALE, seeds, squares};
 
 type Dd = DoubleDouble<false>;
 
-/// What r starts with in place of one: `2^-930`.
+/// The start value of r in place of one: `2^-930`.
 pub const SEED: f64 = 1.0 / SCALE;
 
-/// Recurrences of all orders to a degree.
+/// The recurrences of all orders up to a degree.
 #[derive(Debug, Clone)]
 pub struct MonicRecurrence {
     /// `q_{m,m}`.
@@ -30,11 +31,12 @@ pub struct MonicRecurrence {
 }
 
 impl MonicRecurrence {
-    /// To `max_degree`.
+    /// Prepares the recurrences up to `max_degree`, inclusive.
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::DegreeTooHigh`] above twice [`MAX_DEGREE`]: the moments of a Gram matrix go to twice its degree.
+    /// [`HarmonicsError::DegreeTooHigh`]: `max_degree` is above twice [`MAX_DEGREE`]. (Twice, as the moments of a Gram
+    /// matrix go to twice its degree.)
     pub fn new(max_degree: usize) -> Result<Self, HarmonicsError> {
         if max_degree > 2 * MAX_DEGREE {
             return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: 2 * MAX_DEGREE });
@@ -43,12 +45,13 @@ impl MonicRecurrence {
         Ok(Self { seeds })
     }
 
-    /// The highest degree.
+    /// Returns the highest degree.
     pub fn max_degree(&self) -> usize {
         self.seeds.len() - 1
     }
 
-    /// Appends `alpha_l` and `s_l` of order m for `l = m..=L`. `alpha_m` is zero and `alpha_{m+1}` one.
+    /// Appends `alpha_l` and `s_l` of order m for `l = m..=L` to `alpha` and `scale`. `alpha_m` is zero and
+    /// `alpha_{m+1}` is one.
     ///
     /// # Panics
     ///
@@ -66,11 +69,9 @@ impl MonicRecurrence {
             (older, newest) = (newest, s);
         }
     }
-}
 
-impl MonicRecurrence {
-    /// `alpha_l` of order m for `l = m..=L`, in double-double; the errors of [`order`](Self::order)'s add up next to the
-    /// poles.
+    /// Returns `alpha_l` of order m for `l = m..=L` in double-double, for the rings next to the poles, where the errors
+    /// of the doubles that [`order`](Self::order) gives would add up.
     ///
     /// # Panics
     ///
@@ -90,8 +91,8 @@ impl MonicRecurrence {
     }
 }
 
-/// Writes `u^m / SEED` for `m = 0..powers.len()`, u the sine of the colatitude whose cosine and sine are given (their
-/// length's last bits don't matter); accurate to a rounding for any m.
+/// Writes `u^m / SEED` to `powers[m]`, where u is the sine of the colatitude with the given cosine and sine. These are
+/// normalised in double-double, and the powers are accurate to one rounding for any m.
 pub fn sine_powers(cosine: f64, sine: f64, powers: &mut [f64]) {
     let [u, _, _] = unit::<false>([sine, 0.0, cosine]);
     let mut power = Dd::new(SCALE);

@@ -1,11 +1,11 @@
 //! Basis blocks `A_l` for a run of directions, degree after degree.
 //!
 //! For a run of r rows the state is `q_{l-1,m}`, `q_{l-2,m}` and the azimuth factors `u^m cos m phi`, `u^m sin m phi`,
-//! each (r, L + 1): `32 r (L + 1)` bytes, 1.7 MB for 512 rows at degree 100, which is meant to stay in a core's L2
-//! cache. Each pair (l, m > 0) and row costs 5 flops, 5 loads and 3 stores for two values. Runs are independent, so
-//! threads take a run each.
+//! each (r, L + 1): `32 r (L + 1)` bytes, 1.7 MB for 512 rows at degree 100, so that it stays in a core's L2 cache.
+//! Each pair (l, m > 0) and row costs 5 flops, 5 loads and 3 stores for two values. Runs are independent, so each
+//! thread can work on its own.
 //!
-//! Rows next to the poles are taken over by the double-double recurrence of `polar`.
+//! Rows next to the poles use the double-double recurrence of [`polar`](crate::polar).
 
 use std::ops::{Add, Mul, Sub};
 
@@ -15,7 +15,7 @@ use crate::double_double::{DoubleDouble, unit};
 use crate::polar::Polar;
 use crate::recurrence::{Recurrence, SCALE};
 
-/// Evaluates the harmonics of one run of directions by increasing degree.
+/// Evaluates the harmonics at one run of directions, degree after degree.
 #[derive(Debug)]
 pub struct Sweep<'r> {
     recurrence: &'r Recurrence,
@@ -23,7 +23,7 @@ pub struct Sweep<'r> {
     next: usize,
     /// `cos theta`, (rows).
     z: Vec<f64>,
-    /// `SCALE u^m cos(m phi)` and `.. sin(m phi)`, (rows, L + 1) column-major.
+    /// `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, (rows, L + 1) column-major.
     azimuth_cos: Vec<f64>,
     azimuth_sin: Vec<f64>,
     /// `q_{l,m} / SCALE` of even and of odd l, (rows, L + 1) column-major.
@@ -32,11 +32,12 @@ pub struct Sweep<'r> {
 }
 
 impl<'r> Sweep<'r> {
-    /// Starts at degree 0. `directions` are unit vectors, (rows, 3); their length's last bits don't matter.
+    /// Starts a sweep at degree 0. `directions` are unit vectors, (rows, 3); they are normalised once more in
+    /// double-double.
     ///
     /// # Panics
     ///
-    /// If there are no directions.
+    /// If `directions` is empty.
     pub fn new(recurrence: &'r Recurrence, directions: &[[f64; 3]]) -> Self {
         let (rows, orders) = (directions.len(), recurrence.max_degree() + 1);
         assert!(rows > 0, "a run has at least one direction");
@@ -55,21 +56,21 @@ impl<'r> Sweep<'r> {
         sweep
     }
 
-    /// Bytes that a sweep of `rows` rows to `max_degree` holds, apart from its recurrence.
+    /// Returns the bytes that a sweep of `rows` rows to `max_degree` holds, without its recurrence.
     pub const fn bytes(rows: usize, max_degree: usize) -> usize {
         rows * (32 * (max_degree + 1) + 8)
     }
 
-    /// The degree that [`next_degree`](Self::next_degree) gives next.
+    /// Returns the degree that [`next_degree`](Self::next_degree) will write.
     pub fn degree(&self) -> usize {
         self.next
     }
 
-    /// Writes `A_l`, (rows, 2 l + 1) column-major, orders from -l to l, and goes on to the next degree.
+    /// Writes `A_l`, (rows, 2 l + 1) column-major, orders from -l to l, and advances to the next degree.
     ///
     /// # Panics
     ///
-    /// If `block` isn't `rows * (2 l + 1)` long, or the degrees of the recurrence are used up.
+    /// If `block` isn't `rows * (2 l + 1)` long, or the degree is above the recurrence's highest.
     pub fn next_degree(&mut self, block: &mut [f64]) {
         let l = self.next;
         assert_eq!(block.len(), self.rows * (2 * l + 1), "block of degree {l} for {} rows", self.rows);
@@ -78,7 +79,11 @@ impl<'r> Sweep<'r> {
         self.polar.write(block, self.rows, l);
     }
 
-    /// Goes past a degree without writing it, at less than half of the cost.
+    /// Advances past a degree without writing it, at less than half of the cost.
+    ///
+    /// # Panics
+    ///
+    /// If the degree is above the recurrence's highest.
     pub fn skip_degree(&mut self) {
         self.advance();
     }
@@ -96,7 +101,8 @@ impl<'r> Sweep<'r> {
     }
 }
 
-/// `z` and the azimuth factors of each direction, by powers in double-double: the error stays at one rounding for any m.
+/// Computes `z` and the azimuth factors of each direction, as powers in double-double: for any m the error is one
+/// rounding.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn azimuth_factors(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin: &mut [f64]) {
     if target_cfg_f!(target_feature = "fma") {
@@ -108,7 +114,7 @@ fn azimuth_factors(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin:
 
 #[inline(always)]
 fn azimuth_factors_of<const FMA: bool>(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin: &mut [f64]) {
-    /// Rows taken at once: their powers stay in registers' reach.
+    /// Rows taken together: their powers stay in registers and the L1 cache.
     const LANES: usize = 16;
     let rows = directions.len();
     for start in (0..rows).step_by(LANES) {

@@ -1,6 +1,7 @@
-//! Coefficients to samples at any directions, by direct sums.
+//! Synthesis, coefficients to samples at any directions, by direct sums.
 //!
-//! Cost: n K (1.5 + 2 c) flops; nothing larger than a run's block is held.
+//! Cost: `n K (1.5 + 2 c)` flops. Memory: one block `A_l` of 256 rows a thread. For many directions at high degrees the
+//! transforms of `spharm-transform` are faster.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -11,16 +12,18 @@ use crate::recurrence::Recurrence;
 use crate::sweep::Sweep;
 use crate::{Directions, HarmonicsError};
 
-/// Rows of a run: the sweep's state stays in a core's cache to degree 100 and the run's block beside it.
+/// Rows of a run: up to degree 100 the sweep's state and the run's block fit a core's L2 cache together.
 const RUN: usize = 256;
 
-/// Samples, (n, c), of the functions with the canonical coefficients `coefficients`, (K, c), at `directions`.
+/// Returns the samples, (n, c), at `directions` of the c functions with the canonical coefficients `coefficients`, (K,
+/// c).
 ///
-/// Runs on the rayon pool it is called in; the result doesn't depend on the number of threads.
+/// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
 ///
 /// # Errors
 ///
-/// [`HarmonicsError::NotABasisSize`], [`HarmonicsError::DegreeTooHigh`].
+/// - [`HarmonicsError::NotABasisSize`]: K isn't `(L + 1)^2` for any L.
+/// - [`HarmonicsError::DegreeTooHigh`]: L is above [`MAX_DEGREE`](crate::MAX_DEGREE).
 pub fn synthesis(directions: &Directions, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, HarmonicsError> {
     let (rows, channels) = coefficients.dim();
     let max_degree = max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;

@@ -1,11 +1,11 @@
-//! The harmonics as a textbook writes them: one value at a time, angles and all.
+//! Harmonics by the textbook formulas, one value at a time, from the angles.
 //!
-//! The oracle of [`sweep`](crate::sweep), with which it shares no code. Good to degree 150 or so anywhere; above that
-//! `sin(theta)^m` underflows next to the poles.
+//! The oracle that [`sweep`](crate::sweep) is tested against; they share no code. Usable up to degree 150 or so; above
+//! that `sin(theta)^m` underflows next to the poles.
 
 use crate::directions::angles;
 
-/// `S_{l,m}` at a direction.
+/// Returns `S_{l,m}` at a direction.
 ///
 /// # Panics
 ///
@@ -23,7 +23,7 @@ pub fn harmonic(degree: usize, order: isize, direction: [f64; 3]) -> f64 {
     }
 }
 
-/// `N P_l^m(cos theta)` without the Condon-Shortley phase: up the diagonal, then up the degrees.
+/// `N P_l^m(cos theta)` without the Condon-Shortley phase: first to degree m along the diagonal, then up in degree.
 fn normalised_legendre(degree: usize, m: usize, theta: f64) -> f64 {
     let (sine, cosine) = theta.sin_cos();
     let mut diagonal = (1.0 / (4.0 * std::f64::consts::PI)).sqrt();

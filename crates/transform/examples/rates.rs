@@ -12,15 +12,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let [n, max_degree, accuracy, channels] = arguments[..] else { return Err("four numbers are needed".into()) };
     let (n, max_degree, channels) = (n as usize, max_degree as usize, channels as usize);
     rayon::ThreadPoolBuilder::new().num_threads(2).build_global()?;
-    // Fibonacci's spiral.
-    let vertices: Vec<[f64; 3]> = (0..n)
-        .map(|i| {
-            let z = 1.0 - (2 * i + 1) as f64 / n as f64;
-            let (u, phi) = ((1.0 - z * z).sqrt(), i as f64 * 2.399_963_229_728_653);
-            [u * phi.cos(), u * phi.sin(), z]
-        })
-        .collect();
-    let directions = Directions::from_vertices(&vertices)?;
+    let directions = Directions::fibonacci(n)?;
     let time = |what: &str, work: &mut dyn FnMut()| {
         let mut seconds: Vec<f64> = (0..15)
             .map(|_| {
