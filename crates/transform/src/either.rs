@@ -1,4 +1,4 @@
-//! Synthesis by direct sums or by a transform, whichever is faster.
+//! Synthesis by the faster of direct sums and a transform.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::index::{basis_size, max_degree_of};
@@ -6,16 +6,21 @@ use spharm_harmonics::{Directions, HarmonicsError};
 
 use crate::{FINEST, Transform, TransformError, TransformParams};
 
-/// Products of directions and coefficients below which direct sums are faster than planning a transform: some
-/// milliseconds of either.
+/// Up to this number of directions times coefficients, direct sums are faster than planning a transform; both take some
+/// milliseconds there.
 const DIRECT: usize = 3_000_000;
 
-/// Samples, (n, c), of the functions with the canonical coefficients `coefficients`, (K, c), at `directions`, to a relative
-/// accuracy of [`FINEST`] at least.
+/// Returns the samples, (n, c), at `directions` of the c functions with the canonical coefficients `coefficients`, (K,
+/// c), to a relative accuracy of at least [`FINEST`].
+///
+/// For repeated synthesis at the same directions, plan a [`Transform`] once.
 ///
 /// # Errors
 ///
-/// [`HarmonicsError::NotABasisSize`], [`HarmonicsError::DegreeTooHigh`], [`TransformError::TooManyDirections`].
+/// - [`TransformError::Harmonics`] with [`HarmonicsError::NotABasisSize`]: K isn't `(L + 1)^2`.
+/// - [`TransformError::Harmonics`] with [`HarmonicsError::DegreeTooHigh`]: L is above
+///   [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+/// - [`TransformError::TooManyDirections`]: n is above 2^32 - 1.
 pub fn synthesis(directions: &Directions, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
     let (rows, channels) = coefficients.dim();
     let max_degree = max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;

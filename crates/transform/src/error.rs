@@ -1,50 +1,50 @@
-//! What can go wrong before a transform starts.
+//! Errors of transforms and Gram matrices; all are found before any work is done.
 
 use spharm_harmonics::HarmonicsError;
 
-/// Why a transform can't be made or given its arguments.
+/// An argument that a transform or a Gram matrix cannot be made from.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TransformError {
-    /// The harmonics refuse, say the degree.
+    /// Invalid degree or coefficients.
     #[error(transparent)]
     Harmonics(#[from] HarmonicsError),
-    /// The accuracy asked for isn't on offer.
-    #[error("accuracy {found:e} is outside {min:e} to {max:e}; choose one that is inside")]
+    /// An accuracy out of range.
+    #[error("accuracy: expected a value from {min:e} to {max:e}, found {found:e}")]
     Accuracy {
-        /// What was asked for.
+        /// The requested accuracy.
         found: f64,
-        /// The finest.
+        /// The finest, [`FINEST`](crate::FINEST).
         min: f64,
-        /// The coarsest.
+        /// The coarsest, [`COARSEST`](crate::COARSEST).
         max: f64,
     },
-    /// More directions than a plan can number.
-    #[error("{found} directions; a plan serves at most {max}")]
+    /// More directions than a plan can hold.
+    #[error("directions: expected at most {max}, found {found}")]
     TooManyDirections {
-        /// How many there are.
+        /// Number of directions.
         found: usize,
-        /// How many there may be.
+        /// Largest possible number.
         max: usize,
     },
-    /// An array hasn't the shape that is needed.
+    /// An array with the wrong number of rows.
     #[error("{what}: expected {expected} rows, found {found}")]
     Shape {
-        /// Which array.
+        /// Name of the argument.
         what: &'static str,
-        /// Rows that it should have.
+        /// Number of rows expected.
         expected: usize,
-        /// Rows that it has.
+        /// Number of rows found.
         found: usize,
     },
-    /// Moments that don't go to twice the degree.
-    #[error("moments: expected {expected} values, to degree {degree}, found {found}")]
+    /// A number of moments that doesn't belong to twice the degree.
+    #[error("moments: expected {expected} values (degree {degree}), found {found}")]
     MomentCount {
-        /// The degree they should go to, `2 L`.
+        /// The degree of the moments, `2 L`.
         degree: usize,
-        /// `(2 L + 1)^2`.
+        /// Number of values expected, `(2 L + 1)^2`.
         expected: usize,
-        /// Values found.
+        /// Number of values found.
         found: usize,
     },
     /// A moment that is NaN or infinite.
@@ -52,7 +52,7 @@ pub enum TransformError {
     MomentNotFinite {
         /// Canonical column, from 0.
         column: usize,
-        /// The value.
+        /// The value found.
         found: f64,
     },
 }

@@ -1,15 +1,15 @@
-//! From rings to the oversampled grid and back: Fourier transforms along colatitude, then along azimuth.
+//! Fourier transforms from rings to the oversampled grid and back: along colatitude, then along azimuth.
 //!
 //! For order m, `Z_m = F_m^cos + i F_m^sin` continued over the poles, `Z_m(-theta) = (-1)^m Z_m(theta)`, is a
 //! trigonometric polynomial of degree L in theta. Its samples on N rings, `theta_j = (j + 1/2) pi / N`, give its
-//! spectrum, which is divided by the kernel's and summed on the finer grid of M. Even orders give an even spectrum and odd
-//! orders an odd one; so two of them go through one complex transform as their sum and come apart by symmetry
-//! afterwards: for two orders and a channel one transform of 2 N and one of M.
+//! spectrum, which is divided by the kernel's and summed on the finer grid of M points around. Even orders have an even
+//! spectrum and odd orders an odd one, so one complex transform serves the sum of two of them, and symmetry separates
+//! them afterwards: two orders of a channel take one transform of length 2 N and one of length M.
 //!
-//! Along azimuth, `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a transform to reals. The kernel's correction in m
-//! is in the coefficients already.
+//! Along azimuth, `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a transform to reals. The coefficients have been
+//! divided by the kernel's transform in m already.
 //!
-//! Cost for a channel: `5 (L + 1) N log2(2 N) + 2.5 (L + 1) M log2 M + 1.25 M^2 log2 M` flops.
+//! Cost per channel: `5 (L + 1) N log2(2 N) + 2.5 (L + 1) M log2 M + 1.25 M^2 log2 M` flops.
 
 use std::sync::Arc;
 
@@ -19,18 +19,18 @@ use rustfft::num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};
 
 use crate::grid::Layout;
+use crate::gridding::Gridding;
 use crate::kernel::Kernel;
-use crate::shape::Shape;
 
-/// Rows of the grid that are gathered together: the values of a row's orders are far apart, those of rows are not.
+/// Rows of the grid that are gathered together: in memory the orders of a row are far apart, rows are not.
 const ROWS: usize = 8;
-/// Pairs of orders that are taken together on the way back.
+/// Pairs of orders that [`Fourier::grid_to_circles`] takes together.
 const PAIRS: usize = 4;
 
-/// The transforms of a shape.
+/// The Fourier transforms of one gridding.
 pub(crate) struct Fourier {
     max_degree: usize,
-    shape: Shape,
+    gridding: Gridding,
     rings_forward: Arc<dyn Fft<f64>>,
     rings_inverse: Arc<dyn Fft<f64>>,
     grid_forward: Arc<dyn Fft<f64>>,
@@ -43,19 +43,19 @@ pub(crate) struct Fourier {
 
 impl std::fmt::Debug for Fourier {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Fourier").field("max_degree", &self.max_degree).field("shape", &self.shape).finish()
+        f.debug_struct("Fourier").field("max_degree", &self.max_degree).field("gridding", &self.gridding).finish()
     }
 }
 
-/// Scratch space of one thread.
+/// Working memory of one thread.
 pub(crate) struct FourierWork {
     circle: Vec<Complex64>,
     scratch: Vec<Complex64>,
     spectra: Vec<Complex64>,
 }
 
-/// Cosine and sine sums of an even order and of the odd order after it at a pair of rings: their sums over even and over
-/// odd `l - m`.
+/// Cosine (real part) and sine (imaginary part) sums of an even order and of the odd order after it at a pair of rings,
+/// each as the sum over even and the sum over odd `l - m`.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct RingPair {
     pub(crate) even_order: [Complex64; 2],
@@ -63,29 +63,29 @@ pub(crate) struct RingPair {
 }
 
 impl Fourier {
-    pub(crate) fn new(max_degree: usize, shape: Shape, kernel: &Kernel) -> Self {
+    pub(crate) fn new(max_degree: usize, gridding: Gridding, kernel: &Kernel) -> Self {
         let (mut complex, mut real) = (FftPlanner::new(), RealFftPlanner::new());
-        let around = 2 * shape.rings;
+        let around = 2 * gridding.rings;
         let correction = (0..=max_degree)
             .map(|k| {
-                let size = 1.0 / (around as f64 * kernel.transform(k, shape.grid));
+                let size = 1.0 / (around as f64 * kernel.transform(k, gridding.grid));
                 Complex64::from_polar(size, -(k as f64) * std::f64::consts::PI / around as f64)
             })
             .collect();
         Self {
             max_degree,
-            shape,
+            gridding,
             rings_forward: complex.plan_fft_forward(around),
             rings_inverse: complex.plan_fft_inverse(around),
-            grid_forward: complex.plan_fft_forward(shape.grid),
-            grid_inverse: complex.plan_fft_inverse(shape.grid),
-            to_reals: real.plan_fft_inverse(shape.grid),
-            from_reals: real.plan_fft_forward(shape.grid),
+            grid_forward: complex.plan_fft_forward(gridding.grid),
+            grid_inverse: complex.plan_fft_inverse(gridding.grid),
+            to_reals: real.plan_fft_inverse(gridding.grid),
+            from_reals: real.plan_fft_forward(gridding.grid),
             correction,
         }
     }
 
-    /// Pairs of orders.
+    /// Number of pairs of orders.
     pub(crate) fn order_pairs(&self) -> usize {
         self.max_degree / 2 + 1
     }
@@ -100,24 +100,25 @@ impl Fourier {
             self.from_reals.get_scratch_len(),
         ];
         FourierWork {
-            circle: vec![Complex64::default(); 2 * self.shape.rings],
+            circle: vec![Complex64::default(); 2 * self.gridding.rings],
             scratch: vec![Complex64::default(); scratch.into_iter().max().unwrap_or(0)],
-            spectra: vec![Complex64::default(); ROWS * (self.shape.grid / 2 + 1)],
+            spectra: vec![Complex64::default(); ROWS * (self.gridding.grid / 2 + 1)],
         }
     }
 
-    /// One pair of orders and one channel: from the pairs of rings, from the pole to the equator, to the circle of M.
+    /// Transforms one pair of orders of one channel, given at the pairs of rings from the pole to the equator, to the M
+    /// points of a great circle, `out`.
     pub(crate) fn rings_to_circle(
         &self,
         ring: impl Fn(usize) -> RingPair,
         out: &mut [Complex64],
         work: &mut FourierWork,
     ) {
-        let (n, l, m) = (self.shape.rings, self.max_degree, self.shape.grid);
+        let (n, l, m) = (self.gridding.rings, self.max_degree, self.gridding.grid);
         let circle = &mut work.circle[..];
         for j in 0..n.div_ceil(2) {
             let RingPair { even_order: [ee, eo], odd_order: [oe, oo] } = ring(j);
-            // South first: on the equator, which is its own twin, the northern value stays.
+            // South first, so that the equator, which is both of a pair, keeps the northern value.
             let (even, odd) = (ee - eo, oe - oo);
             (circle[n - 1 - j], circle[n + j]) = (even + odd, even - odd);
             let (even, odd) = (ee + eo, oe + oo);
@@ -133,14 +134,14 @@ impl Fourier {
         self.grid_inverse.process_with_scratch(out, &mut work.scratch);
     }
 
-    /// The transpose of [`rings_to_circle`](Self::rings_to_circle); uses up the circle.
+    /// The transpose of [`rings_to_circle`](Self::rings_to_circle); overwrites `circle_of_grid`.
     pub(crate) fn circle_to_rings(
         &self,
         circle_of_grid: &mut [Complex64],
         mut ring: impl FnMut(usize, RingPair),
         work: &mut FourierWork,
     ) {
-        let (n, l, m) = (self.shape.rings, self.max_degree, self.shape.grid);
+        let (n, l, m) = (self.gridding.rings, self.max_degree, self.gridding.grid);
         self.grid_forward.process_with_scratch(circle_of_grid, &mut work.scratch);
         let circle = &mut work.circle[..];
         circle.fill(Complex64::default());
@@ -164,9 +165,9 @@ impl Fourier {
         }
     }
 
-    /// All circles, (order pairs, channels, M), to the grid's rows.
+    /// Transforms all circles, (order pairs, channels, M), to the rows of the grid.
     pub(crate) fn circles_to_grid(&self, circles: &[Complex64], layout: Layout, grid: &mut [f64]) {
-        let (m, channels) = (self.shape.grid, layout.channels);
+        let (m, channels) = (self.gridding.grid, layout.channels);
         let length = m / 2 + 1;
         layout.core_mut(grid, ROWS).enumerate().for_each_init(
             || self.work(),
@@ -197,7 +198,7 @@ impl Fourier {
         );
     }
 
-    /// The transpose of [`circles_to_grid`](Self::circles_to_grid); uses up the grid.
+    /// The transpose of [`circles_to_grid`](Self::circles_to_grid); overwrites the grid and `spectra`.
     pub(crate) fn grid_to_circles(
         &self,
         grid: &mut [f64],
@@ -205,7 +206,7 @@ impl Fourier {
         spectra: &mut [Complex64],
         circles: &mut [Complex64],
     ) {
-        let (m, channels, count) = (self.shape.grid, layout.channels, self.max_degree + 1);
+        let (m, channels, count) = (self.gridding.grid, layout.channels, self.max_degree + 1);
         // First the rows' spectra, (rows, channels, orders), then the circles from them.
         layout.core_mut(grid, ROWS).zip(spectra.par_chunks_mut(ROWS * channels * count)).for_each_init(
             || self.work(),

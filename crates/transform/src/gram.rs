@@ -1,9 +1,10 @@
 //! The Gram matrix `A^T diag(w) A` of the canonical basis at n scattered weighted directions, without the basis.
 //!
-//! The *moments* `s_{lm} = sum_i w_i S_{lm}(x_i)` to degree 2L, one adjoint synthesis of the weights, are all that the
-//! Gram matrix knows of weights and directions: a product of two harmonics of degrees up to L is of degree 2L. With `S
-//! = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to 2L, and the integrand's
-//! degree of 4L is met exactly by 2L + 1 Gauss-Legendre rings. There, for orders m, m' >= 0 and s, s' in {cos, sin},
+//! The Gram matrix depends on weights and directions only through the *moments* `s_{lm} = sum_i w_i S_{lm}(x_i)` to
+//! degree 2L, which are one adjoint synthesis of the weights: a product of two harmonics of degrees up to L has degree
+//! 2L. With `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to 2L. The integrand
+//! has degree 4L, which 2L + 1 Gauss-Legendre rings integrate exactly. On them, for orders m, m' >= 0 and s, s' in
+//! {cos, sin},
 //!
 //! ```text
 //! G[(l, m, s), (l', m', s')] = sum_j P_{l,m}(theta_j) W_{m,m'}^{s,s'}(j) P_{l',m'}(theta_j)
@@ -11,25 +12,26 @@
 //! W^{sin,sin} = c_{m-m'} - c_{m+m'}      W^{cos,sin} = d_{m+m'} - d_{m-m'}
 //! ```
 //!
-//! where `c_k`, `d_k` are half the measure's Fourier coefficients on the ring (`gram/measure.rs`). A product of three
-//! harmonics of degrees l, l', l'' integrates to zero unless l + l' + l'' is even (`S_{lm}(-x) = (-1)^l S_{lm}(x)`):
-//! only the moments of degrees of l + l' 's parity enter, and with them the integrand is the same on mirrored rings.
-//! That leaves the L + 1 rings from the north pole to the equator, and half of the flops.
+//! where `c_k`, `d_k` are half the Fourier coefficients of S on the ring (`gram/measure.rs`). A product of three
+//! harmonics of degrees l, l', l'' integrates to zero unless l + l' + l'' is even, since `S_{lm}(-x) = (-1)^l
+//! S_{lm}(x)`: only moments whose degree has the parity of l + l' count, and for these the integrand is the same on
+//! mirrored rings. That leaves the L + 1 rings from the north pole to the equator, and half of the flops.
 //!
 //! # Cost
 //!
-//! Whatever n is: `L^5` flops for the lower triangle (1.05e10 at L = 100, 3.3e11 at L = 200), and some 40 `L^3` of
-//! setting up. Memory: see [`MomentGram::bytes`]; 12 MB at L = 100, 65 MB at L = 200, beside the matrix. The matrix
-//! itself is `8 (L + 1)^4` bytes and written once, down its columns.
+//! For any n: `L^5` flops for the lower triangle (1.05e10 at L = 100, 3.3e11 at L = 200), and some 40 `L^3` for the
+//! tables. Memory of the tables: see [`MomentGram::bytes`]; 12 MB at L = 100, 65 MB at L = 200. The matrix itself takes
+//! `8 (L + 1)^4` bytes and is written once, column by column.
 //!
 //! # Range
 //!
-//! L up to half of [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Weights may be negative. Errors are some eps of the
-//! largest entry. An entry's bits depend neither on the number of threads nor on how the matrix is cut into tiles.
+//! L up to half of [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Weights may be negative. Errors are a few eps times
+//! the largest entry. The bits of an entry depend neither on the number of threads nor on the tile in which it is
+//! computed.
 //!
 //! On the circle the Gram matrix of scattered data from its moments is the Toeplitz matrix of H. G. Feichtinger, K.
 //! Gröchenig and T. Strohmer, "Efficient numerical methods in non-uniform sampling theory", Numer. Math. 69 (1995);
-//! this is its sister on the sphere.
+//! this is the analogue on the sphere.
 //!
 //! ```
 //! use spharm_transform::MomentGram;
@@ -60,25 +62,30 @@ use crate::TransformError;
 use measure::Measure;
 use panel::{Columns, Part, Rows};
 
-/// Pairs (l', m') that a thread takes at a time: each meets the whole Legendre table, so not few; but enough to share
-/// out.
+/// Pairs (l', m') of a task. Every task reads the whole Legendre table, so tasks must not be small; but there have to
+/// be enough of them for all threads.
 const TASK: usize = 32;
-/// Columns and rows that are mirrored at a time: 32 KB, an L1 cache's.
+/// Columns and rows of a tile that is mirrored at a time: 32 kB, which fits the L1 cache.
 const MIRROR: usize = 64;
 
-/// The Gram matrix of the canonical basis to degree L, entry by entry or as a whole, from the moments of its measure.
+/// The Gram matrix `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.
+///
+/// Entries are computed when they are asked for: as a whole, by tiles or by blocks of degrees. Methods run on the rayon
+/// pool that they are called in.
 #[derive(Debug)]
 pub struct MomentGram {
     measure: Measure,
 }
 
 impl MomentGram {
-    /// From the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2` values in canonical order.
+    /// Makes the tables for the Gram matrix to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to
+    /// degree 2L, `(2L + 1)^2` values in canonical order.
     ///
     /// # Errors
     ///
-    /// [`TransformError::MomentCount`], [`TransformError::MomentNotFinite`]; [`TransformError::Harmonics`] where 2L is
-    /// above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+    /// - [`TransformError::MomentCount`]: there aren't `(2L + 1)^2` moments.
+    /// - [`TransformError::MomentNotFinite`]: a moment is NaN or infinite.
+    /// - [`TransformError::Harmonics`]: 2L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
         let degree = 2 * max_degree;
         let expected = basis_size(degree);
@@ -91,24 +98,24 @@ impl MomentGram {
         Ok(Self { measure: Measure::new(max_degree, moments)? })
     }
 
-    /// Bytes that it holds for a degree, about `4 (L + 1)^3 + 768 (L + 1)^2`; each thread needs some 1 MiB more while
-    /// it works.
+    /// Returns the bytes of the tables for a degree, about `4 (L + 1)^3 + 768 (L + 1)^2`. While it computes, each
+    /// thread needs about 1 MiB more.
     pub const fn bytes(max_degree: usize) -> usize {
         Measure::bytes(max_degree)
     }
 
-    /// The highest degree, L.
+    /// Returns the highest degree, L.
     pub fn max_degree(&self) -> usize {
         self.measure.max_degree()
     }
 
-    /// Rows and columns of the whole matrix, `K = (L + 1)^2`.
+    /// Returns the number of rows and of columns of the whole matrix, `K = (L + 1)^2`.
     pub fn size(&self) -> usize {
         basis_size(self.max_degree())
     }
 
-    /// Writes the lower triangle with the diagonal, columns in canonical order, into `out`, (K, K) column-major with
-    /// `leading` values from column to column. What is above the diagonal stays as it is.
+    /// Writes the lower triangle with the diagonal into `out`, (K, K) column-major in canonical order, with `leading`
+    /// values from column to column. Values above the diagonal are left unchanged.
     ///
     /// # Panics
     ///
@@ -117,26 +124,26 @@ impl MomentGram {
         self.fill(0..self.size(), 0..self.size(), true, out, leading);
     }
 
-    /// Writes the entries of some rows and columns, anywhere in the symmetric matrix, into `out`, (rows, columns)
+    /// Writes the entries of `rows` and `columns`, anywhere in the symmetric matrix, into `out`, (rows, columns)
     /// column-major with `leading` values from column to column.
     ///
-    /// Tiles of several whole degrees are cheapest: the sums of a degree are shared by its columns of both signs, and a
-    /// kernel takes three degrees of equal parity at a time. Tiles of less than two degrees a side cost three times as
-    /// much an entry.
+    /// Tiles of several whole degrees cost least per entry: columns of both signs of a degree and order share their
+    /// sums, and a kernel takes three degrees of equal parity at a time. Tiles of less than two degrees a side cost
+    /// three times as much per entry.
     ///
     /// # Panics
     ///
-    /// If a range goes past K, `leading` is below the number of rows or `out` is too short.
+    /// If a range ends above K, `leading` is below the number of rows or `out` is too short.
     pub fn tile(&self, rows: Range<usize>, columns: Range<usize>, out: &mut [f64], leading: usize) {
         self.fill(rows, columns, false, out, leading);
     }
 
-    /// Writes the Gram matrix of one run of degrees, both triangles, into `out`, (k, k) column-major where k is their
-    /// number of functions. It is symmetric to the last bit.
+    /// Writes the Gram matrix of a run of degrees, both triangles, into `out`, (k, k) column-major, where k is the
+    /// number of basis functions of these degrees. It is symmetric to the last bit.
     ///
     /// # Panics
     ///
-    /// If the degrees go past L or `out` isn't `k^2` long.
+    /// If the degrees go above L or `out` isn't `k^2` long.
     pub fn block(&self, degrees: RangeInclusive<usize>, out: &mut [f64]) {
         let columns = first_column(*degrees.start())..first_column(degrees.end() + 1);
         let size = columns.len();
@@ -145,7 +152,7 @@ impl MomentGram {
         mirror_lower(out, size);
     }
 
-    /// `lower`: rows above a column's own are left alone.
+    /// Writes the entries of `rows` and `columns`; with `lower`, only those on and below the diagonal.
     fn fill(&self, rows: Range<usize>, columns: Range<usize>, lower: bool, out: &mut [f64], leading: usize) {
         let size = self.size();
         assert!(rows.end <= size && columns.end <= size, "{rows:?} x {columns:?} of {size} functions");
@@ -161,7 +168,7 @@ impl MomentGram {
             out.len()
         );
 
-        // Columns of one order, of both signs, share their sums' factors.
+        // Columns of one order, of both signs, share factors of their sums.
         let mut orders: Vec<Vec<Part<'_>>> = (0..=self.max_degree()).map(|_| Vec::new()).collect();
         for (column, values) in columns.zip(out[..needed].chunks_mut(leading)) {
             let (degree, order) = degree_order(column);
@@ -181,8 +188,8 @@ impl MomentGram {
         });
     }
 
-    /// Cuts the columns, given by order, into tasks of about [`TASK`] degrees: of one order where it has so many, else
-    /// of several, as many as share a cache.
+    /// Groups the columns, given by order, into tasks of about [`TASK`] degrees: of one order where it has that many,
+    /// else of as many orders as fit a cache together.
     fn tasks<'a>(&self, orders: Vec<Vec<Part<'a>>>) -> Vec<Vec<Columns<'a>>> {
         let most = panel::most_orders(self.measure.rings());
         let mut tasks: Vec<Vec<Columns<'a>>> = Vec::new();

@@ -1,4 +1,4 @@
-//! The interpolation kernel: Kaiser and Bessel's, by pieces of polynomials.
+//! The interpolation kernel: Kaiser-Bessel, evaluated by piecewise polynomials.
 //!
 //! A function with frequencies `|k| <= L` on the circle is interpolated from a grid of `M > 2 L + 1` points as
 //! `f(x) = sum_j g_j phi(j - x)`, x in grid steps, `g` the grid values of the function whose spectrum is that of f
@@ -11,36 +11,37 @@
 //! ```
 //!
 //! The relative error at frequency k is that of the aliases, `sqrt(sum_{j != 0} p_{k+jM}^2) / p_k`, largest at `k = L`.
-//! `beta` puts the first zero of the transform at the nearest alias; next to the exponential of semicircle of the same
-//! width its error is two to ten times smaller (measured over widths 4 to 16, sigma 1.2 to 2.5). J. I. Jackson et al.,
-//! "Selection of a convolution function for Fourier inversion using gridding", IEEE Trans. Med. Imaging 10 (1991).
+//! `beta` puts the first zero of the transform at the nearest alias; the error is two to ten times smaller than with
+//! the exponential-of-semicircle kernel of the same width (measured over widths 4 to 16, sigma 1.2 to 2.5). J. I.
+//! Jackson et al., "Selection of a convolution function for Fourier inversion using gridding", IEEE Trans. Med. Imaging
+//! 10 (1991).
 //!
-//! `phi` is evaluated as one polynomial for each of the w steps, all with the same argument, so that a point's w values
-//! are one Horner scheme over lanes.
+//! `phi` is one polynomial on each of the w grid steps. All have the same argument, so the w values of a point take one
+//! Horner scheme over lanes.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
-/// Lanes that a point's values are padded to; the widest kernel has so many.
+/// The widest kernel; a point's kernel values are padded to this number of lanes.
 pub(crate) const MAX_WIDTH: usize = 16;
-/// Chebyshev nodes of a piece; more than any accuracy needs.
+/// Chebyshev nodes per piece; more than any accuracy needs.
 const NODES: usize = 24;
 
-/// A kernel of one width for one grid.
+/// A kernel of one width, for one grid.
 #[derive(Debug, Clone)]
 pub(crate) struct Kernel {
     /// Grid points under the kernel.
     pub(crate) width: usize,
-    /// `width`, rounded up to lanes: 4, 8, 12 or 16.
+    /// `width` rounded up to a multiple of four: 4, 8, 12 or 16.
     pub(crate) padded: usize,
     beta: f64,
-    /// By falling power; lane k is the piece over the k-th grid point.
+    /// Polynomial coefficients by falling power; lane k is the piece over the k-th grid point.
     coefficients: Vec<[f64; MAX_WIDTH]>,
 }
 
 impl Kernel {
-    /// The kernel of `width` points for frequencies to `max_degree` on a grid of `grid` points.
+    /// Makes the kernel of `width` points for frequencies to `max_degree` on a grid of `grid` points.
     pub(crate) fn new(width: usize, max_degree: usize, grid: usize, accuracy: f64) -> Self {
-        let beta = shape(width, max_degree, grid);
+        let beta = shape_parameter(width, max_degree, grid);
         let half = width as f64 / 2.0;
         // The pieces are analytic: their Chebyshev coefficients fall fast.
         let cosines: Vec<[f64; NODES]> = (0..NODES)
@@ -61,7 +62,7 @@ impl Kernel {
             .collect();
         let rest =
             |degree: usize| pieces.iter().map(|c| c[degree + 1..].iter().map(|c| c.abs()).sum()).fold(0.0, f64::max);
-        // What pieces are off by is magnified like rounding errors.
+        // Errors of the pieces are magnified like rounding errors.
         let enough = 0.1 * accuracy / magnification(width, max_degree, grid).max(1.0);
         let degree = (2..NODES - 1).find(|&degree| rest(degree) < enough).unwrap_or(NODES - 1);
         let mut coefficients = vec![[0.0; MAX_WIDTH]; degree + 1];
@@ -73,13 +74,13 @@ impl Kernel {
         Self { width, padded: width.next_multiple_of(4), beta, coefficients }
     }
 
-    /// `p_k` for a grid of `grid` points.
+    /// The transform `p_k` on a grid of `grid` points.
     pub(crate) fn transform(&self, k: usize, grid: usize) -> f64 {
         transform(self.width, self.beta, k as f64 / grid as f64)
     }
 
-    /// Where the kernel of a point in cell `cell`, at `fraction` of it, starts: the first grid point, which may lie
-    /// `width / 2` before the grid, and the polynomials' argument.
+    /// For a point in cell `cell` at position `fraction` in it: the first grid point under its kernel, which may lie up
+    /// to `width / 2` before the grid, and the argument of the polynomials.
     #[inline(always)]
     pub(crate) fn place(&self, cell: u32, fraction: f64) -> (isize, f64) {
         let cell = cell as isize - (self.width / 2) as isize;
@@ -92,7 +93,7 @@ impl Kernel {
         }
     }
 
-    /// Values of the kernel at the points under it, for each argument; lanes from `width` on are zero.
+    /// Evaluates the kernel at the grid points under it, for each argument. Lanes from `width` on are zero.
     pub(crate) fn values(&self, arguments: &[f64], values: &mut [[f64; MAX_WIDTH]]) {
         if self.padded <= 8 {
             horner_8(&self.coefficients, arguments, values);
@@ -131,12 +132,13 @@ macro_rules! horner_for {
 horner_for!(horner_8, 8);
 horner_for!(horner_16, 16);
 
-fn shape(width: usize, max_degree: usize, grid: usize) -> f64 {
+/// The parameter beta.
+fn shape_parameter(width: usize, max_degree: usize, grid: usize) -> f64 {
     let inverse_sigma = (2 * max_degree + 1) as f64 / grid as f64;
     std::f64::consts::PI * width as f64 * (1.0 - inverse_sigma / 2.0)
 }
 
-/// `p` at `xi = k / M`, apart from `e^beta / I0(beta)`, which `bessel_ratio` leaves out as well.
+/// The transform p at `xi = k / M`, without the factor `e^beta / I0(beta)`, which `bessel_ratio` leaves out as well.
 fn transform(width: usize, beta: f64, xi: f64) -> f64 {
     let w = width as f64;
     let square = beta * beta - (std::f64::consts::PI * w * xi).powi(2);
@@ -150,9 +152,9 @@ fn transform(width: usize, beta: f64, xi: f64) -> f64 {
     }
 }
 
-/// The relative error of a kernel, at the frequency where it is largest.
+/// The relative aliasing error of a kernel at the frequency where it is largest, L.
 pub(crate) fn aliasing(width: usize, max_degree: usize, grid: usize) -> f64 {
-    let beta = shape(width, max_degree, grid);
+    let beta = shape_parameter(width, max_degree, grid);
     let xi = max_degree as f64 / grid as f64;
     let aliases: f64 = (1..=20)
         .flat_map(|j| [xi + f64::from(j), xi - f64::from(j)])
@@ -161,13 +163,13 @@ pub(crate) fn aliasing(width: usize, max_degree: usize, grid: usize) -> f64 {
     aliases.sqrt() / transform(width, beta, xi)
 }
 
-/// By how much the correction at the highest frequency magnifies the grid's rounding errors.
+/// The factor by which dividing by `p_L` magnifies the grid's rounding errors.
 pub(crate) fn magnification(width: usize, max_degree: usize, grid: usize) -> f64 {
-    let beta = shape(width, max_degree, grid);
+    let beta = shape_parameter(width, max_degree, grid);
     transform(width, beta, 0.0) / transform(width, beta, max_degree as f64 / grid as f64)
 }
 
-/// `I0(beta sqrt(square)) e^-beta`; entire in `square`, which rounding may make a little negative.
+/// `I0(beta sqrt(square)) e^-beta`; an entire function of `square`, which rounding may make slightly negative.
 fn bessel_ratio(beta: f64, square: f64) -> f64 {
     // I0(z) = sum (z^2 / 4)^k / k!^2; all terms positive where it counts, at most some 60 of them for beta <= 45.
     let quarter = beta * beta * square / 4.0;
@@ -182,7 +184,7 @@ fn bessel_ratio(beta: f64, square: f64) -> f64 {
     sum * (-beta).exp()
 }
 
-/// Coefficients by rising power from Chebyshev coefficients.
+/// Converts Chebyshev coefficients to monomial coefficients by rising power.
 fn monomials(chebyshev: &[f64]) -> Vec<f64> {
     let count = chebyshev.len();
     let mut result = vec![0.0; count];

@@ -1,30 +1,40 @@
 //! Fast synthesis and adjoint synthesis of spherical harmonics at scattered directions.
 //!
-//! Conventions are those of [`spharm_harmonics`]. With A the basis matrix, (n, K), [`Transform`] gives `A x`, `A^T r` and
-//! `A^T diag(w) A x` without it, for all columns of x at once, to a relative accuracy of choice:
+//! Conventions are those of [`spharm_harmonics`]. With A the basis matrix, (n, K), a [`Transform`] computes synthesis
+//! `A x`, adjoint synthesis `A^T r` and the normal operator `A^T diag(w) A x` without forming A, for all columns of x
+//! at once and to a relative accuracy of choice:
 //!
 //! ```text
 //! coefficients --Legendre sums--> rings --Fourier--> oversampled grid --interpolation--> samples
 //! ```
 //!
-//! at `L^3 / 4 + O(M^2 log M) + O(w^2 n)` products a channel in place of `K n`. M. Reinecke, S. Belkner, J. Carron,
-//! "Improved cosmic microwave background (de-)lensing using general spherical harmonic transforms", A&A 678 (2023),
-//! describe the way. Adjoint synthesis is the transpose of synthesis step by step.
+//! The cost is `L^3 / 4 + O(M^2 log M) + O(w^2 n)` products a channel in place of `K n`, for an oversampled grid of M
+//! points around and an interpolation kernel w points wide. The method is that of M. Reinecke, S. Belkner and J.
+//! Carron, "Improved cosmic microwave background (de-)lensing using general spherical harmonic transforms", A&A 678
+//! (2023). Adjoint synthesis is the transpose of synthesis step by step.
 //!
-//! # Map
+//! A [`MomentGram`] computes the Gram matrix `A^T diag(w) A` from moments of the weights, in a time that doesn't depend
+//! on n.
 //!
-//! | module | what |
+//! # Modules
+//!
+//! | module | contents |
 //! |---|---|
-//! | [`transform`] | the plan, and the transforms |
-//! | `either` | synthesis by whichever way is faster |
+//! | [`transform`] | the plan of a transform, and its methods |
+//! | [`gram`] | the Gram matrix of scattered weighted directions, from their moments |
+//! | `either` | [`synthesis`]: direct sums or a transform, whichever is faster |
+//! | `gridding` | the choice of grid size and kernel width |
 //! | `legendre` | coefficients to rings and back |
-//! | `polar` | the Legendre recurrence next to the poles |
+//! | `ring_table`, `ring_sums` | the inner loops of `legendre`: Legendre values on a block of rings, and sums with them |
+//! | `polar_rings` | the Legendre recurrence next to the poles |
 //! | `fourier` | rings to the oversampled grid and back |
-//! | `kernel` | the interpolation kernel |
-//! | `grid` | interpolation at the directions and spreading from them |
+//! | `grid` | the layout of the oversampled grid and its margins |
 //! | `points` | the directions, sorted |
-//! | `shape` | the choice of grid and kernel |
-//! | [`gram`] | the Gram matrix of the basis at scattered weighted directions, from their moments |
+//! | `kernel` | the interpolation kernel |
+//! | `interpolation`, `interpolation_batch` | grid to directions and back, and its inner loops |
+//! | `lanes` | short arrays in vector registers |
+//!
+//! # Example
 //!
 //! ```
 //! use ndarray::array;
@@ -45,15 +55,20 @@ mod error;
 mod fourier;
 pub mod gram;
 mod grid;
+mod gridding;
+mod interpolation;
+mod interpolation_batch;
 mod kernel;
+mod lanes;
 mod legendre;
 mod points;
-mod polar;
-mod shape;
+mod polar_rings;
+mod ring_sums;
+mod ring_table;
 pub mod transform;
 
 pub use either::synthesis;
 pub use error::TransformError;
 pub use gram::MomentGram;
-pub use shape::{COARSEST, FINEST};
+pub use gridding::{COARSEST, FINEST};
 pub use transform::{SortedWeights, Transform, TransformParams};

@@ -1,24 +1,24 @@
-//! The directions in the order in which a transform works on them: by strips of the grid's rows, and along a strip.
+//! The directions sorted for interpolation: by strips of the grid's rows, and by columns along a strip.
 
 use rayon::prelude::*;
 
 use crate::TransformError;
 
-/// Columns of the grid that points are kept together by: under a strip's rows that is what the L1 cache holds.
+/// Columns of a tile; points are sorted by tiles. A tile with the rows of its strip fits the L1 cache.
 const TILE_COLUMNS: usize = 16;
 
-/// Places of the directions on the grid, sorted.
+/// The directions' positions on the grid, sorted. A *place* is an index in sorted order.
 #[derive(Debug)]
 pub(crate) struct Points {
-    /// Where each direction went: `rank[i]` is its place in the sorted order.
+    /// The place of each direction.
     rank: Vec<u32>,
     /// The direction at each place.
     order: Vec<u32>,
-    /// Cells at each place, rows and columns.
+    /// At each place, row and column of the grid cell.
     pub(crate) cells: Vec<[u32; 2]>,
-    /// Where in the cell, rows and columns, in [0, 1).
+    /// At each place, the position in the cell along rows and columns, in [0, 1).
     pub(crate) fractions: Vec<[f64; 2]>,
-    /// First place of each strip, and the number of places at the end.
+    /// First place of each strip, and at the end the number of places.
     pub(crate) strips: Vec<usize>,
 }
 
@@ -61,12 +61,12 @@ impl Points {
         Ok(Self { rank, order, cells, fractions, strips })
     }
 
-    /// Number of directions.
+    /// Number of directions, n.
     pub(crate) fn len(&self) -> usize {
         self.order.len()
     }
 
-    /// Bytes that it holds for a number of directions; twice that while it is made.
+    /// Bytes held for a number of directions; `new` takes twice that.
     pub(crate) const fn bytes(directions: usize) -> usize {
         directions * (2 * 4 + 8 + 16)
     }
@@ -84,12 +84,12 @@ impl Points {
 
 /// Cell and fraction of the angle `atan2(y, x)` in [0, 2 pi) on a grid of `grid` points around, a multiple of 8.
 ///
-/// The angle is taken from the nearest quarter, which is a whole number of cells: so its error is that of an angle of at
-/// most pi / 4, an eighth of what an angle near 2 pi can be off by, which counts at high degrees.
+/// The angle is measured from the nearest multiple of pi / 2, which is a whole number of cells: its rounding error is
+/// then that of an angle of at most pi / 4, an eighth of that of an angle near 2 pi, which matters at high degrees.
 fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
     let quarter = (grid / 4) as i64;
     let (quarters, angle) = match (y.abs() <= x.abs(), x > 0.0, y > 0.0) {
-        // At the pole every azimuth is right.
+        // At the pole any azimuth will do.
         (true, _, _) if x == 0.0 => (0, 0.0),
         (true, true, _) => (0, (y / x).atan()),
         (true, false, _) => (2, (y / x).atan()),
@@ -99,7 +99,7 @@ fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
     let steps = angle * (grid as f64 / (2.0 * std::f64::consts::PI));
     let whole = steps.floor();
     let cell = (quarters * quarter + whole as i64).rem_euclid(grid as i64);
-    // A tiny negative angle leaves a fraction that rounds to one; less by a rounding is as near.
+    // The fraction of a tiny negative angle rounds to one; the double below one is as near.
     (cell as u32, (steps - whole).min(1.0 - f64::EPSILON / 2.0))
 }
 

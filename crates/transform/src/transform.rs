@@ -1,4 +1,7 @@
-//! Synthesis and adjoint synthesis at scattered directions.
+//! The plan of a transform: synthesis, adjoint synthesis and the normal operator at scattered directions.
+//!
+//! Channels are transformed in groups of [`TransformParams::channels`]. A call takes its working memory from the plan
+//! and leaves it there for the next call.
 
 use std::sync::Mutex;
 
@@ -11,21 +14,23 @@ use spharm_harmonics::rings::MonicRecurrence;
 
 use crate::TransformError;
 use crate::fourier::{Fourier, RingPair};
-use crate::grid::{Layout, interpolate, pass_on, spread};
+use crate::grid::Layout;
+use crate::gridding::Gridding;
+use crate::interpolation::{interpolate, interpolate_and_spread, spread};
 use crate::kernel::Kernel;
 use crate::legendre::{Legendre, Work};
 use crate::points::Points;
-use crate::shape::Shape;
 
-/// What a transform is made for.
+/// Degree, accuracy and memory use of a [`Transform`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TransformParams {
-    /// Highest degree, L.
+    /// Highest degree, L, inclusive; at most twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Default 0.
     pub max_degree: usize,
-    /// Relative accuracy, from [`FINEST`](crate::FINEST) to [`COARSEST`](crate::COARSEST): the error of the samples, or
-    /// of the coefficients, in relation to their size, both as root mean squares.
+    /// Relative accuracy: the root mean square error of the samples, or of the coefficients, divided by their root mean
+    /// square. From [`FINEST`](crate::FINEST) (1e-13) to [`COARSEST`](crate::COARSEST) (1e-3); default 1e-12.
     pub accuracy: f64,
-    /// The most channels that are worked on together: what they cost is memory, what they share is work.
+    /// Number of channels transformed together, at least 1; default 3. Channels of a group share the evaluation of
+    /// Legendre functions and kernels; memory grows with their number.
     pub channels: usize,
 }
 
@@ -35,25 +40,26 @@ impl Default for TransformParams {
     }
 }
 
-/// A plan for transforms between coefficients to one degree and samples at one list of directions: everything that
-/// depends on these alone, computed once.
+/// A plan for transforms between coefficients to one degree and samples at one list of directions.
 ///
-/// Its methods run on the rayon pool that they are called in; the results don't depend on the number of threads.
+/// It holds everything that depends on degree, accuracy and directions alone. Methods run on the rayon pool that they
+/// are called in; results are the same bits on any number of threads. A plan can be used by several threads at once.
 #[derive(Debug)]
 pub struct Transform {
     max_degree: usize,
     channels: usize,
-    shape: Shape,
+    gridding: Gridding,
     kernel: Kernel,
     legendre: Legendre,
     fourier: Fourier,
     points: Points,
     /// `1 / (2 p_m)`.
     order_factor: Vec<f64>,
-    /// Space that a call took and the next one takes again: a fresh page costs more than what is written to it.
+    /// Working memory of earlier calls, for later ones: a fresh page costs more than writing to it.
     spaces: Mutex<Vec<Space>>,
 }
 
+/// Working memory of a call.
 #[derive(Debug, Default)]
 struct Space {
     circles: Vec<Complex64>,
@@ -64,26 +70,30 @@ struct Space {
 }
 
 impl Transform {
-    /// Plans for `directions`.
+    /// Plans transforms for `directions`, (n, 3). At degree 100 this takes about as long as one synthesis of three
+    /// channels.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Accuracy`], [`TransformError::TooManyDirections`], or a degree above
-    /// twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE): the moments of a Gram matrix go to twice its degree.
+    /// - [`TransformError::Accuracy`]: the accuracy is out of range.
+    /// - [`TransformError::TooManyDirections`]: there are more than 2^32 - 1 directions.
+    /// - [`TransformError::Harmonics`]: the degree is above twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). (Twice,
+    ///   as the [moments of a Gram matrix](crate::gram) go to twice its degree.)
     pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, TransformError> {
         let max_degree = params.max_degree;
         let recurrence = MonicRecurrence::new(max_degree)?;
-        let shape = Shape::choose(max_degree, directions.len(), params.accuracy)?;
-        let kernel = Kernel::new(shape.width, max_degree, shape.grid, params.accuracy);
-        let angles: Vec<[f64; 2]> = (0..shape.rings.div_ceil(2)).map(|j| ring_angle(j, shape.rings)).collect();
+        let gridding = Gridding::choose(max_degree, directions.len(), params.accuracy)?;
+        let kernel = Kernel::new(gridding.width, max_degree, gridding.grid, params.accuracy);
+        let angles: Vec<[f64; 2]> = (0..gridding.rings.div_ceil(2)).map(|j| ring_angle(j, gridding.rings)).collect();
         let legendre = Legendre::new(&recurrence, &angles, params.accuracy * 1e-4);
-        let points = Points::new(directions.as_slice(), shape.grid, Layout::new(shape.grid, shape.width, 1).strip)?;
+        let points =
+            Points::new(directions.as_slice(), gridding.grid, Layout::new(gridding.grid, gridding.width, 1).strip)?;
         Ok(Self {
             max_degree,
             channels: params.channels.max(1),
-            fourier: Fourier::new(max_degree, shape, &kernel),
-            order_factor: (0..=max_degree).map(|m| 0.5 / kernel.transform(m, shape.grid)).collect(),
-            shape,
+            fourier: Fourier::new(max_degree, gridding, &kernel),
+            order_factor: (0..=max_degree).map(|m| 0.5 / kernel.transform(m, gridding.grid)).collect(),
+            gridding,
             kernel,
             legendre,
             points,
@@ -91,38 +101,40 @@ impl Transform {
         })
     }
 
-    /// Bytes that a plan and a call of it take for so many directions and channels.
+    /// Returns the bytes that a plan for n = `directions` directions and one call with `channels` channels take
+    /// together.
     ///
     /// # Errors
     ///
-    /// As [`new`](Self::new).
+    /// [`TransformError::Accuracy`]: the accuracy is out of range.
     pub fn bytes(params: &TransformParams, directions: usize, channels: usize) -> Result<usize, TransformError> {
-        let shape = Shape::choose(params.max_degree, directions, params.accuracy)?;
+        let gridding = Gridding::choose(params.max_degree, directions, params.accuracy)?;
         let group = channels.min(params.channels.max(1));
-        let layout = Layout::new(shape.grid, shape.width, group);
+        let layout = Layout::new(gridding.grid, gridding.width, group);
         let (degrees, core) = (params.max_degree + 1, layout.core_rows());
-        let tables = 8 * degrees * (degrees + shape.rings / 2 + 8);
-        let circles = 16 * (degrees / 2 + 1) * group * shape.grid;
+        let tables = 8 * degrees * (degrees + gridding.rings / 2 + 8);
+        let circles = 16 * (degrees / 2 + 1) * group * gridding.grid;
         let spectra = 16 * core * group * degrees;
         let samples = 8 * directions * group + 16 * basis_size(params.max_degree) * group;
         Ok(2 * Points::bytes(directions) + tables + circles + spectra + 16 * layout.len() + samples)
     }
 
-    /// Highest degree, L.
+    /// Returns the highest degree, L.
     pub fn max_degree(&self) -> usize {
         self.max_degree
     }
 
-    /// Number of directions, n.
+    /// Returns the number of directions, n.
     pub fn directions(&self) -> usize {
         self.points.len()
     }
 
-    /// Samples at the directions, (n, c), of the functions with the canonical coefficients `coefficients`, (K, c).
+    /// Synthesis, `A x`: returns the samples, (n, c), at the directions of the c functions with the canonical
+    /// coefficients `coefficients`, (K, c).
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`].
+    /// [`TransformError::Shape`]: `coefficients` doesn't have `K = (L + 1)^2` rows.
     pub fn synthesis(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("coefficients", basis_size(self.max_degree), coefficients.nrows())?;
         let mut samples = Array2::zeros((self.points.len(), coefficients.ncols()));
@@ -142,11 +154,12 @@ impl Transform {
         Ok(samples)
     }
 
-    /// Adjoint synthesis, `A^T samples`: samples (n, c) to (K, c).
+    /// Adjoint synthesis, `A^T r`: returns (K, c) for the samples `samples`, (n, c). This is the transpose of
+    /// [`synthesis`](Self::synthesis) to rounding, whatever the accuracy; it is not its inverse.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`].
+    /// [`TransformError::Shape`]: `samples` doesn't have n rows.
     pub fn adjoint_synthesis(&self, samples: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("samples", self.points.len(), samples.nrows())?;
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), samples.ncols()));
@@ -166,12 +179,15 @@ impl Transform {
         Ok(coefficients)
     }
 
-    /// The normal operator, `A^T diag(w) A coefficients`, with w = 1 where there are no weights, (n), in the order that
-    /// [`sorted_weights`](Self::sorted_weights) gives: one walk over the directions, each kernel evaluated once.
+    /// The normal operator, `A^T diag(w) A x`: returns (K, c) for the coefficients `coefficients`, (K, c). Without
+    /// weights, w = 1.
+    ///
+    /// Faster than synthesis and adjoint synthesis one after the other: each direction's kernel is evaluated once.
+    /// Weights come from [`sorted_weights`](Self::sorted_weights) of the same plan.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`].
+    /// [`TransformError::Shape`]: `coefficients` doesn't have `K = (L + 1)^2` rows, or there aren't n weights.
     pub fn normal(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -186,17 +202,17 @@ impl Transform {
             let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns.clone()]), space);
             let [from, to] = &mut space.grids;
             to.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
-            pass_on(layout, [from, to], &self.kernel, &self.points, weights.map(|w| &w.0[..]));
+            interpolate_and_spread(layout, [from, to], &self.kernel, &self.points, weights.map(|w| &w.0[..]));
             self.coefficients_of(layout, space, result.slice_mut(ndarray::s![.., columns]));
         });
         Ok(result)
     }
 
-    /// Weights of the directions, (n), in the order in which [`normal`](Self::normal) needs them.
+    /// Sorts the weights of the directions, (n), into the order in which [`normal`](Self::normal) uses them.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`].
+    /// [`TransformError::Shape`]: there aren't n weights.
     pub fn sorted_weights(&self, weights: &[f64]) -> Result<SortedWeights, TransformError> {
         self.expect("weights", self.points.len(), weights.len())?;
         Ok(SortedWeights((0..weights.len()).map(|place| weights[self.points.direction(place)]).collect()))
@@ -207,10 +223,10 @@ impl Transform {
     }
 
     fn layout(&self, channels: usize) -> Layout {
-        Layout::new(self.shape.grid, self.shape.width, channels)
+        Layout::new(self.gridding.grid, self.gridding.width, channels)
     }
 
-    /// Calls `work` with space for each group of channels.
+    /// Calls `work` for each group of channels with working memory of the right size.
     fn grouped(&self, channels: usize, mut work: impl FnMut(&mut Space, std::ops::Range<usize>)) {
         let mut space = self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop().unwrap_or_default();
         let mut first = 0;
@@ -219,7 +235,7 @@ impl Transform {
             let count = columns.len();
             let layout = self.layout(count);
             let complex = Complex64::default();
-            space.circles.resize(self.fourier.order_pairs() * count * self.shape.grid, complex);
+            space.circles.resize(self.fourier.order_pairs() * count * self.gridding.grid, complex);
             space.spectra.resize(layout.core_rows() * count * (self.max_degree + 1), complex);
             for grid in &mut space.grids {
                 grid.resize(layout.len(), 0.0);
@@ -232,14 +248,14 @@ impl Transform {
         self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(space);
     }
 
-    /// Coefficients to the first grid, margins filled.
+    /// Evaluates the coefficients on the first grid and fills its margins.
     fn grid_of(&self, coefficients: ArrayView2<'_, f64>, space: &mut Space) -> Layout {
         let channels = coefficients.ncols();
         let (columns, rings) = (2 * channels, self.legendre.rings());
         let layout = self.layout(channels);
         let coefficients = coefficients.as_standard_layout();
         let coefficients = coefficients.as_slice().unwrap_or_default();
-        space.circles.par_chunks_mut(channels * self.shape.grid).enumerate().with_max_len(1).for_each_init(
+        space.circles.par_chunks_mut(channels * self.gridding.grid).enumerate().with_max_len(1).for_each_init(
             || (Scratch::new(columns, rings, self.max_degree), self.fourier.work()),
             |(scratch, fourier_work), (pair, circles)| {
                 for parity in 0..2 {
@@ -264,7 +280,7 @@ impl Transform {
                     self.legendre.synthesis(m, x, columns, even, odd, &mut scratch.work);
                 }
                 let [[ee, eo], [oe, oo]] = &scratch.sums;
-                for (channel, circle) in circles.chunks_exact_mut(self.shape.grid).enumerate() {
+                for (channel, circle) in circles.chunks_exact_mut(self.gridding.grid).enumerate() {
                     let ring = |j: usize| {
                         let at = 2 * channel * rings + j;
                         let pair = |sums: &[f64]| Complex64::new(sums[at], sums[at + rings]);
@@ -279,7 +295,7 @@ impl Transform {
         layout
     }
 
-    /// The second grid, margins and all, to coefficients: the transpose of [`grid_of`](Self::grid_of).
+    /// Computes coefficients from the second grid with its margins: the transpose of [`grid_of`](Self::grid_of).
     fn coefficients_of(&self, layout: Layout, space: &mut Space, mut out: ndarray::ArrayViewMut2<'_, f64>) {
         let channels = layout.channels;
         let (columns, rings) = (2 * channels, self.legendre.rings());
@@ -296,13 +312,13 @@ impl Transform {
         }
         parts
             .into_par_iter()
-            .zip(space.circles.par_chunks_mut(channels * self.shape.grid))
+            .zip(space.circles.par_chunks_mut(channels * self.gridding.grid))
             .enumerate()
             .with_max_len(1)
             .for_each_init(
                 || (Scratch::new(columns, rings, self.max_degree), self.fourier.work()),
                 |(scratch, fourier_work), (pair, (part, circles))| {
-                    for (channel, circle) in circles.chunks_exact_mut(self.shape.grid).enumerate() {
+                    for (channel, circle) in circles.chunks_exact_mut(self.gridding.grid).enumerate() {
                         let [[ee, eo], [oe, oo]] = &mut scratch.sums;
                         let ring = |j: usize, pair: RingPair| {
                             let at = 2 * channel * rings + j;
@@ -348,8 +364,8 @@ impl Transform {
     }
 }
 
-/// Cosine and sine of the colatitude `(j + 1/2) pi / rings` of a northern ring. From the nearer of pole and equator: an
-/// angle's rounding error counts by the degree.
+/// Cosine and sine of the colatitude `(j + 1/2) pi / rings` of a northern ring. The angle is measured from the nearer
+/// of pole and equator, since its rounding error is multiplied by the degree.
 fn ring_angle(j: usize, rings: usize) -> [f64; 2] {
     let angle = |numerator: usize| numerator as f64 * std::f64::consts::PI / (2 * rings) as f64;
     if 4 * j + 2 < rings {
@@ -361,13 +377,15 @@ fn ring_angle(j: usize, rings: usize) -> [f64; 2] {
     }
 }
 
-/// Weights in a transform's own order.
+/// Weights of directions, in the order of the [`Transform`] that sorted them.
 #[derive(Debug, Clone)]
 pub struct SortedWeights(Vec<f64>);
 
+/// Working memory of one thread for a pair of orders.
 struct Scratch {
+    /// Scaled coefficients of an order, (L + 1 - m, columns) row-major.
     x: Vec<f64>,
-    /// Of the even and the odd order of a pair: sums over even and odd `l - m`, (rings, columns).
+    /// For the even and for the odd order of the pair: sums over even and over odd `l - m`, (rings, columns).
     sums: [[Vec<f64>; 2]; 2],
     work: Work,
 }

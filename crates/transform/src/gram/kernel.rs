@@ -8,10 +8,10 @@
 //!
 //! A lane is an order m, which is the order of the matrix' own rows. Up to three degrees l of equal parity, two l' of
 //! equal parity and the four (s, s') make a tile of 24 sums in registers. A step along the rings loads 9 vectors and
-//! makes 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products: two thirds of what a matrix product's
-//! kernel would do in that time, without its packing, its scaled copies of the tables and the scattering of its
-//! results. What a step loads fills 45 KB over all rings at degree 100, an L1 cache. Every sum runs over the rings in
-//! the same order whatever tile it is in: its bits don't depend on the tiling.
+//! makes 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products: two thirds of the rate of a matrix
+//! product's kernel, but without packing, scaled copies of the tables and scattering of results. Over all rings, a tile
+//! loads 45 kB at degree 100, about an L1 cache. Every sum runs over the rings in the same order in any tile, so its
+//! bits don't depend on the tiling.
 
 use std::ops::Range;
 
@@ -43,12 +43,12 @@ pub(super) struct Waves<'a> {
     /// `c_k .. c_{k+7}` and `d_k .. d_{k+7}`: (k from some value on, rings).
     pub(super) cosine: &'a [Lanes],
     pub(super) sine: &'a [Lanes],
-    /// The windows that belong to order m = 0: those from k = -m' and from k = m' on.
+    /// Indices of the windows for order m = 0: those at k = -m' and at k = m'.
     pub(super) minus: usize,
     pub(super) plus: usize,
 }
 
-/// What a tile of R degrees l and C degrees l' is made from, along the rings.
+/// The factors of a tile of R degrees l and C degrees l', along the rings.
 #[derive(Debug, Clone, Copy)]
 struct Factors<'a, const R: usize, const C: usize> {
     /// `P_{l,m}` of eight orders, (rings).
@@ -62,15 +62,15 @@ struct Factors<'a, const R: usize, const C: usize> {
 /// The sums of eight lanes: (l, l', kind).
 type Tile<const R: usize, const C: usize> = [[[[f64; LANES]; KINDS]; C]; R];
 
-/// Where [`products`] puts the sum of row degree `row`, column degree `column`, `kind` and the first of `blocks`
-/// blocks.
+/// Index at which [`products`] writes the sum of row degree `row`, column degree `column`, `kind` and the first of
+/// `blocks` blocks.
 #[inline(always)]
 pub(super) fn strip(row: usize, columns: usize, column: usize, kind: usize, blocks: usize) -> usize {
     ((row * columns + column) * KINDS + kind) * blocks
 }
 
-/// Sums for the blocks of eight orders `blocks`: rows of at most [`ROWS`] degrees, ascending; `columns` hold P_{l',m'}
-/// at the `rings` rings. `sums` (row, column, kind, block), see [`strip`].
+/// Computes the sums for the blocks of eight orders `blocks`. There are at most [`ROWS`] rows, of ascending degree;
+/// `columns` are P_{l',m'} at the `rings` rings. `sums` is (row, column, kind, block), see [`strip`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn products(
     rows: &[Row<'_>],
@@ -127,7 +127,7 @@ pub(super) fn products(
     }
 }
 
-/// A tile as one would write it down, for processors without a kernel of their own.
+/// The plain form of a tile, for processors without a kernel of their own and as the tests' oracle.
 fn plain<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, C> {
     let Factors { legendre, columns, waves } = factors;
     let mut tile = [[[[0.0; LANES]; KINDS]; C]; R];
@@ -147,8 +147,8 @@ fn plain<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, 
     tile
 }
 
-/// Tiles with the processor's own vectors: left to itself, the compiler shuffles the 24 sums about and is 15 times
-/// slower.
+/// Tiles with the processor's vector instructions: from the plain form the compiler makes code that moves the 24 sums
+/// between registers and is 15 times slower.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::{
@@ -169,7 +169,7 @@ mod x86 {
                 const WIDTH: usize = LANES / PARTS;
                 let Factors { mut legendre, mut columns, mut waves } = factors;
                 let rings = waves[0].len();
-                // Told once, so that no bounds are checked along the rings. Loops in place of closures, which the
+                // Sliced once, so that no bounds are checked along the rings. Loops in place of closures, which the
                 // compiler does not inline here.
                 for legendre in &mut legendre {
                     *legendre = &legendre[..rings];
@@ -248,7 +248,7 @@ mod tests {
         (0..count).map(|i| Lanes(std::array::from_fn(|lane| value(from + i * LANES + lane)))).collect()
     }
 
-    /// What the processor's own vectors give is what the plain tile gives, for every shape of a tile.
+    /// The vector kernels and the plain form agree, for every shape of a tile.
     #[test]
     fn every_shape_agrees_with_the_plain_tile() {
         let rings = 5;
@@ -285,7 +285,7 @@ mod tests {
         }
     }
 
-    /// The tile of four lanes at a time where the processor has it, whatever wider ones it has too.
+    /// The AVX2 kernel where the processor has it, even if it has a wider one too.
     #[multiversion(targets("x86_64+avx2+fma"))]
     fn narrow(factors: Factors<'_, 3, 1>) -> Tile<3, 1> {
         match_target! {

@@ -1,4 +1,4 @@
-//! What the Gram matrix is made from: the Legendre table at the rings, and the measure's Fourier coefficients on them.
+//! The tables of a Gram matrix: Legendre functions on the rings, and the Fourier coefficients of the measure on them.
 //!
 //! On ring j, with its Gauss weight g_j, for |k| <= 2L and a parity q of the moments' degree,
 //!
@@ -8,7 +8,7 @@
 //!
 //! where `S^q = sum of s_{l,m} S_{l,m}` over the l of that parity: `c_k = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)` and
 //! `d_k` with `s_{l,-k}` for k > 0, `c_0 = pi g_j sum_l s_{l,0} P_{l,0}`, `d_0 = 0`, `c_{-k} = c_k`, `d_{-k} = -d_k`.
-//! No grid of azimuths and no FFT is needed. The rings south of the equator give what their mirrors give (see
+//! No grid of azimuths and no FFT is needed. A ring south of the equator contributes as much as its mirror (see
 //! [`gram`](super)), so the northern ones count twice.
 
 use rayon::prelude::*;
@@ -17,32 +17,33 @@ use spharm_harmonics::{Recurrence, Sweep, column, gauss_legendre};
 use super::kernel::{LANES, Lanes, Waves};
 use crate::TransformError;
 
-/// Rings that a thread takes at a time: the harmonics of degree 2L at them stay in its cache.
+/// Rings of a run: the harmonics of degree 2L on them stay in a thread's cache.
 const RUN: usize = 16;
 
+/// The tables for one degree and one list of moments.
 #[derive(Debug)]
 pub(super) struct Measure {
     max_degree: usize,
     /// `P_{l,m}(theta_j)` of the northern rings: for each l (blocks of eight m, rings), zero where m > l.
     legendre: Vec<Lanes>,
-    /// For each parity q `c_k .. c_{k+7}`, and the same of d: (k from -L to 2L, rings). Each value is there eight
-    /// times, so that the kernel reads along the rings, aligned, whatever m - m' is.
+    /// For each parity q, `c_k .. c_{k+7}`: (k from -L to 2L, rings). Each value is stored eight times, so that the
+    /// kernel reads aligned along the rings for any m - m'. `sine` is the same for d.
     cosine: [Vec<Lanes>; 2],
     sine: [Vec<Lanes>; 2],
 }
 
-/// Blocks of eight orders that degree l has.
+/// Number of blocks of eight orders of degree l.
 const fn blocks(l: usize) -> usize {
     l / LANES + 1
 }
 
-/// Blocks of all degrees below l: 8 b degrees have up to b blocks.
+/// Number of blocks of all degrees below l; degrees 8 (b - 1) to 8 b - 1 have b blocks each.
 const fn blocks_before(l: usize) -> usize {
     let (whole, rest) = (l / LANES, l % LANES);
     LANES * whole * (whole + 1) / 2 + rest * (whole + 1)
 }
 
-/// Windows of eight k, the first from -L on, the last from 2L on.
+/// Number of windows of eight k; the first starts at -L, the last at 2L.
 const fn window_count(max_degree: usize) -> usize {
     3 * max_degree + 1
 }
@@ -52,7 +53,7 @@ impl Measure {
         size_of::<Lanes>() * (max_degree + 1) * (blocks_before(max_degree + 1) + 4 * window_count(max_degree))
     }
 
-    /// Northern rings, with the equator.
+    /// Number of northern rings, with the equator.
     pub(super) fn rings(&self) -> usize {
         self.max_degree + 1
     }
@@ -61,12 +62,12 @@ impl Measure {
         self.max_degree
     }
 
-    /// `P_{l,m}` for a degree, (blocks, rings).
+    /// `P_{l,m}` of degree l, (blocks, rings).
     pub(super) fn degree(&self, l: usize) -> &[Lanes] {
         &self.legendre[blocks_before(l) * self.rings()..][..blocks(l) * self.rings()]
     }
 
-    /// `P_{l,m}` at the rings.
+    /// `P_{l,m}` of degree l and order m, (rings).
     pub(super) fn order(&self, l: usize, m: usize) -> impl Iterator<Item = f64> {
         self.degree(l)[m / LANES * self.rings()..][..self.rings()].iter().map(move |lanes| lanes.0[m % LANES])
     }
@@ -82,12 +83,12 @@ impl Measure {
         let all = gauss_legendre(2 * max_degree + 1);
         let rings = max_degree + 1;
         let directions: Vec<_> = (0..rings).map(|j| all.direction(j)).collect();
-        // All but the equator stand for their mirror too.
+        // Every ring but the equator also counts for its mirror.
         let factors: Vec<_> = (0..rings).map(|j| all.weights[j] * if j < max_degree { 2.0 } else { 1.0 }).collect();
         let mut legendre = vec![Lanes::default(); blocks_before(rings) * rings];
         let zeros = || vec![0.0; rings * (2 * max_degree + 1)];
         let (mut cosine, mut sine) = ([zeros(), zeros()], [zeros(), zeros()]);
-        // In batches, so that the parts that wait to be put in place don't double the memory.
+        // In batches, so that the runs, which are copied to their places afterwards, don't double the memory.
         let together = RUN * rayon::current_num_threads();
         for start in (0..rings).step_by(together) {
             let batch = &directions[start..rings.min(start + together)];
@@ -107,7 +108,7 @@ impl Measure {
     }
 }
 
-/// Puts the Legendre functions of some runs, from ring `start` on, in their place.
+/// Copies the Legendre functions of some runs, whose first ring is `start`, to their places in the table.
 fn put_legendre(max_degree: usize, legendre: &mut [Lanes], start: usize, runs: &[Run]) {
     let rings = max_degree + 1;
     let mut degrees = Vec::with_capacity(rings);
@@ -127,8 +128,8 @@ fn put_legendre(max_degree: usize, legendre: &mut [Lanes], start: usize, runs: &
     });
 }
 
-/// Puts the sums of one run, (its rings, k), in their place among those of all, (rings, k), with the factors of c and
-/// d.
+/// Copies the sums of one run, (its rings, k), to their places among those of all, (rings, k), multiplied by the
+/// factors of c and d.
 fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &[f64]) {
     let rings = factors.len();
     for (k, (out, sums)) in out.chunks_exact_mut(rings).zip(sums.chunks_exact(rows)).enumerate() {
@@ -139,7 +140,8 @@ fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &
     }
 }
 
-/// Eight values from every k on, given those of k >= 0, (rings, k), and the sign that those of -k have; zero past 2L.
+/// Windows of eight values from every k on, made from the values of k >= 0, (rings, k), and the sign of those of -k.
+/// Values past 2L are zero.
 fn windows(max_degree: usize, sums: &[f64], sign: f64) -> Vec<Lanes> {
     let rings = max_degree + 1;
     let mut windows = vec![Lanes::default(); window_count(max_degree) * rings];
@@ -156,7 +158,7 @@ fn windows(max_degree: usize, sums: &[f64], sign: f64) -> Vec<Lanes> {
     windows
 }
 
-/// What one run of rings gives.
+/// Legendre functions and sums of one run of rings.
 #[derive(Debug)]
 struct Run {
     rows: usize,

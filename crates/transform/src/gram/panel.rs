@@ -1,4 +1,4 @@
-//! Columns of a few orders m': which degrees and orders of rows they need, and where the sums go.
+//! Panels: the rows that the columns of a few orders m' need, taken so that caches are used well, and the sums' places.
 //!
 //! The orders m of the rows are taken in panels: the c and d of a panel for all the m', and the Legendre functions of
 //! three degrees l, then stay in a core's L2 cache while they meet every l'. The Legendre table, which may be larger
@@ -14,14 +14,14 @@ use spharm_harmonics::index::degree_order;
 use super::kernel::{KINDS, LANES, Lanes, ROWS, Row, products, strip};
 use super::measure::Measure;
 
-/// Bytes of c and d in a panel, of an L2 cache of 1 MiB or more.
+/// Bytes of c and d in a panel; suits L2 caches of 1 MiB or more.
 const WAVE_BYTES: usize = 256 << 10;
 
-/// The rows asked for.
+/// The requested rows.
 #[derive(Debug)]
 pub(super) struct Rows {
     pub(super) range: Range<usize>,
-    /// Only rows from the column's own on.
+    /// Whether only rows on and below the diagonal are requested.
     pub(super) lower: bool,
 }
 
@@ -29,8 +29,8 @@ pub(super) struct Rows {
 #[derive(Debug)]
 pub(super) struct Part<'a> {
     pub(super) degree: usize,
-    /// The column of the cosine and that of the sine, where they are asked for: the rows' last values, from the first
-    /// on that is to be written.
+    /// The output columns of the cosine and of the sine, where they are requested, each from the first row that is
+    /// written to the last of the range.
     pub(super) signs: [Option<&'a mut [f64]>; 2],
 }
 
@@ -47,13 +47,13 @@ pub(super) struct Columns<'a> {
     pub(super) parts: Vec<Part<'a>>,
 }
 
-/// How many orders a task may have so that their c and d, of both parities, fit a panel of eight orders m.
+/// Largest number of orders of a task whose c and d, of both parities, fit a panel of eight orders m.
 pub(super) const fn most_orders(rings: usize) -> usize {
     let orders = WAVE_BYTES / window_bytes(rings);
     if orders == 0 { 1 } else { orders }
 }
 
-/// c and d of both parities, from m - m' and from m + m' on.
+/// Bytes of c and d of both parities, in the windows at m - m' and at m + m'.
 const fn window_bytes(rings: usize) -> usize {
     8 * rings * size_of::<Lanes>()
 }
@@ -106,7 +106,7 @@ pub(super) fn fill(measure: &Measure, rows: &Rows, orders: &mut [Columns<'_>]) {
     }
 }
 
-/// Up to [`ROWS`] degrees of equal parity, ascending, and the blocks of eight orders that are asked for of any of them.
+/// Up to [`ROWS`] degrees of equal parity, ascending, and the blocks of eight orders that any of them needs.
 #[derive(Debug)]
 struct Group {
     degrees: Vec<usize>,
@@ -128,7 +128,7 @@ impl Rows {
         groups
     }
 
-    /// Blocks of eight |orders| of which degree `l` has rows in the range.
+    /// The blocks of eight |orders| in which degree `l` has rows of the range.
     fn blocks(&self, l: usize) -> Range<usize> {
         let (centre, low, high) = (column(l, 0), column(l, -(l as isize)), column(l, l as isize));
         let (start, end) = (low.max(self.range.start), high.min(self.range.end - 1));
@@ -137,14 +137,14 @@ impl Rows {
         least / LANES..start_order.max(end_order) / LANES + 1
     }
 
-    /// Copies the sums of degree `l`, orders from `first` on, to their rows: sines' run the other way.
+    /// Copies the sums of degree `l`, orders from `first` on, to their rows; the rows of sines run backwards.
     fn put(&self, values: &mut [f64], l: usize, sine: bool, first: usize, sums: &[f64]) {
         if first > l {
             return;
         }
         let centre = column(l, 0);
         let sums = &sums[..sums.len().min(l + 1 - first)];
-        // The column's last value is the last row's.
+        // `values` ends with the last row of the range.
         let start = self.range.end - values.len();
         let clip = |low: usize, high: usize| low.clamp(start, self.range.end)..high.clamp(start, self.range.end);
         if sine {
@@ -168,7 +168,7 @@ impl Rows {
     }
 }
 
-/// The smallest range that holds both.
+/// The smallest range that contains both.
 fn join(a: Range<usize>, b: Range<usize>) -> Range<usize> {
     match (a.is_empty(), b.is_empty()) {
         (true, _) => b,

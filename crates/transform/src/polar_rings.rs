@@ -1,8 +1,9 @@
 //! The Legendre recurrence in double-double, for the rings next to the poles.
 //!
-//! Rounding errors of the plain recurrence, and those of `z` and `alpha`, grow like `min(l, 1 / sin theta)` from each degree
-//! on: at degree 2,000 to some 1e-11 next to the poles. Few rings are there, and only low orders count on them, so ten
-//! times the work doesn't show. The same rule as in `harmonics` says which.
+//! Rounding errors of the plain recurrence, and those of `z` and `alpha`, grow like `min(l, 1 / sin theta)` from each
+//! degree on: at degree 2,000 to some 1e-11 next to the poles. Few rings are there, and only low orders count on them,
+//! so ten times the work for them is not noticeable. Which rings are polar is decided by
+//! [`is_polar`](spharm_harmonics::polar::is_polar), as for single directions.
 
 use std::ops::{Mul, Range, Sub};
 
@@ -11,16 +12,16 @@ use spharm_harmonics::double_double::{DoubleDouble, unit};
 use spharm_harmonics::polar::is_polar;
 use spharm_harmonics::rings::{MonicRecurrence, SEED};
 
-use crate::legendre::{LANES, Tiling};
+use crate::ring_table::{LANES, Tiling};
 
-/// A number as (hi, lo), whatever the processor.
+/// A double-double as (hi, lo), the same on any processor.
 type Pair = [f64; 2];
 
-/// The rings next to the pole.
+/// The rings next to the north pole.
 #[derive(Debug)]
 pub(crate) struct PolarRings {
     z: Vec<Pair>,
-    /// `alpha_l` of each order that counts on them, from degree m on.
+    /// For each order that counts on these rings: `alpha_l` from degree m on.
     alpha: Vec<Vec<Pair>>,
 }
 
@@ -43,12 +44,13 @@ impl PolarRings {
         Self { z, alpha }
     }
 
-    /// How many rings.
+    /// Number of polar rings; a multiple of [`LANES`].
     pub(crate) fn count(&self) -> usize {
         self.z.len()
     }
 
-    /// Values of r for a chunk of degrees and a block of these rings; chunk 0 starts it.
+    /// Writes the values of r for a chunk of degrees and a block of these rings to `table`, (tiling.block, degrees)
+    /// column-major. Chunks have to come in order; chunk 0 starts the recurrence.
     pub(crate) fn fill(
         &self,
         m: usize,

@@ -1,34 +1,34 @@
-//! Which grid and which kernel a transform uses: the cheapest that reach the accuracy asked for.
+//! The choice of grid size and kernel width: the cheapest pair that reaches the requested accuracy.
 //!
-//! A finer grid lets the kernel be narrower: the Fourier transforms' cost grows with the square of the grid, the
-//! interpolation's with the square of the kernel and the number of directions.
+//! On a finer grid a narrower kernel is enough. The cost of the Fourier transforms grows with the square of the grid
+//! size, the cost of the interpolation with the square of the kernel width and with the number of directions.
 
 use crate::TransformError;
 use crate::kernel::{MAX_WIDTH, aliasing, magnification};
 
-/// The finest accuracy on offer.
+/// The finest accuracy that a transform can be planned for.
 pub const FINEST: f64 = 1e-13;
-/// The coarsest accuracy on offer.
+/// The coarsest accuracy that a transform can be planned for.
 pub const COARSEST: f64 = 1e-3;
 
-/// The smallest grid: strips of rows for threads must fit.
+/// The smallest grid: it has to have several strips of rows, for several threads.
 const MIN_GRID: usize = 64;
-/// The most that oversampling may be.
+/// The largest oversampling, grid points over the Nyquist number `2 L + 2`.
 const MAX_OVERSAMPLING: f64 = 2.8;
 
-/// Grid and kernel of a transform.
+/// Grid sizes and kernel width of a transform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Shape {
-    /// Points of the oversampled grid around the sphere, either way; a multiple of 8.
+pub(crate) struct Gridding {
+    /// Points of the oversampled grid around the sphere, M, along meridians and along parallels; a multiple of 8.
     pub(crate) grid: usize,
-    /// Points under the kernel, either way.
+    /// Grid points under the kernel in each direction, w.
     pub(crate) width: usize,
-    /// Rings from pole to pole that Legendre functions are summed on; twice that many around.
+    /// Rings from pole to pole on which Legendre functions are summed, N; 2 N points around a great circle.
     pub(crate) rings: usize,
 }
 
-impl Shape {
-    /// The cheapest shape for `directions` directions at a relative accuracy.
+impl Gridding {
+    /// Chooses the cheapest gridding for `directions` directions at a relative accuracy.
     pub(crate) fn choose(max_degree: usize, directions: usize, accuracy: f64) -> Result<Self, TransformError> {
         // Also refuses NaN.
         if !(FINEST..=COARSEST).contains(&accuracy) {
@@ -55,7 +55,7 @@ impl Shape {
         Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, rings }))
     }
 
-    /// Nanoseconds of one thread for a channel, about; measured.
+    /// Estimated nanoseconds of one thread per channel; the constants were measured.
     fn cost(&self, max_degree: usize, directions: usize) -> f64 {
         let (m, l) = (self.grid as f64, max_degree as f64 + 1.0);
         let fourier = m * m.log2() * (l / 2.0 + m / 4.0);
@@ -65,7 +65,7 @@ impl Shape {
     }
 }
 
-/// The error that is to be expected of a width on a grid: both ways' aliases, and rounding errors magnified.
+/// The expected relative error of a width on a grid: the aliases in both directions, and magnified rounding errors.
 fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
     if (2 * max_degree + 1) as f64 > 0.9 * grid as f64 {
         return f64::INFINITY;
@@ -73,7 +73,7 @@ fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
     2.0 * aliasing(width, max_degree, grid) + 1e-16 * magnification(width, max_degree, grid)
 }
 
-/// The next multiple of `step` whose factors are all 2, 3, 5 and 7 (and step's).
+/// The smallest multiple of `step`, at least `at_least`, whose prime factors are 2, 3, 5, 7 and those of `step`.
 fn smooth(at_least: usize, step: usize) -> usize {
     let mut candidate = at_least.max(1).next_multiple_of(step);
     loop {
@@ -97,18 +97,21 @@ mod tests {
     #[test]
     fn accuracies_outside_are_refused() {
         for accuracy in [0.0, 1e-14, 0.01, f64::NAN] {
-            assert!(Shape::choose(10, 100, accuracy).is_err());
+            assert!(Gridding::choose(10, 100, accuracy).is_err());
         }
     }
 
     #[test]
-    fn every_degree_and_accuracy_has_a_shape_that_reaches_it() {
+    fn every_degree_and_accuracy_has_a_gridding_that_reaches_it() {
         for max_degree in [0, 1, 2, 10, 63, 100, 1000, 2000] {
             for exponent in 3..=13 {
                 let accuracy = 10f64.powi(-exponent);
-                let shape = Shape::choose(max_degree, 40_962, accuracy).unwrap();
-                assert!(error(shape.width, max_degree, shape.grid) <= accuracy, "{max_degree} {accuracy:e} {shape:?}");
-                assert!(shape.grid.is_multiple_of(8) && 2 * shape.rings > 2 * max_degree);
+                let gridding = Gridding::choose(max_degree, 40_962, accuracy).unwrap();
+                assert!(
+                    error(gridding.width, max_degree, gridding.grid) <= accuracy,
+                    "{max_degree} {accuracy:e} {gridding:?}"
+                );
+                assert!(gridding.grid.is_multiple_of(8) && 2 * gridding.rings > 2 * max_degree);
             }
         }
     }

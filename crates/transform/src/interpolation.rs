@@ -1,0 +1,102 @@
+//! Interpolation from the grid to the directions, and spreading from the directions to the grid.
+//!
+//! A direction costs `w^2` fused products a channel, and two Horner schemes of about `w + 4` steps over w lanes, which
+//! all channels share. Interpolation reads `8 w^2` bytes a channel and direction, spreading reads and writes them; they
+//! are in the L1 cache, as directions are sorted.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::grid::Layout;
+use crate::interpolation_batch::{BATCH, Batch, interpolate_batch, spread_batch};
+use crate::kernel::Kernel;
+use crate::points::Points;
+
+/// Interpolates from the grid to the points: `values` is (places, channels) row-major.
+pub(crate) fn interpolate(layout: Layout, grid: &[f64], kernel: &Kernel, points: &Points, values: &mut [f64]) {
+    let channels = layout.channels;
+    // Places of a task: enough to be worth a task, few enough for every thread to have some.
+    const TASK: usize = 1024;
+    values.par_chunks_mut(TASK * channels).enumerate().for_each_init(Batch::new, |batch, (task, values)| {
+        for (i, values) in values.chunks_mut(BATCH * channels).enumerate() {
+            let first = task * TASK + i * BATCH;
+            batch.fill(layout, kernel, points, first..first + values.len() / channels);
+            interpolate_batch(layout, grid, 0, kernel, batch, values);
+        }
+    });
+}
+
+/// Adds the values at the points, (places, channels) row-major, to a grid of zeros: the transpose of [`interpolate`].
+pub(crate) fn spread(layout: Layout, grid: &mut [f64], kernel: &Kernel, points: &Points, values: &[f64]) {
+    let channels = layout.channels;
+    over_strips(layout, grid, points, |places, first_row, rows| {
+        let mut batch = Batch::new();
+        let mut at = places.start;
+        while at < places.end {
+            let next = (at + BATCH).min(places.end);
+            batch.fill(layout, kernel, points, at..next);
+            spread_batch(layout, rows, first_row, kernel, &batch, &values[at * channels..next * channels]);
+            at = next;
+        }
+    });
+}
+
+/// Interpolates from the first grid, multiplies by the weights, (places) in sorted order, where there are any, and
+/// spreads to the second grid, which has to be zero. Each point's kernel values are computed once.
+pub(crate) fn interpolate_and_spread(
+    layout: Layout,
+    [from, to]: [&mut [f64]; 2],
+    kernel: &Kernel,
+    points: &Points,
+    weights: Option<&[f64]>,
+) {
+    let channels = layout.channels;
+    let from = &*from;
+    over_strips(layout, to, points, |places, first_row, rows| {
+        let mut batch = Batch::new();
+        let mut values = vec![0.0; BATCH * channels];
+        let mut at = places.start;
+        while at < places.end {
+            let next = (at + BATCH).min(places.end);
+            let values = &mut values[..(next - at) * channels];
+            batch.fill(layout, kernel, points, at..next);
+            interpolate_batch(layout, from, 0, kernel, &batch, values);
+            if let Some(weights) = weights {
+                for (values, weight) in values.chunks_exact_mut(channels).zip(&weights[at..next]) {
+                    for value in values {
+                        *value *= weight;
+                    }
+                }
+            }
+            spread_batch(layout, rows, first_row, kernel, &batch, values);
+            at = next;
+        }
+    });
+}
+
+/// Calls `work` for each strip with its places, its first row and the rows under its kernels. The rows of every second
+/// strip don't overlap, so they can go to different threads, and sums are formed in the same order on any number of
+/// threads.
+fn over_strips(
+    layout: Layout,
+    grid: &mut [f64],
+    points: &Points,
+    work: impl Fn(Range<usize>, usize, &mut [f64]) + Sync,
+) {
+    let strip = layout.strip;
+    for colour in 0..2 {
+        let mut tasks: Vec<(Range<usize>, usize, &mut [f64])> = grid[colour * strip * layout.row()..]
+            .chunks_mut(2 * strip * layout.row())
+            .enumerate()
+            .filter_map(|(i, rows)| {
+                let index = 2 * i + colour;
+                let places = *points.strips.get(index)?..*points.strips.get(index + 1)?;
+                (!places.is_empty()).then_some((places, index * strip, rows))
+            })
+            .collect();
+        // The longest first, so that no thread starts on a long one at the end.
+        tasks.sort_by_key(|(places, ..)| std::cmp::Reverse(places.len()));
+        tasks.into_par_iter().with_max_len(1).for_each(|(places, first, rows)| work(places, first, rows));
+    }
+}

@@ -1,0 +1,104 @@
+//! A table of Legendre values on a block of rings, for a chunk of degrees of one order.
+//!
+//! The values are those of the recurrence `r_l = alpha_l z r_{l-1} - r_{l-2}` (see [`legendre`](crate::legendre)). The
+//! table is 16 kB, so that it stays in the L1 cache while all channels are multiplied with it. Degrees follow each
+//! other from chunk to chunk: the table keeps the last two values of each ring.
+
+use multiversion::{multiversion, target::target_cfg_f};
+use spharm_harmonics::rings::SEED;
+
+use crate::lanes::{fused, load};
+
+/// Numbers of rings and of degrees that a table holds. Beside it, the L1 cache has to hold the block's sums. The number
+/// of degrees is even, so that every chunk starts with an even `l - m`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tiling {
+    /// Rings of a block; a multiple of [`LANES`].
+    pub(crate) block: usize,
+    /// Degrees of a chunk.
+    pub(crate) chunk: usize,
+}
+
+/// Tiling for sums over degrees, which stay in registers for a chunk.
+pub(crate) const SYNTHESIS: Tiling = Tiling { block: 128, chunk: 16 };
+/// Tiling for sums over rings, each of which ends with a sum across lanes for every block; that costs as much as five
+/// products.
+pub(crate) const ADJOINT: Tiling = Tiling { block: 256, chunk: 8 };
+/// The number of rings is padded to a multiple of this.
+pub(crate) const LANES: usize = 8;
+
+/// Values of r, and the state of the recurrence from chunk to chunk.
+#[derive(Debug)]
+pub(crate) struct RingTable {
+    pub(crate) tiling: Tiling,
+    /// `r_{l-2}` and `r_{l-1}` of the block's rings.
+    older: Vec<f64>,
+    newest: Vec<f64>,
+    /// Values of r, (rings of the block, degrees of the chunk) column-major with `tiling.block` values from column to
+    /// column.
+    pub(crate) values: Vec<f64>,
+}
+
+impl RingTable {
+    pub(crate) fn new() -> Self {
+        Self {
+            tiling: SYNTHESIS,
+            older: vec![0.0; ADJOINT.block],
+            newest: vec![0.0; ADJOINT.block],
+            values: vec![0.0; SYNTHESIS.block * SYNTHESIS.chunk],
+        }
+    }
+
+    /// Starts a block of `rings` rings: the first step gives `r_m = 2^-930` whatever alpha is.
+    pub(crate) fn start(&mut self, tiling: Tiling, rings: usize) {
+        self.tiling = tiling;
+        self.newest[..rings].fill(0.0);
+        self.older[..rings].fill(-SEED);
+    }
+
+    /// Computes the next `alpha.len()` degrees on rings with these cosines of the colatitude.
+    pub(crate) fn advance(&mut self, z: &[f64], alpha: &[f64]) {
+        fill(z, alpha, self);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+fn fill(z: &[f64], alpha: &[f64], table: &mut RingTable) {
+    let rings = z.len();
+    let mut at = 0;
+    while at < rings {
+        let step = match rings - at {
+            32.. => 32,
+            16.. => 16,
+            _ => 8,
+        };
+        let fma = target_cfg_f!(target_feature = "fma");
+        match (step, fma) {
+            (32, true) => fill_lanes::<32, true>(z, alpha, table, at),
+            (16, true) => fill_lanes::<16, true>(z, alpha, table, at),
+            (_, true) => fill_lanes::<8, true>(z, alpha, table, at),
+            (32, false) => fill_lanes::<32, false>(z, alpha, table, at),
+            (16, false) => fill_lanes::<16, false>(z, alpha, table, at),
+            (_, false) => fill_lanes::<8, false>(z, alpha, table, at),
+        }
+        at += step;
+    }
+}
+
+#[inline(always)]
+fn fill_lanes<const W: usize, const FMA: bool>(z: &[f64], alpha: &[f64], table: &mut RingTable, at: usize) {
+    let z: [f64; W] = load(z, at);
+    let mut older: [f64; W] = load(&table.older, at);
+    let mut newest: [f64; W] = load(&table.newest, at);
+    for (alpha, column) in alpha.iter().zip(table.values.chunks_exact_mut(table.tiling.block)) {
+        let mut r = [0.0; W];
+        for i in 0..W {
+            r[i] = fused::<FMA>(alpha * z[i], newest[i], -older[i]);
+        }
+        column[at..at + W].copy_from_slice(&r);
+        older = newest;
+        newest = r;
+    }
+    table.older[at..at + W].copy_from_slice(&older);
+    table.newest[at..at + W].copy_from_slice(&newest);
+}
