@@ -1,9 +1,9 @@
 //! A committed store of format version 1, read forever.
 
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 
 use spharm_harmonics::{Directions, textbook};
+use spharm_monitor::Silent;
 use spharm_store::{BuildParams, Codec, DegreeFile, Scalar, Scheme, SchemeKey, build, catalog};
 use spharm_surface::io::read_mesh;
 
@@ -203,7 +203,7 @@ fn a_build_today_makes_the_same_store() {
     let folder = tempfile::tempdir().expect("a folder");
     for (scalar, codec, key) in KEYS {
         let params = BuildParams { max_degree: MAX_DEGREE, scalar, codec, chunk_rows: 8, ..BuildParams::default() };
-        let report = build(folder.path(), &sphere(), &params, &AtomicBool::new(false), &|_| {}).expect("a build");
+        let report = build(folder.path(), &sphere(), &params, &Silent).expect("a build");
         assert_eq!(report.key.to_string(), key);
         let scheme = Scheme::open(folder.path(), report.key, ROWS, MAX_DEGREE).expect("it");
         for (degree, file) in scheme.files().iter().enumerate() {

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use spharm_store::{BuildEvent, BuildParams, Codec, Scalar, StoreError, build};
+use spharm_monitor::{Monitor, Silent};
+use spharm_store::{BuildParams, Codec, Scalar, StoreError, build};
 
 use super::{Random, build_here, directions, leftovers, only_scheme, verified};
 use crate::common::times;
@@ -13,10 +14,34 @@ use crate::common::times;
 const N: usize = 700;
 const MAX_DEGREE: usize = 24;
 
+/// Stops a build from the step on at which the condition holds.
+struct StopWhen<F> {
+    condition: F,
+    stopped: AtomicBool,
+}
+
+impl<F: Fn() -> bool + Sync> StopWhen<F> {
+    fn new(condition: F) -> Self {
+        Self { condition, stopped: AtomicBool::new(false) }
+    }
+}
+
+impl<F: Fn() -> bool + Sync> Monitor for StopWhen<F> {
+    fn step(&self, _: u64) {
+        if (self.condition)() {
+            self.stopped.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.stopped.cancelled()
+    }
+}
+
 /// The least memory that a build works in, which its refusal names.
 fn least_memory(store: &Path, params: &BuildParams) -> usize {
     let params = BuildParams { memory: 1, ..params.clone() };
-    match build(store, &directions(N), &params, &AtomicBool::new(false), &|_| {}) {
+    match build(store, &directions(N), &params, &Silent) {
         Err(StoreError::Budget { needed, .. }) => needed,
         other => panic!("{other:?}"),
     }
@@ -47,16 +72,10 @@ fn threads_memory_and_interruptions_do_not_show_in_the_bytes() {
                     max_degree: random.below(MAX_DEGREE as u64 + 1) as usize,
                     ..params.clone()
                 };
-                let (cancel, seen) = (AtomicBool::new(false), AtomicUsize::new(0));
-                let count = |event: BuildEvent<'_>| {
-                    if matches!(event, BuildEvent::Progress(_))
-                        && seen.fetch_add(1, Ordering::Relaxed) + 1 == stop_after
-                    {
-                        cancel.store(true, Ordering::Relaxed);
-                    }
-                };
-                match pool.install(|| build(&store, &directions(N), &params, &cancel, &count)) {
-                    Ok(_) | Err(StoreError::Interrupted) => {}
+                let seen = AtomicUsize::new(0);
+                let count = StopWhen::new(|| seen.fetch_add(1, Ordering::Relaxed) + 1 == stop_after);
+                match pool.install(|| build(&store, &directions(N), &params, &count)) {
+                    Ok(_) | Err(StoreError::Interrupted(_)) => {}
                     Err(error) => panic!("{error}"),
                 }
                 assert_eq!(leftovers(&store), [""; 0]);
@@ -82,21 +101,16 @@ fn an_interrupted_build_keeps_what_is_finished() {
     const HIGH: usize = 1100;
     let folder = tempfile::tempdir().expect("a folder");
     let params = BuildParams { max_degree: HIGH, codec: Codec::Raw, ..BuildParams::default() };
-    let (store, cancel) = (folder.path().join("store"), AtomicBool::new(false));
+    let store = folder.path().join("store");
     let first = store.join(spharm_store::SchemeKey::of(&directions(ROWS), Scalar::F64).to_string()).join("A_0");
-    let stop = |event: BuildEvent<'_>| {
-        if matches!(event, BuildEvent::Progress(_)) && first.exists() {
-            cancel.store(true, Ordering::Relaxed);
-        }
-    };
-    let error = build(&store, &directions(ROWS), &params, &cancel, &stop).expect_err("an interruption");
-    assert!(matches!(error, StoreError::Interrupted));
+    let stop = StopWhen::new(|| first.exists());
+    let error = build(&store, &directions(ROWS), &params, &stop).expect_err("an interruption");
+    assert!(matches!(error, StoreError::Interrupted(_)));
     assert_eq!(only_scheme(&store), spharm_store::SchemeKey::of(&directions(ROWS), Scalar::F64));
     let kept = verified(&store);
     assert!((256..=HIGH).contains(&kept.len()), "{}", kept.len());
     assert_eq!(leftovers(&store), [""; 0]);
-    let never = AtomicBool::new(false);
-    let report = build(&store, &directions(ROWS), &params, &never, &|_| {}).expect("the rest");
+    let report = build(&store, &directions(ROWS), &params, &Silent).expect("the rest");
     assert_eq!((report.built, report.present), (HIGH + 1 - kept.len(), kept.len()));
     let all: BTreeMap<usize, Vec<u8>> = verified(&store);
     assert!(kept.iter().all(|(degree, bytes)| all[degree] == *bytes));

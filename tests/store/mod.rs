@@ -19,9 +19,9 @@ mod read_only;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 use spharm_harmonics::Directions;
+use spharm_monitor::Silent;
 use spharm_store::{BuildParams, SchemeKey, StoreError, build, catalog};
 
 /// Angles of n points that are spread over the sphere on a spiral; the first two are the poles.
@@ -58,7 +58,7 @@ fn write_signal(folder: &Path, n: usize) -> PathBuf {
 
 /// Builds in this process, undisturbed.
 fn build_here(store: &Path, n: usize, params: &BuildParams) -> SchemeKey {
-    build(store, &directions(n), params, &AtomicBool::new(false), &|_| {}).expect("a build").key
+    build(store, &directions(n), params, &Silent).expect("a build").key
 }
 
 /// The only scheme of a store.

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use spharm_monitor::Silent;
 use spharm_store::{BuildParams, Scalar, SchemeKey, StoreError, build, catalog};
 
 use super::{build_here, directions, leftovers, verified, write_sphere};
@@ -97,7 +98,7 @@ fn clearing_away_spares_what_is_being_written() {
         let build = || -> Result<(), StoreError> {
             for _ in 0..times(400) {
                 std::fs::write(&abandoned, "").expect("a file");
-                build(store, &directions(ROWS), &params, &AtomicBool::new(false), &|_| {})?;
+                build(store, &directions(ROWS), &params, &Silent)?;
                 for degree in 0..FILES {
                     std::fs::remove_file(scheme.join(format!("A_{degree}"))).expect("a published file");
                 }

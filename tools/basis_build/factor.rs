@@ -14,7 +14,7 @@ use spharm_solver::cholesky::{
 };
 use spharm_solver::lsq::{moment_gram, moment_gram_bytes};
 use spharm_store::factor::open_factor;
-use spharm_store::{BuildEvent, FactorFile, FactorSpec, Scalar, SchemeKey, WeightsHash};
+use spharm_store::{FactorFile, FactorSpec, Scalar, SchemeKey, WeightsHash};
 
 use super::Cli;
 
@@ -99,12 +99,7 @@ impl<'a> Job<'a> {
         let tell = |event: FactorEvent<'_>| {
             let mut progress = progress.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             match event {
-                FactorEvent::Store(BuildEvent::Waiting) => {
-                    console.note("another basis-build is at work on this scheme; waiting for it");
-                }
-                FactorEvent::Store(BuildEvent::Replacing(error)) => {
-                    console.warn(format!("replacing a damaged file: {error}"));
-                }
+                FactorEvent::Note(text) => console.note(text),
                 FactorEvent::Planned(_, flops) => {
                     let total = (flops / 1e9).ceil() as u64;
                     progress.0 = Some(console.progress("factor", total, Unit::Count("Gflop")));
@@ -127,6 +122,7 @@ impl<'a> Job<'a> {
         };
         let report = build_factor(&cli.store, spec, &penalised, params, spharm_cli::exit::cancel(), &tell)?;
         drop(progress);
+        report.warnings.iter().for_each(|warning| console.warn(warning));
         if report.present {
             console.note(format!("{}: the factor is there already", report.file.path().display()));
         }

@@ -3,21 +3,21 @@
 mod factor;
 
 use std::path::PathBuf;
-use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::Result;
 use clap::ValueEnum;
 use serde::Serialize;
 use spharm_cli::Common;
-use spharm_cli::console::{Console, Progress, Unit};
+use spharm_cli::console::Console;
 use spharm_cli::inputs::{Sphere, read_sphere};
 use spharm_cli::machine::{Memory, Versions, memory, raise_file_limit, versions};
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{print, print_json, refuse_existing, table, write_json};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_store::build::DEFAULT_CHUNK_ROWS;
-use spharm_store::{BuildEvent, BuildParams, BuildReport, Codec, Scalar, SchemeKey, build};
+use spharm_store::{BuildParams, BuildReport, Codec, Scalar, SchemeKey, build};
 
 /// Precompute the spherical-harmonic basis of a sampling scheme, once, for every fit on it
 ///
@@ -189,10 +189,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 }
 
 fn basis(cli: &Cli, sphere: &Sphere, params: &BuildParams, console: &Console) -> Result<BuildReport> {
-    let progress = Mutex::new(None);
-    let cancel = spharm_cli::exit::cancel();
-    let report = build(&cli.store, &sphere.directions, params, cancel, &|event| tell(&event, console, &progress))?;
-    drop(progress);
+    let report = build(&cli.store, &sphere.directions, params, &ConsoleMonitor::new(*console))?;
+    report.warnings.iter().for_each(|warning| console.warn(warning));
     let planned = Size(report.memory);
     console.detail(format!("{} threads, {planned} planned, chunks of {} rows", report.threads, report.chunk_rows));
     Ok(report)
@@ -219,26 +217,6 @@ fn lines(report: &Report) -> Vec<Vec<String>> {
     }
     lines.push(row("seconds", format!("{:.2}", report.seconds)));
     lines
-}
-
-fn tell(event: &BuildEvent<'_>, console: &Console, progress: &Mutex<Option<Progress>>) {
-    let mut progress = progress.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    match event {
-        BuildEvent::Waiting => console.note("another basis-build is at work on this scheme; waiting for it"),
-        BuildEvent::Replacing(error) => console.warn(format!("replacing a damaged file: {error}")),
-        BuildEvent::Planned { bytes, present } => {
-            if *present > 0 {
-                console.note(format!("{present} degrees are there already"));
-            }
-            *progress = (*bytes > 0).then(|| console.progress("basis", *bytes, Unit::Bytes));
-        }
-        BuildEvent::Progress(bytes) => {
-            if let Some(progress) = &*progress {
-                progress.add(*bytes);
-            }
-        }
-        _ => {}
-    }
 }
 
 fn of_basis(report: &BuildReport, params: &BuildParams) -> Basis {

@@ -431,7 +431,7 @@ fn verify(scheme: &Scheme, console: &Console, cancel: &AtomicBool) -> Result<()>
     let mut buffer = Vec::new();
     for file in scheme.files() {
         if cancel.load(Ordering::Relaxed) {
-            return Err(StoreError::Interrupted.into());
+            return Err(StoreError::from(spharm_monitor::Interrupted).into());
         }
         catalog::verify(file, &mut buffer)?;
         progress.add(file.file_len());

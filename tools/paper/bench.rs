@@ -2,15 +2,15 @@
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use ndarray::ArrayView2;
 use spharm_cli::console::{Console, Unit};
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_harmonics::{Coefficients, Directions, basis_size};
 use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method};
-use spharm_store::{BuildEvent, BuildParams, BuildReport, build};
+use spharm_store::{BuildParams, BuildReport, build};
 
 use super::published::Quality;
 use super::surfaces::Surface;
@@ -41,25 +41,13 @@ impl Bench<'_> {
     /// Builds what a store lacks of a basis. The seconds include bringing the files to disk.
     pub(crate) fn build(&self, store: &Path, directions: &Directions, max_degree: usize) -> Result<(BuildReport, f64)> {
         let params = BuildParams { max_degree, memory: self.memory, threads: self.threads, ..BuildParams::default() };
-        let progress = Mutex::new(None);
-        let lock = || progress.lock().unwrap_or_else(PoisonError::into_inner);
         let started = Instant::now();
-        let report = build(store, directions, &params, self.cancel, &|event| match event {
-            BuildEvent::Waiting => self.console.note("another process builds this basis; waiting for it"),
-            BuildEvent::Replacing(error) => self.console.warn(format!("replacing a damaged file: {error}")),
-            BuildEvent::Planned { bytes, .. } if bytes > 0 => {
-                *lock() = Some(self.console.progress("basis", bytes, Unit::Bytes));
-            }
-            BuildEvent::Progress(bytes) => {
-                if let Some(progress) = &*lock() {
-                    progress.add(bytes);
-                }
-            }
-            _ => {}
-        });
+        let report = build(store, directions, &params, &ConsoleMonitor::new(*self.console));
         let seconds = started.elapsed().as_secs_f64();
         let what = || format!("the basis of {} directions to degree {max_degree}", directions.len());
-        Ok((report.with_context(what)?, seconds))
+        let report = report.with_context(what)?;
+        report.warnings.iter().for_each(|warning| self.console.warn(warning));
+        Ok((report, seconds))
     }
 
     /// Settings of a fit.

@@ -333,7 +333,7 @@ fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> 
         threads.pool()?.install(|| files.par_iter().map_init(Vec::new, check).collect());
     drop(progress);
     if cancel.load(Ordering::Relaxed) {
-        return Err(StoreError::Interrupted.into());
+        return Err(StoreError::from(spharm_monitor::Interrupted).into());
     }
     let problems: Vec<&String> = results.iter().filter_map(|result| result.as_ref().err()).collect();
     if problems.len() > 1 {

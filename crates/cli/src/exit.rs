@@ -6,7 +6,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::Command;
 use spharm_monitor::Interrupted;
 use spharm_solver::SolverError;
-use spharm_store::StoreError;
 
 use crate::usage::Usage;
 
@@ -75,14 +74,9 @@ fn one_line(error: &anyhow::Error) -> String {
 }
 
 fn is_interrupted(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| {
-        cause.is::<Interrupted>()
-            || matches!(cause.downcast_ref(), Some(StoreError::Interrupted))
-            || matches!(
-                cause.downcast_ref(),
-                Some(SolverError::Interrupted | SolverError::Store(StoreError::Interrupted))
-            )
-    })
+    error
+        .chain()
+        .any(|cause| cause.is::<Interrupted>() || matches!(cause.downcast_ref(), Some(SolverError::Interrupted)))
 }
 
 /// Whoever read our output has gone away: not our failure.

@@ -15,14 +15,15 @@ use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
 use spharm_harmonics::{Directions, Recurrence, Sweep};
+use spharm_monitor::{Interrupted, Level, Monitor, Stage};
 
-use crate::StoreError;
 use crate::codec::{Codec, Encoder};
 use crate::header::{HEADER_LEN, Header, MAX_CHUNK_ROWS, ROW_MULTIPLE};
 use crate::reader::DegreeFile;
 use crate::scheme::{Scalar, SchemeKey};
 use crate::table::{ENTRY_LEN, FOOTER_LEN};
 use crate::writer::{DegreeWriter, file_name, remove_abandoned, sync_folder};
+use crate::{StoreError, StoreWarning};
 
 /// Rows of a chunk unless asked otherwise. At degree 100 a chunk (0.8 MB) and the state of its sweep (1.7 MB) are at
 /// home in a core's L2 cache; not a multiple of 512, so that the columns don't all fall into the same cache sets.
@@ -47,7 +48,7 @@ pub struct BuildParams {
     pub chunk_rows: usize,
     /// Most bytes of memory to take.
     pub memory: usize,
-    /// Most threads to use, on the rayon pool that `build` is called in.
+    /// Most threads to use, on the rayon pool that `build` is called in; 0 for all of that pool's.
     pub threads: usize,
     /// Build even what is large or doesn't seem to fit the disk.
     pub allow_large: bool,
@@ -61,33 +62,14 @@ impl Default for BuildParams {
             codec: Codec::Raw,
             chunk_rows: DEFAULT_CHUNK_ROWS,
             memory: 512 << 20,
-            threads: rayon::current_num_threads(),
+            threads: 0,
             allow_large: false,
         }
     }
 }
 
-/// What a build tells while it runs.
-#[derive(Debug)]
-#[non_exhaustive]
-pub enum BuildEvent<'a> {
-    /// Another process builds the same scheme; waiting for it.
-    Waiting,
-    /// A file that is damaged is removed and built again.
-    Replacing(&'a StoreError),
-    /// The plan: bytes to write and degrees that are there already.
-    Planned {
-        /// Bytes of the files that are missing, before compression.
-        bytes: u64,
-        /// Degrees that are there.
-        present: usize,
-    },
-    /// Bytes of basis computed and handed to the system since the last event.
-    Progress(u64),
-}
-
 /// What a build did.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct BuildReport {
     /// The scheme.
     pub key: SchemeKey,
@@ -107,6 +89,8 @@ pub struct BuildReport {
     pub threads: usize,
     /// Bytes of memory that the plan asked for.
     pub memory: usize,
+    /// Damaged files that were replaced, by degree.
+    pub warnings: Vec<StoreWarning>,
 }
 
 fn file_bytes(rows: usize, degree: usize, scalar: Scalar, chunk_rows: usize) -> u64 {
@@ -116,8 +100,10 @@ fn file_bytes(rows: usize, degree: usize, scalar: Scalar, chunk_rows: usize) -> 
 
 /// Builds what is missing of a scheme's basis in `store`.
 ///
-/// Safe to run several times at once on the same key, to interrupt (set `cancel`) and to kill: what is published stays
-/// and is skipped by the next run, and the bytes of a file depend on neither threads nor interruptions.
+/// Safe to run several times at once on the same key, to interrupt and to kill: what is published stays and is skipped by
+/// the next run, and the bytes of a file depend on neither threads nor interruptions.
+///
+/// The monitor gets one stage, `basis`, in bytes, and a note while another process builds the same scheme.
 ///
 /// # Errors
 ///
@@ -127,8 +113,7 @@ pub fn build(
     store: &Path,
     directions: &Directions,
     params: &BuildParams,
-    cancel: &AtomicBool,
-    event: &(dyn Fn(BuildEvent<'_>) + Sync),
+    monitor: &dyn Monitor,
 ) -> Result<BuildReport, StoreError> {
     if params.chunk_rows == 0 || params.chunk_rows > MAX_CHUNK_ROWS || !params.chunk_rows.is_multiple_of(ROW_MULTIPLE) {
         return Err(StoreError::ChunkRows { found: params.chunk_rows });
@@ -149,23 +134,27 @@ pub fn build(
         (None, scan)
     } else {
         make_folder(store, &folder)?;
-        let lock = lock(&folder, cancel, event)?;
+        let lock = lock(&folder, monitor)?;
         // Again, now that nobody else is building: the other one may have published what was missing.
         let scan = Scan::of(&folder, key, directions.len(), params)?;
         remove_abandoned(&folder)?;
         (lock, scan)
     };
     let threads = threads_within(&scan, params)?;
-    for damaged in &scan.damaged {
-        event(BuildEvent::Replacing(&damaged.1));
-        match std::fs::remove_file(&damaged.0) {
+    for (path, _) in &scan.damaged {
+        match std::fs::remove_file(path) {
             // A builder that has no lock either was faster.
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
-            removed => removed.map_err(StoreError::io(&damaged.0, "cannot remove"))?,
+            removed => removed.map_err(StoreError::io(path, "cannot remove"))?,
         }
     }
     let present = params.max_degree + 1 - scan.missing.len();
-    event(BuildEvent::Planned { bytes: scan.bytes, present });
+    if present > 0 {
+        monitor.note(Level::Info, format_args!("{present} degrees are there already"));
+    }
+    if scan.bytes > 0 {
+        monitor.begin(Stage::bytes("basis"), scan.bytes);
+    }
 
     let mut report = BuildReport {
         key,
@@ -177,8 +166,9 @@ pub fn build(
         chunk_rows: scan.chunk_rows,
         threads,
         memory: memory_of(&scan, params, threads),
+        warnings: Vec::new(),
     };
-    let job = Job { directions, recurrence: &recurrence, codec: params.codec, threads, cancel, event };
+    let job = Job { directions, recurrence: &recurrence, codec: params.codec, threads, monitor };
     let headers: Vec<Header> = scan.missing.iter().map(|&degree| scan.header(degree, key, params)).collect();
     std::thread::scope(|scope| {
         // One group waits while another is synced: at most three groups of files are open.
@@ -201,7 +191,7 @@ pub fn build(
         for group in groups_of(&headers) {
             computed = job.run(folder, group).and_then(|writers| {
                 // The receiver is gone only when publishing has failed, which is reported below.
-                to_disk.send(writers).map_err(|_| StoreError::Interrupted)
+                to_disk.send(writers).map_err(|_| Interrupted.into())
             });
             if computed.is_err() {
                 break;
@@ -215,6 +205,10 @@ pub fn build(
         report.bytes_written = published.2;
         Ok::<(), StoreError>(())
     })?;
+    if scan.bytes > 0 {
+        monitor.end();
+    }
+    report.warnings = scan.damaged.into_iter().map(|(_, error)| StoreWarning::Replaced(error)).collect();
     for degree in 0..=params.max_degree {
         let path = folder.join(file_name(degree));
         report.bytes += std::fs::metadata(&path).map_err(StoreError::io(&path, "cannot open"))?.len();
@@ -311,8 +305,7 @@ struct Job<'a> {
     recurrence: &'a Recurrence,
     codec: Codec,
     threads: usize,
-    cancel: &'a AtomicBool,
-    event: &'a (dyn Fn(BuildEvent<'_>) + Sync),
+    monitor: &'a dyn Monitor,
 }
 
 impl Job<'_> {
@@ -333,7 +326,7 @@ impl Job<'_> {
                         failed.store(true, Ordering::Relaxed);
                         let mut first = first_error.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
                         // A thread that stopped because another failed has nothing to tell.
-                        if first.is_none() || matches!(*first, Some(StoreError::Interrupted)) {
+                        if first.is_none() || matches!(*first, Some(StoreError::Interrupted(_))) {
                             *first = Some(error);
                         }
                     }
@@ -369,9 +362,9 @@ impl Job<'_> {
             let mut sweep = Sweep::new(self.recurrence, &self.directions.as_slice()[rows.clone()]);
             let mut writer = writers.iter().zip(group).peekable();
             for degree in 0..=*degrees.end() {
-                if self.cancel.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed) {
+                if self.monitor.cancelled() || failed.load(Ordering::Relaxed) {
                     failed.store(true, Ordering::Relaxed);
-                    return Err(StoreError::Interrupted);
+                    return Err(Interrupted.into());
                 }
                 let Some((writer, header)) = writer.next_if(|(_, header)| header.degree == degree) else {
                     sweep.skip_degree();
@@ -388,7 +381,7 @@ impl Job<'_> {
                     }
                 };
                 writer.put(chunk, raw, encoder.as_mut(), failed)?;
-                (self.event)(BuildEvent::Progress(raw.len() as u64));
+                self.monitor.step(raw.len() as u64);
             }
         }
     }
@@ -401,7 +394,8 @@ fn threads_within(scan: &Scan, params: &BuildParams) -> Result<usize, StoreError
         return Err(StoreError::Budget { budget: params.memory, needed });
     }
     let fits = |threads: &usize| memory_of(scan, params, *threads) <= params.memory;
-    Ok((1..=params.threads.max(1)).rev().find(fits).unwrap_or(1))
+    let most = if params.threads == 0 { rayon::current_num_threads() } else { params.threads };
+    Ok((1..=most).rev().find(fits).unwrap_or(1))
 }
 
 /// Bytes of memory that a build takes: the coefficients of the recurrence, and for each thread its sweep and a chunk.
@@ -451,11 +445,7 @@ pub(crate) fn make_folder(store: &Path, folder: &Path) -> Result<(), StoreError>
 
 /// Waits until no other process builds this scheme. It only spares double work: without a lock (where the file system
 /// has none) builders are safe as well.
-pub(crate) fn lock(
-    folder: &Path,
-    cancel: &AtomicBool,
-    event: &(dyn Fn(BuildEvent<'_>) + Sync),
-) -> Result<Option<std::fs::File>, StoreError> {
+pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<std::fs::File>, StoreError> {
     let path = folder.join(".lock");
     let open = |write: bool| {
         let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
@@ -472,11 +462,10 @@ pub(crate) fn lock(
             Err(std::fs::TryLockError::WouldBlock) => {}
         }
         if !std::mem::replace(&mut told, true) {
-            event(BuildEvent::Waiting);
+            let text = "another basis-build is at work on this scheme; waiting for it";
+            monitor.note(Level::Info, format_args!("{text}"));
         }
-        if cancel.load(Ordering::Relaxed) {
-            return Err(StoreError::Interrupted);
-        }
+        monitor.check()?;
         std::thread::sleep(Duration::from_millis(100));
     }
 }

@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use spharm_monitor::Interrupted;
+
 use crate::scheme::{Scalar, SchemeKey};
 
 /// Errors of this crate.
@@ -171,7 +173,7 @@ pub enum StoreError {
     },
     /// The work was interrupted; what is finished stays.
     #[error("interrupted; what is finished is kept, run the same command again to go on")]
-    Interrupted,
+    Interrupted(#[from] Interrupted),
     /// A request outside of what the harmonics support.
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
@@ -200,6 +202,15 @@ pub enum StoreError {
         /// Rows of a chunk.
         chunk_rows: usize,
     },
+}
+
+/// What was out of order and has been mended by a build; the caller decides whom to show it to.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StoreWarning {
+    /// A file was damaged; it has been removed and written again.
+    #[error("a damaged file was replaced: {0}")]
+    Replaced(StoreError),
 }
 
 impl StoreError {

@@ -25,14 +25,14 @@
 //! | [`factor`] | the Cholesky factor of a scheme's normal equations, beside its basis |
 //!
 //! ```
-//! use std::sync::atomic::AtomicBool;
 //! use spharm_harmonics::Directions;
+//! use spharm_monitor::Silent;
 //! use spharm_store::{BuildParams, Scheme, build};
 //!
 //! let folder = tempfile::tempdir()?;
 //! let directions = Directions::from_angles(&[[0.3, 0.1], [1.2, 4.0], [2.8, 2.0]])?;
 //! let params = BuildParams { max_degree: 4, ..BuildParams::default() };
-//! let report = build(folder.path(), &directions, &params, &AtomicBool::new(false), &|_| {})?;
+//! let report = build(folder.path(), &directions, &params, &Silent)?;
 //! assert_eq!(report.built, 5);
 //! let scheme = Scheme::open(folder.path(), report.key, 3, 4)?;
 //! let window = scheme.files()[0].window(0..1)?;
@@ -56,10 +56,10 @@ pub mod scheme;
 mod table;
 mod writer;
 
-pub use build::{BuildEvent, BuildParams, BuildReport, build};
+pub use build::{BuildParams, BuildReport, build};
 pub use catalog::Scheme;
 pub use codec::Codec;
-pub use error::StoreError;
+pub use error::{StoreError, StoreWarning};
 pub use factor::{FactorFile, FactorSpec, FactorWriter, TileGrid, WeightsHash};
 pub use header::Header;
 pub use map::prefetch;

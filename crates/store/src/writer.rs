@@ -8,10 +8,10 @@ use std::fs::{File, Permissions};
 use std::io;
 use std::os::unix::fs::{FileExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
+use spharm_monitor::Monitor;
 use tempfile::NamedTempFile;
 
 use crate::StoreError;
@@ -56,13 +56,13 @@ impl DegreeWriter {
         Ok(Self { header, path, temporary, slots: Mutex::new(slots), turn: Condvar::new() })
     }
 
-    /// Writes a chunk given as raw bytes, compressed when there is an encoder. Gives up early when `cancel` is set.
+    /// Writes a chunk given as raw bytes, compressed when there is an encoder. Gives up early when the monitor says so.
     pub(crate) fn put(
         &self,
         chunk: usize,
         raw: &[u8],
         encoder: Option<&mut Encoder>,
-        cancel: &AtomicBool,
+        monitor: &dyn Monitor,
     ) -> Result<(), StoreError> {
         debug_assert_eq!(raw.len(), self.header.raw_len(chunk));
         let failed = |error| StoreError::io(&self.path, "cannot write")(error);
@@ -76,7 +76,7 @@ impl DegreeWriter {
         let encoded = encoder.encode(raw, self.header.scalar.size()).map_err(failed)?;
         let (stored, codec) = if encoded.len() < raw.len() { (&encoded[..], Codec::Zstd) } else { (raw, Codec::Raw) };
         let mut entry = entry(0, stored, raw.len(), codec);
-        entry.offset = self.take_place(chunk, stored.len(), cancel)?;
+        entry.offset = self.take_place(chunk, stored.len(), monitor)?;
         self.write(entry.offset, stored).map_err(failed)?;
         self.lock().entries[chunk] = Some(entry);
         Ok(())
@@ -84,12 +84,10 @@ impl DegreeWriter {
 
     /// Waits for the chunks before this one to have taken their places. Threads take chunks in increasing order, so
     /// somebody is always at work on the one that everybody waits for.
-    fn take_place(&self, chunk: usize, len: usize, cancel: &AtomicBool) -> Result<u64, StoreError> {
+    fn take_place(&self, chunk: usize, len: usize, monitor: &dyn Monitor) -> Result<u64, StoreError> {
         let mut slots = self.lock();
         while slots.next_chunk != chunk {
-            if cancel.load(Ordering::Relaxed) {
-                return Err(StoreError::Interrupted);
-            }
+            monitor.check()?;
             let waited = self.turn.wait_timeout(slots, Duration::from_millis(50));
             slots = waited.unwrap_or_else(PoisonError::into_inner).0;
         }

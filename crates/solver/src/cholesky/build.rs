@@ -5,8 +5,9 @@ use std::sync::atomic::AtomicBool;
 
 use ndarray::Array2;
 use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Level, Monitor};
 use spharm_store::factor::{Begun, Condition, FactorFile, begin_factor, check_factor_space, open_factor};
-use spharm_store::{BuildEvent, FactorSpec, FactorWriter, Scalar, StoreError, TileGrid};
+use spharm_store::{FactorSpec, FactorWriter, Scalar, StoreError, StoreWarning, TileGrid};
 
 use crate::SolverError;
 use crate::cholesky::factorise::{Panels, factorise as into_tiles};
@@ -73,8 +74,8 @@ pub struct FactorPlan {
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum FactorEvent<'a> {
-    /// Waiting for another builder, or replacing a damaged file.
-    Store(BuildEvent<'a>),
+    /// The store has something to say: it waits for another builder.
+    Note(std::fmt::Arguments<'a>),
     /// It isn't there and is going to be computed: the plan, and the flops that it takes.
     Planned(FactorPlan, f64),
     /// Flops done since the last event.
@@ -92,6 +93,8 @@ pub struct FactorReport {
     pub present: bool,
     /// Bytes of memory planned.
     pub memory: usize,
+    /// The damaged file that was warnings, if there was one.
+    pub warnings: Vec<StoreWarning>,
 }
 
 /// What factorising a matrix of `size` columns takes, in memory when `disk` is false.
@@ -191,14 +194,14 @@ pub fn build_factor(
     assert_eq!(source.size(), spec.size(), "the Gram matrix is that of the degree");
     // A finished one is left alone, whatever the budget.
     if let Ok(file) = open_factor(store, spec, Some(params.scalar)) {
-        return Ok(FactorReport { file, present: true, memory: 0 });
+        return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() });
     }
     let (plan, grid) = plan_stored_factor(store, spec.size(), params)?;
     let panels = Panels { grid, width: plan.panel.div_ceil(grid.tile()), threads: params.threads.max(1) };
-    let tell = |store_event: BuildEvent<'_>| event(FactorEvent::Store(store_event));
-    let writer = match begin_factor(store, spec, params.scalar, grid, !plan.in_memory, cancel, &tell)? {
-        Begun::Present(file) => return Ok(FactorReport { file, present: true, memory: 0 }),
-        Begun::New(writer) => writer,
+    let waiting = Waiting { cancel, event };
+    let (writer, warnings) = match begin_factor(store, spec, params.scalar, grid, !plan.in_memory, &waiting)? {
+        Begun::Present(file) => return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() }),
+        Begun::New { writer, warnings } => (writer, warnings),
     };
     event(FactorEvent::Planned(plan, panels.flops()));
     let condition = if plan.in_memory {
@@ -211,7 +214,23 @@ pub fn build_factor(
     };
     let published = writer.publish(condition)?;
     let file = open_factor(store, spec, Some(params.scalar))?;
-    Ok(FactorReport { file, present: published.is_none(), memory: plan.memory })
+    Ok(FactorReport { file, present: published.is_none(), memory: plan.memory, warnings })
+}
+
+/// The caller's events as a monitor.
+struct Waiting<'a> {
+    cancel: &'a AtomicBool,
+    event: &'a (dyn Fn(FactorEvent<'_>) + Sync),
+}
+
+impl Monitor for Waiting<'_> {
+    fn note(&self, _: Level, text: std::fmt::Arguments<'_>) {
+        (self.event)(FactorEvent::Note(text));
+    }
+
+    fn cancelled(&self) -> bool {
+        self.cancel.cancelled()
+    }
 }
 
 /// Factorises into tiles, then estimates the condition with them.
@@ -226,7 +245,7 @@ fn compute<T: Tiles + Finished>(
     event(FactorEvent::Estimating);
     let inverse = condition::one_norm(panels.grid.size(), &mut |x: &mut Array2<f64>| {
         if cancel.load(std::sync::atomic::Ordering::Relaxed) {
-            return Err(StoreError::Interrupted.into());
+            return Err(StoreError::Interrupted(Interrupted).into());
         }
         sweep::solve(tiles, x, panels.threads)
     })?;
@@ -241,7 +260,7 @@ fn copy(tiles: &MemoryTiles, writer: &FactorWriter, cancel: &AtomicBool) -> Resu
     let all: Vec<(usize, usize)> = tiles.grid().tiles().collect();
     all.into_par_iter().try_for_each_init(Vec::new, |values, (row, column)| {
         if cancel.load(std::sync::atomic::Ordering::Relaxed) {
-            return Err(StoreError::Interrupted.into());
+            return Err(StoreError::Interrupted(Interrupted).into());
         }
         values.resize(tiles.grid().len(row, column), 0.0);
         Finished::get(tiles, row, column, values)?;

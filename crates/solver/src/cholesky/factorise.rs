@@ -19,6 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use spharm_harmonics::index::degree_order;
 use spharm_harmonics::product::Matrix;
+use spharm_monitor::Interrupted;
 use spharm_store::{StoreError, TileGrid};
 
 use crate::SolverError;
@@ -117,7 +118,7 @@ pub(crate) fn factorise(
 }
 
 fn stop(cancel: &AtomicBool) -> Result<(), SolverError> {
-    if cancel.load(Ordering::Relaxed) { Err(StoreError::Interrupted.into()) } else { Ok(()) }
+    if cancel.load(Ordering::Relaxed) { Err(StoreError::Interrupted(Interrupted).into()) } else { Ok(()) }
 }
 
 fn not_positive(column: usize) -> SolverError {

@@ -419,7 +419,7 @@ impl<'a> LsqSolver<'a> {
         let factor = |shift: f64| {
             let penalised = Penalised::new(&*gram, penalty.iter().map(|p| p + shift).collect());
             factorise(&penalised, &params, cancel, &tell).map_err(|error| match error {
-                SolverError::Store(StoreError::Interrupted) => SolverError::Interrupted,
+                SolverError::Store(StoreError::Interrupted(_)) => SolverError::Interrupted,
                 error => error,
             })
         };

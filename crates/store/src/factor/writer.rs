@@ -6,13 +6,12 @@
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, PoisonError};
 
+use spharm_monitor::Monitor;
 use tempfile::NamedTempFile;
 
-use crate::StoreError;
-use crate::build::{BuildEvent, LARGE, free_space, lock, make_folder};
+use crate::build::{LARGE, free_space, lock, make_folder};
 use crate::factor::grid::TileGrid;
 use crate::factor::header::{Condition, FactorHeader};
 use crate::factor::reader::FactorFile;
@@ -21,6 +20,7 @@ use crate::header::{ALIGNMENT, HEADER_LEN};
 use crate::scheme::Scalar;
 use crate::table::{ENTRY_LEN, Entry, FOOTER_LEN};
 use crate::writer::{create_temporary, entry, publish, remove_abandoned, sync_folder};
+use crate::{StoreError, StoreWarning};
 
 /// What the root of a factor is derived with.
 pub(crate) const ROOT_CONTEXT: &str = "spharm-rs 2026-11 factor file root v1";
@@ -46,8 +46,13 @@ pub struct FactorWriter {
 pub enum Begun {
     /// It is there already.
     Present(FactorFile),
-    /// It isn't; write it.
-    New(Box<FactorWriter>),
+    /// It isn't, and is to be written.
+    New {
+        /// Takes the tiles.
+        writer: Box<FactorWriter>,
+        /// The damaged file that was there and has been removed, if there was one.
+        warnings: Vec<StoreWarning>,
+    },
 }
 
 /// Begins a factor in `store`, unless it is there. One that is damaged is removed first.
@@ -64,8 +69,7 @@ pub fn begin_factor(
     scalar: Scalar,
     grid: TileGrid,
     read_back: bool,
-    cancel: &AtomicBool,
-    event: &(dyn Fn(BuildEvent<'_>) + Sync),
+    monitor: &dyn Monitor,
 ) -> Result<Begun, StoreError> {
     let folder = store.join(spec.key.to_string());
     let path = folder.join(spec.file_name(scalar));
@@ -74,23 +78,23 @@ pub fn begin_factor(
         return Ok(Begun::Present(file));
     }
     make_folder(store, &folder)?;
-    let lock = lock(&folder, cancel, event)?;
+    let lock = lock(&folder, monitor)?;
     remove_abandoned(&folder)?;
-    match open(&path, spec)? {
+    let damaged = match open(&path, spec)? {
         Ok(file) => return Ok(Begun::Present(file)),
-        Err(None) => {}
-        Err(Some(damaged)) => {
-            event(BuildEvent::Replacing(&damaged));
-            match std::fs::remove_file(&path) {
-                // A builder that has no lock either was faster.
-                Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
-                removed => removed.map_err(StoreError::io(&path, "cannot remove"))?,
-            }
+        Err(damaged) => damaged,
+    };
+    if damaged.is_some() {
+        match std::fs::remove_file(&path) {
+            // A builder that has no lock either was faster.
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+            removed => removed.map_err(StoreError::io(&path, "cannot remove"))?,
         }
     }
     let condition = Condition { norm: 0.0, reciprocal: 0.0 };
     let header = FactorHeader { spec: *spec, scalar, grid, condition };
-    FactorWriter::create(&folder, path, header, read_back, lock).map(|writer| Begun::New(Box::new(writer)))
+    let writer = Box::new(FactorWriter::create(&folder, path, header, read_back, lock)?);
+    Ok(Begun::New { writer, warnings: damaged.map(StoreWarning::Replaced).into_iter().collect() })
 }
 
 /// The factor at a path, or what is wrong with it: nothing when there is none.
