@@ -6,7 +6,6 @@ use std::sync::Mutex;
 use anyhow::Result;
 use serde::Serialize;
 use spharm_cli::console::{Console, Unit};
-use spharm_cli::inputs::Sphere;
 use spharm_cli::machine::check_limits;
 use spharm_cli::size::Size;
 use spharm_solver::cholesky::{
@@ -15,6 +14,7 @@ use spharm_solver::cholesky::{
 use spharm_solver::lsq::{moment_gram, moment_gram_bytes};
 use spharm_store::factor::open_factor;
 use spharm_store::{FactorFile, FactorSpec, Scalar, SchemeKey, WeightsHash};
+use spharm_surface::Sphere;
 
 use super::Cli;
 

@@ -10,7 +10,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::Console;
-use spharm_cli::inputs::{Sphere, read_sphere};
+use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::{Memory, Versions, memory, raise_file_limit, versions};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{print, print_json, refuse_existing, table, write_json};
@@ -18,6 +18,7 @@ use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_store::build::DEFAULT_CHUNK_ROWS;
 use spharm_store::{BuildParams, BuildReport, Codec, Scalar, SchemeKey, build};
+use spharm_surface::Sphere;
 
 /// Precompute the spherical-harmonic basis of a sampling scheme, once, for every fit on it
 ///

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use spharm_cli::console::Console;
 use spharm_cli::exit::leave_if_cancelled;
-use spharm_cli::inputs::Sphere;
 use spharm_cli::output::refuse_existing;
 use spharm_harmonics::Directions;
 use spharm_parametrize::{CaldParams, Report, auto};
+use spharm_surface::Sphere;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
 use super::Cli;
@@ -57,5 +57,6 @@ pub(crate) fn parametrize(cli: &Cli, item: &Item, console: &Console) -> Result<(
     ));
     report.notes.iter().for_each(|note| console.note(note));
     let directions = Directions::from_vertices(&found.sphere.vertices).with_context(|| path.display().to_string())?;
-    Ok((Sphere { path, directions, faces: found.sphere.faces }, report))
+    let sphere = Sphere { path: Some(path), faces: found.sphere.faces, ..Sphere::from_directions(directions) };
+    Ok((sphere, report))
 }

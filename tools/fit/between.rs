@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use ndarray::{ArrayView1, ArrayView2};
-use spharm_cli::inputs::Sphere;
 use spharm_harmonics::{Directions, synthesis};
+use spharm_surface::Sphere;
 
 use super::report::{About, Distances};
 

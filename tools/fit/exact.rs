@@ -139,7 +139,7 @@ fn way(cli: &Cli) -> Way {
 
 fn areas(job: &Job<'_>) -> Result<Vec<f64>> {
     if job.sphere.faces.is_empty() {
-        bail!("--preconditioner density needs triangles, and {} has none", job.sphere.path.display());
+        bail!("--preconditioner density needs triangles, and {} has none", job.sphere.name().display());
     }
     Ok(job.sphere.areas())
 }

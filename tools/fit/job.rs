@@ -9,13 +9,14 @@ use anyhow::{Context, Result};
 use ndarray::{Array2, ArrayView2, s};
 use rayon::prelude::*;
 use spharm_cli::console::Console;
-use spharm_cli::inputs::{Sphere, Target, read_target};
+use spharm_cli::inputs::read_target;
 use spharm_cli::machine::available_memory;
 use spharm_harmonics::Coefficients;
 use spharm_solver::report::Residual;
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::io::write_new;
 use spharm_surface::model::{Model, write_complex_csv};
+use spharm_surface::{Kind, Sphere, Target};
 
 use super::between::Between;
 use super::hold_out::HoldOut;
@@ -184,7 +185,7 @@ impl Job<'_> {
                 .transpose()?;
             let passes: Vec<Distances> = distances.collect();
             let between = match (&self.between, passes.last()) {
-                (Some(places), Some(at)) if target.surface => {
+                (Some(places), Some(at)) if target.kind == Kind::Surface => {
                     let (between, wild) = places.judge(values.view(), view(target), at, &about)?;
                     wild.into_iter().for_each(|ratio| self.warn_of_wildness(&item.input, ratio));
                     Some(between)
@@ -238,7 +239,7 @@ impl Job<'_> {
             tool: "fit",
             versions: spharm_cli::machine::versions(),
             input: name(&fitted.input),
-            sphere: name(&self.sphere.path),
+            sphere: self.sphere.path.as_deref().and_then(name),
             method: self.how.name(),
             passes: self.how.passes(),
             granularity: granularity_of(self.how),

@@ -17,7 +17,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use spharm_cli::console::{Console, Unit};
-use spharm_cli::inputs::{Sphere, read_sphere};
+use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::output::{print, refuse_existing};
 use spharm_cli::size::Size;
@@ -26,6 +26,7 @@ use spharm_cli::{Common, Usage};
 use spharm_harmonics::{MAX_DEGREE, basis_size};
 use spharm_solver::Method;
 use spharm_store::{Scalar, Scheme, SchemeKey, StoreError, catalog};
+use spharm_surface::Sphere;
 use spharm_surface::io::read_signal;
 
 use self::between::Between;
@@ -321,7 +322,7 @@ fn work(cli: &Cli, how: How) -> Result<()> {
         for item in &items {
             let (sphere, report) = pool.install(|| bare::parametrize(cli, item, &console))?;
             seconds.parametrize += report.seconds;
-            let path = sphere.path.clone();
+            let path = sphere.name().to_owned();
             let one = std::slice::from_ref(item);
             let fits = pool.install(|| fit_on(cli, how, console, sphere, one, &mut seconds, cancel));
             // A sphere without its model would stand in the way of the next attempt.
@@ -392,7 +393,7 @@ fn weights(choice: &str, sphere: &Sphere) -> Result<Option<Vec<f64>>> {
     match choice {
         "uniform" => Ok(None),
         "area" if sphere.faces.is_empty() => {
-            bail!("--weights area needs triangles, and {} has none; give a sphere mesh", sphere.path.display())
+            bail!("--weights area needs triangles, and {} has none; give a sphere mesh", sphere.name().display())
         }
         "area" => Ok(Some(sphere.areas())),
         file => {

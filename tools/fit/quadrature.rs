@@ -19,13 +19,13 @@ use super::report::{BatchReport, Fitted};
 /// Fits all items by quadrature.
 pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Result<(Vec<Fitted>, Vec<BatchReport>)> {
     if job.sphere.faces.is_empty() {
-        bail!("--method quadrature needs triangles, and {} has none; give a sphere mesh", job.sphere.path.display());
+        bail!("--method quadrature needs triangles, and {} has none; give a sphere mesh", job.sphere.name().display());
     }
     let max_degree = job.cli.max_degree;
     let queue = job.queue(items)?;
     let mark = Instant::now();
     let sphere = Mesh::new(job.sphere.directions.as_slice().to_vec(), job.sphere.faces.clone());
-    let quadrature = Quadrature::new(&sphere, max_degree).with_context(|| job.sphere.path.display().to_string())?;
+    let quadrature = Quadrature::new(&sphere, max_degree).with_context(|| job.sphere.name().display().to_string())?;
     let params = TransformParams { max_degree, accuracy: FINEST, channels: 6 };
     let vertices = Transform::new(&job.sphere.directions, &params)?;
     job.seconds.plan += mark.elapsed().as_secs_f64();
@@ -37,7 +37,7 @@ pub(crate) fn run(job: &mut Job<'_>, items: &[Item], cancel: &AtomicBool) -> Res
             return Err(SolverError::Interrupted.into());
         }
         let targets = batch.side_by_side();
-        let coefficients = quadrature.fit(targets.view()).with_context(|| job.sphere.path.display().to_string())?;
+        let coefficients = quadrature.fit(targets.view()).with_context(|| job.sphere.name().display().to_string())?;
         let residual = &targets - &vertices.synthesis(coefficients.view())?;
         let of = |group: &Range<usize>| Residual::of(residual.slice(ndarray::s![.., group.clone()]));
         let residuals: Vec<Residual> = batch.groups.iter().map(of).collect();

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde::Serialize;
 use spharm_cli::console::Console;
-use spharm_cli::inputs::{Target, stem};
+use spharm_cli::inputs::stem;
 use spharm_cli::machine::{Memory, Versions, memory, versions};
 use spharm_cli::output::{print, print_json, table, write_json};
 use spharm_solver::lsq::{Gcv, LsqReport};
@@ -13,6 +13,7 @@ use spharm_solver::report::Residual;
 use spharm_solver::{FitReport, Method};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::metrics::bounding_box_scale;
+use spharm_surface::{Kind, Target};
 
 use super::hold_out::HeldOut;
 use super::{Cli, How};
@@ -92,16 +93,13 @@ pub(crate) struct About {
 
 impl About {
     pub(crate) fn of(target: &Target) -> Self {
-        let scale = target.surface.then(|| {
+        let surface = target.kind == Kind::Surface;
+        let scale = surface.then(|| {
             let vertices: Vec<[f64; 3]> = target.values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
             // A flat surface has no volume to scale to.
             bounding_box_scale(&vertices).ok()
         });
-        Self {
-            surface: target.surface,
-            scale: scale.flatten(),
-            anatomical_structure: target.anatomical_structure.clone(),
-        }
+        Self { surface, scale: scale.flatten(), anatomical_structure: target.meta.anatomical_structure_primary.clone() }
     }
 
     /// From the mean and the maximum of the squared distances.

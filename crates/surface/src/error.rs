@@ -3,9 +3,12 @@
 use std::io;
 use std::path::PathBuf;
 
+use spharm_harmonics::HarmonicsError;
+
 /// What can go wrong when a surface is read, checked, compared, drawn or written.
 ///
-/// Each message is one line: the file, what was expected, what was found, what to do.
+/// Each message is one line: the file, what was expected, what was found, what to do. What was made in memory goes by
+/// "the surface" or "the sphere" in place of its path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SurfaceError {
@@ -232,6 +235,84 @@ pub enum SurfaceError {
         flipped: usize,
     },
 
+    /// A vertex of a sphere has no direction.
+    #[error("{}: {cause}", path.display())]
+    NoDirection {
+        /// The sphere's file.
+        path: PathBuf,
+        /// Which vertex, and why.
+        cause: HarmonicsError,
+    },
+
+    /// A table of directions that hasn't two columns.
+    #[error("{}: expected two columns, theta and phi in radians, found {columns}", path.display())]
+    NotAngles {
+        /// The table.
+        path: PathBuf,
+        /// How many columns it has.
+        columns: usize,
+    },
+
+    /// A colatitude outside of 0 to pi.
+    #[error(
+        "{}: row {row}: theta must be from 0 to pi (radians, from the pole), found {found}",
+        path.display()
+    )]
+    Colatitude {
+        /// The table.
+        path: PathBuf,
+        /// The row, counted from 0.
+        row: usize,
+        /// The colatitude found, in radians.
+        found: f64,
+    },
+
+    /// A closed mesh that doesn't enclose the origin.
+    #[error(
+        "{}: the origin lies outside of this sphere; centre it at the origin, or is it the surface, not its sphere?",
+        path.display()
+    )]
+    OriginOutside {
+        /// The sphere's file.
+        path: PathBuf,
+    },
+
+    /// A closed mesh that goes around the origin more than once.
+    #[error("{}: this mesh goes {turns} times around the origin, not once; it is no sphere", path.display())]
+    SeveralTurns {
+        /// The sphere's file.
+        path: PathBuf,
+        /// How many times.
+        turns: u64,
+    },
+
+    /// A surface or a signal with more or fewer vertices than the sphere.
+    #[error("{}: {found} vertices, {} has {expected}; they must correspond", path.display(), named(sphere.as_ref()))]
+    VertexCount {
+        /// The surface's or the signal's file.
+        path: PathBuf,
+        /// The sphere's file, if it was read from one.
+        sphere: Option<PathBuf>,
+        /// The sphere's number of vertices.
+        expected: usize,
+        /// The number found.
+        found: usize,
+    },
+
+    /// A surface whose triangles aren't the sphere's.
+    #[error(
+        "{}: its triangles are not those of {} ({differ} differ); the vertices must correspond",
+        path.display(), named(sphere.as_ref())
+    )]
+    OtherTriangles {
+        /// The surface's file.
+        path: PathBuf,
+        /// The sphere's file, if it was read from one.
+        sphere: Option<PathBuf>,
+        /// How many triangles one of the two has and the other hasn't.
+        differ: usize,
+    },
+
     /// An argument that makes no sense.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
@@ -242,4 +323,9 @@ pub enum SurfaceError {
         /// What it was.
         found: String,
     },
+}
+
+/// A sphere as it is named within a sentence.
+fn named(sphere: Option<&PathBuf>) -> String {
+    sphere.map_or("the sphere".to_owned(), |path| format!("the sphere {}", path.display()))
 }

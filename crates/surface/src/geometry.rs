@@ -1,4 +1,4 @@
-//! Three-vectors, as much as is needed here.
+//! Three-vectors, and what triangles cover of the unit sphere.
 
 /// A point or a vector in space.
 pub type Vec3 = [f64; 3];
@@ -55,4 +55,83 @@ pub(crate) fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
         }
     }
     (low, high)
+}
+
+/// Returns the signed area of a triangle on the unit sphere, in steradians: positive where its corners are
+/// counter-clockwise seen from outside (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8).
+///
+/// The corners are unit vectors. The determinant is taken over edges, `a . ((b - a) x (c - a))`: over the corners
+/// themselves it would lose all its digits in triangles with edges of 1e-8 rad.
+#[must_use]
+pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
+    let volume = dot(a, face_normal([a, b, c]));
+    2.0 * volume.atan2(1.0 + dot(a, b) + dot(b, c) + dot(c, a))
+}
+
+/// Returns how many times a closed mesh of unit vectors goes around the origin: 1 for a sphere wound outwards, -1 for
+/// one wound inwards, 0 where the origin lies outside.
+///
+/// # Panics
+///
+/// When a triangle names a vertex that isn't there.
+#[must_use]
+pub fn winding_number(directions: &[Vec3], faces: &[[u32; 3]]) -> f64 {
+    let covered: f64 = faces.iter().map(|face| solid_angle(face.map(|v| directions[v as usize]))).sum();
+    covered / (4.0 * std::f64::consts::PI)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OCTAHEDRON: [Vec3; 6] =
+        [[1., 0., 0.], [-1., 0., 0.], [0., 1., 0.], [0., -1., 0.], [0., 0., 1.], [0., 0., -1.]];
+    const FACES: [[u32; 3]; 8] =
+        [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
+
+    #[test]
+    fn an_octant_is_an_eighth_of_the_sphere() {
+        let octant = FACES[0].map(|v| OCTAHEDRON[v as usize]);
+        assert!((solid_angle(octant) - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+        let [a, b, c] = octant;
+        assert!((solid_angle([b, a, c]) + std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+    }
+
+    /// Multiples of 2^-55, which all numbers from 1/8 to 1 are: determinants of small triangles fit 128 bits.
+    fn integers(v: Vec3) -> [i128; 3] {
+        v.map(|x| {
+            let scaled = x * 2.0_f64.powi(55);
+            assert_eq!(scaled, scaled.trunc());
+            scaled as i128
+        })
+    }
+
+    /// A triangle of 1e-8 rad covers half its determinant, up to 1e-16 of it.
+    #[test]
+    fn cells_of_a_hundred_millionth_keep_their_digits() {
+        let mut random = crate::generate::SplitMix64::new(3);
+        for _ in 0..100 {
+            let mut corner = || unit([0.48, -0.6, 0.64].map(|x| x + random.between(-1e-8, 1e-8)));
+            let [a, b, c] = [corner(), corner(), corner()];
+            let [p, q, r] = [a, b, c].map(integers);
+            let minus = |x: [i128; 3], y: [i128; 3]| [x[0] - y[0], x[1] - y[1], x[2] - y[2]];
+            let (u, v) = (minus(q, p), minus(r, p));
+            let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let determinant = p[0] * normal[0] + p[1] * normal[1] + p[2] * normal[2];
+            let exact = 0.5 * determinant as f64 * 2.0_f64.powi(-3 * 55);
+            // Slivers have fewer digits: rounding is relative to the product of the edges.
+            let edges = (dot(sub(b, a), sub(b, a)) * dot(sub(c, a), sub(c, a))).sqrt();
+            let found = solid_angle([a, b, c]);
+            assert!((found - exact).abs() < 1e-12 * exact.abs().max(1e-3 * edges), "{found} {exact}");
+        }
+    }
+
+    #[test]
+    fn an_octahedron_goes_once_around_its_centre() {
+        assert!((winding_number(&OCTAHEDRON, &FACES) - 1.0).abs() < 1e-14);
+        let inwards = FACES.map(|[a, b, c]| [a, c, b]);
+        assert!((winding_number(&OCTAHEDRON, &inwards) + 1.0).abs() < 1e-14);
+        let moved = OCTAHEDRON.map(|[x, y, z]| unit([x + 3.0, y + 0.1, z]));
+        assert!(winding_number(&moved, &FACES).abs() < 1e-14);
+    }
 }

@@ -20,7 +20,8 @@
 //! | [`generate`] | icospheres, and folded surfaces whose parameterisation is known |
 //! | [`metrics`] | bounding-box scale, msd, xsd, the distance of two surfaces of any triangles, colours for errors |
 //! | [`nearest`] | the nearest point of a mesh |
-//! | [`geometry`] | three-vectors |
+//! | [`Sphere`], [`Target`] | a sphere's directions and triangles; the values to be fitted over it; both checked |
+//! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`quadrature`] | coefficients by quadrature on a resampled grid |
 //! | [`sphere_locator`] | which triangle of a sphere a direction meets, values interpolated there |
 //! | [`model`] | fitted models, `NAME.spharm.npz` |
@@ -53,6 +54,8 @@
 mod error;
 pub mod geometry;
 mod mesh;
+mod sphere;
+mod target;
 
 pub mod generate;
 pub mod io;
@@ -65,5 +68,7 @@ pub mod sphere_locator;
 pub mod topology;
 
 pub use error::SurfaceError;
-pub use mesh::{CoordinateSystem, Input, Mesh, Meta, Signal};
+pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};
 pub use model::{Model, ModelError};
+pub use sphere::{Sphere, SphereWarning, read_sphere};
+pub use target::{Target, TargetWarning, read_target};

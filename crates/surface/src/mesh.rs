@@ -96,6 +96,16 @@ impl Signal {
     }
 }
 
+/// What three or more values at each vertex stand for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kind {
+    /// Positions: the three channels are x, y and z.
+    #[default]
+    Surface,
+    /// Anything else, such as thickness.
+    Signal,
+}
+
 /// What a file turned out to hold.
 #[derive(Clone, Debug, PartialEq)]
 // One of these exists per file read; a box would only be in the way.

@@ -19,7 +19,7 @@ pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
 }
 
 /// Not empty, finite, indices in range.
-pub(super) fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
+pub(crate) fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
     for (count, limit, one, many) in
         [(vertices, MOST_VERTICES, "vertex", "vertices"), (faces, MOST_FACES, "triangle", "triangles")]
@@ -36,6 +36,12 @@ pub(super) fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
             return Err(SurfaceError::NonFinite { path: path.to_owned(), vertex, value });
         }
     }
+    indices(path, mesh)
+}
+
+/// Triangles name vertices that are there.
+pub(crate) fn indices(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
+    let vertices = mesh.vertices.len();
     for (face, corners) in mesh.faces.iter().enumerate() {
         if let Some(&index) = corners.iter().find(|&&i| i as usize >= vertices) {
             return Err(SurfaceError::IndexOutOfRange { path: path.to_owned(), face, index, vertices });
@@ -45,7 +51,7 @@ pub(super) fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
 }
 
 /// Not empty, finite.
-pub(super) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
+pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     if signal.values.is_empty() {
         return Err(SurfaceError::Empty { path: path.to_owned(), what: "value" });
     }

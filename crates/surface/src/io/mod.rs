@@ -38,6 +38,7 @@ use crate::error::SurfaceError;
 use crate::mesh::{Input, Mesh, Signal};
 
 pub use atomic::write_new;
+pub(crate) use check::{indices as check_indices, mesh as check_mesh, signal as check_signal};
 use flaw::Flaw;
 use format::Format;
 pub use ply::PlyAttributes;

@@ -1,0 +1,249 @@
+//! A sphere: the sampling scheme that surfaces are fitted over, checked before any work starts.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use spharm_harmonics::Directions;
+
+use crate::error::SurfaceError;
+use crate::generate::icosphere;
+use crate::geometry::{solid_angle, winding_number};
+use crate::io::{read_mesh, read_signal};
+use crate::mesh::Mesh;
+use crate::topology::Topology;
+
+/// The directions of a sampling scheme, with triangles where it was a mesh.
+#[derive(Debug, Clone)]
+pub struct Sphere {
+    /// The file it was read from; none for one made in memory.
+    pub path: Option<PathBuf>,
+    /// Unit vectors, (n, 3).
+    pub directions: Directions,
+    /// Triangles over `directions`; none when it was a list of angles.
+    pub faces: Vec<[u32; 3]>,
+    /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
+    pub anatomical_structure: Option<String>,
+    /// What may be wrong with it, for the caller to show or to refuse.
+    pub warnings: Vec<SphereWarning>,
+}
+
+/// Something about a sphere that allows a fit but may be a mistake.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum SphereWarning {
+    /// The vertices' distances from the origin differ by more than [`RADIUS_SPREAD`](Self::RADIUS_SPREAD) of the
+    /// largest: it isn't a sphere, or its centre isn't the origin.
+    RadiusSpread {
+        /// Smallest distance, in the file's unit.
+        min: f64,
+        /// Largest distance, in the file's unit.
+        max: f64,
+    },
+    /// The triangles aren't a closed surface of genus zero.
+    NotClosed(Topology),
+    /// The triangles are clockwise seen from outside.
+    Inwards,
+    /// Directions that repeat an earlier one, bit for bit.
+    RepeatedDirections {
+        /// How many.
+        count: usize,
+    },
+}
+
+impl SphereWarning {
+    /// Spread of the radii, `(max - min) / max`, above which there is a warning.
+    pub const RADIUS_SPREAD: f64 = 0.01;
+}
+
+impl fmt::Display for SphereWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::RadiusSpread { min, max } => {
+                let percent = 100.0 * (max - min) / max;
+                write!(
+                    f,
+                    "radii from {min:.4} to {max:.4}, {percent:.1} % apart; is it a sphere centred at the origin?"
+                )
+            }
+            Self::NotClosed(topology) => write!(f, "not a closed sphere: {}", topology.problems().join("; ")),
+            Self::Inwards => f.write_str("the triangles wind inwards"),
+            Self::RepeatedDirections { count } => write!(f, "{count} directions repeat earlier ones"),
+        }
+    }
+}
+
+impl Sphere {
+    /// Returns the icosphere of a level: `10 * 4^level + 2` directions.
+    ///
+    /// # Panics
+    ///
+    /// Above level 14, as [`icosphere`].
+    #[must_use]
+    pub fn icosphere(level: u32) -> Self {
+        let mesh = icosphere(level);
+        let directions = Directions::from_vertices(&mesh.vertices).expect("vertices of an icosphere are unit vectors");
+        Self { faces: mesh.faces, ..Self::from_directions(directions) }
+    }
+
+    /// Returns a sphere without triangles.
+    ///
+    /// Areas, quadrature and reconstruction as a surface need triangles; see [`from_mesh`](Self::from_mesh).
+    #[must_use]
+    pub fn from_directions(directions: Directions) -> Self {
+        let warnings = Self::repeated(&directions).into_iter().collect();
+        Self { path: None, directions, faces: Vec::new(), anatomical_structure: None, warnings }
+    }
+
+    /// Returns the sphere of a mesh centred at the origin, of any radius.
+    ///
+    /// # Errors
+    ///
+    /// [`NoDirection`](SurfaceError::NoDirection) for a vertex at the origin or not finite,
+    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), and for a closed mesh that doesn't go around the origin once
+    /// [`OriginOutside`](SurfaceError::OriginOutside) or [`SeveralTurns`](SurfaceError::SeveralTurns).
+    pub fn from_mesh(mesh: &Mesh) -> Result<Self, SurfaceError> {
+        Self::check(mesh, Path::new("the sphere"))
+    }
+
+    /// Returns each vertex's share of the sphere's area, in steradians: a third of each of its triangles'. They sum to
+    /// 4 pi, and are all zero without triangles.
+    #[must_use]
+    pub fn areas(&self) -> Vec<f64> {
+        let unit = self.directions.as_slice();
+        let mut areas = vec![0.0; unit.len()];
+        for face in &self.faces {
+            let share = solid_angle(face.map(|v| unit[v as usize])).abs() / 3.0;
+            face.iter().for_each(|&v| areas[v as usize] += share);
+        }
+        areas
+    }
+
+    /// Returns the sphere as a mesh of radius 1.
+    #[must_use]
+    pub fn to_mesh(&self) -> Mesh {
+        let mut mesh = Mesh::new(self.directions.as_slice().to_vec(), self.faces.clone());
+        mesh.meta.anatomical_structure_primary.clone_from(&self.anatomical_structure);
+        mesh
+    }
+
+    /// Returns the name that messages give it: its path, or "the sphere".
+    #[must_use]
+    pub fn name(&self) -> &Path {
+        self.path.as_deref().unwrap_or(Path::new("the sphere"))
+    }
+
+    fn check(mesh: &Mesh, name: &Path) -> Result<Self, SurfaceError> {
+        let path = || name.to_owned();
+        let directions = Directions::from_vertices(&mesh.vertices)
+            .map_err(|cause| SurfaceError::NoDirection { path: path(), cause })?;
+        crate::io::check_indices(name, mesh)?;
+        let mut warnings = Vec::new();
+        let radii = directions.radii();
+        if radii.spread() > SphereWarning::RADIUS_SPREAD {
+            warnings.push(SphereWarning::RadiusSpread { min: radii.min, max: radii.max });
+        }
+        let topology = Topology::of(mesh);
+        if topology.is_sphere() {
+            let turns = winding_number(directions.as_slice(), &mesh.faces);
+            match turns.abs().round() as u64 {
+                0 => return Err(SurfaceError::OriginOutside { path: path() }),
+                1 if turns < 0.0 => warnings.push(SphereWarning::Inwards),
+                1 => {}
+                turns => return Err(SurfaceError::SeveralTurns { path: path(), turns }),
+            }
+        } else {
+            warnings.push(SphereWarning::NotClosed(topology));
+        }
+        warnings.extend(Self::repeated(&directions));
+        Ok(Self {
+            path: None,
+            directions,
+            faces: mesh.faces.clone(),
+            anatomical_structure: mesh.meta.anatomical_structure_primary.clone(),
+            warnings,
+        })
+    }
+
+    fn repeated(directions: &Directions) -> Option<SphereWarning> {
+        let count = directions.duplicates();
+        (count > 0).then_some(SphereWarning::RepeatedDirections { count })
+    }
+}
+
+/// Reads a sphere: a mesh of any supported format and any radius, centred at the origin, or a table (`.csv`, `.tsv`) of
+/// colatitude and azimuth in radians, a row a direction.
+///
+/// # Errors
+///
+/// When the file can't be read, and as [`Sphere::from_mesh`]; for tables [`NotAngles`](SurfaceError::NotAngles) and
+/// [`Colatitude`](SurfaceError::Colatitude).
+pub fn read_sphere(path: impl AsRef<Path>) -> Result<Sphere, SurfaceError> {
+    let path = path.as_ref();
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let sphere = if matches!(extension.as_str(), "csv" | "tsv") {
+        Sphere::from_directions(read_angles(path)?)
+    } else {
+        Sphere::check(&read_mesh(path)?, path)?
+    };
+    Ok(Sphere { path: Some(path.to_owned()), ..sphere })
+}
+
+fn read_angles(path: &Path) -> Result<Directions, SurfaceError> {
+    let signal = read_signal(path)?;
+    if signal.channels != 2 {
+        return Err(SurfaceError::NotAngles { path: path.to_owned(), columns: signal.channels });
+    }
+    let angles: Vec<[f64; 2]> = signal.values.as_chunks().0.to_vec();
+    // Rounding in whatever wrote the table may pass pi.
+    let allowed = -1e-9..=std::f64::consts::PI + 1e-9;
+    if let Some((row, [found, _])) = angles.iter().enumerate().find(|(_, [theta, _])| !allowed.contains(theta)) {
+        return Err(SurfaceError::Colatitude { path: path.to_owned(), row, found: *found });
+    }
+    Directions::from_angles(&angles).map_err(|cause| SurfaceError::NoDirection { path: path.to_owned(), cause })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moved(by: [f64; 3]) -> Mesh {
+        let ball = icosphere(2);
+        ball.with_vertices(ball.vertices.iter().map(|&v| crate::geometry::add(v, by)).collect())
+    }
+
+    #[test]
+    fn areas_sum_to_the_whole_sphere() {
+        let sphere = Sphere::icosphere(3);
+        assert_eq!(sphere.directions.len(), 642);
+        assert!(sphere.warnings.is_empty());
+        assert!((sphere.areas().iter().sum::<f64>() - 4.0 * std::f64::consts::PI).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_sphere_off_the_origin_is_warned_of_and_one_beside_it_refused() {
+        let near = Sphere::from_mesh(&moved([0.3, 0.0, 0.0])).unwrap();
+        let [SphereWarning::RadiusSpread { min, max }] = near.warnings[..] else { panic!("{:?}", near.warnings) };
+        assert!((min - 0.7).abs() < 0.01 && (max - 1.3).abs() < 0.01, "{min} {max}");
+        assert!(near.warnings[0].to_string().contains(" % apart"), "{}", near.warnings[0]);
+        let beside = Sphere::from_mesh(&moved([3.0, 0.0, 0.0])).unwrap_err();
+        assert!(matches!(beside, SurfaceError::OriginOutside { .. }), "{beside}");
+        assert!(beside.to_string().starts_with("the sphere: the origin lies outside"), "{beside}");
+    }
+
+    #[test]
+    fn holes_winding_and_repetitions_are_warned_of() {
+        let mut mesh = icosphere(1);
+        mesh.faces.iter_mut().for_each(|face| face.swap(0, 1));
+        assert_eq!(Sphere::from_mesh(&mesh).unwrap().warnings, [SphereWarning::Inwards]);
+        mesh.faces.truncate(70);
+        mesh.vertices[1] = mesh.vertices[0];
+        let warnings = Sphere::from_mesh(&mesh).unwrap().warnings;
+        assert!(
+            matches!(&warnings[..], [SphereWarning::NotClosed(_), SphereWarning::RepeatedDirections { count: 1 }]),
+            "{warnings:?}"
+        );
+        mesh.faces[0][0] = 4000;
+        let error = Sphere::from_mesh(&mesh).unwrap_err();
+        assert!(matches!(error, SurfaceError::IndexOutOfRange { face: 0, index: 4000, .. }), "{error}");
+    }
+}

@@ -1,0 +1,165 @@
+//! What is fitted over a sphere: a surface or a signal, checked against it before any work starts.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use crate::error::SurfaceError;
+use crate::io::read_input;
+use crate::mesh::{Input, Kind, Mesh, Meta, Signal};
+use crate::sphere::Sphere;
+use crate::topology::{Topology, different_triangles};
+
+/// A function of c channels on the vertices of a [`Sphere`].
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// The file it was read from; none for one made in memory.
+    pub path: Option<PathBuf>,
+    /// Values, (n, c) row-major, finite: positions, or signals.
+    pub values: Vec<f64>,
+    /// Number of channels, c: 3 for a surface.
+    pub channels: usize,
+    /// Whether the channels are x, y and z.
+    pub kind: Kind,
+    /// What the file said beside the values; nothing for a signal.
+    pub meta: Meta,
+    /// What may be wrong with it, for the caller to show or to refuse.
+    pub warnings: Vec<TargetWarning>,
+}
+
+/// Something about a target that allows a fit, since the least squares is defined all the same, but may be a mistake.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum TargetWarning {
+    /// The surface isn't a closed one of genus zero.
+    NotClosed(Topology),
+}
+
+impl fmt::Display for TargetWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotClosed(topology) => {
+                write!(f, "not a closed surface of genus zero: {}", topology.problems().join("; "))
+            }
+        }
+    }
+}
+
+impl Target {
+    /// Returns a surface as a target. Its vertices correspond to the sphere's, one to one and in their order.
+    ///
+    /// # Errors
+    ///
+    /// [`NonFinite`](SurfaceError::NonFinite), [`IndexOutOfRange`](SurfaceError::IndexOutOfRange),
+    /// [`VertexCount`](SurfaceError::VertexCount), and [`OtherTriangles`](SurfaceError::OtherTriangles) where the sphere
+    /// has triangles and the surface's are not the same.
+    pub fn from_mesh(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
+        let name = Path::new("the surface");
+        crate::io::check_mesh(name, mesh)?;
+        Self::of_mesh(mesh.clone(), sphere, name)
+    }
+
+    /// Returns values on the sphere's vertices as a target.
+    ///
+    /// # Errors
+    ///
+    /// [`NonFinite`](SurfaceError::NonFinite), [`VertexCount`](SurfaceError::VertexCount).
+    pub fn from_signal(signal: Signal, sphere: &Sphere) -> Result<Self, SurfaceError> {
+        let name = Path::new("the signal");
+        crate::io::check_signal(name, &signal)?;
+        Self::of_signal(signal, sphere, name)
+    }
+
+    fn of_mesh(mesh: Mesh, sphere: &Sphere, name: &Path) -> Result<Self, SurfaceError> {
+        check_count(mesh.vertices.len(), sphere, name)?;
+        if !sphere.faces.is_empty() && mesh.faces != sphere.faces {
+            let differ = different_triangles(&mesh.faces, &sphere.faces);
+            if differ > 0 {
+                let sphere = sphere.path.clone();
+                return Err(SurfaceError::OtherTriangles { path: name.to_owned(), sphere, differ });
+            }
+        }
+        let topology = Topology::of(&mesh);
+        let warnings = if topology.is_sphere() { Vec::new() } else { vec![TargetWarning::NotClosed(topology)] };
+        let values = mesh.vertices.into_flattened();
+        Ok(Self { path: None, values, channels: 3, kind: Kind::Surface, meta: mesh.meta, warnings })
+    }
+
+    fn of_signal(signal: Signal, sphere: &Sphere, name: &Path) -> Result<Self, SurfaceError> {
+        check_count(signal.vertices, sphere, name)?;
+        Ok(Self {
+            path: None,
+            values: signal.values,
+            channels: signal.channels,
+            kind: Kind::Signal,
+            meta: Meta::default(),
+            warnings: Vec::new(),
+        })
+    }
+}
+
+fn check_count(found: usize, sphere: &Sphere, name: &Path) -> Result<(), SurfaceError> {
+    let expected = sphere.directions.len();
+    if found == expected {
+        return Ok(());
+    }
+    Err(SurfaceError::VertexCount { path: name.to_owned(), sphere: sphere.path.clone(), expected, found })
+}
+
+/// Reads a surface or a signal that belongs to a sphere.
+///
+/// # Errors
+///
+/// When the file can't be read, and as [`Target::from_mesh`] and [`Target::from_signal`].
+pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
+    let path = path.as_ref();
+    let target = match read_input(path)? {
+        Input::Mesh(mesh) => Target::of_mesh(mesh, sphere, path)?,
+        Input::Signal(signal) => Target::of_signal(signal, sphere, path)?,
+    };
+    Ok(Target { path: Some(path.to_owned()), ..target })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::{Cortex, cortex};
+
+    #[test]
+    fn a_surface_has_the_vertices_and_triangles_of_its_sphere() {
+        let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
+        let sphere = Sphere::from_mesh(&sphere).unwrap();
+        let target = Target::from_mesh(&surface, &sphere).unwrap();
+        assert_eq!((target.channels, target.kind, target.values.len()), (3, Kind::Surface, 3 * 162));
+        assert!(target.warnings.is_empty());
+        assert_eq!(target.meta, surface.meta);
+
+        let mut other = surface.clone();
+        other.faces[0] = other.faces[1];
+        let error = Target::from_mesh(&other, &sphere).unwrap_err();
+        assert!(matches!(error, SurfaceError::OtherTriangles { differ: 2, .. }), "{error}");
+        let error = Target::from_mesh(&surface, &Sphere::icosphere(1)).unwrap_err();
+        assert!(matches!(error, SurfaceError::VertexCount { expected: 42, found: 162, .. }), "{error}");
+        let mut broken = surface;
+        broken.vertices[7][1] = f64::NAN;
+        let error = Target::from_mesh(&broken, &sphere).unwrap_err();
+        assert!(matches!(error, SurfaceError::NonFinite { vertex: 7, .. }), "{error}");
+    }
+
+    #[test]
+    fn an_open_surface_is_a_warning() {
+        let mut mesh = crate::generate::icosphere(2);
+        mesh.faces.truncate(300);
+        let sphere = Sphere::from_mesh(&mesh).unwrap();
+        let target = Target::from_mesh(&mesh, &sphere).unwrap();
+        assert!(target.warnings[0].to_string().starts_with("not a closed surface of genus zero: "));
+    }
+
+    #[test]
+    fn signals_count_too() {
+        let sphere = Sphere::icosphere(0);
+        let target = Target::from_signal(Signal::new(vec![0.5; 24], 12, 2), &sphere).unwrap();
+        assert_eq!((target.channels, target.kind), (2, Kind::Signal));
+        let error = Target::from_signal(Signal::new(vec![0.5; 10], 10, 1), &sphere).unwrap_err();
+        assert!(error.to_string().contains("10 vertices, the sphere has 12"), "{error}");
+    }
+}
