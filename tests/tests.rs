@@ -5,6 +5,7 @@ mod bad_input;
 mod bare;
 mod common;
 mod exact;
+mod facade;
 mod memory;
 mod paper;
 mod pipeline;

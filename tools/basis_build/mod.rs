@@ -11,7 +11,7 @@ use serde::Serialize;
 use spharm_cli::Common;
 use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
-use spharm_cli::machine::{Memory, Versions, memory, raise_file_limit, versions};
+use spharm_cli::machine::{Memory, Versions, memory, raise_file_limit};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{print, print_json, refuse_existing, table, write_json};
 use spharm_cli::size::Size;
@@ -168,7 +168,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let key = SchemeKey::of(&sphere.directions, params.scalar);
     let report = Report {
         tool: "basis-build",
-        versions: versions(),
+        versions: Versions::current(),
         sphere: cli.sphere.clone(),
         scheme_key: key.to_string(),
         folder: cli.store.join(key.to_string()),

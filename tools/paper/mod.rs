@@ -23,7 +23,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::Common;
-use spharm_cli::machine::{memory, versions};
+use spharm_cli::machine::{Versions, memory};
 use spharm_cli::output::print;
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
@@ -95,7 +95,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let results = cli.threads.pool()?.install(|| experiments(&bench, &extent, &store, &surfaces, &reference))?;
     let circumstances = Circumstances {
         quick: cli.quick,
-        version: versions().spharm,
+        version: Versions::current().spharm,
         threads,
         memory: cli.memory.0,
         peak: memory().peak_resident,

@@ -23,6 +23,8 @@ pub struct Sphere {
     pub faces: Vec<[u32; 3]>,
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
     pub anatomical_structure: Option<String>,
+    /// Whether it was made from one surface by parametrisation. A fit over it is then smoothed a little by default.
+    pub parametrized: bool,
     /// What may be wrong with it, for the caller to show or to refuse.
     pub warnings: Vec<SphereWarning>,
 }
@@ -91,7 +93,7 @@ impl Sphere {
     #[must_use]
     pub fn from_directions(directions: Directions) -> Self {
         let warnings = Self::repeated(&directions).into_iter().collect();
-        Self { path: None, directions, faces: Vec::new(), anatomical_structure: None, warnings }
+        Self { path: None, directions, faces: Vec::new(), anatomical_structure: None, parametrized: false, warnings }
     }
 
     /// Returns the sphere of a mesh centred at the origin, of any radius.
@@ -160,6 +162,7 @@ impl Sphere {
             directions,
             faces: mesh.faces.clone(),
             anatomical_structure: mesh.meta.anatomical_structure_primary.clone(),
+            parametrized: false,
             warnings,
         })
     }

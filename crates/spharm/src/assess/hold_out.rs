@@ -1,53 +1,64 @@
-//! Vertices that a fit isn't shown, to see what it does between those that it was.
+//! Vertices that a fit doesn't see, to assess what it does between those that it sees.
 
-use anyhow::Result;
 use ndarray::{Array2, ArrayView2};
 use serde::Serialize;
 use spharm_harmonics::Directions;
 use spharm_surface::generate::SplitMix64;
 use spharm_transform::synthesis;
 
-use super::report::{About, Distances};
+use crate::Error;
+use crate::assess::Distances;
 
-/// Which vertices are held out.
+/// The vertices that are held out.
 pub(crate) struct HoldOut {
     held: Vec<bool>,
 }
 
 /// Distances at the vertices that were held out and at the others.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub(crate) struct HeldOut {
-    pub(crate) vertices: usize,
-    pub(crate) held_out: Distances,
-    pub(crate) seen: Distances,
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct HeldOut {
+    /// Number of vertices held out.
+    pub vertices: usize,
+    /// Distances there.
+    pub held_out: Distances,
+    /// Distances at the vertices that the fit saw.
+    pub seen: Distances,
 }
 
 impl HoldOut {
-    /// A fraction of n vertices, the same ones each time.
-    pub(crate) fn new(n: usize, fraction: f64) -> Self {
+    /// Chooses a fraction of n vertices, the same ones each time.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::HoldOut`] where that is none.
+    pub(crate) fn new(n: usize, fraction: f64) -> Result<Self, Error> {
         let mut random = SplitMix64::new(0);
-        Self { held: (0..n).map(|_| random.between(0.0, 1.0) < fraction).collect() }
+        let found = Self { held: (0..n).map(|_| random.between(0.0, 1.0) < fraction).collect() };
+        if found.count() == 0 {
+            return Err(Error::HoldOut { fraction, vertices: n });
+        }
+        Ok(found)
     }
 
     pub(crate) fn count(&self) -> usize {
         self.held.iter().filter(|held| **held).count()
     }
 
-    /// The weights with those of the held-out vertices at zero.
+    /// Returns the weights with those of the held-out vertices at zero.
     pub(crate) fn apply(&self, weights: Option<Vec<f64>>) -> Vec<f64> {
         let mut weights = weights.unwrap_or_else(|| vec![1.0; self.held.len()]);
         weights.iter_mut().zip(&self.held).filter(|(_, held)| **held).for_each(|(weight, _)| *weight = 0.0);
         weights
     }
 
-    /// Distances of the model with these coefficients from targets, (n, c).
-    pub(crate) fn judge(
+    /// Returns the distances of the model with these coefficients, (K, c), from targets, (n, c).
+    pub(crate) fn assess(
         &self,
         directions: &Directions,
         coefficients: ArrayView2<'_, f64>,
         targets: ArrayView2<'_, f64>,
-        about: &About,
-    ) -> Result<HeldOut> {
+        scale: Option<f64>,
+    ) -> Result<HeldOut, Error> {
         let residual: Array2<f64> = &targets - &synthesis(directions, coefficients)?;
         let of = |which: bool| {
             let (mut sum, mut max, mut count) = (0.0, 0.0f64, 0usize);
@@ -57,7 +68,7 @@ impl HoldOut {
                     (sum, max, count) = (sum + square, max.max(square), count + 1);
                 }
             }
-            about.of_residual(sum / count.max(1) as f64, max, false)
+            Distances::new(sum / count.max(1) as f64, max, false, scale)
         };
         Ok(HeldOut { vertices: self.count(), held_out: of(true), seen: of(false) })
     }

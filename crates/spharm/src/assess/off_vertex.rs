@@ -1,37 +1,37 @@
-//! What a model does between the vertices that it was fitted to: a fit can be perfect at all of them and wild elsewhere.
+//! What a model does between the vertices that it was fitted to: it can meet all of them and oscillate elsewhere.
 
-use anyhow::Result;
 use ndarray::{ArrayView1, ArrayView2};
 use spharm_harmonics::{Directions, synthesis};
 use spharm_surface::Sphere;
 
-use super::report::{About, Distances};
+use crate::Error;
+use crate::assess::Distances;
 
 /// Products of places and functions: some hundredths of a second, up to degree 300.
 const WORK: usize = 20_000_000;
 /// Least and most places.
 const PLACES: [usize; 2] = [200, 2000];
-/// A model is wild where it is this many times as far off between the vertices as at them, and by more than [`LEAST`] of
-/// the triangles' size: a smooth model bulges over a flat triangle by less.
-const WILD: f64 = 10.0;
+/// A model oscillates where it is this many times as far off between the vertices as at them, and by more than
+/// [`LEAST`] of the triangles' size: a smooth model bulges over a flat triangle by less.
+const OSCILLATION: f64 = 10.0;
 const LEAST: f64 = 0.3;
 
-/// Centres of some of the triangles, evenly spread over their list.
-pub(crate) struct Between {
+/// Centres of some of a sphere's triangles, evenly spread over their list.
+pub(crate) struct OffVertex {
     faces: Vec<[u32; 3]>,
     centres: Directions,
 }
 
-impl Between {
-    /// For models of `functions` functions; `None` where the sphere has no triangles.
-    pub(crate) fn new(sphere: &Sphere, functions: usize) -> Result<Option<Self>> {
+impl OffVertex {
+    /// Chooses places for models of so many functions; `None` where the sphere has no triangles.
+    pub(crate) fn new(sphere: &Sphere, functions: usize) -> Result<Option<Self>, Error> {
         let unit = sphere.directions.as_slice();
         let sum = |face: &[u32; 3]| {
             [0, 1, 2].map(|k| face.iter().map(|&v| unit.get(v as usize).map_or(f64::NAN, |p| p[k])).sum::<f64>())
         };
         let places = (WORK / functions).clamp(PLACES[0], PLACES[1]);
         let step = sphere.faces.len().div_ceil(places).max(1);
-        // The centre of a triangle that goes round the sphere says nothing.
+        // The centre of a triangle that spans much of the sphere has no meaning.
         let small = |(_, sum): &([u32; 3], [f64; 3])| sum.iter().map(|x| x * x).sum::<f64>() > 1.0;
         let chosen = sphere.faces.iter().step_by(step).map(|face| (*face, sum(face))).filter(small);
         let (faces, sums): (Vec<_>, Vec<_>) = chosen.unzip();
@@ -41,15 +41,15 @@ impl Between {
         Ok(Some(Self { faces, centres: Directions::from_vertices(&sums)? }))
     }
 
-    /// Distances of the model with these coefficients from the centres of the surface's triangles, and how many times as
-    /// far off the model is there as `at` the vertices, where that is too many.
-    pub(crate) fn judge(
+    /// Returns the distances of the model with these coefficients, (K, 3), from the centres of the surface's triangles,
+    /// and, where the model oscillates, the ratio of the rms distance there to that `at` the vertices.
+    pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,
         vertices: ArrayView2<'_, f64>,
         at: &Distances,
-        about: &About,
-    ) -> Result<(Distances, Option<f64>)> {
+        scale: Option<f64>,
+    ) -> Result<(Distances, Option<f64>), Error> {
         let model = synthesis(&self.centres, coefficients)?;
         let (mut sum, mut most, mut sizes) = (0.0, 0.0_f64, 0.0);
         for (face, model) in self.faces.iter().zip(model.rows()) {
@@ -62,9 +62,9 @@ impl Between {
             };
             sizes += edge(a, b).max(edge(b, c)).max(edge(c, a));
         }
-        let between = about.of_residual(sum / self.faces.len() as f64, most, false);
+        let between = Distances::new(sum / self.faces.len() as f64, most, false, scale);
         let ratio = (between.msd_raw / at.msd_raw.max(f64::MIN_POSITIVE)).sqrt();
-        let wild = ratio > WILD && sum > LEAST * LEAST * sizes;
-        Ok((between, wild.then_some(ratio)))
+        let oscillates = ratio > OSCILLATION && sum > LEAST * LEAST * sizes;
+        Ok((between, oscillates.then_some(ratio)))
     }
 }

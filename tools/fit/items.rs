@@ -3,16 +3,59 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use ndarray_npy::WriteNpyExt;
+use spharm::{Fit, Sphere, model_of};
 use spharm_cli::console::Console;
 use spharm_cli::inputs::{expand_lists, unique_stems};
 use spharm_cli::output::refuse_existing;
+use spharm_surface::io::write_new;
+use spharm_surface::model::write_complex_csv;
 
-use super::Cli;
+use super::{Cli, make_folder_of};
 
 /// One surface to fit and where its model goes.
-pub(crate) struct Item {
-    pub(crate) input: PathBuf,
-    pub(crate) output: PathBuf,
+pub(super) struct Item {
+    pub(super) input: PathBuf,
+    pub(super) output: PathBuf,
+}
+
+impl Item {
+    /// `NAME.spharm.csv` beside `NAME.spharm.npz`.
+    fn csv(&self) -> PathBuf {
+        self.beside(".csv")
+    }
+
+    /// `NAME.spharm.stderr.npy` beside `NAME.spharm.npz`.
+    fn errors(&self) -> PathBuf {
+        self.beside(".stderr.npy")
+    }
+
+    fn beside(&self, ending: &str) -> PathBuf {
+        let text = self.output.to_string_lossy();
+        PathBuf::from(format!("{}{ending}", text.strip_suffix(".npz").unwrap_or(&text)))
+    }
+
+    /// `NAME.sphere.surf.gii` beside `NAME.spharm.npz`.
+    pub(super) fn sphere(&self) -> PathBuf {
+        let name = self.output.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let stem = name.strip_suffix(".npz").unwrap_or(&name);
+        self.output.with_file_name(format!("{}.sphere.surf.gii", stem.strip_suffix(".spharm").unwrap_or(stem)))
+    }
+
+    /// Writes the model, and beside it what else was asked for.
+    pub(super) fn write(&self, cli: &Cli, sphere: &Sphere, fit: &Fit) -> Result<()> {
+        make_folder_of(&self.output)?;
+        if cli.coefficients_csv {
+            write_new(self.csv(), cli.force, |out| write_complex_csv(&fit.coefficients, out))?;
+        }
+        if let Some(errors) = &fit.standard_errors {
+            write_new(self.errors(), cli.force, |out| errors.write_npy(out).map_err(std::io::Error::other))?;
+        }
+        let input = self.input.file_name().map(|name| name.to_string_lossy());
+        let model = model_of(sphere, fit, input.as_deref());
+        write_new(&self.output, cli.force, |out| model.write(out))?;
+        Ok(())
+    }
 }
 
 /// Whether `--output` means one file rather than a folder: it ends in `.npz` and isn't a folder.
@@ -20,20 +63,8 @@ fn names_file(output: &Path) -> bool {
     output.extension().is_some_and(|extension| extension == "npz") && !output.is_dir()
 }
 
-/// `NAME.spharm.csv` beside `NAME.spharm.npz`.
-pub(crate) fn csv_of(output: &Path) -> PathBuf {
-    let text = output.to_string_lossy();
-    PathBuf::from(format!("{}.csv", text.strip_suffix(".npz").unwrap_or(&text)))
-}
-
-/// `NAME.spharm.stderr.npy` beside `NAME.spharm.npz`.
-pub(crate) fn errors_of(output: &Path) -> PathBuf {
-    let text = output.to_string_lossy();
-    PathBuf::from(format!("{}.stderr.npy", text.strip_suffix(".npz").unwrap_or(&text)))
-}
-
 /// Inputs and outputs; refuses before any work what would clash or overwrite.
-pub(crate) fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
+pub(super) fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
     let inputs = expand_lists(&cli.surface)?;
     let mut items: Vec<Item> = match (&inputs[..], &cli.output) {
         ([input], Some(output)) if names_file(output) => {
@@ -71,10 +102,10 @@ pub(crate) fn items(cli: &Cli, console: &Console) -> Result<Vec<Item>> {
     }
     for item in &items {
         if cli.coefficients_csv {
-            refuse_existing(&csv_of(&item.output), cli.force, "output", "--output")?;
+            refuse_existing(&item.csv(), cli.force, "output", "--output")?;
         }
         if cli.stderr {
-            refuse_existing(&errors_of(&item.output), cli.force, "output", "--output")?;
+            refuse_existing(&item.errors(), cli.force, "output", "--output")?;
         }
         if !item.input.is_file() {
             let what = if item.input.exists() { "not a regular file" } else { "no such file" };

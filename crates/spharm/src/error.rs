@@ -1,0 +1,137 @@
+//! What can go wrong between reading a surface and writing its model.
+
+use std::path::PathBuf;
+
+use spharm_harmonics::HarmonicsError;
+use spharm_monitor::Interrupted;
+use spharm_parametrize::ParametrizeError;
+use spharm_solver::SolverError;
+use spharm_store::StoreError;
+use spharm_surface::SurfaceError;
+use spharm_transform::TransformError;
+
+/// Errors of this crate. Those of the crates below it are its sources.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file that can't be read, or surfaces and spheres that don't belong together.
+    #[error("{0}")]
+    Surface(#[from] SurfaceError),
+    /// A surface without a map to the sphere.
+    #[error("{0}")]
+    Parametrize(#[from] ParametrizeError),
+    /// A basis or factor that can't be read.
+    #[error("{0}")]
+    Store(#[from] StoreError),
+    /// A fit that can't be computed.
+    #[error("{0}")]
+    Solver(#[from] SolverError),
+    /// Directions or coefficients that are refused.
+    #[error("{0}")]
+    Harmonics(#[from] HarmonicsError),
+    /// A transform that can't be made.
+    #[error("{0}")]
+    Transform(#[from] TransformError),
+    /// The computation was asked to stop.
+    #[error("{0}")]
+    Interrupted(#[from] Interrupted),
+    /// A setting that isn't one of its values, or doesn't go with another.
+    #[error("{what} needs {expected}, found {found}")]
+    Setting {
+        /// The setting.
+        what: &'static str,
+        /// What it may be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// A degree that the harmonics aren't computed to.
+    #[error("degree {found} is above {most}, the highest that is supported")]
+    Degree {
+        /// The degree asked for.
+        found: usize,
+        /// The highest.
+        most: usize,
+    },
+    /// A method that reads a basis, without a store.
+    #[error("the method {method} reads a basis from a store, and none was given")]
+    NeedsStore {
+        /// The method.
+        method: &'static str,
+    },
+    /// A store that can't be opened.
+    #[error("{}: cannot open the store: {source}; build one with basis-build", .store.display())]
+    OpenStore {
+        /// The folder.
+        store: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Something that integrates over triangles, on a sphere that has none.
+    #[error("{what} needs triangles, and {} has none; give a sphere mesh", .sphere.display())]
+    NeedsTriangles {
+        /// What needs them: `quadrature`, `density`, `area`.
+        what: &'static str,
+        /// The sphere.
+        sphere: PathBuf,
+    },
+    /// Weights that aren't one for each vertex.
+    #[error("{name}: expected one weight for each of {expected} vertices, found {found}")]
+    WeightCount {
+        /// The weights' name.
+        name: String,
+        /// Vertices.
+        expected: usize,
+        /// Weights.
+        found: usize,
+    },
+    /// A fraction to hold out that leaves no vertex out.
+    #[error("a hold-out fraction of {fraction} leaves none of {vertices} vertices out; give a larger fraction")]
+    HoldOut {
+        /// The fraction.
+        fraction: f64,
+        /// Vertices.
+        vertices: usize,
+    },
+    /// A memory budget below what the fit takes.
+    #[error("a memory budget of {} MiB is too small for this fit; the smallest that works is {}MiB", .budget >> 20, .needed.div_ceil(1 << 20))]
+    Memory {
+        /// The budget, bytes.
+        budget: usize,
+        /// The least that works, bytes.
+        needed: usize,
+    },
+    /// A limit on the process that the computation would exceed.
+    #[error("the limit on this process's {what} is {} MiB; this takes {} MiB: raise it or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
+    Limit {
+        /// Which limit.
+        what: &'static str,
+        /// Bytes allowed.
+        limit: u64,
+        /// Bytes needed.
+        needed: u64,
+    },
+    /// With [`FitParams::strict`](crate::FitParams::strict): the iteration ended before the tolerance was met.
+    #[error("{0}")]
+    NotConverged(crate::FitWarning),
+    /// A model without triangles to reconstruct a surface on.
+    #[error("cannot start {threads} threads: {message}")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// Why.
+        message: String,
+    },
+}
+
+impl Error {
+    /// Returns whether the computation was asked to stop, and did.
+    pub fn is_interrupted(&self) -> bool {
+        matches!(
+            self,
+            Self::Interrupted(_)
+                | Self::Solver(SolverError::Interrupted | SolverError::Store(StoreError::Interrupted(_)))
+                | Self::Store(StoreError::Interrupted(_))
+        )
+    }
+}

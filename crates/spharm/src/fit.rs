@@ -1,0 +1,151 @@
+//! Fitting: one target, or many over one sphere in bounded memory.
+
+mod batches;
+mod irf;
+mod job;
+mod lsq;
+mod lsq_plan;
+mod quadrature;
+
+pub use lsq_plan::check_memory;
+pub use quadrature::Quadrature;
+
+use std::borrow::Cow;
+use std::sync::Mutex;
+
+use ndarray::Array2;
+use spharm_harmonics::Coefficients;
+use spharm_monitor::{Monitor, Silent};
+use spharm_surface::{Mesh, Signal, Sphere, SurfaceError, Target};
+
+use crate::report::{FitReport, ManyReport};
+use crate::{Error, FitParams, Method};
+use batches::Run;
+use job::Job;
+
+/// The coefficients of one target, and how they were found.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// Canonical coefficients, (K, c), in the target's unit.
+    pub coefficients: Coefficients,
+    /// Standard error of each coefficient, (K, c), where they were asked for.
+    pub standard_errors: Option<Array2<f64>>,
+    /// How far the model is from the target, and what may be wrong with it.
+    pub report: FitReport,
+}
+
+/// What can be fitted over a sphere.
+pub trait ToTarget {
+    /// Returns the target, checked against the sphere.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Target::from_mesh`] and [`Target::from_signal`].
+    fn to_target(&self, sphere: &Sphere) -> Result<Cow<'_, Target>, SurfaceError>;
+}
+
+impl ToTarget for Mesh {
+    fn to_target(&self, sphere: &Sphere) -> Result<Cow<'_, Target>, SurfaceError> {
+        Target::from_mesh(self, sphere).map(Cow::Owned)
+    }
+}
+
+impl ToTarget for Signal {
+    fn to_target(&self, sphere: &Sphere) -> Result<Cow<'_, Target>, SurfaceError> {
+        Target::from_signal(self.clone(), sphere).map(Cow::Owned)
+    }
+}
+
+impl ToTarget for Target {
+    fn to_target(&self, _: &Sphere) -> Result<Cow<'_, Target>, SurfaceError> {
+        Ok(Cow::Borrowed(self))
+    }
+}
+
+/// Fits a surface, or a signal, over a sphere that has its vertices.
+///
+/// ```
+/// use spharm::prelude::*;
+/// use spharm::generate::{Cortex, cortex};
+///
+/// let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+/// let sphere = Sphere::from_mesh(&sphere)?;
+/// let fit = spharm::fit(&sphere, &surface, &FitParams::lsq(10))?;
+/// assert_eq!(fit.coefficients.values().dim(), (121, 3));
+/// assert!(fit.report.msd < 1e-2);
+/// # Ok::<(), spharm::Error>(())
+/// ```
+///
+/// # Errors
+///
+/// [`Error`]: a target that doesn't belong to the sphere, settings that don't go together, too little memory, a store
+/// that can't be read.
+pub fn fit(sphere: &Sphere, target: &impl ToTarget, params: &FitParams) -> Result<Fit, Error> {
+    fit_with(sphere, target, params, &Silent)
+}
+
+/// As [`fit()`], with progress and cancellation.
+///
+/// # Errors
+///
+/// Those of [`fit()`]; [`Error::is_interrupted`] where the monitor stopped it.
+pub fn fit_with(
+    sphere: &Sphere,
+    target: &impl ToTarget,
+    params: &FitParams,
+    monitor: &dyn Monitor,
+) -> Result<Fit, Error> {
+    let target = target.to_target(sphere)?;
+    let found = Mutex::new(None);
+    let keep = |_, fit| {
+        *found.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(fit);
+        Ok::<(), Error>(())
+    };
+    fit_many(sphere, 1, &|_| Ok(target.clone().into_owned()), params, &keep, monitor)?;
+    let found = found.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    Ok(found.expect("a target that was read has been fitted, or there was an error"))
+}
+
+/// Fits many targets over one sphere, as many at a time as the memory allows, and hands over each fit as it is ready.
+///
+/// `read` returns target `0..count`; it is called from several threads, in order but for a few at a time. `done` gets the
+/// number of a target and its fit, also from several threads. An error of either ends the call.
+///
+/// # Errors
+///
+/// Those of [`fit()`], `read` and `done`.
+pub fn fit_many<E: From<Error> + Send>(
+    sphere: &Sphere,
+    count: usize,
+    read: &(dyn Fn(usize) -> Result<Target, E> + Sync),
+    params: &FitParams,
+    done: &(dyn Fn(usize, Fit) -> Result<(), E> + Sync),
+    monitor: &dyn Monitor,
+) -> Result<ManyReport, E> {
+    params.check()?;
+    in_pool(params.threads, || {
+        let job = Job::new(sphere, params, monitor)?;
+        let (scheme, scalar) = (job.key, job.scalar);
+        let mut run = Run::new(job, count, read, done, monitor)?;
+        match params.method {
+            Method::Lsq => lsq::run(&mut run)?,
+            Method::Quadrature => quadrature::run(&mut run)?,
+            _ => irf::run(&mut run)?,
+        }
+        Ok(ManyReport { scheme, scalar, batches: run.batches, seconds: run.seconds })
+    })
+}
+
+/// Runs work in a rayon pool of so many threads: in the caller's own where it has that many or none are asked for.
+fn in_pool<T: Send, E: From<Error> + Send>(
+    threads: Option<usize>,
+    work: impl FnOnce() -> Result<T, E> + Send,
+) -> Result<T, E> {
+    let Some(threads) = threads else { return work() };
+    if rayon::current_thread_index().is_some() && rayon::current_num_threads() == threads {
+        return work();
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|error| Error::Threads { threads, message: error.to_string() })?;
+    pool.install(work)
+}

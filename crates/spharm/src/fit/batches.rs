@@ -1,0 +1,219 @@
+//! Targets read a few at a time, fitted in batches, assessed, and handed over.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::time::Instant;
+
+use ndarray::{Array2, ArrayView2, s};
+use rayon::prelude::*;
+use spharm_harmonics::Coefficients;
+use spharm_monitor::Monitor;
+use spharm_solver::report::Residual;
+use spharm_surface::{Kind, Target};
+
+use super::job::Job;
+use crate::assess::{Distances, scale_of};
+use crate::report::{BatchReport, FitReport, Seconds, Settings};
+use crate::{Error, Fit, FitWarning};
+
+type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
+type Done<'a, E> = &'a (dyn Fn(usize, Fit) -> Result<(), E> + Sync);
+
+/// A call under way: targets read a few at a time, and what has been fitted so far.
+pub(crate) struct Run<'a, E> {
+    pub(crate) job: Job<'a>,
+    pub(crate) monitor: &'a dyn Monitor,
+    pub(crate) count: usize,
+    pub(crate) batches: Vec<BatchReport>,
+    pub(crate) seconds: Seconds,
+    read: Read<'a, E>,
+    done: Done<'a, E>,
+    /// The next target to read, and those read that no batch has taken.
+    next: usize,
+    ready: VecDeque<(usize, Target)>,
+}
+
+/// Targets that are fitted together, and the columns of each.
+pub(crate) struct Batch {
+    numbers: Vec<usize>,
+    targets: Vec<Target>,
+    pub(crate) groups: Vec<Range<usize>>,
+}
+
+/// What a method found for a batch.
+pub(crate) struct Solved {
+    /// Canonical coefficients, (K, columns of the batch).
+    pub(crate) coefficients: Array2<f64>,
+    /// Whether it was a refinement, and the residual of each target, sweep after sweep.
+    pub(crate) sweeps: Vec<(bool, Vec<Residual>)>,
+    /// Like the coefficients, where they were asked for.
+    pub(crate) standard_errors: Option<Array2<f64>>,
+    pub(crate) warnings: Vec<FitWarning>,
+    pub(crate) report: BatchReport,
+}
+
+impl Batch {
+    fn new(taken: Vec<(usize, Target)>) -> Self {
+        let mut end = 0;
+        let groups = taken.iter().map(|(_, target)| {
+            end += target.channels;
+            end - target.channels..end
+        });
+        let groups = groups.collect();
+        let (numbers, targets) = taken.into_iter().unzip();
+        Self { numbers, targets, groups }
+    }
+
+    /// Columns of all targets.
+    pub(crate) fn columns(&self) -> usize {
+        self.groups.last().map_or(0, |group| group.end)
+    }
+
+    /// Target after target with its columns, (n, c).
+    pub(crate) fn targets(&self) -> impl Iterator<Item = (Range<usize>, ArrayView2<'_, f64>)> {
+        self.groups.iter().cloned().zip(self.targets.iter().map(values))
+    }
+
+    /// All columns side by side, (n, c).
+    pub(crate) fn side_by_side(&self) -> Array2<f64> {
+        let rows = self.targets.first().map_or(0, |target| target.values.len() / target.channels.max(1));
+        let mut all = Array2::zeros((rows, self.columns()));
+        for (group, target) in self.targets() {
+            all.slice_mut(s![.., group]).assign(&target);
+        }
+        all
+    }
+}
+
+/// A target's values, (n, c).
+fn values(target: &Target) -> ArrayView2<'_, f64> {
+    let shape = (target.values.len() / target.channels.max(1), target.channels);
+    ArrayView2::from_shape(shape, &target.values[..]).expect("a target has channels values for each vertex")
+}
+
+impl<'a, E: From<Error> + Send> Run<'a, E> {
+    /// Reads the first targets.
+    pub(crate) fn new(
+        job: Job<'a>,
+        count: usize,
+        read: Read<'a, E>,
+        done: Done<'a, E>,
+        monitor: &'a dyn Monitor,
+    ) -> Result<Self, E> {
+        let (batches, seconds, ready) = (Vec::new(), Seconds::default(), VecDeque::new());
+        let mut run = Self { job, monitor, count, batches, seconds, read, done, next: 0, ready };
+        let mark = Instant::now();
+        run.fill()?;
+        run.seconds.read += mark.elapsed().as_secs_f64();
+        Ok(run)
+    }
+
+    /// Channels of the first target: of all of them, in most studies.
+    pub(crate) fn channels(&self) -> usize {
+        self.ready.front().map_or(1, |(_, target)| target.channels)
+    }
+
+    /// Fits batch after batch with at most `columns` columns, or one target with more, and hands over the fits.
+    pub(crate) fn each_batch(
+        &mut self,
+        columns: usize,
+        mut solve: impl FnMut(&Job<'a>, &Batch) -> Result<Solved, Error>,
+    ) -> Result<(), E> {
+        loop {
+            self.monitor.check().map_err(Error::from)?;
+            let mark = Instant::now();
+            let Some(batch) = self.next_batch(columns)? else { return Ok(()) };
+            self.seconds.read += mark.elapsed().as_secs_f64();
+            let mark = Instant::now();
+            let solved = solve(&self.job, &batch)?;
+            self.seconds.solve += mark.elapsed().as_secs_f64();
+            let mark = Instant::now();
+            self.hand_over(&batch, &solved)?;
+            self.seconds.write += mark.elapsed().as_secs_f64();
+            self.batches.push(solved.report);
+        }
+    }
+
+    /// Reads the next few targets, one for each thread.
+    fn fill(&mut self) -> Result<(), E> {
+        let end = self.count.min(self.next + self.job.threads);
+        let read = self.read;
+        let one = |number: usize| -> Result<(usize, Target), E> { Ok((number, read(number)?)) };
+        let targets: Vec<(usize, Target)> = (self.next..end).into_par_iter().map(one).collect::<Result<_, E>>()?;
+        self.next = end;
+        self.ready.extend(targets);
+        Ok(())
+    }
+
+    /// As many targets as have at most `columns` columns together, and at least one; `None` when all are done.
+    fn next_batch(&mut self, columns: usize) -> Result<Option<Batch>, E> {
+        let (mut taken, mut width) = (Vec::new(), 0);
+        loop {
+            if self.ready.is_empty() {
+                self.fill()?;
+            }
+            let Some((_, target)) = self.ready.front() else { break };
+            if !taken.is_empty() && width + target.channels > columns {
+                break;
+            }
+            width += target.channels;
+            taken.extend(self.ready.pop_front());
+        }
+        Ok((!taken.is_empty()).then(|| Batch::new(taken)))
+    }
+
+    fn hand_over(&self, batch: &Batch, solved: &Solved) -> Result<(), E> {
+        let one = |index: usize| -> Result<(), E> {
+            let fit = fit_of(&self.job, batch, solved, index)?;
+            (self.done)(batch.numbers[index], fit)
+        };
+        (0..batch.targets.len()).into_par_iter().try_for_each(one)
+    }
+}
+
+/// One target's part of a batch, assessed.
+fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result<Fit, Error> {
+    let (target, group) = (&batch.targets[index], batch.groups[index].clone());
+    let scale = scale_of(target);
+    let passes: Vec<Distances> = solved
+        .sweeps
+        .iter()
+        .map(|(refinement, residuals)| {
+            Distances::new(residuals[index].mean_square, residuals[index].max_square, *refinement, scale)
+        })
+        .collect();
+    let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
+    let mut warnings = solved.warnings.clone();
+    let assess =
+        |held: &crate::assess::HoldOut| held.assess(&job.sphere.directions, coefficients.view(), values(target), scale);
+    let held_out = job.hold_out.as_ref().map(assess).transpose()?;
+    let mut between = None;
+    if let (Some(places), Some(at), Kind::Surface) = (&job.off_vertex, passes.last(), target.kind) {
+        let (distances, oscillation) = places.assess(coefficients.view(), values(target), at, scale)?;
+        warnings.extend(oscillation.map(|ratio| FitWarning::Oscillation { ratio }));
+        between = Some(distances);
+    }
+    let last = passes.last().copied();
+    let report = FitReport {
+        channels: target.channels,
+        scale,
+        msd: last.and_then(|last| last.msd).unwrap_or(f64::NAN),
+        xsd: last.and_then(|last| last.xsd).unwrap_or(f64::NAN),
+        off_vertex: between.and_then(|between| between.msd).unwrap_or(f64::NAN),
+        passes,
+        between,
+        held_out,
+        smoothness: solved.report.smoothness(),
+        warnings,
+        settings: Settings {
+            method: job.params.method,
+            weights: job.params.weights.name().to_owned(),
+            scheme: job.key,
+            scalar: job.scalar,
+            kind: target.kind,
+            meta: target.meta.clone(),
+        },
+    };
+    let standard_errors = solved.standard_errors.as_ref().map(|errors| errors.slice(s![.., group]).to_owned());
+    Ok(Fit { coefficients: Coefficients::new(coefficients)?, standard_errors, report })
+}

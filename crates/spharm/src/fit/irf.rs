@@ -1,0 +1,243 @@
+//! Iterative residual fitting over a store: as many columns at a time as the memory allows.
+
+use std::cell::Cell;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use spharm_harmonics::basis_size;
+use spharm_monitor::{Level, Monitor, Stage};
+use spharm_solver::grams::BlockGrams;
+use spharm_solver::lsq::{moment_gram, moment_gram_bytes};
+use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, FitEvent, Fitter, Method as Blocks, Operator};
+use spharm_store::Scalar;
+use spharm_transform::MomentGram;
+
+use super::batches::{Run, Solved};
+use super::job::Job;
+use crate::machine::check_limits;
+use crate::report::BatchReport;
+use crate::{Error, FitWarning, defaults};
+
+/// Fits all targets.
+pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> {
+    let mark = Instant::now();
+    let (count, monitor) = (run.count, run.monitor);
+    // The first target has the channels of all, in most studies.
+    let channels = run.channels();
+    let (Some(scheme), Some(method)) = (run.job.scheme.take(), run.job.params.method.blocks()) else {
+        return Err(Error::NeedsStore { method: run.job.params.method.name() }.into());
+    };
+    let operator = DiskOperator::new(scheme);
+    let planner = Planner { operator: &operator, method };
+    run.job.threads = planner.fitting_threads(&run.job, channels, monitor);
+    let moments = planner.moments(&run.job, channels, count > 1)?;
+    let moments = moments.as_ref();
+    let together = planner.surfaces_together(&run.job, moments, count, channels)?;
+    let mut fitter = planner.fitter(&run.job, moments, together, channels, count > together)?;
+    run.seconds.plan += mark.elapsed().as_secs_f64();
+    planner.note_plan(&run.job, &fitter, count, together, monitor);
+
+    let sweeps = count.div_ceil(together) * method.passes();
+    monitor.begin(Stage::counted("fit", "columns"), (sweeps * basis_size(run.job.params.max_degree)) as u64);
+    let columns = fitter.channels();
+    let cancel = AtomicBool::new(false);
+    run.each_batch(columns, |job, batch| {
+        if batch.columns() > fitter.channels() {
+            // One target with more channels than were planned for has a batch, and a plan, of its own.
+            fitter = planner.fitter(job, moments, 1, batch.columns(), true)?;
+        }
+        let mut targets = ChunkedRows::zeros(operator.rows(), batch.columns(), operator.chunk_rows());
+        for (group, target) in batch.targets() {
+            targets.set_columns(group.start, target);
+        }
+        let last = Cell::new(0);
+        let show = |event: FitEvent<'_>| {
+            cancel.store(monitor.cancelled(), Ordering::Relaxed);
+            show(event, method, &last, monitor);
+        };
+        let fit = fitter.fit(targets, &batch.groups, &cancel, &show)?;
+        let sweeps = fit.report.sweeps.iter().map(|sweep| (sweep.refinement, sweep.residuals.clone())).collect();
+        Ok(Solved {
+            coefficients: fit.coefficients.values().to_owned(),
+            sweeps,
+            standard_errors: None,
+            warnings: FitWarning::of_blocks(&fit.report.blocks),
+            report: BatchReport::Streamed(fit.report),
+        })
+    })?;
+    monitor.end();
+    Ok(())
+}
+
+fn show(event: FitEvent<'_>, method: Blocks, last: &Cell<usize>, monitor: &dyn Monitor) {
+    match event {
+        FitEvent::Solving(sweep, degrees) => {
+            let (first, end) = (degrees.start(), degrees.end());
+            monitor.note(Level::Status, format_args!("pass {sweep}, degrees {first} to {end}"));
+        }
+        FitEvent::Block(sweep, done, _) if sweep <= method.passes() => {
+            let before = if done <= last.get() { 0 } else { last.get() };
+            monitor.step((done - before) as u64);
+            last.set(done);
+        }
+        FitEvent::Sweep(report) => {
+            let name = if report.refinement { "refinement after pass" } else { "pass" };
+            let gigabytes = report.bytes_read as f64 / 1e9;
+            let text = format_args!("{name} {}: {:.2} s, {gigabytes:.2} GB", report.pass, report.seconds);
+            monitor.note(Level::Detail, text);
+        }
+        _ => {}
+    }
+}
+
+/// Finds settings that keep to the memory.
+struct Planner<'o> {
+    operator: &'o DiskOperator,
+    method: Blocks,
+}
+
+impl<'o> Planner<'o> {
+    fn params(
+        &self,
+        job: &Job<'_>,
+        together: usize,
+        channels: usize,
+        reuse: bool,
+        gram_source: Option<usize>,
+    ) -> spharm_solver::FitParams {
+        spharm_solver::FitParams {
+            max_degree: job.params.max_degree,
+            method: self.method,
+            refinements: if self.method == Blocks::Nlsf { defaults::REFINEMENTS } else { 0 },
+            weights: job.weights.clone(),
+            memory: job.memory,
+            held: job.held(together, channels),
+            threads: job.threads,
+            reuse,
+            accelerate: job.params.method.accelerated(),
+            gram_source,
+        }
+    }
+
+    fn fitter<'m>(
+        &self,
+        job: &Job<'_>,
+        moments: Option<&'m MomentGram>,
+        together: usize,
+        channels: usize,
+        reuse: bool,
+    ) -> Result<Fitter<'m>, Error>
+    where
+        'o: 'm,
+    {
+        let columns = together * channels;
+        let params = self.params(job, together, channels, reuse, moments.map(BlockGrams::bytes));
+        let fitter = match moments {
+            // A target with more channels than the others may leave no room for it.
+            Some(moments) if spharm_solver::plan(self.operator, columns, &params).is_ok() => {
+                Fitter::with_grams(self.operator, columns, params, moments)
+            }
+            _ => Fitter::new(self.operator, columns, spharm_solver::FitParams { gram_source: None, ..params }),
+        }?;
+        let plan = fitter.plan();
+        let blas = job.threads * spharm_solver::dense::RESERVED_PER_THREAD;
+        let decoded = if self.operator.is_direct() { 0 } else { plan.basis };
+        check_limits(plan.arrays + plan.work + plan.grams + plan.factors + blas + decoded, plan.basis)?;
+        Ok(fitter)
+    }
+
+    /// The source of Gram matrices, for a basis in f64: where the memory has room to make it, and to hold it without a
+    /// block being read more often or a factor made again for its sake.
+    fn moments(&self, job: &Job<'_>, channels: usize, reuse: bool) -> Result<Option<MomentGram>, Error> {
+        let max_degree = job.params.max_degree;
+        // Beyond the range of the transforms, which need twice the degree, there are none.
+        let Ok(making) = moment_gram_bytes(self.operator.rows(), max_degree) else { return Ok(None) };
+        if job.scalar != Scalar::F64 || job.held(1, channels) + making > job.memory {
+            return Ok(None);
+        }
+        let plan = |gram_source| {
+            let params = self.params(job, 1, channels, reuse, gram_source);
+            spharm_solver::plan(self.operator, channels, &params).ok()
+        };
+        let fits = match (plan(None), plan(Some(MomentGram::bytes(max_degree)))) {
+            (None, with) => with.is_some(),
+            (Some(_), None) => false,
+            (Some(without), Some(with)) => {
+                let twice = |whole: &[bool]| whole.iter().filter(|&&whole| !whole).count();
+                with.read_ahead >= without.read_ahead
+                    && with.keep_factors >= without.keep_factors
+                    && twice(&with.whole) <= twice(&without.whole)
+            }
+        };
+        if !fits {
+            return Ok(None);
+        }
+        Ok(Some(moment_gram(&job.sphere.directions, job.weights.as_deref(), max_degree)?))
+    }
+
+    /// As many surfaces as fit the budget with every block whole in memory; if that is none, as many as fit at all.
+    fn surfaces_together(
+        &self,
+        job: &Job<'_>,
+        moments: Option<&MomentGram>,
+        surfaces: usize,
+        channels: usize,
+    ) -> Result<usize, Error> {
+        let gram_source = moments.map(BlockGrams::bytes);
+        let plan = |together: usize| {
+            let params = self.params(job, together, channels, surfaces > together, gram_source);
+            spharm_solver::plan(self.operator, together * channels, &params)
+        };
+        let whole = |&together: &usize| plan(together).is_ok_and(|plan| plan.whole.iter().all(|&whole| whole));
+        let most = surfaces.min(defaults::MOST_TOGETHER);
+        if let Some(together) = (1..=most).rev().find(whole) {
+            return Ok(together);
+        }
+        match (1..=most).rev().find(|&together| plan(together).is_ok()) {
+            Some(together) => Ok(together),
+            // The error has what would suffice for one.
+            None => Ok(plan(1).map(|_| 1)?),
+        }
+    }
+
+    /// The number of threads that fits the budget, one where none does: each has sums of its own, and on a node with many
+    /// cores these may be what doesn't fit.
+    fn fitting_threads(&self, job: &Job<'_>, channels: usize, monitor: &dyn Monitor) -> usize {
+        let asked = job.threads;
+        let fits = |&threads: &usize| {
+            let held = super::job::held(job.sphere.directions.len(), job.sphere.faces.len(), 1, channels, threads);
+            let params = spharm_solver::FitParams { held, threads, ..self.params(job, 1, channels, false, None) };
+            spharm_solver::plan(self.operator, channels, &params).is_ok()
+        };
+        let Some(threads) = (1..=asked).rev().find(fits) else { return 1 };
+        if threads < asked {
+            let text = format_args!("{threads} threads in place of {asked}, to keep to the memory");
+            monitor.note(Level::Info, text);
+        }
+        threads
+    }
+
+    fn note_plan(&self, job: &Job<'_>, fitter: &Fitter<'_>, surfaces: usize, together: usize, monitor: &dyn Monitor) {
+        let (plan, blocks) = (fitter.plan(), fitter.blocks().len());
+        let text = format_args!(
+            "{surfaces} of n = {}, L = {}: {} with {} of {}, {together} at a time, {} of {} MiB planned",
+            self.operator.rows(),
+            job.params.max_degree,
+            self.method.name(),
+            counted(self.method.passes(), "pass", "passes"),
+            counted(blocks, "block", "blocks"),
+            plan.total.div_ceil(1 << 20),
+            plan.budget >> 20,
+        );
+        monitor.note(Level::Info, text);
+        let twice = plan.whole.iter().filter(|&&whole| !whole).count();
+        if twice > 0 {
+            let blocks = counted(twice, "block doesn't", "blocks don't");
+            monitor.note(Level::Info, format_args!("{blocks} fit the memory and are read again for each use"));
+        }
+    }
+}
+
+fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}

@@ -1,0 +1,94 @@
+//! What all methods share: the sphere, the weights, the basis, where to assess.
+
+use spharm_harmonics::basis_size;
+use spharm_monitor::{Level, Monitor};
+use spharm_store::{Scalar, Scheme, SchemeKey};
+use spharm_surface::Sphere;
+
+use crate::assess::{HoldOut, OffVertex};
+use crate::store::{open_scheme, verify};
+use crate::{Error, FitParams, Weights, defaults};
+
+/// A call's settings, resolved on its sphere.
+pub(crate) struct Job<'a> {
+    pub(crate) sphere: &'a Sphere,
+    pub(crate) params: &'a FitParams,
+    /// Weights of the vertices, (n); zero for those that are held out.
+    pub(crate) weights: Option<Vec<f64>>,
+    pub(crate) hold_out: Option<HoldOut>,
+    pub(crate) off_vertex: Option<OffVertex>,
+    /// The basis, for the methods over a store.
+    pub(crate) scheme: Option<Scheme>,
+    pub(crate) key: SchemeKey,
+    pub(crate) scalar: Scalar,
+    pub(crate) threads: usize,
+    /// Bytes to keep to.
+    pub(crate) memory: usize,
+}
+
+impl<'a> Job<'a> {
+    pub(crate) fn new(sphere: &'a Sphere, params: &'a FitParams, monitor: &dyn Monitor) -> Result<Self, Error> {
+        let n = sphere.directions.len();
+        let hold_out = params.hold_out.map(|fraction| HoldOut::new(n, fraction)).transpose()?;
+        let mut weights = weights(&params.weights, sphere)?;
+        if let Some(hold_out) = &hold_out {
+            monitor.note(Level::Info, format_args!("{} vertices are held out", hold_out.count()));
+            weights = Some(hold_out.apply(weights));
+        }
+        let mut scheme = None;
+        if let (Some(_), Some(store)) = (params.method.blocks(), &params.store) {
+            let found = open_scheme(store, sphere, params.max_degree, params.scalar)?;
+            if params.verify {
+                verify(&found.0, monitor)?;
+            }
+            scheme = Some(found);
+        }
+        let scalar = scheme.as_ref().map_or(Scalar::F64, |(_, scalar)| *scalar);
+        let key = scheme.as_ref().map_or_else(|| SchemeKey::of(&sphere.directions, scalar), |(scheme, _)| scheme.key());
+        Ok(Self {
+            sphere,
+            params,
+            weights,
+            hold_out,
+            off_vertex: OffVertex::new(sphere, basis_size(params.max_degree))?,
+            scheme: scheme.map(|(scheme, _)| scheme),
+            key,
+            scalar,
+            threads: params.threads.unwrap_or_else(rayon::current_num_threads),
+            memory: defaults::memory(params),
+        })
+    }
+
+    /// Returns the bytes held beside the solver while so many targets are fitted together.
+    pub(crate) fn held(&self, together: usize, channels: usize) -> usize {
+        held(self.sphere.directions.len(), self.sphere.faces.len(), together, channels, self.threads)
+    }
+}
+
+/// Returns the bytes held beside the solver: the program, the sphere, the targets as they were read, and a surface for
+/// each thread while it is read or written.
+pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usize, threads: usize) -> usize {
+    /// The program, its stacks and allocator, measured on a fit of a small mesh.
+    const BASE: usize = 12 << 20;
+    let sphere = 24 * vertices + 12 * faces;
+    // A file as text, decoded, and as a mesh with its topology.
+    let reading = 5 * sphere + 16 * vertices * channels;
+    BASE + sphere + 8 * vertices * channels * together + reading * threads.min(together)
+}
+
+fn weights(choice: &Weights, sphere: &Sphere) -> Result<Option<Vec<f64>>, Error> {
+    match choice {
+        Weights::Uniform => Ok(None),
+        Weights::Area if sphere.faces.is_empty() => {
+            Err(Error::NeedsTriangles { what: "the area of a vertex", sphere: sphere.name().to_owned() })
+        }
+        Weights::Area => Ok(Some(sphere.areas())),
+        Weights::Values { name, values } => {
+            let (expected, found) = (sphere.directions.len(), values.len());
+            if found != expected {
+                return Err(Error::WeightCount { name: name.clone(), expected, found });
+            }
+            Ok(Some(values.clone()))
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! How to fit: [`FitParams`] and its parts.
+
+use std::path::PathBuf;
+
+use spharm_harmonics::MAX_DEGREE;
+use spharm_store::Scalar;
+
+use crate::{Error, defaults};
+
+/// How the coefficients are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Full least squares by fast transforms, without a basis on disk: the paper's NLSF at any degree.
+    Lsq,
+    /// Iterative residual fitting over a basis store.
+    Irf {
+        /// Number of passes, p, at least 1.
+        passes: usize,
+        /// Most basis functions that are solved together, g, at least 1.
+        granularity: usize,
+        /// Conjugate gradients over pairs of passes, one forward and one backward; `passes` then bounds them.
+        accelerate: bool,
+    },
+    /// Stepwise fitting over a store: degrees 0 to `start_degree` together, then one at a time, in one pass.
+    Sirf {
+        /// Last degree of the first block, s.
+        start_degree: usize,
+    },
+    /// SIRF repeated on the residual, over a store.
+    Mirf {
+        /// Number of passes, p, at least 1.
+        passes: usize,
+        /// Last degree of the first block, s.
+        start_degree: usize,
+        /// As for [`Method::Irf`].
+        accelerate: bool,
+    },
+    /// The full least squares over a store, all degrees in one block.
+    Nlsf,
+    /// Quadrature on a Gauss-Legendre grid, to which the surface is interpolated.
+    Quadrature,
+}
+
+impl Method {
+    /// Returns iterative residual fitting with the paper's granularity and one pass.
+    pub fn irf() -> Self {
+        Self::Irf { passes: 1, granularity: defaults::GRANULARITY, accelerate: false }
+    }
+
+    /// Returns the method's name in lower case, as reports and models have it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Lsq => "lsq",
+            Self::Quadrature => "quadrature",
+            Self::Irf { .. } => "irf",
+            Self::Sirf { .. } => "sirf",
+            Self::Mirf { .. } => "mirf",
+            Self::Nlsf => "nlsf",
+        }
+    }
+
+    /// Returns the number of passes over the basis, p.
+    pub fn passes(&self) -> usize {
+        match *self {
+            Self::Irf { passes, .. } | Self::Mirf { passes, .. } => passes,
+            Self::Lsq | Self::Quadrature | Self::Sirf { .. } | Self::Nlsf => 1,
+        }
+    }
+
+    /// Returns the granularity, g, where the method has one and it is finite.
+    pub fn granularity(&self) -> Option<usize> {
+        match *self {
+            Self::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
+            _ => None,
+        }
+    }
+
+    /// Returns the last degree of the first block, s, where the method has one.
+    pub fn start_degree(&self) -> Option<usize> {
+        match *self {
+            Self::Sirf { start_degree } | Self::Mirf { start_degree, .. } => Some(start_degree),
+            _ => None,
+        }
+    }
+
+    /// Returns whether pairs of passes are accelerated by conjugate gradients.
+    pub fn accelerated(&self) -> bool {
+        matches!(*self, Self::Irf { accelerate: true, .. } | Self::Mirf { accelerate: true, .. })
+    }
+
+    /// Returns the solver's schedule of blocks, for the methods that read a store.
+    pub(crate) fn blocks(&self) -> Option<spharm_solver::Method> {
+        use spharm_solver::Method as Blocks;
+        match *self {
+            Self::Lsq | Self::Quadrature => None,
+            Self::Irf { passes, granularity, .. } => Some(Blocks::Irf { passes, granularity }),
+            Self::Sirf { start_degree } => Some(Blocks::Sirf { start_degree }),
+            Self::Mirf { passes, start_degree, .. } => Some(Blocks::Mirf { passes, start_degree }),
+            Self::Nlsf => Some(Blocks::Nlsf),
+        }
+    }
+}
+
+/// The smoothness penalty of the full least squares: `lambda sum (l (l + 1))^2 a^2`, added to the squared distances.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Smoothness {
+    /// None over a given sphere; [`defaults::parametrized_smoothness`] over one made by parametrisation.
+    #[default]
+    Default,
+    /// This lambda, finite and not negative.
+    Fixed(f64),
+    /// For each target the lambda of the least generalised cross-validation.
+    Auto,
+}
+
+/// What each vertex counts in the least squares.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Weights {
+    /// One.
+    #[default]
+    Uniform,
+    /// Its share of the sphere's area, in steradians.
+    Area,
+    /// Values of the caller, (n), finite, not negative and not all zero.
+    Values {
+        /// What the model's provenance calls them: a file name.
+        name: String,
+        /// The weights, (n).
+        values: Vec<f64>,
+    },
+}
+
+impl Weights {
+    /// Returns what the provenance calls them: `uniform`, `area`, or the name of the values.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Uniform => "uniform",
+            Self::Area => "area",
+            Self::Values { name, .. } => name,
+        }
+    }
+}
+
+/// What the iterations of the full least squares are preconditioned with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Preconditioner {
+    /// Nothing at first; a Cholesky factor where convergence is slow and memory allows.
+    #[default]
+    Auto,
+    /// Nothing.
+    None,
+    /// The density of the sampling; needs triangles.
+    Density,
+    /// The factor of the degrees up to this one.
+    LowDegrees(usize),
+    /// The Cholesky factor of all normal equations.
+    Factor,
+}
+
+/// How to fit.
+///
+/// ```
+/// use spharm::{FitParams, Smoothness};
+///
+/// let params = FitParams { smoothness: Smoothness::Auto, hold_out: Some(0.1), ..FitParams::lsq(60) };
+/// assert_eq!(params.max_degree, 60);
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitParams {
+    /// Highest degree, L, inclusive; at most [`MAX_DEGREE`].
+    pub max_degree: usize,
+    /// How the coefficients are found.
+    pub method: Method,
+    /// Smoothness penalty, for [`Method::Lsq`].
+    pub smoothness: Smoothness,
+    /// What each vertex counts.
+    pub weights: Weights,
+    /// Fraction of the vertices, between 0 and 1, that is left out of the fit and assessed apart.
+    pub hold_out: Option<f64>,
+    /// Whether to compute each coefficient's standard error; for [`Method::Lsq`].
+    pub standard_errors: bool,
+    /// Optimality to reach, between 0 and 1: the gradient relative to that of no fit; for [`Method::Lsq`].
+    pub tolerance: f64,
+    /// Most iterations; for [`Method::Lsq`].
+    pub max_iterations: usize,
+    /// Preconditioner; for [`Method::Lsq`].
+    pub preconditioner: Preconditioner,
+    /// Whether a fit that misses the tolerance is an error rather than a warning.
+    pub strict: bool,
+    /// Folder of the basis store: the basis for the methods over a store, a factor for [`Method::Lsq`] if it has one.
+    pub store: Option<PathBuf>,
+    /// Scalar type of the basis; by default the one that the store has, f64 first.
+    pub scalar: Option<Scalar>,
+    /// Whether to check every byte of the basis against its hash first.
+    pub verify: bool,
+    /// Bytes of memory to keep to, mapped files included; by default [`defaults::memory`].
+    pub memory: Option<usize>,
+    /// Threads; by default those of the rayon pool that the call is made in.
+    pub threads: Option<usize>,
+}
+
+impl FitParams {
+    /// Returns the recommended settings: the full least squares to degree `max_degree`.
+    pub fn lsq(max_degree: usize) -> Self {
+        Self {
+            max_degree,
+            method: Method::Lsq,
+            smoothness: Smoothness::Default,
+            weights: Weights::Uniform,
+            hold_out: None,
+            standard_errors: false,
+            tolerance: defaults::TOLERANCE,
+            max_iterations: defaults::MAX_ITERATIONS,
+            preconditioner: Preconditioner::Auto,
+            strict: false,
+            store: None,
+            scalar: None,
+            verify: false,
+            memory: None,
+            threads: None,
+        }
+    }
+
+    /// Returns iterative residual fitting over a store, one pass with the paper's granularity.
+    pub fn irf(max_degree: usize, store: impl Into<PathBuf>) -> Self {
+        Self { method: Method::irf(), store: Some(store.into()), ..Self::lsq(max_degree) }
+    }
+
+    /// Checks what can be checked without a sphere.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        let refuse = |what, expected, found: String| Err(Error::Setting { what, expected, found });
+        if self.max_degree > MAX_DEGREE {
+            return Err(Error::Degree { found: self.max_degree, most: MAX_DEGREE });
+        }
+        if self.hold_out.is_some_and(|fraction| !(fraction > 0.0 && fraction < 1.0)) {
+            return refuse("hold_out", "a fraction between 0 and 1", format!("{:?}", self.hold_out));
+        }
+        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
+            return refuse("tolerance", "a number between 0 and 1", self.tolerance.to_string());
+        }
+        if self.threads == Some(0) {
+            return refuse("threads", "at least 1", "0".to_owned());
+        }
+        if self.method.blocks().is_some() && self.store.is_none() {
+            return Err(Error::NeedsStore { method: self.method.name() });
+        }
+        let name = self.method.name();
+        let for_lsq_only = [
+            (self.smoothness != Smoothness::Default, "smoothness"),
+            (self.standard_errors, "standard_errors"),
+            (self.preconditioner != Preconditioner::Auto, "preconditioner"),
+        ];
+        if let (true, Some((_, what))) = (self.method != Method::Lsq, for_lsq_only.iter().find(|(given, _)| *given)) {
+            return refuse(what, "the method lsq", name.to_owned());
+        }
+        if self.method == Method::Quadrature && (self.weights != Weights::Uniform || self.hold_out.is_some()) {
+            return refuse("weights and hold_out", "a least-squares method", name.to_owned());
+        }
+        Ok(())
+    }
+}

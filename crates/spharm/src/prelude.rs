@@ -1,0 +1,3 @@
+//! What most programs need: `use spharm::prelude::*;`.
+
+pub use crate::{Error, Fit, FitParams, Kind, Mesh, Method, Signal, Smoothness, Sphere, Weights, fit};

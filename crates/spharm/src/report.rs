@@ -1,0 +1,128 @@
+//! What a fit reports: of each target, of each batch, of a whole call.
+
+use serde::Serialize;
+use spharm_solver::lsq::{Gcv, LsqReport};
+use spharm_solver::report::Residual;
+use spharm_store::{Scalar, SchemeKey};
+use spharm_surface::{Kind, Meta};
+
+use crate::assess::{Distances, HeldOut};
+use crate::warning::FitWarning;
+
+/// Report on the fit of one target.
+#[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
+pub struct FitReport {
+    /// Number of channels, c.
+    pub channels: usize,
+    /// Cube root of the bounding box's volume, in the target's unit; none for what has no volume.
+    pub scale: Option<f64>,
+    /// Mean squared distance at the vertices, bounding box scaled to volume 1; NaN for what has no volume.
+    #[serde(skip)]
+    pub msd: f64,
+    /// Maximal squared distance at the vertices, scaled likewise.
+    #[serde(skip)]
+    pub xsd: f64,
+    /// Mean squared distance at the centres of some of the triangles, scaled likewise; NaN also without triangles.
+    #[serde(skip)]
+    pub off_vertex: f64,
+    /// Distances at the vertices, sweep after sweep; the last are those of the model.
+    pub passes: Vec<Distances>,
+    /// Distances at the centres of some of the triangles, for a surface over a sphere with triangles.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub between: Option<Distances>,
+    /// Distances at the vertices that were held out and at the others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_out: Option<HeldOut>,
+    /// Smoothness penalty, lambda; zero for the methods that have none.
+    #[serde(skip)]
+    pub smoothness: f64,
+    /// What may be wrong with it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<FitWarning>,
+    /// How it was fitted, for a model's provenance.
+    #[serde(skip)]
+    pub settings: Settings,
+}
+
+/// How a target was fitted.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Settings {
+    /// The method and its settings.
+    pub method: crate::Method,
+    /// `uniform`, `area`, or the name of the weights given.
+    pub weights: String,
+    /// Key of the sampling scheme.
+    pub scheme: SchemeKey,
+    /// Scalar type of the basis.
+    pub scalar: Scalar,
+    /// Whether the target is a surface or a signal.
+    pub kind: Kind,
+    /// What the target's file said beside its values.
+    pub meta: Meta,
+}
+
+/// What each method reports of the targets that it fitted together.
+#[derive(Debug, Clone, Serialize)]
+#[serde(untagged)]
+#[non_exhaustive]
+pub enum BatchReport {
+    /// Of the methods over a store.
+    Streamed(spharm_solver::FitReport),
+    /// Of the full least squares.
+    LeastSquares {
+        /// The solver's report.
+        #[serde(flatten)]
+        report: LsqReport,
+        /// The search for the smoothness, where it was chosen by cross-validation.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        gcv: Option<Gcv>,
+    },
+    /// Of quadrature.
+    Quadrature {
+        /// Highest degree, L.
+        max_degree: usize,
+        /// Rings and azimuths of the grid.
+        grid: [usize; 2],
+        /// For each target: mean and maximum over the vertices of the squared norm of its residual, in its unit squared.
+        residuals: Vec<Residual>,
+    },
+}
+
+impl BatchReport {
+    /// Returns the smoothness penalty, lambda; zero for the methods that have none.
+    pub fn smoothness(&self) -> f64 {
+        match self {
+            Self::LeastSquares { report, .. } => report.smoothness,
+            _ => 0.0,
+        }
+    }
+}
+
+/// Wall time of a call, by kind of work.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Seconds {
+    /// Reading targets.
+    pub read: f64,
+    /// Planning memory and making transforms.
+    pub plan: f64,
+    /// Solving.
+    pub solve: f64,
+    /// Assessing the fits and handing them over.
+    pub write: f64,
+}
+
+/// Report on a call that fitted many targets over one sphere.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ManyReport {
+    /// Key of the sampling scheme.
+    pub scheme: SchemeKey,
+    /// Scalar type of the basis.
+    pub scalar: Scalar,
+    /// A report on each batch of targets that were fitted together, in order.
+    pub batches: Vec<BatchReport>,
+    /// Wall time.
+    pub seconds: Seconds,
+}

@@ -1,0 +1,141 @@
+//! What may be wrong with a fit that was computed all the same.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+use spharm_solver::lsq::LsqReport;
+use spharm_solver::report::BlockReport;
+
+/// Something about a fit that its user should know. It is serialised as its text.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum FitWarning {
+    /// The model is far off between the vertices, which leave it undetermined there.
+    Oscillation {
+        /// Rms distance between the vertices relative to that at them.
+        ratio: f64,
+    },
+    /// The normal equations are singular on this sampling: the solution of least norm was taken.
+    Singular {
+        /// Highest degree of the fit.
+        max_degree: usize,
+        /// Column and degree at which the factorisation of the Gram matrix breaks down, where it does.
+        breaks_at: Option<[usize; 2]>,
+        /// The largest norm of a column of coefficients.
+        norm: f64,
+        /// Optimality reached.
+        optimality: f64,
+    },
+    /// Fewer vertices than coefficients, so that the default smoothness penalty chose among the solutions.
+    FewVertices {
+        /// Vertices.
+        vertices: usize,
+        /// Coefficients of a channel.
+        functions: usize,
+        /// A degree that the vertices determine well.
+        suitable_degree: usize,
+    },
+    /// The iteration ended before the tolerance was met.
+    NotConverged {
+        /// Optimality reached.
+        optimality: f64,
+        /// Optimality asked for.
+        tolerance: f64,
+        /// Iterations and refinements.
+        steps: usize,
+    },
+    /// A block of degrees that the sampling doesn't determine: its solution of least norm was taken.
+    RankDeficient {
+        /// First degree of the block.
+        first_degree: usize,
+        /// Last degree of the block.
+        last_degree: usize,
+        /// Numerical rank.
+        rank: usize,
+        /// Columns of the block.
+        columns: usize,
+    },
+    /// A factor in the store that doesn't belong to this fit or can't be read.
+    FactorUnusable {
+        /// Why.
+        reason: String,
+    },
+    /// Something that the solver reports.
+    Solver(String),
+}
+
+impl fmt::Display for FitWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Oscillation { ratio } => write!(
+                f,
+                "between the vertices the model is {ratio:.0} times as far off as at them: they leave it undetermined \
+                 there"
+            ),
+            Self::Singular { max_degree, breaks_at, norm, optimality } => {
+                write!(f, "degree {max_degree} isn't determined by this sampling")?;
+                if let Some([column, degree]) = breaks_at {
+                    write!(f, "; the Gram matrix breaks at column {column}, of degree {degree}")?;
+                }
+                write!(f, "; took the solution of least norm, {norm:.3e}, to optimality {optimality:.1e}")
+            }
+            Self::FewVertices { vertices, functions, suitable_degree } => write!(
+                f,
+                "{vertices} vertices don't determine {functions} coefficients, smoothness chose among them; degrees to \
+                 {suitable_degree} suit this mesh"
+            ),
+            Self::NotConverged { optimality, tolerance, steps } => write!(
+                f,
+                "the iteration ended at optimality {optimality:.1e}, not {tolerance:.1e}, after {steps} steps; the best \
+                 solution so far was taken"
+            ),
+            Self::RankDeficient { first_degree, last_degree, rank, columns } => write!(
+                f,
+                "degrees {first_degree} to {last_degree}: rank {rank} of {columns} columns; the sampling doesn't \
+                 determine them, the solution of least norm was taken"
+            ),
+            Self::FactorUnusable { reason } => write!(f, "{reason}; solving without it"),
+            Self::Solver(text) => f.write_str(text),
+        }
+    }
+}
+
+impl Serialize for FitWarning {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl FitWarning {
+    /// Returns what a least-squares report gives reason to warn of; `by_default` where the smoothness is the default one
+    /// of a parametrised sphere.
+    pub(crate) fn of_lsq(report: &LsqReport, tolerance: f64, by_default: bool) -> Vec<Self> {
+        let mut warnings = Vec::new();
+        let singular = report.shift > 0.0;
+        if singular {
+            let &LsqReport { max_degree, breaks_at, norm, optimality, .. } = report;
+            warnings.push(Self::Singular { max_degree, breaks_at, norm, optimality });
+        }
+        let (vertices, functions) = (report.rows, spharm_harmonics::basis_size(report.max_degree));
+        if by_default && vertices < functions {
+            let suitable_degree = ((vertices as f64 / 1.5).sqrt() as usize).saturating_sub(1);
+            warnings.push(Self::FewVertices { vertices, functions, suitable_degree });
+        }
+        warnings.extend(report.notes.iter().cloned().map(Self::Solver));
+        if report.stop != spharm_solver::lsq::cg::Stop::Converged && !singular {
+            let steps = report.iterations + report.refinements;
+            warnings.push(Self::NotConverged { optimality: report.optimality, tolerance, steps });
+        }
+        warnings
+    }
+
+    /// Returns a warning for each block that the sampling doesn't determine.
+    pub(crate) fn of_blocks(blocks: &[BlockReport]) -> Vec<Self> {
+        let deficient = blocks.iter().filter(|block| block.rank < block.columns);
+        let warning = |block: &BlockReport| {
+            let &BlockReport { first_degree, last_degree, rank, columns, .. } = block;
+            Self::RankDeficient { first_degree, last_degree, rank, columns }
+        };
+        deficient.map(warning).collect()
+    }
+}

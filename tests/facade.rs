@@ -1,0 +1,57 @@
+//! The library's functions give the bits that the program gives.
+
+use spharm::parametrize::parametrize;
+use spharm::{FitParams, Method, Sphere, defaults, fit};
+use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+use spharm_surface::{Model, read_sphere};
+
+use crate::common::{succeed, tool};
+use crate::pipeline::Study;
+
+fn threads() -> Option<usize> {
+    Some(2)
+}
+
+#[test]
+fn a_bare_mesh_has_the_bits_of_the_program() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let (surface, _) = cortex(&Cortex { subdivisions: 4, variant: 1 });
+    write_mesh(path("bare.ply"), &surface, &WriteOptions { double: true, ..WriteOptions::default() }).expect("a mesh");
+    let mut program = tool("fit");
+    program.arg("--surface").arg(path("bare.ply")).args(["--max-degree", "15", "--threads", "2", "-q", "-o"]);
+    succeed(program.arg(path("bare.npz")));
+    let expected = Model::read(&path("bare.npz")).expect("a model");
+
+    let surface = read_mesh(path("bare.ply")).expect("the mesh");
+    let sphere = parametrize(&surface, &defaults::parametrization(15)).expect("a map").sphere;
+    let found = fit(&sphere, &surface, &FitParams { threads: threads(), ..FitParams::lsq(15) }).expect("a fit");
+    assert_eq!(found.coefficients, expected.coefficients);
+    assert!(found.report.smoothness > 0.0 && found.report.off_vertex > 0.0);
+}
+
+#[test]
+fn a_surface_on_its_sphere_has_the_bits_of_the_program() {
+    let study = Study::new();
+    let program = |store: bool, output: &str| {
+        let mut program = tool("fit");
+        program.arg("--sphere").arg(study.path("sphere.surf.gii")).arg("--surface").arg(study.path("s0.surf.gii"));
+        program.args(["--max-degree", "12", "--threads", "2", "-q", "-o"]).arg(study.path(output));
+        if store {
+            program.arg("--store").arg(study.path("store")).args(["--passes", "3", "--granularity", "30"]);
+        }
+        succeed(&mut program);
+        Model::read(&study.path(output)).expect("a model").coefficients
+    };
+    let sphere: Sphere = read_sphere(study.path("sphere.surf.gii")).expect("a sphere");
+    let surface = read_mesh(study.path("s0.surf.gii")).expect("a surface");
+    let lsq = FitParams { threads: threads(), ..FitParams::lsq(12) };
+    assert_eq!(fit(&sphere, &surface, &lsq).expect("a fit").coefficients, program(false, "lsq.npz"));
+    let irf = FitParams {
+        method: Method::Irf { passes: 3, granularity: 30, accelerate: false },
+        store: Some(study.path("store")),
+        ..lsq
+    };
+    assert_eq!(fit(&sphere, &surface, &irf).expect("a fit").coefficients, program(true, "irf.npz"));
+}

@@ -1,0 +1,198 @@
+//! What `fit` prints: warnings with advice, the table, the report.
+
+use std::collections::HashSet;
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use anyhow::Result;
+use serde::Serialize;
+use spharm::{BatchReport, Error, Fit, FitParams, FitReport, FitWarning, ManyReport, Method, Smoothness};
+use spharm_cli::console::Console;
+use spharm_cli::inputs::stem;
+use spharm_cli::machine::{Memory, Versions, memory};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{print, print_json, table, write_json};
+use spharm_cli::size::Size;
+use spharm_solver::SolverError;
+use spharm_store::{Scalar, SchemeKey};
+
+use super::Cli;
+use super::items::Item;
+
+/// A call of `fit`.
+pub(super) struct Call<'a> {
+    pub(super) cli: &'a Cli,
+    pub(super) params: &'a FitParams,
+    pub(super) console: Console,
+    pub(super) monitor: &'a ConsoleMonitor,
+    pub(super) started: Instant,
+    /// Warnings of whole batches, which are shown once.
+    shown: Mutex<HashSet<String>>,
+}
+
+/// A fitted surface, as the report shows it.
+#[derive(Debug, Serialize)]
+pub(super) struct Fitted {
+    input: PathBuf,
+    output: PathBuf,
+    #[serde(flatten)]
+    report: FitReport,
+    /// Without --sphere: the sphere that was made, and how.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) parametrization: Option<Mapped>,
+}
+
+/// The sphere that a surface was mapped to.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Mapped {
+    /// The file.
+    pub(super) sphere: PathBuf,
+    #[serde(flatten)]
+    pub(super) report: spharm::parametrize::Report,
+}
+
+#[derive(Debug, Serialize)]
+struct Seconds {
+    read: f64,
+    parametrize: f64,
+    plan: f64,
+    solve: f64,
+    write: f64,
+    total: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    tool: &'static str,
+    versions: Versions,
+    method: &'static str,
+    store: Option<&'a PathBuf>,
+    sphere: Option<&'a PathBuf>,
+    /// Of the sphere that all surfaces share.
+    scheme_key: Option<String>,
+    dtype: &'static str,
+    weights: &'a str,
+    granularity: Option<usize>,
+    start_degree: Option<usize>,
+    openblas: String,
+    surfaces: Vec<Fitted>,
+    batches: Vec<BatchReport>,
+    seconds: Seconds,
+    memory: Memory,
+}
+
+impl Fitted {
+    pub(super) fn new(item: &Item, report: FitReport) -> Self {
+        Self { input: item.input.clone(), output: item.output.clone(), report, parametrization: None }
+    }
+
+    /// The surface's row of the table.
+    fn row(&self) -> Option<Vec<String>> {
+        let last = self.report.passes.last()?;
+        let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4e}"));
+        let mut row = vec![
+            stem(&self.input),
+            number(last.msd),
+            number(last.xsd),
+            number(Some(last.msd_raw.sqrt())),
+            number(Some(last.xsd_raw.sqrt())),
+            number(self.report.between.map(|between| between.msd_raw.sqrt())),
+            self.output.display().to_string(),
+        ];
+        if let Some(held_out) = &self.report.held_out {
+            row.insert(6, number(held_out.held_out.msd.or(Some(held_out.held_out.msd_raw))));
+        }
+        Some(row)
+    }
+}
+
+impl<'a> Call<'a> {
+    pub(super) fn new(cli: &'a Cli, params: &'a FitParams, console: Console, monitor: &'a ConsoleMonitor) -> Self {
+        Self { cli, params, console, monitor, started: Instant::now(), shown: Mutex::default() }
+    }
+
+    /// Shows a fit's warnings: those of the surface with its name, those of its batch once.
+    pub(super) fn warn_of(&self, item: &Item, fit: &Fit) {
+        for warning in &fit.report.warnings {
+            if let FitWarning::Oscillation { .. } = warning {
+                let smoother = match (self.params.method, self.params.smoothness) {
+                    (Method::Lsq, Smoothness::Auto) => "",
+                    (Method::Lsq, _) => "--smoothness auto, ",
+                    _ => "--method lsq --smoothness auto, ",
+                };
+                self.console.warn(format!(
+                    "{}: {warning}; use {smoother}a lower --max-degree, or a sphere with larger cells for large triangles",
+                    item.input.display()
+                ));
+            } else if self.shown.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.to_string()) {
+                self.console.warn(warning);
+            }
+        }
+    }
+
+    /// An error with the argument that it is about.
+    pub(super) fn explain(&self, error: anyhow::Error) -> anyhow::Error {
+        let weight = matches!(error.downcast_ref(), Some(Error::Solver(SolverError::Weight { .. })));
+        let flag = match error.downcast_ref::<Error>() {
+            Some(Error::HoldOut { fraction, .. }) => format!("--hold-out {fraction}"),
+            Some(Error::Memory { budget, .. }) => format!("--memory {}", Size(*budget)),
+            Some(Error::WeightCount { .. }) => "--weights".to_owned(),
+            Some(Error::NotConverged(_)) => "--strict".to_owned(),
+            _ if weight => format!("--weights {}", self.cli.weights),
+            _ => return error,
+        };
+        error.context(flag)
+    }
+
+    /// Writes the report, and prints it or the table.
+    pub(super) fn finish(
+        &self,
+        scheme: Option<(SchemeKey, Scalar)>,
+        surfaces: Vec<Fitted>,
+        reports: Vec<ManyReport>,
+        [read, parametrize]: [f64; 2],
+    ) -> Result<()> {
+        let sum = |of: fn(&spharm::Seconds) -> f64| reports.iter().map(|report| of(&report.seconds)).sum::<f64>();
+        let seconds = Seconds {
+            read: read + sum(|seconds| seconds.read),
+            parametrize,
+            plan: sum(|seconds| seconds.plan),
+            solve: sum(|seconds| seconds.solve),
+            write: sum(|seconds| seconds.write),
+            total: self.started.elapsed().as_secs_f64(),
+        };
+        let (cli, method) = (self.cli, &self.params.method);
+        let report = Report {
+            tool: "fit",
+            versions: Versions::current(),
+            method: method.name(),
+            store: cli.store.as_ref(),
+            sphere: cli.sphere.as_ref(),
+            scheme_key: scheme.map(|(key, _)| key.to_string()),
+            dtype: scheme.map_or(Scalar::F64, |(_, scalar)| scalar).name(),
+            weights: &cli.weights,
+            granularity: method.granularity(),
+            start_degree: method.start_degree(),
+            openblas: spharm_solver::dense::openblas(),
+            surfaces,
+            batches: reports.into_iter().flat_map(|report| report.batches).collect(),
+            seconds,
+            memory: memory(),
+        };
+        if let Some(path) = &cli.report {
+            write_json(path, cli.force, &report)?;
+        }
+        if cli.json {
+            return print_json(&report);
+        }
+        let mut head = vec!["surface", "msd", "xsd", "rms", "max", "between", "model"];
+        if cli.hold_out.is_some() {
+            head.insert(6, "msd held out");
+        }
+        let mut rows = vec![head.into_iter().map(str::to_owned).collect()];
+        rows.extend(report.surfaces.iter().filter_map(Fitted::row));
+        let units = "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit; between: rms at triangles' centres";
+        print(&format!("{}\n{units}\n{:.2} s", table(&rows), report.seconds.total))
+    }
+}
