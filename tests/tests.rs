@@ -9,5 +9,6 @@ mod facade;
 mod memory;
 mod paper;
 mod pipeline;
+mod readme;
 mod store;
 mod volumes;
