@@ -153,3 +153,25 @@ fn a_build_that_waits_for_another_stops_when_it_is_asked_to() {
     assert!(finish(&mut command).status.success());
     assert_eq!(verified(&store).len(), 3);
 }
+
+/// As under `nohup`: who logs out sends SIGHUP, and the build goes on.
+#[test]
+fn a_signal_that_is_ignored_from_the_start_stays_ignored() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let store = folder.path().join("store");
+    let key = build_here(&store, 20, &BuildParams { max_degree: 1, ..BuildParams::default() });
+    let lock = std::fs::File::open(store.join(key.to_string()).join(".lock")).expect("the lock");
+    lock.lock().expect("nobody builds");
+    let mut build = tool("basis-build");
+    build.arg("--store").arg(&store).arg("--sphere").arg(write_sphere(folder.path(), 20)).args(["--max-degree", "2"]);
+    let mut command = Command::new("sh");
+    command.args(["-c", "trap '' HUP; exec \"$@\"", "sh"]).arg(build.get_program()).args(build.get_args());
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("a shell");
+    let mut said = std::io::BufReader::new(child.stderr.take().expect("a pipe"));
+    std::io::BufRead::read_line(&mut said, &mut String::new()).expect("that it waits");
+    kill_process(Pid::from_child(&child), Signal::HUP).expect("a signal");
+    std::thread::sleep(Duration::from_millis(300));
+    drop(lock);
+    assert!(wait(child).status.success());
+    assert_eq!(verified(&store).len(), 3);
+}

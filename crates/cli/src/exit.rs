@@ -2,11 +2,15 @@
 
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use clap::Command;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::flag;
 use spharm_monitor::Interrupted;
 use spharm_solver::SolverError;
 
+use crate::advice::advice;
 use crate::usage::Usage;
 
 /// EX_TEMPFAIL: try the same again.
@@ -14,21 +18,33 @@ const INTERRUPTED: u8 = 75;
 /// As clap has it.
 const USAGE: u8 = 2;
 
-static CANCEL: AtomicBool = AtomicBool::new(false);
+static CANCEL: LazyLock<Arc<AtomicBool>> = LazyLock::new(listen);
 
-/// Set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP); installs the handler on the first call. A second signal
-/// ends the process at once.
+/// Set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP); signals are heard from the first call on. A
+/// second signal ends the process at once.
 pub fn cancel() -> &'static AtomicBool {
-    static ONCE: std::sync::Once = std::sync::Once::new();
-    ONCE.call_once(|| {
-        // It fails only if another handler was installed, which this program never does.
-        let _ = ctrlc::set_handler(|| {
-            if CANCEL.swap(true, Ordering::Relaxed) {
-                std::process::exit(i32::from(INTERRUPTED));
-            }
-        });
-    });
     &CANCEL
+}
+
+fn listen() -> Arc<AtomicBool> {
+    let cancel = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        if !is_ignored(signal) {
+            // In this order the first signal finds the flag unset. They fail for signals that can't be caught only.
+            let _ = flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), Arc::clone(&cancel));
+            let _ = flag::register(signal, Arc::clone(&cancel));
+        }
+    }
+    cancel
+}
+
+/// Whether this process was started with a signal ignored, as `nohup` does and shells do for jobs in the background. It
+/// stays ignored.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
+    mask >> (signal - 1) & 1 == 1
 }
 
 /// Ends the process where it has been asked to stop: for work that can't be left half done and has written nothing yet.
@@ -56,12 +72,12 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
         let _ = usage.of(command()).print();
         return ExitCode::from(USAGE);
     }
-    let line = one_line(&error);
-    crate::console::say(format_args!("error: {line}"));
+    let advice = advice(&error).map_or(String::new(), |advice| format!("; {advice}"));
+    crate::console::say(format_args!("error: {}{advice}", one_line(&error)));
     if is_interrupted(&error) { ExitCode::from(INTERRUPTED) } else { ExitCode::FAILURE }
 }
 
-/// The error and its causes; a cause that is told already isn't told again.
+/// Joins the error chain, skipping repeated messages.
 fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for text in error.chain().map(ToString::to_string) {

@@ -6,12 +6,14 @@
 //! | [`threads`] | how many threads, and the pool |
 //! | [`console`] | notes, warnings and progress on stderr |
 //! | [`exit`] | from errors to exit codes; signals |
+//! | [`advice`] | which flag mends an error of the library |
 //! | [`inputs`] | spheres, surfaces and signals from files, checked |
 //! | [`monitor`] | the progress of the library on the console |
 //! | [`usage`] | arguments that don't go together |
 //! | [`output`] | results to stdout, reports to files |
 //! | [`machine`] | peak memory, versions |
 
+pub mod advice;
 pub mod console;
 pub mod exit;
 pub mod inputs;

@@ -157,7 +157,7 @@ pub enum SurfaceError {
     },
 
     /// The output is there already.
-    #[error("{}: the file exists: pass --force to replace it, or give another name", path.display())]
+    #[error("{}: the file exists", path.display())]
     OutputExists {
         /// The file.
         path: PathBuf,
