@@ -11,4 +11,5 @@ mod paper;
 mod pipeline;
 mod readme;
 mod store;
+mod verbs;
 mod volumes;

@@ -8,6 +8,7 @@
 //! | `experiments` | figures 3, 5, 6 and 7 and table 1: what is measured |
 //! | `tables`, `figures`, `plots`, `summary` | what is written about it |
 
+mod args;
 mod bench;
 mod experiments;
 mod families;
@@ -22,51 +23,18 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use spharm_cli::Common;
 use spharm_cli::machine::{Versions, memory};
 use spharm_cli::output::print;
-use spharm_cli::size::Size;
-use spharm_cli::threads::Threads;
 use spharm_solver::DiskOperator;
 use spharm_store::Scheme;
 use spharm_surface::io::write_new;
 
+pub(crate) use self::args::Cli;
 use self::bench::Bench;
 use self::experiments::{Extent, FULL, QUICK, Results};
 use self::published::Reference;
 use self::summary::Circumstances;
 use self::surfaces::Surface;
-
-/// Repeat the experiments of Shen and Chung's paper (3DPVT 2006) and set the results beside the paper's
-///
-/// They run on a generated cortex of 40,962 vertices and on the surfaces that --data has. Each experiment is written as
-/// CSV and as SVG, and all of them are summed up in paper.md, which is printed as well. It takes some minutes, and for
-/// the largest basis 3.2 GiB of disk.
-#[derive(Debug, clap::Args)]
-pub(crate) struct Cli {
-    /// Folder with cort40962, head27618, the hippocampi hippo_a01_l to a03_l and reference.json, or some of them
-    #[arg(long, value_name = "DIR", conflicts_with = "quick")]
-    data: Option<PathBuf>,
-    /// Folder of the results; made when it isn't there
-    #[arg(short, long, value_name = "DIR", default_value = "paper")]
-    output: PathBuf,
-    /// Folder of a basis store to use and to add to [default: one in --output, removed at the end]
-    #[arg(long, value_name = "DIR")]
-    store: Option<PathBuf>,
-    /// Memory that each build and each fit is to keep to, mapped files included
-    #[arg(long, value_name = "SIZE", default_value = "1GiB")]
-    memory: Size,
-    #[command(flatten)]
-    threads: Threads,
-    /// A small surface and low degrees, to see in a few seconds that everything works
-    #[arg(long)]
-    quick: bool,
-    /// Replace results that exist
-    #[arg(long)]
-    force: bool,
-    #[command(flatten)]
-    common: Common,
-}
 
 const SUMMARY: &str = "paper.md";
 

@@ -1,74 +1,38 @@
 //! `picture`: surfaces side by side as a PNG.
 
-use std::path::{Path, PathBuf};
+mod args;
+
+use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use clap::ValueEnum;
-use spharm_cli::Common;
 use spharm_cli::inputs::stem;
-use spharm_cli::output::print;
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
 use spharm_harmonics::Directions;
 use spharm_parametrize::quality::log_area_ratios;
 use spharm_surface::Mesh;
 use spharm_surface::io::{WriteOptions, read_mesh};
-use spharm_surface::metrics::squared_distances;
-use spharm_surface::render::{Paint, Panel, Settings, View, render, write_png};
+use spharm_surface::metrics::{correspond, distances_to_surface, vertex_distances};
+use spharm_surface::render::{Paint, Panel, Settings, render, write_png};
 
-/// Draw surfaces side by side, and the distance between the first and the last in colour
-#[derive(Debug, clap::Args)]
-pub(crate) struct Cli {
-    /// Surfaces, in the order of the panels
-    #[arg(required = true)]
-    surfaces: Vec<PathBuf>,
-    /// Text beneath each panel, in order [default: the files' names]
-    #[arg(long, value_name = "TEXT")]
-    caption: Vec<String>,
-    /// One more panel: the last surface coloured by each vertex's distance from the first
-    #[arg(long)]
-    error: bool,
-    /// One more panel, after the first surface: its sphere, coloured by the log of how much area the map gives to each
-    /// part of the surface
-    #[arg(long, value_name = "SPHERE")]
-    sphere: Option<PathBuf>,
-    /// Where one looks from
-    #[arg(long, value_enum, default_value_t = Side::Left)]
-    view: Side,
-    /// Panels in a row; 0 for all
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    columns: usize,
-    /// Width and height of a panel in pixels
-    #[arg(long, value_name = "PIXELS", default_value_t = 480, value_parser = clap::value_parser!(u16).range(64..=4096))]
-    size: u16,
-    /// Picture to write
-    #[arg(short, long, value_name = "OUT.png")]
-    output: PathBuf,
-    /// Replace an output that exists
-    #[arg(long)]
-    force: bool,
-    #[command(flatten)]
-    common: Common,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Side {
-    Left,
-    Right,
-    Front,
-    Top,
-    Corner,
-}
+pub(crate) use self::args::Cli;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
+    check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".png"])], cli.force)?;
     let meshes: Vec<Mesh> = cli.surfaces.iter().map(read_mesh).collect::<Result<_, _>>()?;
     let names: Vec<String> = cli.surfaces.iter().map(|path| stem(path)).collect();
     let mut panels: Vec<Panel<'_>> = meshes.iter().zip(&names).map(|(mesh, name)| Panel::new(mesh, name)).collect();
     let distances: Vec<f64>;
     if cli.error {
         let (first, last) = (&meshes[0], &meshes[meshes.len() - 1]);
-        distances = squared_distances(&first.vertices, &last.vertices)?.iter().map(|square| square.sqrt()).collect();
+        let label;
+        (distances, label) = if correspond(first, last) {
+            (vertex_distances(&first.vertices, &last.vertices)?, "distance")
+        } else {
+            (distances_to_surface(first, &last.vertices)?, "distance from the surface")
+        };
         let largest = distances.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-        let paint = Paint::Scalar { values: &distances, range: (0.0, largest), label: "distance" };
+        let paint = Paint::Scalar { values: &distances, range: (0.0, largest), label };
         panels.push(Panel { paint, ..Panel::new(last, "") });
     }
     let (sphere, ratios);
@@ -81,17 +45,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         panels.insert(1, Panel { paint, ..Panel::new(&sphere, "sphere") });
     }
     panels.iter_mut().zip(&cli.caption).for_each(|(panel, caption)| panel.caption = caption);
-    let view = match cli.view {
-        Side::Left => View::LEFT,
-        Side::Right => View::RIGHT,
-        Side::Front => View::FRONT,
-        Side::Top => View::TOP,
-        Side::Corner => View::CORNER,
-    };
     let size = usize::from(cli.size);
+    let view = cli.view.view();
     let settings = Settings { width: size, height: size, columns: cli.columns, view, ..Settings::default() };
+    prepare(&cli.output)?;
     write_png(&cli.output, &render(&panels, &settings)?, &WriteOptions { overwrite: cli.force, double: false })?;
-    print(&format!("{}: {} panels", cli.output.display(), panels.len()))
+    print(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
 }
 
 /// The sphere of a surface, with radius 1.

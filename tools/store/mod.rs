@@ -1,75 +1,23 @@
 //! `store`: what is in a basis store, whether it is sound, and clearing away what killed builds left.
 
-use std::path::{Path, PathBuf};
+mod args;
+
+use std::path::Path;
 use std::sync::atomic::Ordering;
 
 use anyhow::{Result, bail};
-use clap::{Args, Subcommand};
 use rayon::prelude::*;
 use serde::Serialize;
-use spharm_cli::Common;
 use spharm_cli::console::{Console, Unit};
-use spharm_cli::output::{print, print_json, table};
+use spharm_cli::output::{counted, print, print_json, table};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_store::catalog::{degrees, leftovers, remove_leftovers, schemes, verify};
 use spharm_store::factor::{FactorFile, factors, verify_factor};
 use spharm_store::{DegreeFile, SchemeKey, StoreError};
 
-/// Look after a basis store
-#[derive(Debug, clap::Args)]
-pub(crate) struct Cli {
-    #[command(subcommand)]
-    command: Command,
-    #[command(flatten)]
-    common: Common,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    /// The sampling schemes of a store, a line each
-    List {
-        /// Folder of the store
-        #[arg(env = "SPHARM_STORE")]
-        dir: PathBuf,
-        /// Print JSON
-        #[arg(long)]
-        json: bool,
-    },
-    /// The files of one scheme, a line for each degree and each factor
-    Show {
-        #[command(flatten)]
-        which: Which,
-        /// Print JSON
-        #[arg(long)]
-        json: bool,
-    },
-    /// Check every byte against its hash; exit status 1 when something is damaged
-    Verify {
-        #[command(flatten)]
-        which: Which,
-        #[command(flatten)]
-        threads: Threads,
-    },
-    /// Remove what killed builds left behind
-    Gc {
-        /// Folder of the store
-        #[arg(env = "SPHARM_STORE")]
-        dir: PathBuf,
-        /// Only say what would be removed
-        #[arg(short = 'n', long)]
-        dry_run: bool,
-    },
-}
-
-#[derive(Debug, Args)]
-struct Which {
-    /// Folder of the store
-    #[arg(env = "SPHARM_STORE")]
-    dir: PathBuf,
-    /// Key of a scheme, or its first digits [default: all]
-    key: Option<String>,
-}
+pub(crate) use self::args::Cli;
+use self::args::{Command, Which};
 
 #[derive(Debug, Serialize)]
 struct SchemeRow {
@@ -340,7 +288,7 @@ fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> 
         problems.iter().for_each(|problem| console.warn(problem));
     }
     match problems.len() {
-        0 => print(&format!("{} files, {}: all sound", files.len(), Size(bytes as usize))),
+        0 => print(&format!("{}, {}: all sound", counted(files.len(), "file"), Size(bytes as usize))),
         1 => bail!("{}", problems[0]),
         count => bail!("{count} of {} files are damaged; delete them and run basis-build again", files.len()),
     }
@@ -354,7 +302,8 @@ fn gc(dir: &Path, dry_run: bool) -> Result<()> {
     for path in &paths {
         print(&path.display().to_string())?;
     }
-    print(&format!("{} leftover file(s) {}", paths.len(), if dry_run { "would be removed" } else { "removed" }))
+    let done = if dry_run { "would be removed" } else { "removed" };
+    print(&format!("{} {done}", counted(paths.len(), "leftover file")))
 }
 
 impl Which {

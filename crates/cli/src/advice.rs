@@ -20,6 +20,11 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
 fn of_surface(error: &SurfaceError) -> Option<String> {
     match error {
         SurfaceError::OutputExists { .. } => Some("pass --force to replace it, or give another name".to_owned()),
+        // Of surfaces that are compared vertex by vertex.
+        SurfaceError::TopologyDiffers { .. }
+        | SurfaceError::LengthMismatch { what: "triangles of the reconstruction", .. } => {
+            Some("--surface-distance compares surfaces with different triangles".to_owned())
+        }
         _ => None,
     }
 }

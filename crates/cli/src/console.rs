@@ -19,7 +19,7 @@ use crate::size::Size;
 const FORECAST_AFTER: Duration = Duration::from_secs(5);
 const FORECAST_FROM_PERCENT: u64 = 5;
 
-/// Where a tool says what it does.
+/// Prints notes, warnings and progress to stderr, as much of it as the flags ask for.
 #[derive(Debug, Clone, Copy)]
 pub struct Console {
     verbose: bool,
@@ -27,37 +27,37 @@ pub struct Console {
     terminal: bool,
 }
 
-/// A line on stderr. Whoever reads it may have gone away, which is no reason to stop the work.
+/// Prints a line to stderr. A reader that has gone away is no reason to stop the work.
 pub(crate) fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
 impl Console {
-    /// From the flags.
+    /// Returns the console for `--verbose` and `--quiet`.
     pub fn new(verbose: bool, quiet: bool) -> Self {
         Self { verbose, quiet, terminal: std::io::stderr().is_terminal() }
     }
 
-    /// Something worth knowing.
+    /// Prints a note, unless the console is quiet.
     pub fn note(&self, text: impl Display) {
         if !self.quiet {
             say(text);
         }
     }
 
-    /// Something for those who asked for more.
+    /// Prints a detail, if the console is verbose.
     pub fn detail(&self, text: impl Display) {
         if self.verbose {
             say(text);
         }
     }
 
-    /// Something that may be wrong.
+    /// Prints a warning: something may be wrong.
     pub fn warn(&self, text: impl Display) {
         say(format_args!("warning: {text}"));
     }
 
-    /// Progress towards `total`; zero when that isn't known.
+    /// Starts to show progress towards `total`; zero when the total isn't known.
     pub fn progress(&self, label: &str, total: u64, unit: Unit) -> Progress {
         if self.quiet {
             return Progress { bar: None, lines: None };
@@ -86,7 +86,7 @@ impl Console {
     }
 }
 
-/// A running progress. It disappears from a terminal when it is dropped.
+/// Progress that is being shown. It disappears from a terminal when it is dropped.
 #[derive(Debug)]
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -94,7 +94,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// `step` more are done.
+    /// Adds to what is done.
     pub fn add(&self, step: u64) {
         if let Some(bar) = &self.bar {
             bar.inc(step);
@@ -104,7 +104,7 @@ impl Progress {
         }
     }
 
-    /// What is being done now.
+    /// Sets the text beside the progress: what is being done now.
     pub fn say(&self, text: impl Display) {
         if let Some(bar) = &self.bar {
             bar.set_message(text.to_string());

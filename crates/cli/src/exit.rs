@@ -1,4 +1,4 @@
-//! From errors to exit codes: 0 done, 1 failed, 2 usage (clap's), 75 interrupted and resumable.
+//! Exit codes and signals: 0 success, 1 failure, 2 wrong usage, 75 interrupted.
 
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,15 +13,15 @@ use spharm_solver::SolverError;
 use crate::advice::advice;
 use crate::usage::Usage;
 
-/// EX_TEMPFAIL: try the same again.
+/// EX_TEMPFAIL of sysexits.h: the same command may succeed later.
 const INTERRUPTED: u8 = 75;
 /// As clap has it.
 const USAGE: u8 = 2;
 
 static CANCEL: LazyLock<Arc<AtomicBool>> = LazyLock::new(listen);
 
-/// Set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP); signals are heard from the first call on. A
-/// second signal ends the process at once.
+/// Returns the flag that is set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP). Signals are handled
+/// from the first call on; a second one ends the process at once.
 pub fn cancel() -> &'static AtomicBool {
     &CANCEL
 }
@@ -30,7 +30,7 @@ fn listen() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         if !is_ignored(signal) {
-            // In this order the first signal finds the flag unset. They fail for signals that can't be caught only.
+            // In this order the first signal finds the flag unset. Registering fails only for signals that can't be caught.
             let _ = flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), Arc::clone(&cancel));
             let _ = flag::register(signal, Arc::clone(&cancel));
         }
@@ -55,13 +55,14 @@ pub fn leave_if_cancelled() {
     }
 }
 
-/// A verb's own command within `program`, for the usage that an error shows.
+/// Returns the command of a verb of `program`, for the usage that an error shows.
 pub fn command_of(mut program: Command, verb: &str) -> Command {
     program.build();
     program.find_subcommand(verb).cloned().unwrap_or(program)
 }
 
-/// Runs a verb's work; an error is one line on stderr, a [`Usage`] error what clap makes of it for `command`.
+/// Runs a verb and returns the exit code. An error is printed as one line to stderr; a [`Usage`] error as clap prints its
+/// own, with the usage of `command`.
 pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> Command) -> ExitCode {
     let Err(error) = work() else { return ExitCode::SUCCESS };
     if is_closed_pipe(&error) {
@@ -95,7 +96,7 @@ fn is_interrupted(error: &anyhow::Error) -> bool {
         .any(|cause| cause.is::<Interrupted>() || matches!(cause.downcast_ref(), Some(SolverError::Interrupted)))
 }
 
-/// Whoever read our output has gone away: not our failure.
+/// Whether the reader of stdout has gone away, which isn't a failure of this program.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.root_cause().downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
         && error.downcast_ref::<crate::output::ToStdout>().is_some()

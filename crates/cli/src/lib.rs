@@ -1,25 +1,32 @@
-//! What the tools share.
+//! The command line around the library: what the verbs of `spharm` share.
 //!
-//! | module | what |
+//! Everything that reads flags, prints, handles signals or ends the process is here or in the verbs; the library does none
+//! of it.
+//!
+//! | module | contents |
 //! |---|---|
 //! | [`size`] | sizes as people write them: `512MiB` |
-//! | [`threads`] | how many threads, and the pool |
+//! | [`threads`] | the number of threads, and the pool |
 //! | [`console`] | notes, warnings and progress on stderr |
-//! | [`exit`] | from errors to exit codes; signals |
-//! | [`advice`] | which flag mends an error of the library |
-//! | [`inputs`] | spheres, surfaces and signals from files, checked |
+//! | [`exit`] | exit codes and signals |
+//! | [`advice`] | the flag that helps against an error of the library |
+//! | [`help`] | headings, formats and examples of the help texts |
+//! | [`inputs`] | spheres, surfaces and signals from files, with their warnings |
 //! | [`monitor`] | the progress of the library on the console |
-//! | [`usage`] | arguments that don't go together |
-//! | [`output`] | results to stdout, reports to files |
+//! | [`usage`] | arguments that exclude each other |
+//! | [`paths`] | lists and folders of inputs |
+//! | [`output`] | checks of output files; results to stdout, reports to files |
 //! | [`machine`] | peak memory, versions |
 
 pub mod advice;
 pub mod console;
 pub mod exit;
+pub mod help;
 pub mod inputs;
 pub mod machine;
 pub mod monitor;
 pub mod output;
+pub mod paths;
 pub mod size;
 pub mod threads;
 pub mod usage;
@@ -28,19 +35,19 @@ use clap::Args;
 
 pub use usage::Usage;
 
-/// Flags of every tool.
+/// Flags of every verb.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Common {
-    /// More about what is going on
+    /// Say more about what is being done
     #[arg(short, long, global = true)]
     pub verbose: bool,
-    /// No notes and no progress: the result, warnings and errors only
+    /// Print results, warnings and errors only
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
 }
 
 impl Common {
-    /// The console that these flags ask for.
+    /// Returns the console that these flags ask for.
     pub fn console(self) -> console::Console {
         console::Console::new(self.verbose, self.quiet)
     }

@@ -1,4 +1,4 @@
-//! What the process took, and what it may take.
+//! Memory and limits of this process.
 
 use rustix::process::{Resource, getrlimit};
 use serde::Serialize;
@@ -7,23 +7,23 @@ pub use spharm::Versions;
 use spharm::machine::process_status;
 pub use spharm::machine::{available_memory, check_limits};
 
-/// Memory of this process, bytes; `None` where the system doesn't tell.
+/// Memory of this process in bytes; `None` where the system doesn't report it.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Memory {
     /// Largest resident size so far, mapped files included.
     pub peak_resident: Option<u64>,
-    /// Anonymous memory at the end: without mapped files, which the system can drop at any time.
+    /// Anonymous memory at the moment: without mapped files, which the system can drop at any time.
     pub anonymous: Option<u64>,
 }
 
-/// Reads this process's memory from `/proc`.
+/// Returns the memory of this process, from `/proc`.
 pub fn memory() -> Memory {
     Memory { peak_resident: process_status("VmHWM:"), anonymous: process_status("RssAnon:") }
 }
 
-/// Raises the limit on open files as far as the system allows: a store has a file for each degree.
+/// Raises the limit on open files as far as the system allows: a store has one file per degree.
 pub fn raise_file_limit() {
     let limit = getrlimit(Resource::Nofile);
-    // At worst it stays what it was, and an error names it when it is reached.
+    // If that fails, the limit stays, and opening a file reports it when it is reached.
     let _ = rustix::process::setrlimit(Resource::Nofile, rustix::process::Rlimit { current: limit.maximum, ..limit });
 }

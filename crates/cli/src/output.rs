@@ -1,13 +1,13 @@
-//! Results to stdout, reports to files.
+//! Checks of output files before any work; results to stdout, reports to files.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use spharm_surface::io::write_new;
 
-/// Marks an error as one of writing to stdout.
+/// The context of errors in writing to stdout.
 #[derive(Debug, Clone, Copy)]
 pub struct ToStdout;
 
@@ -17,11 +17,11 @@ impl std::fmt::Display for ToStdout {
     }
 }
 
-/// Prints a text and a new line.
+/// Prints a text and a line break to stdout.
 ///
 /// # Errors
 ///
-/// When stdout can't be written to; a closed pipe ends the tool in peace.
+/// When stdout can't be written to; a closed pipe ends the program without a message.
 pub fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     out.write_all(text.as_bytes()).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).context(ToStdout)
@@ -36,15 +36,99 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
     print(&serde_json::to_string_pretty(value)?)
 }
 
-/// Writes a value as a JSON file.
+/// Writes a value as a JSON file, into a folder that is made where it isn't there; `-` is standard output.
 ///
 /// # Errors
 ///
 /// When the file exists and isn't to be replaced, or can't be written.
 pub fn write_json(path: &Path, force: bool, value: &impl Serialize) -> Result<()> {
+    if path.as_os_str() == STDOUT {
+        return print_json(value);
+    }
+    prepare(path)?;
     let text = serde_json::to_string_pretty(value)?;
     write_new(path, force, |out| writeln!(out, "{text}"))?;
     Ok(())
+}
+
+/// A file that a verb will write.
+#[derive(Debug, Clone, Copy)]
+pub struct OutputFile<'a> {
+    path: &'a Path,
+    flag: &'static str,
+    endings: &'static [&'static str],
+}
+
+impl<'a> OutputFile<'a> {
+    /// A file of any name, which `flag` gave.
+    pub fn new(path: &'a Path, flag: &'static str) -> Self {
+        Self { path, flag, endings: &[] }
+    }
+
+    /// A file whose name has to end in one of `endings`, as its format is always the same.
+    pub fn with_ending(path: &'a Path, flag: &'static str, endings: &'static [&'static str]) -> Self {
+        Self { path, flag, endings }
+    }
+
+    fn check(&self, force: bool) -> Result<()> {
+        let Self { path, flag, endings } = *self;
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        if !endings.is_empty() && !endings.iter().any(|ending| name.ends_with(ending)) {
+            bail!("{}: {flag} writes {} only; give it a name with that ending", path.display(), endings.join(" or "));
+        }
+        if path.is_dir() {
+            bail!("{}: a folder; {flag} is the name of a file", path.display());
+        }
+        if path.exists() && !force {
+            bail!("{}: the file exists; choose another {flag} or give --force", path.display());
+        }
+        let there = folder_of(path).ancestors().find(|folder| folder.exists()).map(Path::to_path_buf);
+        if let Some(there) = there.filter(|there| !there.is_dir()) {
+            bail!("{}: {} isn't a folder; choose another {flag}", path.display(), there.display());
+        }
+        Ok(())
+    }
+}
+
+/// Refuses, before any work, what could not be written at its end: files that exist (without `force`), folders, endings of
+/// another format, two outputs of one name. The writers make sure of it again when the time comes.
+///
+/// # Errors
+///
+/// When an output can't be written; says which flag to change.
+pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, force: bool) -> Result<()> {
+    let mut seen: Vec<&Path> = Vec::new();
+    for output in outputs {
+        if output.path.as_os_str() == STDOUT {
+            continue;
+        }
+        output.check(force)?;
+        if seen.contains(&output.path) {
+            bail!("{}: the outputs must have different names", output.path.display());
+        }
+        seen.push(output.path);
+    }
+    Ok(())
+}
+
+/// A report of this name goes to standard output.
+pub const STDOUT: &str = "-";
+
+/// Makes the folder that a file is about to be written to, where it isn't there.
+///
+/// # Errors
+///
+/// When it can't be made.
+pub fn prepare(path: &Path) -> Result<()> {
+    let folder = folder_of(path);
+    std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot create the folder", folder.display()))
+}
+
+fn folder_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
+        _ => PathBuf::from("."),
+    }
 }
 
 /// Refuses, before any work, to write where something is: `what` it would be, and the `flag` that names another place.
@@ -60,7 +144,12 @@ pub fn refuse_existing(path: &Path, force: bool, what: &str, flag: &str) -> Resu
     Ok(())
 }
 
-/// Lines up the cells of rows in columns: the first to the left, the others to the right.
+/// Returns a number with its noun: `1 panel`, `2 panels`.
+pub fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+/// Aligns the cells of rows in columns: the first to the left, the others to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let cell = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());

@@ -1,21 +1,23 @@
-//! How many threads: what was asked for, else what the machine lets this process have.
+//! The number of threads: the one that was asked for, else the CPUs that this process may use.
 
 use anyhow::{Context, Result};
 use clap::Args;
 
-/// What OpenBLAS is built for (`.cargo/config.toml`).
+/// The threads that OpenBLAS is built for (`.cargo/config.toml`).
 const MOST: usize = 64;
 
 /// `--threads`.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Threads {
-    /// Threads to use [default: the CPUs this process may run on, or SLURM_CPUS_PER_TASK if fewer]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
+    /// Number of threads [default: all CPUs]
+    ///
+    /// The default is the number of CPUs that this process may run on, or SLURM_CPUS_PER_TASK if that is fewer.
+    #[arg(long, value_name = "N", help_heading = crate::help::RESOURCES, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub threads: Option<u16>,
 }
 
 impl Threads {
-    /// The number of threads.
+    /// Returns the number of threads.
     pub fn count(self) -> usize {
         // Knows affinity masks and cgroup quotas.
         let available = std::thread::available_parallelism().map_or(1, |n| n.get());
@@ -28,7 +30,7 @@ impl Threads {
         }
     }
 
-    /// A pool of that many threads, in which the work is to be `install`ed.
+    /// Starts a pool of that many threads, in which the work is to be `install`ed.
     ///
     /// # Errors
     ///

@@ -2,9 +2,11 @@
 
 mod colormap;
 mod distance;
+mod pointwise;
 
 pub use colormap::{colors, viridis};
 pub use distance::{Directed, SurfaceDistance, SurfaceDistanceParams, surface_distance};
+pub use pointwise::{correspond, distances_to_surface, vertex_distances};
 
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, bounds, dot, sub};

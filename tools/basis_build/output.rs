@@ -1,0 +1,81 @@
+//! What `basis-build` prints and writes: JSON, or a table.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use spharm_cli::machine::{Memory, Versions};
+use spharm_cli::size::Size;
+use spharm_store::{BuildParams, BuildReport};
+
+use super::factor::FactorRow;
+
+/// What was built.
+#[derive(Debug, Serialize)]
+pub(super) struct Report {
+    pub(super) tool: &'static str,
+    pub(super) versions: Versions,
+    pub(super) sphere: PathBuf,
+    pub(super) scheme_key: String,
+    pub(super) folder: PathBuf,
+    pub(super) directions: usize,
+    pub(super) dtype: &'static str,
+    /// Nothing of it with --factor-only.
+    #[serde(flatten)]
+    pub(super) basis: Option<Basis>,
+    pub(super) factor: Option<FactorRow>,
+    pub(super) threads: usize,
+    pub(super) memory: Memory,
+    pub(super) seconds: f64,
+}
+
+/// The basis, sizes in bytes.
+#[derive(Debug, Serialize)]
+pub(super) struct Basis {
+    max_degree: usize,
+    codec: &'static str,
+    chunk_rows: usize,
+    degrees_built: usize,
+    degrees_present: usize,
+    bytes: u64,
+    bytes_written: u64,
+    planned_memory: usize,
+}
+
+/// The table.
+pub(super) fn lines(report: &Report) -> Vec<Vec<String>> {
+    let row = |name: &str, value: String| vec![name.to_owned(), value];
+    let mut lines = vec![row("scheme", report.scheme_key.clone()), row("directions", report.directions.to_string())];
+    if let Some(basis) = &report.basis {
+        lines.extend([
+            row("max degree", basis.max_degree.to_string()),
+            row("degrees built", format!("{} ({} were there)", basis.degrees_built, basis.degrees_present)),
+            row("size", Size(basis.bytes as usize).to_string()),
+            row("written", Size(basis.bytes_written as usize).to_string()),
+        ]);
+    }
+    if let Some(factor) = &report.factor {
+        let there = if factor.present { " (was there)" } else { "" };
+        lines.extend([
+            row("factor", format!("degree {}, {}{there}", factor.max_degree, factor.dtype)),
+            row("size of it", Size(factor.bytes as usize).to_string()),
+            row("condition", format!("{:.1e}", 1.0 / factor.reciprocal_condition)),
+        ]);
+    }
+    lines.push(row("seconds", format!("{:.2}", report.seconds)));
+    lines
+}
+
+impl Basis {
+    pub(super) fn new(report: &BuildReport, params: &BuildParams) -> Self {
+        Self {
+            max_degree: params.max_degree,
+            codec: params.codec.name(),
+            chunk_rows: report.chunk_rows,
+            degrees_built: report.built,
+            degrees_present: report.present,
+            bytes: report.bytes,
+            bytes_written: report.bytes_written,
+            planned_memory: report.memory,
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! Arguments of `compare`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use spharm_cli::Common;
+use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::threads::Threads;
+use spharm_surface::metrics::SurfaceDistanceParams;
+
+/// Measure how far a reconstruction is from its surface
+///
+/// Prints the mean and the maximal squared distance between corresponding vertices, msd and xsd, after scaling both
+/// surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2), and in the input's own
+/// unit. With --surface-distance it also prints how far the surfaces are from each other everywhere, which is defined for
+/// surfaces with different triangles as well.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm compare bunny.ply bunny60.ply",
+        "spharm compare bunny.ply lod.ply --surface-distance --json",
+        "spharm compare bunny.ply bunny60.ply -o error.ply --range 0.5",
+    ],
+    &[help::MESHES],
+))]
+pub(crate) struct Cli {
+    /// The surface
+    pub(super) original: PathBuf,
+    /// Its reconstruction
+    ///
+    /// It has the surface's triangles, or with --surface-distance any.
+    pub(super) reconstruction: PathBuf,
+    /// Also measure the distance of the surfaces
+    ///
+    /// Mean, root mean square, 95th percentile and Hausdorff distance, from points all over both surfaces.
+    #[arg(long, help_heading = METHOD)]
+    pub(super) surface_distance: bool,
+    /// Points on each surface, with --surface-distance
+    ///
+    /// About so many, spread evenly, beside the vertices.
+    #[arg(long, value_name = "COUNT", default_value_t = SurfaceDistanceParams::default().samples, help_heading = METHOD)]
+    pub(super) samples: usize,
+    /// Write the reconstruction coloured by distance
+    ///
+    /// A PLY file with each vertex's distance as a scalar and as a colour: the distance from the corresponding vertex, with
+    /// --surface-distance from the surface.
+    #[arg(short, long, value_name = "OUT.ply", help_heading = OUTPUT)]
+    pub(super) output: Option<PathBuf>,
+    /// Distance that gets the last colour [default: the largest]
+    ///
+    /// In the input's unit.
+    #[arg(long, value_name = "DISTANCE", help_heading = OUTPUT)]
+    pub(super) range: Option<f64>,
+    /// Write the distances to a JSON file
+    #[arg(long, value_name = "FILE", help_heading = OUTPUT)]
+    pub(super) report: Option<PathBuf>,
+    /// Print JSON in place of the table
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) json: bool,
+    /// Replace outputs that exist
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) threads: Threads,
+    #[command(flatten)]
+    pub(super) common: Common,
+}

@@ -1,0 +1,48 @@
+//! Arguments of `generate`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use spharm_cli::Common;
+use spharm_cli::help::{self, METHOD, OUTPUT};
+
+/// Write a folded surface and its sphere, for trying things out
+///
+/// A smooth map bends an icosphere into a closed surface with folds like those of a cortex, about 140 mm long and not
+/// star-shaped. Vertex i of the surface belongs to vertex i of the sphere. The same arguments give the same bits.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm generate --surface cortex.surf.gii --sphere sphere.surf.gii",
+        "spharm generate --variant 1 --subdivisions 4 --surface small.ply",
+    ],
+    &[help::MESHES],
+))]
+pub(crate) struct Cli {
+    /// Subdivisions of the icosphere: 10 4^N + 2 vertices
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 6,
+        value_parser = clap::value_parser!(u32).range(0..=10),
+        help_heading = METHOD
+    )]
+    pub(super) subdivisions: u32,
+    /// Member of the family of surfaces
+    #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
+    pub(super) variant: u64,
+    /// Surface to write
+    #[arg(long, value_name = "OUT", help_heading = OUTPUT)]
+    pub(super) surface: Option<PathBuf>,
+    /// Sphere to write
+    #[arg(long, value_name = "OUT", required_unless_present = "surface", help_heading = OUTPUT)]
+    pub(super) sphere: Option<PathBuf>,
+    /// Write 64-bit positions where the format has a choice
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) double: bool,
+    /// Replace outputs that exist
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) common: Common,
+}

@@ -1,0 +1,85 @@
+//! Arguments of `picture`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use spharm_cli::Common;
+use spharm_cli::help::{self, INPUT, OUTPUT};
+use spharm_surface::render::View;
+
+/// Draw surfaces side by side, and their distance in colour
+///
+/// All panels have one scale and one view.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm picture bunny.ply bunny60.ply --error -o bunny.png",
+        "spharm picture bunny.ply bunny60.ply --sphere bunny.sphere.surf.gii -o map.png",
+        "spharm picture a.ply b.ply c.ply d.ply --columns 2 --view top -o four.png",
+    ],
+    &[help::MESHES],
+))]
+pub(crate) struct Cli {
+    /// Surfaces, in the order of the panels
+    #[arg(required = true, value_name = "SURFACE")]
+    pub(super) surfaces: Vec<PathBuf>,
+    /// Sphere of the first surface, as one more panel
+    ///
+    /// It comes after the first surface, coloured by the logarithm of how much area the map to the sphere gives to each
+    /// part of the surface.
+    #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
+    pub(super) sphere: Option<PathBuf>,
+    /// One more panel: the last surface coloured by its distance from the first
+    ///
+    /// The distance of each vertex from the corresponding one, or, where the triangles differ, from the nearest point of
+    /// the first surface. The scale's label says which.
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) error: bool,
+    /// Text beneath each panel, in order [default: the files' names]
+    #[arg(long, value_name = "TEXT", help_heading = OUTPUT)]
+    pub(super) caption: Vec<String>,
+    /// Side to look from
+    #[arg(long, value_enum, default_value_t = Side::Left, help_heading = OUTPUT)]
+    pub(super) view: Side,
+    /// Panels in a row; 0 for all
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = OUTPUT)]
+    pub(super) columns: usize,
+    /// Width and height of a panel in pixels
+    #[arg(
+        long,
+        value_name = "PIXELS",
+        default_value_t = 480,
+        value_parser = clap::value_parser!(u16).range(64..=4096),
+        help_heading = OUTPUT
+    )]
+    pub(super) size: u16,
+    /// Picture to write
+    #[arg(short, long, value_name = "OUT.png", help_heading = OUTPUT)]
+    pub(super) output: PathBuf,
+    /// Replace an output that exists
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) common: Common,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(super) enum Side {
+    Left,
+    Right,
+    Front,
+    Top,
+    Corner,
+}
+
+impl Side {
+    pub(super) fn view(self) -> View {
+        match self {
+            Self::Left => View::LEFT,
+            Self::Right => View::RIGHT,
+            Self::Front => View::FRONT,
+            Self::Top => View::TOP,
+            Self::Corner => View::CORNER,
+        }
+    }
+}
