@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The figures of the README, measured here: each bar beside what it is measured against, in the same run.
+"""The figures of docs/performance.md and docs/methods.md, each measured together with what it is compared with.
 
 `./run bench [--data DIR] [--work DIR] [--tmpfs DIR] [--rounds N] [--only NAME ...]`. Python's standard library only.
 Everything compared is run in turn, round after round, and medians are taken. The store is built at n = 40,962, L = 100,
@@ -29,7 +29,7 @@ MIB = 1 << 20
 class Bench:
     def __init__(self, arguments):
         self.data, self.rounds, self.only = arguments.data, arguments.rounds, arguments.only
-        # A folder of its own: whatever else is in the given one stays.
+        # A subfolder, so that other files in the given folder are left alone.
         self.work, self.tmpfs = Path(arguments.work) / "spharm-bench", Path(arguments.tmpfs)
         self.rows, self.figures = [], {}
         shutil.rmtree(self.work, ignore_errors=True)
@@ -90,7 +90,7 @@ class Bench:
         folder = self.tmpfs / f"spharm-bench-{os.getpid()}"
         try:
             ours, theirs = [], []
-            # One build that isn't counted: the first touch of the machine's memory is not what is measured.
+            # One build that isn't counted, so that the first use of the machine's memory isn't measured.
             for round_ in range(self.rounds + 1):
                 shutil.rmtree(folder, ignore_errors=True)
                 folder.mkdir()
@@ -223,7 +223,7 @@ class Bench:
         self.bar("published degree-15 coefficients, largest relative difference", largest, 1e-10)
 
     def acceleration(self):
-        """Passes within 1e-6 of the optimal msd, plain and accelerated; where they don't get there, how far off."""
+        """Passes within 1e-6 of the optimal msd, plain and accelerated; else how far above it they end."""
         data = Path(self.data)
         if not (data / "reference.json").exists():
             self.skip("accelerated passes", f"no {data}")
@@ -267,7 +267,7 @@ class Bench:
             return time.perf_counter() - start
 
     def drop(self):
-        """Drops the store's pages, and makes sure that they are gone."""
+        """Drops the store's pages from the page cache, and checks it."""
         os.sync()
         for path in self.files():
             with open(path, "rb") as file:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The table of spherical parameterisations: each mesh by each method, how good the map is, and how good a fit over it.
+"""The table of docs/parameterisation.md: the quality of each method's map of each mesh, and of a fit over it.
 
 Called by `./run parametrize-table`; wants `parametrize`, `fit`, `reconstruct`, `compare` and `generate` on the PATH.
 Python's own library suffices. Exits 1 where a bar is missed.
@@ -50,7 +50,7 @@ def write_obj(path, vertices, faces):
 
 
 def subdivide(vertices, faces, on_sphere):
-    """Each triangle in four, at the midpoints of its edges."""
+    """Cuts each triangle into four at the midpoints of its edges."""
     vertices, middles, split = list(vertices), {}, []
 
     def middle(a, b):
@@ -76,7 +76,7 @@ def densify(source, target, times, on_sphere):
 
 
 def run(*command):
-    """Runs a verb of spharm and gives what it printed."""
+    """Runs a verb of spharm and returns its output."""
     done = subprocess.run(["spharm", *map(str, command)], capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{command[0]}: {done.stderr.strip()}")
@@ -89,7 +89,7 @@ def least_squares(folder, surface, sphere, degree):
 
 
 def judge(folder, surface, sphere, degree, *options):
-    """A fit, and its distances, where `sphere` is the one that it is made over."""
+    """Distances of a fit over `sphere`."""
     report, model, dense, back = (folder / name for name in ["fit.json", "model.spharm.npz", "four.obj", "back.ply"])
     run("fit", *options, "--surface", surface, "--max-degree", degree, "-o", model, "--report", report, "--force", "-q")
     densify(sphere, dense, 1, True)
@@ -100,7 +100,7 @@ def judge(folder, surface, sphere, degree, *options):
 
 
 def parametrize(folder, surface, method, *options):
-    """The sphere, and the report on it."""
+    """Maps a surface to the sphere; the sphere and the report."""
     sphere, report = folder / f"{method}.obj", folder / f"{method}.json"
     run("parametrize", "--input", surface, "--method", method, "--output", sphere, "--surface-output",
         folder / "its surface.obj", "--report", report, "--force", "-q", *options)

@@ -1,7 +1,7 @@
-"""Our transforms and least squares beside ducc0's, on the same arrays, with two threads.
+"""Transforms and least squares of this project and of ducc0, on the same arrays, with two threads.
 
-Run by `./run bench-peer`, in a virtual environment with ducc0, NumPy and nibabel. Every solution, ours and ducc0's, is judged
-by the same code: msd and optimality are formed anew from the coefficients with ducc0's transforms at 1e-13.
+`./run bench peer` runs it, in a virtual environment with ducc0, NumPy and nibabel. The same code assesses all solutions: msd
+and optimality are recomputed from the coefficients with ducc0's transforms at 1e-13.
 """
 
 import argparse
@@ -44,11 +44,12 @@ def seconds(work, repeats):
 
 
 class Peer:
-    """The built benchmark binary."""
+    """The example `peer`, which `./run bench peer` has built."""
 
     def __init__(self):
-        subprocess.run(["cargo", "build", "--release", "-q", "--example", "peer"], cwd=ROOT, check=True)
         self.path = ROOT / "target" / "release" / "examples" / "peer"
+        if not self.path.exists():
+            raise SystemExit(f"{self.path} is missing: ./run bench peer builds it")
 
     def run(self, *arguments, wrap=lambda command: command):
         command = wrap([str(self.path), *map(str, arguments)])
@@ -57,14 +58,14 @@ class Peer:
 
 
 class Problem:
-    """Directions, targets, and ducc0's view of them."""
+    """Directions and targets, as files for `peer` and in ducc0's form."""
 
     def __init__(self, folder, name, directions, targets, max_degree):
         self.directions, self.targets, self.max_degree = directions, targets, max_degree
         self.files = [folder / f"{name}.{what}.npy" for what in ["directions", "targets"]]
         np.save(self.files[0], directions)
         np.save(self.files[1], targets)
-        # The file has the vertices as they are: whoever normalises them twice has another sampling scheme.
+        # The file has the vertices unchanged: normalised twice, they would be another sampling.
         u = directions / np.linalg.norm(directions, axis=1)[:, None]
         self.loc = np.stack(
             [np.arctan2(np.hypot(u[:, 0], u[:, 1]), u[:, 2]), np.arctan2(u[:, 1], u[:, 0]) % (2 * np.pi)], axis=1
@@ -116,7 +117,7 @@ def orders(max_degree):
 
 
 def norm(alm):
-    """Of the real coefficients that these stand for."""
+    """Norm of the real coefficients that these complex ones represent."""
     alm = np.asarray(alm)[0] if np.ndim(alm) == 2 else np.asarray(alm)
     max_degree = int((np.sqrt(8 * alm.size + 1) - 3) / 2)
     zero = alm[: max_degree + 1].real
@@ -184,7 +185,7 @@ def lsq(peer, problem, accuracy, tolerance, repeats, *more):
 def cortex(peer, folder, repeats):
     problem = load(folder, "cort40962", 100)
     reference = json.loads((DATA / "reference.json").read_text())["cort40962"]["results"]["least-squares L=100"]["msd"]
-    # The coarsest epsilon of ducc0's that comes to the reference.
+    # The coarsest epsilon with which ducc0 reaches the reference.
     for epsilon in [1e-3, 1e-4, 1e-5, 1e-6]:
         theirs, alms = seconds(lambda: problem.analysis(epsilon, 500), repeats)
         msd, optimality = problem.judge(alms)
@@ -206,7 +207,7 @@ def stored(peer, folder, problem, reference, theirs, repeats):
     command = [spharm, "basis-build", "--sphere", sphere, "--factor", 100, "--factor-only"]
     command += ["--store", store, "--memory", "4GiB", "-q"]
     subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
-    # What is still on its way to the disk would be timed with the fits.
+    # Otherwise writing the store to the disk would be timed with the fits.
     os.sync()
     mine, alms, _ = lsq(peer, problem, 1e-9, 1e-7, repeats, "--store", store)
     msd, optimality = problem.judge(alms)
