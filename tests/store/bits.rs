@@ -4,13 +4,14 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use spharm_store::{BuildParams, Codec, DegreeFile, Scalar, StoreError, catalog};
+use spharm_monitor::Silent;
+use spharm_store::{BuildParams, Codec, DegreeFile, Scalar, StoreError};
 
 use super::{Random, assert_helpful, build_here};
 use crate::common::times;
 
 fn open_and_verify(path: &Path) -> Result<(), StoreError> {
-    catalog::verify(&DegreeFile::open(path)?, &mut Vec::new())
+    DegreeFile::open(path)?.verify(&Silent)
 }
 
 /// One file with a raw and compressed chunks of each kind, as small as they come.

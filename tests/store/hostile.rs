@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use spharm_monitor::Silent;
-use spharm_store::{BuildParams, Codec, DegreeFile, Scheme, SchemeKey, StoreError, StoreWarning, build, catalog};
+use spharm_store::{BuildParams, Codec, DegreeFile, Scheme, SchemeKey, StoreError, StoreWarning, build};
 use tempfile::TempDir;
 
 use super::forge::{Forged, put32, put64};
@@ -244,7 +244,7 @@ fn a_frame_that_lies_is_refused_when_it_is_read() {
             );
             assert_helpful(&error, &victim.path);
         };
-        damaged(catalog::verify(&file, &mut Vec::new()).expect_err(what));
+        damaged(file.verify(&Silent).expect_err(what));
         damaged(file.window(0..1).expect("a window").values(0, &mut Vec::new()).expect_err(what));
     }
     let mut forged = victim.original.clone();
@@ -254,7 +254,7 @@ fn a_frame_that_lies_is_refused_when_it_is_read() {
     assert_helpful_line(&fail(in_little_memory(&victim.fit()).arg("--verify")), &victim.path);
     forged.one_chunk(&right, 1);
     forged.write(&victim.path);
-    catalog::verify(&DegreeFile::open(&victim.path).expect("a file"), &mut Vec::new()).expect("a right frame");
+    DegreeFile::open(&victim.path).expect("a file").verify(&Silent).expect("a right frame");
 }
 
 /// A checksum and a hash that don't fit, with a root that does.
@@ -267,12 +267,12 @@ fn a_chunk_that_differs_from_the_table_is_refused_when_it_is_read() {
     let file = DegreeFile::open(&victim.path).expect("a file");
     let error = file.window(0..3).expect("a window").values(0, &mut Vec::new()).expect_err("another CRC");
     assert_helpful(&error, &victim.path);
-    assert_helpful(&catalog::verify(&file, &mut Vec::new()).expect_err("another CRC"), &victim.path);
+    assert_helpful(&file.verify(&Silent).expect_err("another CRC"), &victim.path);
     let mut forged = victim.original.clone();
     forged.table[64 + 32] ^= 1;
     forged.write(&victim.path);
     let file = DegreeFile::open(&victim.path).expect("a file");
-    assert_helpful(&catalog::verify(&file, &mut Vec::new()).expect_err("another hash"), &victim.path);
+    assert_helpful(&file.verify(&Silent).expect_err("another hash"), &victim.path);
     assert_helpful_line(&fail(victim.fit().arg("--verify")), &victim.path);
 }
 

@@ -7,7 +7,7 @@ use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES, SOLVER};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
-use spharm_store::build::DEFAULT_CHUNK_ROWS;
+use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 use spharm_store::{Codec, Scalar};
 
 /// Compute the basis of a sampling scheme into a store, once for all fits over it

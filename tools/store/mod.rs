@@ -3,18 +3,19 @@
 mod args;
 
 use std::path::Path;
-use std::sync::atomic::Ordering;
 
 use anyhow::{Result, bail};
-use rayon::prelude::*;
 use serde::Serialize;
-use spharm_cli::console::{Console, Unit};
+use spharm_cli::console::Console;
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, print, print_json, table};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
-use spharm_store::catalog::{degrees, leftovers, remove_leftovers, schemes, verify};
-use spharm_store::factor::{FactorFile, factors, verify_factor};
-use spharm_store::{DegreeFile, SchemeKey, StoreError};
+use spharm_store::catalog::{
+    SchemeSummary, degrees, find_schemes, leftovers, remove_leftovers, schemes, summarize, verify,
+};
+use spharm_store::factor::{FactorFile, factors};
+use spharm_store::{Codec, DegreeFile, Scalar, SchemeKey, StoreError};
 
 pub(crate) use self::args::Cli;
 use self::args::{Command, Which};
@@ -86,7 +87,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 }
 
 fn list(dir: &Path, json: bool) -> Result<()> {
-    let rows: Vec<SchemeRow> = schemes(dir)?.into_iter().map(|key| scheme_row(dir, key)).collect::<Result<_>>()?;
+    let rows = schemes(dir)?.into_iter().map(|key| summarize(dir, key).map(SchemeRow::from));
+    let rows: Vec<SchemeRow> = rows.collect::<Result<_, _>>()?;
     if json {
         return print_json(&rows);
     }
@@ -116,25 +118,20 @@ fn list(dir: &Path, json: bool) -> Result<()> {
     print(&table(&lines))
 }
 
-fn scheme_row(dir: &Path, key: SchemeKey) -> Result<SchemeRow> {
-    let found = degrees(dir, key)?;
-    let factors = factors(dir, key)?;
-    let sound_factors: Vec<&FactorFile> = factors.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
-    let sound: Vec<&DegreeFile> = found.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
-    let first = sound.first().map(|file| file.header());
-    let complete = found.iter().enumerate().take_while(|(at, (degree, file))| at == degree && file.is_ok()).count();
-    Ok(SchemeRow {
-        key: key.to_string(),
-        directions: first.map(|header| header.rows).or(sound_factors.first().map(|file| file.header().spec.rows)),
-        dtype: first.map(|header| header.scalar.name()),
-        codec: first.map(|header| header.codec.name()),
-        degrees: found.len(),
-        complete_to: complete.checked_sub(1),
-        factors: factors.len(),
-        damaged: found.len() + factors.len() - sound.len() - sound_factors.len(),
-        bytes: sound.iter().map(|file| file.file_len()).sum::<u64>()
-            + sound_factors.iter().map(|file| file.file_len()).sum::<u64>(),
-    })
+impl From<SchemeSummary> for SchemeRow {
+    fn from(summary: SchemeSummary) -> Self {
+        Self {
+            key: summary.key.to_string(),
+            directions: summary.rows,
+            dtype: summary.scalar.map(Scalar::name),
+            codec: summary.codec.map(Codec::name),
+            degrees: summary.degrees,
+            complete_to: summary.complete_to,
+            factors: summary.factors,
+            damaged: summary.damaged,
+            bytes: summary.bytes,
+        }
+    }
 }
 
 fn show(which: &Which, json: bool) -> Result<()> {
@@ -232,65 +229,17 @@ fn factor_lines(rows: Vec<FactorRow>) -> Vec<Vec<String>> {
     lines
 }
 
-/// A file to be verified, or what was wrong with it when it was opened.
-enum Checked {
-    Degree(DegreeFile),
-    Factor(FactorFile),
-    Problem(String),
-}
-
-impl Checked {
-    fn len(&self) -> u64 {
-        match self {
-            Self::Degree(file) => file.file_len(),
-            Self::Factor(file) => file.file_len(),
-            Self::Problem(_) => 0,
-        }
-    }
-
-    fn verify(&self, buffer: &mut Vec<u8>) -> Result<(), String> {
-        match self {
-            Self::Degree(file) => verify(file, buffer).map_err(|error| error.to_string()),
-            Self::Factor(file) => verify_factor(file, buffer).map_err(|error| error.to_string()),
-            Self::Problem(problem) => Err(problem.clone()),
-        }
-    }
-}
-
 fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> {
-    let mut files = Vec::new();
-    for key in which.keys()? {
-        let problem = |error: StoreError| Checked::Problem(error.to_string());
-        let basis = degrees(&which.dir, key)?.into_iter();
-        files.extend(basis.map(|(_, file)| file.map_or_else(problem, Checked::Degree)));
-        let factors = factors(&which.dir, key)?.into_iter();
-        files.extend(factors.map(|(_, file)| file.map_or_else(problem, Checked::Factor)));
-    }
-    let bytes: u64 = files.iter().map(Checked::len).sum();
-    let progress = console.progress("verify", bytes, Unit::Bytes);
-    let cancel = spharm_cli::exit::cancel();
-    let check = |buffer: &mut Vec<u8>, file: &Checked| -> Result<(), String> {
-        if cancel.load(Ordering::Relaxed) {
-            return Err("interrupted".to_owned());
-        }
-        file.verify(buffer)?;
-        progress.add(file.len());
-        Ok(())
-    };
-    let results: Vec<Result<(), String>> =
-        threads.pool()?.install(|| files.par_iter().map_init(Vec::new, check).collect());
-    drop(progress);
-    if cancel.load(Ordering::Relaxed) {
-        return Err(StoreError::from(spharm_monitor::Interrupted).into());
-    }
-    let problems: Vec<&String> = results.iter().filter_map(|result| result.as_ref().err()).collect();
+    let (keys, monitor) = (which.keys()?, ConsoleMonitor::new(*console));
+    let found = threads.pool()?.install(|| verify(&which.dir, &keys, &monitor))?;
+    let mut problems = found.damaged;
     if problems.len() > 1 {
         problems.iter().for_each(|problem| console.warn(problem));
     }
     match problems.len() {
-        0 => print(&format!("{}, {}: all sound", counted(files.len(), "file"), Size(bytes as usize))),
-        1 => bail!("{}", problems[0]),
-        count => bail!("{count} of {} files are damaged; delete them and run basis-build again", files.len()),
+        0 => print(&format!("{}, {}: all sound", counted(found.files, "file"), Size(found.bytes as usize))),
+        1 => Err(problems.remove(0).into()),
+        count => bail!("{count} of {} files are damaged; delete them and run basis-build again", found.files),
     }
 }
 
@@ -309,16 +258,6 @@ fn gc(dir: &Path, dry_run: bool) -> Result<()> {
 impl Which {
     /// The schemes meant: one by the first digits of its key, or all.
     fn keys(&self) -> Result<Vec<SchemeKey>> {
-        let all = schemes(&self.dir)?;
-        if all.is_empty() {
-            bail!("{}: no schemes here; is it the folder that was given as --store?", self.dir.display());
-        }
-        let Some(prefix) = &self.key else { return Ok(all) };
-        let found: Vec<SchemeKey> = all.iter().copied().filter(|key| key.to_string().starts_with(prefix)).collect();
-        match found.len() {
-            0 => bail!("{}: no scheme begins with {prefix}; `store list` shows what is there", self.dir.display()),
-            1 => Ok(found),
-            count => bail!("{}: {count} schemes begin with {prefix}; give more digits", self.dir.display()),
-        }
+        Ok(find_schemes(&self.dir, self.key.as_deref())?)
     }
 }

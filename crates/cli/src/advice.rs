@@ -3,8 +3,10 @@
 //! The library says what is wrong and carries it in the fields of its errors. Which flag mends it is known here alone; it
 //! is appended to the error's line.
 
+use std::io;
+
 use spharm_solver::SolverError;
-use spharm_store::StoreError;
+use spharm_store::{Scalar, StoreError};
 use spharm_surface::SurfaceError;
 
 /// What the user can do, of the first error in the chain for which there is something.
@@ -29,8 +31,54 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
     }
 }
 
-fn of_store(_error: &StoreError) -> Option<String> {
-    None
+fn of_store(error: &StoreError) -> Option<String> {
+    let text = match error {
+        StoreError::Io { source, .. } => return of_io(source).map(str::to_owned),
+        StoreError::FactorDiffers { .. } => "compute the one that is needed with basis-build --factor".to_owned(),
+        StoreError::FactorMissing { .. } => "compute it with basis-build --factor on the same sphere".to_owned(),
+        StoreError::NoSuchScheme { .. } => "build it with basis-build --sphere on the same sphere".to_owned(),
+        StoreError::NoSchemes { .. } => "is it the folder that was given as --store?".to_owned(),
+        StoreError::KeyDigits { found: 0, .. } => "`spharm store list` shows what is there".to_owned(),
+        StoreError::KeyDigits { .. } => "give more digits".to_owned(),
+        StoreError::DegreeMissing { store, scalar, wanted, .. } => {
+            let dtype = if *scalar == Some(Scalar::F32) { " --dtype f32" } else { "" };
+            let store = store.display();
+            format!("extend it with: basis-build --sphere SPHERE --max-degree {wanted} --store {store}{dtype}")
+        }
+        StoreError::Space { what, needed, free, .. } => of_space(what, needed > free),
+        StoreError::Layout { .. } => "choose another --chunk-rows".to_owned(),
+        StoreError::Interrupted(_) => "run the same command again to go on".to_owned(),
+        _ => return None,
+    };
+    Some(text)
+}
+
+fn of_space(what: &str, too_large: bool) -> String {
+    let (degree, dtype) = match what {
+        "factor" => ("a lower degree", "--factor-dtype f32"),
+        _ => ("a lower --max-degree", "--dtype f32"),
+    };
+    if too_large {
+        format!("choose a --store with more room, {degree} or {dtype}, or go on all the same with --yes")
+    } else {
+        format!("go on with --yes, or choose {degree} or {dtype}")
+    }
+}
+
+fn of_io(source: &io::Error) -> Option<&'static str> {
+    match source.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Some(
+            "free some space or choose another --store, then run the same command again: finished degrees are kept",
+        ),
+        io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
+            Some("choose a --store that you may use, or change its permissions")
+        }
+        io::ErrorKind::NotFound => Some("check the path, or build the store with basis-build"),
+        _ if source.raw_os_error() == Some(rustix::io::Errno::MFILE.raw_os_error()) => {
+            Some("raise the limit on open files (ulimit -n)")
+        }
+        _ => None,
+    }
 }
 
 fn of_solver(error: &SolverError) -> Option<String> {

@@ -7,12 +7,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use ndarray::Array2;
 use ndarray_linalg::{FactorizeC, SolveC, UPLO};
 use spharm_harmonics::{Directions, Recurrence, Sweep, basis_size};
+use spharm_monitor::Silent;
 use spharm_solver::SolverError;
 use spharm_solver::cholesky::{
     CholeskyFactor, Factor, FactorEvent, FactorParams, GramSource, Penalised, StoredFactor, build_factor, factorise,
     plan_factor, smoothness_penalty,
 };
-use spharm_store::factor::{FactorFile, factors, open_factor, verify_factor};
+use spharm_store::factor::{FactorFile, factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, StoreError, WeightsHash};
 
 /// A matrix that is there.
@@ -137,7 +138,7 @@ fn factor_times_its_transpose_is_the_matrix_and_solves_are_those_of_lapack() {
             let first = build_factor(&whole, &spec, &source, &params, &never(), &|_| {}).unwrap().file;
             let second = out_of_core(&piecewise, &source, &spec, &params);
             for file in [&first, &second] {
-                verify_factor(file, &mut Vec::new()).unwrap();
+                file.verify(&Silent).unwrap();
                 let c = lower(file);
                 assert!((0..size).all(|i| (i + 1..size).all(|j| c[[i, j]] == 0.0)), "a lower triangle");
                 let difference = largest(&(c.dot(&c.t()) - &source.0)) / largest(&source.0);
@@ -349,7 +350,7 @@ fn damage_is_an_error_and_no_wrong_number() {
             assert!(error.to_string().contains(&path.display().to_string()), "{error}");
             assert_eq!(x, filled(source.size(), 3), "right-hand sides as they were");
         }
-        assert!(verify_factor(&file, &mut Vec::new()).is_err());
+        assert!(file.verify(&Silent).is_err());
     }
     std::fs::write(&path, &sound).unwrap();
     let file = open_factor(folder.path(), &spec, None).unwrap();

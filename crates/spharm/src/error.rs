@@ -59,14 +59,6 @@ pub enum Error {
         /// The method.
         method: &'static str,
     },
-    /// A store that can't be opened.
-    #[error("{}: cannot open the store: {source}; build one with basis-build", .store.display())]
-    OpenStore {
-        /// The folder.
-        store: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
     /// Something that integrates over triangles, on a sphere that has none.
     #[error("{what} needs triangles, and {} has none; give a sphere mesh", .sphere.display())]
     NeedsTriangles {

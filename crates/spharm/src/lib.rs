@@ -13,7 +13,6 @@
 //! | [`assess`] | distances at the vertices, between them, at vertices held out |
 //! | [`warning`] | [`FitWarning`]: what may be wrong with a fit |
 //! | [`defaults`] | the numbers behind the defaults |
-//! | [`store`] | basis stores, as fits use them |
 //! | [`machine`] | memory and limits of this process |
 //!
 //! The crates below are re-exported: [`io`] and [`generate`] of `spharm-surface`, the methods of `spharm-parametrize`.
@@ -28,7 +27,6 @@ pub mod parametrize;
 pub mod params;
 pub mod prelude;
 pub mod report;
-pub mod store;
 pub mod warning;
 
 pub use error::Error;

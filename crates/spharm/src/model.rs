@@ -1,7 +1,7 @@
 //! From a fit to a model, with how it was made.
 
 use serde::Serialize;
-use spharm_store::header::VERSION as STORE_FORMAT;
+use spharm_store::format::VERSION as STORE_FORMAT;
 use spharm_surface::{Kind, Model, Sphere};
 
 use crate::Fit;

@@ -1,155 +1,169 @@
-//! What is in a store: its schemes, their degrees; opening a scheme for a fit; verifying; clearing away.
+//! What is in a store: its schemes and their files, verification, and removing what killed builds left.
 
 use std::path::{Path, PathBuf};
 
-use crate::StoreError;
-use crate::reader::DegreeFile;
-use crate::scheme::SchemeKey;
-use crate::writer::{abandoned, file_name, remove_abandoned};
+use rayon::prelude::*;
+use spharm_monitor::{Monitor, Stage};
 
-/// The schemes of a store, by key. A folder without any basis has none.
+use crate::basis::DegreeFile;
+use crate::container::codec::Codec;
+use crate::error::StoreError;
+use crate::factor::{FactorFile, factors};
+use crate::scheme::{Scalar, SchemeKey};
+use crate::{folder, temporary};
+
+pub use crate::basis::degrees;
+
+/// Lists the schemes of a store, by key. A folder that isn't a store has none.
 ///
 /// # Errors
 ///
 /// [`StoreError::Io`] when the store can't be listed.
 pub fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
-    let mut keys = Vec::new();
-    for item in std::fs::read_dir(store).map_err(StoreError::io(store, "cannot open the store"))? {
-        let item = item.map_err(StoreError::io(store, "cannot open the store"))?;
-        if let Some(key) = item.file_name().to_str().and_then(|name| name.parse().ok()) {
-            keys.push(key);
-        }
-    }
-    keys.sort();
-    Ok(keys)
+    folder::schemes(store)
 }
 
-/// One scheme of a store, with the files of degrees 0 to `max_degree` open.
+/// Finds the scheme whose key begins with `digits`; all schemes for `None`.
+///
+/// # Errors
+///
+/// [`StoreError::NoSchemes`] for a store without any, [`StoreError::KeyDigits`] unless exactly one key begins with the
+/// digits, [`StoreError::Io`].
+pub fn find_schemes(store: &Path, digits: Option<&str>) -> Result<Vec<SchemeKey>, StoreError> {
+    let all = schemes(store)?;
+    if all.is_empty() {
+        return Err(StoreError::NoSchemes { store: store.to_path_buf() });
+    }
+    let Some(digits) = digits else { return Ok(all) };
+    let found: Vec<SchemeKey> = all.into_iter().filter(|key| key.to_string().starts_with(digits)).collect();
+    if found.len() != 1 {
+        let (store, digits) = (store.to_path_buf(), digits.to_owned());
+        return Err(StoreError::KeyDigits { store, digits, found: found.len() });
+    }
+    Ok(found)
+}
+
+/// A scheme's files in figures.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SchemeSummary {
+    /// The scheme.
+    pub key: SchemeKey,
+    /// Number of directions, if there is a sound file.
+    pub rows: Option<usize>,
+    /// Scalar type of the basis, if there is a sound basis file.
+    pub scalar: Option<Scalar>,
+    /// Codec of the lowest degree's file.
+    pub codec: Option<Codec>,
+    /// Number of basis files.
+    pub degrees: usize,
+    /// Highest degree of which every one below is there and sound as well.
+    pub complete_to: Option<usize>,
+    /// Number of factors.
+    pub factors: usize,
+    /// Files, of both kinds, that couldn't be opened.
+    pub damaged: usize,
+    /// Bytes of the sound files.
+    pub bytes: u64,
+}
+
+/// Opens the files of a scheme and sums them up.
+///
+/// # Errors
+///
+/// [`StoreError::Io`] when the scheme's folder can't be listed.
+pub fn summarize(store: &Path, key: SchemeKey) -> Result<SchemeSummary, StoreError> {
+    let (degrees, factors) = (degrees(store, key)?, factors(store, key)?);
+    let sound: Vec<&DegreeFile> = degrees.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
+    let sound_factors: Vec<&FactorFile> = factors.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
+    let first = sound.first().map(|file| file.header());
+    let complete = degrees.iter().enumerate().take_while(|(at, (degree, file))| at == degree && file.is_ok()).count();
+    Ok(SchemeSummary {
+        key,
+        rows: first.map(|header| header.rows).or(sound_factors.first().map(|file| file.header().spec.rows)),
+        scalar: first.map(|header| header.scalar),
+        codec: first.map(|header| header.codec),
+        degrees: degrees.len(),
+        complete_to: complete.checked_sub(1),
+        factors: factors.len(),
+        damaged: degrees.len() + factors.len() - sound.len() - sound_factors.len(),
+        bytes: sound.iter().map(|file| file.file_len()).sum::<u64>()
+            + sound_factors.iter().map(|file| file.file_len()).sum::<u64>(),
+    })
+}
+
+/// What [`verify`] found.
 #[derive(Debug)]
-pub struct Scheme {
-    key: SchemeKey,
-    files: Vec<DegreeFile>,
+#[non_exhaustive]
+pub struct Verification {
+    /// Files checked, basis files and factors.
+    pub files: usize,
+    /// Bytes of those that could be opened.
+    pub bytes: u64,
+    /// What is wrong with those that are damaged.
+    pub damaged: Vec<StoreError>,
 }
 
-impl Scheme {
-    /// Opens and checks the files of degrees `0..=max_degree` of a scheme of `rows` directions.
-    ///
-    /// # Errors
-    ///
-    /// [`StoreError::NoSuchScheme`], [`StoreError::DegreeMissing`], and those of [`DegreeFile::open`].
-    pub fn open(store: &Path, key: SchemeKey, rows: usize, max_degree: usize) -> Result<Self, StoreError> {
-        if max_degree > spharm_harmonics::MAX_DEGREE {
-            let max = spharm_harmonics::MAX_DEGREE;
-            return Err(spharm_harmonics::HarmonicsError::DegreeTooHigh { degree: max_degree, max }.into());
-        }
-        let folder = store.join(key.to_string());
-        if !folder.is_dir() {
-            let available = schemes(store)?;
-            return Err(StoreError::NoSuchScheme { store: store.to_path_buf(), key, available });
-        }
-        let mut files: Vec<DegreeFile> = Vec::with_capacity(max_degree + 1);
-        for degree in 0..=max_degree {
-            let path = folder.join(file_name(degree));
-            let file = DegreeFile::open(&path).map_err(|error| match error {
-                StoreError::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-                    let store = store.to_path_buf();
-                    let (complete_to, scalar) = (degree.checked_sub(1), files.first().map(|file| file.header().scalar));
-                    StoreError::DegreeMissing { store, key, scalar, complete_to, missing: degree, wanted: max_degree }
-                }
-                error => error,
-            })?;
-            let header = file.header();
-            if header.key != key || header.degree != degree || header.rows != rows {
-                let expected = format!("scheme {} degree {degree} of {rows} rows", key.short());
-                let found = format!("scheme {} degree {} of {} rows", header.key.short(), header.degree, header.rows);
-                return Err(StoreError::corrupt(&path, "contents", expected, found));
-            }
-            let first = files.first().map_or(header, DegreeFile::header);
-            if header.scalar != first.scalar {
-                let (expected, found) = (first.scalar.name(), header.scalar.name());
-                return Err(StoreError::corrupt(&path, "scalar type (degree 0's is another)", expected, found));
-            }
-            if header.chunk_rows != first.chunk_rows {
-                let (expected, found) = (first.chunk_rows, header.chunk_rows);
-                return Err(StoreError::ChunkRowsDiffer { path, expected, found });
-            }
-            files.push(file);
-        }
-        Ok(Self { key, files })
-    }
-
-    /// The scheme's key.
-    pub fn key(&self) -> SchemeKey {
-        self.key
-    }
-
-    /// The files, by degree.
-    pub fn files(&self) -> &[DegreeFile] {
-        &self.files
-    }
-
-    /// The highest degree open.
-    pub fn max_degree(&self) -> usize {
-        self.files.len() - 1
-    }
-}
-
-/// A basis file of a scheme: its degree, and the file, opened and checked, or what is wrong with it.
-pub type Found = (usize, Result<DegreeFile, StoreError>);
-
-/// The basis files of a scheme's folder, by degree.
+/// Checks every byte of the basis files and factors of some schemes against their hashes, on the rayon pool of the
+/// caller, in a stage `verify` counted in bytes. Each thread holds a megabyte.
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when the folder can't be listed.
-pub fn degrees(store: &Path, key: SchemeKey) -> Result<Vec<Found>, StoreError> {
-    let folder = store.join(key.to_string());
-    let mut degrees = Vec::new();
-    for item in std::fs::read_dir(&folder).map_err(StoreError::io(&folder, "cannot open"))? {
-        let name = item.map_err(StoreError::io(&folder, "cannot open"))?.file_name();
-        let degree = name.to_str().and_then(|name| name.strip_prefix("A_")).and_then(|text| text.parse().ok());
-        if let Some(degree) = degree.filter(|&degree| name.to_str() == Some(&file_name(degree))) {
-            degrees.push(degree);
+/// [`StoreError::Io`] when a folder can't be listed, [`StoreError::Interrupted`]. Damaged files are no error but listed
+/// in the result.
+pub fn verify(store: &Path, keys: &[SchemeKey], monitor: &dyn Monitor) -> Result<Verification, StoreError> {
+    let mut files = Vec::new();
+    for &key in keys {
+        files.extend(degrees(store, key)?.into_iter().map(|(_, file)| file.map(AnyFile::Degree)));
+        files.extend(factors(store, key)?.into_iter().map(|(_, file)| file.map(AnyFile::Factor)));
+    }
+    let count = files.len();
+    let bytes: u64 = files.iter().flatten().map(AnyFile::len).sum();
+    monitor.begin(Stage::bytes("verify"), bytes);
+    let verify = |file: Result<AnyFile, StoreError>| file.and_then(|file| file.verify(monitor)).err();
+    let damaged: Vec<StoreError> = files.into_par_iter().filter_map(verify).collect();
+    monitor.end();
+    monitor.check()?;
+    Ok(Verification { files: count, bytes, damaged })
+}
+
+/// A file of either kind.
+enum AnyFile {
+    Degree(DegreeFile),
+    Factor(FactorFile),
+}
+
+impl AnyFile {
+    fn len(&self) -> u64 {
+        match self {
+            Self::Degree(file) => file.file_len(),
+            Self::Factor(file) => file.file_len(),
         }
     }
-    degrees.sort_unstable();
-    Ok(degrees.into_iter().map(|degree| (degree, open_as(&folder.join(file_name(degree)), key, degree))).collect())
-}
 
-/// Opens a file and checks that it is what its folder and name say.
-fn open_as(path: &Path, key: SchemeKey, degree: usize) -> Result<DegreeFile, StoreError> {
-    let file = DegreeFile::open(path)?;
-    if file.header().key != key || file.header().degree != degree {
-        let found = format!("scheme {} degree {}", file.header().key.short(), file.header().degree);
-        return Err(StoreError::corrupt(path, "contents", format!("scheme {} degree {degree}", key.short()), found));
+    fn verify(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
+        match self {
+            Self::Degree(file) => file.verify_within(monitor),
+            Self::Factor(file) => file.verify_within(monitor),
+        }
     }
-    Ok(file)
 }
 
-/// Checks every byte of a file against its hashes. `buffer` is scratch space, a megabyte at most.
+/// Lists the temporary files of a scheme that killed builders left behind.
 ///
 /// # Errors
 ///
-/// [`StoreError::ChunkDamaged`], [`StoreError::ChangedWhileRead`], [`StoreError::Io`].
-pub fn verify(file: &DegreeFile, buffer: &mut Vec<u8>) -> Result<(), StoreError> {
-    file.verify(buffer)
-}
-
-/// Temporary files of a scheme that killed builders left behind.
-///
-/// # Errors
-///
-/// [`StoreError::Io`] when the folder can't be listed.
+/// [`StoreError::Io`] when the scheme's folder can't be listed.
 pub fn leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreError> {
-    abandoned(&store.join(key.to_string()))
+    temporary::abandoned(&folder::of_scheme(store, key))
 }
 
-/// Removes the [`leftovers`] of a scheme and says which they were. Safe while others build: each is removed under its
+/// Removes the [`leftovers`] of a scheme and returns which they were. Safe while others build: each is removed under its
 /// lock, which a builder takes on every file it creates.
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when the folder can't be listed.
+/// [`StoreError::Io`] when the scheme's folder can't be listed.
 pub fn remove_leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreError> {
-    remove_abandoned(&store.join(key.to_string()))
+    temporary::remove_abandoned(&folder::of_scheme(store, key))
 }

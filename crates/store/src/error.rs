@@ -1,10 +1,14 @@
-//! What can go wrong between a store and its user; each error names the file and what to do.
+//! What can go wrong between a store and its user.
+//!
+//! Messages name the file, what was expected and what was found, and what to do where that doesn't depend on the program.
+//! Programs add the options that help, from the fields.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use spharm_monitor::Interrupted;
 
+use crate::format::{MAX_CHUNK_LEN, MAX_CHUNK_ROWS, MAX_CHUNKS, MAX_TILE, MAX_TILES, ROW_MULTIPLE};
 use crate::scheme::{Scalar, SchemeKey};
 
 /// Errors of this crate.
@@ -12,7 +16,7 @@ use crate::scheme::{Scalar, SchemeKey};
 #[non_exhaustive]
 pub enum StoreError {
     /// The operating system refused something.
-    #[error("{}: {action}: {source}{}", .path.display(), remedy(.source))]
+    #[error("{}: {action}: {source}", .path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
@@ -21,7 +25,7 @@ pub enum StoreError {
         /// Why it failed.
         source: io::Error,
     },
-    /// Something that isn't a regular file where a basis file should be.
+    /// Something that isn't a regular file where a basis file or factor should be.
     #[error("{}: expected a regular file, found {found}; move it away and run basis-build again", .path.display())]
     NotAFile {
         /// The path.
@@ -35,13 +39,13 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
         /// The field or check.
-        what: &'static str,
+        what: String,
         /// What the format demands.
         expected: String,
         /// What the file has.
         found: String,
     },
-    /// Bytes of a chunk that don't fit their checksum.
+    /// Bytes of a chunk that don't match their checksum.
     #[error("{}: chunk {chunk} is damaged ({what} differs from the table); delete the file and run basis-build again", .path.display())]
     ChunkDamaged {
         /// The file.
@@ -51,7 +55,7 @@ pub enum StoreError {
         /// Which check failed.
         what: &'static str,
     },
-    /// Bytes of a tile of a factor that don't fit their checksum.
+    /// Bytes of a tile of a factor that don't match their checksum.
     #[error("{}: tile ({row}, {column}) is damaged ({what} differs from the table); delete the file and run basis-build again", .path.display())]
     TileDamaged {
         /// The file.
@@ -64,7 +68,7 @@ pub enum StoreError {
         what: &'static str,
     },
     /// A factor that isn't the one that was asked for.
-    #[error("{}: a factor of another {what}: expected {expected}, found {found}; compute the one that is needed with basis-build --factor", .path.display())]
+    #[error("{}: a factor of another {what}: expected {expected}, found {found}", .path.display())]
     FactorDiffers {
         /// The file.
         path: PathBuf,
@@ -76,7 +80,7 @@ pub enum StoreError {
         found: String,
     },
     /// The store has no such factor.
-    #[error("{}: no factor of {wanted} for scheme {key}; {}; compute it with basis-build --factor on the same sphere", .store.display(), factors_there(.available))]
+    #[error("{}: no factor of {wanted} for scheme {key}; {}", .store.display(), factors_there(.available))]
     FactorMissing {
         /// The store.
         store: PathBuf,
@@ -84,14 +88,12 @@ pub enum StoreError {
         key: SchemeKey,
         /// What was asked for: degree, weights, smoothness.
         wanted: String,
-        /// Names of the factors of the scheme that are there.
+        /// Names of the factors of the scheme that exist.
         available: Vec<String>,
     },
     /// A factor that the format has no room for.
     #[error(
-        "a factor of {size} columns in tiles of {tile}: tiles must be a multiple of 8 from 8 to {}, and at most {}; choose a lower degree",
-        crate::factor::MAX_TILE,
-        crate::factor::MAX_TILES
+        "a factor of {size} columns in tiles of {tile}: tiles must be a multiple of 8 from 8 to {MAX_TILE}, and at most {MAX_TILES}; choose a lower degree"
     )]
     FactorLayout {
         /// Number of columns, K.
@@ -100,39 +102,57 @@ pub enum StoreError {
         tile: usize,
     },
     /// A format version that this program doesn't know.
-    #[error("{}: store format version {found}, this program reads version {}; use the program that wrote it, or build a new store", .path.display(), crate::header::VERSION)]
+    #[error("{}: store format version {found}, this program reads version {expected}; use the program that wrote it, or build a new store", .path.display())]
     Version {
         /// The file.
         path: PathBuf,
+        /// The version that can be read.
+        expected: u32,
         /// The version found.
         found: u32,
     },
     /// A file that shrank, changed or failed to be read while it was in use.
-    #[error("{}: truncated, changed or unreadable while it was being read; verify it with `store verify` and rebuild it with basis-build", .path.display())]
+    #[error("{}: truncated, changed or unreadable while it was being read; verify the store, and rebuild it with basis-build", .path.display())]
     ChangedWhileRead {
         /// The file.
         path: PathBuf,
     },
     /// The store has nothing for this sampling scheme.
-    #[error("{}: no basis for scheme {key}; {}; build it with basis-build --sphere on the same sphere", .store.display(), keys_there(.available))]
+    #[error("{}: no basis for scheme {key}; {}", .store.display(), keys_there(.available))]
     NoSuchScheme {
         /// The store.
         store: PathBuf,
         /// The key asked for.
         key: SchemeKey,
-        /// Keys that are there.
+        /// Keys that exist.
         available: Vec<SchemeKey>,
     },
+    /// A folder without any scheme.
+    #[error("{}: no schemes here", .store.display())]
+    NoSchemes {
+        /// The folder.
+        store: PathBuf,
+    },
+    /// Digits that begin the key of no scheme, or of several.
+    #[error("{}: {} with {digits}", .store.display(), keys_begin(*.found))]
+    KeyDigits {
+        /// The store.
+        store: PathBuf,
+        /// The digits given.
+        digits: String,
+        /// Number of schemes whose key begins with them.
+        found: usize,
+    },
     /// The store holds the scheme, but not to the degree asked for.
-    #[error("{}: scheme {key} holds {}, degree {missing} is missing; extend it with: basis-build --sphere SPHERE --max-degree {wanted} --store {}{}", .store.display(), degrees_there(.complete_to), .store.display(), dtype(.scalar))]
+    #[error("{}: scheme {key} holds {}, degree {missing} is missing", .store.display(), degrees_there(.complete_to))]
     DegreeMissing {
         /// The store.
         store: PathBuf,
         /// The scheme.
         key: SchemeKey,
-        /// Scalar type of its files, where there is one to tell.
+        /// Scalar type of its files, where degree 0 exists.
         scalar: Option<Scalar>,
-        /// Degrees 0 to this one are all there.
+        /// Degrees 0 to this one all exist.
         complete_to: Option<usize>,
         /// The first degree that is missing.
         missing: usize,
@@ -149,50 +169,41 @@ pub enum StoreError {
         /// Rows a chunk of this file.
         found: usize,
     },
-    /// Not enough room, or more than one would take without asking.
-    #[error("{}: the {what} needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB); {remedy}", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
+    /// Not enough disk space, or more than may be taken without being allowed explicitly.
+    #[error("{}: the {what} needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB)", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
     Space {
         /// The store.
         path: PathBuf,
-        /// What needs them: the basis, the factor.
+        /// What needs them: `basis` or `factor`.
         what: &'static str,
         /// Bytes that would be written.
         needed: u64,
         /// Bytes that are free.
         free: u64,
-        /// What to do.
-        remedy: &'static str,
     },
     /// A memory budget below what the work needs.
     #[error("a memory budget of {budget} bytes is too small; the smallest that works is {needed} bytes ({} MiB)", needed.div_ceil(1 << 20))]
     Budget {
-        /// The budget.
+        /// The budget in bytes.
         budget: usize,
-        /// The least that works.
+        /// The least that works, in bytes.
         needed: usize,
     },
     /// The work was interrupted; what is finished stays.
-    #[error("interrupted; what is finished is kept, run the same command again to go on")]
+    #[error("interrupted; what is finished is kept")]
     Interrupted(#[from] Interrupted),
     /// A request outside of what the harmonics support.
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
     /// A chunk size outside of what the format allows.
-    #[error(
-        "chunks of {found} rows: expected a multiple of {} from {} to {}",
-        crate::header::ROW_MULTIPLE,
-        crate::header::ROW_MULTIPLE,
-        crate::header::MAX_CHUNK_ROWS
-    )]
+    #[error("chunks of {found} rows: expected a multiple of {ROW_MULTIPLE} from {ROW_MULTIPLE} to {MAX_CHUNK_ROWS}")]
     ChunkRows {
         /// The number asked for.
         found: usize,
     },
     /// Chunks that are too many or too large for the format.
     #[error(
-        "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file may have {} chunks of {} bytes; choose another --chunk-rows",
-        crate::header::MAX_CHUNKS,
-        crate::header::MAX_CHUNK_LEN
+        "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file may have {MAX_CHUNKS} chunks of {MAX_CHUNK_LEN} bytes; choose other rows a chunk"
     )]
     Layout {
         /// Number of directions.
@@ -204,7 +215,7 @@ pub enum StoreError {
     },
 }
 
-/// What was out of order and has been mended by a build; the caller decides whom to show it to.
+/// What was out of order and has been repaired by a build.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreWarning {
@@ -220,22 +231,14 @@ impl StoreError {
         move |source| Self::Io { path, action, source }
     }
 
-    pub(crate) fn corrupt(path: &Path, what: &'static str, expected: impl ToString, found: impl ToString) -> Self {
-        Self::Corrupt { path: path.to_path_buf(), what, expected: expected.to_string(), found: found.to_string() }
+    pub(crate) fn corrupt(path: &Path, what: impl Into<String>, expected: impl ToString, found: impl ToString) -> Self {
+        let (expected, found) = (expected.to_string(), found.to_string());
+        Self::Corrupt { path: path.to_path_buf(), what: what.into(), expected, found }
     }
-}
 
-fn remedy(source: &io::Error) -> &'static str {
-    match source.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            "; free some space or choose another --store, then run the same command again: finished degrees are kept"
-        }
-        io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
-            "; choose a --store that you may use, or change its permissions"
-        }
-        io::ErrorKind::NotFound => "; check the path, or build the store with basis-build",
-        _ if source.raw_os_error() == Some(libc::EMFILE) => "; raise the limit on open files (ulimit -n)",
-        _ => "",
+    /// Whether the file or folder doesn't exist.
+    pub(crate) fn is_not_found(&self) -> bool {
+        matches!(self, Self::Io { source, .. } if source.kind() == io::ErrorKind::NotFound)
     }
 }
 
@@ -250,13 +253,12 @@ fn keys_there(keys: &[SchemeKey]) -> String {
     }
 }
 
-fn factors_there(names: &[String]) -> String {
-    if names.is_empty() { "it has none".to_owned() } else { format!("it has {}", names.join(", ")) }
+fn keys_begin(found: usize) -> String {
+    if found == 0 { "no scheme begins".to_owned() } else { format!("{found} schemes begin") }
 }
 
-/// The flag that another run needs to go on with the same scheme.
-fn dtype(scalar: &Option<Scalar>) -> &'static str {
-    if *scalar == Some(Scalar::F32) { " --dtype f32" } else { "" }
+fn factors_there(names: &[String]) -> String {
+    if names.is_empty() { "it has none".to_owned() } else { format!("it has {}", names.join(", ")) }
 }
 
 fn degrees_there(complete_to: &Option<usize>) -> String {

@@ -14,15 +14,13 @@
 //! | module | what |
 //! |---|---|
 //! | [`scheme`] | the key: what a basis depends on, hashed |
-//! | [`header`] | the header, offsets and bounds |
-//! | `table` | the table of chunks and the footer |
-//! | [`codec`] | raw, and zstd over shuffled bytes |
-//! | `map` | windows on files, and what happens when a file shrinks under one |
-//! | [`reader`] | one file, opened, checked and read |
-//! | `writer` | one file on its way to disk |
-//! | [`mod@build`] | all files of a scheme |
-//! | [`catalog`] | what is in a store; verifying, clearing away |
+//! | [`basis`] | basis files: building them, opening a scheme, reading chunks |
 //! | [`factor`] | the Cholesky factor of a scheme's normal equations, beside its basis |
+//! | [`catalog`] | what is in a store; verifying it, removing leftovers |
+//! | [`format`] | versions and limits of the format |
+//! | `container` | what basis files and factors share: header frame, table, footer, checks, publishing |
+//! | `folder`, `temporary` | folders of schemes, locks, disk space; temporary files |
+//! | `source`, `map` | open files, and windows on them that survive a file that shrinks |
 //!
 //! ```
 //! use spharm_harmonics::Directions;
@@ -43,25 +41,22 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-pub mod build;
+pub mod basis;
 mod bytes;
 pub mod catalog;
-pub mod codec;
+mod container;
 mod error;
 pub mod factor;
-pub mod header;
+mod folder;
+pub mod format;
 mod map;
-pub mod reader;
 pub mod scheme;
-mod table;
-mod writer;
+mod source;
+mod temporary;
 
-pub use build::{BuildParams, BuildReport, build};
-pub use catalog::Scheme;
-pub use codec::Codec;
+pub use basis::{BuildParams, BuildReport, ChunkWindow, DegreeFile, Header, Scheme, build};
+pub use container::codec::Codec;
 pub use error::{StoreError, StoreWarning};
 pub use factor::{FactorFile, FactorSpec, FactorWriter, TileGrid, WeightsHash};
-pub use header::Header;
 pub use map::prefetch;
-pub use reader::{ChunkWindow, DegreeFile};
 pub use scheme::{Scalar, SchemeKey};

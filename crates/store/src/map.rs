@@ -1,66 +1,27 @@
 //! Read-only windows on files: the only `unsafe` code of the store.
 //!
-//! A memory map has two dangers that a read has not. The file may change under it, and touching a page that the file no
-//! longer has (it was truncated, or the disk fails) raises SIGBUS, which kills the process. Both are met here, once:
+//! A memory map has two dangers that a read doesn't have. The file may change under it, and touching a page that the file
+//! no longer has (it was truncated, or the disk fails) raises SIGBUS, which kills the process. Both are handled here:
 //!
-//! - Every window is entered into a table of address ranges. A SIGBUS handler looks the faulting address up; inside of a
-//!   window it puts a page of zeros there and marks the window, so that the reader goes on and finds out at the end.
-//!   Outside of all windows the handler puts back what was there before it and lets the fault happen again.
-//! - [`Window::check`] says after use whether a page was missing or the file's size or modification time has changed.
-//!   What was computed from a window counts only when this check has passed.
+//! - Every window is entered into a table of address ranges. A SIGBUS handler, installed with the first window, looks
+//!   the faulting address up. Inside a window it maps a page of zeros there and marks the window; the reader continues
+//!   and learns of it at the end. Outside all windows the handler restores the previous one and lets the fault repeat.
+//! - [`Window::check`] fails after use if a page was missing or the file's size or modification time has changed. What
+//!   was computed from a window is valid only once this check has passed.
 //!
 //! Windows hand out bytes and numbers whose every bit pattern is valid, so even a file that changes under a window
 //! gives wrong numbers that the check rejects, never an invalid value.
 
 #![allow(unsafe_code)]
 
-use std::fs::{File, Metadata};
 use std::io;
-use std::os::unix::fs::MetadataExt;
-use std::path::PathBuf;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use memmap2::{Advice, Mmap, MmapOptions};
 
-use crate::StoreError;
-
-/// An open file and what it looked like when it was opened.
-#[derive(Debug)]
-pub(crate) struct Source {
-    pub(crate) path: PathBuf,
-    pub(crate) file: File,
-    stamp: Stamp,
-}
-
-/// Size and modification time: what shows that a file was written to or truncated. (Not the change time, which a hard
-/// link or a new owner changes as well.)
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Stamp {
-    len: u64,
-    seconds: i64,
-    nanoseconds: i64,
-}
-
-impl Stamp {
-    fn of(metadata: &Metadata) -> Self {
-        Self { len: metadata.len(), seconds: metadata.mtime(), nanoseconds: metadata.mtime_nsec() }
-    }
-}
-
-impl Source {
-    pub(crate) fn new(path: PathBuf, file: File, metadata: &Metadata) -> Self {
-        Self { path, file, stamp: Stamp::of(metadata) }
-    }
-
-    /// Fails when the file isn't what it was when it was opened.
-    pub(crate) fn check(&self) -> Result<(), StoreError> {
-        match self.file.metadata() {
-            Ok(metadata) if Stamp::of(&metadata) == self.stamp => Ok(()),
-            _ => Err(StoreError::ChangedWhileRead { path: self.path.clone() }),
-        }
-    }
-}
+use crate::error::StoreError;
+use crate::source::Source;
 
 /// A run of a file's bytes, mapped read-only.
 #[derive(Debug)]
@@ -76,11 +37,11 @@ impl Window {
         // SAFETY: the map is read-only and private to this type. That the file may change or shrink meanwhile is
         // handled as the module's head says: bytes are read as plain numbers only, missing pages become zeros, and
         // `check` rejects what was read.
-        let map = unsafe { MmapOptions::new().offset(offset).len(len).map(&source.file) }
-            .map_err(StoreError::io(&source.path, "cannot map"))?;
+        let map = unsafe { MmapOptions::new().offset(offset).len(len).map(source.file()) }
+            .map_err(StoreError::io(source.path(), "cannot map"))?;
         let start = map.as_ptr() as usize;
         let slot = claim_slot(start, start + len).ok_or_else(|| {
-            StoreError::io(&source.path, "cannot map")(io::Error::other("too many windows are open at once"))
+            StoreError::io(source.path(), "cannot map")(io::Error::other("too many windows are open at once"))
         })?;
         Ok(Self { map, slot })
     }
@@ -89,12 +50,12 @@ impl Window {
         &self.map
     }
 
-    /// Asks the system to start reading a part of the window. Advice only: what it can't do is left undone.
+    /// Asks the system to start reading a range of the window. Advice only.
     pub(crate) fn will_need(&self, offset: usize, len: usize) {
         let _ = self.map.advise_range(Advice::WillNeed, offset, len);
     }
 
-    /// Maps the pages of a part in one go, which costs less than a fault for each. Advice only.
+    /// Maps the pages of a range in one go, which costs less than a fault for each. Advice only.
     #[cfg(target_os = "linux")]
     pub(crate) fn populate(&self, offset: usize, len: usize) {
         let _ = self.map.advise_range(Advice::PopulateRead, offset, len);
@@ -108,7 +69,7 @@ impl Window {
     /// Fails when a page was missing or the file has changed since it was opened.
     pub(crate) fn check(&self, source: &Source) -> Result<(), StoreError> {
         if SLOTS[self.slot].faulted.load(Ordering::Acquire) {
-            return Err(StoreError::ChangedWhileRead { path: source.path.clone() });
+            return Err(StoreError::ChangedWhileRead { path: source.path().to_path_buf() });
         }
         source.check()
     }
@@ -121,9 +82,8 @@ impl Drop for Window {
     }
 }
 
-/// Asks the processor for what lies `ahead` bytes from these values, a run that is about to be used: it brings it into the
-/// L2 cache while they are worked on, which its own prefetcher doesn't do across the pages of a map. Advice only; there
-/// need not be anything in that place.
+/// Prefetches into the L2 cache what lies `ahead` bytes from these values, as much as they are long. The processor's own
+/// prefetcher doesn't cross the pages of a map. Advice only; nothing needs to be mapped there.
 #[inline(always)]
 pub fn prefetch<T>(values: &[T], ahead: isize) {
     #[cfg(target_arch = "x86_64")]
@@ -238,9 +198,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let len = 64 * 4096;
         std::fs::write(file.path(), vec![7u8; len]).unwrap();
-        let opened = File::open(file.path()).unwrap();
-        let metadata = opened.metadata().unwrap();
-        let source = Source::new(file.path().to_path_buf(), opened, &metadata);
+        let source = Source::open(file.path()).unwrap();
         let window = Window::new(&source, 0, len).unwrap();
         assert_eq!(window.bytes()[len - 1], 7);
         window.check(&source).unwrap();
@@ -255,9 +213,7 @@ mod tests {
     fn a_file_written_to_is_reported() {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), [7u8; 4096]).unwrap();
-        let opened = File::open(file.path()).unwrap();
-        let metadata = opened.metadata().unwrap();
-        let source = Source::new(file.path().to_path_buf(), opened, &metadata);
+        let source = Source::open(file.path()).unwrap();
         let window = Window::new(&source, 0, 4096).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(20));
         std::fs::write(file.path(), [8u8; 4096]).unwrap();

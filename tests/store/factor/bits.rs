@@ -4,14 +4,14 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use spharm_store::factor::verify_factor;
+use spharm_monitor::Silent;
 use spharm_store::{FactorFile, Scalar, StoreError};
 
 use super::super::{assert_helpful, directions};
 use super::Textbook;
 
 fn open_and_verify(path: &Path) -> Result<(), StoreError> {
-    verify_factor(&FactorFile::open(path)?, &mut Vec::new())
+    FactorFile::open(path)?.verify(&Silent)
 }
 
 #[test]

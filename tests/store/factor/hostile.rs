@@ -1,6 +1,7 @@
 //! Factors whose hashes fit and whose contents lie: a typed error, no panic, no allocation that a number asked for.
 
-use spharm_store::factor::{open_factor, verify_factor};
+use spharm_monitor::Silent;
+use spharm_store::factor::open_factor;
 use spharm_store::{FactorFile, Scalar, StoreError};
 
 use super::super::forge::{Forged, put32, put64};
@@ -27,7 +28,7 @@ const LIES: &[Lie] = &[
     ("columns", |f| put64(&mut f.header, 64, u64::MAX)),
     ("scalar type", |f| put32(&mut f.header, 60, 0)),
     ("scalar type", |f| put32(&mut f.header, 60, 3)),
-    ("stored length of a tile", |f| put32(&mut f.header, 60, 2)),
+    ("decoded length of a tile", |f| put32(&mut f.header, 60, 2)),
     ("size of the tiles", |f| put32(&mut f.header, 72, 0)),
     ("size of the tiles", |f| put32(&mut f.header, 72, 12)),
     ("size of the tiles", |f| put32(&mut f.header, 72, 1032)),
@@ -114,7 +115,7 @@ fn a_lie_is_refused_by_name() {
         forged.table[at] ^= 1;
         forged.write_as(ROOT_CONTEXT, &path);
         let file = FactorFile::open(&path).expect("a file");
-        let error = verify_factor(&file, &mut Vec::new()).expect_err(what);
+        let error = file.verify(&Silent).expect_err(what);
         assert!(error.to_string().contains(what) && error.to_string().contains("tile (0, 0)"), "{error}");
         assert_helpful(&error, &path);
         assert_helpful_line(&fail(tool("store").arg("verify").arg(folder.path())), &path);

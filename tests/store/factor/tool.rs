@@ -4,8 +4,9 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use spharm_monitor::Silent;
 use spharm_store::catalog;
-use spharm_store::factor::{factors, verify_factor};
+use spharm_store::factor::factors;
 
 use super::super::{Random, leftovers, only_scheme, write_sphere};
 use crate::common::{fail, finish, succeed, text, times, tool, wait};
@@ -21,7 +22,7 @@ fn builder(store: &Path, sphere: &Path, degree: usize) -> Command {
 fn sound_factors(store: &Path) -> Vec<String> {
     let found = factors(store, only_scheme(store)).expect("a folder");
     let verified = found.into_iter().map(|(name, file)| {
-        verify_factor(&file.expect("a sound factor"), &mut Vec::new()).expect("sound bytes");
+        file.expect("a sound factor").verify(&Silent).expect("sound bytes");
         name
     });
     verified.collect()

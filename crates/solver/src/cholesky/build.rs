@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use ndarray::Array2;
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Level, Monitor};
-use spharm_store::factor::{Begun, Condition, FactorFile, begin_factor, check_factor_space, open_factor};
+use spharm_store::factor::{Condition, FactorFile, StartedFactor, check_factor_space, open_factor, start_factor};
 use spharm_store::{FactorSpec, FactorWriter, Scalar, StoreError, StoreWarning, TileGrid};
 
 use crate::SolverError;
@@ -199,9 +199,11 @@ pub fn build_factor(
     let (plan, grid) = plan_stored_factor(store, spec.size(), params)?;
     let panels = Panels { grid, width: plan.panel.div_ceil(grid.tile()), threads: params.threads.max(1) };
     let waiting = Waiting { cancel, event };
-    let (writer, warnings) = match begin_factor(store, spec, params.scalar, grid, !plan.in_memory, &waiting)? {
-        Begun::Present(file) => return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() }),
-        Begun::New { writer, warnings } => (writer, warnings),
+    let (writer, warnings) = match start_factor(store, spec, params.scalar, grid, !plan.in_memory, &waiting)? {
+        StartedFactor::Present(file) => {
+            return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() });
+        }
+        StartedFactor::New { writer, warnings } => (writer, warnings),
     };
     event(FactorEvent::Planned(plan, panels.flops()));
     let condition = if plan.in_memory {

@@ -6,7 +6,6 @@ use spharm_store::{Scalar, Scheme, SchemeKey};
 use spharm_surface::Sphere;
 
 use crate::assess::{HoldOut, OffVertex};
-use crate::store::{open_scheme, verify};
 use crate::{Error, FitParams, Weights, defaults};
 
 /// A call's settings, resolved on its sphere.
@@ -37,21 +36,21 @@ impl<'a> Job<'a> {
         }
         let mut scheme = None;
         if let (Some(_), Some(store)) = (params.method.blocks(), &params.store) {
-            let found = open_scheme(store, sphere, params.max_degree, params.scalar)?;
+            let found = Scheme::open_at(store, &sphere.directions, params.scalar, params.max_degree)?;
             if params.verify {
-                verify(&found.0, monitor)?;
+                found.verify(monitor)?;
             }
             scheme = Some(found);
         }
-        let scalar = scheme.as_ref().map_or(Scalar::F64, |(_, scalar)| *scalar);
-        let key = scheme.as_ref().map_or_else(|| SchemeKey::of(&sphere.directions, scalar), |(scheme, _)| scheme.key());
+        let scalar = scheme.as_ref().map_or(Scalar::F64, Scheme::scalar);
+        let key = scheme.as_ref().map_or_else(|| SchemeKey::of(&sphere.directions, scalar), Scheme::key);
         Ok(Self {
             sphere,
             params,
             weights,
             hold_out,
             off_vertex: OffVertex::new(sphere, basis_size(params.max_degree))?,
-            scheme: scheme.map(|(scheme, _)| scheme),
+            scheme,
             key,
             scalar,
             threads: params.threads.unwrap_or_else(rayon::current_num_threads),

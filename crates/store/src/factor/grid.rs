@@ -1,17 +1,13 @@
-//! The tiles of a lower triangle: square but at the end, those on and below the diagonal.
+//! The tiles of a lower triangle: those on and below the diagonal, square except in the last row and column.
 
 use std::ops::Range;
 
-use crate::StoreError;
+use crate::error::StoreError;
+use crate::format::{MAX_TILE, MAX_TILES};
 
-/// Most rows and columns of a tile.
-pub const MAX_TILE: usize = 1024;
-/// Most tiles that a file may have: bounds the memory that its table takes.
-pub const MAX_TILES: u64 = 1 << 22;
-
-/// A (K, K) lower triangle cut into tiles of `tile` rows and columns, those of the last row and column of what is left.
+/// A (K, K) lower triangle cut into tiles of `tile` rows and columns; the last row and column of tiles take what is left.
 ///
-/// Tiles are numbered column after column, each from the diagonal down.
+/// Tiles are numbered tile column after tile column, each from the diagonal down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TileGrid {
     size: usize,
@@ -19,6 +15,8 @@ pub struct TileGrid {
 }
 
 impl TileGrid {
+    /// Cuts a triangle of `size` rows and columns into tiles of `tile`, a multiple of 8 from 8 to 1,024.
+    ///
     /// # Errors
     ///
     /// [`StoreError::FactorLayout`] when the format has no room for it.
@@ -59,7 +57,7 @@ impl TileGrid {
         (at * self.tile).min(self.size)..((at + 1) * self.tile).min(self.size)
     }
 
-    /// Number of a tile.
+    /// Number of a tile, by tile row and tile column.
     ///
     /// # Panics
     ///
@@ -67,8 +65,28 @@ impl TileGrid {
     pub fn index(&self, row: usize, column: usize) -> usize {
         let n = self.columns();
         assert!(column <= row && row < n, "tile ({row}, {column}) of {n} rows");
+        self.first_of(column) + row - column
+    }
+
+    /// Number of the diagonal tile of a tile column.
+    fn first_of(&self, column: usize) -> usize {
         // The columns before this one have n, n - 1, .. tiles.
-        column * n - column * column.saturating_sub(1) / 2 + row - column
+        column * self.columns() - column * column.saturating_sub(1) / 2
+    }
+
+    /// Tile row and tile column of a tile by its number, the inverse of [`index`](Self::index).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such tile.
+    pub fn place(&self, index: usize) -> (usize, usize) {
+        assert!(index < self.count(), "tile {index} of {}", self.count());
+        let (mut column, mut end) = (0, self.columns());
+        while end - column > 1 {
+            let middle = column.midpoint(end);
+            if self.first_of(middle) <= index { column = middle } else { end = middle }
+        }
+        (column + index - self.first_of(column), column)
     }
 
     /// Values of a tile.
@@ -94,6 +112,7 @@ mod tests {
             let mut values = 0;
             for (at, (row, column)) in grid.tiles().enumerate() {
                 assert_eq!(grid.index(row, column), at);
+                assert_eq!(grid.place(at), (row, column));
                 assert!(grid.len(row, column) > 0);
                 values += if row == column { 0 } else { grid.len(row, column) };
             }

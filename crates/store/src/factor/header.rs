@@ -1,23 +1,21 @@
-//! The header of a factor: 4,096 bytes.
+//! The header of a factor: "Header of a factor" in `store-format.md`.
 //!
-//! Offsets follow "Header of a factor" in `store-format.md`; a committed file is held against them byte by byte in the
-//! tests.
+//! A committed file is held against the offsets byte by byte in the tests.
 
 use std::path::Path;
 
-use crate::StoreError;
-use crate::bytes::{u32_at, u64_at};
-use crate::factor::grid::{MAX_TILE, MAX_TILES, TileGrid};
+use spharm_harmonics::{MAX_DEGREE, basis_size};
+
+use crate::bytes::{hash_at, put, u32_at, u64_at};
+use crate::container::codec::Codec;
+use crate::container::frame::{Contents, FIELDS_AT, HeaderBytes, Kind};
+use crate::error::StoreError;
+use crate::factor::grid::TileGrid;
 use crate::factor::spec::{FactorSpec, WeightsHash};
-// A factor's header begins and ends as a degree's does.
-use crate::header::{HASH_AT, HEADER_LEN, HEADER_LEN_AT, KEY_AT, MAGIC_AT, MAX_ROWS, VERSION_AT, check_frame};
+use crate::format::{FACTOR_VERSION, MAX_ROWS, MAX_TILE, MAX_TILES};
 use crate::scheme::{Scalar, SchemeKey};
 
-/// The version of factors written, and the only one read.
-pub const FACTOR_VERSION: u32 = 1;
-
-const MAGIC: [u8; 8] = *b"\x89SPF\r\n\x1a\n";
-
+const KEY_AT: usize = FIELDS_AT;
 const ROWS_AT: usize = KEY_AT + 32;
 const DEGREE_AT: usize = ROWS_AT + 8;
 const SCALAR_AT: usize = DEGREE_AT + 4;
@@ -58,55 +56,51 @@ impl FactorHeader {
     pub fn tile_len(&self, row: usize, column: usize) -> usize {
         self.grid.len(row, column) * self.scalar.size()
     }
+}
 
-    pub(crate) fn encode(&self) -> Vec<u8> {
-        let mut bytes = vec![0; HEADER_LEN];
-        let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+impl Contents for FactorHeader {
+    const KIND: Kind = Kind {
+        magic: *b"\x89SPF\r\n\x1a\n",
+        version: FACTOR_VERSION,
+        reserved_at: RESERVED_AT,
+        root_context: "spharm-rs 2026-11 factor file root v1",
+        part: "tile",
+    };
+
+    fn encode_fields(&self, header: &mut HeaderBytes) {
+        // -0 becomes +0.
         let real = |value: f64| (value + 0.0).to_bits().to_le_bytes();
-        put(MAGIC_AT, &MAGIC);
-        put(VERSION_AT, &FACTOR_VERSION.to_le_bytes());
-        put(HEADER_LEN_AT, &(HEADER_LEN as u32).to_le_bytes());
-        put(KEY_AT, &self.spec.key.0);
-        put(ROWS_AT, &(self.spec.rows as u64).to_le_bytes());
-        put(DEGREE_AT, &(self.spec.max_degree as u32).to_le_bytes());
-        put(SCALAR_AT, &self.scalar.code().to_le_bytes());
-        put(SIZE_AT, &(self.grid.size() as u64).to_le_bytes());
-        put(TILE_AT, &(self.grid.tile() as u32).to_le_bytes());
-        put(TILE_COLUMNS_AT, &(self.grid.columns() as u32).to_le_bytes());
-        put(TILE_COUNT_AT, &(self.grid.count() as u64).to_le_bytes());
-        put(WEIGHTS_AT, &self.spec.weights.0);
-        put(SMOOTHNESS_AT, &real(self.spec.smoothness));
-        put(NORM_AT, &real(self.condition.norm));
-        put(RCOND_AT, &real(self.condition.reciprocal));
-        let hash = blake3::hash(&bytes[..HASH_AT]);
-        bytes[HASH_AT..].copy_from_slice(hash.as_bytes());
-        bytes
+        put(header, KEY_AT, &self.spec.key.0);
+        put(header, ROWS_AT, &(self.spec.rows as u64).to_le_bytes());
+        put(header, DEGREE_AT, &(self.spec.max_degree as u32).to_le_bytes());
+        put(header, SCALAR_AT, &self.scalar.code().to_le_bytes());
+        put(header, SIZE_AT, &(self.grid.size() as u64).to_le_bytes());
+        put(header, TILE_AT, &(self.grid.tile() as u32).to_le_bytes());
+        put(header, TILE_COLUMNS_AT, &(self.grid.columns() as u32).to_le_bytes());
+        put(header, TILE_COUNT_AT, &(self.grid.count() as u64).to_le_bytes());
+        put(header, WEIGHTS_AT, &self.spec.weights.0);
+        put(header, SMOOTHNESS_AT, &real(self.spec.smoothness));
+        put(header, NORM_AT, &real(self.condition.norm));
+        put(header, RCOND_AT, &real(self.condition.reciprocal));
     }
 
-    /// Reads a header; every number is checked before it is used.
-    pub(crate) fn decode(bytes: &[u8; HEADER_LEN], path: &Path) -> Result<Self, StoreError> {
+    fn decode_fields(bytes: &HeaderBytes, path: &Path) -> Result<Self, StoreError> {
         let corrupt = |what, expected: &dyn ToString, found: &dyn ToString| {
             StoreError::corrupt(path, what, expected.to_string(), found.to_string())
-        };
-        check_frame(bytes, MAGIC, FACTOR_VERSION, RESERVED_AT, path)?;
-        let hash_at = |at: usize| {
-            let mut hash = [0; 32];
-            hash.copy_from_slice(&bytes[at..at + 32]);
-            hash
         };
         let rows = u64_at(bytes, ROWS_AT);
         if rows == 0 || rows > MAX_ROWS {
             return Err(corrupt("rows", &"1 to 2^40", &rows));
         }
         let max_degree = u32_at(bytes, DEGREE_AT) as usize;
-        if max_degree > spharm_harmonics::MAX_DEGREE {
-            return Err(corrupt("degree", &format!("at most {}", spharm_harmonics::MAX_DEGREE), &max_degree));
+        if max_degree > MAX_DEGREE {
+            return Err(corrupt("degree", &format!("at most {}", MAX_DEGREE), &max_degree));
         }
         let scalar = u32_at(bytes, SCALAR_AT);
         let scalar = Scalar::from_code(scalar).ok_or_else(|| corrupt("scalar type", &"1 (f64) or 2 (f32)", &scalar))?;
         let size = u64_at(bytes, SIZE_AT);
-        if size != spharm_harmonics::basis_size(max_degree) as u64 {
-            return Err(corrupt("columns", &spharm_harmonics::basis_size(max_degree), &size));
+        if size != basis_size(max_degree) as u64 {
+            return Err(corrupt("columns", &basis_size(max_degree), &size));
         }
         let tile = u32_at(bytes, TILE_AT) as usize;
         let grid = TileGrid::checked(size as usize, tile).ok_or_else(|| {
@@ -134,12 +128,30 @@ impl FactorHeader {
             return Err(corrupt("reciprocal condition number", &"0 to 1", &condition.reciprocal));
         }
         let spec = FactorSpec {
-            key: SchemeKey(hash_at(KEY_AT)),
+            key: SchemeKey(hash_at(bytes, KEY_AT)),
             rows: rows as usize,
             max_degree,
-            weights: WeightsHash(hash_at(WEIGHTS_AT)),
+            weights: WeightsHash(hash_at(bytes, WEIGHTS_AT)),
             smoothness,
         };
         Ok(Self { spec, scalar, grid, condition })
+    }
+
+    fn parts(&self) -> usize {
+        self.grid.count()
+    }
+
+    fn raw_len(&self, part: usize) -> usize {
+        let (row, column) = self.grid.place(part);
+        self.tile_len(row, column)
+    }
+
+    fn codec(&self) -> Codec {
+        Codec::Raw
+    }
+
+    fn damaged(&self, path: &Path, part: usize, what: &'static str) -> StoreError {
+        let (row, column) = self.grid.place(part);
+        StoreError::TileDamaged { path: path.to_path_buf(), row, column, what }
     }
 }

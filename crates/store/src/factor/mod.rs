@@ -5,25 +5,28 @@
 //! C costs K^3 / 3 flops once; with it every further surface on the scheme costs 2 K^2 flops a channel. See "A factor"
 //! in `store-format.md`.
 //!
-//! The file has the frame of a basis file (header, pieces, table, footer, see `table`); its pieces are the tiles of C's
-//! lower triangle, tile column after tile column, so that both triangular solves read it from end to end.
+//! The file is a container like a basis file. Its parts are the tiles of C's lower triangle, tile column after tile
+//! column, so that both triangular solves read it from end to end.
 //!
 //! | module | what |
 //! |---|---|
 //! | `spec` | what a factor is of: scheme, degree, weights, smoothness; its name |
 //! | `grid` | the tiles of a triangle |
-//! | `header` | the header |
+//! | `header` | what a file holds |
 //! | `reader` | an open factor and windows on its tile columns |
-//! | `writer` | a factor on its way to disk |
+//! | `writer` | a factor being written |
+//! | `find` | the factors of a scheme: listed, opened, started |
 
+mod find;
 mod grid;
 mod header;
 mod reader;
 mod spec;
 mod writer;
 
-pub use grid::{MAX_TILE, MAX_TILES, TileGrid};
-pub use header::{Condition, FACTOR_VERSION, FactorHeader};
-pub use reader::{FactorFile, FoundFactor, TileValues, TileWindow, factors, open_factor, verify_factor};
+pub use find::{FoundFactor, StartedFactor, check_factor_space, factors, open_factor, start_factor};
+pub use grid::TileGrid;
+pub use header::{Condition, FactorHeader};
+pub use reader::{FactorFile, TileValues, TileWindow};
 pub use spec::{FactorSpec, WeightsHash};
-pub use writer::{Begun, FactorWriter, begin_factor, check_factor_space};
+pub use writer::FactorWriter;

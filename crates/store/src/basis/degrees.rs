@@ -1,0 +1,170 @@
+//! The basis files of a scheme: listed, or degrees 0 to L opened together.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+use spharm_harmonics::{Directions, HarmonicsError, MAX_DEGREE};
+use spharm_monitor::{Monitor, Stage};
+
+use crate::basis::header::Header;
+use crate::basis::reader::DegreeFile;
+use crate::basis::writer::file_name;
+use crate::error::StoreError;
+use crate::folder;
+use crate::scheme::{Scalar, SchemeKey};
+
+/// One scheme of a store, with the files of degrees 0 to `max_degree` open.
+#[derive(Debug)]
+pub struct Scheme {
+    key: SchemeKey,
+    files: Vec<DegreeFile>,
+}
+
+impl Scheme {
+    /// Opens and checks the files of degrees `0..=max_degree` of a scheme of `rows` directions.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::NoSuchScheme`], [`StoreError::DegreeMissing`], [`StoreError::ChunkRowsDiffer`],
+    /// [`StoreError::Harmonics`] for a degree above [`MAX_DEGREE`], and those of [`DegreeFile::open`].
+    pub fn open(store: &Path, key: SchemeKey, rows: usize, max_degree: usize) -> Result<Self, StoreError> {
+        if max_degree > MAX_DEGREE {
+            return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE }.into());
+        }
+        let folder = folder::of_scheme(store, key);
+        if !folder.is_dir() {
+            let available = folder::schemes(store)?;
+            return Err(StoreError::NoSuchScheme { store: store.to_path_buf(), key, available });
+        }
+        let mut files: Vec<DegreeFile> = Vec::with_capacity(max_degree + 1);
+        for degree in 0..=max_degree {
+            let path = folder.join(file_name(degree));
+            let file = match DegreeFile::open(&path) {
+                Err(error) if error.is_not_found() => {
+                    return Err(StoreError::DegreeMissing {
+                        store: store.to_path_buf(),
+                        key,
+                        scalar: files.first().map(|file| file.header().scalar),
+                        complete_to: degree.checked_sub(1),
+                        missing: degree,
+                        wanted: max_degree,
+                    });
+                }
+                opened => opened?,
+            };
+            check(&file, key, degree, rows, files.first().map(DegreeFile::header))?;
+            files.push(file);
+        }
+        Ok(Self { key, files })
+    }
+
+    /// Opens the basis at `directions` to `max_degree`: that of one scalar type or, for `None`, f64 before f32.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`open`](Self::open); [`StoreError::Io`] when the store can't be opened.
+    pub fn open_at(
+        store: &Path,
+        directions: &Directions,
+        scalar: Option<Scalar>,
+        max_degree: usize,
+    ) -> Result<Self, StoreError> {
+        let open = |scalar| Self::open(store, SchemeKey::of(directions, scalar), directions.len(), max_degree);
+        match scalar {
+            Some(scalar) => open(scalar),
+            None => match open(Scalar::F64) {
+                Err(double @ StoreError::NoSuchScheme { .. }) => match open(Scalar::F32) {
+                    Err(StoreError::NoSuchScheme { .. }) => Err(double),
+                    single => single,
+                },
+                double => double,
+            },
+        }
+    }
+
+    /// The scheme's key.
+    pub fn key(&self) -> SchemeKey {
+        self.key
+    }
+
+    /// Scalar type of the values.
+    pub fn scalar(&self) -> Scalar {
+        self.files[0].header().scalar
+    }
+
+    /// The files, by degree; never empty.
+    pub fn files(&self) -> &[DegreeFile] {
+        &self.files
+    }
+
+    /// The highest degree open.
+    pub fn max_degree(&self) -> usize {
+        self.files.len() - 1
+    }
+
+    /// Checks every byte of the open files against their hashes, in a stage `verify` counted in bytes, on the rayon pool
+    /// of the caller. The error is that of the lowest degree that has one.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::ChunkDamaged`], [`StoreError::ChangedWhileRead`], [`StoreError::Io`], [`StoreError::Interrupted`].
+    pub fn verify(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
+        monitor.begin(Stage::bytes("verify"), self.files.iter().map(DegreeFile::file_len).sum());
+        let results: Vec<_> = self.files.par_iter().map(|file| file.verify_within(monitor)).collect();
+        monitor.end();
+        results.into_iter().collect()
+    }
+}
+
+/// Checks that a file is the one that was asked for, and that it can be read together with that of degree 0.
+fn check(
+    file: &DegreeFile,
+    key: SchemeKey,
+    degree: usize,
+    rows: usize,
+    first: Option<&Header>,
+) -> Result<(), StoreError> {
+    let (path, header) = (file.path(), file.header());
+    if header.key != key || header.degree != degree || header.rows != rows {
+        let expected = format!("scheme {} degree {degree} of {rows} rows", key.short());
+        let found = format!("scheme {} degree {} of {} rows", header.key.short(), header.degree, header.rows);
+        return Err(StoreError::corrupt(path, "contents", expected, found));
+    }
+    let Some(first) = first else { return Ok(()) };
+    if header.scalar != first.scalar {
+        let (expected, found) = (first.scalar.name(), header.scalar.name());
+        return Err(StoreError::corrupt(path, "scalar type (degree 0's is another)", expected, found));
+    }
+    if header.chunk_rows != first.chunk_rows {
+        let (expected, found) = (first.chunk_rows, header.chunk_rows);
+        return Err(StoreError::ChunkRowsDiffer { path: path.to_path_buf(), expected, found });
+    }
+    Ok(())
+}
+
+/// A basis file of a scheme: its degree, and the file, opened and checked, or what is wrong with it.
+pub type FoundDegree = (usize, Result<DegreeFile, StoreError>);
+
+/// Lists and opens the basis files of a scheme, by degree.
+///
+/// # Errors
+///
+/// [`StoreError::Io`] when the scheme's folder can't be listed.
+pub fn degrees(store: &Path, key: SchemeKey) -> Result<Vec<FoundDegree>, StoreError> {
+    let folder = folder::of_scheme(store, key);
+    let degrees = folder::list(&folder, "cannot open", |name| {
+        let degree = name.strip_prefix("A_")?.parse().ok()?;
+        (name == file_name(degree)).then_some(degree)
+    })?;
+    Ok(degrees.into_iter().map(|degree| (degree, open_as(&folder.join(file_name(degree)), key, degree))).collect())
+}
+
+/// Opens a file and checks that it is what its folder and name say.
+fn open_as(path: &Path, key: SchemeKey, degree: usize) -> Result<DegreeFile, StoreError> {
+    let file = DegreeFile::open(path)?;
+    if file.header().key != key || file.header().degree != degree {
+        let found = format!("scheme {} degree {}", file.header().key.short(), file.header().degree);
+        return Err(StoreError::corrupt(path, "contents", format!("scheme {} degree {degree}", key.short()), found));
+    }
+    Ok(file)
+}

@@ -1,0 +1,23 @@
+//! Basis files: one immutable file `A_<l>` a degree, which holds the block `A_l`, (n, 2 l + 1), in chunks of rows.
+//!
+//! | module | what |
+//! |---|---|
+//! | `header` | what a file holds |
+//! | `reader` | an open file and windows on its chunks |
+//! | `writer` | a file being written |
+//! | `degrees` | the files of a scheme: listed, or opened together |
+//! | `plan` | what a build has to do, and what it takes |
+//! | `build` | the build |
+
+mod build;
+mod degrees;
+mod header;
+mod plan;
+mod reader;
+mod writer;
+
+pub use build::{BuildReport, build};
+pub use degrees::{FoundDegree, Scheme, degrees};
+pub use header::Header;
+pub use plan::{BuildParams, DEFAULT_CHUNK_ROWS};
+pub use reader::{ChunkWindow, DegreeFile};

@@ -1,0 +1,194 @@
+//! What a build has to do, and what it takes: which degrees are missing, their order, memory and disk.
+
+use std::path::{Path, PathBuf};
+
+use spharm_harmonics::{Recurrence, Sweep};
+
+use crate::basis::header::Header;
+use crate::basis::reader::DegreeFile;
+use crate::basis::writer::file_name;
+use crate::container::codec::{Codec, Encoder};
+use crate::container::frame::HEADER_LEN;
+use crate::container::table::{ENTRY_LEN, FOOTER_LEN};
+use crate::error::StoreError;
+use crate::folder;
+use crate::format::{MAX_CHUNK_ROWS, ROW_MULTIPLE};
+use crate::scheme::{Scalar, SchemeKey};
+
+/// Default rows of a chunk. At degree 100 a chunk (0.8 MB) and the state of its recurrence (1.7 MB) fit a core's L2
+/// cache; not a multiple of 512, so that the columns don't all fall into the same cache sets.
+pub const DEFAULT_CHUNK_ROWS: usize = 520;
+
+const GROUPS: u64 = 8;
+const SMALLEST_GROUP: u64 = 256 << 20;
+const MOST_FILES: usize = 256;
+
+/// What to build.
+#[derive(Debug, Clone)]
+pub struct BuildParams {
+    /// Highest degree, L, inclusive; default 100.
+    pub max_degree: usize,
+    /// Scalar type of the files; default [`Scalar::F64`].
+    pub scalar: Scalar,
+    /// Codec of the files that are written; files that exist keep theirs. Default [`Codec::Raw`].
+    pub codec: Codec,
+    /// Rows of a chunk, a multiple of 8 to 2^20; a scheme that exists keeps its own. Default [`DEFAULT_CHUNK_ROWS`].
+    pub chunk_rows: usize,
+    /// Most bytes of memory to take; default 512 MiB.
+    pub memory: usize,
+    /// Most threads to use of the rayon pool that the build is called in; 0, the default, for all of them.
+    pub threads: usize,
+    /// Build even what is larger than 64 GiB or than the free disk space; default false.
+    pub allow_large: bool,
+}
+
+impl Default for BuildParams {
+    fn default() -> Self {
+        Self {
+            max_degree: 100,
+            scalar: Scalar::F64,
+            codec: Codec::Raw,
+            chunk_rows: DEFAULT_CHUNK_ROWS,
+            memory: 512 << 20,
+            threads: 0,
+            allow_large: false,
+        }
+    }
+}
+
+impl BuildParams {
+    pub(super) fn check(&self) -> Result<(), StoreError> {
+        let rows = self.chunk_rows;
+        if rows == 0 || rows > MAX_CHUNK_ROWS || !rows.is_multiple_of(ROW_MULTIPLE) {
+            return Err(StoreError::ChunkRows { found: rows });
+        }
+        Ok(())
+    }
+}
+
+/// Which degrees of a scheme exist, which don't, and what the missing ones take.
+pub(super) struct Plan {
+    pub(super) missing: Vec<usize>,
+    /// Files that are to be replaced, which count as missing, and what is wrong with them.
+    pub(super) damaged: Vec<(PathBuf, StoreError)>,
+    pub(super) chunk_rows: usize,
+    rows: usize,
+    /// Bytes of the missing files before compression.
+    pub(super) bytes: u64,
+}
+
+impl Plan {
+    /// Opens every degree that is wanted, with all checks but those of the chunks.
+    pub(super) fn new(folder: &Path, key: SchemeKey, rows: usize, params: &BuildParams) -> Result<Self, StoreError> {
+        let mut plan = Self { missing: Vec::new(), damaged: Vec::new(), chunk_rows: 0, rows, bytes: 0 };
+        for degree in 0..=params.max_degree {
+            let path = folder.join(file_name(degree));
+            match DegreeFile::open(&path).and_then(|file| plan.accept(&file, key, degree, params.scalar)) {
+                Ok(()) => {}
+                Err(error) if error.is_not_found() => plan.missing.push(degree),
+                Err(error @ (StoreError::Corrupt { .. } | StoreError::ChangedWhileRead { .. })) => {
+                    plan.damaged.push((path, error));
+                    plan.missing.push(degree);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        if plan.chunk_rows == 0 {
+            plan.chunk_rows = params.chunk_rows;
+        }
+        let bytes = |&degree: &usize| file_bytes(&plan.header(degree, key, params));
+        plan.bytes = plan.missing.iter().map(bytes).sum();
+        let highest = plan.header(params.max_degree, key, params);
+        if !highest.is_within_limits() {
+            let Header { rows, degree, chunk_rows, .. } = highest;
+            return Err(StoreError::Layout { rows, degree, chunk_rows });
+        }
+        Ok(plan)
+    }
+
+    /// Accepts a file that exists as one of this scheme's. The first one settles the chunks' rows.
+    fn accept(&mut self, file: &DegreeFile, key: SchemeKey, degree: usize, scalar: Scalar) -> Result<(), StoreError> {
+        let header = file.header();
+        let describe = |key: SchemeKey, scalar: Scalar, degree: usize, rows: usize| {
+            format!("{} ({}) degree {degree} of {rows} rows", key.short(), scalar.name())
+        };
+        let expected = describe(key, scalar, degree, self.rows);
+        let found = describe(header.key, header.scalar, header.degree, header.rows);
+        // The key is longer than what is shown of it.
+        if header.key != key || found != expected {
+            return Err(StoreError::corrupt(file.path(), "contents", expected, found));
+        }
+        if self.chunk_rows == 0 {
+            self.chunk_rows = header.chunk_rows;
+        }
+        if header.chunk_rows != self.chunk_rows {
+            let (expected, found) = (self.chunk_rows, header.chunk_rows);
+            return Err(StoreError::ChunkRowsDiffer { path: file.path().to_path_buf(), expected, found });
+        }
+        Ok(())
+    }
+
+    fn header(&self, degree: usize, key: SchemeKey, params: &BuildParams) -> Header {
+        let (rows, chunk_rows) = (self.rows, self.chunk_rows);
+        Header { key, rows, degree, scalar: params.scalar, codec: params.codec, chunk_rows }
+    }
+
+    /// Headers of the missing files, by degree.
+    pub(super) fn headers(&self, key: SchemeKey, params: &BuildParams) -> Vec<Header> {
+        self.missing.iter().map(|&degree| self.header(degree, key, params)).collect()
+    }
+
+    /// The most threads, up to those asked for, that the memory budget has room for.
+    pub(super) fn threads(&self, params: &BuildParams) -> Result<usize, StoreError> {
+        let needed = self.memory(params, 1);
+        if params.memory < needed {
+            return Err(StoreError::Budget { budget: params.memory, needed });
+        }
+        let most = if params.threads == 0 { rayon::current_num_threads() } else { params.threads };
+        let fits = |threads: &usize| self.memory(params, *threads) <= params.memory;
+        Ok((1..=most).rev().find(fits).unwrap_or(1))
+    }
+
+    /// Bytes of memory that a build takes: the coefficients of the recurrence, and for each thread the state of its
+    /// recurrence and a chunk.
+    pub(super) fn memory(&self, params: &BuildParams, threads: usize) -> usize {
+        /// The program itself, its stacks and allocator, measured on an empty build.
+        const BASE: usize = 8 << 20;
+        let rows = self.chunk_rows.min(self.rows);
+        let chunk = rows * (2 * params.max_degree + 1) * 8;
+        let single = if params.scalar == Scalar::F32 { chunk / 2 } else { 0 };
+        let encoder = if params.codec == Codec::Zstd { Encoder::bytes(chunk) } else { 0 };
+        let thread = Sweep::bytes(rows, params.max_degree) + chunk + single + encoder;
+        BASE + Recurrence::bytes(params.max_degree) + threads * thread
+    }
+
+    /// Fails when the missing files don't fit the disk, or are large and that isn't allowed.
+    pub(super) fn check_space(&self, store: &Path, params: &BuildParams) -> Result<(), StoreError> {
+        if params.allow_large || self.missing.is_empty() {
+            return Ok(());
+        }
+        folder::check_space(store, "basis", self.bytes)
+    }
+}
+
+/// Bytes of a file before compression, less the padding.
+fn file_bytes(header: &Header) -> u64 {
+    let values = header.rows * header.columns() * header.scalar.size();
+    (values + header.chunk_count() * ENTRY_LEN + HEADER_LEN + FOOTER_LEN) as u64
+}
+
+/// Cuts the missing degrees into runs whose files are written together.
+pub(super) fn groups(headers: &[Header]) -> Vec<&[Header]> {
+    let total: u64 = headers.iter().map(file_bytes).sum();
+    let target = (total / GROUPS).max(SMALLEST_GROUP);
+    let mut groups = Vec::new();
+    let (mut start, mut sum) = (0, 0);
+    for (at, header) in headers.iter().enumerate() {
+        sum += file_bytes(header);
+        if sum >= target || at + 1 - start == MOST_FILES || at + 1 == headers.len() {
+            groups.push(&headers[start..=at]);
+            (start, sum) = (at + 1, 0);
+        }
+    }
+    groups
+}

@@ -1,0 +1,83 @@
+//! One `A_<l>` being written: chunks in any order and from several threads.
+
+use std::path::Path;
+use std::sync::{Condvar, Mutex, PoisonError};
+use std::time::Duration;
+
+use spharm_monitor::Monitor;
+
+use crate::basis::header::Header;
+use crate::container::codec::{Codec, Encoder};
+use crate::container::frame::{ALIGNMENT, HEADER_LEN};
+use crate::container::writer::ContainerWriter;
+use crate::error::StoreError;
+
+/// Returns the name of a degree's file.
+pub(crate) fn file_name(degree: usize) -> String {
+    format!("A_{degree}")
+}
+
+/// A basis file being written. Threads may put different chunks at the same time.
+pub(crate) struct DegreeWriter {
+    header: Header,
+    file: ContainerWriter,
+    next: Mutex<NextPlace>,
+    turn: Condvar,
+}
+
+/// For compressed chunks: which one is to take the next place, and where that is. The order of chunks on disk doesn't
+/// depend on the threads, so a file's bytes don't either.
+struct NextPlace {
+    chunk: usize,
+    offset: u64,
+}
+
+impl DegreeWriter {
+    pub(crate) fn create(folder: &Path, header: Header) -> Result<Self, StoreError> {
+        let name = file_name(header.degree);
+        let file = ContainerWriter::create(folder, &name, &name, header.chunk_count())?;
+        let next = Mutex::new(NextPlace { chunk: 0, offset: HEADER_LEN as u64 });
+        Ok(Self { header, file, next, turn: Condvar::new() })
+    }
+
+    /// Writes a chunk given as raw bytes, compressed when there is an encoder. Stops waiting when the monitor is
+    /// cancelled.
+    pub(crate) fn put(
+        &self,
+        chunk: usize,
+        raw: &[u8],
+        encoder: Option<&mut Encoder>,
+        monitor: &dyn Monitor,
+    ) -> Result<(), StoreError> {
+        debug_assert_eq!(raw.len(), self.header.raw_len(chunk));
+        let Some(encoder) = encoder else {
+            return self.file.write_part(chunk, self.header.raw_offset(chunk), raw, raw.len(), Codec::Raw);
+        };
+        let failed = |error| StoreError::io(self.file.path(), "cannot compress")(error);
+        let encoded = encoder.encode(raw, self.header.scalar.size()).map_err(failed)?;
+        let (stored, codec) = if encoded.len() < raw.len() { (&encoded[..], Codec::Zstd) } else { (raw, Codec::Raw) };
+        let offset = self.take_place(chunk, stored.len(), monitor)?;
+        self.file.write_part(chunk, offset, stored, raw.len(), codec)
+    }
+
+    /// Waits for the chunks before this one to have taken their places. Threads take chunks in increasing order, so one
+    /// of them is always at work on the chunk that the others wait for.
+    fn take_place(&self, chunk: usize, len: usize, monitor: &dyn Monitor) -> Result<u64, StoreError> {
+        let mut next = self.next.lock().unwrap_or_else(PoisonError::into_inner);
+        while next.chunk != chunk {
+            monitor.check()?;
+            let waited = self.turn.wait_timeout(next, Duration::from_millis(50));
+            next = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        let offset = next.offset;
+        next.chunk += 1;
+        next.offset = (offset + len as u64).next_multiple_of(ALIGNMENT);
+        self.turn.notify_all();
+        Ok(offset)
+    }
+
+    /// Publishes the file, as [`ContainerWriter::publish`] does. The folder has to be synced after it.
+    pub(crate) fn publish(self) -> Result<Option<u64>, StoreError> {
+        self.file.publish(&self.header)
+    }
+}

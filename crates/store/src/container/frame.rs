@@ -1,0 +1,102 @@
+//! The header's frame: what the first 4,096 bytes of every kind of file have in common.
+//!
+//! ```text
+//! 0        8         12           16                          4064        4096
+//! | magic  | version | header_len | fields | reserved (zeros) | header_hash |
+//! ```
+//!
+//! The fields are those of the kind: "Header" and "Header of a factor" in `store-format.md`.
+
+use std::path::Path;
+
+use crate::bytes::{put, u32_at};
+use crate::container::codec::Codec;
+use crate::error::StoreError;
+
+/// Length of the header: a page, so that the first part is page-aligned.
+pub(crate) const HEADER_LEN: usize = 4096;
+/// Parts start at multiples of this.
+pub(crate) const ALIGNMENT: u64 = 64;
+
+const MAGIC_AT: usize = 0;
+const VERSION_AT: usize = MAGIC_AT + 8;
+const HEADER_LEN_AT: usize = VERSION_AT + 4;
+/// Where the fields of a kind begin.
+pub(crate) const FIELDS_AT: usize = HEADER_LEN_AT + 4;
+const HASH_AT: usize = HEADER_LEN - 32;
+
+/// The bytes of a header.
+pub(crate) type HeaderBytes = [u8; HEADER_LEN];
+
+/// What distinguishes a kind of file from the others.
+#[derive(Debug)]
+pub(crate) struct Kind {
+    pub(crate) magic: [u8; 8],
+    /// The version written, and the only one read.
+    pub(crate) version: u32,
+    /// Where its fields end; from there to the hash are zeros.
+    pub(crate) reserved_at: usize,
+    /// Key-derivation context of the root hash.
+    pub(crate) root_context: &'static str,
+    /// What a part of the file is called in errors.
+    pub(crate) part: &'static str,
+}
+
+/// The contents of a file as its header describes them: fields of the kind, and the parts that follow from them.
+pub(crate) trait Contents: Sized {
+    const KIND: Kind;
+
+    /// Writes the fields, between [`FIELDS_AT`] and the reserved bytes.
+    fn encode_fields(&self, header: &mut HeaderBytes);
+
+    /// Reads the fields; every number is checked before it is used.
+    fn decode_fields(header: &HeaderBytes, path: &Path) -> Result<Self, StoreError>;
+
+    /// Number of parts. At most 2^22, and `parts * raw_len` is below 2^60, so that no sum of offsets overflows.
+    fn parts(&self) -> usize;
+
+    /// Bytes of a part once decoded.
+    fn raw_len(&self, part: usize) -> usize;
+
+    /// The codec that parts may have besides raw.
+    fn codec(&self) -> Codec;
+
+    /// The error for a part whose check `what` failed.
+    fn damaged(&self, path: &Path, part: usize, what: &'static str) -> StoreError;
+}
+
+/// Returns the header of these contents.
+pub(crate) fn encode<C: Contents>(contents: &C) -> Box<HeaderBytes> {
+    let mut header = Box::new([0; HEADER_LEN]);
+    put(&mut header[..], MAGIC_AT, &C::KIND.magic);
+    put(&mut header[..], VERSION_AT, &C::KIND.version.to_le_bytes());
+    put(&mut header[..], HEADER_LEN_AT, &(HEADER_LEN as u32).to_le_bytes());
+    contents.encode_fields(&mut header);
+    let hash = blake3::hash(&header[..HASH_AT]);
+    put(&mut header[..], HASH_AT, hash.as_bytes());
+    header
+}
+
+/// Reads a header: first the frame, then the fields.
+pub(crate) fn decode<C: Contents>(header: &HeaderBytes, path: &Path) -> Result<C, StoreError> {
+    let Kind { magic, version, reserved_at, .. } = C::KIND;
+    if header[..8] != magic {
+        let found = header[..8].escape_ascii();
+        return Err(StoreError::corrupt(path, "magic number", magic.escape_ascii(), found));
+    }
+    let found = u32_at(header, VERSION_AT);
+    if found != version {
+        return Err(StoreError::Version { path: path.to_path_buf(), expected: version, found });
+    }
+    if blake3::hash(&header[..HASH_AT]).as_bytes() != &header[HASH_AT..] {
+        return Err(StoreError::corrupt(path, "header", "bytes that match its hash", "other bytes"));
+    }
+    let header_len = u32_at(header, HEADER_LEN_AT);
+    if header_len as usize != HEADER_LEN {
+        return Err(StoreError::corrupt(path, "header length", HEADER_LEN, header_len));
+    }
+    if header[reserved_at..HASH_AT].iter().any(|&byte| byte != 0) {
+        return Err(StoreError::corrupt(path, "reserved bytes", "zeros", "other bytes"));
+    }
+    C::decode_fields(header, path)
+}

@@ -1,0 +1,216 @@
+//! The factors in a scheme's folder: listed, opened, or started.
+
+use std::path::Path;
+
+use spharm_monitor::Monitor;
+
+use crate::container::frame::{ALIGNMENT, HEADER_LEN};
+use crate::container::table::{ENTRY_LEN, FOOTER_LEN};
+use crate::error::{StoreError, StoreWarning};
+use crate::factor::grid::TileGrid;
+use crate::factor::reader::FactorFile;
+use crate::factor::spec::FactorSpec;
+use crate::factor::writer::FactorWriter;
+use crate::scheme::{Scalar, SchemeKey};
+use crate::{folder, temporary};
+
+/// A factor of a scheme: its file name, and the file, opened and checked, or what is wrong with it.
+pub type FoundFactor = (String, Result<FactorFile, StoreError>);
+
+/// Lists and opens the factors of a scheme, by degree.
+///
+/// # Errors
+///
+/// [`StoreError::Io`] when the scheme's folder can't be listed.
+pub fn factors(store: &Path, key: SchemeKey) -> Result<Vec<FoundFactor>, StoreError> {
+    let folder = folder::of_scheme(store, key);
+    let names = folder::list(&folder, "cannot open", |name| Some((degree_of(name)?, name.to_owned())))?;
+    let open = |name: String| {
+        let path = folder.join(&name);
+        let file = FactorFile::open(&path).and_then(|file| {
+            let header = file.header();
+            let found = format!("{} of scheme {}", header.spec.file_name(header.scalar), header.spec.key.short());
+            let expected = format!("{name} of scheme {}", key.short());
+            if header.spec.key != key || found != expected {
+                return Err(StoreError::corrupt(&path, "contents", expected, found));
+            }
+            Ok(file)
+        });
+        (name, file)
+    };
+    Ok(names.into_iter().map(|(_, name)| open(name)).collect())
+}
+
+/// Returns the degree in the name of a factor; `None` for other names.
+fn degree_of(name: &str) -> Option<usize> {
+    let mut parts = name.strip_prefix("factor_")?.split('_');
+    let (degree, scalar, hash, end) = (parts.next()?, parts.next()?, parts.next()?, parts.next());
+    let digits = |text: &str| text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+    let named = end.is_none() && matches!(scalar, "f64" | "f32") && hash.len() == 8 && digits(hash);
+    let number: usize = degree.parse().ok()?;
+    (named && number.to_string() == degree).then_some(number)
+}
+
+/// Opens the factor of exactly this, of one scalar type or, for `None`, f64 before f32.
+///
+/// # Errors
+///
+/// [`StoreError::FactorMissing`], [`StoreError::FactorDiffers`], and those of [`FactorFile::open`].
+pub fn open_factor(store: &Path, spec: &FactorSpec, scalar: Option<Scalar>) -> Result<FactorFile, StoreError> {
+    let folder = folder::of_scheme(store, spec.key);
+    for candidate in [Scalar::F64, Scalar::F32] {
+        if scalar.is_some_and(|scalar| scalar != candidate) {
+            continue;
+        }
+        let path = folder.join(spec.file_name(candidate));
+        match FactorFile::open(&path) {
+            Err(error) if error.is_not_found() => {}
+            Err(error) => return Err(error),
+            Ok(file) => {
+                file.expect(spec)?;
+                if file.header().scalar != candidate {
+                    let (expected, found) = (candidate.name(), file.header().scalar.name());
+                    return Err(StoreError::corrupt(&path, "scalar type", expected, found));
+                }
+                return Ok(file);
+            }
+        }
+    }
+    let available = match factors(store, spec.key) {
+        Ok(found) => found.into_iter().map(|(name, _)| name).collect(),
+        // No folder, no factors.
+        Err(_) => Vec::new(),
+    };
+    let wanted = match scalar {
+        Some(scalar) => format!("{spec} in {}", scalar.name()),
+        None => spec.to_string(),
+    };
+    Err(StoreError::FactorMissing { store: store.to_path_buf(), key: spec.key, wanted, available })
+}
+
+/// What [`start_factor`] found.
+#[derive(Debug)]
+pub enum StartedFactor {
+    /// The factor is there already.
+    Present(FactorFile),
+    /// It isn't, and is to be written.
+    New {
+        /// Takes the tiles.
+        writer: Box<FactorWriter>,
+        /// The damaged file that was there and has been removed, if there was one.
+        warnings: Vec<StoreWarning>,
+    },
+}
+
+/// Starts a factor in `store`, unless it is there. A damaged one is removed first.
+///
+/// With `read_back`, tiles of f32 are kept in double precision as well until the end, for [`FactorWriter::get`]. The
+/// monitor gets a note while another process builds the same scheme.
+///
+/// # Errors
+///
+/// [`StoreError::NotAFile`], [`StoreError::Version`], [`StoreError::Io`]; [`StoreError::Interrupted`] while waiting for
+/// another builder.
+pub fn start_factor(
+    store: &Path,
+    spec: &FactorSpec,
+    scalar: Scalar,
+    grid: TileGrid,
+    read_back: bool,
+    monitor: &dyn Monitor,
+) -> Result<StartedFactor, StoreError> {
+    let folder = folder::of_scheme(store, spec.key);
+    let path = folder.join(spec.file_name(scalar));
+    // Left alone when it is there, so that a store on a read-only disk is no error.
+    if let Existing::Sound(file) = Existing::find(&path, spec)? {
+        return Ok(StartedFactor::Present(file));
+    }
+    folder::create(store, &folder)?;
+    let lock = folder::lock(&folder, monitor)?;
+    temporary::remove_abandoned(&folder)?;
+    let warnings = match Existing::find(&path, spec)? {
+        Existing::Sound(file) => return Ok(StartedFactor::Present(file)),
+        Existing::None => Vec::new(),
+        Existing::Damaged(error) => {
+            folder::remove_damaged(&path)?;
+            vec![StoreWarning::Replaced(error)]
+        }
+    };
+    let writer = FactorWriter::create(&folder, spec, scalar, grid, read_back, lock)?;
+    Ok(StartedFactor::New { writer: Box::new(writer), warnings })
+}
+
+/// What is at the path of a factor.
+enum Existing {
+    Sound(FactorFile),
+    Damaged(StoreError),
+    None,
+}
+
+impl Existing {
+    fn find(path: &Path, spec: &FactorSpec) -> Result<Self, StoreError> {
+        match FactorFile::open(path).and_then(|file| file.expect(spec).map(|()| file)) {
+            Ok(file) => Ok(Self::Sound(file)),
+            Err(error) if error.is_not_found() => Ok(Self::None),
+            Err(
+                error @ (StoreError::Corrupt { .. }
+                | StoreError::ChangedWhileRead { .. }
+                | StoreError::FactorDiffers { .. }),
+            ) => Ok(Self::Damaged(error)),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+/// Bytes of a factor's file.
+fn file_bytes(grid: TileGrid, scalar: Scalar) -> u64 {
+    // The gaps between the tiles, fewer than 64 bytes each, are counted as full.
+    let values: u64 = grid.tiles().map(|(row, column)| grid.len(row, column) as u64).sum();
+    values * scalar.size() as u64
+        + grid.count() as u64 * (ENTRY_LEN as u64 + ALIGNMENT)
+        + (HEADER_LEN + FOOTER_LEN) as u64
+}
+
+/// Checks, before any work, that a factor fits the disk. Returns the bytes of disk that it takes while it is computed;
+/// `read_back` as for [`start_factor`].
+///
+/// # Errors
+///
+/// [`StoreError::Space`] for a factor larger than 64 GiB or than the free space, unless `allow_large`.
+pub fn check_factor_space(
+    store: &Path,
+    grid: TileGrid,
+    scalar: Scalar,
+    read_back: bool,
+    allow_large: bool,
+) -> Result<u64, StoreError> {
+    let scratch = if read_back && scalar == Scalar::F32 { file_bytes(grid, Scalar::F64) } else { 0 };
+    let needed = file_bytes(grid, scalar) + scratch;
+    if !allow_large {
+        folder::check_space(store, "factor", needed)?;
+    }
+    Ok(needed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_names_of_factors_are_taken_for_factors() {
+        assert_eq!(degree_of("factor_100_f64_0123abcd"), Some(100));
+        assert_eq!(degree_of("factor_0_f32_0123abcd"), Some(0));
+        for name in [
+            "A_100",
+            "factor_100_f64",
+            "factor_0100_f64_0123abcd",
+            "factor_1_f16_0123abcd",
+            "factor_1_f64_0123ABCD",
+            "factor_1_f64_0123abc",
+            "factor_1_f64_0123abcd_",
+            ".factor_1_f64_0123abcd.x.tmp",
+        ] {
+            assert_eq!(degree_of(name), None, "{name}");
+        }
+    }
+}

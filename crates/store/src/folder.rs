@@ -1,0 +1,114 @@
+//! The folders of a store and of its schemes: names, listing, locking, free space.
+
+use std::fs::{File, TryLockError};
+use std::io;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use spharm_monitor::{Level, Monitor};
+
+use crate::error::StoreError;
+use crate::scheme::SchemeKey;
+
+/// Returns the folder of a scheme.
+pub(crate) fn of_scheme(store: &Path, key: SchemeKey) -> PathBuf {
+    store.join(key.to_string())
+}
+
+/// Lists the schemes of a store, by key.
+pub(crate) fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
+    list(store, "cannot open the store", |name| name.parse().ok())
+}
+
+/// Lists a folder: what `parse` makes of its names, in order. Other names are ignored.
+pub(crate) fn list<T: Ord>(
+    folder: &Path,
+    action: &'static str,
+    parse: impl Fn(&str) -> Option<T>,
+) -> Result<Vec<T>, StoreError> {
+    let mut found = Vec::new();
+    for item in std::fs::read_dir(folder).map_err(StoreError::io(folder, action))? {
+        let name = item.map_err(StoreError::io(folder, action))?.file_name();
+        found.extend(name.to_str().and_then(&parse));
+    }
+    found.sort_unstable();
+    Ok(found)
+}
+
+/// Creates the folder of a scheme, and the store's where it doesn't exist.
+pub(crate) fn create(store: &Path, folder: &Path) -> Result<(), StoreError> {
+    if !folder.is_dir() {
+        std::fs::create_dir_all(folder).map_err(StoreError::io(folder, "cannot create"))?;
+        sync(store)?;
+    }
+    Ok(())
+}
+
+/// Makes names and removals in a folder durable.
+pub(crate) fn sync(folder: &Path) -> Result<(), StoreError> {
+    let failed = |error| StoreError::io(folder, "cannot write to disk")(error);
+    match File::open(folder).map_err(failed)?.sync_all() {
+        // Some network file systems can't sync a folder; their servers do so on their own.
+        Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
+        result => result.map_err(failed),
+    }
+}
+
+/// Removes a damaged file before it is written again.
+pub(crate) fn remove_damaged(path: &Path) -> Result<(), StoreError> {
+    match std::fs::remove_file(path) {
+        // A builder that has no lock either was faster.
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed.map_err(StoreError::io(path, "cannot remove")),
+    }
+}
+
+/// Waits until no other process builds this scheme; the file returned holds the lock. It only spares double work:
+/// without a lock (`None`, where the file system has none) builders are safe as well.
+pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>, StoreError> {
+    let path = folder.join(".lock");
+    let open = |write: bool| {
+        let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
+        std::fs::OpenOptions::new().read(true).write(write).create(write).custom_flags(flags).open(&path)
+    };
+    // Where another user made it, reading is all one may do, and enough. Where there can be none, go on without: a
+    // folder that can't be written to shows when the first file is created.
+    let Ok(file) = open(true).or_else(|_| open(false)) else { return Ok(None) };
+    let mut noted = false;
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(Some(file)),
+            Err(TryLockError::Error(_)) => return Ok(None),
+            Err(TryLockError::WouldBlock) => {}
+        }
+        if !std::mem::replace(&mut noted, true) {
+            let text = "another basis-build is at work on this scheme; waiting for it";
+            monitor.note(Level::Info, format_args!("{text}"));
+        }
+        monitor.check()?;
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// A build that writes more than this, in bytes, has to be allowed to.
+pub(crate) const LARGE: u64 = 64 << 30;
+
+/// Fails when `needed` bytes don't fit the disk, or are [`LARGE`].
+pub(crate) fn check_space(store: &Path, what: &'static str, needed: u64) -> Result<(), StoreError> {
+    let free = free_space(store)?;
+    if needed > free || needed > LARGE {
+        return Err(StoreError::Space { path: store.to_path_buf(), what, needed, free });
+    }
+    Ok(())
+}
+
+/// Returns the bytes free on the disk that a store is, or will be, on.
+fn free_space(store: &Path) -> Result<u64, StoreError> {
+    // The folder may not exist yet: ask for the nearest one that does.
+    let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
+    let statistics =
+        rustix::fs::statvfs(existing).map_err(|e| StoreError::io(existing, "cannot ask for space")(e.into()))?;
+    Ok(statistics.f_bavail.saturating_mul(statistics.f_frsize))
+}

@@ -1,0 +1,86 @@
+//! Temporary files of a scheme's folder: creating one, and finding those that killed builds left behind.
+//!
+//! A builder holds a lock on every temporary file that it writes. A file whose lock is free belongs to nobody.
+
+use std::fs::{File, Permissions, TryLockError};
+use std::io;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use tempfile::NamedTempFile;
+
+use crate::error::StoreError;
+
+/// What temporary names begin with: those of basis files and those of factors.
+const PREFIXES: [&str; 2] = [".A_", ".factor_"];
+const SUFFIX: &str = ".tmp";
+
+/// Creates a temporary file and locks it, so that other processes see that it is in use. Where locks don't work, its age
+/// has to do.
+pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
+    debug_assert!(PREFIXES.iter().any(|known| prefix.starts_with(known)), "{prefix}");
+    loop {
+        let temporary = tempfile::Builder::new()
+            .prefix(prefix)
+            .suffix(SUFFIX)
+            .permissions(Permissions::from_mode(0o666)) // less the umask: a store is there to be shared
+            .tempfile_in(folder)?;
+        match temporary.as_file().try_lock() {
+            // Between its creation and the lock somebody took it for a leftover and removed it, or is about to.
+            Ok(()) if temporary.as_file().metadata()?.nlink() == 0 => {}
+            Err(TryLockError::WouldBlock) => {}
+            Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
+        }
+    }
+}
+
+/// Lists the temporary files of a folder that no process is writing any more.
+pub(crate) fn abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let mut found = Vec::new();
+    for_each_abandoned(folder, &mut |path| found.push(path.to_path_buf()))?;
+    Ok(found)
+}
+
+/// Removes them, and returns which. One that can't be removed is left for the next builder.
+pub(crate) fn remove_abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let mut removed = Vec::new();
+    for_each_abandoned(folder, &mut |path| {
+        if std::fs::remove_file(path).is_ok() {
+            removed.push(path.to_path_buf());
+        }
+    })?;
+    Ok(removed)
+}
+
+/// Calls `visit` with each while its lock is held, so that a builder that has only just created a file notices.
+fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(), StoreError> {
+    for item in std::fs::read_dir(folder).map_err(StoreError::io(folder, "cannot list"))? {
+        let item = item.map_err(StoreError::io(folder, "cannot list"))?;
+        let name = item.file_name();
+        let name = name.to_string_lossy();
+        let regular = item.file_type().is_ok_and(|kind| kind.is_file());
+        if !regular || !PREFIXES.iter().any(|prefix| name.starts_with(prefix)) || !name.ends_with(SUFFIX) {
+            continue;
+        }
+        // It may have been finished or removed since it was listed.
+        let Ok(file) = File::open(item.path()) else { continue };
+        let free = match file.try_lock() {
+            Ok(()) => true,
+            Err(TryLockError::WouldBlock) => false,
+            Err(TryLockError::Error(_)) => is_old(&item),
+        };
+        if free {
+            visit(&item.path());
+        }
+    }
+    Ok(())
+}
+
+/// Whether nobody has written to a file for so long that nobody will.
+fn is_old(item: &std::fs::DirEntry) -> bool {
+    /// Where locks don't work, nobody works on one file for this long.
+    const OLD: Duration = Duration::from_secs(24 * 3600);
+    let modified = item.metadata().and_then(|metadata| metadata.modified());
+    modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > OLD))
+}
