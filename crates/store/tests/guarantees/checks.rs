@@ -1,0 +1,212 @@
+//! Every check of header, table, footer and parts is made, in files of both kinds. For each there is a file that is
+//! wrong in that one place, with every other hash made to fit, so that leaving a check out fails a test.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use spharm_monitor::{Monitor, Silent};
+use spharm_store::{DegreeFile, FactorFile, Scalar, StoreError};
+use tempfile::TempDir;
+
+use crate::forge::{BASIS_ROOT, FACTOR_ROOT, Forged, put64};
+use crate::{params, path_of, store, write_factor};
+
+/// What a file is opened as.
+#[derive(Clone, Copy)]
+enum As {
+    Basis,
+    Factor,
+}
+
+impl As {
+    fn open(self, path: &Path) -> Result<(), StoreError> {
+        match self {
+            Self::Basis => DegreeFile::open(path).map(drop),
+            Self::Factor => FactorFile::open(path).map(drop),
+        }
+    }
+
+    fn verify(self, path: &Path) -> Result<(), StoreError> {
+        match self {
+            Self::Basis => DegreeFile::open(path)?.verify(&Silent),
+            Self::Factor => FactorFile::open(path)?.verify(&Silent),
+        }
+    }
+
+    /// Reads the first chunk or tile.
+    fn read_first(self, path: &Path) -> Result<(), StoreError> {
+        match self {
+            Self::Basis => DegreeFile::open(path)?.window(0..1)?.values(0, &mut Vec::new()).map(drop),
+            Self::Factor => FactorFile::open(path)?.window(0)?.values(0).map(drop),
+        }
+    }
+}
+
+/// A sound file of each kind, of three parts.
+fn files() -> (TempDir, [(As, PathBuf, Forged); 2]) {
+    let (folder, key) = store(&params());
+    let basis = path_of(folder.path(), key, "A_1");
+    let factor = write_factor(folder.path(), key, Scalar::F64).path().to_owned();
+    let (read_basis, read_factor) = (Forged::read(&basis, BASIS_ROOT), Forged::read(&factor, FACTOR_ROOT));
+    (folder, [(As::Basis, basis, read_basis), (As::Factor, factor, read_factor)])
+}
+
+/// A change, what it leaves unsealed, and what the error calls it.
+struct Lie {
+    what: &'static str,
+    change: fn(&mut Forged),
+    seal: fn(&mut Forged),
+}
+
+/// A change and what the error calls it.
+type Change = (&'static str, fn(&mut Forged));
+
+fn all(forged: &mut Forged) {
+    forged.seal_header();
+    forged.seal_root();
+    forged.seal_footer();
+}
+
+fn nothing(_: &mut Forged) {}
+
+const LIES: &[Lie] = &[
+    Lie { what: "magic number", change: |f| f.header[0] ^= 1, seal: all },
+    Lie { what: "version 2", change: |f| f.header[8] = 2, seal: all },
+    Lie { what: "header length", change: |f| f.header[13] ^= 1, seal: all },
+    Lie { what: "reserved bytes", change: |f| f.header[4000] = 1, seal: all },
+    // Hashes that don't fit, of the header, the table and the footer; reserved bytes so that nothing else is wrong.
+    Lie {
+        what: "header: expected bytes that match its hash",
+        change: |f| f.header[16] ^= 1,
+        seal: |f| {
+            f.seal_root();
+            f.seal_footer();
+        },
+    },
+    Lie { what: "root hash", change: |f| f.table[40] ^= 1, seal: Forged::seal_footer },
+    Lie { what: "root hash", change: |f| f.footer[32] ^= 1, seal: Forged::seal_footer },
+    Lie { what: "footer: expected bytes that match its hash", change: |f| f.footer[96] ^= 1, seal: nothing },
+    Lie { what: "footer (cut off?)", change: |f| f.footer[0] ^= 1, seal: all },
+    Lie { what: "reserved bytes of the footer", change: |f| f.footer[64] = 1, seal: all },
+    Lie { what: "length of the file", change: |f| f.footer[24] ^= 1, seal: all },
+    Lie { what: "entries of the table", change: |f| f.footer[16] ^= 1, seal: all },
+    Lie { what: "place of the table", change: |f| f.footer[8] ^= 64, seal: all },
+    Lie { what: "offset of a", change: |f| f.table[64] ^= 64, seal: all },
+    Lie { what: "stored length of a", change: |f| f.table[8] ^= 1, seal: all },
+    Lie { what: "decoded length of a", change: |f| f.table[16] ^= 1, seal: all },
+    Lie { what: "codec of a", change: |f| f.table[28] = 1, seal: all },
+    Lie { what: "codec of a", change: |f| f.table[28] = 9, seal: all },
+    Lie {
+        what: "offset of the table",
+        change: |f| {
+            f.body.extend([0; 64]);
+            let table_at = 4096 + f.body.len() as u64;
+            put64(&mut f.footer, 8, table_at);
+            put64(&mut f.footer, 24, table_at + f.table.len() as u64 + 128);
+        },
+        seal: all,
+    },
+];
+
+#[test]
+fn a_file_that_lies_in_one_place_is_not_opened() {
+    let (_folder, files) = files();
+    for (kind, path, original) in &files {
+        kind.open(path).expect("a sound file");
+        for (at, Lie { what, change, seal }) in LIES.iter().enumerate() {
+            let mut forged = original.clone();
+            change(&mut forged);
+            seal(&mut forged);
+            forged.write(path);
+            let error = kind.open(path).expect_err(what);
+            assert!(matches!(error, StoreError::Corrupt { .. } | StoreError::Version { .. }), "{at}: {error:?}");
+            assert!(error.to_string().contains(what), "{at}: expected {what:?}: {error}");
+        }
+        original.clone().write_sealed(path);
+        kind.open(path).expect("sealing a sound file changes nothing");
+    }
+}
+
+#[test]
+fn a_part_with_a_wrong_crc_is_not_read() {
+    let (_folder, files) = files();
+    for (kind, path, original) in &files {
+        kind.read_first(path).expect("a sound file");
+        // A changed value, and a changed checksum of values as they were.
+        let mut changed_value = original.clone();
+        changed_value.body[3] ^= 1;
+        let mut changed_crc = original.clone();
+        changed_crc.table[24] ^= 1;
+        for mut forged in [changed_value, changed_crc] {
+            forged.write_sealed(path);
+            kind.open(path).expect("parts are not checked on opening");
+            let error = kind.read_first(path).expect_err("a damaged part");
+            assert!(error.to_string().contains("CRC-32C"), "{error}");
+        }
+    }
+}
+
+#[test]
+fn verification_checks_crc_hash_and_padding_each_for_itself() {
+    let (_folder, files) = files();
+    for (kind, path, original) in &files {
+        kind.verify(path).expect("a sound file");
+        let changes: [Change; 3] = [
+            ("CRC-32C", |f| f.table[24] ^= 1),
+            ("BLAKE3", |f| f.table[32] ^= 1),
+            ("padding", |f| {
+                // After the last part: before the table, on no multiple of 64.
+                let last = f.body.len() - 1;
+                f.body[last] = 1;
+            }),
+        ];
+        for (what, change) in changes {
+            let mut forged = original.clone();
+            change(&mut forged);
+            forged.write_sealed(path);
+            let error = kind.verify(path).expect_err(what);
+            assert!(error.to_string().contains(what), "expected {what:?}: {error}");
+            let damaged = matches!(error, StoreError::ChunkDamaged { .. } | StoreError::TileDamaged { .. });
+            assert!(damaged, "{error:?}");
+        }
+    }
+}
+
+#[test]
+fn a_file_that_shrinks_while_it_is_read_is_reported() {
+    let (_folder, files) = files();
+    let [(_, basis, _), (_, factor, _)] = &files;
+    let shrink = |path: &Path| {
+        std::fs::OpenOptions::new().write(true).open(path).expect("a file").set_len(4096).expect("a truncation");
+    };
+    let file = DegreeFile::open(basis).expect("a file");
+    let window = file.window(0..3).expect("a window");
+    shrink(basis);
+    assert!(matches!(window.values(2, &mut Vec::new()), Err(StoreError::ChangedWhileRead { .. })));
+    assert!(matches!(window.check(), Err(StoreError::ChangedWhileRead { .. })));
+    let file = FactorFile::open(factor).expect("a file");
+    let window = file.window(0).expect("a window");
+    shrink(factor);
+    assert!(matches!(window.values(1), Err(StoreError::ChangedWhileRead { .. })));
+    assert!(matches!(window.check(), Err(StoreError::ChangedWhileRead { .. })));
+}
+
+/// Makes a file longer with every step of its verification.
+struct Appending<'a>(&'a Path);
+
+impl Monitor for Appending<'_> {
+    fn step(&self, _: u64) {
+        let mut file = std::fs::OpenOptions::new().append(true).open(self.0).expect("a file");
+        file.write_all(b"more").expect("a longer file");
+    }
+}
+
+#[test]
+fn a_file_that_changes_while_it_is_verified_is_reported() {
+    let (_folder, files) = files();
+    let [(_, basis, _), (_, factor, _)] = &files;
+    let error = DegreeFile::open(basis).expect("a file").verify(&Appending(basis)).expect_err("a changed file");
+    assert!(matches!(error, StoreError::ChangedWhileRead { .. }), "{error}");
+    let error = FactorFile::open(factor).expect("a file").verify(&Appending(factor)).expect_err("a changed file");
+    assert!(matches!(error, StoreError::ChangedWhileRead { .. }), "{error}");
+}
