@@ -1,4 +1,4 @@
-//! The exact least squares through `fit`: without a store, with a factor, and what it says and refuses.
+//! The full least squares through `fit`: without a store, with a factor, with smoothness.
 
 use std::path::Path;
 use std::process::Command;
@@ -14,10 +14,10 @@ use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use crate::common::{fail, finish, shared, succeed, text, tool};
 use crate::pipeline::{Study, names};
 
-const DEGREE: [&str; 2] = ["--max-degree", "12"];
+pub(crate) const DEGREE: [&str; 2] = ["--max-degree", "12"];
 
 /// `fit` of a file of the study, without a store, to `m.npz`.
-fn exact(study: &Study, arguments: &[&str]) -> Command {
+pub(crate) fn lsq(study: &Study, arguments: &[&str]) -> Command {
     let mut command = tool("fit");
     command.arg("--sphere").arg(study.path("sphere.surf.gii")).arg("--surface").arg(study.path("s0.surf.gii"));
     command.args(["-q", "-o"]).arg(study.path("m.npz")).args(arguments);
@@ -26,10 +26,10 @@ fn exact(study: &Study, arguments: &[&str]) -> Command {
 
 /// The report of a fit that replaces `m.npz`.
 fn report(study: &Study, arguments: &[&str]) -> Value {
-    report_of(exact(study, arguments).args(["--json", "--force"]))
+    report_of(lsq(study, arguments).args(["--json", "--force"]))
 }
 
-fn report_of(command: &mut Command) -> Value {
+pub(crate) fn report_of(command: &mut Command) -> Value {
     serde_json::from_str(&succeed(command)).expect("the report is JSON")
 }
 
@@ -199,24 +199,24 @@ fn smoothness_holds_the_high_degrees_down_and_auto_chooses_it() {
 #[test]
 fn standard_errors_come_beside_the_model() {
     let study = Study::new();
-    succeed(&mut exact(&study, &["--max-degree", "12", "--stderr"]));
+    succeed(&mut lsq(&study, &["--max-degree", "12", "--stderr"]));
     let path = study.path("m.stderr.npy");
     let read = || Array2::<f64>::read_npy(std::fs::File::open(&path).unwrap()).unwrap();
     let errors = read();
     assert_eq!(errors.dim(), (169, 3));
     assert!(errors.iter().all(|e| *e > 0.0 && e.is_finite()));
     // A penalty leaves less to be wrong about.
-    succeed(&mut exact(&study, &["--max-degree", "12", "--stderr", "--force", "--smoothness", "0.01"]));
+    succeed(&mut lsq(&study, &["--max-degree", "12", "--stderr", "--force", "--smoothness", "0.01"]));
     let penalised = read();
     assert!(penalised.row(160).sum() < errors.row(160).sum());
     // More coefficients than vertices: refused by name, but for a penalty.
     std::fs::remove_file(&path).unwrap();
     std::fs::remove_file(study.path("m.npz")).unwrap();
     let before = names(&study.path(""));
-    let error = fail(&mut exact(&study, &["--max-degree", "25", "--stderr"]));
+    let error = fail(&mut lsq(&study, &["--max-degree", "25", "--stderr"]));
     assert!(error.contains("642 vertices don't determine 676 coefficients"), "{error}");
     assert_eq!(names(&study.path("")), before);
-    succeed(&mut exact(&study, &["--max-degree", "25", "--stderr", "--smoothness", "0.01"]));
+    succeed(&mut lsq(&study, &["--max-degree", "25", "--stderr", "--smoothness", "0.01"]));
     assert!(read().iter().all(|e| *e > 0.0 && e.is_finite()));
 }
 
@@ -235,7 +235,7 @@ fn held_out_vertices_are_further_from_the_model_than_those_it_saw() {
         let all = (of("held_out") * vertices as f64 + of("seen") * (642 - vertices) as f64) / 642.0;
         meets(all, msd(&report), 1e-9, "all");
     }
-    let error = fail(&mut exact(&study, &["--max-degree", "12", "--hold-out", "1e-9", "--force"]));
+    let error = fail(&mut lsq(&study, &["--max-degree", "12", "--hold-out", "1e-9", "--force"]));
     assert!(error.contains("--hold-out 0.000000001") && error.contains("none of 642 vertices"), "{error}");
 }
 
@@ -250,10 +250,10 @@ fn a_fit_that_does_not_reach_its_tolerance_warns_and_with_strict_fails() {
     std::fs::remove_file(study.path("m.npz")).unwrap();
     let before = names(&study.path(""));
     let arguments = ["--max-degree", "12", "--max-iterations", "2", "--stderr", "--coefficients-csv"];
-    let error = fail(exact(&study, &arguments).arg("--strict"));
+    let error = fail(lsq(&study, &arguments).arg("--strict"));
     assert!(error.contains("the iteration ended at optimality") && error.contains("--strict"), "{error}");
     assert_eq!(names(&study.path("")), before, "nothing is written");
-    let warnings = said(&mut exact(&study, &arguments));
+    let warnings = said(&mut lsq(&study, &arguments));
     assert!(warnings.contains("warning: the iteration ended at optimality"), "{warnings}");
     assert!(warnings.contains("not 1.0e-10, after 2 steps"), "{warnings}");
     assert_eq!(model(&study, "m.npz").dim(), (169, 3));
@@ -265,7 +265,7 @@ fn a_fit_that_does_not_reach_its_tolerance_warns_and_with_strict_fails() {
 #[test]
 fn more_coefficients_than_vertices_are_said_to_be_undetermined() {
     let study = Study::new();
-    let command = &mut exact(&study, &["--max-degree", "27"]);
+    let command = &mut lsq(&study, &["--max-degree", "27"]);
     let warnings = said(command);
     assert!(warnings.contains("642 vertices don't determine 784 coefficients"), "{warnings}");
     assert!(warnings.contains("least norm"), "{warnings}");
@@ -284,7 +284,7 @@ fn more_coefficients_than_vertices_are_said_to_be_undetermined() {
 #[test]
 fn quadrature_finds_a_surface_of_low_degree_to_the_error_of_interpolation() {
     let study = Study::new();
-    succeed(&mut exact(&study, &["--max-degree", "3"]));
+    succeed(&mut lsq(&study, &["--max-degree", "3"]));
     let mut known = Array2::zeros((169, 3));
     known.slice_mut(ndarray::s![..16, ..]).assign(&model(&study, "m.npz"));
     let mut errors = Vec::new();
@@ -304,113 +304,6 @@ fn quadrature_finds_a_surface_of_low_degree_to_the_error_of_interpolation() {
     assert!(errors[1] < 2e-3, "{errors:?}");
     let ratio = errors[0] / errors[1];
     assert!(ratio > 3.3 && ratio < 4.7, "{errors:?}");
-}
-
-#[test]
-fn ways_that_need_triangles_refuse_a_list_of_directions() {
-    let study = Study::new();
-    let sphere = read_mesh(study.path("sphere.surf.gii")).unwrap();
-    let rows = sphere
-        .vertices
-        .iter()
-        .map(|v| format!("{:?},{:?}\n", v[2].acos(), v[1].atan2(v[0]).rem_euclid(std::f64::consts::TAU)));
-    std::fs::write(study.path("sphere.csv"), rows.collect::<String>()).unwrap();
-    let values: String = sphere.vertices.iter().map(|v| format!("{:?}\n", v[0] * v[1])).collect();
-    std::fs::write(study.path("values.csv"), values).unwrap();
-    let before = names(&study.path(""));
-    for arguments in [&["--method", "quadrature"][..], &["--preconditioner", "density"], &["--weights", "area"]] {
-        let mut fit = tool("fit");
-        fit.arg("--sphere").arg(study.path("sphere.csv")).arg("--surface").arg(study.path("values.csv"));
-        let error = fail(fit.args(["-q", "--max-degree", "6", "-o"]).arg(study.path("")).args(arguments));
-        assert!(error.contains("sphere.csv") && error.contains("needs triangles"), "{error}");
-        assert_eq!(names(&study.path("")), before);
-    }
-    let mut fit = tool("fit");
-    fit.arg("--sphere").arg(study.path("sphere.csv")).arg("--surface").arg(study.path("values.csv"));
-    let report = report_of(fit.args(["-q", "--json", "--max-degree", "6", "-o"]).arg(study.path("v.npz")));
-    assert!(report["surfaces"][0]["passes"][0]["msd_raw"].as_f64().unwrap() < 1e-20, "x y is of degree 2: {report}");
-}
-
-#[test]
-fn flags_that_do_not_go_together_are_usage_errors() {
-    let study = Study::new();
-    let before = names(&study.path(""));
-    for (with_store, arguments, flag) in [
-        (false, &["--granularity", "5"][..], "--granularity"),
-        (true, &["--method", "lsq", "--granularity", "5"], "--granularity"),
-        (false, &["--passes", "2"], "--passes"),
-        (false, &["--method", "irf"], "--store"),
-        (false, &["--method", "nlsf"], "--store"),
-        (false, &["--verify"], "--verify"),
-        (true, &["--smoothness", "1e-3"], "--smoothness"),
-        (true, &["--method", "nlsf", "--stderr"], "--stderr"),
-        (true, &["--preconditioner", "factor"], "--preconditioner"),
-        (false, &["--low-degrees", "5"], "--low-degrees"),
-        (false, &["--method", "quadrature", "--smoothness", "1"], "--smoothness"),
-        (false, &["--method", "quadrature", "--hold-out", "0.1"], "--hold-out"),
-        (false, &["--method", "quadrature", "--weights", "area"], "--weights"),
-        (false, &["--smoothness=-1"], "--smoothness"),
-        (false, &["--smoothness", "nan"], "--smoothness"),
-        (false, &["--smoothness", "some"], "--smoothness"),
-        (false, &["--hold-out", "0"], "--hold-out"),
-        (false, &["--hold-out", "1"], "--hold-out"),
-        (false, &["--tolerance", "0"], "--tolerance"),
-        (false, &["--preconditioner", "magic"], "--preconditioner"),
-    ] {
-        let mut command = exact(&study, &[&DEGREE[..], arguments].concat());
-        if with_store {
-            command.arg("--store").arg(study.path("store"));
-        }
-        let output = finish(&mut command);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?} {}", text(&output));
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert!(stderr.contains(flag) && !stderr.contains("panicked"), "{arguments:?} {stderr}");
-    }
-    assert_eq!(names(&study.path("")), before);
-}
-
-#[test]
-fn too_little_memory_is_refused_with_the_figure_that_works() {
-    let study = Study::new();
-    let error = fail(&mut exact(&study, &["--max-degree", "12", "--memory", "8MiB"]));
-    assert!(error.contains("--memory 8") && error.contains("is too small"), "{error}");
-    let figure = error.split("the smallest that works is ").nth(1).expect(&error);
-    let figure: usize = figure.trim_end().trim_end_matches("MiB").parse().expect(&error);
-    assert!(!study.path("m.npz").exists());
-    fail(&mut exact(&study, &["--max-degree", "12", "--memory", &format!("{}MiB", figure - 1)]));
-    let output = finish(&mut exact(&study, &["--max-degree", "12", "--memory", &format!("{figure}MiB")]));
-    assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output));
-}
-
-#[test]
-fn outputs_are_not_replaced_unasked() {
-    let study = Study::new();
-    let arguments = ["--max-degree", "12", "--stderr", "--coefficients-csv"];
-    let outputs = ["m.npz", "m.stderr.npy", "m.csv"];
-    succeed(&mut exact(&study, &arguments));
-    let bytes = || outputs.map(|name| std::fs::read(study.path(name)).ok());
-    let before = bytes();
-    assert!(before.iter().all(Option::is_some));
-    for keep in outputs {
-        // Each alone is enough to refuse.
-        for name in outputs.into_iter().filter(|name| *name != keep) {
-            std::fs::rename(study.path(name), study.path(&format!("{name}.away"))).unwrap();
-        }
-        std::fs::write(study.path(keep), "mine").unwrap();
-        let all = names(&study.path(""));
-        let error = fail(&mut exact(&study, &arguments));
-        assert!(error.contains(keep) && error.contains("exists"), "{error}");
-        assert_eq!(names(&study.path("")), all);
-        assert_eq!(std::fs::read(study.path(keep)).unwrap(), b"mine");
-        for name in outputs.into_iter().filter(|name| *name != keep) {
-            std::fs::rename(study.path(&format!("{name}.away")), study.path(name)).unwrap();
-        }
-    }
-    succeed(exact(&study, &arguments).arg("--force"));
-    assert_eq!(bytes()[1..], before[1..], "the same again");
-    let skipped = succeed(exact(&study, &["--max-degree", "6", "--stderr"]).arg("--skip-existing"));
-    assert!(skipped.contains("nothing to do"), "{skipped}");
-    assert_eq!(bytes()[1..], before[1..]);
 }
 
 /// Where the transform is taken: the samples are those of the direct sums.

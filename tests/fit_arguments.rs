@@ -1,0 +1,114 @@
+//! What `fit` says of its arguments: what doesn't go together, what is too small, what exists.
+
+use spharm_surface::io::read_mesh;
+
+use crate::common::{fail, finish, succeed, text, tool};
+use crate::full_least_squares::{DEGREE, lsq, report_of};
+use crate::pipeline::{Study, names};
+
+#[test]
+fn ways_that_need_triangles_refuse_a_list_of_directions() {
+    let study = Study::new();
+    let sphere = read_mesh(study.path("sphere.surf.gii")).unwrap();
+    let rows = sphere
+        .vertices
+        .iter()
+        .map(|v| format!("{:?},{:?}\n", v[2].acos(), v[1].atan2(v[0]).rem_euclid(std::f64::consts::TAU)));
+    std::fs::write(study.path("sphere.csv"), rows.collect::<String>()).unwrap();
+    let values: String = sphere.vertices.iter().map(|v| format!("{:?}\n", v[0] * v[1])).collect();
+    std::fs::write(study.path("values.csv"), values).unwrap();
+    let before = names(&study.path(""));
+    for arguments in [&["--method", "quadrature"][..], &["--preconditioner", "density"], &["--weights", "area"]] {
+        let mut fit = tool("fit");
+        fit.arg("--sphere").arg(study.path("sphere.csv")).arg("--surface").arg(study.path("values.csv"));
+        let error = fail(fit.args(["-q", "--max-degree", "6", "-o"]).arg(study.path("")).args(arguments));
+        assert!(error.contains("sphere.csv") && error.contains("needs triangles"), "{error}");
+        assert_eq!(names(&study.path("")), before);
+    }
+    let mut fit = tool("fit");
+    fit.arg("--sphere").arg(study.path("sphere.csv")).arg("--surface").arg(study.path("values.csv"));
+    let report = report_of(fit.args(["-q", "--json", "--max-degree", "6", "-o"]).arg(study.path("v.npz")));
+    assert!(report["surfaces"][0]["passes"][0]["msd_raw"].as_f64().unwrap() < 1e-20, "x y is of degree 2: {report}");
+}
+
+#[test]
+fn flags_that_do_not_go_together_are_usage_errors() {
+    let study = Study::new();
+    let before = names(&study.path(""));
+    for (with_store, arguments, flag) in [
+        (false, &["--granularity", "5"][..], "--granularity"),
+        (true, &["--method", "lsq", "--granularity", "5"], "--granularity"),
+        (false, &["--passes", "2"], "--passes"),
+        (false, &["--method", "irf"], "--store"),
+        (false, &["--method", "nlsf"], "--store"),
+        (false, &["--verify"], "--verify"),
+        (true, &["--smoothness", "1e-3"], "--smoothness"),
+        (true, &["--method", "nlsf", "--stderr"], "--stderr"),
+        (true, &["--preconditioner", "factor"], "--preconditioner"),
+        (false, &["--low-degrees", "5"], "--low-degrees"),
+        (false, &["--method", "quadrature", "--smoothness", "1"], "--smoothness"),
+        (false, &["--method", "quadrature", "--hold-out", "0.1"], "--hold-out"),
+        (false, &["--method", "quadrature", "--weights", "area"], "--weights"),
+        (false, &["--smoothness=-1"], "--smoothness"),
+        (false, &["--smoothness", "nan"], "--smoothness"),
+        (false, &["--smoothness", "some"], "--smoothness"),
+        (false, &["--hold-out", "0"], "--hold-out"),
+        (false, &["--hold-out", "1"], "--hold-out"),
+        (false, &["--tolerance", "0"], "--tolerance"),
+        (false, &["--preconditioner", "magic"], "--preconditioner"),
+    ] {
+        let mut command = lsq(&study, &[&DEGREE[..], arguments].concat());
+        if with_store {
+            command.arg("--store").arg(study.path("store"));
+        }
+        let output = finish(&mut command);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?} {}", text(&output));
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(stderr.contains(flag) && !stderr.contains("panicked"), "{arguments:?} {stderr}");
+    }
+    assert_eq!(names(&study.path("")), before);
+}
+
+#[test]
+fn too_little_memory_is_refused_with_the_figure_that_works() {
+    let study = Study::new();
+    let error = fail(&mut lsq(&study, &["--max-degree", "12", "--memory", "8MiB"]));
+    assert!(error.contains("--memory 8") && error.contains("is too small"), "{error}");
+    let figure = error.split("the smallest that works is ").nth(1).expect(&error);
+    let figure: usize = figure.trim_end().trim_end_matches("MiB").parse().expect(&error);
+    assert!(!study.path("m.npz").exists());
+    fail(&mut lsq(&study, &["--max-degree", "12", "--memory", &format!("{}MiB", figure - 1)]));
+    let output = finish(&mut lsq(&study, &["--max-degree", "12", "--memory", &format!("{figure}MiB")]));
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output));
+}
+
+#[test]
+fn outputs_are_not_replaced_unasked() {
+    let study = Study::new();
+    let arguments = ["--max-degree", "12", "--stderr", "--coefficients-csv"];
+    let outputs = ["m.npz", "m.stderr.npy", "m.csv"];
+    succeed(&mut lsq(&study, &arguments));
+    let bytes = || outputs.map(|name| std::fs::read(study.path(name)).ok());
+    let before = bytes();
+    assert!(before.iter().all(Option::is_some));
+    for keep in outputs {
+        // Each alone is enough to refuse.
+        for name in outputs.into_iter().filter(|name| *name != keep) {
+            std::fs::rename(study.path(name), study.path(&format!("{name}.away"))).unwrap();
+        }
+        std::fs::write(study.path(keep), "mine").unwrap();
+        let all = names(&study.path(""));
+        let error = fail(&mut lsq(&study, &arguments));
+        assert!(error.contains(keep) && error.contains("exists"), "{error}");
+        assert_eq!(names(&study.path("")), all);
+        assert_eq!(std::fs::read(study.path(keep)).unwrap(), b"mine");
+        for name in outputs.into_iter().filter(|name| *name != keep) {
+            std::fs::rename(study.path(&format!("{name}.away")), study.path(name)).unwrap();
+        }
+    }
+    succeed(lsq(&study, &arguments).arg("--force"));
+    assert_eq!(bytes()[1..], before[1..], "the same again");
+    let skipped = succeed(lsq(&study, &["--max-degree", "6", "--stderr"]).arg("--skip-existing"));
+    assert!(skipped.contains("nothing to do"), "{skipped}");
+    assert_eq!(bytes()[1..], before[1..]);
+}
