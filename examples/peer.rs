@@ -4,7 +4,6 @@
 //! its repetitions as JSON and writes what it computed, for whoever checks it.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -12,9 +11,10 @@ use clap::{Parser, Subcommand};
 use ndarray::Array2;
 use ndarray_npy::{read_npy, write_npy};
 use spharm_harmonics::Directions;
-use spharm_solver::MatrixFreeOperator;
-use spharm_solver::cholesky::{CholeskyFactor, GramSource, StoredFactor};
-use spharm_solver::lsq::{LsqParams, LsqSolver, Way, moment_gram};
+use spharm_monitor::Silent;
+use spharm_solver::{
+    CholeskyFactor, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, Strategy, moment_gram,
+};
 use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 use spharm_transform::{Transform, TransformParams};
@@ -90,13 +90,13 @@ fn main() -> Result<()> {
         }
         Command::Lsq { directions: path, targets, max_degree, accuracy, tolerance, repeats, out, store, factor } => {
             let (directions, targets): (_, Array2<f64>) = (directions(&path)?, read_npy(targets)?);
-            let make_gram = || Ok(Box::new(moment_gram(&directions, None, max_degree)?) as Box<dyn GramSource>);
+            let make_gram = || Ok(Box::new(moment_gram(&directions, None, max_degree)?) as Box<dyn GramMatrix>);
             let key = SchemeKey::of(&directions, Scalar::F64);
             let (seconds, fit) = repeat(repeats, || {
                 let params = TransformParams { max_degree, accuracy, ..Default::default() };
                 let operator = MatrixFreeOperator::new(&directions, &params)?;
-                let way = if factor { Way::Factor } else { Way::Auto };
-                let params = LsqParams { tolerance, threads: 2, way, ..Default::default() };
+                let strategy = if factor { Strategy::Cholesky } else { Strategy::Auto };
+                let params = LsqParams { tolerance, threads: 2, strategy, ..Default::default() };
                 let stored = match &store {
                     Some(store) => {
                         let spec = FactorSpec {
@@ -114,12 +114,7 @@ fn main() -> Result<()> {
                 if let Some(stored) = &stored {
                     solver = solver.with_factor(stored as &dyn CholeskyFactor);
                 }
-                Ok(solver.fit(
-                    &targets,
-                    std::slice::from_ref(&(0..targets.ncols())),
-                    &AtomicBool::new(false),
-                    &|_| {},
-                )?)
+                Ok(solver.fit(&targets, std::slice::from_ref(&(0..targets.ncols())), &Silent)?)
             })?;
             write_npy(out.with_extension("coefficients.npy"), fit.coefficients.values())?;
             println!(

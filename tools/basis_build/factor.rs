@@ -1,19 +1,18 @@
 //! `--factor`: the Cholesky factor of the scheme's normal equations.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
 
 use anyhow::Result;
 use serde::Serialize;
-use spharm_cli::console::{Console, Unit};
+use spharm_cli::console::Console;
 use spharm_cli::machine::check_limits;
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::size::Size;
-use spharm_solver::cholesky::{
-    FactorEvent, FactorParams, FactorReport, Penalised, build_factor, plan_stored_factor, smoothness_penalty,
-};
-use spharm_solver::lsq::{moment_gram, moment_gram_bytes};
+use spharm_solver::cholesky::{FactorParams, FactorReport, build_factor, plan_stored_factor};
+use spharm_solver::gram::{Penalised, smoothness_penalty};
+use spharm_solver::{SolverError, moment_gram, moment_gram_bytes};
 use spharm_store::factor::open_factor;
-use spharm_store::{FactorFile, FactorSpec, Scalar, SchemeKey, WeightsHash};
+use spharm_store::{FactorFile, FactorSpec, Scalar, SchemeKey, StoreError, WeightsHash};
 use spharm_surface::Sphere;
 
 use super::Cli;
@@ -95,34 +94,15 @@ impl<'a> Job<'a> {
         let Self { cli, sphere, console, spec, params } = self;
         let source = moment_gram(&sphere.directions, None, spec.max_degree)?;
         let penalised = Penalised::new(&source, smoothness_penalty(spec.max_degree, spec.smoothness));
-        let progress = Mutex::new((None, 0.0));
-        let tell = |event: FactorEvent<'_>| {
-            let mut progress = progress.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            match event {
-                FactorEvent::Note(text) => console.note(text),
-                FactorEvent::Planned(_, flops) => {
-                    let total = (flops / 1e9).ceil() as u64;
-                    progress.0 = Some(console.progress("factor", total, Unit::Count("Gflop")));
-                }
-                FactorEvent::Progress(flops) => {
-                    progress.1 += flops / 1e9;
-                    let whole = progress.1.floor();
-                    progress.1 -= whole;
-                    if let Some(progress) = &progress.0 {
-                        progress.add(whole as u64);
-                    }
-                }
-                FactorEvent::Estimating => {
-                    if let Some(progress) = &progress.0 {
-                        progress.say("estimating the condition");
-                    }
-                }
-                _ => {}
-            }
-        };
-        let report = build_factor(&cli.store, spec, &penalised, params, spharm_cli::exit::cancel(), &tell)?;
-        drop(progress);
-        report.warnings.iter().for_each(|warning| console.warn(warning));
+        let report = build_factor(&cli.store, spec, &penalised, params, &ConsoleMonitor::new(**console));
+        let report = report.map_err(|error| match error {
+            // No model is finished, but a basis may be.
+            SolverError::Interrupted(interrupted) => StoreError::from(interrupted).into(),
+            error => error,
+        })?;
+        for warning in &report.warnings {
+            console.warn(warning);
+        }
         if report.present {
             console.note(format!("{}: the factor is there already", report.file.path().display()));
         }

@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use ndarray::ArrayView2;
-use spharm_cli::console::{Console, Unit};
+use spharm_cli::console::Console;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_harmonics::{Coefficients, Directions, basis_size};
-use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, FitEvent, FitParams, FitReport, Fitter, Method};
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, IrfParams, IrfReport, IrfSolver, Method};
 use spharm_store::{BuildParams, BuildReport, build};
 
 use super::published::Quality;
@@ -51,15 +51,15 @@ impl Bench<'_> {
     }
 
     /// Settings of a fit.
-    pub(crate) fn params(&self, method: Method, max_degree: usize) -> FitParams {
-        FitParams {
+    pub(crate) fn params(&self, method: Method, max_degree: usize) -> IrfParams {
+        IrfParams {
             max_degree,
             method,
             refinements: if method == Method::Nlsf { REFINEMENTS } else { 0 },
             memory: self.memory,
             held: self.held,
             threads: self.threads,
-            ..FitParams::default()
+            ..IrfParams::default()
         }
     }
 
@@ -73,29 +73,16 @@ impl Bench<'_> {
         max_degree: usize,
     ) -> Result<(Vec<Measured>, Coefficients)> {
         let what = || format!("{}: {} to degree {max_degree}", surface.name, method.name());
-        let mut fitter = Fitter::new(operator, 3, self.params(method, max_degree)).with_context(what)?;
+        let mut fitter = IrfSolver::new(operator, 3, self.params(method, max_degree)).with_context(what)?;
         let values = ArrayView2::from_shape((surface.vertices.len(), 3), surface.vertices.as_flattened())?;
         let targets = ChunkedRows::from_array(values, operator.chunk_rows());
-        let progress = {
-            let total = (method.passes() * basis_size(max_degree)) as u64;
-            self.console.progress("fit", total, Unit::Count("columns"))
-        };
-        let last = std::cell::Cell::new(0);
-        let fit = fitter.fit(targets, std::slice::from_ref(&(0..3)), self.cancel, &|event| {
-            if let FitEvent::Block(sweep, done, _) = event
-                && sweep <= method.passes()
-            {
-                let before = if done <= last.get() { 0 } else { last.get() };
-                progress.add((done - before) as u64);
-                last.set(done);
-            }
-        });
+        let fit = fitter.fit(targets, std::slice::from_ref(&(0..3)), &ConsoleMonitor::new(*self.console));
         let fit = fit.with_context(what)?;
         self.warn_of_rank(surface, &fit.report);
         Ok((measured(&fit.report, surface.scale), fit.coefficients))
     }
 
-    fn warn_of_rank(&self, surface: &Surface, report: &FitReport) {
+    fn warn_of_rank(&self, surface: &Surface, report: &IrfReport) {
         for block in report.blocks.iter().filter(|block| block.rank < block.columns) {
             self.console.warn(format!(
                 "{}: degrees {} to {} have rank {} of {} columns; the solution of least norm was taken",
@@ -105,9 +92,9 @@ impl Bench<'_> {
     }
 }
 
-fn measured(report: &FitReport, scale: f64) -> Vec<Measured> {
+fn measured(report: &IrfReport, scale: f64) -> Vec<Measured> {
     let mut seconds = 0.0;
-    let sweeps = report.sweeps.iter().filter_map(|sweep| {
+    let sweeps = report.history.iter().filter_map(|sweep| {
         seconds += sweep.seconds;
         let residual = sweep.residuals.first()?;
         let square = scale * scale;

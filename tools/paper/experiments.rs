@@ -4,7 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use spharm_harmonics::{Coefficients, Directions, basis_size, synthesis};
-use spharm_solver::{DiskOperator, Method, Operator, plan};
+use spharm_solver::irf::plan;
+use spharm_solver::{DiskOperator, Method, Operator};
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::metrics::{SurfaceDistance, SurfaceDistanceParams, surface_distance};

@@ -6,11 +6,10 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::basis_size;
-use spharm_solver::cholesky::GramSource;
-use spharm_solver::lsq::cg::Stop;
-use spharm_solver::lsq::{LsqParams, LsqSolver, moment_gram, moment_gram_bytes};
-use spharm_solver::report::Residual;
-use spharm_solver::{MatrixFreeOperator, Operator};
+use spharm_solver::lsq::Stop;
+use spharm_solver::{
+    GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, Operator, ResidualNorms, moment_gram, moment_gram_bytes,
+};
 use spharm_surface::Mesh;
 use spharm_surface::quadrature::Quadrature;
 use spharm_transform::{Transform, TransformParams};
@@ -49,14 +48,14 @@ fn family(bench: &Bench<'_>, surface: &Surface, max_degree: usize) -> Result<Fam
     let operator = MatrixFreeOperator::new(&surface.directions, &transform)?;
     let make_gram = || {
         let gram = moment_gram(&surface.directions, None, max_degree)?;
-        Ok(Box::new(gram) as Box<dyn GramSource>)
+        Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
     let arrays = 8 * 3 * (4 * n + 8 * basis_size(max_degree));
     let held = bench.held + arrays + Transform::bytes(&transform, n, 3)? + moment_gram_bytes(n, max_degree)?;
     let params = LsqParams { memory: bench.memory, held, threads: bench.threads, ..LsqParams::default() };
     let mut solver = LsqSolver::new(&operator, Some(&make_gram), params)?;
     let group = 0..3;
-    let fit = solver.fit(&targets, std::slice::from_ref(&group), bench.cancel, &|_| {})?;
+    let fit = solver.fit(&targets, std::slice::from_ref(&group), bench.cancel)?;
     let seconds = started.elapsed().as_secs_f64();
     let least_squares = Measured { quality: quality(&fit.residual, surface.scale), seconds };
 
@@ -74,6 +73,6 @@ fn family(bench: &Bench<'_>, surface: &Surface, max_degree: usize) -> Result<Fam
 }
 
 fn quality(residual: &Array2<f64>, scale: f64) -> Quality {
-    let Residual { mean_square, max_square } = Residual::of(residual.view());
+    let ResidualNorms { mean_square, max_square } = ResidualNorms::of(residual.view());
     Quality { msd: mean_square / (scale * scale), xsd: max_square / (scale * scale) }
 }

@@ -84,6 +84,9 @@ fn of_io(source: &io::Error) -> Option<&'static str> {
 fn of_solver(error: &SolverError) -> Option<String> {
     match error {
         SolverError::Store(error) => of_store(error),
+        SolverError::Interrupted(_) => {
+            Some("the models that are finished stay, --skip-existing leaves them out next time".to_owned())
+        }
         _ => None,
     }
 }

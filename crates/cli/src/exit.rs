@@ -93,7 +93,7 @@ fn one_line(error: &anyhow::Error) -> String {
 fn is_interrupted(error: &anyhow::Error) -> bool {
     error
         .chain()
-        .any(|cause| cause.is::<Interrupted>() || matches!(cause.downcast_ref(), Some(SolverError::Interrupted)))
+        .any(|cause| cause.is::<Interrupted>() || matches!(cause.downcast_ref(), Some(SolverError::Interrupted(_))))
 }
 
 /// Whether the reader of stdout has gone away, which isn't a failure of this program.

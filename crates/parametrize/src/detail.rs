@@ -6,11 +6,10 @@
 //! says where: its least squares over the map so far leaves a residual at each vertex, and the areas that triangles are
 //! to have are multiplied by exp (s g), with g the residual's size, averaged a little over neighbours, less its mean.
 
-use std::sync::atomic::AtomicBool;
-
 use ndarray::Array2;
 use spharm_harmonics::Directions;
-use spharm_solver::lsq::{LsqParams, LsqSolver, Way};
+use spharm_monitor::Silent;
+use spharm_solver::lsq::{LsqParams, LsqSolver, Strategy};
 use spharm_solver::{MatrixFreeOperator, SolverError};
 use spharm_transform::TransformParams;
 
@@ -53,11 +52,12 @@ pub(crate) fn detail(domain: &Domain, map: &[Vec3], degree: usize) -> Result<Det
     let directions = Directions::from_vertices(map)?;
     let transform = TransformParams { max_degree: degree, accuracy: 1e-6, ..TransformParams::default() };
     let operator = MatrixFreeOperator::new(&directions, &transform)?;
-    let params = LsqParams { way: Way::Plain, tolerance: 1e-4, max_iterations: ITERATIONS, ..LsqParams::default() };
+    let params =
+        LsqParams { strategy: Strategy::Cg, tolerance: 1e-4, max_iterations: ITERATIONS, ..LsqParams::default() };
     let centre = domain.positions.iter().fold([0.0; 3], |sum, p| add(sum, *p));
     let centre = scale(centre, 1.0 / map.len() as f64);
     let targets = Array2::from_shape_fn((map.len(), 3), |(v, k)| domain.positions[v][k] - centre[k]);
-    let fit = LsqSolver::new(&operator, None, params)?.fit(&targets, &[], &AtomicBool::new(false), &|_| ())?;
+    let fit = LsqSolver::new(&operator, None, params)?.fit(&targets, &[], &Silent)?;
 
     let mut error: Vec<f64> = fit.residual.rows().into_iter().map(|row| norm([row[0], row[1], row[2]])).collect();
     let all = (error.iter().map(|e| e * e).sum::<f64>() / error.len() as f64).sqrt();

@@ -4,13 +4,13 @@
 //! direction; flops are 2 K^2 a column.
 
 use std::ops::Range;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use ndarray::Array2;
 use spharm_harmonics::index::max_degree_of;
-use spharm_solver::cholesky::{CholeskyFactor, FactorParams, GramSource, StoredFactor, build_factor};
-use spharm_solver::{SolverError, dense};
+use spharm_monitor::Silent;
+use spharm_solver::cholesky::{CholeskyFactor, FactorParams, StoredFactor, build_factor};
+use spharm_solver::{GramMatrix, SolverError, dense};
 use spharm_store::factor::FactorFile;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
@@ -18,9 +18,13 @@ use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 /// from the diagonal would measure how slow denormal numbers are.)
 struct Noise(usize);
 
-impl GramSource for Noise {
+impl GramMatrix for Noise {
     fn size(&self) -> usize {
         self.0
+    }
+
+    fn bytes(&self) -> usize {
+        0
     }
 
     fn tile(
@@ -51,13 +55,12 @@ fn main() {
     let folder = tempfile::tempdir().expect("a folder");
     let spec =
         FactorSpec { key: SchemeKey([1; 32]), rows: 4 * size, max_degree, weights: WeightsHash::ONES, smoothness: 0.0 };
-    let never = AtomicBool::new(false);
     let flops = (size as f64).powi(3) / 3.0;
     for (what, memory) in [("in memory", 8 << 30), ("out of core, 256 MiB", 256 << 20)] {
         for scalar in [Scalar::F64, Scalar::F32] {
             let params = FactorParams { scalar, memory, threads, ..FactorParams::default() };
             let started = Instant::now();
-            let built = build_factor(folder.path(), &spec, &Noise(size), &params, &never, &|_| {}).expect("a factor");
+            let built = build_factor(folder.path(), &spec, &Noise(size), &params, &Silent).expect("a factor");
             let seconds = started.elapsed().as_secs_f64();
             println!(
                 "{} {what}: {seconds:.2} s, {:.1} GFLOP/s, {} bytes, rcond {:.1e}",

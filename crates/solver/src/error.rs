@@ -140,9 +140,9 @@ pub enum SolverError {
         /// What LAPACK said.
         message: String,
     },
-    /// The fit was interrupted.
-    #[error("interrupted; the models that are finished stay, --skip-existing leaves them out next time")]
-    Interrupted,
+    /// The monitor asked for the computation to stop.
+    #[error(transparent)]
+    Interrupted(#[from] spharm_monitor::Interrupted),
 }
 
 /// In MiB, or in bytes where a unit was forgotten.

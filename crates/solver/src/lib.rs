@@ -1,31 +1,28 @@
-//! Iterative residual fitting of functions on the sphere, over a basis that is streamed in bounded memory.
+//! Fits of functions on the sphere by spherical harmonics: iterative residual fitting over a basis that is streamed in
+//! bounded memory, and the full least squares without the basis.
 //!
 //! The paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT
-//! 2006. A surface's x, y and z are three columns of targets; many surfaces are many columns, fitted in one sweep.
+//! 2006. A surface's x, y and z are three columns of targets; many surfaces are many columns, fitted together.
 //!
-//! | module | what |
+//! Arrays: n directions (vertices) are rows, `K = (L + 1)^2` basis functions to degree L are columns of the basis matrix
+//! A, in the order `l^2 + l + m`; c columns of targets share a fit.
+//!
+//! | module | contents |
 //! |---|---|
-//! | [`operator`] | what a solver sees of a basis: [`Operator`], [`operator::Block`] |
-//! | [`disk`], [`memory`] | the operator over a store, and one in memory |
-//! | [`matrix_free`] | the operator by fast transforms |
-//! | [`schedule`] | NLSF, SIRF, MIRF, IRF: which degrees are solved together |
-//! | [`mod@plan`] | what memory a fit takes |
-//! | [`rows`] | targets and residual, kept in the basis's chunks |
-//! | `block` | one block's least squares |
-//! | [`grams`] | the blocks' Gram matrices from the sampling's moments |
-//! | `triangle` | the rank-revealing way: QR of a matrix that arrives in chunks |
-//! | `workers` | what the threads do for a block |
-//! | [`mod@fit`] | the passes |
-//! | `accelerated` | conjugate gradients over symmetric sweeps of the store |
-//! | [`lsq`] | exact least squares without the matrix |
-//! | [`report`] | what a fit tells about itself |
-//! | [`cholesky`] | the factor of the whole normal equations, in memory or in a store |
-//! | [`dense`] | the BLAS and LAPACK, behind one door |
+//! | [`operator`] | the basis: as fast transforms, in memory, in a store |
+//! | [`irf`] | iterative residual fitting: NLSF, SIRF, MIRF, IRF |
+//! | [`lsq`] | the full least squares: conjugate gradients, Cholesky with refinement |
+//! | [`gram`] | Gram matrices, from the moments of a sampling |
+//! | [`cholesky`] | the factor of the normal equations, in memory or in a store |
+//! | [`chunked_rows`] | targets and residual, kept in the basis's chunks |
+//! | [`residual`] | the size of a residual |
+//! | [`dense`] | dense matrices: BLAS and LAPACK |
 //!
 //! ```
 //! use ndarray::Array2;
 //! use spharm_harmonics::{Directions, synthesis};
-//! use spharm_solver::{FitParams, MemoryOperator, Method, fit};
+//! use spharm_monitor::Silent;
+//! use spharm_solver::{IrfParams, MemoryOperator, Method, irf};
 //!
 //! // Functions of degree 2, sampled at 200 directions, are found again.
 //! let angles: Vec<_> = (0..200).map(|i| [0.015 * i as f64 + 0.05, 2.4 * i as f64]).collect();
@@ -33,40 +30,33 @@
 //! let known = Array2::from_shape_fn((9, 3), |(k, c)| (k + c) as f64);
 //! let targets = synthesis(&directions, known.view())?;
 //! let operator = MemoryOperator::new(&directions, 2, 64)?;
-//! let params = FitParams { max_degree: 2, method: Method::Nlsf, ..FitParams::default() };
-//! let fit = fit(&operator, targets.view(), &[0..3], &params)?;
+//! let params = IrfParams { max_degree: 2, method: Method::Nlsf, ..IrfParams::default() };
+//! let fit = irf::solve(&operator, targets.view(), &[0..3], &params, &Silent)?;
 //! assert!((fit.coefficients.values() - &known).iter().all(|d| d.abs() < 1e-12));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod accelerated;
-mod block;
+mod check;
 pub mod cholesky;
+pub mod chunked_rows;
 pub mod dense;
-pub mod disk;
 mod error;
-pub mod fit;
-pub mod grams;
+pub mod gram;
+pub mod irf;
 pub mod lsq;
-pub mod matrix_free;
-pub mod memory;
 pub mod operator;
-pub mod plan;
-pub mod report;
-pub mod rows;
-pub mod schedule;
-mod triangle;
-mod workers;
+pub mod residual;
 
-pub use cholesky::{CholeskyFactor, Factor, FactorParams, GramSource, StoredFactor};
-pub use disk::DiskOperator;
+pub use cholesky::{CholeskyFactor, FactorParams, MemoryFactor, StoredFactor};
+pub use chunked_rows::ChunkedRows;
 pub use error::SolverError;
-pub use fit::{Fit, FitEvent, FitParams, Fitter, fit};
-pub use grams::BlockGrams;
-pub use matrix_free::MatrixFreeOperator;
-pub use memory::MemoryOperator;
-pub use operator::{BlockOperator, Operator, Residency};
-pub use plan::{Plan, plan};
-pub use report::FitReport;
-pub use rows::ChunkedRows;
-pub use schedule::Method;
+pub use gram::{GramMatrix, moment_gram, moment_gram_bytes};
+pub use irf::{IrfFit, IrfParams, IrfPlan, IrfReport, IrfSolver, Method};
+pub use lsq::{LsqFit, LsqParams, LsqReport, LsqSolver, Strategy};
+pub use operator::{BlockOperator, DiskOperator, MatrixFreeOperator, MemoryOperator, Operator, Residency};
+pub use residual::ResidualNorms;
+
+/// The number of threads that a parameter asks for; 0 stands for those of the rayon pool that the call is in.
+pub(crate) fn threads(asked: usize) -> usize {
+    if asked == 0 { rayon::current_num_threads() } else { asked }
+}

@@ -1,19 +1,29 @@
-//! What a solver sees of a basis: its products with vectors, and, for iterative residual fitting, its blocks.
+//! The basis as solvers use it: its products with vectors, and, for iterative residual fitting, its blocks.
 //!
 //! An [`Operator`] is the matrix A, (n, K): rows are vertices, columns basis functions. A [`BlockOperator`] can also be
-//! read. A block is a run of degrees, a run of A's columns; it is opened, read chunk by chunk from several threads, and
-//! closed. What was computed from it counts once it was closed without an error.
+//! read: a block is a run of degrees, and so of A's columns; it is opened and read chunk by chunk from several threads.
+//!
+//! | operator | the basis |
+//! |---|---|
+//! | [`MatrixFreeOperator`] | nowhere: fast transforms |
+//! | [`MemoryOperator`] | in memory |
+//! | [`DiskOperator`] | in a store |
+
+mod disk;
+mod matrix_free;
+mod memory;
+mod products;
 
 use std::ops::{Range, RangeInclusive};
-use std::sync::Mutex;
 
 use ndarray::{Array2, ArrayView2};
-use rayon::prelude::*;
-use spharm_harmonics::index::{basis_size, first_column};
-use spharm_harmonics::product::{Matrix, accumulate_adjoint, accumulate_synthesis};
+use spharm_harmonics::product::Matrix;
 
 use crate::SolverError;
-use crate::rows::ChunkedRows;
+
+pub use disk::DiskOperator;
+pub use matrix_free::MatrixFreeOperator;
+pub use memory::MemoryOperator;
 
 /// How much of an open block is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -106,72 +116,6 @@ pub trait BlockOperator: Operator {
     }
 }
 
-/// [`Operator::apply`], a degree after the other.
-pub(crate) fn apply_by_blocks(
-    operator: &dyn BlockOperator,
-    x: ArrayView2<'_, f64>,
-) -> Result<Array2<f64>, SolverError> {
-    let degrees = degrees_of(x.nrows(), operator.max_degree());
-    let (x, c) = (x.as_standard_layout().into_owned(), x.ncols());
-    let x = x.as_slice().unwrap_or_default();
-    let mut samples = ChunkedRows::zeros(operator.rows(), c, operator.chunk_rows());
-    for l in degrees {
-        let block = operator.open(l..=l, Residency::Chunks)?;
-        let x = &x[first_column(l) * c..first_column(l + 1) * c];
-        samples.chunks_mut().into_par_iter().enumerate().try_for_each(|(chunk, out)| {
-            let rows = operator.chunk_range(chunk).len();
-            block.chunk(chunk, &mut Scratch::default(), &mut |parts| {
-                accumulate_synthesis(parts[0], x, 1.0, out, rows);
-            })
-        })?;
-        block.close()?;
-    }
-    Ok(samples.to_array())
-}
-
-/// [`Operator::apply_adjoint`], a degree after the other.
-pub(crate) fn apply_adjoint_by_blocks(
-    operator: &dyn BlockOperator,
-    r: ArrayView2<'_, f64>,
-) -> Result<Array2<f64>, SolverError> {
-    assert_eq!(r.nrows(), operator.rows(), "rows of the adjoint's argument");
-    let c = r.ncols();
-    let rows = ChunkedRows::from_array(r, operator.chunk_rows());
-    let mut result = Array2::zeros((basis_size(operator.max_degree()), c));
-    for l in 0..=operator.max_degree() {
-        let block = operator.open(l..=l, Residency::Chunks)?;
-        let k = 2 * l + 1;
-        let sums: Vec<Mutex<Vec<f64>>> = (0..operator.chunk_count()).map(|_| Mutex::default()).collect();
-        (0..operator.chunk_count()).into_par_iter().try_for_each(|chunk| {
-            let count = operator.chunk_range(chunk).len();
-            let mut sum = vec![0.0; k * c];
-            block.chunk(chunk, &mut Scratch::default(), &mut |parts| {
-                accumulate_adjoint(parts[0], Matrix::new(rows.chunk(chunk), count, c, count), &mut sum);
-            })?;
-            *sums[chunk].lock().unwrap_or_else(std::sync::PoisonError::into_inner) = sum;
-            Ok::<(), SolverError>(())
-        })?;
-        block.close()?;
-        // In the order of the chunks, whatever the threads did.
-        for sum in sums {
-            let sum = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-            let mut rows = result.slice_mut(ndarray::s![first_column(l)..first_column(l + 1), ..]);
-            for (out, value) in rows.iter_mut().zip(&sum) {
-                *out += value;
-            }
-        }
-    }
-    Ok(result)
-}
-
-fn degrees_of(rows: usize, max_degree: usize) -> Range<usize> {
-    let degree = spharm_harmonics::index::max_degree_of(rows);
-    match degree {
-        Some(degree) if degree <= max_degree => 0..degree + 1,
-        _ => panic!("{rows} coefficients are no basis size up to degree {max_degree}"),
-    }
-}
-
 /// An open block: the columns of a run of degrees.
 pub trait Block: Sync {
     /// Calls `read` with the chunk's matrices, one for each degree in order, each (rows, 2 l + 1).
@@ -192,10 +136,10 @@ pub trait Block: Sync {
     /// Bytes read from the store since the block was opened.
     fn bytes_read(&self) -> u64;
 
-    /// Ends the use of the block.
+    /// Confirms that what was read was sound. What was computed from the block counts only after this.
     ///
     /// # Errors
     ///
-    /// When what was read turns out not to have been sound: the basis changed meanwhile.
-    fn close(self: Box<Self>) -> Result<(), SolverError>;
+    /// When the basis changed while it was read.
+    fn check(&self) -> Result<(), SolverError>;
 }

@@ -2,8 +2,8 @@
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
-use spharm_solver::lsq::moment_gram;
-use spharm_solver::{ChunkedRows, Fit, FitParams, Fitter, MemoryOperator, Method, Operator, fit};
+use spharm_monitor::Silent;
+use spharm_solver::{ChunkedRows, IrfFit, IrfParams, IrfSolver, MemoryOperator, Method, Operator, irf, moment_gram};
 
 const L: usize = 8;
 
@@ -22,13 +22,13 @@ fn weights() -> Vec<f64> {
     (0..1200).map(|i| ((i * 31) % 7) as f64 * 0.5).collect()
 }
 
-fn params(passes: usize, granularity: usize, accelerate: bool, weights: Option<Vec<f64>>) -> FitParams {
+fn params(passes: usize, granularity: usize, accelerate: bool, weights: Option<Vec<f64>>) -> IrfParams {
     let method = Method::Irf { passes, granularity };
-    FitParams { max_degree: L, method, accelerate, weights, threads: 2, ..FitParams::default() }
+    IrfParams { max_degree: L, method, accelerate, weights, threads: 2, ..IrfParams::default() }
 }
 
-fn run(operator: &MemoryOperator, targets: ArrayView2<'_, f64>, params: &FitParams) -> Fit {
-    fit(operator, targets, std::slice::from_ref(&(0..targets.ncols())), params).unwrap()
+fn run(operator: &MemoryOperator, targets: ArrayView2<'_, f64>, params: &IrfParams) -> IrfFit {
+    irf::solve(operator, targets, std::slice::from_ref(&(0..targets.ncols())), params, &Silent).unwrap()
 }
 
 /// `|A^T W (f - A x)|` in relation to `|A^T W f|`, the largest of the columns.
@@ -52,8 +52,8 @@ fn accelerated_fits_reach_the_least_squares() {
         let found = run(&operator, targets.view(), &params(120, granularity, true, weights.clone()));
         let off = optimality(&operator, &targets, found.coefficients.values(), weights.as_deref());
         assert!(off < 1e-11, "g = {granularity}, {columns} columns: {off}");
-        assert!(found.report.sweeps.len() < 60, "it ends early: {}", found.report.sweeps.len());
-        let sweeps = &found.report.sweeps;
+        assert!(found.report.history.len() < 60, "it ends early: {}", found.report.history.len());
+        let sweeps = &found.report.history;
         assert!(sweeps.iter().enumerate().all(|(i, sweep)| sweep.pass == 2 * (i + 1)));
         // What is reported is what is left.
         let residual = &targets - &operator.apply(found.coefficients.values().view()).unwrap();
@@ -75,11 +75,11 @@ fn acceleration_takes_fewer_passes_than_plain_fitting() {
     let directions = Directions::from_angles(&crowd.chain(rest).collect::<Vec<_>>()).unwrap();
     let operator = MemoryOperator::new(&directions, L, 104).unwrap();
     let targets = targets(3);
-    let nlsf = FitParams { max_degree: L, method: Method::Nlsf, refinements: 2, ..FitParams::default() };
-    let best = run(&operator, targets.view(), &nlsf).report.sweeps.last().unwrap().residuals[0].mean_square;
+    let nlsf = IrfParams { max_degree: L, method: Method::Nlsf, refinements: 2, ..IrfParams::default() };
+    let best = run(&operator, targets.view(), &nlsf).report.history.last().unwrap().residuals[0].mean_square;
     let passes_to = |accelerate| {
         let report = run(&operator, targets.view(), &params(400, 10, accelerate, None)).report;
-        let there = report.sweeps.iter().find(|sweep| sweep.residuals[0].mean_square <= best * (1.0 + 1e-9));
+        let there = report.history.iter().find(|sweep| sweep.residuals[0].mean_square <= best * (1.0 + 1e-9));
         there.expect("it converges").pass
     };
     let (plain, accelerated) = (passes_to(false), passes_to(true));
@@ -94,8 +94,8 @@ fn an_odd_number_of_passes_begins_with_a_plain_one() {
     let [plain, one, three] = [(1, false), (1, true), (3, true)]
         .map(|(p, accelerate)| run(&operator, targets.view(), &params(p, 10, accelerate, None)));
     assert_eq!(plain.coefficients.values(), one.coefficients.values());
-    assert_eq!(three.report.sweeps.iter().map(|sweep| sweep.pass).collect::<Vec<_>>(), [1, 3]);
-    let square = |fit: &Fit, at: usize| fit.report.sweeps[at].residuals[0].mean_square;
+    assert_eq!(three.report.history.iter().map(|sweep| sweep.pass).collect::<Vec<_>>(), [1, 3]);
+    let square = |fit: &IrfFit, at: usize| fit.report.history[at].residuals[0].mean_square;
     assert!(square(&three, 0) == square(&plain, 0) && square(&three, 1) < square(&plain, 0));
 }
 
@@ -115,7 +115,7 @@ fn singular_blocks_are_accelerated_too() {
     let angles: Vec<[f64; 2]> = (0..36).map(|i| i % 9).map(|i| [0.3 * i as f64 + 0.2, 2.4 * i as f64]).collect();
     let operator = MemoryOperator::new(&Directions::from_angles(&angles).unwrap(), 3, 16).unwrap();
     let targets = Array2::from_shape_fn((36, 2), |(i, j)| ((i % 9) as f64 + j as f64).sin());
-    let params = FitParams { max_degree: 3, ..params(60, 12, true, None) };
+    let params = IrfParams { max_degree: 3, ..params(60, 12, true, None) };
     let found = run(&operator, targets.view(), &params);
     let residual = &targets - &operator.apply(found.coefficients.values().view()).unwrap();
     assert!(residual.iter().all(|r| r.abs() < 1e-10), "nine directions can be met exactly: {residual:?}");
@@ -131,9 +131,9 @@ fn gram_matrices_from_moments_give_the_same_fit() {
         for (granularity, accelerate) in [(1, false), (30, false), (1000, false), (10, true)] {
             let params = params(4, granularity, accelerate, weights.clone());
             let old = run(&operator, targets.view(), &params);
-            let mut fitter = Fitter::with_grams(&operator, 3, params, &grams).unwrap();
+            let mut fitter = IrfSolver::with_gram(&operator, 3, params, &grams).unwrap();
             let rows = ChunkedRows::from_array(targets.view(), 104);
-            let new = fitter.fit(rows, std::slice::from_ref(&(0..3)), &Default::default(), &|_| {}).unwrap();
+            let new = fitter.fit(rows, std::slice::from_ref(&(0..3)), &Silent).unwrap();
             let scale = old.coefficients.values().iter().fold(0.0f64, |m, x| m.max(x.abs()));
             let difference = old.coefficients.values() - new.coefficients.values();
             let off = difference.iter().fold(0.0f64, |m, d| m.max(d.abs())) / scale;
@@ -148,13 +148,13 @@ fn gram_matrices_from_moments_give_the_same_fit() {
 fn the_plan_counts_the_source_and_the_iteration() {
     let directions = uneven();
     let operator = MemoryOperator::new(&directions, L, 104).unwrap();
-    let plan = |params: &FitParams| spharm_solver::plan(&operator, 3, params).unwrap();
+    let plan = |params: &IrfParams| spharm_solver::irf::plan(&operator, 3, params).unwrap();
     let base = params(4, 30, false, None);
     let held = 50 << 20;
-    let with = plan(&FitParams { gram_source: Some(held), ..base.clone() });
+    let with = plan(&IrfParams { gram_bytes: Some(held), ..base.clone() });
     assert!(with.total > held && with.grams > held && with.work < plan(&base).work);
-    let accelerated = plan(&FitParams { accelerate: true, ..base.clone() });
+    let accelerated = plan(&IrfParams { accelerate: true, ..base.clone() });
     assert_eq!(accelerated.arrays - plan(&base).arrays, 8 * 2 * (1200 + 81) * 3);
     let low = moment_gram(&directions, None, L - 1).unwrap();
-    assert!(Fitter::with_grams(&operator, 3, base, &low).is_err());
+    assert!(IrfSolver::with_gram(&operator, 3, base, &low).is_err());
 }

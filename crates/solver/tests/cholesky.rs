@@ -2,26 +2,30 @@
 
 use std::ops::Range;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use ndarray::Array2;
 use ndarray_linalg::{FactorizeC, SolveC, UPLO};
 use spharm_harmonics::{Directions, Recurrence, Sweep, basis_size};
-use spharm_monitor::Silent;
+use spharm_monitor::{Level, Monitor, Silent};
 use spharm_solver::SolverError;
 use spharm_solver::cholesky::{
-    CholeskyFactor, Factor, FactorEvent, FactorParams, GramSource, Penalised, StoredFactor, build_factor, factorise,
-    plan_factor, smoothness_penalty,
+    CholeskyFactor, FactorParams, MemoryFactor, StoredFactor, build_factor, factorise, plan_factor,
 };
+use spharm_solver::gram::{GramMatrix, Penalised, smoothness_penalty};
 use spharm_store::factor::{FactorFile, factors, open_factor};
-use spharm_store::{FactorSpec, Scalar, SchemeKey, StoreError, WeightsHash};
+use spharm_store::{FactorSpec, Scalar, SchemeKey, StoreError, StoreWarning, WeightsHash};
 
 /// A matrix that is there.
 struct Dense(Array2<f64>);
 
-impl GramSource for Dense {
+impl GramMatrix for Dense {
     fn size(&self) -> usize {
         self.0.nrows()
+    }
+
+    fn bytes(&self) -> usize {
+        8 * self.0.len()
     }
 
     fn tile(
@@ -69,16 +73,12 @@ fn spec(max_degree: usize, rows: usize) -> FactorSpec {
     FactorSpec { key: SchemeKey([3; 32]), rows, max_degree, weights: WeightsHash::ONES, smoothness: 0.0 }
 }
 
-fn never() -> AtomicBool {
-    AtomicBool::new(false)
-}
-
-fn in_memory(source: &dyn GramSource, params: &FactorParams) -> Factor {
-    factorise(source, params, &never(), &|_| {}).unwrap()
+fn in_memory(source: &dyn GramMatrix, params: &FactorParams) -> MemoryFactor {
+    factorise(source, params, &Silent).unwrap()
 }
 
 /// Builds in no more memory than it takes out of core, with panels of one tile column.
-fn out_of_core(store: &Path, source: &dyn GramSource, spec: &FactorSpec, params: &FactorParams) -> FactorFile {
+fn out_of_core(store: &Path, source: &dyn GramMatrix, spec: &FactorSpec, params: &FactorParams) -> FactorFile {
     let least = match plan_factor(source.size(), &FactorParams { memory: 0, ..params.clone() }, true) {
         Err(SolverError::Store(StoreError::Budget { needed, .. })) => needed,
         other => panic!("{other:?}"),
@@ -86,7 +86,7 @@ fn out_of_core(store: &Path, source: &dyn GramSource, spec: &FactorSpec, params:
     let params = FactorParams { memory: least, ..params.clone() };
     let (plan, _) = plan_factor(source.size(), &params, true).unwrap();
     assert_eq!((plan.memory, plan.panel), (least, params.tile.min(source.size())));
-    let report = build_factor(store, spec, source, &params, &never(), &|_| {}).unwrap();
+    let report = build_factor(store, spec, source, &params, &Silent).unwrap();
     assert!(!report.present);
     report.file
 }
@@ -135,7 +135,7 @@ fn factor_times_its_transpose_is_the_matrix_and_solves_are_those_of_lapack() {
             let folder = tempfile::tempdir().unwrap();
             let (whole, piecewise) = (folder.path().join("whole"), folder.path().join("piecewise"));
             let spec = spec(10, 400);
-            let first = build_factor(&whole, &spec, &source, &params, &never(), &|_| {}).unwrap().file;
+            let first = build_factor(&whole, &spec, &source, &params, &Silent).unwrap().file;
             let second = out_of_core(&piecewise, &source, &spec, &params);
             for file in [&first, &second] {
                 file.verify(&Silent).unwrap();
@@ -175,7 +175,7 @@ fn any_number_of_threads_gives_the_same_bits() {
     let source = gram(&scattered(400), 12);
     let folder = tempfile::tempdir().unwrap();
     let params = FactorParams { tile: 16, threads: 1, ..FactorParams::default() };
-    let file = build_factor(folder.path(), &spec(12, 400), &source, &params, &never(), &|_| {}).unwrap().file;
+    let file = build_factor(folder.path(), &spec(12, 400), &source, &params, &Silent).unwrap().file;
     for channels in [3, 20] {
         let solve = |threads: usize| {
             let mut x = filled(source.size(), channels);
@@ -228,14 +228,14 @@ fn a_singular_matrix_is_said_to_break_and_where() {
     let folder = tempfile::tempdir().unwrap();
     for tile in [8, 24, 128] {
         let params = FactorParams { tile, ..FactorParams::default() };
-        let error = factorise(&source, &params, &never(), &|_| {}).unwrap_err();
+        let error = factorise(&source, &params, &Silent).unwrap_err();
         let SolverError::NotPositiveDefinite { column, degree } = error else { panic!("{error}") };
         assert!((80..=100).contains(&column) && degree == column.isqrt(), "{column} {degree}");
-        let error = build_factor(folder.path(), &spec(10, 90), &source, &params, &never(), &|_| {}).unwrap_err();
+        let error = build_factor(folder.path(), &spec(10, 90), &source, &params, &Silent).unwrap_err();
         assert!(matches!(error, SolverError::NotPositiveDefinite { .. }), "{error}");
         assert!(error.to_string().contains("--smoothness"), "{error}");
         let penalised = Penalised::new(&source, smoothness_penalty(10, 1e-3));
-        assert!(factorise(&penalised, &params, &never(), &|_| {}).is_ok(), "a penalty mends it");
+        assert!(factorise(&penalised, &params, &Silent).is_ok(), "a penalty mends it");
     }
     // Nothing but the lock is left.
     let names: Vec<_> = std::fs::read_dir(folder.path().join(spec(10, 90).key.to_string()))
@@ -246,13 +246,11 @@ fn a_singular_matrix_is_said_to_break_and_where() {
     // Exact zeros, at the very column.
     let mut matrix = Array2::eye(100);
     matrix[[40, 40]] = 0.0;
-    let error = factorise(&Dense(matrix), &FactorParams { tile: 16, ..FactorParams::default() }, &never(), &|_| {});
+    let error = factorise(&Dense(matrix), &FactorParams { tile: 16, ..FactorParams::default() }, &Silent);
     assert!(matches!(error, Err(SolverError::NotPositiveDefinite { column: 40, degree: 6 })));
     let mut matrix = Array2::eye(100);
     matrix[[40, 40]] = f64::NAN;
-    assert!(
-        factorise(&Dense(matrix), &FactorParams { tile: 16, ..FactorParams::default() }, &never(), &|_| {}).is_err()
-    );
+    assert!(factorise(&Dense(matrix), &FactorParams { tile: 16, ..FactorParams::default() }, &Silent).is_err());
 }
 
 #[test]
@@ -261,9 +259,9 @@ fn a_factor_of_something_else_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let spec = spec(5, 200);
     let params = FactorParams { tile: 8, ..FactorParams::default() };
-    let built = build_factor(folder.path(), &spec, &source, &params, &never(), &|_| {}).unwrap();
+    let built = build_factor(folder.path(), &spec, &source, &params, &Silent).unwrap();
     assert!(!built.present);
-    assert!(build_factor(folder.path(), &spec, &source, &params, &never(), &|_| {}).unwrap().present);
+    assert!(build_factor(folder.path(), &spec, &source, &params, &Silent).unwrap().present);
     let others = [
         ("scheme", FactorSpec { key: SchemeKey([4; 32]), ..spec }),
         ("number of directions", FactorSpec { rows: 201, ..spec }),
@@ -295,6 +293,37 @@ fn a_factor_of_something_else_is_refused_by_name() {
     assert_eq!(factors(folder.path(), spec.key).unwrap().len(), 1);
 }
 
+/// Asks to stop once it was given so many steps or statuses.
+struct StopAfter {
+    left: AtomicU64,
+}
+
+impl StopAfter {
+    fn new(events: u64) -> Self {
+        Self { left: AtomicU64::new(events) }
+    }
+
+    fn count(&self) {
+        let _ = self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
+    }
+}
+
+impl Monitor for StopAfter {
+    fn step(&self, _: u64) {
+        self.count();
+    }
+
+    fn note(&self, level: Level, _: std::fmt::Arguments<'_>) {
+        if level == Level::Status {
+            self.count();
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.left.load(Ordering::Relaxed) == 0
+    }
+}
+
 /// Interrupted at any moment: nothing is left, and the next run does it.
 #[test]
 fn an_interrupted_build_leaves_nothing() {
@@ -304,18 +333,11 @@ fn an_interrupted_build_leaves_nothing() {
     for scalar in [Scalar::F64, Scalar::F32] {
         let params = FactorParams { scalar, tile: 16, ..FactorParams::default() };
         for stop_after in [1, 2, 5, 9] {
-            let (cancel, seen) = (AtomicBool::new(false), AtomicUsize::new(0));
-            let stop = |event: FactorEvent<'_>| {
-                let counts = matches!(event, FactorEvent::Progress(_) | FactorEvent::Estimating);
-                if counts && seen.fetch_add(1, Ordering::Relaxed) + 1 == stop_after {
-                    cancel.store(true, Ordering::Relaxed);
-                }
-            };
             let least = plan_factor(source.size(), &FactorParams { memory: 0, ..params.clone() }, true);
             let Err(SolverError::Store(StoreError::Budget { needed, .. })) = least else { panic!("{least:?}") };
             let params = FactorParams { memory: needed, ..params.clone() };
-            let error = build_factor(folder.path(), &spec, &source, &params, &cancel, &stop).unwrap_err();
-            assert!(matches!(error, SolverError::Store(StoreError::Interrupted(_))), "{error}");
+            let error = build_factor(folder.path(), &spec, &source, &params, &StopAfter::new(stop_after)).unwrap_err();
+            assert!(matches!(error, SolverError::Interrupted(_)), "{error}");
             let names: Vec<_> = std::fs::read_dir(folder.path().join(spec.key.to_string()))
                 .unwrap()
                 .map(|item| item.unwrap().file_name().into_string().unwrap())
@@ -323,7 +345,7 @@ fn an_interrupted_build_leaves_nothing() {
                 .collect();
             assert_eq!(names, [""; 0]);
         }
-        assert!(!build_factor(folder.path(), &spec, &source, &params, &never(), &|_| {}).unwrap().present);
+        assert!(!build_factor(folder.path(), &spec, &source, &params, &Silent).unwrap().present);
     }
 }
 
@@ -335,7 +357,7 @@ fn damage_is_an_error_and_no_wrong_number() {
     let spec = spec(12, 400);
     let folder = tempfile::tempdir().unwrap();
     let params = FactorParams { tile: 16, ..FactorParams::default() };
-    let path = build_factor(folder.path(), &spec, &source, &params, &never(), &|_| {}).unwrap().file.path().to_owned();
+    let path = build_factor(folder.path(), &spec, &source, &params, &Silent).unwrap().file.path().to_owned();
     let sound = std::fs::read(&path).unwrap();
     let end = sound.len() - 128 - 64 * 66;
     for at in (4096..end).step_by(9973) {
@@ -361,17 +383,21 @@ fn damage_is_an_error_and_no_wrong_number() {
         let error = factor.solve(&mut filled(source.size(), 3)).unwrap_err();
         assert!(matches!(error, SolverError::Store(StoreError::ChangedWhileRead { .. })), "{error}");
     }
-    let report = build_factor(folder.path(), &spec, &source, &params, &never(), &|_| {}).unwrap();
-    assert!(!report.present && report.warnings.len() == 1);
+    let report = build_factor(folder.path(), &spec, &source, &params, &Silent).unwrap();
+    assert!(!report.present);
+    assert!(matches!(report.warnings[..], [StoreWarning::Replaced(_)]));
     assert!(std::fs::read(&path).unwrap() == sound, "the same bytes");
 }
 
 #[test]
 fn too_little_memory_or_disk_is_said_before_any_work() {
     struct Unasked;
-    impl GramSource for Unasked {
+    impl GramMatrix for Unasked {
         fn size(&self) -> usize {
             basis_size(600)
+        }
+        fn bytes(&self) -> usize {
+            0
         }
         fn tile(&self, _: Range<usize>, _: Range<usize>, _: &mut [f64], _: usize) -> Result<(), SolverError> {
             panic!("work has started")
@@ -380,7 +406,7 @@ fn too_little_memory_or_disk_is_said_before_any_work() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
     let build = |params: &FactorParams| {
-        build_factor(&store, &spec(600, 10), &Unasked, params, &never(), &|_| {}).unwrap_err().to_string()
+        build_factor(&store, &spec(600, 10), &Unasked, params, &Silent).unwrap_err().to_string()
     };
     let params = FactorParams { memory: 64 << 20, ..FactorParams::default() };
     assert!(build(&params).contains("the smallest that works is"));

@@ -3,7 +3,8 @@
 use ndarray::{Array2, ArrayView2};
 use proptest::prelude::*;
 use spharm_harmonics::{Directions, basis_size, synthesis};
-use spharm_solver::{FitParams, MemoryOperator, Method, Operator, fit};
+use spharm_monitor::Silent;
+use spharm_solver::{IrfParams, MemoryOperator, Method, Operator, irf};
 
 /// n directions without any order, from a seed.
 fn scattered(n: usize, seed: u64) -> Directions {
@@ -53,16 +54,16 @@ proptest! {
         let directions = scattered(n, seed);
         let operator = MemoryOperator::new(&directions, max_degree, 64).unwrap();
         let weights = weighted.then(|| (0..n).map(|i| 0.5 + ((i * 31) % 7) as f64).collect::<Vec<_>>());
-        let params = FitParams {
-            max_degree, method: Method::Nlsf, refinements: 3, weights: weights.clone(), ..FitParams::default()
+        let params = IrfParams {
+            max_degree, method: Method::Nlsf, refinements: 3, weights: weights.clone(), ..IrfParams::default()
         };
         let noise = filled(n, channels, seed);
         let groups: Vec<_> = (0..channels).map(|c| c..c + 1).collect();
-        let found = fit(&operator, noise.view(), &groups, &params).unwrap();
+        let found = irf::solve(&operator, noise.view(), &groups, &params, &Silent).unwrap();
         let mut residual = &noise - &operator.apply(found.coefficients.values().view()).unwrap();
         // What the report says is what is left.
         let mean = residual.column(0).iter().map(|r| r * r).sum::<f64>() / n as f64;
-        let reported = found.report.sweeps.last().unwrap().residuals[0].mean_square;
+        let reported = found.report.history.last().unwrap().residuals[0].mean_square;
         prop_assert!((mean - reported).abs() <= 1e-10 * (mean + 1e-20), "{} {}", mean, reported);
         if let Some(weights) = &weights {
             residual.rows_mut().into_iter().zip(weights).for_each(|(mut row, &w)| row *= w);
@@ -72,7 +73,7 @@ proptest! {
 
         let known = filled(basis_size(max_degree), channels, seed);
         let samples = operator.apply(known.view()).unwrap();
-        let found = fit(&operator, samples.view(), &groups, &params).unwrap();
+        let found = irf::solve(&operator, samples.view(), &groups, &params, &Silent).unwrap();
         prop_assert!((found.coefficients.values() - &known).iter().all(|d| d.abs() < 1e-9));
     }
 }
@@ -86,13 +87,13 @@ fn passes_converge_to_the_full_least_squares_on_uneven_samplings() {
     let operator = MemoryOperator::new(&directions, 6, 104).unwrap();
     let targets = filled(1200, 3, 5);
     let run = |method| {
-        let params = FitParams { max_degree: 6, method, ..FitParams::default() };
-        fit(&operator, targets.view(), std::slice::from_ref(&(0..3)), &params).unwrap()
+        let params = IrfParams { max_degree: 6, method, ..IrfParams::default() };
+        irf::solve(&operator, targets.view(), std::slice::from_ref(&(0..3)), &params, &Silent).unwrap()
     };
     let best = run(Method::Nlsf);
     for granularity in [1, 10, 30] {
         let found = run(Method::Irf { passes: 200, granularity });
-        let squares: Vec<f64> = found.report.sweeps.iter().map(|s| s.residuals[0].mean_square).collect();
+        let squares: Vec<f64> = found.report.history.iter().map(|s| s.residuals[0].mean_square).collect();
         assert!(squares.windows(2).all(|pair| pair[1] <= pair[0] * (1.0 + 1e-12)), "each pass lowers the residual");
         let off =
             (found.coefficients.values() - best.coefficients.values()).iter().map(|d| d.abs()).fold(0.0, f64::max);
@@ -109,15 +110,15 @@ fn repeated_directions_leave_a_rank_that_is_told() {
     let operator = MemoryOperator::new(&directions, 3, 16).unwrap();
     let targets = filled(9, 2, 1);
     let targets = ndarray::concatenate(ndarray::Axis(0), &[targets.view(); 4]).unwrap();
-    let params = FitParams { max_degree: 3, method: Method::Nlsf, refinements: 2, ..FitParams::default() };
-    let found = fit(&operator, targets.view(), std::slice::from_ref(&(0..2)), &params).unwrap();
+    let params = IrfParams { max_degree: 3, method: Method::Nlsf, refinements: 2, ..IrfParams::default() };
+    let found = irf::solve(&operator, targets.view(), std::slice::from_ref(&(0..2)), &params, &Silent).unwrap();
     let block = &found.report.blocks[0];
     assert_eq!((block.rank, block.columns, block.solver), (9, 16, "rank-revealing"));
     let residual = &targets - &operator.apply(found.coefficients.values().view()).unwrap();
     assert!(residual.iter().all(|r| r.abs() < 1e-11), "nine directions can be met exactly");
     // Nine functions alone meet them, too; of all that do, the solution is the shortest.
-    let alone = FitParams { max_degree: 2, ..params };
-    let other = fit(&operator, targets.view(), std::slice::from_ref(&(0..2)), &alone).unwrap();
+    let alone = IrfParams { max_degree: 2, ..params };
+    let other = irf::solve(&operator, targets.view(), std::slice::from_ref(&(0..2)), &alone, &Silent).unwrap();
     let norm = |x: &Array2<f64>| inner(x.view(), x.view());
     assert!(norm(found.coefficients.values()) <= norm(other.coefficients.values()));
 }

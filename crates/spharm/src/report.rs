@@ -1,8 +1,8 @@
 //! What a fit reports: of each target, of each batch, of a whole call.
 
 use serde::Serialize;
-use spharm_solver::lsq::{Gcv, LsqReport};
-use spharm_solver::report::Residual;
+use spharm_solver::lsq::Gcv;
+use spharm_solver::{LsqReport, ResidualNorms};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::{Kind, Meta};
 
@@ -69,7 +69,7 @@ pub struct Settings {
 #[non_exhaustive]
 pub enum BatchReport {
     /// Of the methods over a store.
-    Streamed(spharm_solver::FitReport),
+    Streamed(spharm_solver::IrfReport),
     /// Of the full least squares.
     LeastSquares {
         /// The solver's report.
@@ -86,7 +86,7 @@ pub enum BatchReport {
         /// Rings and azimuths of the grid.
         grid: [usize; 2],
         /// For each target: mean and maximum over the vertices of the squared norm of its residual, in its unit squared.
-        residuals: Vec<Residual>,
+        residuals: Vec<ResidualNorms>,
     },
 }
 

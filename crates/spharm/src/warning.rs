@@ -3,8 +3,8 @@
 use std::fmt;
 
 use serde::{Serialize, Serializer};
-use spharm_solver::lsq::LsqReport;
-use spharm_solver::report::BlockReport;
+use spharm_solver::LsqReport;
+use spharm_solver::irf::BlockReport;
 
 /// Something about a fit that its user should know. It is serialised as its text.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,8 +121,8 @@ impl FitWarning {
             let suitable_degree = ((vertices as f64 / 1.5).sqrt() as usize).saturating_sub(1);
             warnings.push(Self::FewVertices { vertices, functions, suitable_degree });
         }
-        warnings.extend(report.notes.iter().cloned().map(Self::Solver));
-        if report.stop != spharm_solver::lsq::cg::Stop::Converged && !singular {
+        warnings.extend(report.warnings.iter().map(|warning| Self::Solver(warning.to_string())));
+        if report.stop != spharm_solver::lsq::Stop::Converged && !singular {
             let steps = report.iterations + report.refinements;
             warnings.push(Self::NotConverged { optimality: report.optimality, tolerance, steps });
         }

@@ -7,12 +7,13 @@ mod tool;
 
 use std::ops::Range;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 use spharm_harmonics::index::degree_order;
 use spharm_harmonics::{Directions, textbook};
+use spharm_monitor::Silent;
 use spharm_solver::SolverError;
-use spharm_solver::cholesky::{FactorParams, GramSource, build_factor, smoothness_penalty};
+use spharm_solver::cholesky::{FactorParams, build_factor};
+use spharm_solver::gram::{GramMatrix, smoothness_penalty};
 use spharm_store::factor::TileValues;
 use spharm_store::{FactorFile, FactorSpec, Scalar, SchemeKey, WeightsHash};
 
@@ -52,14 +53,17 @@ impl Textbook<'_> {
     /// Builds it under the key of a basis of f64, in tiles of 8.
     fn build(&self, store: &Path, scalar: Scalar) -> FactorFile {
         let params = FactorParams { scalar, tile: 8, threads: 1, ..FactorParams::default() };
-        let never = AtomicBool::new(false);
-        build_factor(store, &self.spec(Scalar::F64), self, &params, &never, &|_| {}).expect("a factor").file
+        build_factor(store, &self.spec(Scalar::F64), self, &params, &Silent).expect("a factor").file
     }
 }
 
-impl GramSource for Textbook<'_> {
+impl GramMatrix for Textbook<'_> {
     fn size(&self) -> usize {
         spharm_harmonics::basis_size(self.max_degree)
+    }
+
+    fn bytes(&self) -> usize {
+        0
     }
 
     fn tile(

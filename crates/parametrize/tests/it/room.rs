@@ -1,12 +1,11 @@
 //! Area distortion is spent where a fit gains by it, and no more of it than is allowed.
 
-use std::sync::atomic::AtomicBool;
-
 use ndarray::Array2;
 use spharm_harmonics::Directions;
+use spharm_monitor::Silent;
 use spharm_parametrize::{CaldParams, Parametrization, cald, silent};
 use spharm_solver::MatrixFreeOperator;
-use spharm_solver::lsq::{LsqParams, LsqSolver, Way};
+use spharm_solver::lsq::{LsqParams, LsqSolver, Strategy};
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_transform::TransformParams;
@@ -22,9 +21,9 @@ fn msd(map: &Parametrization, degree: usize) -> f64 {
     let operator = MatrixFreeOperator::new(&directions, &transform).unwrap();
     let vertices = &map.surface.vertices;
     let targets = Array2::from_shape_fn((vertices.len(), 3), |(v, k)| vertices[v][k]);
-    let params = LsqParams { way: Way::Plain, tolerance: 1e-8, ..LsqParams::default() };
+    let params = LsqParams { strategy: Strategy::Cg, tolerance: 1e-8, ..LsqParams::default() };
     let mut solver = LsqSolver::new(&operator, None, params).unwrap();
-    let fit = solver.fit(&targets, &[], &AtomicBool::new(false), &|_| ()).unwrap();
+    let fit = solver.fit(&targets, &[], &Silent).unwrap();
     fit.residual.iter().map(|r| r * r).sum::<f64>() / vertices.len() as f64
 }
 

@@ -1,19 +1,18 @@
 //! Computing a factor: what it takes, in memory or into a store.
 
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 use ndarray::Array2;
 use rayon::prelude::*;
-use spharm_monitor::{Interrupted, Level, Monitor};
+use spharm_monitor::{Level, Monitor, Stage, Unit};
 use spharm_store::factor::{Condition, FactorFile, StartedFactor, check_factor_space, open_factor, start_factor};
 use spharm_store::{FactorSpec, FactorWriter, Scalar, StoreError, StoreWarning, TileGrid};
 
 use crate::SolverError;
 use crate::cholesky::factorise::{Panels, factorise as into_tiles};
-use crate::cholesky::source::GramSource;
 use crate::cholesky::tiles::{Finished, MemoryTiles, Tiles};
-use crate::cholesky::{CholeskyFactor, condition, inverse, sweep};
+use crate::cholesky::{CholeskyFactor, condition, inverse, triangular};
+use crate::gram::GramMatrix;
 
 /// Rows and columns of a tile unless asked otherwise: 128 KiB of f64, which the L2 cache of any core holds.
 pub const DEFAULT_TILE: usize = 128;
@@ -37,7 +36,7 @@ pub struct FactorParams {
     pub memory: usize,
     /// Bytes of them that the Gram matrix's source and the caller take.
     pub held: usize,
-    /// Threads to use.
+    /// Threads; 0, the default, for those of the rayon pool that the call is in.
     pub threads: usize,
     /// Build even what is large or doesn't seem to fit the disk.
     pub allow_large: bool,
@@ -45,14 +44,7 @@ pub struct FactorParams {
 
 impl Default for FactorParams {
     fn default() -> Self {
-        Self {
-            scalar: Scalar::F64,
-            tile: DEFAULT_TILE,
-            memory: 2 << 30,
-            held: 0,
-            threads: rayon::current_num_threads(),
-            allow_large: false,
-        }
+        Self { scalar: Scalar::F64, tile: DEFAULT_TILE, memory: 2 << 30, held: 0, threads: 0, allow_large: false }
     }
 }
 
@@ -70,20 +62,6 @@ pub struct FactorPlan {
     pub disk: u64,
 }
 
-/// What happens while a factor is computed.
-#[derive(Debug)]
-#[non_exhaustive]
-pub enum FactorEvent<'a> {
-    /// The store has something to say: it waits for another builder.
-    Note(std::fmt::Arguments<'a>),
-    /// It isn't there and is going to be computed: the plan, and the flops that it takes.
-    Planned(FactorPlan, f64),
-    /// Flops done since the last event.
-    Progress(f64),
-    /// All columns are there; the condition is being estimated.
-    Estimating,
-}
-
 /// What [`build_factor`] did.
 #[derive(Debug)]
 pub struct FactorReport {
@@ -93,7 +71,7 @@ pub struct FactorReport {
     pub present: bool,
     /// Bytes of memory planned.
     pub memory: usize,
-    /// The damaged file that was warnings, if there was one.
+    /// A damaged file that was replaced.
     pub warnings: Vec<StoreWarning>,
 }
 
@@ -104,7 +82,7 @@ pub struct FactorReport {
 /// [`StoreError::Budget`] with the least that works; [`StoreError::FactorLayout`].
 pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(FactorPlan, TileGrid), SolverError> {
     let grid = TileGrid::new(size, params.tile)?;
-    let threads = params.threads.max(1);
+    let threads = crate::threads(params.threads);
     let fixed = BASE + params.held + threads * crate::dense::RESERVED_PER_THREAD + 128 * grid.count();
     let all: usize = grid.tiles().map(|(row, column)| 8 * grid.len(row, column)).sum();
     let panels = |width: usize| Panels { grid, width, threads };
@@ -146,7 +124,7 @@ pub fn plan_stored_factor(
 
 /// A factor in memory.
 #[derive(Debug)]
-pub struct Factor {
+pub struct MemoryFactor {
     tiles: MemoryTiles,
     scalar: Scalar,
     condition: Condition,
@@ -155,41 +133,41 @@ pub struct Factor {
 
 /// Factorises G in memory.
 ///
+/// The monitor gets one stage, `factor`, in flops.
+///
 /// # Errors
 ///
-/// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`], [`StoreError::Interrupted`], those of the source.
+/// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`], [`SolverError::Interrupted`], those of the source.
 pub fn factorise(
-    source: &dyn GramSource,
+    source: &dyn GramMatrix,
     params: &FactorParams,
-    cancel: &AtomicBool,
-    event: &(dyn Fn(FactorEvent<'_>) + Sync),
-) -> Result<Factor, SolverError> {
+    monitor: &dyn Monitor,
+) -> Result<MemoryFactor, SolverError> {
     let (plan, grid) = plan_factor(source.size(), params, false)?;
-    let panels = Panels { grid, width: plan.panel.div_ceil(grid.tile()), threads: params.threads.max(1) };
-    event(FactorEvent::Planned(plan, panels.flops()));
+    let panels = Panels { grid, width: plan.panel.div_ceil(grid.tile()), threads: crate::threads(params.threads) };
     let mut tiles = MemoryTiles::new(grid);
-    let condition = compute(source, &tiles, &panels, cancel, event)?;
+    let condition = compute(source, &tiles, &panels, monitor)?;
     if params.scalar == Scalar::F32 {
         tiles.narrow();
     }
-    Ok(Factor { tiles, scalar: params.scalar, condition, threads: panels.threads })
+    Ok(MemoryFactor { tiles, scalar: params.scalar, condition, threads: panels.threads })
 }
 
 /// Builds the factor of `spec` into `store`, unless it is there.
 ///
-/// G's weights and penalty have to be those of `spec`: it is what the file says about itself.
+/// G's weights and penalty have to be those of `spec`: it is what the file says about itself. The monitor gets one stage,
+/// `factor`, in flops, unless the factor is there.
 ///
 /// # Errors
 ///
 /// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`] and [`StoreError::Space`] before any work,
-/// [`StoreError::Interrupted`], [`StoreError::Io`], those of the source. Nothing is left behind.
+/// [`SolverError::Interrupted`], [`StoreError::Io`], those of the source. Nothing is left behind.
 pub fn build_factor(
     store: &Path,
     spec: &FactorSpec,
-    source: &dyn GramSource,
+    source: &dyn GramMatrix,
     params: &FactorParams,
-    cancel: &AtomicBool,
-    event: &(dyn Fn(FactorEvent<'_>) + Sync),
+    monitor: &dyn Monitor,
 ) -> Result<FactorReport, SolverError> {
     assert_eq!(source.size(), spec.size(), "the Gram matrix is that of the degree");
     // A finished one is left alone, whatever the budget.
@@ -197,60 +175,41 @@ pub fn build_factor(
         return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() });
     }
     let (plan, grid) = plan_stored_factor(store, spec.size(), params)?;
-    let panels = Panels { grid, width: plan.panel.div_ceil(grid.tile()), threads: params.threads.max(1) };
-    let waiting = Waiting { cancel, event };
-    let (writer, warnings) = match start_factor(store, spec, params.scalar, grid, !plan.in_memory, &waiting)? {
+    let panels = Panels { grid, width: plan.panel.div_ceil(grid.tile()), threads: crate::threads(params.threads) };
+    let (writer, warnings) = match start_factor(store, spec, params.scalar, grid, !plan.in_memory, monitor)? {
         StartedFactor::Present(file) => {
             return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() });
         }
         StartedFactor::New { writer, warnings } => (writer, warnings),
     };
-    event(FactorEvent::Planned(plan, panels.flops()));
     let condition = if plan.in_memory {
         let tiles = MemoryTiles::new(grid);
-        let condition = compute(source, &tiles, &panels, cancel, event)?;
-        copy(&tiles, &writer, cancel)?;
+        let condition = compute(source, &tiles, &panels, monitor)?;
+        copy(&tiles, &writer, monitor)?;
         condition
     } else {
-        compute(source, &*writer, &panels, cancel, event)?
+        compute(source, &*writer, &panels, monitor)?
     };
     let published = writer.publish(condition)?;
     let file = open_factor(store, spec, Some(params.scalar))?;
     Ok(FactorReport { file, present: published.is_none(), memory: plan.memory, warnings })
 }
 
-/// The caller's events as a monitor.
-struct Waiting<'a> {
-    cancel: &'a AtomicBool,
-    event: &'a (dyn Fn(FactorEvent<'_>) + Sync),
-}
-
-impl Monitor for Waiting<'_> {
-    fn note(&self, _: Level, text: std::fmt::Arguments<'_>) {
-        (self.event)(FactorEvent::Note(text));
-    }
-
-    fn cancelled(&self) -> bool {
-        self.cancel.cancelled()
-    }
-}
-
 /// Factorises into tiles, then estimates the condition with them.
 fn compute<T: Tiles + Finished>(
-    source: &dyn GramSource,
+    source: &dyn GramMatrix,
     tiles: &T,
     panels: &Panels,
-    cancel: &AtomicBool,
-    event: &(dyn Fn(FactorEvent<'_>) + Sync),
+    monitor: &dyn Monitor,
 ) -> Result<Condition, SolverError> {
-    let norm = into_tiles(source, tiles, panels, cancel, &|flops| event(FactorEvent::Progress(flops)))?;
-    event(FactorEvent::Estimating);
+    monitor.begin(Stage { name: "factor", unit: Unit::Flops }, panels.flops() as u64);
+    let norm = into_tiles(source, tiles, panels, monitor)?;
+    monitor.note(Level::Status, format_args!("estimating the condition"));
     let inverse = condition::one_norm(panels.grid.size(), &mut |x: &mut Array2<f64>| {
-        if cancel.load(std::sync::atomic::Ordering::Relaxed) {
-            return Err(StoreError::Interrupted(Interrupted).into());
-        }
-        sweep::solve(tiles, x, panels.threads)
+        monitor.check()?;
+        triangular::solve(tiles, x, panels.threads)
     })?;
+    monitor.end();
     let reciprocal = 1.0 / (norm * inverse);
     // An estimate that overflowed stands for a matrix as bad as can be.
     let reciprocal = if reciprocal.is_finite() { reciprocal.min(1.0) } else { 0.0 };
@@ -258,19 +217,17 @@ fn compute<T: Tiles + Finished>(
 }
 
 /// Writes a factor in memory to a file.
-fn copy(tiles: &MemoryTiles, writer: &FactorWriter, cancel: &AtomicBool) -> Result<(), SolverError> {
+fn copy(tiles: &MemoryTiles, writer: &FactorWriter, monitor: &dyn Monitor) -> Result<(), SolverError> {
     let all: Vec<(usize, usize)> = tiles.grid().tiles().collect();
     all.into_par_iter().try_for_each_init(Vec::new, |values, (row, column)| {
-        if cancel.load(std::sync::atomic::Ordering::Relaxed) {
-            return Err(StoreError::Interrupted(Interrupted).into());
-        }
+        monitor.check()?;
         values.resize(tiles.grid().len(row, column), 0.0);
         Finished::get(tiles, row, column, values)?;
         Ok(writer.put(row, column, values)?)
     })
 }
 
-impl CholeskyFactor for Factor {
+impl CholeskyFactor for MemoryFactor {
     fn size(&self) -> usize {
         self.tiles.grid().size()
     }
@@ -284,7 +241,7 @@ impl CholeskyFactor for Factor {
     }
 
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError> {
-        sweep::solve(&self.tiles, x, self.threads)
+        triangular::solve(&self.tiles, x, self.threads)
     }
 
     fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError> {

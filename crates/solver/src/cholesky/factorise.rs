@@ -14,18 +14,17 @@
 //! alone.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 use spharm_harmonics::index::degree_order;
 use spharm_harmonics::product::Matrix;
-use spharm_monitor::Interrupted;
-use spharm_store::{StoreError, TileGrid};
+use spharm_monitor::Monitor;
+use spharm_store::TileGrid;
 
 use crate::SolverError;
-use crate::cholesky::source::GramSource;
 use crate::cholesky::tiles::Finished;
 use crate::dense;
+use crate::gram::GramMatrix;
 
 /// Columns that are subtracted at a time: enough for `dgemm`'s traffic on the panel not to matter.
 const RUN: usize = 512;
@@ -58,13 +57,12 @@ impl Panels {
     }
 }
 
-/// Factorises `source` into `finished`; gives the 1-norm of G. `progress` is told of flops.
+/// Factorises `source` into `finished`; gives the 1-norm of G. Steps of the monitor are flops.
 pub(crate) fn factorise(
-    source: &dyn GramSource,
+    source: &dyn GramMatrix,
     finished: &dyn Finished,
     panels: &Panels,
-    cancel: &AtomicBool,
-    progress: &(dyn Fn(f64) + Sync),
+    monitor: &dyn Monitor,
 ) -> Result<f64, SolverError> {
     let Panels { grid, width, threads } = *panels;
     let (size, count) = (grid.size(), grid.columns());
@@ -77,7 +75,7 @@ pub(crate) fn factorise(
         let (rows, wide) = (size - a, b - a);
         panel.clear();
         panel.resize(rows * wide, 0.0);
-        stop(cancel)?;
+        monitor.check()?;
         source.tile(a..size, a..b, &mut panel, rows)?;
         add_norms(&panel, rows, &mut sums[a..]);
         let run = (RUN / grid.tile()).max(1);
@@ -88,17 +86,17 @@ pub(crate) fn factorise(
             gather(finished, grid, columns.clone(), before.clone(), &mut top)?;
             let step = (ROWS / grid.tile()).max(1);
             for row in (first..count).step_by(step) {
-                stop(cancel)?;
+                monitor.check()?;
                 let tiles = row..(row + step).min(count);
                 let range = grid.range(row).start..grid.range(tiles.end - 1).end;
                 gather(finished, grid, tiles, before.clone(), &mut other)?;
                 let (height, at) = (range.len(), range.start - a);
                 let (left, right) = (Matrix::new(&other, height, k, height), Matrix::new(&top, wide, k, wide));
                 with_blas(threads, || dense::subtract_outer(left, right, &mut panel[at..], rows));
-                progress(2.0 * (height * wide * k) as f64);
+                monitor.step(2 * (height * wide * k) as u64);
             }
         }
-        stop(cancel)?;
+        monitor.check()?;
         let factored = with_blas(threads, || dense::cholesky_lower(&mut panel, wide, rows));
         factored.map_err(|column| not_positive(a + column))?;
         // LAPACK's comparison with zero lets a NaN through.
@@ -110,15 +108,12 @@ pub(crate) fn factorise(
             let triangle = Matrix::new(&triangle, wide, wide, wide);
             with_blas(threads, || dense::divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows));
         }
-        progress(wide as f64 * wide as f64 * (wide as f64 / 3.0 + (rows - wide) as f64));
+        let wide = wide as u64;
+        monitor.step(wide * wide * (wide / 3 + rows as u64 - wide));
         put(finished, grid, columns, &panel, rows)?;
     }
     // Not f64::max, which would pass over a NaN.
     Ok(sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m }))
-}
-
-fn stop(cancel: &AtomicBool) -> Result<(), SolverError> {
-    if cancel.load(Ordering::Relaxed) { Err(StoreError::Interrupted(Interrupted).into()) } else { Ok(()) }
 }
 
 fn not_positive(column: usize) -> SolverError {

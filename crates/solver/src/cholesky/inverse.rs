@@ -4,8 +4,8 @@
 //! their share of the work. K^3 / 3 flops, as many as the factorisation, and 8 K bytes a column of workspace.
 
 use crate::SolverError;
-use crate::cholesky::sweep::{Direction, run};
 use crate::cholesky::tiles::Tiles;
+use crate::cholesky::triangular::{Direction, run};
 
 /// Columns solved for at once: enough for `dgemm` to run at its rate.
 const TOGETHER: usize = 512;

@@ -8,7 +8,7 @@ use spharm_store::{Scalar, TileGrid};
 
 use crate::SolverError;
 use crate::cholesky::tiles::{Cursor, Tiles};
-use crate::cholesky::{CholeskyFactor, inverse, sweep};
+use crate::cholesky::{CholeskyFactor, inverse, triangular};
 
 /// A factor that is read from a store through windows on its tile columns.
 ///
@@ -109,7 +109,7 @@ impl CholeskyFactor for StoredFactor {
     }
 
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError> {
-        sweep::solve(self, x, self.threads)
+        triangular::solve(self, x, self.threads)
     }
 
     fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError> {

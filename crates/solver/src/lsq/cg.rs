@@ -10,82 +10,71 @@
 //!
 //! with M the preconditioner. In exact arithmetic the same iterates as LSQR's with the same preconditioner, at less
 //! storage: four (K, c) arrays, no (n, c) one. The normal equations square the condition, which bounds the optimality
-//! that can be reached by rounding; so r is formed anew from the samples now and then, and the iteration is started
-//! again from there while that gains something. From zero it tends to the minimum-norm solution where there are many.
+//! that can be reached by rounding; so r is formed anew from the samples in the end, and the iteration is started again
+//! from there while that gains something. From zero it tends to the minimum-norm solution where there are many.
 //!
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use ndarray::Array2;
+use spharm_monitor::{Level, Monitor};
 
+use super::columns::{combine, dots, norms};
+use super::normal_equations::NormalEquations;
+use super::preconditioner::Preconditioner;
 use crate::SolverError;
-use crate::lsq::columns::{add_scaled_rows, combine, dots, norms};
-use crate::lsq::preconditioner::{Diagonal, Preconditioner};
-use crate::operator::Operator;
-
-/// The normal equations of a weighted and penalised least squares.
-#[derive(Clone, Copy)]
-pub struct NormalEquations<'a> {
-    /// A.
-    pub operator: &'a dyn Operator,
-    /// w, (n); all one where there are none.
-    pub weights: Option<&'a [f64]>,
-    /// Diagonal of P, (K); zero where there is none.
-    pub penalty: Option<&'a [f64]>,
-}
-
-impl NormalEquations<'_> {
-    /// `N x`.
-    pub(crate) fn apply(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
-        let mut y = self.operator.normal(x.view(), self.weights)?;
-        if let Some(penalty) = self.penalty {
-            add_scaled_rows(&mut y, penalty, x);
-        }
-        Ok(y)
-    }
-
-    /// The inverse of the diagonal that N would have on an even sampling.
-    pub(crate) fn diagonal(&self) -> Diagonal {
-        let weight = self.weights.map_or(self.operator.rows() as f64, |weights| weights.iter().sum());
-        Diagonal::new(self.operator.max_degree(), weight, self.penalty)
-    }
-
-    /// `A^T W s`.
-    pub(crate) fn adjoint(&self, samples: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
-        let Some(weights) = self.weights else { return self.operator.apply_adjoint(samples.view()) };
-        let mut weighted = samples.clone();
-        super::columns::scale_rows(&mut weighted, weights);
-        self.operator.apply_adjoint(weighted.view())
-    }
-
-    /// `A^T W (f - A x) - P x` and the residual `f - A x`.
-    pub(crate) fn gradient(
-        &self,
-        targets: &Array2<f64>,
-        x: &Array2<f64>,
-    ) -> Result<(Array2<f64>, Array2<f64>), SolverError> {
-        let mut residual = self.operator.apply(x.view())?;
-        ndarray::Zip::from(&mut residual).and(targets).par_for_each(|residual, target| *residual = target - *residual);
-        let mut gradient = self.adjoint(&residual)?;
-        if let Some(penalty) = self.penalty {
-            let minus: Vec<f64> = penalty.iter().map(|p| -p).collect();
-            add_scaled_rows(&mut gradient, &minus, x);
-        }
-        Ok((gradient, residual))
-    }
-}
 
 /// When to stop.
 #[derive(Debug, Clone, Copy)]
 pub struct CgParams {
-    /// Optimality, `|A^T W r - P x| / |A^T W f|`, of every column.
+    /// Optimality to reach, `|A^T W r - P x| / |A^T W f|`, of every column; default 1e-10.
     pub tolerance: f64,
-    /// Most iterations.
+    /// Most iterations; default 3000.
     pub max_iterations: usize,
-    /// Iterations without the optimality halving after which it is given up.
+    /// Iterations without the optimality halving after which to give up; default 250.
     pub patience: usize,
+}
+
+impl Default for CgParams {
+    fn default() -> Self {
+        Self { tolerance: 1e-10, max_iterations: 3000, patience: 250 }
+    }
+}
+
+/// The result of conjugate gradients.
+#[derive(Debug, Clone)]
+pub struct CgFit {
+    /// Solution x, (K, c).
+    pub solution: Array2<f64>,
+    /// `f - A x`, (n, c).
+    pub residual: Array2<f64>,
+    /// How the iteration ended.
+    pub stop: Stop,
+    /// Iterations made.
+    pub iterations: usize,
+    /// The largest relative gradient of all columns, formed from the samples.
+    pub optimality: f64,
+}
+
+/// Solves the normal equations for targets f, (n, c), from x = 0.
+///
+/// Each iteration is a step of the monitor's stage, and a status.
+///
+/// # Errors
+///
+/// [`SolverError::Interrupted`]; those of operator and preconditioner. Not converging is none.
+pub fn solve(
+    equations: &NormalEquations<'_>,
+    targets: &Array2<f64>,
+    preconditioner: &dyn Preconditioner,
+    params: &CgParams,
+    monitor: &dyn Monitor,
+) -> Result<CgFit, SolverError> {
+    let mut cg = Cg::new(equations, targets)?;
+    let stop = cg.run(equations, preconditioner, params, monitor)?;
+    let (stop, residual) = cg.confirm(stop, equations, targets, preconditioner, params, monitor)?;
+    let optimality = cg.optimality();
+    Ok(CgFit { solution: cg.x, residual, stop, iterations: cg.iterations, optimality })
 }
 
 /// How an iteration ended.
@@ -131,8 +120,7 @@ impl Cg {
         equations: &NormalEquations<'_>,
         preconditioner: &dyn Preconditioner,
         params: &CgParams,
-        cancel: &AtomicBool,
-        event: &dyn Fn(usize, f64),
+        monitor: &dyn Monitor,
     ) -> Result<Stop, SolverError> {
         let c = self.x.ncols();
         let ones = vec![1.0; c];
@@ -145,9 +133,7 @@ impl Cg {
         let mut p = z;
         let (mut since_best, mut lanczos) = (0, Lanczos::new(c));
         for _ in 0..params.max_iterations {
-            if cancel.load(Ordering::Relaxed) {
-                return Err(SolverError::Interrupted);
-            }
+            monitor.check()?;
             let q = equations.apply(&p)?;
             let alpha: Vec<f64> = dots(&p, &q).iter().zip(&rz).map(|(pq, rz)| ratio(*rz, *pq)).collect();
             combine(&mut self.x, &ones, &alpha, &p);
@@ -155,7 +141,8 @@ impl Cg {
             combine(&mut self.gradient, &ones, &minus, &q);
             self.iterations += 1;
             let optimality = self.optimality();
-            event(self.iterations, optimality);
+            monitor.step(1);
+            monitor.note(Level::Status, format_args!("iteration {}, optimality {optimality:.1e}", self.iterations));
             if optimality <= params.tolerance {
                 lanczos.push(&alpha, &vec![0.0; c]);
                 self.condition = self.condition.max(lanczos.condition());
@@ -176,6 +163,31 @@ impl Cg {
         }
         self.condition = self.condition.max(lanczos.condition());
         Ok(Stop::IterationLimit)
+    }
+
+    /// Forms the gradient from the samples, and goes on from there where the iteration's own was wrong about having
+    /// converged. Returns how it ended and the residual, (n, c).
+    pub(crate) fn confirm(
+        &mut self,
+        mut stop: Stop,
+        equations: &NormalEquations<'_>,
+        targets: &Array2<f64>,
+        preconditioner: &dyn Preconditioner,
+        params: &CgParams,
+        monitor: &dyn Monitor,
+    ) -> Result<(Stop, Array2<f64>), SolverError> {
+        let mut before = f64::INFINITY;
+        loop {
+            let (gradient, residual) = equations.gradient(targets, &self.x)?;
+            self.gradient = gradient;
+            let optimality = self.optimality();
+            if stop != Stop::Converged || optimality <= 1.5 * params.tolerance || optimality > 0.5 * before {
+                return Ok((stop, residual));
+            }
+            before = optimality;
+            let max_iterations = params.max_iterations.saturating_sub(self.iterations);
+            stop = self.run(equations, preconditioner, &CgParams { max_iterations, ..*params }, monitor)?;
+        }
     }
 }
 

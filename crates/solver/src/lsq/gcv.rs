@@ -13,16 +13,16 @@
 //! Cost: some 25 values of lambda, for each one solve with the columns of the target and of the probes by conjugate
 //! gradients.
 
-use std::sync::atomic::AtomicBool;
-
 use ndarray::{Array2, s};
 use serde::Serialize;
 use spharm_harmonics::basis_size;
+use spharm_monitor::{Monitor, Stage};
 
+use super::cg::{Cg, CgParams};
+use super::columns::{norms, scale_rows};
+use super::normal_equations::NormalEquations;
 use crate::SolverError;
-use crate::cholesky::smoothness_penalty;
-use crate::lsq::cg::{Cg, CgParams, NormalEquations};
-use crate::lsq::columns::{norms, scale_rows};
+use crate::gram::smoothness_penalty;
 use crate::operator::Operator;
 
 /// Probes of the trace: with their number the noise of GCV falls as its root; it is some percent of `tr(P N^-1)`.
@@ -45,6 +45,8 @@ pub struct Gcv {
 
 /// Chooses lambda for targets, (n, c).
 ///
+/// The monitor gets one stage, `smoothness`, in values of lambda.
+///
 /// # Errors
 ///
 /// Those of the operator; [`SolverError::Interrupted`].
@@ -52,8 +54,7 @@ pub fn choose_smoothness(
     operator: &dyn Operator,
     weights: Option<&[f64]>,
     targets: &Array2<f64>,
-    cancel: &AtomicBool,
-    event: &dyn Fn(usize, usize),
+    monitor: &dyn Monitor,
 ) -> Result<Gcv, SolverError> {
     let max_degree = operator.max_degree();
     let weight: f64 = weights.map_or(operator.rows() as f64, |w| w.iter().sum());
@@ -63,11 +64,11 @@ pub fn choose_smoothness(
     let (low, high) = ((1e-6 * even / top).ln(), (even / 36.0).ln());
     let adjoint = NormalEquations { operator, weights, penalty: None }.adjoint(targets)?;
     let probes = probes(max_degree);
-    let mut search = Search { operator, weights, targets, adjoint, cancel, tried: Vec::new(), probes };
+    let mut search = Search { operator, weights, targets, adjoint, monitor, tried: Vec::new(), probes };
+    monitor.begin(Stage::counted("smoothness", "values"), (COARSE + FINE) as u64);
     let step = (high - low) / (COARSE - 1) as f64;
     let mut best = (0, f64::INFINITY);
     for i in 0..COARSE {
-        event(i, COARSE + FINE);
         let value = search.gcv((low + step * i as f64).exp())?;
         if value < best.1 {
             best = (i, value);
@@ -79,8 +80,7 @@ pub fn choose_smoothness(
     let golden = (5f64.sqrt() - 1.0) / 2.0;
     let (mut c, mut d) = (b - golden * (b - a), a + golden * (b - a));
     let (mut at_c, mut at_d) = (search.gcv(c.exp())?, search.gcv(d.exp())?);
-    for i in 0..FINE - 2 {
-        event(COARSE + 2 + i, COARSE + FINE);
+    for _ in 0..FINE - 2 {
         if at_c < at_d {
             (b, d, at_d) = (d, c, at_c);
             c = b - golden * (b - a);
@@ -91,8 +91,18 @@ pub fn choose_smoothness(
             at_d = search.gcv(d.exp())?;
         }
     }
+    monitor.end();
     let least = search.tried.iter().min_by(|x, y| x[1].total_cmp(&y[1])).map_or(0.0, |tried| tried[0]);
     Ok(Gcv { smoothness: least, tried: search.tried, at_the_end })
+}
+
+/// A monitor for work within a step of a stage: its own steps and notes aren't shown.
+struct Within<'a>(&'a dyn Monitor);
+
+impl Monitor for Within<'_> {
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
 }
 
 struct Search<'a> {
@@ -101,7 +111,7 @@ struct Search<'a> {
     targets: &'a Array2<f64>,
     /// `A^T W f`, the same for every lambda.
     adjoint: Array2<f64>,
-    cancel: &'a AtomicBool,
+    monitor: &'a dyn Monitor,
     tried: Vec<[f64; 3]>,
     probes: Array2<f64>,
 }
@@ -120,7 +130,7 @@ impl Search<'_> {
         let scale = norms(&right);
         let mut cg = Cg { x: Array2::zeros(right.dim()), gradient: right, scale, iterations: 0, condition: 1.0 };
         let params = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
-        cg.run(&equations, &equations.diagonal(), &params, self.cancel, &|_, _| {})?;
+        cg.run(&equations, &equations.diagonal(), &params, &Within(self.monitor))?;
         let residual = self.targets - &self.operator.apply(cg.x.slice(s![.., ..c]))?;
         let mut square = 0.0;
         for (i, row) in residual.rows().into_iter().enumerate() {
@@ -134,6 +144,7 @@ impl Search<'_> {
         let left = n - trace;
         let value = if left > 1e-3 * n { n * square / (left * left) } else { f64::INFINITY };
         self.tried.push([lambda, value, trace]);
+        self.monitor.step(1);
         Ok(value)
     }
 }

@@ -3,9 +3,9 @@
 use ndarray::Array2;
 use spharm_harmonics::index::order_count;
 
+use super::columns::scale_rows;
 use crate::SolverError;
 use crate::cholesky::CholeskyFactor;
-use crate::lsq::columns::scale_rows;
 use crate::operator::Operator;
 
 /// An approximate inverse M of N = A^T W A + P.
@@ -19,6 +19,16 @@ pub trait Preconditioner: Sync {
     ///
     /// When what it needs can't be read.
     fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError>;
+}
+
+impl<P: Preconditioner + ?Sized> Preconditioner for &P {
+    fn name(&self) -> &'static str {
+        (**self).name()
+    }
+
+    fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        (**self).apply(r)
+    }
 }
 
 /// The inverse of the diagonal that N would have on an even sampling of the sphere, `sum w / 4 pi + P`. Without a penalty

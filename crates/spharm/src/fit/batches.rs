@@ -8,7 +8,7 @@ use ndarray::{Array2, ArrayView2, s};
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
-use spharm_solver::report::Residual;
+use spharm_solver::ResidualNorms;
 use spharm_surface::{Kind, Target};
 
 use super::job::Job;
@@ -45,7 +45,7 @@ pub(crate) struct Solved {
     /// Canonical coefficients, (K, columns of the batch).
     pub(crate) coefficients: Array2<f64>,
     /// Whether it was a refinement, and the residual of each target, sweep after sweep.
-    pub(crate) sweeps: Vec<(bool, Vec<Residual>)>,
+    pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
     /// Like the coefficients, where they were asked for.
     pub(crate) standard_errors: Option<Array2<f64>>,
     pub(crate) warnings: Vec<FitWarning>,

@@ -1,14 +1,12 @@
 //! Iterative residual fitting over a store: as many columns at a time as the memory allows.
 
-use std::cell::Cell;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use spharm_harmonics::basis_size;
-use spharm_monitor::{Level, Monitor, Stage};
-use spharm_solver::grams::BlockGrams;
-use spharm_solver::lsq::{moment_gram, moment_gram_bytes};
-use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, FitEvent, Fitter, Method as Blocks, Operator};
+use spharm_monitor::{Level, Monitor};
+use spharm_solver::{
+    BlockOperator, ChunkedRows, DiskOperator, GramMatrix, IrfParams, IrfSolver, Method as Blocks, Operator, irf,
+    moment_gram, moment_gram_bytes,
+};
 use spharm_store::Scalar;
 use spharm_transform::MomentGram;
 
@@ -37,10 +35,7 @@ pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> 
     run.seconds.plan += mark.elapsed().as_secs_f64();
     planner.note_plan(&run.job, &fitter, count, together, monitor);
 
-    let sweeps = count.div_ceil(together) * method.passes();
-    monitor.begin(Stage::counted("fit", "columns"), (sweeps * basis_size(run.job.params.max_degree)) as u64);
     let columns = fitter.channels();
-    let cancel = AtomicBool::new(false);
     run.each_batch(columns, |job, batch| {
         if batch.columns() > fitter.channels() {
             // One target with more channels than were planned for has a batch, and a plan, of its own.
@@ -50,13 +45,8 @@ pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> 
         for (group, target) in batch.targets() {
             targets.set_columns(group.start, target);
         }
-        let last = Cell::new(0);
-        let show = |event: FitEvent<'_>| {
-            cancel.store(monitor.cancelled(), Ordering::Relaxed);
-            show(event, method, &last, monitor);
-        };
-        let fit = fitter.fit(targets, &batch.groups, &cancel, &show)?;
-        let sweeps = fit.report.sweeps.iter().map(|sweep| (sweep.refinement, sweep.residuals.clone())).collect();
+        let fit = fitter.fit(targets, &batch.groups, monitor)?;
+        let sweeps = fit.report.history.iter().map(|sweep| (sweep.refinement, sweep.residuals.clone())).collect();
         Ok(Solved {
             coefficients: fit.coefficients.values().to_owned(),
             sweeps,
@@ -64,30 +54,7 @@ pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> 
             warnings: FitWarning::of_blocks(&fit.report.blocks),
             report: BatchReport::Streamed(fit.report),
         })
-    })?;
-    monitor.end();
-    Ok(())
-}
-
-fn show(event: FitEvent<'_>, method: Blocks, last: &Cell<usize>, monitor: &dyn Monitor) {
-    match event {
-        FitEvent::Solving(sweep, degrees) => {
-            let (first, end) = (degrees.start(), degrees.end());
-            monitor.note(Level::Status, format_args!("pass {sweep}, degrees {first} to {end}"));
-        }
-        FitEvent::Block(sweep, done, _) if sweep <= method.passes() => {
-            let before = if done <= last.get() { 0 } else { last.get() };
-            monitor.step((done - before) as u64);
-            last.set(done);
-        }
-        FitEvent::Sweep(report) => {
-            let name = if report.refinement { "refinement after pass" } else { "pass" };
-            let gigabytes = report.bytes_read as f64 / 1e9;
-            let text = format_args!("{name} {}: {:.2} s, {gigabytes:.2} GB", report.pass, report.seconds);
-            monitor.note(Level::Detail, text);
-        }
-        _ => {}
-    }
+    })
 }
 
 /// Finds settings that keep to the memory.
@@ -103,9 +70,9 @@ impl<'o> Planner<'o> {
         together: usize,
         channels: usize,
         reuse: bool,
-        gram_source: Option<usize>,
-    ) -> spharm_solver::FitParams {
-        spharm_solver::FitParams {
+        gram_bytes: Option<usize>,
+    ) -> IrfParams {
+        IrfParams {
             max_degree: job.params.max_degree,
             method: self.method,
             refinements: if self.method == Blocks::Nlsf { defaults::REFINEMENTS } else { 0 },
@@ -115,7 +82,7 @@ impl<'o> Planner<'o> {
             threads: job.threads,
             reuse,
             accelerate: job.params.method.accelerated(),
-            gram_source,
+            gram_bytes,
         }
     }
 
@@ -126,18 +93,18 @@ impl<'o> Planner<'o> {
         together: usize,
         channels: usize,
         reuse: bool,
-    ) -> Result<Fitter<'m>, Error>
+    ) -> Result<IrfSolver<'m>, Error>
     where
         'o: 'm,
     {
         let columns = together * channels;
-        let params = self.params(job, together, channels, reuse, moments.map(BlockGrams::bytes));
+        let params = self.params(job, together, channels, reuse, moments.map(GramMatrix::bytes));
         let fitter = match moments {
             // A target with more channels than the others may leave no room for it.
-            Some(moments) if spharm_solver::plan(self.operator, columns, &params).is_ok() => {
-                Fitter::with_grams(self.operator, columns, params, moments)
+            Some(moments) if irf::plan(self.operator, columns, &params).is_ok() => {
+                IrfSolver::with_gram(self.operator, columns, params, moments)
             }
-            _ => Fitter::new(self.operator, columns, spharm_solver::FitParams { gram_source: None, ..params }),
+            _ => IrfSolver::new(self.operator, columns, IrfParams { gram_bytes: None, ..params }),
         }?;
         let plan = fitter.plan();
         let blas = job.threads * spharm_solver::dense::RESERVED_PER_THREAD;
@@ -155,9 +122,9 @@ impl<'o> Planner<'o> {
         if job.scalar != Scalar::F64 || job.held(1, channels) + making > job.memory {
             return Ok(None);
         }
-        let plan = |gram_source| {
-            let params = self.params(job, 1, channels, reuse, gram_source);
-            spharm_solver::plan(self.operator, channels, &params).ok()
+        let plan = |gram_bytes| {
+            let params = self.params(job, 1, channels, reuse, gram_bytes);
+            irf::plan(self.operator, channels, &params).ok()
         };
         let fits = match (plan(None), plan(Some(MomentGram::bytes(max_degree)))) {
             (None, with) => with.is_some(),
@@ -183,10 +150,10 @@ impl<'o> Planner<'o> {
         surfaces: usize,
         channels: usize,
     ) -> Result<usize, Error> {
-        let gram_source = moments.map(BlockGrams::bytes);
+        let gram_bytes = moments.map(GramMatrix::bytes);
         let plan = |together: usize| {
-            let params = self.params(job, together, channels, surfaces > together, gram_source);
-            spharm_solver::plan(self.operator, together * channels, &params)
+            let params = self.params(job, together, channels, surfaces > together, gram_bytes);
+            irf::plan(self.operator, together * channels, &params)
         };
         let whole = |&together: &usize| plan(together).is_ok_and(|plan| plan.whole.iter().all(|&whole| whole));
         let most = surfaces.min(defaults::MOST_TOGETHER);
@@ -206,8 +173,8 @@ impl<'o> Planner<'o> {
         let asked = job.threads;
         let fits = |&threads: &usize| {
             let held = super::job::held(job.sphere.directions.len(), job.sphere.faces.len(), 1, channels, threads);
-            let params = spharm_solver::FitParams { held, threads, ..self.params(job, 1, channels, false, None) };
-            spharm_solver::plan(self.operator, channels, &params).is_ok()
+            let params = IrfParams { held, threads, ..self.params(job, 1, channels, false, None) };
+            irf::plan(self.operator, channels, &params).is_ok()
         };
         let Some(threads) = (1..=asked).rev().find(fits) else { return 1 };
         if threads < asked {
@@ -217,7 +184,14 @@ impl<'o> Planner<'o> {
         threads
     }
 
-    fn note_plan(&self, job: &Job<'_>, fitter: &Fitter<'_>, surfaces: usize, together: usize, monitor: &dyn Monitor) {
+    fn note_plan(
+        &self,
+        job: &Job<'_>,
+        fitter: &IrfSolver<'_>,
+        surfaces: usize,
+        together: usize,
+        monitor: &dyn Monitor,
+    ) {
         let (plan, blocks) = (fitter.plan(), fitter.blocks().len());
         let text = format_args!(
             "{surfaces} of n = {}, L = {}: {} with {} of {}, {together} at a time, {} of {} MiB planned",

@@ -1,11 +1,10 @@
 //! The full least squares by fast transforms, without a basis.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::fmt;
 
 use spharm_monitor::{Level, Monitor, Stage};
-use spharm_solver::MatrixFreeOperator;
-use spharm_solver::cholesky::{GramSource, StoredFactor};
-use spharm_solver::lsq::{LsqEvent, LsqParams, LsqSolver, Way, choose_smoothness, moment_gram};
+use spharm_solver::lsq::choose_smoothness;
+use spharm_solver::{GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, Strategy, moment_gram};
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
@@ -54,12 +53,12 @@ pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> 
     let (directions, weights) = (&job.sphere.directions, job.weights.clone());
     let make_gram = || {
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
-        Ok(Box::new(gram) as Box<dyn GramSource>)
+        Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
     let base = LsqParams {
         weights: weights.clone(),
         smoothness,
-        way: strategy(params.preconditioner),
+        strategy: strategy(params.preconditioner),
         areas: matches!(params.preconditioner, Preconditioner::Density).then(|| areas(job)).transpose()?,
         tolerance: params.tolerance,
         max_iterations: params.max_iterations,
@@ -76,37 +75,23 @@ pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> 
     };
     let mut shared = solver(base.clone())?;
     let by_default = params.smoothness == Smoothness::Default && job.sphere.parametrized;
-    let cancel = AtomicBool::new(false);
+    let within = Within(monitor);
     monitor.begin(Stage::counted("fit", "surfaces"), count as u64);
     run.each_batch(together * channels, |_, batch| {
         let targets = batch.side_by_side();
         let mut of_its_own;
         let mut gcv = None;
         let solver = if automatic {
-            let show = |done: usize, of: usize| {
-                cancel.store(monitor.cancelled(), Ordering::Relaxed);
-                monitor.note(Level::Status, format_args!("smoothness: {done} of {of} values"));
-            };
-            let chosen = choose_smoothness(&operator, weights.as_deref(), &targets, &cancel, &show)?;
+            let chosen = choose_smoothness(&operator, weights.as_deref(), &targets, &within)?;
             of_its_own = solver(LsqParams { smoothness: chosen.smoothness, ..base.clone() })?;
             gcv = Some(chosen);
             &mut of_its_own
         } else {
             &mut shared
         };
-        let show = |event: LsqEvent| {
-            cancel.store(monitor.cancelled(), Ordering::Relaxed);
-            match event {
-                LsqEvent::Step(step, optimality) => {
-                    monitor.note(Level::Status, format_args!("iteration {step}, optimality {optimality:.1e}"));
-                }
-                LsqEvent::Factor(flops) => monitor.note(Level::Status, format_args!("factor, {flops:.1e} flops")),
-                _ => {}
-            }
-        };
-        let fit = solver.fit(&targets, &batch.groups, &cancel, &show)?;
+        let fit = solver.fit(&targets, &batch.groups, &within)?;
         let standard_errors = match params.standard_errors {
-            true => Some(solver.standard_errors(&fit.residual, &cancel, &show)?),
+            true => Some(solver.standard_errors(&fit.residual, &within)?),
             false => None,
         };
         monitor.step(batch.groups.len() as u64);
@@ -140,19 +125,36 @@ pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> 
     Ok(())
 }
 
+/// A monitor for one of several targets: its stages are shown as the status of the stage that counts targets.
+struct Within<'a>(&'a dyn Monitor);
+
+impl Monitor for Within<'_> {
+    fn begin(&self, stage: Stage, _: u64) {
+        self.0.note(Level::Status, format_args!("{}", stage.name));
+    }
+
+    fn note(&self, level: Level, text: fmt::Arguments<'_>) {
+        self.0.note(level, text);
+    }
+
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+}
+
 /// The penalty of all targets, where it isn't chosen for each.
 fn smoothness(job: &Job<'_>) -> f64 {
     let n = job.sphere.directions.len();
     defaults::smoothness(job.params, job.sphere.parametrized, job.weights.as_deref(), n)
 }
 
-fn strategy(preconditioner: Preconditioner) -> Way {
+fn strategy(preconditioner: Preconditioner) -> Strategy {
     match preconditioner {
-        Preconditioner::Auto => Way::Auto,
-        Preconditioner::None => Way::Plain,
-        Preconditioner::Density => Way::Density,
-        Preconditioner::LowDegrees(degree) => Way::LowDegrees(degree),
-        Preconditioner::Factor => Way::Factor,
+        Preconditioner::Auto => Strategy::Auto,
+        Preconditioner::None => Strategy::Cg,
+        Preconditioner::Density => Strategy::DensityCg,
+        Preconditioner::LowDegrees(degree) => Strategy::LowDegreesCg(degree),
+        Preconditioner::Factor => Strategy::Cholesky,
     }
 }
 

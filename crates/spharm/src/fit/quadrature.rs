@@ -12,7 +12,7 @@ use std::time::Instant;
 use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::{Directions, MAX_DEGREE, gauss_legendre};
 use spharm_monitor::Stage;
-use spharm_solver::report::Residual;
+use spharm_solver::ResidualNorms;
 use spharm_surface::Mesh;
 use spharm_surface::sphere_locator::SphereLocator;
 use spharm_transform::{FINEST, Transform, TransformParams};
@@ -41,8 +41,8 @@ pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> 
         let targets = batch.side_by_side();
         let coefficients = quadrature.fit(targets.view())?;
         let residual = &targets - &vertices.synthesis(coefficients.view())?;
-        let of = |group: &Range<usize>| Residual::of(residual.slice(s![.., group.clone()]));
-        let residuals: Vec<Residual> = batch.groups.iter().map(of).collect();
+        let of = |group: &Range<usize>| ResidualNorms::of(residual.slice(s![.., group.clone()]));
+        let residuals: Vec<ResidualNorms> = batch.groups.iter().map(of).collect();
         monitor.step(batch.groups.len() as u64);
         Ok(Solved {
             coefficients,

@@ -1,15 +1,15 @@
-//! What memory a fit takes, said before it starts.
+//! The memory that a fit takes, planned before it starts.
 
 use std::ops::RangeInclusive;
 
 use serde::Serialize;
 use spharm_harmonics::basis_size;
 
+use super::block_solve::{SHARED_FROM, SHARED_ROWS, rank_revealing_bytes};
+use super::blocks::{Method, columns};
+use super::solver::IrfParams;
 use crate::SolverError;
-use crate::block::{SHARED_FROM, SHARED_ROWS, rank_revealing_bytes};
-use crate::fit::FitParams;
 use crate::operator::{BlockOperator, Residency};
-use crate::schedule::{Method, columns};
 
 /// What OpenBLAS touches of its buffers per thread for narrow blocks, and all of them, for wide ones.
 const BLAS_NARROW: usize = 4 << 20;
@@ -19,7 +19,7 @@ const GRAM_WORK: usize = 1 << 20;
 
 /// The memory plan of a fit. All figures are bytes.
 #[derive(Debug, Clone, Serialize)]
-pub struct Plan {
+pub struct IrfPlan {
     /// What the caller already holds: program, surfaces, directions.
     pub held: usize,
     /// Residual, coefficients.
@@ -45,23 +45,23 @@ pub struct Plan {
     pub whole: Vec<bool>,
 }
 
-impl Plan {
-    pub(crate) fn residency(&self, block: usize) -> Residency {
+impl IrfPlan {
+    pub(super) fn residency(&self, block: usize) -> Residency {
         if self.whole[block] { Residency::Whole } else { Residency::Chunks }
     }
 
     /// Bytes that the budget has left over.
-    pub(crate) fn spare(&self) -> usize {
+    pub(super) fn spare(&self) -> usize {
         self.budget - self.total
     }
 }
 
-/// Plans a fit of `channels` columns, the most generous way that keeps to the budget.
+/// Plans a fit of `channels` columns: the fastest one that keeps to the budget.
 ///
 /// # Errors
 ///
-/// [`SolverError::Budget`] when none does, and those of [`Method::blocks`].
-pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -> Result<Plan, SolverError> {
+/// [`SolverError::Budget`] when there is none, and those of [`Method::blocks`].
+pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -> Result<IrfPlan, SolverError> {
     let blocks = params.method.blocks(params.max_degree)?;
     let needs = Needs::of(operator, channels, params, &blocks);
     if needs.least() > params.memory {
@@ -85,7 +85,7 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -
         true => widest_pair,
         false => in_use.map(|((&whole, &resident), &chunks)| if whole { resident } else { chunks }).max().unwrap_or(0),
     };
-    Ok(Plan {
+    Ok(IrfPlan {
         held: params.held,
         arrays: needs.arrays,
         work: needs.fixed - needs.arrays - needs.grams - params.held,
@@ -113,8 +113,8 @@ struct Needs {
 }
 
 impl Needs {
-    fn of(operator: &dyn BlockOperator, channels: usize, params: &FitParams, blocks: &[RangeInclusive<usize>]) -> Self {
-        let (n, threads, chunk_rows) = (operator.rows(), params.threads, operator.chunk_rows());
+    fn of(operator: &dyn BlockOperator, channels: usize, params: &IrfParams, blocks: &[RangeInclusive<usize>]) -> Self {
+        let (n, threads, chunk_rows) = (operator.rows(), crate::threads(params.threads), operator.chunk_rows());
         let widest = blocks.iter().map(columns).max().unwrap_or(0);
         let shared = widest >= SHARED_FROM;
         // Each thread has sums of its own for the blocks that aren't wide enough to be shared.
@@ -127,8 +127,8 @@ impl Needs {
         let arrays = 8 * (n * channels + (size + 4 * widest) * channels + if weighted { n } else { 0 } + more);
         // With Gram matrices from elsewhere no thread sums one of its own, or packs chunks for it; making one takes a
         // thread some room.
-        let from_basis = params.gram_source.is_none();
-        let grams = params.gram_source.map_or(0, |bytes| bytes + threads * GRAM_WORK);
+        let from_basis = params.gram_bytes.is_none();
+        let grams = params.gram_bytes.map_or(0, |bytes| bytes + threads * GRAM_WORK);
         let per_thread = 8
             * (if from_basis { narrow * narrow + chunk_rows * narrow } else { 0 }
                 + widest * channels
@@ -160,12 +160,12 @@ impl Needs {
 }
 
 /// The largest granularity, to a factor of two, whose plan keeps to the budget.
-fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &FitParams) -> Option<usize> {
+fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -> Option<usize> {
     let passes = params.method.passes();
     let largest = basis_size(params.max_degree).next_power_of_two();
     std::iter::successors(Some(largest), |&g| (g > 1).then_some(g / 2)).find(|&granularity| {
         let method = Method::Irf { passes, granularity };
         let blocks = method.blocks(params.max_degree).unwrap_or_default();
-        Needs::of(operator, channels, &FitParams { method, ..params.clone() }, &blocks).least() <= params.memory
+        Needs::of(operator, channels, &IrfParams { method, ..params.clone() }, &blocks).least() <= params.memory
     })
 }

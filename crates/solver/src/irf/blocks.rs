@@ -1,4 +1,4 @@
-//! Which degrees are solved together: the method's blocks.
+//! The paper's methods: which degrees are solved together, and in how many passes.
 //!
 //! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees; SIRF a first block of degrees 0 to s and
 //! then one degree a block; MIRF the same, several times over; IRF takes, from degree d, degrees while the block has at

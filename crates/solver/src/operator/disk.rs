@@ -1,4 +1,4 @@
-//! The operator over a store: blocks are windows on the files of their degrees.
+//! The basis in a store: blocks are windows on the files of their degrees.
 
 use std::ops::RangeInclusive;
 use std::sync::OnceLock;
@@ -8,8 +8,9 @@ use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::product::Matrix;
 use spharm_store::{ChunkWindow, DegreeFile, Scheme};
 
+use super::products::{apply_adjoint_by_blocks, apply_by_blocks};
+use super::{Block, BlockOperator, Operator, Residency, Scratch};
 use crate::SolverError;
-use crate::operator::{Block, BlockOperator, Operator, Residency, Scratch, apply_adjoint_by_blocks, apply_by_blocks};
 
 /// A basis in a store, streamed.
 #[derive(Debug)]
@@ -179,7 +180,7 @@ impl Block for DiskBlock<'_> {
         self.bytes_read.load(Ordering::Relaxed)
     }
 
-    fn close(self: Box<Self>) -> Result<(), SolverError> {
+    fn check(&self) -> Result<(), SolverError> {
         Ok(self.windows.iter().try_for_each(ChunkWindow::check)?)
     }
 }

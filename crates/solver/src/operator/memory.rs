@@ -1,4 +1,4 @@
-//! The operator held in memory: for small problems, and to hold the streamed one against.
+//! The basis held in memory: for small problems, and as the reference for the one that is streamed.
 
 use std::ops::RangeInclusive;
 
@@ -8,8 +8,9 @@ use spharm_harmonics::index::{basis_size, first_column, order_count};
 use spharm_harmonics::product::Matrix;
 use spharm_harmonics::{Directions, HarmonicsError, Recurrence, Sweep};
 
+use super::products::{apply_adjoint_by_blocks, apply_by_blocks};
+use super::{Block, BlockOperator, Operator, Residency, Scratch};
 use crate::SolverError;
-use crate::operator::{Block, BlockOperator, Operator, Residency, Scratch, apply_adjoint_by_blocks, apply_by_blocks};
 
 /// The whole basis, `8 n (L + 1)^2` bytes, in chunks of rows.
 #[derive(Debug, Clone)]
@@ -94,7 +95,7 @@ impl Block for MemoryBlock<'_> {
         0
     }
 
-    fn close(self: Box<Self>) -> Result<(), SolverError> {
+    fn check(&self) -> Result<(), SolverError> {
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! Accelerated residual fitting: conjugate gradients, preconditioned by one symmetric sweep over the blocks.
+//! Accelerated residual fitting: conjugate gradients, preconditioned by one pass forward and one backward.
 //!
 //! A pass is one step of block Gauss-Seidel on the normal equations `N x = A^T W f`, `N = A^T W A`. Where blocks are far
 //! from orthogonal its error falls slowly; but a pass forward and one backward together apply a symmetric positive
@@ -13,7 +13,7 @@
 //! ```
 //!
 //! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2), and `A z = r - s`
-//! comes for free: no product with A beyond those of the sweeps, no gradient. In `W^(1/2) A` a step is an orthogonal
+//! comes for free: no product with A beyond those of the passes, no gradient. In `W^(1/2) A` a step is an orthogonal
 //! projection `I - P_j`. The last block's comes twice in a row and is applied once: `(I - P)^2 = I - P`, which spares
 //! one block's reading. A block of deficient rank has its minimum-norm solve for `G_j^-1`, which is symmetric and gives
 //! the same projection; all iterates then stay in the span of such solutions.
@@ -25,8 +25,8 @@
 //! alpha = gamma / q^T W q   x += alpha p              r -= alpha q
 //! ```
 //!
-//! Every column has its own alpha and beta. With E = (I - P_B) .. (I - P_1), the forward sweep, `gamma = |W^(1/2) r|^2 -
-//! |W^(1/2) E r|^2`: what the forward sweep takes off the residual, which its steps tell as sums of `y^T A_j^T W s >=
+//! Every column has its own alpha and beta. With E = (I - P_B) .. (I - P_1), the pass forward, `gamma = |W^(1/2) r|^2 -
+//! |W^(1/2) E r|^2`: what the pass forward takes off the residual, which its steps give as sums of `y^T A_j^T W s >=
 //! 0`. So gamma keeps its digits down to rounding, where `r^T W (r - s)` would lose them to `|r|^2`, which doesn't go
 //! to zero.
 //!
@@ -34,41 +34,39 @@
 //!
 //! # Cost
 //!
-//! An iteration is two passes, less one block: `8 n K c` flops and two looks at the basis. Beside what plain passes hold:
+//! An iteration is two passes, less one block: `8 n K c` flops and two readings of the basis. Beside what plain passes hold:
 //! s and q, (n, c), z and p, (K, c). An odd number of passes begins with a plain one.
 //!
 //! Y. Saad, "Iterative methods for sparse linear systems", second edition, SIAM 2003, sections 9.2 and 10.2; M. R.
 //! Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", 1952.
 
-use std::time::Instant;
-
 use ndarray::{Array2, Zip};
 use rayon::prelude::*;
 
+use super::IrfSolver;
+use super::blocks::columns;
+use super::report::Recorder;
+use super::stream::Order;
 use crate::SolverError;
-use crate::fit::{Fitter, Watch, Way};
-use crate::report::{Seconds, SweepReport};
-use crate::rows::ChunkedRows;
+use crate::chunked_rows::ChunkedRows;
 
 /// Of gamma's square root, in relation to the targets: rounding errors of `A^T W s` are not far below.
 const CONVERGED: f64 = 1e-13;
 
-impl Fitter<'_> {
-    /// Fits the residual, which holds the targets on the way in; x, (K, c), is zero.
-    pub(crate) fn accelerated(
+impl IrfSolver<'_> {
+    /// Fits the residual r, (n, c), which holds the targets on entry, by x, (K, c), zero on entry.
+    pub(super) fn accelerated(
         &mut self,
         r: &mut ChunkedRows,
         x: &mut Array2<f64>,
-        seconds: &mut Seconds,
-        watch: &Watch<'_>,
-    ) -> Result<Vec<SweepReport>, SolverError> {
+        log: &mut Recorder<'_>,
+    ) -> Result<(), SolverError> {
         let (passes, c) = (self.params.method.passes(), r.channels());
         let floor: Vec<f64> = self.inner(r, r).into_iter().map(|square| CONVERGED * CONVERGED * square).collect();
-        let mut reports = Vec::new();
         if passes % 2 == 1 {
-            let started = Instant::now();
-            let swept = self.sweep(1, Way::Forward, r, x, seconds, watch)?;
-            reports.push(watch.report(1, false, r, started, swept.bytes_read));
+            log.begin_pass(1, false);
+            let pass = self.pass(Order::Forward, r, x, log)?;
+            log.end_pass(r, pass.bytes_read);
         }
         let zeros = || ChunkedRows::zeros(r.rows(), c, self.operator.chunk_rows());
         let (mut s, mut q) = (zeros(), zeros());
@@ -76,11 +74,13 @@ impl Fitter<'_> {
         let mut before = vec![0.0; c];
         let mut finished = vec![false; c];
         for last in (passes % 2 + 2..=passes).step_by(2) {
-            let started = Instant::now();
+            log.begin_pass(last, false);
             s.copy_from(r);
             z.fill(0.0);
-            let forward = self.sweep(last - 1, Way::Forward, &mut s, &mut z, seconds, watch)?;
-            let backward = self.sweep(last, Way::Backward, &mut s, &mut z, seconds, watch)?;
+            let forward = self.pass(Order::Forward, &mut s, &mut z, log)?;
+            // The last block is left out backward.
+            log.end_block(self.blocks.last().map_or(0, columns));
+            let backward = self.pass(Order::Backward, &mut s, &mut z, log)?;
             let gamma = forward.energy;
             for ((finished, gamma), floor) in finished.iter_mut().zip(&gamma).zip(&floor) {
                 *finished |= *gamma <= *floor;
@@ -97,13 +97,13 @@ impl Fitter<'_> {
                 (0..c).map(|j| live(j, if squares[j] > 0.0 { gamma[j] / squares[j] } else { 0.0 })).collect();
             r.combine(&q, |j, r, q| r - alpha[j] * q);
             Zip::indexed(&mut *x).and(&p).for_each(|(_, j), x, p| *x += alpha[j] * p);
-            reports.push(watch.report(last, false, r, started, forward.bytes_read + backward.bytes_read));
+            log.end_pass(r, forward.bytes_read + backward.bytes_read);
             if finished.iter().all(|&finished| finished) {
                 break;
             }
             before = gamma;
         }
-        Ok(reports)
+        Ok(())
     }
 
     /// `a^T W b` column by column, (c).
@@ -111,7 +111,7 @@ impl Fitter<'_> {
         let of_chunk = |chunk: usize| -> Vec<f64> {
             let range = self.operator.chunk_range(chunk);
             let columns = a.chunk(chunk).chunks_exact(range.len()).zip(b.chunk(chunk).chunks_exact(range.len()));
-            let sum = |(a, b): (&[f64], &[f64])| match &self.roots {
+            let sum = |(a, b): (&[f64], &[f64])| match &self.root_weights {
                 None => a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>(),
                 Some(roots) => {
                     a.iter().zip(b).zip(&roots[range.clone()]).map(|((a, b), root)| a * b * root * root).sum()

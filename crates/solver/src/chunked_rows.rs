@@ -1,12 +1,14 @@
 //! Arrays (n, c) kept in the chunks of the basis: each chunk's rows together, column-major.
 //!
-//! Targets come in this form and become the residual in place. A chunk of the residual is then one slice that stays in the L1 cache while a chunk of the basis passes by, and
-//! threads can be given disjoint runs of chunks.
+//! Targets come in this form and become the residual in place. A chunk of the residual is then one slice that stays in
+//! the L1 cache while a chunk of the basis passes by, and threads can be given disjoint runs of chunks.
 
 use std::ops::Range;
 
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
+
+use crate::residual::ResidualNorms;
 
 /// An (n, c) array in chunks of rows: the targets of a fit, and then its residual.
 #[derive(Debug, Clone)]
@@ -120,8 +122,8 @@ impl ChunkedRows {
         })
     }
 
-    /// Mean and maximum over the rows of the squared norm of the columns of a range.
-    pub(crate) fn squared_norms(&self, columns: &Range<usize>) -> (f64, f64) {
+    /// Norms over the columns of a range.
+    pub(crate) fn norms(&self, columns: &Range<usize>) -> ResidualNorms {
         let (mut sum, mut max) = (0.0, 0.0f64);
         let mut norms = Vec::new();
         for chunk in 0..self.rows.div_ceil(self.chunk_rows) {
@@ -137,7 +139,7 @@ impl ChunkedRows {
             sum += norms.iter().sum::<f64>();
             max = norms.iter().fold(max, |max, &norm| max.max(norm));
         }
-        (sum / self.rows as f64, max)
+        ResidualNorms { mean_square: sum / self.rows as f64, max_square: max }
     }
 }
 
@@ -152,7 +154,7 @@ mod tests {
             let chunked = ChunkedRows::from_array(array.view(), 8);
             assert_eq!(chunked.to_array(), array);
             let squares: Vec<f64> = array.rows().into_iter().map(|r| r[1] * r[1] + r[2] * r[2]).collect();
-            let (mean, max) = chunked.squared_norms(&(1..3));
+            let ResidualNorms { mean_square: mean, max_square: max } = chunked.norms(&(1..3));
             assert!((mean - squares.iter().sum::<f64>() / rows as f64).abs() < 1e-12);
             assert_eq!(max, squares.iter().copied().fold(0.0, f64::max));
         }

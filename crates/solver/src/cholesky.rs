@@ -1,21 +1,20 @@
 //! The Cholesky factor of normal equations, computed once and used for any number of surfaces.
 //!
 //! G = A^T diag(w) A + P = C C^T with C lower triangular: K^3 / 3 flops once, 2 K^2 for each right-hand side. G comes
-//! tile by tile from a [`GramSource`]; C is made of tiles too, in memory ([`Factor`]) or in a store ([`StoredFactor`]).
+//! tile by tile from a [`GramMatrix`](crate::GramMatrix); C is made of tiles too, in memory ([`MemoryFactor`]) or in a store ([`StoredFactor`]).
 //! A factor that is larger than the budget is computed out of core, reading finished columns back from the unfinished
 //! file.
 //!
 //! A factor of f32 takes half of the space, and half of the time to solve with where that is bound by memory. Its solves
 //! are a relative 6e-8 times the condition number of G off: refine with the operator, or precondition.
 //!
-//! | module | what |
+//! | module | contents |
 //! |---|---|
-//! | `source` | where G comes from: [`GramSource`], the smoothness penalty |
-//! | `build` | what a factor takes; computing it in memory or into a store |
+//! | `build` | memory and disk that a factor takes; computing it in memory or into a store |
 //! | `factorise` | the factorisation, panel by panel |
 //! | `tiles` | tiles in memory, and those of an unfinished file |
 //! | `stored` | tiles in a store |
-//! | `sweep` | the triangular solves, `kernels` their SIMD |
+//! | `triangular` | the triangular solves, `kernels` their SIMD |
 //! | `condition` | the condition estimate |
 //! | `inverse` | the diagonal of G^-1 |
 
@@ -24,19 +23,17 @@ mod condition;
 mod factorise;
 mod inverse;
 mod kernels;
-mod source;
 mod stored;
-mod sweep;
 mod tiles;
+mod triangular;
 
 use ndarray::Array2;
 use spharm_store::Scalar;
 
 pub use build::{
-    DEFAULT_TILE, Factor, FactorEvent, FactorParams, FactorPlan, FactorReport, build_factor, factorise, plan_factor,
+    DEFAULT_TILE, FactorParams, FactorPlan, FactorReport, MemoryFactor, build_factor, factorise, plan_factor,
     plan_stored_factor,
 };
-pub use source::{GramSource, Penalised, smoothness_penalty};
 pub use spharm_store::factor::Condition;
 pub use stored::StoredFactor;
 

@@ -10,7 +10,7 @@ use crate::dense::triangularise;
 
 /// R of the rows pushed so far, (height, columns) with height at most columns, and rows that wait to be folded into it.
 #[derive(Debug, Clone)]
-pub(crate) struct Triangle {
+pub(super) struct Triangle {
     values: Vec<f64>,
     height: usize,
     columns: usize,
@@ -19,11 +19,11 @@ pub(crate) struct Triangle {
 }
 
 impl Triangle {
-    pub(crate) fn new(columns: usize) -> Self {
+    pub(super) fn new(columns: usize) -> Self {
         Self { values: Vec::new(), height: 0, columns, waiting: Vec::new() }
     }
 
-    pub(crate) fn push(&mut self, rows: Matrix<'_>) {
+    pub(super) fn push(&mut self, rows: Matrix<'_>) {
         assert_eq!(rows.columns(), self.columns, "columns of a triangular factor");
         let values = (0..self.columns).flat_map(|j| rows.column(j)).copied().collect();
         self.waiting.push((rows.rows(), values));
@@ -33,7 +33,7 @@ impl Triangle {
     }
 
     /// Takes the rows of another factor.
-    pub(crate) fn push_triangle(&mut self, other: Self) {
+    pub(super) fn push_triangle(&mut self, other: Self) {
         let other = other.folded();
         if other.height > 0 {
             self.waiting.push((other.height, other.values));
@@ -66,7 +66,7 @@ impl Triangle {
 
     /// Of `[A | r]` with k columns of A: the rows that matter to A, as R, (m, k), and the transformed right-hand sides
     /// z, (m, c), with m = min(height, k); both column-major. `min |A x - r|` is `min |R x - z|`.
-    pub(crate) fn split(self, k: usize) -> (Vec<f64>, Vec<f64>, usize) {
+    pub(super) fn split(self, k: usize) -> (Vec<f64>, Vec<f64>, usize) {
         let this = self.folded();
         let m = this.height.min(k);
         let mut top = this.values.chunks_exact(this.height).map(|column| &column[..m]);

@@ -1,11 +1,11 @@
-//! The operator without a matrix: fast transforms.
+//! The basis as fast transforms, without a matrix.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::{Directions, basis_size};
 use spharm_transform::{Transform, TransformParams};
 
+use super::Operator;
 use crate::SolverError;
-use crate::operator::Operator;
 
 /// A basis at scattered directions by [`Transform`]; to the accuracy that it was made for.
 #[derive(Debug)]

@@ -1,0 +1,29 @@
+//! Checks of what callers give.
+
+use ndarray::Array2;
+
+use crate::SolverError;
+
+/// Refuses weights that aren't one finite, not negative number for each row, or are all zero.
+pub(crate) fn weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
+    if weights.len() != rows {
+        return Err(SolverError::Rows { what: "the list of weights", expected: rows, found: weights.len() });
+    }
+    let bad = |weight: &f64| !weight.is_finite() || *weight < 0.0;
+    let all_zero = weights.iter().all(|&weight| weight == 0.0);
+    if let Some(row) = weights.iter().position(bad).or(all_zero.then_some(0)) {
+        return Err(SolverError::Weight { row, found: weights[row] });
+    }
+    Ok(())
+}
+
+/// Refuses targets, (n, c), that haven't `rows` rows or hold a NaN or an infinity.
+pub(crate) fn targets(targets: &Array2<f64>, rows: usize) -> Result<(), SolverError> {
+    if targets.nrows() != rows {
+        return Err(SolverError::Rows { what: "the target", expected: rows, found: targets.nrows() });
+    }
+    match targets.indexed_iter().find(|(_, value)| !value.is_finite()) {
+        Some(((row, column), _)) => Err(SolverError::NotFinite { row, column }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,138 @@
+//! Iterative residual fitting (IRF) over a basis that is read block by block, in bounded memory.
+//!
+//! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006, section
+//! 3.3. For functions f sampled at n directions, and the basis matrix A, (n, K), cut into blocks of the columns of some
+//! degrees d to e:
+//!
+//! ```text
+//! r = f, a = 0
+//! for each pass
+//!     for each block A_d..e
+//!         x = argmin | W^(1/2) (A_d..e x - r) |
+//!         a_d..e += x
+//!         r -= A_d..e x
+//! ```
+//!
+//! A block's least squares are one step of block Gauss-Seidel on the normal equations, so with more passes the fit tends
+//! to the full least squares, whatever the blocks are.
+//!
+//! Cost of the first pass for c columns: `n k (k + 1)` flops for the Gram matrix of each block of k columns, `4 n K c`
+//! for right-hand sides and updates, and every byte of the basis read once (twice where a block doesn't fit the budget).
+//! Later passes need right-hand sides and updates only, and run as fast as the basis comes from memory.
+//!
+//! | module | contents |
+//! |---|---|
+//! | `blocks` | NLSF, SIRF, MIRF, IRF: which degrees are solved together |
+//! | `solver` | [`IrfSolver`]: parameters, checks, the report |
+//! | `stream` | blocks opened in order, the next one being read ahead |
+//! | `block_solve` | one block's least squares, by Cholesky or a rank-revealing factorisation (`triangle`) |
+//! | `workers` | the residual, shared out among threads |
+//! | `accelerated` | conjugate gradients over pairs of passes |
+//! | `plan` | the memory that a fit takes |
+//! | `report` | what a fit reports |
+
+mod accelerated;
+mod block_solve;
+mod blocks;
+mod plan;
+mod report;
+mod solver;
+mod stream;
+mod triangle;
+mod workers;
+
+use ndarray::{Array2, s};
+
+use crate::SolverError;
+use crate::chunked_rows::ChunkedRows;
+use block_solve::Step;
+use report::{Recorder, timed};
+use stream::{Order, Stream};
+use workers::Workers;
+
+pub use blocks::{Method, columns};
+pub use plan::{IrfPlan, plan};
+pub use report::{BlockReport, IrfReport, IrfSeconds, PassReport};
+pub use solver::{IrfFit, IrfParams, IrfSolver, solve};
+
+/// Change of the coefficients, relative to their norm, below which a refinement is the last.
+const REFINED: f64 = 1e-14;
+
+impl IrfSolver<'_> {
+    /// Fits `r`, (n, c), which holds the targets on entry and their residual on return, by `a`, (K, c), zero on entry.
+    fn passes(&mut self, r: &mut ChunkedRows, a: &mut Array2<f64>, log: &mut Recorder<'_>) -> Result<(), SolverError> {
+        let passes = self.params.method.passes();
+        let mut last_change = f64::INFINITY;
+        for number in 1..=passes + self.params.refinements {
+            log.begin_pass(number.min(passes), number > passes);
+            let pass = self.pass(Order::Forward, r, a, log)?;
+            log.end_pass(r, pass.bytes_read);
+            // Rounding has been reached when a further pass changes nothing, or no less than the one before. What needed
+            // a rank-revealing solve is as good as it gets: it doesn't suffer from the Gram matrix's condition.
+            let change = pass.relative_change(a);
+            let refined = number > passes && (change < REFINED || change >= 0.5 * last_change);
+            if refined || (number >= passes && self.block_solver.has_rank_revealing()) {
+                break;
+            }
+            last_change = change;
+        }
+        Ok(())
+    }
+
+    /// One pass over the blocks.
+    fn pass(
+        &mut self,
+        order: Order,
+        r: &mut ChunkedRows,
+        a: &mut Array2<f64>,
+        log: &mut Recorder<'_>,
+    ) -> Result<PassSummary, SolverError> {
+        let mut summary = PassSummary::new(r.channels());
+        let mut stream = Stream::new(self.operator, &self.blocks, &self.plan, order);
+        let mut r = Workers::new(self.operator, r, self.root_weights.as_deref(), self.params.threads);
+        while let Some(block) = timed(&mut log.seconds.open, || stream.next())? {
+            log.begin_block(&block.degrees)?;
+            // x = argmin | W^(1/2) (A_d..e x - r) |
+            let step = timed(&mut log.seconds.solve, || self.block_solver.solve(&block, &mut r, log.monitor))?;
+            // a_d..e += x
+            a.slice_mut(s![block.columns(), ..]).iter_mut().zip(&step.x).for_each(|(a, x)| *a += x);
+            // r -= A_d..e x
+            timed(&mut log.seconds.update, || r.subtract(&block, &step.x))?;
+            log.end_block(block.columns().len());
+            summary.add(&step, block.close()?);
+        }
+        Ok(summary)
+    }
+}
+
+/// What a pass did, column by column of the targets.
+struct PassSummary {
+    /// Squared norm of the change of the coefficients, (c).
+    change: Vec<f64>,
+    /// Decrease of the residual's weighted squared norm, (c).
+    energy: Vec<f64>,
+    /// Bytes read from the store.
+    bytes_read: u64,
+}
+
+impl PassSummary {
+    fn new(channels: usize) -> Self {
+        Self { change: vec![0.0; channels], energy: vec![0.0; channels], bytes_read: 0 }
+    }
+
+    fn add(&mut self, step: &Step, bytes_read: u64) {
+        for row in step.x.chunks_exact(self.change.len().max(1)) {
+            self.change.iter_mut().zip(row).for_each(|(sum, x)| *sum += x * x);
+        }
+        self.energy.iter_mut().zip(&step.energy).for_each(|(sum, energy)| *sum += energy);
+        self.bytes_read += bytes_read;
+    }
+
+    /// Norm of the change relative to that of the coefficients, the largest of all columns.
+    fn relative_change(&self, a: &Array2<f64>) -> f64 {
+        let norms = a.columns().into_iter().map(|column| column.iter().map(|a| a * a).sum::<f64>());
+        let relative =
+            self.change.iter().zip(norms).map(|(change, norm)| (change / norm.max(f64::MIN_POSITIVE)).sqrt());
+        relative.fold(0.0, f64::max)
+    }
+}

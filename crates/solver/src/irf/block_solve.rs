@@ -1,0 +1,282 @@
+//! One block's least squares: the Gram matrix and Cholesky where that is safe, a rank-revealing factorisation otherwise.
+
+use spharm_harmonics::product::Matrix;
+use spharm_monitor::Monitor;
+
+use super::blocks::columns;
+use super::plan::IrfPlan;
+use super::report::BlockReport;
+use super::stream::OpenBlock;
+use super::workers::{Workers, pack};
+use crate::SolverError;
+use crate::dense;
+use crate::gram::GramMatrix;
+use crate::operator::{BlockOperator, Scratch};
+
+/// Below this reciprocal condition number of a Gram matrix (1e6 for the block itself) the normal equations are not
+/// used: a Cholesky solve of them then loses more than four digits of a pass.
+const SAFE_RECIPROCAL: f64 = 1e-12;
+
+/// From this many columns on, threads share one Gram matrix and a threaded `dsyrk` instead of summing one each.
+pub(super) const SHARED_FROM: usize = 1024;
+/// Rows of a shared `dsyrk`: enough for its traffic on the Gram matrix not to matter.
+pub(super) const SHARED_ROWS: usize = 2048;
+
+/// The solution for one block.
+pub(super) struct Step {
+    /// The change of the block's coefficients, (k, c) row-major.
+    pub(super) x: Vec<f64>,
+    /// Decrease of each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`, (c). Formed from the right-hand side,
+    /// for the difference of the squared norms has lost these digits near the optimum.
+    pub(super) energy: Vec<f64>,
+}
+
+/// What is known of a block's matrix once it has been solved.
+#[derive(Debug, Clone)]
+enum BlockFactor {
+    /// Upper Cholesky factor of the Gram matrix, (k, k), and the reciprocal condition number of that matrix: serves any
+    /// right-hand side.
+    Cholesky(Vec<f64>, f64),
+    /// The Gram matrix is of no use; the block is to be factorised anew each time.
+    RankRevealing {
+        /// Condition number of the block; infinite when its rank is less than its columns.
+        condition: f64,
+        /// Numerical rank.
+        rank: usize,
+    },
+}
+
+/// Solves blocks, and keeps their factors from pass to pass.
+pub(super) struct BlockSolver<'o> {
+    operator: &'o dyn BlockOperator,
+    /// Where Gram matrices come from, when it isn't the basis.
+    gram: Option<&'o dyn GramMatrix>,
+    threads: usize,
+    /// Whether factors are kept.
+    keep: bool,
+    /// By block.
+    factors: Vec<Option<BlockFactor>>,
+    reports: Vec<BlockReport>,
+    /// Bytes of the budget that the plan has left over, for a rank-revealing solve that it couldn't foresee.
+    spare: usize,
+    budget: usize,
+}
+
+impl<'o> BlockSolver<'o> {
+    pub(super) fn new(
+        operator: &'o dyn BlockOperator,
+        gram: Option<&'o dyn GramMatrix>,
+        blocks: usize,
+        threads: usize,
+        plan: &IrfPlan,
+    ) -> Self {
+        Self {
+            operator,
+            gram,
+            threads,
+            keep: plan.keep_factors,
+            factors: vec![None; blocks],
+            reports: Vec::new(),
+            spare: plan.spare(),
+            budget: plan.budget,
+        }
+    }
+
+    /// Reports of the blocks solved so far, in order.
+    pub(super) fn reports(&self) -> &[BlockReport] {
+        &self.reports
+    }
+
+    /// Whether a block was too ill-conditioned for its Gram matrix.
+    pub(super) fn has_rank_revealing(&self) -> bool {
+        self.reports.iter().any(|block| block.solver != "cholesky")
+    }
+
+    /// `argmin | W^(1/2) (A_d..e x - r) |` for the residual that the workers hold.
+    pub(super) fn solve(
+        &mut self,
+        block: &OpenBlock<'_>,
+        residual: &mut Workers<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<Step, SolverError> {
+        // A basis that was cut off under the solver looks singular; the check says what happened.
+        self.step(block, residual, monitor).or_else(|error| block.data.check().and(Err(error)))
+    }
+
+    fn step(
+        &mut self,
+        block: &OpenBlock<'_>,
+        residual: &mut Workers<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<Step, SolverError> {
+        let k = columns(&block.degrees);
+        let known = self.factors[block.index].as_ref();
+        if let Some(BlockFactor::Cholesky(factor, _)) = known {
+            return Ok(by_cholesky(factor, k, residual.right_hand_sides(block, k)?, residual.channels()));
+        }
+        // A block that was singular once is so again; its spectrum is not reused, since that would square its condition.
+        if k <= self.operator.rows() && known.is_none() {
+            let (right_hand_sides, mut gram) = self.normal_equations(block, residual, k, monitor)?;
+            let shared = k >= SHARED_FROM;
+            dense::set_blas_threads(if shared { self.threads } else { 1 });
+            let reciprocal = dense::cholesky(&mut gram, k);
+            dense::set_blas_threads(1);
+            if let Some(reciprocal) = reciprocal.filter(|&reciprocal| reciprocal > SAFE_RECIPROCAL) {
+                let step = by_cholesky(&gram, k, right_hand_sides, residual.channels());
+                self.remember(block, BlockFactor::Cholesky(gram, reciprocal));
+                return Ok(step);
+            }
+            self.check_room_for_rank_revealing(block, k, residual.channels())?;
+        }
+        let (step, factor) = self.rank_revealing(block, residual, k)?;
+        self.remember(block, factor);
+        Ok(step)
+    }
+
+    /// `A^T W r`, (k, c) row-major, and the upper triangle of `A^T W A`, (k, k).
+    fn normal_equations(
+        &self,
+        block: &OpenBlock<'_>,
+        residual: &mut Workers<'_>,
+        k: usize,
+        monitor: &dyn Monitor,
+    ) -> Result<(Vec<f64>, Vec<f64>), SolverError> {
+        if let Some(source) = self.gram {
+            let right_hand_sides = residual.right_hand_sides(block, k)?;
+            let mut gram = vec![0.0; k * k];
+            source.tile(block.columns(), block.columns(), &mut gram, k)?;
+            Ok((right_hand_sides, gram))
+        } else if k >= SHARED_FROM {
+            let right_hand_sides = residual.right_hand_sides(block, k)?;
+            Ok((right_hand_sides, self.shared_gram(block, residual, k, monitor)?))
+        } else {
+            residual.normal_equations(block, k)
+        }
+    }
+
+    /// The Gram matrix of a wide block: a few chunks at a time side by side, one threaded `dsyrk` for each.
+    fn shared_gram(
+        &self,
+        block: &OpenBlock<'_>,
+        residual: &Workers<'_>,
+        k: usize,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<f64>, SolverError> {
+        let operator = self.operator;
+        let mut gram = vec![0.0; k * k];
+        let together = (SHARED_ROWS / operator.chunk_rows()).max(1);
+        let (mut chunk_values, mut scratch) = (Vec::new(), Scratch::default());
+        let mut stacked = Vec::new();
+        for first in (0..operator.chunk_count()).step_by(together) {
+            // A wide block may take minutes.
+            monitor.check()?;
+            let last = (first + together).min(operator.chunk_count());
+            let rows: usize = (first..last).map(|chunk| operator.chunk_range(chunk).len()).sum();
+            stacked.clear();
+            stacked.resize(rows * k, 0.0);
+            let mut at = 0;
+            for chunk in first..last {
+                let range = operator.chunk_range(chunk);
+                let root_weights = residual.root_weights().map(|roots| &roots[range.clone()]);
+                block.data.chunk(chunk, &mut scratch, &mut |parts| {
+                    let packed = pack(parts, root_weights, &mut chunk_values);
+                    for j in 0..k {
+                        stacked[j * rows + at..][..range.len()].copy_from_slice(packed.column(j));
+                    }
+                })?;
+                at += range.len();
+            }
+            dense::set_blas_threads(self.threads);
+            dense::accumulate_gram(Matrix::new(&stacked, rows, k, rows), &mut gram, k);
+            dense::set_blas_threads(1);
+        }
+        Ok(gram)
+    }
+
+    fn check_room_for_rank_revealing(
+        &self,
+        block: &OpenBlock<'_>,
+        k: usize,
+        channels: usize,
+    ) -> Result<(), SolverError> {
+        let (rows, chunk_rows) = (self.operator.rows(), self.operator.chunk_rows());
+        let needed = rank_revealing_bytes(k, channels, chunk_rows, self.threads, rows);
+        if needed > self.spare {
+            let needed = self.budget + needed - self.spare;
+            return Err(SolverError::Singular { first: *block.degrees.start(), last: *block.degrees.end(), needed });
+        }
+        Ok(())
+    }
+
+    /// The minimum-norm solution, by a QR factorisation and the singular values of its triangle.
+    fn rank_revealing(
+        &self,
+        block: &OpenBlock<'_>,
+        residual: &mut Workers<'_>,
+        k: usize,
+    ) -> Result<(Step, BlockFactor), SolverError> {
+        let (r, z, m) = residual.triangle(block, k)?.split(k);
+        let right_hand_sides = transposed_product(&r, &z, m);
+        let tolerance = f64::EPSILON * self.operator.rows().max(k) as f64;
+        dense::set_blas_threads(if k >= SHARED_FROM { self.threads } else { 1 });
+        let solved = dense::minimum_norm(r, z, m, tolerance);
+        dense::set_blas_threads(1);
+        let (x, rank, condition) = solved.map_err(|error| SolverError::NoConvergence {
+            first: *block.degrees.start(),
+            last: *block.degrees.end(),
+            message: error.to_string(),
+        })?;
+        let condition = if rank < k { f64::INFINITY } else { condition };
+        let energy = inner_products(&x, &right_hand_sides, residual.channels());
+        Ok((Step { x, energy }, BlockFactor::RankRevealing { condition, rank }))
+    }
+
+    /// Reports a block when it is solved for the first time, and keeps its factor where the plan has memory for it.
+    fn remember(&mut self, block: &OpenBlock<'_>, factor: BlockFactor) {
+        if self.reports.len() == block.index {
+            let columns = columns(&block.degrees);
+            let (solver, rank, condition) = match factor {
+                BlockFactor::Cholesky(_, reciprocal) => ("cholesky", columns, (1.0 / reciprocal).sqrt()),
+                BlockFactor::RankRevealing { condition, rank } => ("rank-revealing", rank, condition),
+            };
+            let (first_degree, last_degree) = (*block.degrees.start(), *block.degrees.end());
+            self.reports.push(BlockReport { first_degree, last_degree, columns, solver, rank, condition });
+        }
+        if self.keep {
+            self.factors[block.index] = Some(factor);
+        }
+    }
+}
+
+/// Bytes that a rank-revealing solve takes beside the rest: each thread's triangle twice while it is folded, a chunk,
+/// and the singular value decomposition.
+pub(super) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
+    let width = k + channels;
+    let height = width.min(rows);
+    // R, the rows that wait, both stacked, and R again as it comes out.
+    let fold = width * (5 * height + 4 * chunk_rows) * 8;
+    let decomposition = 8 * height * (6 * k + 2 * height);
+    (threads * fold).max(decomposition + width * height * 8)
+}
+
+fn by_cholesky(factor: &[f64], k: usize, right_hand_sides: Vec<f64>, channels: usize) -> Step {
+    let mut x = right_hand_sides.clone();
+    dense::cholesky_solve(factor, k, &mut x);
+    let energy = inner_products(&x, &right_hand_sides, channels);
+    Step { x, energy }
+}
+
+/// Inner products of the columns of two (k, c) row-major.
+fn inner_products(a: &[f64], b: &[f64], channels: usize) -> Vec<f64> {
+    let mut sums = vec![0.0; channels];
+    for (a, b) in a.chunks_exact(channels.max(1)).zip(b.chunks_exact(channels.max(1))) {
+        sums.iter_mut().zip(a).zip(b).for_each(|((sum, a), b)| *sum += a * b);
+    }
+    sums
+}
+
+/// `R^T z`, (k, c) row-major, for R (m, k) and z (m, c) column-major: the right-hand sides of the normal equations.
+fn transposed_product(r: &[f64], z: &[f64], m: usize) -> Vec<f64> {
+    let rows = r.chunks_exact(m).flat_map(|r| z.chunks_exact(m).map(move |z| (r, z)));
+    rows.map(|(r, z)| r.iter().zip(z).map(|(r, z)| r * z).sum()).collect()
+}

@@ -1,0 +1,220 @@
+//! Fits of batch after batch of targets by iterative residual fitting.
+
+use std::ops::{Range, RangeInclusive};
+
+use ndarray::{Array2, ArrayView2};
+use spharm_harmonics::{Coefficients, basis_size};
+use spharm_monitor::{Monitor, Stage};
+
+use super::block_solve::BlockSolver;
+use super::blocks::Method;
+use super::plan::{IrfPlan, plan};
+use super::report::{IrfReport, Recorder};
+use crate::chunked_rows::ChunkedRows;
+use crate::gram::GramMatrix;
+use crate::operator::BlockOperator;
+use crate::{SolverError, check, dense};
+
+/// How to fit by iterative residual fitting.
+#[derive(Debug, Clone)]
+pub struct IrfParams {
+    /// Highest degree, L, inclusive; default 100.
+    pub max_degree: usize,
+    /// Blocks and passes; default IRF in one pass with a granularity of 100.
+    pub method: Method,
+    /// Most passes after the last one that remove what rounding left over; they end early when they change nothing.
+    /// Of use for [`Method::Nlsf`], whose one block may be ill-conditioned. Default 0.
+    pub refinements: usize,
+    /// Weight of each row (vertex) in the least squares, (n), finite and not negative; `None` weighs all alike.
+    pub weights: Option<Vec<f64>>,
+    /// Most bytes of memory to take, mapped windows included; default 256 MiB.
+    pub memory: usize,
+    /// Bytes that the caller holds already, which count against `memory`; default 0.
+    pub held: usize,
+    /// Threads, on the rayon pool that the fit is called in; 0, the default, for all of that pool.
+    pub threads: usize,
+    /// Whether more fits will follow on the same [`IrfSolver`], so that factors are worth keeping; default false.
+    pub reuse: bool,
+    /// Whether to run conjugate gradients over pairs of passes, which converge in far fewer of them; default false.
+    pub accelerate: bool,
+    /// Bytes held by the blocks' Gram matrix, for [`plan`] of a fit that is to have one. [`IrfSolver::new`] and
+    /// [`IrfSolver::with_gram`] set it to what they are given.
+    pub gram_bytes: Option<usize>,
+}
+
+impl Default for IrfParams {
+    fn default() -> Self {
+        Self {
+            max_degree: 100,
+            method: Method::Irf { passes: 1, granularity: 100 },
+            refinements: 0,
+            weights: None,
+            memory: 256 << 20,
+            held: 0,
+            threads: 0,
+            reuse: false,
+            accelerate: false,
+            gram_bytes: None,
+        }
+    }
+}
+
+/// The result of iterative residual fitting.
+#[derive(Debug, Clone)]
+pub struct IrfFit {
+    /// Canonical coefficients, (K, c).
+    pub coefficients: Coefficients,
+    /// Blocks, passes, residuals, times and memory.
+    pub report: IrfReport,
+}
+
+/// Fits batch after batch of targets on one operator, and keeps the blocks' factors from one to the next.
+pub struct IrfSolver<'o> {
+    pub(super) operator: &'o dyn BlockOperator,
+    /// With a number of threads that isn't zero.
+    pub(super) params: IrfParams,
+    channels: usize,
+    pub(super) blocks: Vec<RangeInclusive<usize>>,
+    pub(super) plan: IrfPlan,
+    /// Square roots of the weights, (n).
+    pub(super) root_weights: Option<Vec<f64>>,
+    pub(super) block_solver: BlockSolver<'o>,
+}
+
+impl<'o> IrfSolver<'o> {
+    /// Plans fits of up to `channels` columns at a time.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::Budget`] for too little memory; [`SolverError::Degree`], [`SolverError::StartDegree`],
+    /// [`SolverError::TooSmall`], [`SolverError::Rows`] and [`SolverError::Weight`] for parameters that are out of range.
+    pub fn new(operator: &'o dyn BlockOperator, channels: usize, params: IrfParams) -> Result<Self, SolverError> {
+        Self::planned(operator, channels, params, None)
+    }
+
+    /// The same with the blocks' Gram matrices from `gram`, which must be that of the operator's basis, in f64, with the
+    /// weights of `params`. Every pass then costs its right-hand sides and updates only, the first one too.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`IrfSolver::new`]; [`SolverError::Degree`] for a matrix that ends below the fit's highest degree.
+    pub fn with_gram(
+        operator: &'o dyn BlockOperator,
+        channels: usize,
+        params: IrfParams,
+        gram: &'o dyn GramMatrix,
+    ) -> Result<Self, SolverError> {
+        if basis_size(params.max_degree) > gram.size() {
+            let max_degree = gram.size().isqrt().saturating_sub(1);
+            return Err(SolverError::Degree { found: params.max_degree, max_degree });
+        }
+        Self::planned(operator, channels, params, Some(gram))
+    }
+
+    fn planned(
+        operator: &'o dyn BlockOperator,
+        channels: usize,
+        params: IrfParams,
+        gram: Option<&'o dyn GramMatrix>,
+    ) -> Result<Self, SolverError> {
+        let threads = crate::threads(params.threads);
+        let params = IrfParams { gram_bytes: gram.map(GramMatrix::bytes), threads, ..params };
+        if params.max_degree > operator.max_degree() {
+            return Err(SolverError::Degree { found: params.max_degree, max_degree: operator.max_degree() });
+        }
+        if let Some(weights) = &params.weights {
+            check::weights(weights, operator.rows())?;
+        }
+        let blocks = params.method.blocks(params.max_degree)?;
+        let plan = plan(operator, channels, &params)?;
+        let root_weights = params.weights.as_ref().map(|weights| weights.iter().map(|w| w.sqrt()).collect());
+        let block_solver = BlockSolver::new(operator, gram, blocks.len(), threads, &plan);
+        Ok(Self { operator, params, channels, blocks, plan, root_weights, block_solver })
+    }
+
+    /// Most columns that a batch may have.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// The memory plan.
+    pub fn plan(&self) -> &IrfPlan {
+        &self.plan
+    }
+
+    /// The blocks of a pass: the degrees of each.
+    pub fn blocks(&self) -> &[RangeInclusive<usize>] {
+        &self.blocks
+    }
+
+    /// Fits targets, (n, c), of which `groups` gives the columns of each target: three for a surface, one for a signal.
+    ///
+    /// The monitor gets one stage, `fit`, in columns of the basis, all passes together; a status for each block and a
+    /// detail for each pass.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::Store`] when the basis is damaged or changes, [`SolverError::Interrupted`] when the monitor asks to
+    /// stop, [`SolverError::Rows`], [`SolverError::Channels`] and [`SolverError::NotFinite`] for targets that can't be
+    /// fitted; [`SolverError::Singular`] and [`SolverError::NoConvergence`] for a block that can't be solved.
+    pub fn fit(
+        &mut self,
+        targets: ChunkedRows,
+        groups: &[Range<usize>],
+        monitor: &dyn Monitor,
+    ) -> Result<IrfFit, SolverError> {
+        let expected = self.operator.rows();
+        if targets.rows() != expected {
+            return Err(SolverError::Rows { what: "the target", expected, found: targets.rows() });
+        }
+        if let Some((row, column)) = targets.not_finite() {
+            return Err(SolverError::NotFinite { row, column });
+        }
+        let channels = targets.channels();
+        if channels > self.channels {
+            return Err(SolverError::Channels { planned: self.channels, found: channels });
+        }
+        dense::set_blas_threads(1);
+        let size = basis_size(self.params.max_degree);
+        let mut residual = targets;
+        let mut coefficients = Array2::<f64>::zeros((size, channels));
+        let mut log = Recorder::new(groups, monitor);
+        monitor.begin(Stage::counted("fit", "columns"), (size * self.params.method.passes()) as u64);
+        if self.params.accelerate {
+            self.accelerated(&mut residual, &mut coefficients, &mut log)?;
+        } else {
+            self.passes(&mut residual, &mut coefficients, &mut log)?;
+        }
+        monitor.end();
+        let report = IrfReport {
+            method: self.params.method.name(),
+            accelerated: self.params.accelerate,
+            passes: self.params.method.passes(),
+            max_degree: self.params.max_degree,
+            rows: expected,
+            channels,
+            threads: self.params.threads,
+            blocks: self.block_solver.reports().to_vec(),
+            history: log.history,
+            seconds: log.seconds,
+            memory: self.plan.clone(),
+        };
+        Ok(IrfFit { coefficients: Coefficients::new(coefficients)?, report })
+    }
+}
+
+/// Fits one batch of targets: [`IrfSolver::new`] and [`IrfSolver::fit`].
+///
+/// # Errors
+///
+/// Those of the two.
+pub fn solve(
+    operator: &dyn BlockOperator,
+    targets: ArrayView2<'_, f64>,
+    groups: &[Range<usize>],
+    params: &IrfParams,
+    monitor: &dyn Monitor,
+) -> Result<IrfFit, SolverError> {
+    let mut solver = IrfSolver::new(operator, targets.ncols(), params.clone())?;
+    solver.fit(ChunkedRows::from_array(targets, operator.chunk_rows()), groups, monitor)
+}

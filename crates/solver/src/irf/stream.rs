@@ -1,0 +1,90 @@
+//! The blocks of a pass, opened one after the other while the next one is being read from disk.
+
+use std::ops::{Range, RangeInclusive};
+
+use spharm_harmonics::basis_size;
+use spharm_harmonics::index::first_column;
+
+use super::plan::IrfPlan;
+use crate::SolverError;
+use crate::operator::{Block, BlockOperator};
+
+/// The order in which a pass takes the blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Order {
+    /// From the first to the last.
+    Forward,
+    /// From the last but one to the first, after a pass forward: the last block has just been solved, and solving it
+    /// again would give zero.
+    Backward,
+}
+
+/// Opens the blocks of a pass, with one block read ahead where the plan has memory for it.
+pub(super) struct Stream<'s, 'o> {
+    operator: &'o dyn BlockOperator,
+    blocks: &'s [RangeInclusive<usize>],
+    plan: &'s IrfPlan,
+    /// Indices of the blocks to come.
+    rest: std::vec::IntoIter<usize>,
+    ahead: Option<OpenBlock<'o>>,
+}
+
+impl<'s, 'o> Stream<'s, 'o> {
+    pub(super) fn new(
+        operator: &'o dyn BlockOperator,
+        blocks: &'s [RangeInclusive<usize>],
+        plan: &'s IrfPlan,
+        order: Order,
+    ) -> Self {
+        let indices: Vec<usize> = match order {
+            Order::Forward => (0..blocks.len()).collect(),
+            Order::Backward => (0..blocks.len() - 1).rev().collect(),
+        };
+        Self { operator, blocks, plan, rest: indices.into_iter(), ahead: None }
+    }
+
+    /// The next block, or `None` after the last.
+    pub(super) fn next(&mut self) -> Result<Option<OpenBlock<'o>>, SolverError> {
+        let block = match self.ahead.take() {
+            Some(block) => Some(block),
+            None => self.open_next()?,
+        };
+        if self.plan.read_ahead {
+            self.ahead = self.open_next()?;
+        }
+        Ok(block)
+    }
+
+    fn open_next(&mut self) -> Result<Option<OpenBlock<'o>>, SolverError> {
+        let Some(index) = self.rest.next() else { return Ok(None) };
+        let degrees = self.blocks[index].clone();
+        let data = self.operator.open(degrees.clone(), self.plan.residency(index))?;
+        data.prefetch();
+        Ok(Some(OpenBlock { index, degrees, data }))
+    }
+}
+
+/// A block that can be read: the columns of a run of degrees.
+pub(super) struct OpenBlock<'o> {
+    /// Its number within a pass forward, from 0.
+    pub(super) index: usize,
+    pub(super) degrees: RangeInclusive<usize>,
+    pub(super) data: Box<dyn Block + 'o>,
+}
+
+impl OpenBlock<'_> {
+    /// Its columns within the basis.
+    pub(super) fn columns(&self) -> Range<usize> {
+        first_column(*self.degrees.start())..basis_size(*self.degrees.end())
+    }
+
+    /// Ends its use: gives the bytes read from the store.
+    ///
+    /// # Errors
+    ///
+    /// When the basis changed while it was read, so that nothing computed from the block counts.
+    pub(super) fn close(self) -> Result<u64, SolverError> {
+        self.data.check()?;
+        Ok(self.data.bytes_read())
+    }
+}

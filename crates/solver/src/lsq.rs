@@ -1,0 +1,64 @@
+//! The full least squares, by products with the basis and, where that is too slow, a factor of the normal equations.
+//!
+//! ```text
+//! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2
+//! ```
+//!
+//! for each column f of the targets. This is the paper's NLSF, without its matrix. How [`Strategy::Auto`] goes about it:
+//!
+//! 1. Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly a
+//!    multiple of the identity, and a handful of iterations suffices.
+//! 2. Where they are slow, the Cholesky factor of N, from the Gram matrix, and refinement: `x += N^-1 g` with the gradient
+//!    `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or stops
+//!    improving. A factor that is at hand, say in a store, is used from the start where it is faster.
+//! 3. Where N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
+//!    From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
+//!    small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
+//!
+//! The report says which of these was done, and how close the result is.
+//!
+//! | module | contents |
+//! |---|---|
+//! | `solver` | [`LsqSolver`]: parameters and strategy |
+//! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
+//! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
+//! | `standard_errors` | of the coefficients |
+//! | [`gcv`] | the smoothness by generalised cross-validation |
+//! | `report` | what a fit reports |
+//!
+//! ```
+//! use ndarray::Array2;
+//! use spharm_harmonics::{Directions, synthesis};
+//! use spharm_monitor::Silent;
+//! use spharm_solver::{LsqParams, MatrixFreeOperator, lsq};
+//! use spharm_transform::TransformParams;
+//!
+//! // Three functions of degree 10, sampled at 600 directions, are found again.
+//! let angles: Vec<_> = (0..600).map(|i| [(1.0 - (2 * i + 1) as f64 / 600.0).acos(), 2.4 * i as f64]).collect();
+//! let directions = Directions::from_angles(&angles)?;
+//! let known = Array2::from_shape_fn((121, 3), |(k, c)| ((7 * k + c) as f64).sin());
+//! let targets = synthesis(&directions, known.view())?;
+//!
+//! let operator = MatrixFreeOperator::new(&directions, &TransformParams { max_degree: 10, ..TransformParams::default() })?;
+//! let fit = lsq::solve(&operator, &targets, &LsqParams::default(), &Silent)?;
+//! assert!(fit.report.optimality < 2e-10);
+//! assert!((fit.coefficients.values() - &known).iter().all(|d| d.abs() < 1e-8));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod cg;
+pub(crate) mod columns;
+mod factor;
+pub mod gcv;
+pub mod normal_equations;
+pub mod preconditioner;
+mod refine;
+mod report;
+mod solver;
+mod standard_errors;
+
+pub use cg::Stop;
+pub use gcv::{Gcv, choose_smoothness};
+pub use normal_equations::NormalEquations;
+pub use report::{LsqReport, LsqSeconds, LsqWarning};
+pub use solver::{LsqFit, LsqParams, LsqSolver, MakeGram, Strategy, solve};

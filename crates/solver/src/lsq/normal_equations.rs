@@ -1,0 +1,60 @@
+//! The normal equations `N x = A^T W f`, `N = A^T W A + P`, by products with the basis.
+
+use ndarray::{Array2, Zip};
+
+use super::columns::{add_scaled_rows, scale_rows};
+use super::preconditioner::Diagonal;
+use crate::SolverError;
+use crate::operator::Operator;
+
+/// The normal equations of a weighted and penalised least squares.
+#[derive(Clone, Copy)]
+pub struct NormalEquations<'a> {
+    /// A.
+    pub operator: &'a dyn Operator,
+    /// w, (n); all one where there are none.
+    pub weights: Option<&'a [f64]>,
+    /// Diagonal of P, (K); zero where there is none.
+    pub penalty: Option<&'a [f64]>,
+}
+
+impl NormalEquations<'_> {
+    /// `N x`.
+    pub(crate) fn apply(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        let mut y = self.operator.normal(x.view(), self.weights)?;
+        if let Some(penalty) = self.penalty {
+            add_scaled_rows(&mut y, penalty, x);
+        }
+        Ok(y)
+    }
+
+    /// The inverse of the diagonal that N would have on an even sampling: the preconditioner of unpreconditioned iterations.
+    pub fn diagonal(&self) -> Diagonal {
+        let weight = self.weights.map_or(self.operator.rows() as f64, |weights| weights.iter().sum());
+        Diagonal::new(self.operator.max_degree(), weight, self.penalty)
+    }
+
+    /// `A^T W s`.
+    pub(crate) fn adjoint(&self, samples: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        let Some(weights) = self.weights else { return self.operator.apply_adjoint(samples.view()) };
+        let mut weighted = samples.clone();
+        scale_rows(&mut weighted, weights);
+        self.operator.apply_adjoint(weighted.view())
+    }
+
+    /// `A^T W (f - A x) - P x` and the residual `f - A x`.
+    pub(crate) fn gradient(
+        &self,
+        targets: &Array2<f64>,
+        x: &Array2<f64>,
+    ) -> Result<(Array2<f64>, Array2<f64>), SolverError> {
+        let mut residual = self.operator.apply(x.view())?;
+        Zip::from(&mut residual).and(targets).par_for_each(|residual, target| *residual = target - *residual);
+        let mut gradient = self.adjoint(&residual)?;
+        if let Some(penalty) = self.penalty {
+            let minus: Vec<f64> = penalty.iter().map(|p| -p).collect();
+            add_scaled_rows(&mut gradient, &minus, x);
+        }
+        Ok((gradient, residual))
+    }
+}

@@ -1,0 +1,82 @@
+//! What a least-squares fit reports.
+
+use serde::{Serialize, Serializer};
+
+use super::cg::Stop;
+use crate::residual::ResidualNorms;
+
+/// Report of a least-squares fit.
+#[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
+pub struct LsqReport {
+    /// Highest degree, L.
+    pub max_degree: usize,
+    /// Rows, n.
+    pub rows: usize,
+    /// Columns of the targets, c.
+    pub channels: usize,
+    /// The preconditioner of the last steps: `none`, `density`, `low-degrees`, `factor`, `stored-factor`.
+    pub preconditioner: &'static str,
+    /// Iterations of conjugate gradients.
+    pub iterations: usize,
+    /// Refinements with a factor.
+    pub refinements: usize,
+    /// The largest relative gradient of all columns, formed from the samples.
+    pub optimality: f64,
+    /// How it ended.
+    pub stop: Stop,
+    /// Estimated condition number of the basis matrix, with its weights and penalty; infinite (null in JSON) where it is
+    /// numerically singular.
+    pub condition: f64,
+    /// What was added to the diagonal of a singular normal matrix, relative to its largest entry; zero otherwise.
+    pub shift: f64,
+    /// The column, from 0, and its degree at which the factorisation of a singular normal matrix broke down.
+    pub breaks_at: Option<[usize; 2]>,
+    /// The largest norm of a column of the coefficients.
+    pub norm: f64,
+    /// Smoothness penalty, lambda.
+    pub smoothness: f64,
+    /// What a user should know about the result.
+    pub warnings: Vec<LsqWarning>,
+    /// The residual of each target.
+    pub residuals: Vec<ResidualNorms>,
+    /// Wall times.
+    pub seconds: LsqSeconds,
+}
+
+/// Seconds by kind of work.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct LsqSeconds {
+    /// Gram matrix and its factorisation.
+    pub factor: f64,
+    /// All of it.
+    pub total: f64,
+}
+
+/// What a user should know about a result, in plain words.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LsqWarning {
+    /// A factor would have helped, and there is no memory for one.
+    #[error("no factor was made: {reason}")]
+    NoFactor {
+        /// What stood in the way.
+        reason: String,
+    },
+    /// Fewer vertices with weight than coefficients, without a penalty.
+    #[error("{rows} vertices don't determine {columns} coefficients; took the solution of least norm, {norm:.3e}")]
+    Underdetermined {
+        /// Vertices with weight.
+        rows: usize,
+        /// Coefficients, K.
+        columns: usize,
+        /// The largest norm of a column of the solution.
+        norm: f64,
+    },
+}
+
+impl Serialize for LsqWarning {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}

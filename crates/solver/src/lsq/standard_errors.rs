@@ -1,0 +1,47 @@
+//! Standard errors of the coefficients.
+
+use ndarray::Array2;
+use spharm_harmonics::basis_size;
+use spharm_monitor::Monitor;
+
+use super::solver::LsqSolver;
+use crate::SolverError;
+
+impl LsqSolver<'_> {
+    /// Standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`, with `sigma^2` the weighted sum of squares of
+    /// the residual, (n, c), over the rows with weight less the trace of the hat matrix `A N^-1 A^T W`, which is K without
+    /// a penalty. `diag N^-1` needs the whole factor, and `K^3 / 3` flops.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::Underdetermined`], [`SolverError::NoGram`], and what keeps a factor from being made.
+    pub fn standard_errors(
+        &mut self,
+        residual: &Array2<f64>,
+        monitor: &dyn Monitor,
+    ) -> Result<Array2<f64>, SolverError> {
+        let columns = basis_size(self.operator.max_degree());
+        let rows = self.rows_with_weight();
+        if rows <= columns && self.penalty.is_none() {
+            return Err(SolverError::Underdetermined { rows, columns });
+        }
+        self.make_factor(true, monitor)?;
+        if self.stored.is_none() && self.made.as_ref().is_some_and(|made| made.shift > 0.0) {
+            return Err(SolverError::Underdetermined { rows, columns });
+        }
+        let diagonal = self.factor()?.inverse_diagonal()?;
+        // tr H = K - tr(P N^-1), and P is diagonal.
+        let penalised = self.penalty.iter().flatten().zip(&diagonal).map(|(p, d)| p * d).sum::<f64>();
+        let degrees_of_freedom = rows as f64 - (columns as f64 - penalised);
+        if degrees_of_freedom <= 0.0 {
+            return Err(SolverError::Underdetermined { rows, columns });
+        }
+        let weight = |i: usize| self.params.weights.as_ref().map_or(1.0, |w| w[i]);
+        let sigma: Vec<f64> = residual
+            .columns()
+            .into_iter()
+            .map(|r| (r.iter().enumerate().map(|(i, r)| weight(i) * r * r).sum::<f64>() / degrees_of_freedom).sqrt())
+            .collect();
+        Ok(Array2::from_shape_fn((columns, residual.ncols()), |(k, c)| sigma[c] * diagonal[k].max(0.0).sqrt()))
+    }
+}

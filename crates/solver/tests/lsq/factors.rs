@@ -1,0 +1,111 @@
+//! Factors that are kept, stored, or of single precision.
+
+use std::sync::atomic::Ordering;
+
+use spharm_harmonics::basis_size;
+use spharm_monitor::Silent;
+use spharm_solver::cholesky::build_factor;
+use spharm_solver::gram::{Penalised, smoothness_penalty};
+use spharm_solver::lsq::Stop;
+use spharm_solver::{FactorParams, GramMatrix, LsqParams, LsqSolver, StoredFactor, Strategy, moment_gram};
+use spharm_store::factor::open_factor;
+use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
+
+use crate::problems::{
+    Random, Sampling, clustered, dense, even, irregular, matrix, params, solve, transforms, uneven_weights,
+};
+
+/// One batch after another on the same solver, with the factor that the first one made.
+#[test]
+fn a_solver_keeps_its_factor_from_batch_to_batch() {
+    let sampling = irregular(400, 4);
+    let a = matrix(&sampling.directions, 14);
+    let operator = transforms(&sampling.directions, 14);
+    let made = std::sync::atomic::AtomicUsize::new(0);
+    let gram = || {
+        made.fetch_add(1, Ordering::Relaxed);
+        Ok(Box::new(moment_gram(&sampling.directions, None, 14)?) as Box<dyn GramMatrix>)
+    };
+    let mut solver = LsqSolver::new(&operator, Some(&gram), params(&sampling, Strategy::Auto)).unwrap();
+    for seed in 0..3 {
+        let targets = Random(seed).normals(400, 3);
+        let fit = solver.fit(&targets, std::slice::from_ref(&(0..3)), &Silent).unwrap();
+        dense(&a, &targets, None, 0.0).meets(&fit, fit.report.optimality, "batch");
+        assert_eq!((fit.report.preconditioner, fit.report.stop), ("factor", Stop::Converged), "{:?}", fit.report);
+        // Iterations first, and then no more.
+        assert_eq!(fit.report.iterations > 0, seed == 0);
+    }
+    assert_eq!(made.into_inner(), 1);
+}
+
+/// A factor in a store, as it would be opened for `sampling`.
+fn stored(
+    folder: &std::path::Path,
+    sampling: &Sampling,
+    max_degree: usize,
+    weights: Option<&[f64]>,
+    smoothness: f64,
+    scalar: Scalar,
+) -> StoredFactor {
+    let spec = FactorSpec {
+        key: SchemeKey::of(&sampling.directions, Scalar::F64),
+        rows: sampling.directions.len(),
+        max_degree,
+        weights: WeightsHash::of(weights),
+        smoothness,
+    };
+    let gram = moment_gram(&sampling.directions, weights, max_degree).unwrap();
+    let penalised = Penalised::new(&gram, smoothness_penalty(max_degree, smoothness));
+    let params = FactorParams { scalar, threads: 2, ..FactorParams::default() };
+    build_factor(folder, &spec, &penalised, &params, &Silent).unwrap();
+    StoredFactor::new(open_factor(folder, &spec, Some(scalar)).unwrap(), 1 << 30, 2)
+}
+
+#[test]
+fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined() {
+    let folder = tempfile::tempdir().unwrap();
+    for (sampling, max_degree, smoothness) in
+        [(even(642), 12, 0.0), (clustered(500), 9, 0.0), (irregular(300, 2), 14, 0.0), (irregular(300, 2), 14, 1e-4)]
+    {
+        let n = sampling.directions.len();
+        let weights = uneven_weights(n);
+        let targets = Random(9).normals(n, 4);
+        let expected = dense(&matrix(&sampling.directions, max_degree), &targets, Some(&weights), smoothness);
+        let operator = transforms(&sampling.directions, max_degree);
+        let base = LsqParams { weights: Some(weights.clone()), smoothness, ..params(&sampling, Strategy::Cholesky) };
+        let made = solve(&sampling, max_degree, &targets, base.clone());
+        for scalar in [Scalar::F64, Scalar::F32] {
+            let factor = stored(folder.path(), &sampling, max_degree, Some(&weights), smoothness, scalar);
+            // No Gram matrix is there to make another from.
+            let mut solver = LsqSolver::new(&operator, None, base.clone()).unwrap().with_factor(&factor);
+            let fit = solver.fit(&targets, std::slice::from_ref(&(0..4)), &Silent).unwrap();
+            let what = format!("{} {scalar:?} {smoothness} {:?}", sampling.name, fit.report);
+            assert_eq!((fit.report.preconditioner, fit.report.iterations), ("stored-factor", 0), "{what}");
+            assert!(fit.report.stop == Stop::Converged && fit.report.optimality <= 1e-10, "{what}");
+            expected.meets(&fit, 1e-10, &what);
+            if scalar == Scalar::F64 {
+                assert_eq!(fit.coefficients.values(), made.coefficients.values(), "{what}: the same bits");
+            }
+            // Of the sum norm; it is within the size of the matrix of that of the Euclidean one, on even samplings nearer.
+            let ratio = fit.report.condition / expected.condition();
+            let most = if sampling.name == "even" { 3.0 } else { (basis_size(max_degree) as f64).sqrt() };
+            assert!(ratio > 1.0 / most && ratio < most, "{what}: {ratio}");
+        }
+    }
+}
+
+/// A condition number of the normal equations at which single precision has no digit left to solve with.
+#[test]
+fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_that_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let sampling = irregular(300, 5);
+    let targets = Random(9).normals(300, 2);
+    let expected = dense(&matrix(&sampling.directions, 16), &targets, None, 0.0);
+    assert!(expected.condition() > 2e3, "{}", expected.condition());
+    let operator = transforms(&sampling.directions, 16);
+    let factor = stored(folder.path(), &sampling, 16, None, 0.0, Scalar::F32);
+    let mut solver = LsqSolver::new(&operator, None, params(&sampling, Strategy::Auto)).unwrap().with_factor(&factor);
+    let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
+    assert!(fit.report.optimality <= 1e-9, "{:?}", fit.report);
+    expected.meets(&fit, fit.report.optimality, "single");
+}

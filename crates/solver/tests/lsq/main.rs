@@ -1,0 +1,10 @@
+//! The full least squares: every strategy gives the solution of the dense problem, and what isn't determined stays small.
+
+mod factors;
+mod gcv;
+mod preconditioned;
+mod problems;
+mod refusals;
+mod singular;
+mod standard_errors;
+mod strategies;

@@ -1,0 +1,116 @@
+//! Every strategy gives the solution of the dense problem.
+
+use ndarray::{Array2, s};
+use spharm_solver::gram::smoothness_penalty;
+use spharm_solver::lsq::Stop;
+use spharm_solver::{LsqParams, Strategy};
+
+use crate::problems::{
+    ACCURACY, Random, STRATEGIES, clustered, dense, even, irregular, largest, matrix, norms, params, solve,
+    uneven_weights,
+};
+
+#[test]
+fn every_way_gives_the_dense_least_squares_weighted_and_penalised_or_not() {
+    for (sampling, max_degree) in [(even(642), 12), (irregular(700, 1), 9), (clustered(600), 8), (even(40), 0)] {
+        let n = sampling.directions.len();
+        let a = matrix(&sampling.directions, max_degree);
+        let targets = Random(7).normals(n, 3);
+        let mut gaps = uneven_weights(n);
+        gaps.iter_mut().step_by(9).for_each(|weight| *weight = 0.0);
+        for (weights, smoothness) in
+            [(None, 0.0), (Some(uneven_weights(n)), 0.0), (Some(gaps.clone()), 0.0), (None, 1e-3), (Some(gaps), 0.02)]
+        {
+            let expected = dense(&a, &targets, weights.as_deref(), smoothness);
+            assert!(expected.condition() < 1e3, "a problem that can be told");
+            for strategy in STRATEGIES {
+                let what =
+                    format!("{}, {strategy:?}, weights {}, smoothness {smoothness}", sampling.name, weights.is_some());
+                let params = LsqParams { weights: weights.clone(), smoothness, ..params(&sampling, strategy) };
+                let fit = solve(&sampling, max_degree, &targets, params);
+                assert_eq!(fit.report.stop, Stop::Converged, "{what}");
+                assert!(fit.report.optimality <= 2e-10, "{what}: {}", fit.report.optimality);
+                expected.meets(&fit, fit.report.optimality, &what);
+                // What the report says, formed anew by direct sums.
+                let residual = &targets - &a.dot(fit.coefficients.values());
+                assert!((&residual - &fit.residual).iter().all(|d| d.abs() < 1e-11), "{what}");
+                let mut weighted = residual.clone();
+                if let Some(weights) = &weights {
+                    weighted.rows_mut().into_iter().zip(weights).for_each(|(mut row, w)| row *= *w);
+                }
+                let mut gradient = a.t().dot(&weighted);
+                for (k, p) in smoothness_penalty(max_degree, smoothness).into_iter().enumerate() {
+                    gradient.row_mut(k).scaled_add(-p, &fit.coefficients.values().row(k));
+                }
+                let optimality = largest(norms(&gradient).iter().zip(&expected.scale).map(|(g, scale)| g / scale));
+                // Where a target is nearly orthogonal to the basis, errors count more beside what is left of it.
+                let small = largest(expected.size.iter().zip(&expected.scale).map(|(size, scale)| size / scale));
+                let allowed = 2.0 * ACCURACY * expected.singular[0] * small;
+                assert!((optimality - fit.report.optimality).abs() < allowed, "{what}: {optimality:.3e} {allowed:.1e}");
+                let squares: Vec<f64> = residual.rows().into_iter().map(|row| row.dot(&row)).collect();
+                let [mean, most] = [squares.iter().sum::<f64>() / n as f64, largest(squares)];
+                let told = fit.report.residuals[0];
+                assert!((told.mean_square / mean - 1.0).abs() < 1e-10 && (told.max_square / most - 1.0).abs() < 1e-10);
+                let norm = largest(norms(fit.coefficients.values()));
+                assert!((fit.report.norm / norm - 1.0).abs() < 1e-12, "{what}");
+                assert_eq!((fit.report.shift, fit.report.breaks_at), (0.0, None), "{what}: nothing is singular");
+                assert!(fit.report.condition.is_nan() || fit.report.condition.is_finite());
+                if fit.report.condition.is_finite() {
+                    let ratio = fit.report.condition / expected.condition();
+                    assert!(ratio > 1.0 / 3.0 && ratio < 3.0, "{what}: condition off by {ratio}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_batch_gives_what_each_column_gives_alone_and_a_zero_column_zero() {
+    let sampling = clustered(500);
+    let mut targets = Random(3).normals(500, 8);
+    targets.column_mut(5).fill(0.0);
+    // Of quite another size: each column has its own optimality.
+    targets.column_mut(6).mapv_inplace(|v| 1e-9 * v);
+    let expected = dense(&matrix(&sampling.directions, 7), &targets, None, 0.0);
+    for strategy in STRATEGIES {
+        let together = solve(&sampling, 7, &targets, params(&sampling, strategy));
+        assert_eq!(together.report.stop, Stop::Converged);
+        expected.meets(&together, 2e-10, &format!("{strategy:?}"));
+        assert!(together.coefficients.values().column(5).iter().all(|v| *v == 0.0));
+        for c in [0, 5, 6] {
+            let one = targets.slice(s![.., c..c + 1]).to_owned();
+            let alone = solve(&sampling, 7, &one, params(&sampling, strategy));
+            let both = [&together, &alone].map(|fit| fit.coefficients.values().clone());
+            let off = norms(&(&both[0].slice(s![.., c..c + 1]) - &both[1]))[0];
+            assert!(off <= 1e-8 * norms(&both[1])[0], "{strategy:?}, column {c}: {off:.1e}");
+        }
+    }
+    let nothing = Array2::zeros((500, 2));
+    for strategy in STRATEGIES {
+        let fit = solve(&sampling, 7, &nothing, params(&sampling, strategy));
+        assert_eq!(
+            (fit.report.stop, fit.report.norm, fit.report.optimality),
+            (Stop::Converged, 0.0, 0.0),
+            "{strategy:?}"
+        );
+    }
+}
+
+#[test]
+fn too_few_iterations_end_with_the_best_solution_so_far() {
+    let sampling = irregular(400, 4);
+    let targets = Random(5).normals(400, 3);
+    let a = matrix(&sampling.directions, 12);
+    let mut before = f64::INFINITY;
+    for (max_iterations, strategy) in [(1, Strategy::Cg), (4, Strategy::Cg), (16, Strategy::Cg), (16, Strategy::Auto)] {
+        let fit = solve(&sampling, 12, &targets, LsqParams { max_iterations, ..params(&sampling, strategy) });
+        let what = format!("{:?}", fit.report);
+        assert_eq!((fit.report.stop, fit.report.iterations), (Stop::IterationLimit, max_iterations), "{what}");
+        assert_eq!((fit.report.preconditioner, fit.report.refinements), ("none", 0), "{what}");
+        let residual = &targets - &a.dot(fit.coefficients.values());
+        let square = residual.iter().map(|r| r * r).sum::<f64>() / 400.0;
+        assert!((fit.report.residuals[0].mean_square / square - 1.0).abs() < 1e-10, "{what}");
+        assert!(square <= before * (1.0 + 1e-12), "more iterations, less residual");
+        before = square;
+    }
+}
