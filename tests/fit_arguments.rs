@@ -108,7 +108,9 @@ fn outputs_are_not_replaced_unasked() {
     }
     succeed(lsq(&study, &arguments).arg("--force"));
     assert_eq!(bytes()[1..], before[1..], "the same again");
-    let skipped = succeed(lsq(&study, &["--max-degree", "6", "--stderr"]).arg("--skip-existing"));
+    let other = fail(lsq(&study, &["--max-degree", "6", "--stderr"]).arg("--skip-existing"));
+    assert!(other.contains("max-degree 12, not 6"), "{other}");
+    let skipped = succeed(lsq(&study, &arguments).arg("--skip-existing"));
     assert!(skipped.contains("nothing to do"), "{skipped}");
     assert_eq!(bytes()[1..], before[1..]);
 }

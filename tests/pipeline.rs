@@ -312,14 +312,17 @@ fn outputs_are_kept_unless_force_is_given() {
     let arguments = ["--max-degree", "6"];
     study.report(&["s0.surf.gii"], "m.npz", &arguments);
     let before = std::fs::read(study.path("m.npz")).unwrap();
-    let again = |more: &[&str]| {
-        let mut command = study.fit(&["s1.surf.gii"], &arguments);
+    let again_with = |surface: &str, more: &[&str]| {
+        let mut command = study.fit(&[surface], &arguments);
         command.args(more).arg("-o").arg(study.path("m.npz"));
         command
     };
+    let again = |more: &[&str]| again_with("s1.surf.gii", more);
     let error = fail(&mut again(&[]));
     assert!(error.contains("the output exists") && error.contains("--force"), "{error}");
-    assert!(succeed(&mut again(&["--skip-existing"])).contains("nothing to do"));
+    // The model of another surface isn't that of this one.
+    assert!(fail(&mut again(&["--skip-existing"])).contains("s0.surf.gii, not of"));
+    assert!(succeed(&mut again_with("s0.surf.gii", &["--skip-existing"])).contains("nothing to do"));
     assert_eq!(std::fs::read(study.path("m.npz")).unwrap(), before);
     succeed(&mut again(&["--force"]));
     assert_ne!(std::fs::read(study.path("m.npz")).unwrap(), before);

@@ -5,6 +5,7 @@ mod bad_input;
 mod bare;
 mod common;
 mod facade;
+mod first_users;
 mod fit_arguments;
 mod full_least_squares;
 mod memory;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use spharm::{FitParams, Method, Preconditioner, Smoothness, Weights, defaults};
+use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_cli::{Common, Usage};
@@ -87,6 +88,10 @@ pub(crate) struct Cli {
     /// Folder for the models, NAME.spharm.npz; for one surface also a file, whose name ends in .npz [default: here]
     #[arg(short, long, value_name = "OUT")]
     pub(super) output: Option<PathBuf>,
+    /// Names of the models, from each input's path alone: {stem} is its name without folder and format, {parent} the folder
+    /// that it is in, {parent2} the one above
+    #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
+    pub(super) name_template: NameTemplate,
     /// Also write the paper's complex coefficients, NAME.spharm.csv, beside each model
     #[arg(long)]
     pub(super) coefficients_csv: bool,
@@ -105,7 +110,7 @@ pub(crate) struct Cli {
     /// Replace outputs that exist
     #[arg(long)]
     pub(super) force: bool,
-    /// Leave surfaces out whose output exists
+    /// Leave surfaces out whose model exists, if it was fitted to the same input with the same settings
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
     #[command(flatten)]

@@ -8,8 +8,8 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use anyhow::{Context, Result};
-use spharm::parametrize::parametrize_with;
-use spharm::{Fit, ManyReport, Sphere, check_memory, defaults, fit_many};
+use spharm::parametrize::{Parametrized, parametrize_with, with_sphere};
+use spharm::{Fit, ManyReport, Mesh, Sphere, check_memory, defaults, fit_many};
 use spharm_cli::inputs::{read_sphere, read_target};
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
@@ -25,30 +25,36 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let (params, monitor) = (cli.params()?, ConsoleMonitor::new(console));
     let call = Call::new(cli, &params, console, &monitor);
     raise_file_limit();
-    let items = items(cli, &console)?;
+    if let Some(path) = &cli.report {
+        refuse_existing(path, cli.force, "report", "--report")?;
+        make_folder_of(path)?;
+    }
+    let sphere = cli.sphere.as_deref().map(|path| read_sphere(path, &console)).transpose()?;
+    let read = call.started.elapsed().as_secs_f64();
+    let items = items(cli, &console, sphere.as_ref(), &params)?;
     if items.is_empty() {
         return print("nothing to do: every output exists");
     }
-    if let Some(path) = &cli.report {
-        refuse_existing(path, cli.force, "report", "--report")?;
-    }
-    cli.threads.pool()?.install(|| match &cli.sphere {
-        Some(path) => on_one_sphere(&call, path, &items),
+    cli.threads.pool()?.install(|| match &sphere {
+        Some(sphere) => on_one_sphere(&call, sphere, &items, read),
         None => each_on_its_own(&call, &items),
     })
 }
 
 /// Fits surfaces that share a sphere.
-fn on_one_sphere(call: &Call<'_>, path: &Path, items: &[Item]) -> Result<()> {
-    let sphere = read_sphere(path, &call.console)?;
-    let read = call.started.elapsed().as_secs_f64();
-    let (fitted, report) = fit_on(call, &sphere, items)?;
+fn on_one_sphere(call: &Call<'_>, sphere: &Sphere, items: &[Item], read: f64) -> Result<()> {
+    let (fitted, report) = fit_on(call, sphere, items)?;
     call.finish(Some((report.scheme, report.scalar)), fitted, vec![report], [read, 0.0])
 }
 
 /// Maps each surface to a sphere of its own, which is written beside its model, and fits it there.
 fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
-    items.iter().try_for_each(|item| refuse_existing(&item.sphere(), call.cli.force, "sphere", "--output"))?;
+    if items.len() > 1 {
+        call.console.note(
+            "each surface gets a sphere of its own, turned arbitrarily: coefficients of different models don't correspond; \
+             for that give a common --sphere",
+        );
+    }
     let (mut fitted, mut reports, mut mapping) = (Vec::new(), Vec::new(), 0.0);
     for item in items {
         let (sphere, mapped) = map(call, item)?;
@@ -66,13 +72,22 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
 /// Maps one surface to the sphere, and writes the sphere.
 fn map(call: &Call<'_>, item: &Item) -> Result<(Sphere, Mapped)> {
     let input = item.input.display();
-    let mesh = read_mesh(&item.input)?;
+    let (mesh, path) = (read_mesh(&item.input)?, item.sphere());
     check_memory(&mesh, call.params).map_err(|error| call.explain(error.into()))?;
+    if call.cli.skip_existing
+        && let Some(found) = left_over(&path, &mesh)
+    {
+        call.console.note(format!("{}: the sphere that an earlier call made of {input} is used again", path.display()));
+        return Ok((
+            Sphere { path: Some(path.clone()), ..found.sphere },
+            Mapped { sphere: path, report: found.map.report },
+        ));
+    }
     let params = defaults::parametrization(call.params.max_degree);
     let found = parametrize_with(&mesh, &params, call.monitor).with_context(|| input.to_string())?;
-    let (path, report) = (item.sphere(), found.report);
+    let report = found.map.report;
     make_folder_of(&path)?;
-    write_mesh(&path, &found.sphere.to_mesh(), &WriteOptions { overwrite: call.cli.force, double: true })?;
+    write_mesh(&path, &found.map.sphere, &WriteOptions { overwrite: item.replace, double: true })?;
     call.console.note(format!(
         "{input}: no --sphere; mapped by {} in {:.1} s, log area ratio {:.3} rms, to {}",
         report.method,
@@ -82,6 +97,11 @@ fn map(call: &Call<'_>, item: &Item) -> Result<(Sphere, Mapped)> {
     ));
     report.notes.iter().for_each(|note| call.console.note(note));
     Ok((Sphere { path: Some(path.clone()), ..found.sphere }, Mapped { sphere: path, report }))
+}
+
+/// The sphere of a mesh that an earlier call left, where it is one.
+fn left_over(path: &Path, mesh: &Mesh) -> Option<Parametrized> {
+    path.exists().then(|| with_sphere(mesh, &read_mesh(path).ok()?).ok()).flatten()
 }
 
 /// Fits surfaces on a sphere and writes their models.

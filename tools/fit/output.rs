@@ -9,7 +9,6 @@ use anyhow::Result;
 use serde::Serialize;
 use spharm::{BatchReport, Error, Fit, FitParams, FitReport, FitWarning, ManyReport, Method, Smoothness};
 use spharm_cli::console::Console;
-use spharm_cli::inputs::stem;
 use spharm_cli::machine::{Memory, Versions, memory};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{print, print_json, table, write_json};
@@ -34,6 +33,8 @@ pub(super) struct Call<'a> {
 /// A fitted surface, as the report shows it.
 #[derive(Debug, Serialize)]
 pub(super) struct Fitted {
+    /// The model's name.
+    name: String,
     input: PathBuf,
     output: PathBuf,
     #[serde(flatten)]
@@ -84,7 +85,13 @@ struct Report<'a> {
 
 impl Fitted {
     pub(super) fn new(item: &Item, report: FitReport) -> Self {
-        Self { input: item.input.clone(), output: item.output.clone(), report, parametrization: None }
+        Self {
+            name: item.name(),
+            input: item.input.clone(),
+            output: item.output.clone(),
+            report,
+            parametrization: None,
+        }
     }
 
     /// The surface's row of the table.
@@ -92,7 +99,7 @@ impl Fitted {
         let last = self.report.passes.last()?;
         let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4e}"));
         let mut row = vec![
-            stem(&self.input),
+            self.name.clone(),
             number(last.msd),
             number(last.xsd),
             number(Some(last.msd_raw.sqrt())),
@@ -186,7 +193,7 @@ impl<'a> Call<'a> {
         if cli.json {
             return print_json(&report);
         }
-        let mut head = vec!["surface", "msd", "xsd", "rms", "max", "between", "model"];
+        let mut head = vec!["model", "msd", "xsd", "rms", "max", "between", "file"];
         if cli.hold_out.is_some() {
             head.insert(6, "msd held out");
         }

@@ -5,13 +5,13 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use ndarray::{Array2, ArrayView2};
+use spharm::Quadrature;
 use spharm_harmonics::basis_size;
 use spharm_solver::lsq::Stop;
 use spharm_solver::{
     GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, Operator, ResidualNorms, moment_gram, moment_gram_bytes,
 };
 use spharm_surface::Mesh;
-use spharm_surface::quadrature::Quadrature;
 use spharm_transform::{Transform, TransformParams};
 
 use super::bench::{Bench, Measured};

@@ -90,45 +90,9 @@ pub fn stem(path: &Path) -> String {
     ending.map_or(name.clone(), |ending| name[..name.len() - ending.len()].to_owned())
 }
 
-/// The stems of inputs; where some are the same, each with the folders before it in which the inputs differ:
-/// `sub-01/surf/lh.pial` and `sub-02/surf/lh.pial` become `sub-01.lh.pial` and `sub-02.lh.pial`.
-pub fn unique_stems(inputs: &[PathBuf]) -> Vec<String> {
-    let stems: Vec<String> = inputs.iter().map(|input| stem(input)).collect();
-    let mut sorted = stems.clone();
-    sorted.sort_unstable();
-    if sorted.windows(2).all(|pair| pair[0] != pair[1]) {
-        return stems;
-    }
-    let folders = |input: &PathBuf| -> Vec<String> {
-        let parts = input.parent().map(Path::components).into_iter().flatten();
-        parts.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect()
-    };
-    let folders: Vec<Vec<String>> = inputs.iter().map(folders).collect();
-    let shortest = folders.iter().map(Vec::len).min().unwrap_or(0);
-    let same = |pick: &dyn Fn(&Vec<String>) -> String| folders.iter().all(|f| pick(f) == pick(&folders[0]));
-    let front = (0..shortest).take_while(|&at| same(&|f| f[at].clone())).count();
-    let back = (0..shortest - front).take_while(|&at| same(&|f| f[f.len() - 1 - at].clone())).count();
-    let name = |(folders, stem): (&Vec<String>, &String)| {
-        let differing = &folders[front..folders.len() - back];
-        differing.iter().chain([stem]).map(String::as_str).collect::<Vec<_>>().join(".")
-    };
-    folders.iter().zip(&stems).map(name).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn equal_names_are_told_apart_by_their_folders() {
-        let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
-        let unique = |names: &[&str]| unique_stems(&paths(names));
-        assert_eq!(unique(&["a/lh.pial", "b/rh.pial"]), ["lh.pial", "rh.pial"]);
-        let study = ["/d/sub-01/surf/lh.pial", "/d/sub-02/surf/lh.pial"];
-        assert_eq!(unique(&study), ["sub-01.lh.pial", "sub-02.lh.pial"]);
-        assert_eq!(unique(&["a/x.obj", "x.obj"]), ["a.x", "x"]);
-        assert_eq!(unique(&["x.obj", "x.ply"]), ["x", "x"], "told apart by nothing: the caller refuses");
-    }
 
     #[test]
     fn stems_lose_the_format_only() {

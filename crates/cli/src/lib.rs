@@ -13,6 +13,7 @@
 //! | [`help`] | headings, formats and examples of the help texts |
 //! | [`inputs`] | spheres, surfaces and signals from files, with their warnings |
 //! | [`monitor`] | the progress of the library on the console |
+//! | [`names`] | names of outputs, from each input's path alone |
 //! | [`usage`] | arguments that exclude each other |
 //! | [`paths`] | lists and folders of inputs |
 //! | [`output`] | checks of output files; results to stdout, reports to files |
@@ -25,6 +26,7 @@ pub mod help;
 pub mod inputs;
 pub mod machine;
 pub mod monitor;
+pub mod names;
 pub mod output;
 pub mod paths;
 pub mod size;

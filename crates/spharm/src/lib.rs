@@ -13,6 +13,7 @@
 //! | [`assess`] | distances at the vertices, between them, at vertices held out |
 //! | [`warning`] | [`FitWarning`]: what may be wrong with a fit |
 //! | [`defaults`] | the numbers behind the defaults |
+//! | [`rerun`] | what becomes of outputs that exist |
 //! | [`machine`] | memory and limits of this process |
 //!
 //! The crates below are re-exported: [`io`] and [`generate`] of `spharm-surface`, the methods of `spharm-parametrize`.
@@ -27,11 +28,12 @@ pub mod parametrize;
 pub mod params;
 pub mod prelude;
 pub mod report;
+pub mod rerun;
 pub mod warning;
 
 pub use error::Error;
 pub use fit::{Fit, Quadrature, ToTarget, check_memory, fit, fit_many, fit_with};
-pub use model::{Versions, model_of};
+pub use model::{FileRecord, Versions, model_of};
 pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;

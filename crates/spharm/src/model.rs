@@ -1,6 +1,9 @@
 //! From a fit to a model, with how it was made.
 
-use serde::Serialize;
+use std::io::{self, Read};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
 use spharm_store::format::VERSION as STORE_FORMAT;
 use spharm_surface::{Kind, Model, Sphere};
 
@@ -29,17 +32,65 @@ impl Versions {
     }
 }
 
+/// A file that a result was made from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileRecord {
+    /// Its path, as it was given.
+    pub path: String,
+    /// Its size.
+    pub bytes: u64,
+    /// The BLAKE3 hash of its contents, in hexadecimal digits.
+    pub blake3: String,
+}
+
+impl FileRecord {
+    /// Reads a file's size and hash.
+    ///
+    /// # Errors
+    ///
+    /// When it can't be read.
+    pub fn of(path: &Path) -> io::Result<Self> {
+        let mut file = std::fs::File::open(path)?;
+        let (mut hasher, mut bytes) = (blake3::Hasher::new(), 0);
+        let mut buffer = vec![0; 1 << 18];
+        loop {
+            match file.read(&mut buffer)? {
+                0 => break,
+                count => {
+                    hasher.update(&buffer[..count]);
+                    bytes += count as u64;
+                }
+            }
+        }
+        let path = path.to_string_lossy().into_owned();
+        Ok(Self { path, bytes, blake3: hasher.finalize().to_hex().to_string() })
+    }
+
+    /// Returns whether two files have the same contents, whatever they are called.
+    pub fn same_contents(&self, other: &Self) -> bool {
+        (self.bytes, &self.blake3) == (other.bytes, &other.blake3)
+    }
+}
+
 #[derive(Debug, Serialize)]
 struct Provenance<'a> {
     tool: &'static str,
     versions: Versions,
-    input: Option<&'a str>,
+    input: Option<&'a FileRecord>,
+    /// The sphere's file, as it was given.
     sphere: Option<String>,
+    /// Whether the sphere was made for this surface.
+    parametrized: bool,
     method: &'static str,
     passes: usize,
     granularity: Option<usize>,
     start_degree: Option<usize>,
+    accelerate: bool,
     weights: &'a str,
+    hold_out: Option<f64>,
+    tolerance: f64,
+    /// `default`, `fixed` or `auto`.
+    smoothness_choice: &'static str,
     /// Smoothness penalty, lambda.
     smoothness: f64,
     dtype: &'static str,
@@ -49,20 +100,24 @@ struct Provenance<'a> {
     anatomical_structure_primary: Option<&'a str>,
 }
 
-/// Returns the model of a fit over a sphere; `input` is the name of the target's file, where it has one.
-pub fn model_of(sphere: &Sphere, fit: &Fit, input: Option<&str>) -> Model {
+/// Returns the model of a fit over a sphere; `input` is the target's file, where it has one.
+pub fn model_of(sphere: &Sphere, fit: &Fit, input: Option<&FileRecord>) -> Model {
     let (report, settings) = (&fit.report, &fit.report.settings);
-    let name = |path: &std::path::Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let provenance = Provenance {
         tool: "fit",
         versions: Versions::current(),
         input,
-        sphere: sphere.path.as_deref().and_then(name),
+        sphere: sphere.path.as_deref().map(|path| path.to_string_lossy().into_owned()),
+        parametrized: sphere.parametrized,
         method: settings.method.name(),
         passes: settings.method.passes(),
         granularity: settings.method.granularity(),
         start_degree: settings.method.start_degree(),
+        accelerate: settings.method.accelerated(),
         weights: &settings.weights,
+        hold_out: settings.hold_out,
+        tolerance: settings.tolerance,
+        smoothness_choice: settings.smoothness.name(),
         smoothness: report.smoothness,
         dtype: settings.scalar.name(),
         surface: settings.kind == Kind::Surface,

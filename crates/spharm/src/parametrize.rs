@@ -1,22 +1,29 @@
 //! A sphere for a surface that comes without one.
 
 use spharm_monitor::{Monitor, Silent, Stage};
-use spharm_parametrize::{Event, auto};
-use spharm_surface::{Mesh, Sphere};
+use spharm_parametrize::{Event, Parametrization, auto};
+use spharm_surface::{Mesh, Sphere, Target};
 
 use crate::Error;
 
 pub use spharm_parametrize::{CaldParams, Report};
 
-/// A surface and its map to the sphere.
+/// A surface's map to the sphere.
 #[derive(Debug, Clone)]
 pub struct Parametrized {
-    /// The surface: the mesh that was given.
-    pub surface: Mesh,
     /// The sphere, with the surface's vertices and triangles.
     pub sphere: Sphere,
-    /// Quality of the map, and how it was found.
-    pub report: Report,
+    /// The surface and the sphere as meshes, and how the map was found.
+    pub map: Parametrization,
+}
+
+impl TryFrom<Parametrization> for Parametrized {
+    type Error = Error;
+
+    fn try_from(map: Parametrization) -> Result<Self, Error> {
+        let sphere = Sphere { parametrized: true, ..Sphere::from_mesh(&map.sphere)? };
+        Ok(Self { sphere, map })
+    }
 }
 
 /// Maps a closed surface of genus zero to the sphere, one to one, by the default method: equal areas with little length
@@ -29,7 +36,7 @@ pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrized, 
     parametrize_with(surface, params, &Silent)
 }
 
-/// As [`parametrize`](parametrize()), with progress.
+/// As [`parametrize`](parametrize()), with progress and cancellation.
 ///
 /// # Errors
 ///
@@ -40,8 +47,19 @@ pub fn parametrize_with(surface: &Mesh, params: &CaldParams, monitor: &dyn Monit
         Event::Step(steps) => monitor.step(steps),
         _ => {}
     };
-    let found = auto(surface, params, &mut show)?;
+    let map = auto(surface, params, &mut show)?;
     monitor.end();
-    let sphere = Sphere { parametrized: true, ..Sphere::from_mesh(&found.sphere)? };
-    Ok(Parametrized { surface: found.surface, sphere, report: found.report })
+    map.try_into()
+}
+
+/// Returns a surface's map to a sphere that was made for it earlier.
+///
+/// # Errors
+///
+/// [`Error::Surface`] where the sphere hasn't the surface's vertices and triangles, [`Error::Parametrize`] where the map
+/// isn't one to one.
+pub fn with_sphere(surface: &Mesh, sphere: &Mesh) -> Result<Parametrized, Error> {
+    Target::from_mesh(surface, &Sphere::from_mesh(sphere)?)?;
+    let report = Report::new("given", surface, sphere, "map the surface again")?;
+    Parametrization { surface: surface.clone(), sphere: sphere.clone(), report }.try_into()
 }

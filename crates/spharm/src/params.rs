@@ -113,6 +113,17 @@ pub enum Smoothness {
     Auto,
 }
 
+impl Smoothness {
+    /// Returns how it is chosen, as models record it: `default`, `fixed` or `auto`.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Default => "default",
+            Self::Fixed(_) => "fixed",
+            Self::Auto => "auto",
+        }
+    }
+}
+
 /// What each vertex counts in the least squares.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Weights {

@@ -51,8 +51,14 @@ pub struct FitReport {
 pub struct Settings {
     /// The method and its settings.
     pub method: crate::Method,
+    /// How the smoothness was chosen.
+    pub smoothness: crate::Smoothness,
     /// `uniform`, `area`, or the name of the weights given.
     pub weights: String,
+    /// Fraction of the vertices that was held out.
+    pub hold_out: Option<f64>,
+    /// Optimality asked for.
+    pub tolerance: f64,
     /// Key of the sampling scheme.
     pub scheme: SchemeKey,
     /// Scalar type of the basis.

@@ -22,7 +22,6 @@
 //! | [`nearest`] | the nearest point of a mesh |
 //! | [`Sphere`], [`Target`] | a sphere's directions and triangles; the values to be fitted over it; both checked |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
-//! | [`quadrature`] | coefficients by quadrature on a resampled grid |
 //! | [`sphere_locator`] | which triangle of a sphere a direction meets, values interpolated there |
 //! | [`model`] | fitted models, `NAME.spharm.npz` |
 //! | [`render`] | pictures of meshes, as PNG |
@@ -62,7 +61,6 @@ pub mod io;
 pub mod metrics;
 pub mod model;
 pub mod nearest;
-pub mod quadrature;
 pub mod render;
 pub mod sphere_locator;
 pub mod topology;

@@ -207,7 +207,10 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         warnings,
         settings: Settings {
             method: job.params.method,
+            smoothness: job.params.smoothness,
             weights: job.params.weights.name().to_owned(),
+            hold_out: job.params.hold_out,
+            tolerance: job.params.tolerance,
             scheme: job.key,
             scalar: job.scalar,
             kind: target.kind,

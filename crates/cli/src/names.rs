@@ -1,0 +1,155 @@
+//! Names of outputs, from each input's path alone.
+//!
+//! A name must not depend on what else a call has: a cluster job with one subject and a call with all of them have to
+//! write the same files. So it is made from a template, and inputs that it gives the same name are refused.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use crate::inputs::stem;
+
+/// Most folders above a file that a template may name.
+const DEEPEST: usize = 9;
+
+/// A name with placeholders: `{stem}` is the input's name without folder and format, `{parent}` the folder that it is in,
+/// `{parent2}` the folder above that, and so on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NameTemplate(Vec<Part>);
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Part {
+    Text(String),
+    Stem,
+    /// The folder so many levels up, from 1.
+    Parent(usize),
+}
+
+impl FromStr for NameTemplate {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (mut parts, mut rest) = (Vec::new(), text);
+        while let Some((before, after)) = rest.split_once('{') {
+            let (name, after) = after.split_once('}').ok_or_else(|| format!("{{ without }} in {text}"))?;
+            if !before.is_empty() {
+                parts.push(Part::Text(before.to_owned()));
+            }
+            let level = name.strip_prefix("parent").map(|level| if level.is_empty() { "1" } else { level });
+            parts.push(match (name, level.and_then(|level| level.parse().ok())) {
+                ("stem", _) => Part::Stem,
+                (_, Some(level @ 1..=DEEPEST)) => Part::Parent(level),
+                _ => {
+                    return Err(format!(
+                        "{{{name}}}: expected {{stem}}, {{parent}} or {{parent2}} to {{parent{DEEPEST}}}"
+                    ));
+                }
+            });
+            rest = after;
+        }
+        if !rest.is_empty() {
+            parts.push(Part::Text(rest.to_owned()));
+        }
+        let separators = |part: &Part| matches!(part, Part::Text(text) if text.contains(['/', '\\']));
+        if parts.iter().any(separators) {
+            return Err("a name has no folders; give those with --output".to_owned());
+        }
+        if !parts.contains(&Part::Stem) && !parts.iter().any(|part| matches!(part, Part::Parent(_))) {
+            return Err("expected a placeholder, such as {stem}: without one every input has the same name".to_owned());
+        }
+        Ok(Self(parts))
+    }
+}
+
+impl std::fmt::Display for NameTemplate {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.iter().try_for_each(|part| match part {
+            Part::Text(text) => f.write_str(text),
+            Part::Stem => f.write_str("{stem}"),
+            Part::Parent(1) => f.write_str("{parent}"),
+            Part::Parent(level) => write!(f, "{{parent{level}}}"),
+        })
+    }
+}
+
+impl NameTemplate {
+    /// Returns the name of an input; a folder that it doesn't have is left empty.
+    #[must_use]
+    pub fn name(&self, input: &Path) -> String {
+        // A path relative to the current folder lies in that folder all the same.
+        let input = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
+        let folder = |level: usize| {
+            let folder = input.ancestors().nth(level).and_then(Path::file_name);
+            folder.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+        };
+        let part = |part: &Part| match part {
+            Part::Text(text) => text.clone(),
+            Part::Stem => stem(&input),
+            Part::Parent(level) => folder(*level),
+        };
+        self.0.iter().map(part).collect()
+    }
+
+    /// Returns a template that gives each of these inputs a name of its own: a folder or two and the stem.
+    #[must_use]
+    pub fn distinguishing(inputs: &[PathBuf]) -> Option<Self> {
+        let one = (1..=DEEPEST).map(|level| vec![level]);
+        let two = (1..=DEEPEST).flat_map(|low| (low + 1..=DEEPEST).map(move |high| vec![high, low]));
+        let template = |levels: Vec<usize>| {
+            let folders = levels.into_iter().flat_map(|level| [Part::Parent(level), Part::Text(".".to_owned())]);
+            Self(folders.chain([Part::Stem]).collect())
+        };
+        let distinguishes = |template: &Self| {
+            let mut names: Vec<String> = inputs.iter().map(|input| template.name(input)).collect();
+            names.sort_unstable();
+            names.windows(2).all(|pair| pair[0] != pair[1])
+        };
+        one.chain(two).map(template).find(distinguishes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn name(template: &str, input: &str) -> String {
+        template.parse::<NameTemplate>().unwrap().name(Path::new(input))
+    }
+
+    #[test]
+    fn placeholders_are_the_stem_and_the_folders_above() {
+        let input = "/data/sub-01/surf/lh.pial.surf.gii";
+        assert_eq!(name("{stem}", input), "lh.pial");
+        assert_eq!(name("{parent2}_{stem}.v1", input), "sub-01_lh.pial.v1");
+        assert_eq!(name("{parent}{parent3}", input), "surfdata");
+        assert_eq!(name("{parent9}.{stem}", input), ".lh.pial");
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(name("{parent}", "lh.pial"), here.file_name().unwrap().to_string_lossy());
+    }
+
+    #[test]
+    fn templates_without_a_placeholder_or_with_an_unknown_one_are_refused() {
+        for (template, why) in [
+            ("model", "placeholder"),
+            ("{subject}", "{subject}"),
+            ("{parent0}", "{parent0}"),
+            ("{stem", "without }"),
+            ("a/{stem}", "--output"),
+        ] {
+            let error = template.parse::<NameTemplate>().unwrap_err();
+            assert!(error.contains(why), "{template}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_template_that_distinguishes_inputs_is_found() {
+        let of = |inputs: &[&str]| {
+            let inputs: Vec<PathBuf> = inputs.iter().map(PathBuf::from).collect();
+            NameTemplate::distinguishing(&inputs).map(|template| template.to_string())
+        };
+        assert_eq!(of(&["/d/a/lh.pial", "/d/b/lh.pial"]).as_deref(), Some("{parent}.{stem}"));
+        assert_eq!(of(&["/d/sub-01/surf/lh.pial", "/d/sub-02/surf/lh.pial"]).as_deref(), Some("{parent2}.{stem}"));
+        let sites = ["/a/s1/lh.pial", "/a/s2/lh.pial", "/b/s1/lh.pial"];
+        assert_eq!(of(&sites).as_deref(), Some("{parent2}.{parent}.{stem}"));
+        assert_eq!(of(&["/d/x.obj", "/d/x.ply"]), None);
+    }
+}

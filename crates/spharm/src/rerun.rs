@@ -1,0 +1,217 @@
+//! What becomes of outputs that exist when a fit is run again.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use spharm_store::{Scalar, SchemeKey};
+use spharm_surface::{Model, Sphere};
+
+use crate::model::FileRecord;
+use crate::{FitParams, Smoothness};
+
+/// What to do with outputs that exist.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum IfExists {
+    /// Refuse.
+    Refuse,
+    /// Skip a model that is the one asked for, and refuse another.
+    Skip,
+    /// Replace them.
+    Replace,
+}
+
+/// The fit that is asked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Request<'a> {
+    /// The target's file.
+    pub input: &'a FileRecord,
+    /// The sphere; `None` where the surface is mapped to one of its own.
+    pub sphere: Option<&'a Sphere>,
+    /// Settings.
+    pub params: &'a FitParams,
+    /// The model's file.
+    pub output: &'a Path,
+    /// Files beside the model that are asked for.
+    pub beside: &'a [PathBuf],
+    /// What to do where they exist.
+    pub if_exists: IfExists,
+}
+
+/// What to do about a request.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Decision {
+    /// Nothing: the model and the files beside it are there.
+    Skip,
+    /// Fit.
+    Fit {
+        /// Whether outputs that exist are replaced.
+        replace: bool,
+        /// The other input whose model is replaced.
+        replaces: Option<FileRecord>,
+    },
+}
+
+/// An output that is in the way.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Refusal {
+    /// It exists.
+    #[error("{}: the output exists", .path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// It is the model of another input.
+    #[error("{}: the model of {}, not of {}", .path.display(), .recorded, .input)]
+    OtherInput {
+        /// The model.
+        path: PathBuf,
+        /// What it is the model of.
+        recorded: String,
+        /// The input that was to be fitted.
+        input: String,
+    },
+    /// It is a model of the same input with other settings.
+    #[error("{}: fitted with other settings: {}", .path.display(), list(.differences))]
+    OtherSettings {
+        /// The model.
+        path: PathBuf,
+        /// What differs.
+        differences: Vec<Difference>,
+    },
+    /// It doesn't record what it was made from.
+    #[error("{}: no model, or one that doesn't record what it was made from", .path.display())]
+    Unknown {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// A setting that differs between a model and a request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// The field of [`FitParams`] or [`Method`](crate::Method), or `sphere`.
+    pub setting: &'static str,
+    /// What the model was fitted with.
+    pub found: String,
+    /// What is asked for.
+    pub wanted: String,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}, not {}", self.setting.replace('_', "-"), self.found, self.wanted)
+    }
+}
+
+fn list(differences: &[Difference]) -> String {
+    differences.iter().map(Difference::to_string).collect::<Vec<_>>().join("; ")
+}
+
+impl Request<'_> {
+    /// Decides what to do, from the outputs that exist and what the model among them records.
+    ///
+    /// With [`IfExists::Skip`] a model of the same input with the same settings is kept, and made again only where a file
+    /// beside it is missing. Inputs are the same where their contents are.
+    ///
+    /// # Errors
+    ///
+    /// [`Refusal`] with the output that is in the way.
+    pub fn decide(&self) -> Result<Decision, Refusal> {
+        let path = || self.output.to_owned();
+        let exists = self.output.exists();
+        if !exists || self.if_exists == IfExists::Refuse {
+            let in_the_way = std::iter::once(self.output).chain(self.beside.iter().map(PathBuf::as_path));
+            return match in_the_way.into_iter().find(|path| path.exists()) {
+                // What a broken-off fit left over is no obstacle to going on.
+                Some(path) if self.if_exists == IfExists::Refuse => Err(Refusal::Exists { path: path.to_owned() }),
+                other => Ok(Decision::Fit { replace: other.is_some(), replaces: None }),
+            };
+        }
+        let model = Model::read(self.output).ok();
+        let recorded = model.as_ref().and_then(|model| Some((model, recorded_input(model)?)));
+        let other = |recorded: &FileRecord| !recorded.same_contents(self.input);
+        match (self.if_exists, recorded) {
+            (IfExists::Replace, recorded) => {
+                let replaces = recorded.map(|(_, input)| input).filter(other);
+                Ok(Decision::Fit { replace: true, replaces })
+            }
+            (_, None) => Err(Refusal::Unknown { path: path() }),
+            (_, Some((_, recorded))) if other(&recorded) => {
+                Err(Refusal::OtherInput { path: path(), recorded: recorded.path, input: self.input.path.clone() })
+            }
+            (_, Some((model, _))) => {
+                let differences = self.differences(model);
+                if !differences.is_empty() {
+                    return Err(Refusal::OtherSettings { path: path(), differences });
+                }
+                let complete = self.beside.iter().all(|file| file.exists());
+                Ok(if complete { Decision::Skip } else { Decision::Fit { replace: true, replaces: None } })
+            }
+        }
+    }
+
+    fn differences(&self, model: &Model) -> Vec<Difference> {
+        let params = self.params;
+        let provenance: Value = serde_json::from_str(&model.provenance).unwrap_or_default();
+        let mut differences = Vec::new();
+        let mut check = |setting: &'static str, found: String, wanted: String| {
+            if found != wanted {
+                differences.push(Difference { setting, found, wanted });
+            }
+        };
+        let text = |name: &str| match &provenance[name] {
+            Value::String(text) => text.clone(),
+            Value::Null => "none".to_owned(),
+            value => value.to_string(),
+        };
+        let option = |value: Option<usize>| value.map_or("none".to_owned(), |value| value.to_string());
+        let parametrized = provenance["parametrized"].as_bool().unwrap_or(false);
+        let scalar = if text("dtype") == Scalar::F32.name() { Scalar::F32 } else { Scalar::F64 };
+        let wanted = self.sphere.map(|sphere| SchemeKey::of(&sphere.directions, scalar).to_string());
+        check("sphere", sphere_name((!parametrized).then_some(&model.scheme_key)), sphere_name(wanted.as_ref()));
+        check("dtype", scalar.name().to_owned(), params.scalar.unwrap_or(scalar).name().to_owned());
+        check("max_degree", model.coefficients.max_degree().to_string(), params.max_degree.to_string());
+        let method = &params.method;
+        check("method", text("method"), method.name().to_owned());
+        check("passes", text("passes"), method.passes().to_string());
+        check("granularity", text("granularity"), option(method.granularity()));
+        check("start_degree", text("start_degree"), option(method.start_degree()));
+        check("accelerate", text("accelerate"), method.accelerated().to_string());
+        check("weights", text("weights"), params.weights.name().to_owned());
+        check("smoothness", text("smoothness_choice"), params.smoothness.name().to_owned());
+        let fixed = match params.smoothness {
+            Smoothness::Fixed(lambda) if text("smoothness_choice") == "fixed" => Some(lambda),
+            _ => None,
+        };
+        let found = |name: &str| provenance[name].as_f64();
+        for (setting, found, wanted) in [
+            ("smoothness", fixed.and_then(|_| found("smoothness")), fixed),
+            ("hold_out", found("hold_out"), params.hold_out),
+            ("tolerance", found("tolerance"), Some(params.tolerance)),
+        ] {
+            // A number that was written and read again may have lost its last bit.
+            let same = match (found, wanted) {
+                (Some(found), Some(wanted)) => (found - wanted).abs() <= 1e-14 * wanted.abs(),
+                (found, wanted) => found.is_none() && wanted.is_none(),
+            };
+            let text = |value: Option<f64>| value.map_or("none".to_owned(), |value| value.to_string());
+            if !same {
+                check(setting, text(found), text(wanted));
+            }
+        }
+        differences
+    }
+}
+
+/// The target's file, where a model records it.
+fn recorded_input(model: &Model) -> Option<FileRecord> {
+    let provenance: Value = serde_json::from_str(&model.provenance).ok()?;
+    serde_json::from_value(provenance["input"].clone()).ok()
+}
+
+fn sphere_name(scheme_key: Option<&String>) -> String {
+    // As many digits as messages about stores show.
+    scheme_key.map_or("of its own".to_owned(), |key| key.chars().take(12).collect())
+}

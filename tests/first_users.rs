@@ -1,0 +1,222 @@
+//! What people ran into who tried the program for the first time: names of outputs, runs that go on, left-overs.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+use spharm_surface::Model;
+use spharm_surface::generate::{Cortex, cortex, icosphere};
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+
+use crate::common::{fail, finish, succeed, text, tool};
+use crate::pipeline::names;
+
+const OPTIONS: WriteOptions = WriteOptions { overwrite: true, double: true };
+
+/// Subjects with files of the same names in folders of their own, on one sphere.
+struct Subjects {
+    folder: tempfile::TempDir,
+}
+
+impl Subjects {
+    fn new(count: u32) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        write_mesh(folder.path().join("sphere.ply"), &icosphere(3), &OPTIONS).expect("a sphere");
+        for variant in 1..=count {
+            let surf = folder.path().join(format!("sub-{variant:02}/surf"));
+            std::fs::create_dir_all(&surf).expect("a folder");
+            let (surface, _) = cortex(&Cortex { subdivisions: 3, variant: variant.into() });
+            write_mesh(surf.join("lh.pial.ply"), &surface, &OPTIONS).expect("a surface");
+        }
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn surface(&self, subject: u32) -> PathBuf {
+        self.path(&format!("sub-{subject:02}/surf/lh.pial.ply"))
+    }
+
+    /// `fit` of some subjects into the folder `out`.
+    fn fit(&self, subjects: &[u32], arguments: &[&str]) -> Command {
+        let mut fit = tool("fit");
+        fit.arg("--sphere").arg(self.path("sphere.ply")).arg("--surface");
+        fit.args(subjects.iter().map(|&subject| self.surface(subject)));
+        fit.args(["--max-degree", "6", "-q", "-o"]).arg(self.path("out")).args(arguments);
+        fit
+    }
+
+    fn model(&self, name: &str) -> Model {
+        Model::read(&self.path("out").join(name)).expect("a model")
+    }
+}
+
+fn errors(command: &mut Command) -> String {
+    let output = finish(command);
+    assert!(output.status.success(), "{}", text(&output));
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+const BY_SUBJECT: [&str; 2] = ["--name-template", "{parent2}.{stem}"];
+
+#[test]
+fn a_model_of_another_input_is_not_taken_for_ones_own() {
+    let subjects = Subjects::new(2);
+    succeed(&mut subjects.fit(&[1], &["--skip-existing"]));
+    let before = subjects.model("lh.pial.spharm.npz");
+    let error = fail(&mut subjects.fit(&[2], &["--skip-existing"]));
+    assert!(error.contains("sub-01/surf/lh.pial.ply, not of") && error.contains("sub-02/surf/lh.pial.ply"), "{error}");
+    assert!(error.contains("--name-template '{parent2}.{stem}'"), "{error}");
+    assert_eq!(subjects.model("lh.pial.spharm.npz"), before);
+    let warnings = errors(&mut subjects.fit(&[2], &["--force"]));
+    assert!(warnings.contains("replaces the model of") && warnings.contains("sub-01"), "{warnings}");
+    assert_ne!(subjects.model("lh.pial.spharm.npz").coefficients, before.coefficients);
+    // Again, it is one's own.
+    assert!(!errors(&mut subjects.fit(&[2], &["--force"])).contains("replaces"));
+}
+
+#[test]
+fn names_depend_on_the_input_alone() {
+    let subjects = Subjects::new(3);
+    let error = fail(&mut subjects.fit(&[1, 2], &[]));
+    assert!(error.contains("would both be written to") && error.contains("'{parent2}.{stem}'"), "{error}");
+    assert!(!subjects.path("out").exists());
+    succeed(&mut subjects.fit(&[1, 2], &BY_SUBJECT));
+    succeed(&mut subjects.fit(&[3], &BY_SUBJECT));
+    let expected = [1, 2, 3].map(|subject| format!("sub-0{subject}.lh.pial.spharm.npz"));
+    assert_eq!(names(&subjects.path("out")), expected);
+    let again = succeed(subjects.fit(&[1, 2, 3], &BY_SUBJECT).arg("--skip-existing"));
+    assert!(again.contains("nothing to do"), "{again}");
+}
+
+#[test]
+fn a_model_with_other_settings_is_not_taken_for_the_one_asked_for() {
+    let subjects = Subjects::new(1);
+    let weights: String = (0..642).map(|row| format!("{}\n", 1 + row % 2)).collect();
+    std::fs::write(subjects.path("weights.csv"), weights).expect("weights");
+    let weights = subjects.path("weights.csv");
+    let usual = ["--smoothness", "1e-7"];
+    succeed(&mut subjects.fit(&[1], &usual));
+    for (arguments, difference) in [
+        (&["--max-degree", "8"][..], "max-degree 6, not 8"),
+        (&["--smoothness", "2e-7"], "smoothness 0.0000001, not 0.0000002"),
+        (&["--weights", weights.to_str().expect("UTF-8")], "weights uniform, not"),
+        (&["--hold-out", "0.1"], "hold-out none, not 0.1"),
+        (&["--tolerance", "1e-6"], "tolerance"),
+    ] {
+        let replaced = |flag: &str| !arguments.contains(&flag);
+        // A flag can't be given twice.
+        let mut command = tool("fit");
+        command.arg("--sphere").arg(subjects.path("sphere.ply")).arg("--surface").arg(subjects.surface(1));
+        command.args(["-q", "--skip-existing", "-o"]).arg(subjects.path("out"));
+        if replaced("--max-degree") {
+            command.args(["--max-degree", "6"]);
+        }
+        if replaced("--smoothness") {
+            command.args(usual);
+        }
+        let error = fail(command.args(arguments));
+        assert!(error.contains(difference) && error.contains("--force"), "{error}");
+    }
+    let again = succeed(subjects.fit(&[1], &usual).arg("--skip-existing"));
+    assert!(again.contains("nothing to do"), "{again}");
+    // On another sphere it would be another model.
+    let turned = icosphere(3);
+    let turned = turned.with_vertices(turned.vertices.iter().map(|&[x, y, z]| [y, z, x]).collect());
+    write_mesh(subjects.path("sphere.ply"), &turned, &OPTIONS).expect("a sphere");
+    let error = fail(subjects.fit(&[1], &usual).arg("--skip-existing"));
+    assert!(error.contains("sphere "), "{error}");
+}
+
+#[test]
+fn a_file_beside_the_model_that_is_missing_is_made() {
+    let subjects = Subjects::new(1);
+    succeed(&mut subjects.fit(&[1], &[]));
+    let before = std::fs::read(subjects.path("out/lh.pial.spharm.npz")).expect("a model");
+    succeed(&mut subjects.fit(&[1], &["--skip-existing", "--coefficients-csv"]));
+    assert_eq!(names(&subjects.path("out")), ["lh.pial.spharm.csv", "lh.pial.spharm.npz"]);
+    assert_eq!(std::fs::read(subjects.path("out/lh.pial.spharm.npz")).expect("a model"), before);
+}
+
+#[test]
+fn a_sphere_that_a_broken_off_fit_left_is_used_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let (surface, _) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    write_mesh(path("s.ply"), &surface, &OPTIONS).expect("a mesh");
+    let fit = || {
+        let mut fit = tool("fit");
+        fit.arg("--surface").arg(path("s.ply")).args(["--max-degree", "8", "--skip-existing", "-o"]).arg(path("out"));
+        fit
+    };
+    succeed(&mut fit());
+    let model = std::fs::read(path("out/s.spharm.npz")).expect("a model");
+    std::fs::remove_file(path("out/s.spharm.npz")).expect("it is there");
+    let said = errors(&mut fit());
+    assert!(said.contains("s.sphere.surf.gii") && said.contains("used again"), "{said}");
+    assert_eq!(std::fs::read(path("out/s.spharm.npz")).expect("a model"), model);
+    // One of other triangles is made again.
+    write_mesh(path("out/s.sphere.surf.gii"), &icosphere(2), &OPTIONS).expect("a sphere");
+    std::fs::remove_file(path("out/s.spharm.npz")).expect("it is there");
+    succeed(&mut fit());
+    assert_eq!(read_mesh(path("out/s.sphere.surf.gii")).expect("a sphere").faces, surface.faces);
+    assert_eq!(std::fs::read(path("out/s.spharm.npz")).expect("a model"), model);
+}
+
+#[test]
+fn several_surfaces_mapped_apart_are_noted_not_to_correspond() {
+    let subjects = Subjects::new(2);
+    let fit = |subjects: &Subjects, count: u32| {
+        let mut fit = tool("fit");
+        fit.arg("--surface").args((1..=count).map(|subject| subjects.surface(subject))).args(BY_SUBJECT);
+        errors(fit.args(["--max-degree", "4", "--force", "-o"]).arg(subjects.path("out")))
+    };
+    assert!(fit(&subjects, 2).contains("don't correspond"));
+    assert!(!fit(&subjects, 1).contains("don't correspond"));
+}
+
+#[test]
+fn too_little_memory_is_refused_before_the_mapping() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (surface, _) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    write_mesh(folder.path().join("s.ply"), &surface, &OPTIONS).expect("a mesh");
+    let mut fit = tool("fit");
+    fit.arg("--surface").arg(folder.path().join("s.ply")).args(["--max-degree", "8", "--memory", "4MiB", "-v", "-o"]);
+    let output = finish(fit.arg(folder.path().join("out")));
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(stderr.contains("--memory 4") && stderr.contains("is too small"), "{stderr}");
+    assert!(!stderr.contains("coarse to fine") && !folder.path().join("out").exists(), "{stderr}");
+}
+
+#[test]
+fn the_report_gets_its_folder_and_the_table_names_the_models() {
+    let subjects = Subjects::new(2);
+    let report = subjects.path("new/report.json");
+    let mut fit = subjects.fit(&[1, 2], &BY_SUBJECT);
+    let table = succeed(fit.arg("--report").arg(&report));
+    for name in ["sub-01.lh.pial", "sub-02.lh.pial"] {
+        assert!(table.lines().any(|line| line.starts_with(name)), "{table}");
+    }
+    let report: Value = serde_json::from_slice(&std::fs::read(report).expect("a report")).expect("JSON");
+    assert_eq!(report["surfaces"][1]["name"], "sub-02.lh.pial");
+    // A report that can't be written is refused before the fit.
+    let mut fit = subjects.fit(&[1, 2], &BY_SUBJECT);
+    fail(fit.arg("--force").arg("--report").arg(subjects.path("sphere.ply/report.json")));
+}
+
+#[test]
+fn an_output_is_a_model_or_a_folder() {
+    let subjects = Subjects::new(1);
+    let fit = |output: &str| {
+        let mut fit = tool("fit");
+        fit.arg("--sphere").arg(subjects.path("sphere.ply")).arg("--surface").arg(subjects.surface(1));
+        fit.args(["--max-degree", "4", "-q", "-o"]).arg(Path::new(&subjects.path(output)));
+        fit
+    };
+    let error = fail(&mut fit("m/sub-01.csv"));
+    assert!(error.contains("sub-01.csv") && error.contains(".npz"), "{error}");
+    succeed(&mut fit("v1.2"));
+    assert!(subjects.path("v1.2/lh.pial.spharm.npz").exists());
+}
