@@ -32,6 +32,7 @@
 //! | `points` | the directions, sorted |
 //! | `kernel` | the interpolation kernel |
 //! | `interpolation`, `interpolation_batch` | grid to directions and back, and its inner loops |
+//! | `workspace` | working memory of calls and threads |
 //! | `lanes` | short arrays in vector registers |
 //!
 //! # Example
@@ -66,6 +67,7 @@ mod polar_rings;
 mod ring_sums;
 mod ring_table;
 pub mod transform;
+mod workspace;
 
 pub use either::synthesis;
 pub use error::TransformError;

@@ -18,8 +18,9 @@ use crate::grid::Layout;
 use crate::gridding::Gridding;
 use crate::interpolation::{interpolate, interpolate_and_spread, spread};
 use crate::kernel::Kernel;
-use crate::legendre::{Legendre, Work};
+use crate::legendre::Legendre;
 use crate::points::Points;
+use crate::workspace::{ThreadWorkspace, Workspace};
 
 /// Degree, accuracy and memory use of a [`Transform`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,17 +57,7 @@ pub struct Transform {
     /// `1 / (2 p_m)`.
     order_factor: Vec<f64>,
     /// Working memory of earlier calls, for later ones: a fresh page costs more than writing to it.
-    spaces: Mutex<Vec<Space>>,
-}
-
-/// Working memory of a call.
-#[derive(Debug, Default)]
-struct Space {
-    circles: Vec<Complex64>,
-    spectra: Vec<Complex64>,
-    grids: [Vec<f64>; 2],
-    samples: Vec<f64>,
-    by_order: Vec<f64>,
+    spaces: Mutex<Vec<Workspace>>,
 }
 
 impl Transform {
@@ -227,7 +218,7 @@ impl Transform {
     }
 
     /// Calls `work` for each group of channels with working memory of the right size.
-    fn grouped(&self, channels: usize, mut work: impl FnMut(&mut Space, std::ops::Range<usize>)) {
+    fn grouped(&self, channels: usize, mut work: impl FnMut(&mut Workspace, std::ops::Range<usize>)) {
         let mut space = self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop().unwrap_or_default();
         let mut first = 0;
         while first < channels {
@@ -249,14 +240,14 @@ impl Transform {
     }
 
     /// Evaluates the coefficients on the first grid and fills its margins.
-    fn grid_of(&self, coefficients: ArrayView2<'_, f64>, space: &mut Space) -> Layout {
+    fn grid_of(&self, coefficients: ArrayView2<'_, f64>, space: &mut Workspace) -> Layout {
         let channels = coefficients.ncols();
         let (columns, rings) = (2 * channels, self.legendre.rings());
         let layout = self.layout(channels);
         let coefficients = coefficients.as_standard_layout();
         let coefficients = coefficients.as_slice().unwrap_or_default();
         space.circles.par_chunks_mut(channels * self.gridding.grid).enumerate().with_max_len(1).for_each_init(
-            || (Scratch::new(columns, rings, self.max_degree), self.fourier.work()),
+            || (ThreadWorkspace::new(columns, rings, self.max_degree), self.fourier.work()),
             |(scratch, fourier_work), (pair, circles)| {
                 for parity in 0..2 {
                     let m = 2 * pair + parity;
@@ -296,7 +287,7 @@ impl Transform {
     }
 
     /// Computes coefficients from the second grid with its margins: the transpose of [`grid_of`](Self::grid_of).
-    fn coefficients_of(&self, layout: Layout, space: &mut Space, mut out: ndarray::ArrayViewMut2<'_, f64>) {
+    fn coefficients_of(&self, layout: Layout, space: &mut Workspace, mut out: ndarray::ArrayViewMut2<'_, f64>) {
         let channels = layout.channels;
         let (columns, rings) = (2 * channels, self.legendre.rings());
         layout.fold(&mut space.grids[1]);
@@ -316,7 +307,7 @@ impl Transform {
             .enumerate()
             .with_max_len(1)
             .for_each_init(
-                || (Scratch::new(columns, rings, self.max_degree), self.fourier.work()),
+                || (ThreadWorkspace::new(columns, rings, self.max_degree), self.fourier.work()),
                 |(scratch, fourier_work), (pair, (part, circles))| {
                     for (channel, circle) in circles.chunks_exact_mut(self.gridding.grid).enumerate() {
                         let [[ee, eo], [oe, oo]] = &mut scratch.sums;
@@ -380,23 +371,3 @@ fn ring_angle(j: usize, rings: usize) -> [f64; 2] {
 /// Weights of directions, in the order of the [`Transform`] that sorted them.
 #[derive(Debug, Clone)]
 pub struct SortedWeights(Vec<f64>);
-
-/// Working memory of one thread for a pair of orders.
-struct Scratch {
-    /// Scaled coefficients of an order, (L + 1 - m, columns) row-major.
-    x: Vec<f64>,
-    /// For the even and for the odd order of the pair: sums over even and over odd `l - m`, (rings, columns).
-    sums: [[Vec<f64>; 2]; 2],
-    work: Work,
-}
-
-impl Scratch {
-    fn new(columns: usize, rings: usize, max_degree: usize) -> Self {
-        let zeros = || vec![0.0; rings * columns];
-        Self {
-            x: vec![0.0; (max_degree + 1) * columns],
-            sums: [[zeros(), zeros()], [zeros(), zeros()]],
-            work: Work::new(),
-        }
-    }
-}

@@ -1,0 +1,40 @@
+//! Working memory: of a call, which the plan keeps for the next one, and of a thread.
+
+use rustfft::num_complex::Complex64;
+
+use crate::legendre::Work;
+
+/// Working memory of a call.
+#[derive(Debug, Default)]
+pub(crate) struct Workspace {
+    /// Great circles of the grid, (order pairs, channels, M).
+    pub(crate) circles: Vec<Complex64>,
+    /// Spectra of the grid's rows, (rows, channels, L + 1).
+    pub(crate) spectra: Vec<Complex64>,
+    /// The grid that is interpolated from, and the one that is spread to, with margins.
+    pub(crate) grids: [Vec<f64>; 2],
+    /// Samples in sorted order, (n, channels) row-major.
+    pub(crate) samples: Vec<f64>,
+    /// Coefficients by order: for each m, (L + 1 - m, columns) row-major.
+    pub(crate) by_order: Vec<f64>,
+}
+
+/// Working memory of one thread for a pair of orders.
+pub(crate) struct ThreadWorkspace {
+    /// Scaled coefficients of an order, (L + 1 - m, columns) row-major.
+    pub(crate) x: Vec<f64>,
+    /// For the even and for the odd order of the pair: sums over even and over odd `l - m`, (rings, columns).
+    pub(crate) sums: [[Vec<f64>; 2]; 2],
+    pub(crate) work: Work,
+}
+
+impl ThreadWorkspace {
+    pub(crate) fn new(columns: usize, rings: usize, max_degree: usize) -> Self {
+        let zeros = || vec![0.0; rings * columns];
+        Self {
+            x: vec![0.0; (max_degree + 1) * columns],
+            sums: [[zeros(), zeros()], [zeros(), zeros()]],
+            work: Work::new(),
+        }
+    }
+}
