@@ -1,0 +1,119 @@
+#!/usr/bin/env python3
+"""Checks the rules of CONTRIBUTING.md that no compiler checks; Python's standard library only.
+
+- Source files have at most 400 lines.
+- Crates depend on each other as the table of CONTRIBUTING.md states, and only on crates above them in it.
+- Files of a crate don't import each other in circles. Test modules and what `lib.rs` re-exports don't count.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = ["crates", "tools", "tests", "benches", "examples"]
+MOST_LINES = 400
+
+
+def lengths():
+    for folder in SOURCES:
+        for path in sorted((ROOT / folder).rglob("*.rs")):
+            lines = len(path.read_text().splitlines())
+            if lines > MOST_LINES:
+                yield f"{path.relative_to(ROOT)}: {lines} lines, at most {MOST_LINES} are allowed"
+
+
+def dependencies():
+    """Compares the table with the manifests; development dependencies may be on any crate."""
+    table = {}
+    for line in (ROOT / "CONTRIBUTING.md").read_text().splitlines():
+        cells = [cell.strip() for cell in line.split("|")]
+        if match := re.fullmatch(r"`([a-z]+)`", cells[1] if len(cells) == 5 else ""):
+            table[match[1]] = set(re.findall(r"`([a-z]+)`", cells[3]))
+    manifests = {path.parent.name: path.read_text() for path in ROOT.glob("crates/*/Cargo.toml")}
+    names = {re.search(r'^name = "(.*)"', text, re.M)[1]: folder for folder, text in manifests.items()}
+    for folder in table.keys() - manifests.keys():
+        yield f"CONTRIBUTING.md: there is no crates/{folder}"
+    for folder, text in sorted(manifests.items()):
+        section = re.search(r"^\[dependencies\]\n(.*?)(?=^\[|\Z)", text, re.M | re.S)
+        entries = re.findall(r"^([\w-]+)", section[1], re.M) if section else []
+        found = {names[name] for name in entries if name in names}
+        if folder not in table:
+            yield f"CONTRIBUTING.md: crates/{folder} is missing from the table"
+        elif found != table[folder]:
+            yield f"CONTRIBUTING.md: crates/{folder} depends on {sorted(found)}, the table has {sorted(table[folder])}"
+        else:
+            above = list(table)[: list(table).index(folder)]
+            for name in sorted(found - set(above)):
+                yield f"crates/{folder}: depends on {name}, which is below it in the table"
+
+
+def modules(source):
+    """Files of a crate by the path of their module, a tuple of names."""
+    found = {}
+    for path in source.rglob("*.rs"):
+        names = path.relative_to(source).with_suffix("").parts
+        found[names[:-1] if names[-1] in ("mod", "lib", "spharm") else names] = path
+    return found
+
+
+def used(tree):
+    """The paths of a use tree, `a::{b, c::d}`, without their `as`."""
+    tree = tree.strip()
+    if not (match := re.match(r"(.*?)\{(.*)\}$", tree, re.S)):
+        return [tree.split(" as ")[0].strip()]
+    branches, depth = [""], 0
+    for character in match[2]:
+        depth += (character == "{") - (character == "}")
+        if character == "," and depth == 0:
+            branches.append("")
+        else:
+            branches[-1] += character
+    return [match[1] + path for branch in branches if branch.strip() for path in used(branch)]
+
+
+def imports(module, path, files):
+    """Modules of the same crate that a file imports from."""
+    text = re.sub(r"//.*", "", path.read_text().split("#[cfg(test)]\nmod tests {")[0])
+    uses = [used(tree) for tree in re.findall(r"^(?:pub(?:\([a-z]+\))? )?use ([^;]+);", text, re.M)]
+    names = [name for tree in uses for name in tree] + re.findall(r"\bcrate(?:::\w+)+", text)
+    for name in names:
+        parts = name.split("::")
+        if parts[0] == "crate":
+            target = parts[1:]
+        elif parts[0] in ("super", "self"):
+            ups = sum(part == "super" for part in parts)
+            target = [*module[: len(module) - ups], *(part for part in parts if part not in ("super", "self"))]
+        elif (*module, parts[0]) in files:
+            target = [*module, *parts]
+        else:
+            continue
+        while tuple(target) not in files:
+            target.pop()
+        # What the crate's root re-exports can't be told from what it defines, and it should define nothing.
+        if target and tuple(target) != module:
+            yield tuple(target)
+
+
+def circles():
+    for source in [*sorted(ROOT.glob("crates/*/src")), ROOT / "tools"]:
+        files = modules(source)
+        edges = {module: set(imports(module, path, files)) for module, path in files.items()}
+        # What imports nothing that is left is in no circle.
+        while free := [module for module, targets in edges.items() if not targets]:
+            for module in free:
+                del edges[module]
+            edges = {module: targets - set(free) for module, targets in edges.items()}
+        # Of the rest, what nothing imports is in none either.
+        while free := [module for module in edges if not any(module in targets for targets in edges.values())]:
+            for module in free:
+                del edges[module]
+        for module, targets in sorted(edges.items()):
+            names = ", ".join("::".join(target) for target in sorted(targets))
+            yield f"{files[module].relative_to(ROOT)}: in a circle of imports, with {names}"
+
+
+if __name__ == "__main__":
+    faults = [*lengths(), *dependencies(), *circles()]
+    print(*faults, sep="\n")
+    sys.exit(bool(faults))
