@@ -1,0 +1,192 @@
+//! What `store` prints: JSON, or tables.
+
+use serde::Serialize;
+use spharm_cli::size::Size;
+use spharm_store::catalog::SchemeSummary;
+use spharm_store::factor::FactorFile;
+use spharm_store::{Codec, DegreeFile, Scalar, SchemeKey, StoreError};
+
+/// A line of `list`.
+#[derive(Debug, Serialize)]
+pub(super) struct SchemeRow {
+    key: String,
+    directions: Option<usize>,
+    dtype: Option<&'static str>,
+    codec: Option<&'static str>,
+    degrees: usize,
+    /// Highest degree of which every one below is there as well.
+    complete_to: Option<usize>,
+    /// Number of factors beside the basis.
+    factors: usize,
+    damaged: usize,
+    bytes: u64,
+}
+
+/// A basis file.
+#[derive(Debug, Serialize)]
+pub(super) struct DegreeRow {
+    key: String,
+    degree: usize,
+    directions: Option<usize>,
+    columns: usize,
+    dtype: Option<&'static str>,
+    codec: Option<&'static str>,
+    chunk_rows: Option<usize>,
+    chunks: Option<usize>,
+    bytes: Option<u64>,
+    problem: Option<String>,
+}
+
+/// A factor file.
+#[derive(Debug, Serialize)]
+pub(super) struct FactorRow {
+    key: String,
+    factor: String,
+    max_degree: Option<usize>,
+    columns: Option<usize>,
+    dtype: Option<&'static str>,
+    weights: Option<String>,
+    smoothness: Option<f64>,
+    norm: Option<f64>,
+    reciprocal_condition: Option<f64>,
+    tile: Option<usize>,
+    tiles: Option<usize>,
+    bytes: Option<u64>,
+    problem: Option<String>,
+}
+
+/// A line of `show`.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+pub(super) enum Row {
+    Degree(DegreeRow),
+    Factor(FactorRow),
+}
+
+impl From<SchemeSummary> for SchemeRow {
+    fn from(summary: SchemeSummary) -> Self {
+        Self {
+            key: summary.key.to_string(),
+            directions: summary.rows,
+            dtype: summary.scalar.map(Scalar::name),
+            codec: summary.codec.map(Codec::name),
+            degrees: summary.degrees,
+            complete_to: summary.complete_to,
+            factors: summary.factors,
+            damaged: summary.damaged,
+            bytes: summary.bytes,
+        }
+    }
+}
+
+/// The table of schemes.
+pub(super) fn scheme_lines(rows: Vec<SchemeRow>) -> Vec<Vec<String>> {
+    let mut lines =
+        vec![["scheme", "directions", "dtype", "codec", "degrees", "factors", "size"].map(str::to_owned).to_vec()];
+    for row in rows {
+        let extent = match row.complete_to {
+            Some(degree) if degree + 1 == row.degrees => format!("0 to {degree}"),
+            Some(degree) => format!("0 to {degree}, {} in all", row.degrees),
+            None if row.degrees == 0 => "none".to_owned(),
+            None => format!("{} without degree 0", row.degrees),
+        };
+        let damage = if row.damaged > 0 { format!(", {} damaged", row.damaged) } else { String::new() };
+        lines.push(vec![
+            row.key,
+            row.directions.map_or("-".to_owned(), |n| n.to_string()),
+            row.dtype.unwrap_or("-").to_owned(),
+            row.codec.unwrap_or("-").to_owned(),
+            format!("{extent}{damage}"),
+            row.factors.to_string(),
+            Size(row.bytes as usize).to_string(),
+        ]);
+    }
+    lines
+}
+
+impl DegreeRow {
+    /// Of a file, or of what is wrong with it.
+    pub(super) fn new(key: SchemeKey, degree: usize, file: &Result<DegreeFile, StoreError>) -> Self {
+        let header = file.as_ref().ok().map(DegreeFile::header);
+        Self {
+            key: key.to_string(),
+            degree,
+            directions: header.map(|h| h.rows),
+            columns: 2 * degree + 1,
+            dtype: header.map(|h| h.scalar.name()),
+            codec: header.map(|h| h.codec.name()),
+            chunk_rows: header.map(|h| h.chunk_rows),
+            chunks: header.map(|h| h.chunk_count()),
+            bytes: file.as_ref().ok().map(DegreeFile::file_len),
+            problem: file.as_ref().err().map(ToString::to_string),
+        }
+    }
+}
+
+impl FactorRow {
+    /// Of a file, or of what is wrong with it.
+    pub(super) fn new(key: SchemeKey, name: String, file: &Result<FactorFile, StoreError>) -> Self {
+        let header = file.as_ref().ok().map(FactorFile::header);
+        Self {
+            key: key.to_string(),
+            factor: name,
+            max_degree: header.map(|h| h.spec.max_degree),
+            columns: header.map(|h| h.grid.size()),
+            dtype: header.map(|h| h.scalar.name()),
+            weights: header.map(|h| h.spec.weights.to_string()),
+            smoothness: header.map(|h| h.spec.smoothness),
+            norm: header.map(|h| h.condition.norm),
+            reciprocal_condition: header.map(|h| h.condition.reciprocal),
+            tile: header.map(|h| h.grid.tile()),
+            tiles: header.map(|h| h.grid.count()),
+            bytes: file.as_ref().ok().map(FactorFile::file_len),
+            problem: file.as_ref().err().map(ToString::to_string),
+        }
+    }
+}
+
+fn size_or_problem(bytes: Option<u64>, problem: Option<String>) -> String {
+    bytes.map_or(problem.unwrap_or_default(), |bytes| Size(bytes as usize).to_string())
+}
+
+fn number(value: Option<usize>) -> String {
+    value.map_or("-".to_owned(), |value| value.to_string())
+}
+
+/// The table of basis files.
+pub(super) fn degree_lines(rows: Vec<DegreeRow>) -> Vec<Vec<String>> {
+    let head = ["scheme", "degree", "columns", "dtype", "codec", "chunks", "rows a chunk", "size"];
+    let mut lines = vec![head.map(str::to_owned).to_vec()];
+    for row in rows {
+        lines.push(vec![
+            row.key[..12].to_owned(),
+            row.degree.to_string(),
+            row.columns.to_string(),
+            row.dtype.unwrap_or("-").to_owned(),
+            row.codec.unwrap_or("-").to_owned(),
+            number(row.chunks),
+            number(row.chunk_rows),
+            size_or_problem(row.bytes, row.problem),
+        ]);
+    }
+    lines
+}
+
+/// The table of factors.
+pub(super) fn factor_lines(rows: Vec<FactorRow>) -> Vec<Vec<String>> {
+    let head = ["scheme", "factor", "columns", "weights", "smoothness", "condition", "tiles", "size"];
+    let mut lines = vec![head.map(str::to_owned).to_vec()];
+    for row in rows {
+        lines.push(vec![
+            row.key[..12].to_owned(),
+            row.factor,
+            number(row.columns),
+            row.weights.unwrap_or("-".to_owned()),
+            row.smoothness.map_or("-".to_owned(), |smoothness| smoothness.to_string()),
+            row.reciprocal_condition.map_or("-".to_owned(), |reciprocal| format!("{:.1e}", 1.0 / reciprocal)),
+            number(row.tiles),
+            size_or_problem(row.bytes, row.problem),
+        ]);
+    }
+    lines
+}
