@@ -11,7 +11,6 @@ mod paper;
 mod parametrize;
 mod picture;
 mod reconstruct;
-mod stages;
 mod store;
 
 use std::ffi::OsString;

@@ -95,6 +95,7 @@ fn map(call: &Call<'_>, item: &Item) -> Result<(Sphere, Mapped)> {
         report.quality.area_rms,
         path.display()
     ));
+    report.warnings.iter().for_each(|warning| call.console.warn(warning));
     report.notes.iter().for_each(|note| call.console.note(note));
     Ok((Sphere { path: Some(path.clone()), ..found.sphere }, Mapped { sphere: path, report }))
 }

@@ -1,12 +1,4 @@
 //! `parametrize`: maps a closed surface onto the sphere, one to one.
-//!
-//! | module | what |
-//! |---|---|
-//! | `input` | a mesh, or the surface around a label of a volume |
-//! | `shared` | what `--resample-to` names |
-
-mod input;
-mod shared;
 
 use std::path::{Path, PathBuf};
 
@@ -14,18 +6,15 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use serde::Serialize;
 use spharm_cli::Common;
-use spharm_cli::console::Console;
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{print, refuse_existing, table, write_json};
 use spharm_cli::threads::Threads;
+use spharm_parametrize::volume::{Repair, VolumeParams, VolumeSurface, is_volume};
 use spharm_parametrize::{
-    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Event, Parametrization, Quality, Report, Resampled,
-    StretchParams, auto, cald, conformal, deform, equal_area, resample, stretch,
+    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, ParametrizeError,
+    Quality, Report, Resampling, Sampling, StretchParams,
 };
 use spharm_surface::io::{WriteOptions, write_mesh};
-
-use self::input::{Input, Label};
-use self::shared::Shared;
-use crate::stages::shown;
 
 /// Map a closed surface onto the sphere, one to one: the sphere that a fit needs
 ///
@@ -33,7 +22,7 @@ use crate::stages::shown;
 /// or degenerate, by an exact predicate, or there is an error and no file.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cli {
-    /// Surface: a closed mesh of genus zero, or a label volume (.nii, .nii.gz), whose label's surface is made
+    /// Surface: a closed mesh of genus zero, or a label volume (.nii, .nii.gz, .mgh, .mgz), whose label's surface is made
     #[arg(long, value_name = "MESH_OR_VOLUME")]
     input: PathBuf,
     /// Of a volume: the label; only needed where there are several
@@ -42,9 +31,9 @@ pub(crate) struct Cli {
     /// Of a volume: keep the largest piece, fill cavities, open handles, in place of refusing the label
     #[arg(long)]
     fix: bool,
-    /// How
-    #[arg(long, value_enum, default_value_t = Method::Auto)]
-    method: Method,
+    /// Method of parameterisation
+    #[arg(long, value_enum, default_value_t = MethodName::Auto)]
+    method: MethodName,
     /// Sphere to write, in the format of its name (.surf.gii, .ply, .obj, ...), in 64 bits where it holds them
     #[arg(short, long, value_name = "SPHERE")]
     output: PathBuf,
@@ -54,22 +43,23 @@ pub(crate) struct Cli {
     surface_output: Option<PathBuf>,
     /// Then put the surface on the sampling of another sphere, which --output gets: icosphere:N, or a sphere's file
     #[arg(long, value_name = "icosphere:N|SPHERE", conflicts_with = "subdivisions")]
-    resample_to: Option<Shared>,
+    resample_to: Option<Sampling>,
     /// With --method deform: subdivisions of the icosphere [default: as many vertices as the surface, or a few more]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=10))]
     subdivisions: Option<u32>,
     /// Write what was done and how good it is as JSON
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// How the sphere is turned in the beginning; other seeds give maps that are as good but not the same
+    /// Seed of the rotation that the sphere starts from; other seeds give other maps of the same quality
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// By cald, root mean square of the log area ratio, up to 1, that may be spent on shape and on room for what a model
-    /// errs on: 0 for areas as equal as they get, 0.25 for the sake of a fit alone [default: 0.1]
+    /// By cald, the allowed area distortion (root mean square of the log area ratio), from 0 to 1, which is spent on shape
+    /// and on areas that adapt to the residual of a model: 0 for areas as equal as possible, 0.25 for a map that only
+    /// serves a fit [default: 0.1]
     #[arg(long, value_name = "RMS")]
     area: Option<f64>,
-    /// By cald, degree of the model that room is made for, no more than two thirds of the vertices determine; below 2
-    /// none is made [default: that with half as many functions as there are vertices, at most 100]
+    /// By cald, degree of the model whose residual areas adapt to, limited to what two thirds of the vertices determine;
+    /// below 2 they don't adapt [default: that with half as many functions as there are vertices, at most 100]
     #[arg(long, value_name = "L")]
     degree: Option<usize>,
     /// Replace outputs that exist
@@ -82,7 +72,7 @@ pub(crate) struct Cli {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Method {
+enum MethodName {
     /// cald for meshes, equal-area for volumes; stretch where that fails
     Auto,
     /// Equal areas, with little length distortion (Shen and Makedon 2006)
@@ -108,9 +98,24 @@ struct Written<'a> {
     #[serde(flatten)]
     report: &'a Report,
     #[serde(skip_serializing_if = "Option::is_none")]
-    volume: Option<&'a Label>,
+    volume: Option<Label>,
     #[serde(skip_serializing_if = "Option::is_none")]
     distance: Option<Distance>,
+}
+
+/// The label that a surface was made of.
+#[derive(Debug, Serialize)]
+struct Label {
+    label: i64,
+    voxels: usize,
+    /// The changes made by `--fix`, if any.
+    repair: Option<Repair>,
+}
+
+impl From<&VolumeSurface> for Label {
+    fn from(found: &VolumeSurface) -> Self {
+        Self { label: found.label, voxels: found.voxels, repair: found.repair }
+    }
 }
 
 /// From the input's surface to the new one, in the input's unit.
@@ -120,40 +125,26 @@ struct Distance {
     rms: f64,
     percentile95: f64,
     hausdorff: f64,
-    /// By how much the Hausdorff distance may be more than was found.
+    /// The most by which the true Hausdorff distance may exceed `hausdorff`.
     bound: f64,
     /// Cube root of the bounding box's volume.
     scale: f64,
-    /// Pairs of the new surface's triangles that cut through each other, where that was looked for.
+    /// Pairs of the new surface's triangles that intersect, where they were looked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     self_intersections: Option<usize>,
 }
 
-/// A map, and for a surface that isn't the input's how far it is from it.
-struct Found {
-    map: Parametrization,
-    distance: Option<Distance>,
-}
-
-impl From<Parametrization> for Found {
-    fn from(map: Parametrization) -> Self {
-        Self { map, distance: None }
-    }
-}
-
-impl From<Resampled> for Found {
-    fn from(found: Resampled) -> Self {
-        let d = found.distance;
-        let distance = Distance {
+impl From<Resampling> for Distance {
+    fn from(Resampling { distance: d, self_intersections, .. }: Resampling) -> Self {
+        Self {
             mean: d.mean,
             rms: d.rms,
             percentile95: d.percentile95,
             hausdorff: d.hausdorff,
             bound: d.bound,
             scale: d.scale,
-            self_intersections: found.self_intersections,
-        };
-        Self { map: found.map, distance: Some(distance) }
+            self_intersections,
+        }
     }
 }
 
@@ -173,17 +164,25 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         bail!("the outputs must have different names");
     }
 
-    let input = Input::read(&cli.input, cli.label, cli.fix)?;
-    input.notes(&cli.input).into_iter().for_each(|note| console.note(note));
-    if let Some(repair) = input.label().and_then(|label| label.repair) {
+    if !is_volume(&cli.input) && (cli.label.is_some() || cli.fix) {
+        bail!("{}: --label and --fix are for volumes (.nii, .nii.gz, .mgh, .mgz)", cli.input.display());
+    }
+    let monitor = ConsoleMonitor::new(console);
+    let volume = VolumeParams { label: cli.label, fix: cli.fix };
+    let input = Input::read(&cli.input, &volume, &monitor)?;
+    console.note(format_args!("{}: {}", cli.input.display(), described(&input)));
+    if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &input {
         console.warn(repair);
     }
     check(cli, &input)?;
-    let found = cli.threads.pool()?.install(|| parametrize(cli, &input, &console));
-    let Found { map: found, distance } = found.with_context(|| cli.input.display().to_string())?;
+    let found = cli.threads.pool()?.install(|| parametrize(cli, &input, &monitor));
+    let found = found.with_context(|| cli.input.display().to_string())?;
+    found.report.warnings.iter().for_each(|warning| console.warn(warning));
     found.report.notes.iter().for_each(|note| console.note(note));
 
-    keeps_its_triangles(&cli.output, &found)?;
+    if !holds_double(&cli.output) {
+        found.check_single_precision().with_context(|| cli.output.display().to_string())?;
+    }
     let options = WriteOptions { overwrite: cli.force, double: true };
     write_mesh(&cli.output, &found.sphere, &options)?;
     if let Some(path) = &cli.surface_output {
@@ -197,8 +196,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
             threads: cli.threads.count(),
             version: env!("CARGO_PKG_VERSION"),
             report: &found.report,
-            volume: input.label(),
-            distance,
+            volume: if let Input::Label(found) = &input { Some(found.into()) } else { None },
+            distance: found.resampling.map(Distance::from),
         };
         write_json(path, cli.force, &written)?;
     }
@@ -207,21 +206,21 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 
 /// Whether what was asked for goes together, said before any work.
 fn check(cli: &Cli, input: &Input) -> Result<()> {
-    let by_cald = matches!(input, Input::Mesh(_)) && !matches!(cli.method, Method::Conformal | Method::Stretch);
+    let by_cald = matches!(input, Input::Mesh(_)) && !matches!(cli.method, MethodName::Conformal | MethodName::Stretch);
     if !by_cald && (cli.area.is_some() || cli.degree.is_some()) {
         bail!("--area and --degree are for meshes by --method cald, auto or deform");
     }
     let why = match (input, cli.method, &cli.resample_to) {
-        (Input::Mesh(_), Method::EqualArea, _) => {
-            bail!("equal-area is for volumes (.nii, .nii.gz); use --method cald for meshes")
+        (Input::Mesh(_), MethodName::EqualArea, _) => {
+            bail!("equal-area is for volumes (.nii, .nii.gz, .mgh, .mgz); use --method cald for meshes")
         }
-        (_, Method::Deform, Some(_)) => bail!("deform makes a sampling of its own; leave out --resample-to"),
-        (_, method, _) if method != Method::Deform && cli.subdivisions.is_some() => {
+        (_, MethodName::Deform, Some(_)) => bail!("deform makes a sampling of its own; leave out --resample-to"),
+        (_, method, _) if method != MethodName::Deform && cli.subdivisions.is_some() => {
             bail!("--subdivisions is for --method deform; use --resample-to icosphere:N")
         }
-        (_, Method::Deform, _) => "deform makes",
+        (_, MethodName::Deform, _) => "deform makes",
         (_, _, Some(_)) => "--resample-to makes",
-        (Input::Volume(..), _, _) => "a volume gets",
+        (Input::Label(_), _, _) => "a volume gets",
         _ => return Ok(()),
     };
     if cli.surface_output.is_none() {
@@ -230,67 +229,42 @@ fn check(cli: &Cli, input: &Input) -> Result<()> {
     Ok(())
 }
 
-fn parametrize(cli: &Cli, input: &Input, console: &Console) -> Result<Found> {
-    let mut show = shown(console);
-    let mut progress = |event| {
-        if let Event::Begin { stage, .. } = event {
-            console.detail(stage);
-        }
-        show(event);
-    };
-    let progress = &mut progress;
+fn parametrize(cli: &Cli, input: &Input, monitor: &ConsoleMonitor) -> Result<Parametrization, ParametrizeError> {
     let seed = cli.seed;
-    let mesh = input.mesh();
     let default = CaldParams::default();
     let params = CaldParams { area: cli.area.unwrap_or(default.area), degree: cli.degree, seed, ..default };
-    let map = match (cli.method, input) {
-        (Method::Auto | Method::EqualArea, Input::Volume(quads, _)) => {
-            equal_area(quads, &EqualAreaParams::default(), progress)?
+    let method = match cli.method {
+        MethodName::Auto => Method::Auto(params),
+        MethodName::Cald => Method::Cald(params),
+        MethodName::EqualArea => Method::EqualArea(EqualAreaParams::default()),
+        MethodName::Conformal => Method::Conformal(ConformalParams { seed, ..ConformalParams::default() }),
+        MethodName::Stretch => Method::Stretch(StretchParams { seed, ..StretchParams::default() }),
+        MethodName::Deform => {
+            let deform = DeformParams { subdivisions: cli.subdivisions, ..DeformParams::default() };
+            Method::Deform { params: deform, map: params }
         }
-        (Method::Auto | Method::Deform, _) => auto(&mesh, &params, progress)?,
-        (Method::Cald, _) => cald(&mesh, &params, progress)?,
-        (Method::Conformal, _) => conformal(&mesh, &ConformalParams { seed, ..ConformalParams::default() }, progress)?,
-        (Method::Stretch, _) => stretch(&mesh, &StretchParams { seed, ..StretchParams::default() }, progress)?,
-        // `check` has refused meshes.
-        (Method::EqualArea, Input::Mesh(_)) => bail!("equal-area is for volumes"),
     };
-    if cli.method == Method::Deform {
-        let params = DeformParams { subdivisions: cli.subdivisions, ..DeformParams::default() };
-        return Ok(after(&map, deform(&map.surface, &map.sphere, &params, progress)?));
-    }
+    let found = method.run(input, monitor)?;
     match &cli.resample_to {
-        Some(shared) => Ok(after(&map, resample(&map.surface, &map.sphere, &shared.sphere()?)?)),
-        None => Ok(map.into()),
+        Some(sampling) => found.resampled(&sampling.sphere()?, monitor),
+        None => Ok(found),
     }
 }
 
-/// What came of a map, with what is to be known of the map.
-fn after(map: &Parametrization, mut found: Resampled) -> Found {
-    let report = &mut found.map.report;
-    report.seconds += map.report.seconds;
-    report.iterations += map.report.iterations;
-    let first = format!("made from the {} map of {} vertices", map.report.method, map.report.vertices);
-    report.notes = [std::slice::from_ref(&first), &map.report.notes, &report.notes].concat();
-    found.into()
+fn described(input: &Input) -> String {
+    match input {
+        Input::Mesh(mesh) => format!("{} vertices, {} triangles", mesh.vertices.len(), mesh.faces.len()),
+        Input::Label(VolumeSurface { quads, label, voxels, .. }) => {
+            let (vertices, faces) = (quads.vertices.len(), quads.quads.len());
+            format!("label {label}, {voxels} voxels; {vertices} vertices, {faces} quadrangles")
+        }
+    }
 }
 
-/// A format of 32-bit numbers can flip cells that are small enough; then no file is better than that one.
-fn keeps_its_triangles(path: &Path, found: &Parametrization) -> Result<()> {
+/// Whether a file of this name keeps coordinates in 64 bits.
+fn holds_double(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let holds_double = [".gii", ".gii.gz", ".ply", ".obj", ".off", ".vtk"].iter().any(|ending| name.ends_with(ending));
-    if holds_double {
-        return Ok(());
-    }
-    let rounded = found.sphere.vertices.iter().map(|p| p.map(|x| f64::from(x as f32))).collect();
-    let quality = Quality::of(&found.surface, &found.sphere.with_vertices(rounded));
-    if !quality.is_bijective() {
-        bail!(
-            "{}: the 32-bit numbers of this format would flip {} of the sphere's triangles; write .surf.gii or .ply",
-            path.display(),
-            quality.flipped + quality.degenerate
-        );
-    }
-    Ok(())
+    [".gii", ".gii.gz", ".ply", ".obj", ".off", ".vtk"].iter().any(|ending| name.ends_with(ending))
 }
 
 fn summary(output: &Path, report: &Report) -> String {

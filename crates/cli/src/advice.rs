@@ -5,6 +5,7 @@
 
 use std::io;
 
+use spharm_parametrize::ParametrizeError;
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
 use spharm_surface::SurfaceError;
@@ -15,7 +16,8 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
         let surface = cause.downcast_ref().and_then(of_surface);
         let store = || cause.downcast_ref().and_then(of_store);
         let solver = || cause.downcast_ref().and_then(of_solver);
-        surface.or_else(store).or_else(solver)
+        let parametrize = || cause.downcast_ref().and_then(of_parametrize);
+        surface.or_else(store).or_else(solver).or_else(parametrize)
     })
 }
 
@@ -87,6 +89,17 @@ fn of_solver(error: &SolverError) -> Option<String> {
         SolverError::Interrupted(_) => {
             Some("the models that are finished stay, --skip-existing leaves them out next time".to_owned())
         }
+        _ => None,
+    }
+}
+
+fn of_parametrize(error: &ParametrizeError) -> Option<String> {
+    match error {
+        ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs it".to_owned()),
+        ParametrizeError::NoLabel { .. } => Some("--label N takes one of them".to_owned()),
+        ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply are such formats".to_owned()),
+        ParametrizeError::Surface(error) => of_surface(error),
+        ParametrizeError::Solver(error) => of_solver(error),
         _ => None,
     }
 }

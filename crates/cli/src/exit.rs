@@ -1,7 +1,7 @@
 //! Exit codes and signals: 0 success, 1 failure, 2 wrong usage, 75 interrupted.
 
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, LazyLock};
 
 use clap::Command;
@@ -45,14 +45,6 @@ fn is_ignored(signal: i32) -> bool {
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
     mask >> (signal - 1) & 1 == 1
-}
-
-/// Ends the process where it has been asked to stop: for work that can't be left half done and has written nothing yet.
-pub fn leave_if_cancelled() {
-    if CANCEL.load(Ordering::Relaxed) {
-        crate::console::say(format_args!("error: interrupted; the same command goes on with --skip-existing"));
-        std::process::exit(i32::from(INTERRUPTED));
-    }
 }
 
 /// Returns the command of a verb of `program`, for the usage that an error shows.

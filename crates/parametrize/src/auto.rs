@@ -1,22 +1,37 @@
-//! The method for those who have no wish: [`cald`](crate::cald()), and [`stretch`](crate::stretch()) where that fails.
+//! The default method: [`cald`](crate::cald()), falling back to [`stretch`](crate::stretch()).
 
+use spharm_monitor::{Monitor, Silent};
 use spharm_surface::Mesh;
 
-use crate::{CaldParams, Parametrization, ParametrizeError, Progress, StretchParams, cald, stretch};
+use crate::cald::{CaldParams, cald};
+use crate::error::ParametrizeError;
+use crate::report::{Parametrization, Warning};
+use crate::stretch::{StretchParams, stretch};
 
-/// Maps a closed surface to the sphere by cald, or, where that doesn't come out one to one, by least stretch.
+/// Maps a closed surface to the sphere by [`cald`](crate::cald()), or by least stretch where cald finds no map that is
+/// one to one; the report then has [`Warning::FellBack`].
 ///
 /// # Errors
 ///
-/// [`ParametrizeError::BadSurface`] at once; else that of the last method tried.
-pub fn auto(surface: &Mesh, params: &CaldParams, progress: Progress<'_>) -> Result<Parametrization, ParametrizeError> {
-    match cald(surface, params, progress) {
+/// [`ParametrizeError::BadSurface`], [`ParametrizeError::Argument`] and [`ParametrizeError::Interrupted`] as `cald`;
+/// else the error of the last method tried.
+pub fn auto(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrization, ParametrizeError> {
+    match cald(surface, params, monitor) {
         Err(first @ (ParametrizeError::NotBijective { .. } | ParametrizeError::NoPlace { .. })) => {
             let mut found =
-                stretch(surface, &StretchParams { seed: params.seed, ..StretchParams::default() }, progress)?;
-            found.report.notes.push(format!("cald came first and failed: {first}"));
+                stretch(surface, &StretchParams { seed: params.seed, ..StretchParams::default() }, monitor)?;
+            found.report.warnings.push(Warning::FellBack { method: "cald", cause: first.to_string() });
             Ok(found)
         }
         other => other,
     }
+}
+
+/// Maps a closed surface to the sphere by the default method: [`auto`] without a monitor.
+///
+/// # Errors
+///
+/// As [`auto`].
+pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrization, ParametrizeError> {
+    auto(surface, params, &Silent)
 }

@@ -11,28 +11,29 @@
 use std::time::Instant;
 
 use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
 
-use crate::cald::finish;
-use crate::descend::Descent;
+use crate::descend::{Descent, SMOOTHING};
 use crate::domain::Domain;
 use crate::embed::Growth;
 use crate::energy::Energy;
+use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, dot, orientation, scale, solid_angle, sub, unit};
-use crate::{Event, Parametrization, ParametrizeError, Progress};
+use crate::report::{Parametrization, Warning};
 
-/// Weights of equal areas on the way.
+/// Weights of equal areas, stage by stage.
 const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
 
-/// Rounds of descent and centring in the end.
+/// Final rounds of centring and descent.
 const ROUNDS: usize = 2;
 
 /// Settings of [`conformal`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConformalParams {
-    /// Most Newton steps at each stage.
+    /// Most Newton steps in each stage. Default 20.
     pub steps: usize,
-    /// Of the rotation that the sphere starts from.
+    /// Seed of the rotation that the sphere starts from. Default 0.
     pub seed: u64,
 }
 
@@ -46,30 +47,29 @@ impl Default for ConformalParams {
 ///
 /// # Errors
 ///
-/// As [`cald`](crate::cald()).
+/// As [`cald`](crate::cald()), without `Argument` and `Solver`.
 pub fn conformal(
     surface: &Mesh,
     params: &ConformalParams,
-    progress: Progress<'_>,
+    monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
     let started = Instant::now();
     let domain = Domain::new(surface)?;
     let growth = Growth { energy: Energy::balanced(0.3, 1.0), steps: 6, seed: params.seed };
-    let mut descent = Descent::start(&domain, growth, progress)?;
-    progress(Event::Begin { stage: "smoothing", steps: ((STAGES.len() + ROUNDS) * params.steps) as u64 });
+    let mut descent = Descent::start(&domain, growth, monitor)?;
+    monitor.begin(SMOOTHING, 0);
     for weight in STAGES {
-        descent.descend(Energy::balanced(weight, 1.0), 1e-3, params.steps, progress);
+        descent.descend(Energy::balanced(weight, 1.0), 1e-3, params.steps, monitor)?;
     }
     for _ in 0..ROUNDS {
-        centre(&domain, &mut descent.map);
-        descent.descend(Energy::CONFORMAL, 3e-4, params.steps, progress);
+        centre(&domain, &mut descent.map, monitor)?;
+        descent.descend(Energy::CONFORMAL, 3e-4, params.steps, monitor)?;
     }
-    let kept = centre(&domain, &mut descent.map);
-    let mut notes = Vec::new();
-    if !kept {
-        notes.push("the last centring would have flipped triangles and went as far as it could".to_owned());
-    }
-    finish("conformal", surface, &domain, descent, started, notes)
+    let centred = centre(&domain, &mut descent.map, monitor)?;
+    monitor.end();
+    let mut found = descent.finish("conformal", surface, &domain, started)?;
+    found.report.warnings.extend((!centred).then_some(Warning::CentringStopped));
+    Ok(found)
 }
 
 /// The boost of the sphere by c, |c| < 1: what lies towards c spreads, what lies away from it draws together.
@@ -101,17 +101,21 @@ fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     sums.iter().sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// Boosts the map to the least area distortion that flips nothing; says whether that is the least there is.
-fn centre(domain: &Domain, map: &mut [Vec3]) -> bool {
+/// Boosts the map to the least area distortion that flips nothing; returns whether that is the least there is.
+fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bool, Interrupted> {
     let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut blocked = false;
     for _ in 0..30 {
         let at = |c: Vec3| distortion(domain, map, c);
         let here = at([0.0; 3]);
         let h = 1e-3;
-        let probes = axes.map(|e| (at(scale(e, h)), at(scale(e, -h))));
+        let mut probes = [(0.0, 0.0); 3];
+        for (probe, e) in probes.iter_mut().zip(axes) {
+            monitor.check()?;
+            *probe = (at(scale(e, h)), at(scale(e, -h)));
+        }
         if probes.iter().any(|(a, b)| !(a + b).is_finite()) {
-            return false;
+            return Ok(false);
         }
         let slope = probes.map(|(a, b)| (a - b) / (2.0 * h));
         // Curvatures along the axes are enough: the function is close to round.
@@ -125,6 +129,7 @@ fn centre(domain: &Domain, map: &mut [Vec3]) -> bool {
         let mut found = None;
         blocked = false;
         for _ in 0..12 {
+            monitor.check()?;
             let there = at(c);
             if there < here {
                 found = Some(c);
@@ -136,12 +141,14 @@ fn centre(domain: &Domain, map: &mut [Vec3]) -> bool {
         let Some(c) = found else { break };
         map.par_iter_mut().for_each(|x| *x = boost(c, *x));
     }
-    !blocked
+    Ok(!blocked)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quality::Quality;
+    use spharm_monitor::Silent;
     use spharm_surface::generate::icosphere;
 
     #[test]
@@ -149,13 +156,13 @@ mod tests {
         let sphere = icosphere(4);
         let c = [0.3, -0.2, 0.4];
         let moved: Vec<Vec3> = sphere.vertices.iter().map(|&x| boost(c, x)).collect();
-        let quality = crate::Quality::measure(&sphere.vertices, &moved, &sphere.faces);
+        let quality = Quality::measure(&sphere.vertices, &moved, &sphere.faces);
         assert!(quality.is_bijective() && quality.area_rms > 0.5, "{quality:?}");
         assert!(quality.angle_rms_degrees < 2.0, "{quality:?}");
         let domain = Domain::new(&sphere).unwrap();
         let mut map = moved;
-        assert!(centre(&domain, &mut map));
-        let quality = crate::Quality::measure(&sphere.vertices, &map, &sphere.faces);
+        assert!(centre(&domain, &mut map, &Silent).unwrap());
+        let quality = Quality::measure(&sphere.vertices, &map, &sphere.faces);
         assert!(quality.area_rms < 0.02, "{quality:?}");
         assert!(map.iter().all(|x| (dot(*x, *x) - 1.0).abs() < 1e-14));
     }

@@ -1,14 +1,14 @@
-//! A sphere's mesh deformed onto the surface (the way of M. Chung and S. Robbins).
+//! An icosphere deformed onto the surface (after M. Chung and S. Robbins).
 //!
-//! The result is a surface with the icosphere's vertices and triangles; what corresponds to a direction is the vertex with
-//! the same number. Studies get a shared sampling out of it, with springs that keep the triangles alike.
+//! The result is a surface with the icosphere's vertices and triangles; vertices with the same number correspond. Studies
+//! get a shared sampling from it, with springs that keep the triangles alike.
 //!
-//! # The way taken
+//! # Method
 //!
 //! In the original a mesh is pulled towards the surface through space (D. MacDonald, N. Kabani, D. Avis, A. Evans,
 //! NeuroImage 12, 2000; S. Robbins, MSc thesis, McGill, 2003). Where a surface is far from convex, as an arm or a fold is,
 //! the nearest point is on the wrong side and the mesh gets stuck or pierces itself; the original starts close, which a
-//! general tool can't. So this one begins with a map of the surface onto the sphere that is one to one (any of this crate's
+//! general tool can't. So this method begins with a map of the surface onto the sphere that is one to one (any of this crate's
 //! methods), which says where each vertex of the icosphere belongs, and moves the vertices *on* the surface, coarse to fine:
 //!
 //! 1. a coarse icosphere's vertices take the places that the map gives them;
@@ -34,29 +34,35 @@
 //!
 //! O(vertices log triangles) a sweep; 40,962 vertices take some ten seconds on two cores. Memory is linear.
 
+mod ground;
+mod rings;
+
 use std::time::Instant;
 
 use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Monitor, Stage};
 use spharm_surface::Mesh;
 use spharm_surface::generate::{icosphere, subdivide_sphere};
-use spharm_surface::nearest::TriangleTree;
-use spharm_surface::sphere_locator::SphereLocator;
 
-use crate::crossings::crossings;
-use crate::geometry::{Vec3, add, area, norm, orientation, scale, sub, unit};
-use crate::resample::{Resampled, locator, positions, unit_vectors};
-use crate::{Event, ParametrizeError, Progress};
+use crate::error::ParametrizeError;
+use crate::geometry::{Vec3, add, area, norm, orientation, scale, sub};
+use crate::report::{Parametrization, Resampling, Warning};
+use crate::resample::measured;
+use crate::self_intersections::self_intersections;
+use ground::Ground;
+use rings::Rings;
 
-/// How to deform.
+/// Settings of [`deform`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeformParams {
-    /// The icosphere's subdivisions; `None` for the fewest with at least as many vertices as the surface, at most 7.
+    /// The icosphere's subdivisions, 0 to 10; `None` (default) for the fewest with at least as many vertices as the
+    /// surface, at most 7.
     pub subdivisions: Option<u32>,
-    /// Weight of the stretch.
+    /// Weight of the stretch. Default 0.5.
     pub stretch: f64,
-    /// Weight of the bending.
+    /// Weight of the bending. Default 0.1.
     pub bending: f64,
-    /// Sweeps over the vertices at each level.
+    /// Sweeps over the vertices at each level. Default 15.
     pub sweeps: usize,
 }
 
@@ -70,17 +76,22 @@ impl Default for DeformParams {
 const MOST: u32 = 10;
 /// The coarsest level.
 const COARSEST: u32 = 3;
-/// The shape below which no triangle may fall, nor get worse: springs under pressure would flatten them.
+/// The shape (see [`Level::shape`]) below which triangles may not fall, nor get worse: springs under pressure would
+/// flatten them.
 const SHAPE: f64 = 0.4;
-/// Rounds of smoothing where triangles cut each other.
+/// Most rounds of smoothing where triangles intersect.
 const ROUNDS: usize = 30;
+
+/// Vertices of a sweep between which the monitor is asked.
+const CHUNK: usize = 4096;
 
 /// Deforms an icosphere onto a surface, from a map of it onto the sphere that is one to one.
 ///
 /// # Errors
 ///
 /// [`NotBijective`](ParametrizeError::NotBijective) where `sphere` has folds;
-/// [`Argument`](ParametrizeError::Argument) for more than 10 subdivisions.
+/// [`Argument`](ParametrizeError::Argument) for more than 10 subdivisions, or a sphere with a vertex at the origin;
+/// [`Interrupted`](ParametrizeError::Interrupted).
 ///
 /// # Panics
 ///
@@ -89,8 +100,8 @@ pub fn deform(
     surface: &Mesh,
     sphere: &Mesh,
     params: &DeformParams,
-    progress: Progress<'_>,
-) -> Result<Resampled, ParametrizeError> {
+    monitor: &dyn Monitor,
+) -> Result<Parametrization, ParametrizeError> {
     let started = Instant::now();
     assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
     let enough = |s: &u32| 10 * 4_usize.pow(*s) + 2 >= surface.vertices.len();
@@ -99,114 +110,53 @@ pub fn deform(
         let found = finest.to_string();
         return Err(ParametrizeError::Argument { what: "subdivisions", expected: "at most 10", found });
     }
-    let total: f64 = surface.faces.iter().map(|face| area(face.map(|v| surface.vertices[v as usize]))).sum();
-    let ground = Ground {
-        tree: TriangleTree::new(surface),
-        surface,
-        sphere: unit_vectors(sphere)?,
-        locator: locator(sphere)?,
-        scale: (total / (4.0 * std::f64::consts::PI)).sqrt(),
-    };
+    let ground = Ground::new(surface, sphere)?;
     let coarsest = finest.min(COARSEST);
-    let levels = u64::from(finest - coarsest + 1);
-    progress(Event::Begin { stage: "coarse to fine", steps: levels * params.sweeps as u64 });
+    let vertices = |level: u32| 10 * 4_u64.pow(level) + 2;
+    let total = (coarsest..=finest).map(|level| vertices(level) * params.sweeps as u64).sum();
+    monitor.begin(Stage::counted("coarse to fine", "vertices"), total);
 
     let mut reference = icosphere(coarsest);
     let mut on_sphere = reference.clone();
-    let mut mesh = Deformed::new(&reference, &on_sphere.vertices, &ground, pieces(finest - coarsest))?;
+    let mut mesh = Level::new(&reference, &on_sphere.vertices, &ground, pieces(finest - coarsest), monitor)?;
     let mut sweeps = 0;
     for level in coarsest..=finest {
         if level > coarsest {
-            // The icosphere's own order: its vertices are the first of the next one's.
+            // An icosphere's vertices are the first of the next one's, in the same order.
             on_sphere = subdivide_sphere(&on_sphere);
             reference = icosphere(level);
-            mesh = Deformed::new(&reference, &on_sphere.vertices, &ground, pieces(finest - level))?;
+            mesh = Level::new(&reference, &on_sphere.vertices, &ground, pieces(finest - level), monitor)?;
         }
         for _ in 0..params.sweeps {
-            mesh.sweep(&ground, params);
+            mesh.sweep(&ground, params, monitor)?;
             sweeps += 1;
-            progress(Event::Step(1));
+            monitor.step(vertices(level));
         }
         on_sphere.vertices.clone_from(&mesh.on_sphere);
     }
+    monitor.end();
     let mut deformed = Mesh::new(mesh.positions, reference.faces.clone());
     deformed.meta.clone_from(&surface.meta);
-    let (left, smoothed) = part(&mut deformed, &mesh.rings);
-    let mut result = Resampled::new("deform", surface, deformed, reference, started)?;
-    let report = &mut result.map.report;
+    let (left, smoothed) = separate(&mut deformed, &mesh.rings, monitor)?;
+    let mut found = measured("deform", surface, deformed, reference, started, monitor)?;
+    let report = &mut found.report;
     report.iterations = sweeps;
-    if smoothed > 0 {
-        report.notes.push(format!("{smoothed} vertices were smoothed where triangles cut through each other"));
-    }
-    if left > 0 {
-        report.notes.push(format!(
-            "{left} pairs of triangles still cut through each other: take more subdivisions, if the given surface doesn't \
-             cut itself"
-        ));
-    }
+    report.warnings.extend((smoothed > 0).then_some(Warning::Smoothed { vertices: smoothed }));
+    report.warnings.extend((left > 0).then_some(Warning::SelfIntersections { pairs: left }));
     report.seconds = started.elapsed().as_secs_f64();
-    result.self_intersections = Some(left);
-    Ok(result)
+    found.resampling = found.resampling.map(|found| Resampling { self_intersections: Some(left), ..found });
+    Ok(found)
 }
 
-/// In how many pieces to measure an edge that will be split so many times.
+/// The number of pieces in which to measure an edge that will be split so many times.
 fn pieces(splits: u32) -> u32 {
     2 << splits.min(6)
 }
 
-/// What is deformed onto: the surface and its map.
-struct Ground<'a> {
-    tree: TriangleTree,
-    surface: &'a Mesh,
-    sphere: Vec<Vec3>,
-    locator: SphereLocator,
-    /// Length on the surface of one radian on the sphere, on average.
-    scale: f64,
-}
-
-impl Ground<'_> {
-    /// The surface's point under a direction.
-    fn point(&self, direction: Vec3) -> Option<Vec3> {
-        let place = self.locator.locate(direction)?;
-        let corners = self.locator.corners(&place).into_iter().zip(place.barycentric);
-        Some(corners.fold([0.0; 3], |at, (v, w)| add(at, scale(self.surface.vertices[v as usize], w))))
-    }
-
-    /// The path that the map makes of the arc from one direction to another, in so many pieces: its length times the
-    /// direction in which it begins. `from` and `to` are where the ends lie.
-    fn path(&self, ends: [Vec3; 2], [from, to]: [Vec3; 2], pieces: u32) -> Vec3 {
-        let (mut last, mut length, mut first) = (from, 0.0, None);
-        for k in 1..=pieces {
-            let t = f64::from(k) / f64::from(pieces);
-            let between = || self.point(unit(add(scale(ends[0], 1.0 - t), scale(ends[1], t))));
-            let Some(next) = (if k == pieces { Some(to) } else { between() }) else { continue };
-            let step = sub(next, last);
-            let long = norm(step);
-            if long > 0.0 {
-                first.get_or_insert(scale(step, 1.0 / long));
-            }
-            length += long;
-            last = next;
-        }
-        scale(first.unwrap_or([0.0; 3]), length)
-    }
-
-    /// The surface's point nearest to a point, and where the map takes it.
-    fn nearest(&self, point: Vec3) -> Option<(Vec3, Vec3)> {
-        let found = self.tree.nearest(point)?;
-        let corners = self.surface.faces[found.triangle as usize];
-        let weighed = |points: &[Vec3]| {
-            let sum = |at: Vec3, (v, w): (u32, f64)| add(at, scale(points[v as usize], w));
-            corners.into_iter().zip(found.barycentric).fold([0.0; 3], sum)
-        };
-        Some((weighed(&self.surface.vertices), unit(weighed(&self.sphere))))
-    }
-}
-
 /// The mesh at one level.
-struct Deformed {
+struct Level {
     positions: Vec<Vec3>,
-    /// Where the map takes them: triangles positively oriented.
+    /// Their directions by the map: triangles positively oriented.
     on_sphere: Vec<Vec3>,
     rings: Rings,
     /// Rest lengths, in the order of the rings.
@@ -215,20 +165,26 @@ struct Deformed {
     pieces: u32,
 }
 
-impl Deformed {
-    fn new(reference: &Mesh, on_sphere: &[Vec3], ground: &Ground<'_>, pieces: u32) -> Result<Self, ParametrizeError> {
+impl Level {
+    fn new(
+        reference: &Mesh,
+        on_sphere: &[Vec3],
+        ground: &Ground<'_>,
+        pieces: u32,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, ParametrizeError> {
         let rings = Rings::new(reference);
         let length = |v: usize, w: u32| norm(sub(reference.vertices[w as usize], reference.vertices[v]));
         let rest = (0..on_sphere.len()).flat_map(|v| rings.of(v).iter().map(move |&w| ground.scale * length(v, w)));
         let rest = rest.collect();
-        let positions = positions(&ground.locator, ground.surface, on_sphere)?;
+        let positions = ground.points(on_sphere, monitor)?;
         Ok(Self { positions, on_sphere: on_sphere.to_vec(), rings, rest, pieces })
     }
 
-    /// Each vertex once: all forces from where the vertices are, then the moves in order.
-    fn sweep(&mut self, ground: &Ground<'_>, params: &DeformParams) {
+    /// Moves each vertex once: all forces are those of the positions before, then the moves follow in order.
+    fn sweep(&mut self, ground: &Ground<'_>, params: &DeformParams, monitor: &dyn Monitor) -> Result<(), Interrupted> {
         let n = self.positions.len();
-        let paths: Vec<Vec<Vec3>> = (0..n).into_par_iter().map(|v| self.paths(v, ground)).collect();
+        let paths: Vec<Vec<Vec3>> = in_chunks(n, monitor, |v| self.paths(v, ground))?;
         let mean = |v: usize| scale(paths[v].iter().copied().fold([0.0; 3], add), 1.0 / paths[v].len() as f64);
         let umbrella: Vec<Vec3> = (0..n).into_par_iter().map(mean).collect();
         let target = |v: usize| {
@@ -245,16 +201,17 @@ impl Deformed {
             }
             ground.nearest(add(self.positions[v], force))
         };
-        let targets: Vec<_> = (0..n).into_par_iter().map(target).collect();
+        let targets = in_chunks(n, monitor, target)?;
         for (v, target) in targets.into_iter().enumerate() {
-            let Some((place, direction)) = target else { continue };
+            let Some((position, direction)) = target else { continue };
             let shape = self.shape(v);
-            let before = std::mem::replace(&mut self.on_sphere[v], direction);
-            let stood = std::mem::replace(&mut self.positions[v], place);
-            if !self.turns_well(v) || self.shape(v) < shape.min(SHAPE) {
-                (self.on_sphere[v], self.positions[v]) = (before, stood);
+            let old_direction = std::mem::replace(&mut self.on_sphere[v], direction);
+            let old_position = std::mem::replace(&mut self.positions[v], position);
+            if !self.is_positive(v) || self.shape(v) < shape.min(SHAPE) {
+                (self.on_sphere[v], self.positions[v]) = (old_direction, old_position);
             }
         }
+        Ok(())
     }
 
     /// The paths to a vertex's neighbours.
@@ -279,7 +236,7 @@ impl Deformed {
     }
 
     /// Whether the triangles around a vertex are positively oriented on the sphere.
-    fn turns_well(&self, v: usize) -> bool {
+    fn is_positive(&self, v: usize) -> bool {
         let ring = self.rings.of(v);
         (0..ring.len()).all(|k| {
             let (a, b) = (ring[k] as usize, ring[(k + 1) % ring.len()] as usize);
@@ -288,58 +245,42 @@ impl Deformed {
     }
 }
 
-/// Each vertex's neighbours, counter-clockwise seen from outside.
-struct Rings {
-    starts: Vec<u32>,
-    neighbours: Vec<u32>,
+/// Computes a value for each of n vertices in parallel; the monitor is asked between chunks.
+fn in_chunks<T: Send>(n: usize, monitor: &dyn Monitor, f: impl Fn(usize) -> T + Sync) -> Result<Vec<T>, Interrupted> {
+    let mut values = Vec::with_capacity(n);
+    for start in (0..n).step_by(CHUNK) {
+        monitor.check()?;
+        values.par_extend((start..(start + CHUNK).min(n)).into_par_iter().map(&f));
+    }
+    Ok(values)
 }
 
-impl Rings {
-    /// Of a closed mesh, wound consistently.
-    fn new(mesh: &Mesh) -> Self {
-        // In triangle (v, a, b), b follows a around v.
-        let mut pairs: Vec<[u32; 3]> =
-            mesh.faces.iter().flat_map(|&[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]]).collect();
-        pairs.sort_unstable();
-        let mut starts = vec![0];
-        let mut neighbours = Vec::with_capacity(pairs.len());
-        for fan in pairs.chunk_by(|x, y| x[0] == y[0]) {
-            let mut next = fan[0][1];
-            for _ in fan {
-                neighbours.push(next);
-                next = fan.binary_search_by_key(&next, |pair| pair[1]).map_or(next, |at| fan[at][2]);
-            }
-            starts.push(neighbours.len() as u32);
-        }
-        Self { starts, neighbours }
-    }
-
-    fn of(&self, vertex: usize) -> &[u32] {
-        &self.neighbours[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
-    }
-}
-
-/// Smooths around triangles that cut each other until none do: how many pairs are left, and how many vertices were moved.
-fn part(mesh: &mut Mesh, rings: &Rings) -> (usize, usize) {
+/// Smooths around self-intersections until there are none. Returns how many pairs of triangles are left, and how many
+/// vertices were moved.
+fn separate(mesh: &mut Mesh, rings: &Rings, monitor: &dyn Monitor) -> Result<(usize, usize), Interrupted> {
+    monitor.begin(Stage::counted("self-intersections", "rounds"), 0);
     let mut moved = vec![false; mesh.vertices.len()];
-    let mut found = crossings(mesh);
-    let mut round = 0;
-    while !found.is_empty() && round < ROUNDS {
-        let mut touched: Vec<u32> = found.iter().flatten().flat_map(|&face| mesh.faces[face as usize]).collect();
+    let mut pairs = self_intersections(mesh, monitor)?;
+    for _ in 0..ROUNDS {
+        if pairs.is_empty() {
+            break;
+        }
+        let mut touched: Vec<u32> = pairs.iter().flatten().flat_map(|&face| mesh.faces[face as usize]).collect();
         touched.sort_unstable();
         touched.dedup();
-        let towards = |&v: &u32| {
+        let smoothed = |&v: &u32| {
             let ring = rings.of(v as usize);
             let sum = ring.iter().fold([0.0; 3], |sum, &w| add(sum, mesh.vertices[w as usize]));
             scale(add(scale(sum, 1.0 / ring.len() as f64), mesh.vertices[v as usize]), 0.5)
         };
-        let places: Vec<Vec3> = touched.iter().map(towards).collect();
-        for (&v, place) in touched.iter().zip(places) {
-            mesh.vertices[v as usize] = place;
+        let positions: Vec<Vec3> = touched.iter().map(smoothed).collect();
+        for (&v, position) in touched.iter().zip(positions) {
+            mesh.vertices[v as usize] = position;
             moved[v as usize] = true;
         }
-        found = crossings(mesh);
-        round += 1;
+        monitor.step(1);
+        pairs = self_intersections(mesh, monitor)?;
     }
-    (found.len(), moved.iter().filter(|&&moved| moved).count())
+    monitor.end();
+    Ok((pairs.len(), moved.iter().filter(|&&moved| moved).count()))
 }

@@ -1,4 +1,9 @@
-//! From a mesh to a map by a list of energies: what the methods for meshes share.
+//! From a mesh to a map by a sequence of energies: what the methods for meshes share.
+
+use std::time::Instant;
+
+use spharm_monitor::{Interrupted, Monitor, Stage};
+use spharm_surface::Mesh;
 
 use crate::domain::Domain;
 use crate::embed::{Growth, embed};
@@ -7,20 +12,21 @@ use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, solid_angle};
 use crate::hierarchy::Hierarchy;
 use crate::newton::Newton;
+use crate::report::Parametrization;
 use crate::star::sweep;
-use crate::{Event, Progress};
+
+/// The stage in which [`Descent::descend`] counts its steps. Their number isn't known beforehand.
+pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
 
 /// Below this share of Newton's step single vertices are in the way, and a sweep over them helps more than another step.
 const BLOCKED: f64 = 0.2;
 
-/// A map on its way.
+/// A map under optimisation.
 pub(crate) struct Descent {
     /// Unit vectors, one a vertex; no triangle is flipped.
     pub(crate) map: Vec<Vec3>,
-    /// Newton's steps so far.
-    pub(crate) iterations: usize,
-    /// Whether the last stage came to rest.
-    pub(crate) converged: bool,
+    iterations: usize,
+    converged: bool,
     hierarchy: Hierarchy,
     newton: Option<Newton>,
     order: Vec<u32>,
@@ -28,38 +34,44 @@ pub(crate) struct Descent {
 
 impl Descent {
     /// Grows a map from a tetrahedron.
-    pub(crate) fn start(domain: &Domain, growth: Growth, progress: Progress<'_>) -> Result<Self, ParametrizeError> {
-        let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, &domain.areas, growth, progress)?;
-        let newton = Newton::new(map.len(), hierarchy.faces.clone(), hierarchy.shapes.clone());
+    pub(crate) fn start(domain: &Domain, growth: Growth, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
+        let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, &domain.areas, growth, monitor)?;
+        let newton = Newton::new(map.len(), hierarchy.faces.clone(), hierarchy.shapes.clone(), monitor)?;
         let order = (0..map.len() as u32).collect();
         Ok(Self { map, iterations, converged: false, hierarchy, newton, order })
     }
 
     /// Descends an energy until a step gains less than `tolerance` of what the energy is above its least value on a
     /// smooth surface, or `steps` steps are done.
-    pub(crate) fn descend(&mut self, energy: Energy, tolerance: f64, steps: usize, progress: Progress<'_>) {
+    pub(crate) fn descend(
+        &mut self,
+        energy: Energy,
+        tolerance: f64,
+        steps: usize,
+        monitor: &dyn Monitor,
+    ) -> Result<(), Interrupted> {
         let least = energy.least() * 4.0 * std::f64::consts::PI;
         self.converged = false;
-        sweep(&self.hierarchy, &mut self.map, &self.order, energy);
-        let Some(newton) = &self.newton else { return };
-        for done in 0..steps {
-            let step = newton.step(energy, &mut self.map);
+        sweep(&self.hierarchy, &mut self.map, &self.order, energy, monitor)?;
+        let Some(newton) = &self.newton else { return Ok(()) };
+        for _ in 0..steps {
+            let step = newton.step(energy, &mut self.map, monitor)?;
             self.iterations += 1;
-            progress(Event::Step(1));
+            monitor.step(1);
             let mut after = step.after;
             if step.taken < BLOCKED {
-                sweep(&self.hierarchy, &mut self.map, &self.order, energy);
+                sweep(&self.hierarchy, &mut self.map, &self.order, energy, monitor)?;
                 after = newton.value(energy, &self.map);
             }
             if step.before - after <= tolerance * (after - least).abs() {
                 self.converged = true;
-                progress(Event::Step((steps - done - 1) as u64));
-                return;
+                break;
             }
         }
+        Ok(())
     }
 
-    /// From now on triangles are to have these areas, 4 pi in all.
+    /// Sets the target area of each triangle (sum 4 pi).
     pub(crate) fn set_areas(&mut self, areas: &[f64]) {
         set_areas(&mut self.hierarchy.shapes, areas);
         if let Some(newton) = &mut self.newton {
@@ -74,5 +86,21 @@ impl Descent {
             (angle / area).max(f64::MIN_POSITIVE).ln().powi(2)
         };
         (domain.faces.iter().zip(&domain.areas).map(log).sum::<f64>() / domain.faces.len() as f64).sqrt()
+    }
+
+    /// The map with its report, if it is one to one.
+    pub(crate) fn finish(
+        self,
+        method: &'static str,
+        surface: &Mesh,
+        domain: &Domain,
+        started: Instant,
+    ) -> Result<Parametrization, ParametrizeError> {
+        let sphere = domain.sphere(surface, self.map);
+        let remedy = "remesh the surface so that its triangles are less thin";
+        let mut found = Parametrization::checked(method, surface.clone(), sphere, started, remedy)?;
+        found.report.iterations = self.iterations;
+        found.report.converged = self.converged;
+        Ok(found)
     }
 }

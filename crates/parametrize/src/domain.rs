@@ -1,4 +1,4 @@
-//! The surface as the methods take it: checked, outward, of area 4 pi.
+//! The surface in the form that the methods expect: checked, outward, of area 4 pi.
 
 use spharm_surface::Mesh;
 use spharm_surface::topology::{Topology, is_outward};
@@ -23,7 +23,7 @@ impl Domain {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::BadSurface`] with everything that stands in the way.
+    /// [`ParametrizeError::BadSurface`] with all problems found.
     pub(crate) fn new(mesh: &Mesh) -> Result<Self, ParametrizeError> {
         check(mesh)?;
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
@@ -50,7 +50,7 @@ impl Domain {
     }
 }
 
-/// Refuses what can't be mapped to the sphere one to one, or only by chance.
+/// Refuses meshes that can't be mapped to the sphere one to one, or only by chance.
 fn check(mesh: &Mesh) -> Result<(), ParametrizeError> {
     let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
     let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();
@@ -58,23 +58,24 @@ fn check(mesh: &Mesh) -> Result<(), ParametrizeError> {
         |problems: Vec<String>, remedy| Err(ParametrizeError::BadSurface { problems: problems.join("; "), remedy });
     if infinite > 0 {
         return bad(
-            vec![format!("{infinite} vertices have NaN or infinite coordinates")],
-            "mend them and export again",
+            vec![counted(infinite, "vertex has", "vertices have", "NaN or infinite coordinates")],
+            "repair them and export again",
         );
     }
     if outside > 0 {
-        return bad(vec![format!("{outside} triangles name vertices that aren't there")], "export the mesh again");
+        let problem = counted(outside, "triangle has", "triangles have", "vertex numbers out of range");
+        return bad(vec![problem], "export the mesh again");
     }
 
     let topology = Topology::of(mesh);
     let mut problems = topology.problems();
-    // On open meshes the topology says so itself.
+    // On open meshes the topology reports them itself.
     if topology.duplicate_vertices > 0 && topology.boundary_edges == 0 {
-        problems.push(format!("{} vertices lie exactly on others", topology.duplicate_vertices));
+        problems.push(counted(topology.duplicate_vertices, "vertex lies", "vertices lie", "exactly on others"));
     }
     let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
     if flat > topology.degenerate_faces {
-        problems.push(format!("{} triangles have no area", flat - topology.degenerate_faces));
+        problems.push(counted(flat - topology.degenerate_faces, "triangle has", "triangles have", "no area"));
     }
     if problems.is_empty() {
         return Ok(());
@@ -88,7 +89,12 @@ fn check(mesh: &Mesh) -> Result<(), ParametrizeError> {
     bad(problems, remedy)
 }
 
-/// Whether a triangle has an area that f64 can tell from 0.
+/// "1 vertex has", "2 vertices have", and the rest.
+fn counted(count: usize, one: &str, many: &str, rest: &str) -> String {
+    format!("{count} {} {rest}", if count == 1 { one } else { many })
+}
+
+/// Whether a triangle has an area that f64 distinguishes from 0.
 fn has_area(corners: [Vec3; 3]) -> bool {
     let longest = (0..3)
         .map(|i| crate::geometry::norm(crate::geometry::sub(corners[i], corners[(i + 1) % 3])))
@@ -107,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_counts() {
+    fn problems_are_named_with_counts() {
         let good = icosphere(2);
         assert!(Domain::new(&good).is_ok());
 
@@ -122,7 +128,7 @@ mod tests {
 
         let mut nan = good.clone();
         nan.vertices[3][1] = f64::NAN;
-        assert!(message(&nan).contains("1 vertices have NaN"), "{}", message(&nan));
+        assert!(message(&nan).contains("1 vertex has NaN"), "{}", message(&nan));
 
         let mut turned = good.clone();
         turned.faces[0].swap(0, 1);
@@ -133,7 +139,7 @@ mod tests {
         welded.vertices[a as usize] = welded.vertices[b as usize];
         let text = message(&welded);
         assert!(
-            text.contains("1 vertices lie exactly on others") && text.contains("2 triangles have no area"),
+            text.contains("1 vertex lies exactly on others") && text.contains("2 triangles have no area"),
             "{text}"
         );
 
@@ -143,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torus_is_told_its_genus() {
+    fn the_genus_of_a_torus_is_named() {
         let (rings, segments) = (12_u32, 8_u32);
         let mut torus = Mesh::default();
         for i in 0..rings {

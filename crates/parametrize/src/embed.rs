@@ -5,18 +5,19 @@
 //! it and its neighbours relax. Each time the mesh has doubled, sweeps and Newton's steps let the whole map settle, so
 //! that large features find their room while there are few vertices to move.
 
+use spharm_monitor::{Interrupted, Monitor, Stage};
+
 use crate::energy::Energy;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, orientation, unit};
 use crate::hierarchy::Hierarchy;
 use crate::newton::Newton;
-use crate::star::{Star, sweep};
-use crate::{Event, Progress};
+use crate::star::{Star, relax_all, sweep};
 
 /// How the map is optimised while it grows.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Growth {
-    /// What is made small.
+    /// The energy that is minimised.
     pub(crate) energy: Energy,
     /// Newton's steps at each doubling.
     pub(crate) steps: usize,
@@ -27,18 +28,22 @@ pub(crate) struct Growth {
 /// Newton's steps pay from this many vertices on; below, sweeps settle everything.
 const NEWTON_FROM: usize = 100;
 
-/// Maps a closed surface of area 4 pi; also returns how many Newton steps it took, and the hierarchy, refined.
+/// Vertices between which the monitor is asked and given the progress.
+const CHUNK: usize = 64;
+
+/// Maps a closed surface of area 4 pi. Returns the map, the number of Newton steps, and the refined hierarchy.
 pub(crate) fn embed(
     positions: &[Vec3],
     faces: &[[u32; 3]],
     areas: &[f64],
     growth: Growth,
-    progress: Progress<'_>,
+    monitor: &dyn Monitor,
 ) -> Result<(Vec<Vec3>, usize, Hierarchy), ParametrizeError> {
     let n = positions.len();
+    let vertices = n as u64 - 4;
     let mut hierarchy = Hierarchy::new(positions, faces, areas);
-    progress(Event::Begin { stage: "coarsening", steps: n as u64 });
-    let corners = hierarchy.coarsen(|step| progress(Event::Step(step)));
+    monitor.begin(Stage::counted("coarsening", "vertices"), vertices);
+    let corners = hierarchy.coarsen(monitor)?;
     debug_assert_eq!(hierarchy.present, 4);
 
     let mut map = vec![[0.0; 3]; n];
@@ -47,20 +52,27 @@ pub(crate) fn embed(
     }
     debug_assert!(orientation([0, 1, 2].map(|i| map[corners[i] as usize])) > 0.0);
 
-    progress(Event::Begin { stage: "coarse to fine", steps: n as u64 });
-    progress(Event::Step(4));
+    monitor.begin(Stage::counted("coarse to fine", "vertices"), vertices);
     let mut present: Vec<u32> = corners.to_vec();
     let mut settled = 4;
     let mut iterations = 0;
+    let mut unreported = 0;
     while let Some((v, into)) = hierarchy.refine() {
         insert(&hierarchy, &mut map, v, into, growth.energy)?;
         present.push(v);
-        progress(Event::Step(1));
+        unreported += 1;
+        if unreported == CHUNK {
+            monitor.check()?;
+            monitor.step(CHUNK as u64);
+            unreported = 0;
+        }
         if hierarchy.present >= 2 * settled && hierarchy.present < n {
             settled = hierarchy.present;
-            iterations += settle(&hierarchy, &mut map, &present, growth);
+            iterations += settle(&hierarchy, &mut map, &present, growth, monitor)?;
         }
     }
+    monitor.step(unreported as u64);
+    monitor.end();
     Ok((map, iterations, hierarchy))
 }
 
@@ -71,25 +83,31 @@ fn insert(hierarchy: &Hierarchy, map: &mut [Vec3], v: u32, into: u32, energy: En
     let Some(place) = place else { return Err(ParametrizeError::NoPlace { vertex: v as usize }) };
     map[v as usize] = place;
     for _ in 0..2 {
-        sweep(hierarchy, map, &[v], energy);
+        relax_all(hierarchy, map, &[v], energy);
     }
-    sweep(hierarchy, map, &ring, energy);
-    sweep(hierarchy, map, &[v], energy);
+    relax_all(hierarchy, map, &ring, energy);
+    relax_all(hierarchy, map, &[v], energy);
     Ok(())
 }
 
-/// Lets a level of the hierarchy come to rest, nearly.
-fn settle(hierarchy: &Hierarchy, map: &mut [Vec3], present: &[u32], growth: Growth) -> usize {
+/// Optimises a level of the hierarchy, roughly. Returns the number of Newton steps.
+fn settle(
+    hierarchy: &Hierarchy,
+    map: &mut [Vec3],
+    present: &[u32],
+    growth: Growth,
+    monitor: &dyn Monitor,
+) -> Result<usize, Interrupted> {
     let mut order = present.to_vec();
     order.sort_unstable();
     let rounds = if order.len() < NEWTON_FROM { 20 } else { 2 };
     for _ in 0..rounds {
-        if sweep(hierarchy, map, &order, growth.energy) < 1e-4 {
+        if sweep(hierarchy, map, &order, growth.energy, monitor)? < 1e-4 {
             break;
         }
     }
     if order.len() < NEWTON_FROM {
-        return 0;
+        return Ok(0);
     }
     let mut index = vec![u32::MAX; hierarchy.around.len()];
     for (i, &v) in order.iter().enumerate() {
@@ -100,11 +118,11 @@ fn settle(hierarchy: &Hierarchy, map: &mut [Vec3], present: &[u32], growth: Grow
     faces.dedup();
     let corners = faces.iter().map(|&f| hierarchy.faces[f as usize].map(|v| index[v as usize])).collect();
     let shapes = faces.iter().map(|&f| hierarchy.shapes[f as usize]).collect();
-    let Some(newton) = Newton::new(order.len(), corners, shapes) else { return 0 };
+    let Some(newton) = Newton::new(order.len(), corners, shapes, monitor)? else { return Ok(0) };
     let mut level: Vec<Vec3> = order.iter().map(|&v| map[v as usize]).collect();
     let mut taken = 0;
     for _ in 0..growth.steps {
-        let step = newton.step(growth.energy, &mut level);
+        let step = newton.step(growth.energy, &mut level, monitor)?;
         taken += 1;
         if step.before - step.after < 1e-3 * step.before {
             break;
@@ -113,7 +131,7 @@ fn settle(hierarchy: &Hierarchy, map: &mut [Vec3], present: &[u32], growth: Grow
     for (&v, p) in order.iter().zip(level) {
         map[v as usize] = p;
     }
-    taken
+    Ok(taken)
 }
 
 /// A regular tetrahedron, turned by the seed: triangle 0 1 2 is counter-clockwise seen from outside, 3 lies behind it.

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-/// What can go wrong on the way to the sphere.
+/// Errors of parameterisation.
 ///
 /// Each message is one line: what was expected, what was found, what to do.
 #[derive(Debug, thiserror::Error)]
@@ -14,11 +14,11 @@ pub enum ParametrizeError {
     BadSurface {
         /// The problems with their counts, a phrase each, joined by semicolons.
         problems: String,
-        /// What to do about them.
+        /// Advice.
         remedy: &'static str,
     },
 
-    /// The map came out with folds that could not be mended.
+    /// The map has folds.
     #[error(
         "the {method} map is not one to one: {flipped} of {triangles} triangles are flipped and {degenerate} have no \
          area; {remedy}"
@@ -32,14 +32,14 @@ pub enum ParametrizeError {
         degenerate: usize,
         /// All triangles.
         triangles: usize,
-        /// What to do.
+        /// Advice.
         remedy: &'static str,
     },
 
-    /// A vertex found no place on the sphere: the cells around it are smaller than f64 can tell apart.
+    /// A vertex can't be inserted: the cells around it on the sphere are smaller than f64 resolves.
     #[error(
         "vertex {vertex} (counted from 0) finds no place on the sphere: the triangles around it shrink below what \
-         64-bit numbers tell apart; mend the thin triangles there, or remesh the surface"
+         64-bit numbers resolve; repair the thin triangles there, or remesh the surface"
     )]
     NoPlace {
         /// The vertex.
@@ -51,7 +51,7 @@ pub enum ParametrizeError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         cause: io::Error,
     },
 
@@ -60,52 +60,71 @@ pub enum ParametrizeError {
     NotAVolume {
         /// The file.
         path: PathBuf,
-        /// What it should be or have.
+        /// What it should be or contain.
         expected: &'static str,
-        /// What it is or has.
+        /// What it is or contains.
         found: String,
     },
 
-    /// The volume doesn't have the label, or several, of which none was chosen.
+    /// The volume doesn't have the label, or has several, of which none was chosen.
     #[error(
-        "{}: {}; the labels there are: {there}; give one of them with --label",
+        "{}: {}; the labels there are: {there}; choose one of them",
         path.display(),
         label.map_or_else(|| "expected one label".to_owned(), |label| format!("no voxel has label {label}"))
     )]
     NoLabel {
         /// The file.
         path: PathBuf,
-        /// The label asked for.
+        /// The label that was chosen.
         label: Option<i64>,
-        /// The labels there are, with their voxels.
+        /// The labels of the volume, with their voxels.
         there: String,
     },
 
     /// A label whose surface isn't closed and of genus zero.
-    #[error("the label is not one ball of voxels: {problems}; {remedy}")]
+    #[error(
+        "{}: label {label} is not one ball of voxels: {problems}; {}",
+        path.display(),
+        if *repairable { "repair it, or edit the label" } else { "edit the label" }
+    )]
     BadVolume {
+        /// The file.
+        path: PathBuf,
+        /// The label.
+        label: i64,
         /// The problems with their counts, a phrase each, joined by semicolons.
         problems: String,
-        /// What to do.
-        remedy: &'static str,
+        /// Whether a repair can make it one ball.
+        repairable: bool,
     },
 
-    /// What the surface's crate says.
+    /// An error of `spharm-surface`.
     #[error(transparent)]
     Surface(#[from] spharm_surface::SurfaceError),
 
-    /// What the solver's crate says of the fit that shows where a model errs.
+    /// An error of the fit whose residual areas adapt to.
     #[error(transparent)]
     Solver(#[from] spharm_solver::SolverError),
 
-    /// An argument that makes no sense.
+    /// Rounded to 32-bit numbers, the sphere would have folds.
+    #[error("32-bit numbers would flip {flipped} of the sphere's triangles; write a format of 64-bit numbers")]
+    SinglePrecision {
+        /// Triangles that would be flipped or degenerate.
+        flipped: usize,
+    },
+
+    /// The monitor asked to stop.
+    #[error("interrupted")]
+    Interrupted(#[from] spharm_monitor::Interrupted),
+
+    /// An argument outside of its range.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
-        /// Which argument.
+        /// The argument.
         what: &'static str,
-        /// What it may be.
+        /// Accepted values.
         expected: &'static str,
-        /// What it was.
+        /// The value given.
         found: String,
     },
 }

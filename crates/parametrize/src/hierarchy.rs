@@ -15,8 +15,13 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use spharm_monitor::{Interrupted, Monitor};
+
 use crate::energy::{Shape, least_area};
 use crate::geometry::{Vec3, area, dot, sub};
+
+/// Collapses between which the monitor is asked and given the progress.
+const CHUNK: u64 = 256;
 
 /// A triangulated sphere that can be coarsened and refined. Vertices and triangles keep their numbers.
 pub(crate) struct Hierarchy {
@@ -111,11 +116,12 @@ impl Hierarchy {
         self.around[v as usize].iter().any(|&f| self.faces[f as usize].contains(&w))
     }
 
-    /// Down to a tetrahedron; `progress` is told of each vertex that goes. Returns the four vertices that stay, as a
-    /// triangle and the apex behind it.
-    pub(crate) fn coarsen(&mut self, mut progress: impl FnMut(u64)) -> [u32; 4] {
+    /// Collapses vertices, a step of the monitor each, down to a tetrahedron. Returns its four vertices, as a triangle
+    /// and the apex behind it.
+    pub(crate) fn coarsen(&mut self, monitor: &dyn Monitor) -> Result<[u32; 4], Interrupted> {
         let mut version = vec![0_u32; self.positions.len()];
         let mut heap = BinaryHeap::new();
+        let mut unreported = 0;
         for v in 0..self.positions.len() as u32 {
             if let Some((cost, _)) = self.best(v) {
                 heap.push(Reverse(Entry(cost, v, 0)));
@@ -130,7 +136,12 @@ impl Hierarchy {
             let Some((_, u)) = self.best(v) else { continue };
             let ring: Vec<u32> = self.ring(v).iter().map(|&(w, _)| w).collect();
             self.collapse(v, u);
-            progress(1);
+            unreported += 1;
+            if unreported == CHUNK {
+                monitor.check()?;
+                monitor.step(CHUNK);
+                unreported = 0;
+            }
             version[v as usize] = u32::MAX;
             for w in ring {
                 version[w as usize] += 1;
@@ -139,7 +150,8 @@ impl Hierarchy {
                 }
             }
         }
-        self.corners_of_the_last()
+        monitor.step(unreported);
+        Ok(self.corners_of_the_last())
     }
 
     fn corners_of_the_last(&self) -> [u32; 4] {
@@ -227,6 +239,7 @@ impl Hierarchy {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use spharm_monitor::Silent;
     use spharm_surface::Mesh;
     use spharm_surface::generate::icosphere;
     use spharm_surface::topology::Topology;
@@ -247,7 +260,7 @@ mod tests {
             mesh.faces.iter().map(|f| h.shapes[kept(f)].area).sum()
         };
         let whole = area(&hierarchy, &mesh);
-        let [a, b, c, d] = hierarchy.coarsen(|_| ());
+        let [a, b, c, d] = hierarchy.coarsen(&Silent).unwrap();
         assert_eq!(hierarchy.present, 4);
         let tetrahedron = present(&hierarchy);
         assert_eq!(tetrahedron.faces.len(), 4);

@@ -10,23 +10,30 @@
 //! evaluations of the energy. Sums run over chunks of fixed length in fixed order, so that the number of threads
 //! changes no bit.
 
+use std::sync::Arc;
+
 use faer::linalg::solvers::Solve;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Mat, Side};
 use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Monitor};
 
+use crate::background::abandonable;
 use crate::energy::{Energy, Shape, frame, retract, set_areas};
 use crate::geometry::{Vec3, add, dot, norm, orientation, scale, sub};
 
 /// Triangles per chunk of a sum.
 const CHUNK: usize = 4096;
 
+/// Vertices from which on a factorisation takes long.
+const LONG: usize = 20_000;
+
 /// A fixed triangulation and what is needed to minimise energies over it again and again.
 pub(crate) struct Newton {
     faces: Vec<[u32; 3]>,
     shapes: Vec<Shape>,
-    pattern: SymbolicSparseColMat<usize>,
+    pattern: Arc<SymbolicSparseColMat<usize>>,
     symbolic: SymbolicLlt<usize>,
     /// Where each triangle's 6 x 6 numbers go in the matrix: 36 places, `NOWHERE` above the diagonal.
     slots: Vec<[u32; 36]>,
@@ -35,14 +42,14 @@ pub(crate) struct Newton {
 
 const NOWHERE: u32 = u32::MAX;
 
-/// What came of a step.
+/// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
     /// Energy before.
     pub(crate) before: f64,
     /// Energy after.
     pub(crate) after: f64,
-    /// How much of Newton's step was taken; 0 where none led down.
+    /// The fraction of Newton's step that was taken; 0 where none lowered the energy.
     pub(crate) taken: f64,
 }
 
@@ -50,7 +57,12 @@ impl Newton {
     /// Prepares for triangles over vertices 0..n.
     ///
     /// Returns `None` where faer can't, which is for want of memory.
-    pub(crate) fn new(n: usize, faces: Vec<[u32; 3]>, shapes: Vec<Shape>) -> Option<Self> {
+    pub(crate) fn new(
+        n: usize,
+        faces: Vec<[u32; 3]>,
+        shapes: Vec<Shape>,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Self>, Interrupted> {
         let mut neighbours: Vec<Vec<u32>> = (0..n as u32).map(|v| vec![v]).collect();
         for face in &faces {
             for (i, j) in [(0, 1), (1, 2), (2, 0)] {
@@ -92,11 +104,14 @@ impl Newton {
             })
             .collect();
         let pattern = SymbolicSparseColMat::new_checked(2 * n, 2 * n, columns, None, rows);
-        let symbolic = SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).ok()?;
-        Some(Self { faces, shapes, pattern, symbolic, slots, diagonal })
+        let pattern = Arc::new(pattern);
+        let theirs = Arc::clone(&pattern);
+        let symbolic =
+            abandonable(n >= LONG, monitor, move || SymbolicLlt::try_new(theirs.as_ref().as_ref(), Side::Lower))?;
+        Ok(symbolic.ok().map(|symbolic| Self { faces, shapes, pattern, symbolic, slots, diagonal }))
     }
 
-    /// From now on triangles are to have these areas.
+    /// Sets the target area of each triangle (sum 4 pi).
     pub(crate) fn set_areas(&mut self, areas: &[f64]) {
         set_areas(&mut self.shapes, areas);
     }
@@ -122,8 +137,9 @@ impl Newton {
     }
 
     /// One step.
-    pub(crate) fn step(&self, energy: Energy, unit: &mut [Vec3]) -> Step {
+    pub(crate) fn step(&self, energy: Energy, unit: &mut [Vec3], monitor: &dyn Monitor) -> Result<Step, Interrupted> {
         let before = self.value(energy, unit);
+        monitor.check()?;
         let nothing = Step { before, after: before, taken: 0.0 };
         let frames: Vec<[Vec3; 2]> = unit.par_iter().map(|&p| frame(p)).collect();
         let local: Vec<Local> = (0..self.faces.len())
@@ -150,8 +166,13 @@ impl Newton {
         for &at in &self.diagonal {
             values[at] = values[at] * (1.0 + 1e-8) + f64::MIN_POSITIVE;
         }
-        let matrix = SparseColMatRef::new(self.pattern.as_ref(), &values);
-        let Ok(factor) = Llt::try_new_with_symbolic(self.symbolic.clone(), matrix, Side::Lower) else { return nothing };
+        let (pattern, symbolic) = (Arc::clone(&self.pattern), self.symbolic.clone());
+        let factor = abandonable(unit.len() >= LONG, monitor, move || {
+            let matrix = SparseColMatRef::new(pattern.as_ref().as_ref(), &values);
+            Llt::try_new_with_symbolic(symbolic, matrix, Side::Lower)
+        })?;
+        let Ok(factor) = factor else { return Ok(nothing) };
+        monitor.check()?;
         let mut solution = Mat::from_fn(gradient.len(), 1, |i, _| -gradient[i]);
         factor.solve_in_place(solution.as_mut());
         let direction: Vec<Vec3> = frames
@@ -162,21 +183,22 @@ impl Newton {
         let slope: f64 = (0..gradient.len()).map(|i| gradient[i] * solution[(i, 0)]).sum();
         let longest = direction.iter().map(|d| norm(*d)).fold(0.0, f64::max);
         if !(slope < 0.0 && longest.is_finite()) {
-            return nothing;
+            return Ok(nothing);
         }
 
         // Half a radian is further than a second-order model of the sphere sees.
         let mut t = (0.5 / longest).min(1.0);
         for _ in 0..16 {
+            monitor.check()?;
             let moved: Vec<Vec3> = unit.par_iter().zip(&direction).map(|(&p, &d)| retract(p, scale(d, t))).collect();
             let after = self.value(energy, &moved);
             if after <= before + 1e-4 * t * slope && self.is_positive(&moved) {
                 unit.copy_from_slice(&moved);
-                return Step { before, after, taken: t };
+                return Ok(Step { before, after, taken: t });
             }
             t *= 0.5;
         }
-        nothing
+        Ok(nothing)
     }
 }
 

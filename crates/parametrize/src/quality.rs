@@ -1,4 +1,4 @@
-//! How good a map to the sphere is: whether it is one to one, and how it distorts areas, angles and lengths.
+//! Quality of a map to the sphere: whether it is one to one, and its distortion of areas, angles and lengths.
 //!
 //! The surface is scaled to the area of the sphere, 4 pi, and each flat triangle of it is mapped linearly onto the flat
 //! triangle of its vertices on the sphere, with singular values s1 >= s2. Then, over the triangles t of the surface
@@ -15,7 +15,7 @@
 //!
 //! A continuous map of a closed surface onto the sphere that is a positive local homeomorphism on each triangle is a
 //! branched covering; it is one to one when it covers the sphere once. Each triangle's orientation is found by an exact
-//! predicate from the coordinates as they are; the degree, a whole number, from the sum of solid angles.
+//! predicate from the coordinates as they are; the winding number, an integer, from the sum of solid angles.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -23,18 +23,18 @@ use spharm_surface::Mesh;
 
 use crate::geometry::{Vec3, area, cross, dot, norm, orientation, solid_angle, sub};
 
-/// What a map from a surface to the sphere does to it. Written out in reports under these very names.
+/// Orientation and distortion of a map from a surface to the sphere. Reports have these very names.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Quality {
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: usize,
     /// Spherical triangles turned over against the rest, by the exact predicate.
     pub flipped: usize,
     /// Spherical triangles without area, by the exact predicate.
     pub degenerate: usize,
-    /// How often the sphere is covered: 1, or -1 where triangles wind clockwise seen from outside.
-    pub degree: i64,
+    /// The number of times the sphere is covered: 1, or -1 where triangles wind clockwise seen from outside.
+    pub winding_number: i64,
     /// Root mean square over triangles of the log area ratio.
     pub area_rms: f64,
     /// The same, each triangle with the weight of its area on the surface.
@@ -54,11 +54,11 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Measures a map, given as the surface and the sphere with the same triangles.
+    /// Measures a map, given as the surface and the sphere with the same triangles. O(n log n).
     ///
     /// # Panics
     ///
-    /// When the numbers of vertices differ, or a triangle names a vertex that isn't there.
+    /// When the numbers of vertices differ, or a triangle's vertex number is out of range.
     #[must_use]
     pub fn of(surface: &Mesh, sphere: &Mesh) -> Self {
         assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
@@ -68,7 +68,7 @@ impl Quality {
     /// Whether every point of the sphere is the image of one point of the surface.
     #[must_use]
     pub fn is_bijective(&self) -> bool {
-        self.flipped == 0 && self.degenerate == 0 && self.degree.abs() == 1
+        self.flipped == 0 && self.degenerate == 0 && self.winding_number.abs() == 1
     }
 
     pub(crate) fn measure(surface: &[Vec3], sphere: &[Vec3], faces: &[[u32; 3]]) -> Self {
@@ -81,8 +81,8 @@ impl Quality {
             .collect();
 
         let turns: f64 = each.iter().map(|t| t.solid_angle).sum::<f64>() / (4.0 * std::f64::consts::PI);
-        let degree = turns.round() as i64;
-        let outward = if degree < 0 { -1.0 } else { 1.0 };
+        let winding_number = turns.round() as i64;
+        let outward = if winding_number < 0 { -1.0 } else { 1.0 };
         let degenerate = each.iter().filter(|t| t.orientation == 0.0).count();
         let flipped = each.iter().filter(|t| t.orientation * outward < 0.0).count();
 
@@ -97,7 +97,7 @@ impl Quality {
             triangles: each.len(),
             flipped,
             degenerate,
-            degree,
+            winding_number,
             area_rms: mean(&|t| log(t).powi(2)).sqrt(),
             area_rms_weighted: (each.iter().map(|t| t.area * log(t).powi(2)).sum::<f64>() / weight).sqrt(),
             area_p01: percentile(&logs, 0.01),
@@ -110,12 +110,12 @@ impl Quality {
     }
 }
 
-/// The log area ratio around each vertex: of what its triangles have on the sphere by what they have on the surface,
-/// both scaled to 4 pi. The sphere's vertices are unit vectors. NaN at a vertex without a triangle.
+/// Log area ratio at each vertex (n): the area of its triangles on the sphere over that on the surface, both scaled to
+/// 4 pi in all. The sphere's vertices are unit vectors. NaN at a vertex without a triangle.
 ///
 /// # Panics
 ///
-/// When the numbers of vertices differ, or a triangle names a vertex that isn't there.
+/// When the numbers of vertices differ, or a triangle's vertex number is out of range.
 #[must_use]
 pub fn log_area_ratios(surface: &Mesh, sphere: &Mesh) -> Vec<f64> {
     assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
@@ -208,7 +208,7 @@ mod tests {
         let sphere = icosphere(4);
         let quality = Quality::of(&sphere, &sphere);
         assert!(quality.is_bijective());
-        assert_eq!(quality.degree, 1);
+        assert_eq!(quality.winding_number, 1);
         assert!(quality.area_rms < 0.003, "{quality:?}");
         assert!((quality.stretch - 1.0).abs() < 0.003, "{quality:?}");
         assert!((quality.length_worst - 1.0).abs() < 0.003, "{quality:?}");
@@ -259,12 +259,12 @@ mod tests {
         };
         let quality = Quality::of(&sphere, &folded);
         assert!(quality.flipped > 0 && !quality.is_bijective());
-        assert_eq!(quality.degree, 1);
+        assert_eq!(quality.winding_number, 1);
 
         let mut inward = sphere.clone();
         inward.faces.iter_mut().for_each(|face| face.swap(0, 1));
         let quality = Quality::of(&inward, &inward);
-        assert_eq!((quality.degree, quality.flipped), (-1, 0));
+        assert_eq!((quality.winding_number, quality.flipped), (-1, 0));
         assert!(quality.is_bijective());
         assert!(quality.area_rms < 0.02);
     }
@@ -276,7 +276,7 @@ mod tests {
         twice.vertices.extend(twice.vertices.clone());
         twice.faces.extend(faces.iter().map(|face| face.map(|v| v + n)));
         let quality = Quality::of(&twice, &twice);
-        assert_eq!((quality.degree, quality.flipped), (2, 0));
+        assert_eq!((quality.winding_number, quality.flipped), (2, 0));
         assert!(!quality.is_bijective());
     }
 }

@@ -2,79 +2,92 @@
 //!
 //! Where every subject of a study has the same vertices over the same sphere, one basis serves them all and vertices
 //! correspond. For each direction of the shared sphere: the triangle of the surface's own sphere that the ray meets, and
-//! the point of the surface with the same weights there ([`SphereLocator`]). Where the two spheres have a vertex in
-//! common it keeps its position to the last bit; between, the new surface lies on the old one in its vertices and cuts
-//! its corners in its triangles, by how much the distance tells.
+//! the point of the surface with the same barycentric weights ([`SphereLocator`]). Where the two spheres have a vertex in
+//! common it keeps its position to the last bit; elsewhere the new surface has its vertices on the old one and its
+//! triangles cut corners; [`Resampling::distance`] measures how far.
 
 use std::time::Instant;
 
 use ndarray::ArrayView2;
 use spharm_harmonics::Directions;
+use spharm_monitor::{Monitor, Stage};
 use spharm_surface::Mesh;
-use spharm_surface::metrics::{SurfaceDistance, SurfaceDistanceParams, surface_distance};
+use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
 use spharm_surface::sphere_locator::SphereLocator;
 
+use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
-use crate::{Parametrization, ParametrizeError, Report};
+use crate::report::{Note, Parametrization, Resampling};
 
-/// A surface over a sphere that is shared, and how far it is from the surface it was made of.
-#[derive(Clone, Debug)]
-pub struct Resampled {
-    /// The new surface, the shared sphere, and how the one is mapped onto the other.
-    pub map: Parametrization,
-    /// From the given surface (first) to the new one.
-    pub distance: SurfaceDistance,
-    /// Pairs of the new surface's triangles that cut through each other, where that was looked for.
-    pub self_intersections: Option<usize>,
-}
-
-impl Resampled {
-    /// Measures a new surface against the given one.
-    pub(crate) fn new(
-        method: &'static str,
-        given: &Mesh,
-        surface: Mesh,
-        sphere: Mesh,
-        started: Instant,
-    ) -> Result<Self, ParametrizeError> {
-        let mut report = Report::new(method, &surface, &sphere, "give a sphere without folds")?;
-        let distance = surface_distance(given, &surface, &SurfaceDistanceParams::default())?;
-        report.converged = true;
-        report.notes.push(format!(
-            "distance from the given surface: mean {:.3e}, Hausdorff {:.3e}, in its unit; {:.3e} and {:.3e} once its \
-             bounding box has volume 1",
-            distance.mean,
-            distance.hausdorff,
-            distance.mean / distance.scale,
-            distance.hausdorff / distance.scale
-        ));
-        report.seconds = started.elapsed().as_secs_f64();
-        Ok(Self { map: Parametrization { surface, sphere, report }, distance, self_intersections: None })
-    }
-}
+/// Vertices between which the monitor is asked and given the progress.
+pub(crate) const CHUNK: usize = 8192;
 
 /// Puts a surface on the sampling of another sphere.
 ///
-/// `sphere` has the surface's vertices and triangles, `shared` any; of either only the directions count. The result's
-/// sphere is `shared`, bit for bit and of its radius, so that its basis is found under the same key.
+/// `sphere` has the surface's vertices and triangles, `shared` any; only their directions count. The result's sphere is
+/// `shared`, bit for bit and of its radius, so that its basis is found under the same key.
 ///
 /// # Errors
 ///
 /// [`NotBijective`](ParametrizeError::NotBijective) where one of the spheres has folds;
-/// [`Surface`](ParametrizeError::Surface) where they aren't closed, or the surface isn't the sphere's.
-pub fn resample(surface: &Mesh, sphere: &Mesh, shared: &Mesh) -> Result<Resampled, ParametrizeError> {
+/// [`Surface`](ParametrizeError::Surface) where they aren't closed, or the surface isn't the sphere's;
+/// [`Argument`](ParametrizeError::Argument) for a sphere with a vertex at the origin;
+/// [`Interrupted`](ParametrizeError::Interrupted).
+pub fn resample(
+    surface: &Mesh,
+    sphere: &Mesh,
+    shared: &Mesh,
+    monitor: &dyn Monitor,
+) -> Result<Parametrization, ParametrizeError> {
     let started = Instant::now();
     let locator = locator(sphere)?;
     let vertices = unit_vectors(shared)?;
-    let positions = positions(&locator, surface, &vertices)?;
+    monitor.begin(Stage::counted("resampling", "vertices"), vertices.len() as u64);
+    let mut positions = Vec::with_capacity(vertices.len());
+    for chunk in vertices.chunks(CHUNK) {
+        positions.extend(points(&locator, surface, chunk)?);
+        monitor.step(chunk.len() as u64);
+        monitor.check()?;
+    }
+    monitor.end();
     let mut new = Mesh::new(positions, shared.faces.clone());
+    // The surface's metadata speak of its space, which the new surface shares.
     new.meta.clone_from(&surface.meta);
-    // What a FreeSurfer or GIfTI file says of its space still holds; of its triangles nothing is said there.
     let unit = Mesh::new(vertices, shared.faces.clone());
-    let mut found = Resampled::new("resample", surface, new, unit, started)?;
-    // Vectors of length 1 may change in their last bits when they are normalised once more, and with them the key of their
-    // basis: what is shared stays as it is.
-    found.map.sphere = shared.clone();
+    let mut found = measured("resample", surface, new, unit, started, monitor)?;
+    // Vectors of length 1 may change in their last bits when they are normalised once more, and with them the key of
+    // their basis: the shared sphere stays as it is.
+    found.sphere = shared.clone();
+    Ok(found)
+}
+
+impl Parametrization {
+    /// This map's surface on the sampling of `shared`, by [`resample`]; the reports are joined.
+    ///
+    /// # Errors
+    ///
+    /// As [`resample`].
+    pub fn resampled(&self, shared: &Mesh, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
+        Ok(resample(&self.surface, &self.sphere, shared, monitor)?.after(&self.report))
+    }
+}
+
+/// Checks a new surface's map, and measures the surface against the given one.
+pub(crate) fn measured(
+    method: &'static str,
+    given: &Mesh,
+    surface: Mesh,
+    sphere: Mesh,
+    started: Instant,
+    monitor: &dyn Monitor,
+) -> Result<Parametrization, ParametrizeError> {
+    let mut found = Parametrization::checked(method, surface, sphere, started, "give a sphere without folds")?;
+    monitor.check()?;
+    let distance = surface_distance(given, &found.surface, &SurfaceDistanceParams::default())?;
+    found.report.converged = true;
+    found.report.notes.push(Note::Distance(distance));
+    found.report.seconds = started.elapsed().as_secs_f64();
+    found.resampling = Some(Resampling { distance, self_intersections: None });
     Ok(found)
 }
 
@@ -98,7 +111,7 @@ pub(crate) fn locator(sphere: &Mesh) -> Result<SphereLocator, ParametrizeError> 
 }
 
 /// The points of a surface under directions.
-pub(crate) fn positions(
+pub(crate) fn points(
     locator: &SphereLocator,
     surface: &Mesh,
     directions: &[Vec3],

@@ -5,6 +5,8 @@
 //! around the vertex is positive by the exact predicate afterwards and the energy is lower, so a map without flips stays
 //! one, whatever the rounding.
 
+use spharm_monitor::{Interrupted, Monitor};
+
 use crate::energy::{Energy, Shape, frame, retract};
 use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, sub, unit};
 use crate::hierarchy::Hierarchy;
@@ -40,8 +42,8 @@ impl Star {
         self.spokes.iter().all(|([a, b], _)| orientation([x, *a, *b]) > 0.0)
     }
 
-    /// The least distance from x to an edge of the ring, which a step must not be long against.
-    fn room(&self, x: Vec3) -> f64 {
+    /// The least distance from x to an edge of the ring; steps must be short compared with it.
+    fn clearance(&self, x: Vec3) -> f64 {
         let height = |([a, b], _): &([Vec3; 2], Shape)| {
             let normal = cross(*a, sub(*b, *a));
             dot(normal, sub(x, *a)) / norm(normal)
@@ -114,7 +116,7 @@ impl Star {
     pub(crate) fn relax(&self, energy: Energy, x: Vec3) -> Vec3 {
         let value = self.value(energy, x);
         let [u, v] = frame(x);
-        let room = self.room(x);
+        let clearance = self.clearance(x);
         let slope = |at: Vec3| {
             let g = self.gradient(energy, at);
             // On the sphere, where the tangent plane is that of `at`.
@@ -123,10 +125,10 @@ impl Star {
         };
         let g = slope(x);
         let size = (g[0] * g[0] + g[1] * g[1]).sqrt();
-        if !size.is_finite() || size == 0.0 || room <= 0.0 {
+        if !size.is_finite() || size == 0.0 || clearance <= 0.0 {
             return x;
         }
-        let h = 1e-4 * room;
+        let h = 1e-4 * clearance;
         let (gu, gv) = (slope(retract(x, scale(u, h))), slope(retract(x, scale(v, h))));
         let (a, c) = ((gu[0] - g[0]) / h, (gv[1] - g[1]) / h);
         let b = 0.5 * ((gu[1] - g[1]) + (gv[0] - g[0])) / h;
@@ -165,8 +167,27 @@ impl Star {
     }
 }
 
-/// A step for each of some vertices, one after the other. Returns how much the largest has moved.
-pub(crate) fn sweep(hierarchy: &Hierarchy, unit: &mut [Vec3], vertices: &[u32], energy: Energy) -> f64 {
+/// Vertices of a sweep between which the monitor is asked.
+const CHUNK: usize = 1024;
+
+/// Relaxes some vertices, one after the other. Returns the longest move.
+pub(crate) fn sweep(
+    hierarchy: &Hierarchy,
+    unit: &mut [Vec3],
+    vertices: &[u32],
+    energy: Energy,
+    monitor: &dyn Monitor,
+) -> Result<f64, Interrupted> {
+    let mut most: f64 = 0.0;
+    for chunk in vertices.chunks(CHUNK) {
+        monitor.check()?;
+        most = most.max(relax_all(hierarchy, unit, chunk, energy));
+    }
+    Ok(most)
+}
+
+/// As [`sweep`], for few vertices.
+pub(crate) fn relax_all(hierarchy: &Hierarchy, unit: &mut [Vec3], vertices: &[u32], energy: Energy) -> f64 {
     let mut most: f64 = 0.0;
     for &v in vertices {
         let x = unit[v as usize];

@@ -1,26 +1,27 @@
-//! Least stretch (E. Praun and H. Hoppe, Spherical parametrization and remeshing, SIGGRAPH 2003).
+//! Least stretch (E. Praun and H. Hoppe, "Spherical parametrization and remeshing", SIGGRAPH 2003).
 //!
-//! The map grows coarse to fine (`embed.rs`) and makes the L2 stretch of the sphere onto the surface small from the
-//! first vertex on: the samples of a uniform grid on the sphere then lie close on the surface. The energy is infinite
-//! for a flat triangle, so no vertex can leave its kernel.
+//! The map grows coarse to fine (`embed.rs`) and minimises the L2 stretch of the map from the sphere to the surface from
+//! the first vertex on, so that samples of a uniform grid on the sphere lie densely everywhere on the surface. The energy
+//! is infinite for a flat triangle, so no vertex can leave its kernel.
 
 use std::time::Instant;
 
+use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
 
-use crate::cald::finish;
-use crate::descend::Descent;
+use crate::descend::{Descent, SMOOTHING};
 use crate::domain::Domain;
 use crate::embed::Growth;
 use crate::energy::Energy;
-use crate::{Event, Parametrization, ParametrizeError, Progress};
+use crate::error::ParametrizeError;
+use crate::report::Parametrization;
 
 /// Settings of [`stretch`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct StretchParams {
-    /// Most Newton steps on the whole mesh.
+    /// Most Newton steps on the whole mesh. Default 40.
     pub steps: usize,
-    /// Of the rotation that the sphere starts from.
+    /// Seed of the rotation that the sphere starts from. Default 0.
     pub seed: u64,
 }
 
@@ -34,17 +35,18 @@ impl Default for StretchParams {
 ///
 /// # Errors
 ///
-/// As [`cald`](crate::cald()).
+/// As [`cald`](crate::cald()), without `Argument` and `Solver`.
 pub fn stretch(
     surface: &Mesh,
     params: &StretchParams,
-    progress: Progress<'_>,
+    monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
     let started = Instant::now();
     let domain = Domain::new(surface)?;
     let growth = Growth { energy: Energy::STRETCH, steps: 6, seed: params.seed };
-    let mut descent = Descent::start(&domain, growth, progress)?;
-    progress(Event::Begin { stage: "smoothing", steps: params.steps as u64 });
-    descent.descend(Energy::STRETCH, 1e-4, params.steps, progress);
-    finish("stretch", surface, &domain, descent, started, Vec::new())
+    let mut descent = Descent::start(&domain, growth, monitor)?;
+    monitor.begin(SMOOTHING, 0);
+    descent.descend(Energy::STRETCH, 1e-4, params.steps, monitor)?;
+    monitor.end();
+    descent.finish("stretch", surface, &domain, started)
 }

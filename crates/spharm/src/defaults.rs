@@ -43,7 +43,7 @@ const PENALTY_FROM_DEGREE: usize = 8;
 /// Returns the settings of the map of a surface that is then fitted to a degree: a quarter of area distortion, as root mean
 /// square of the log area ratio, is spent on shape and on the density that the model's residual asks for.
 pub fn parametrization(max_degree: usize) -> CaldParams {
-    CaldParams { area: 0.25, degree: Some(max_degree), ..CaldParams::default() }
+    CaldParams::for_degree(max_degree)
 }
 
 /// Returns the default smoothness penalty of a fit over a parametrised sphere: `0.01 w / (4 pi) / (L (L + 1))^2`, with w

@@ -1,7 +1,7 @@
 //! A sphere for a surface that comes without one.
 
-use spharm_monitor::{Monitor, Silent, Stage};
-use spharm_parametrize::{Event, Parametrization, auto};
+use spharm_monitor::{Monitor, Silent};
+use spharm_parametrize::{Parametrization, auto};
 use spharm_surface::{Mesh, Sphere, Target};
 
 use crate::Error;
@@ -42,14 +42,7 @@ pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrized, 
 ///
 /// Those of [`parametrize`](parametrize()).
 pub fn parametrize_with(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrized, Error> {
-    let mut show = |event| match event {
-        Event::Begin { stage, steps } => monitor.begin(Stage::counted(stage, "steps"), steps),
-        Event::Step(steps) => monitor.step(steps),
-        _ => {}
-    };
-    let map = auto(surface, params, &mut show)?;
-    monitor.end();
-    map.try_into()
+    auto(surface, params, monitor)?.try_into()
 }
 
 /// Returns a surface's map to a sphere that was made for it earlier.
@@ -60,6 +53,5 @@ pub fn parametrize_with(surface: &Mesh, params: &CaldParams, monitor: &dyn Monit
 /// isn't one to one.
 pub fn with_sphere(surface: &Mesh, sphere: &Mesh) -> Result<Parametrized, Error> {
     Target::from_mesh(surface, &Sphere::from_mesh(sphere)?)?;
-    let report = Report::new("given", surface, sphere, "map the surface again")?;
-    Parametrization { surface: surface.clone(), sphere: sphere.clone(), report }.try_into()
+    Parametrization::given(surface.clone(), sphere.clone())?.try_into()
 }

@@ -14,7 +14,7 @@ use std::f64::consts::{PI, TAU};
 use faer::prelude::*;
 use faer::sparse::{SparseColMat, Triplet};
 
-use crate::ParametrizeError;
+use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
 use crate::volume::QuadMesh;
 

@@ -18,64 +18,51 @@
 mod initial;
 mod optimise;
 
+pub use optimise::EqualAreaParams;
+
 use std::time::Instant;
 
+use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
 
+use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, norm, orientation, solid_angle, sub};
+use crate::report::{Note, Parametrization};
 use crate::volume::QuadMesh;
-use crate::{Parametrization, ParametrizeError, Progress, Report};
 
-/// How far to optimise.
-#[derive(Clone, Debug, PartialEq)]
-pub struct EqualAreaParams {
-    /// The largest deviation of a quadrangle's area from the mean at which to stop, relative.
-    pub tolerance: f64,
-    /// The relative change of the sum of squared edge lengths, over a round, at which to stop.
-    pub change: f64,
-    /// Most rounds of optimisation, of a few steps each.
-    pub rounds: usize,
-}
-
-impl Default for EqualAreaParams {
-    fn default() -> Self {
-        Self { tolerance: 1e-3, change: 1e-3, rounds: 100 }
-    }
-}
-
-/// The equal-area map of a surface of quadrangles.
-///
-/// The report's notes give the quadrangles' largest deviation in area.
+/// Maps a surface of quadrangles to the sphere with equal areas.
 ///
 /// # Errors
 ///
 /// [`BadSurface`](ParametrizeError::BadSurface) for a surface that isn't one closed one of genus 0;
-/// [`NotBijective`](ParametrizeError::NotBijective) where folds are left.
+/// [`NotBijective`](ParametrizeError::NotBijective) where folds are left;
+/// [`Argument`](ParametrizeError::Argument) where memory doesn't suffice for the linear systems;
+/// [`Interrupted`](ParametrizeError::Interrupted).
 pub fn equal_area(
     quads: &QuadMesh,
     params: &EqualAreaParams,
-    progress: Progress<'_>,
+    monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
     const REMEDY: &str = "smooth the label, or take another method on the surface";
     let started = Instant::now();
     if quads.components() != 1 || quads.euler_characteristic() != 2 || quads.pinched_edges() > 0 {
         let (count, chi) = (quads.components(), quads.euler_characteristic());
         let problems = format!("{count} surfaces of Euler characteristic {chi} in all, of 1 and 2");
-        return Err(ParametrizeError::BadSurface { problems, remedy: "repair the label with --fix" });
+        return Err(ParametrizeError::BadSurface { problems, remedy: "repair the label" });
     }
+    monitor.check()?;
     let start = initial::positions(quads)?;
-    let found = optimise::optimise(&quads.quads, start, params, progress)?;
+    let found = optimise::optimise(&quads.quads, start, params, monitor)?;
     let from_second: Vec<bool> = quads.quads.iter().map(|quad| cut_from_second(&found.positions, quad)).collect();
     let surface = quads.triangles(|q| from_second[q]);
     let sphere = Mesh::new(found.positions, surface.faces.clone());
-    let mut report = Report::new("equal-area", &surface, &sphere, REMEDY)?;
-    report.iterations = found.steps;
-    report.converged = found.converged;
-    report.seconds = started.elapsed().as_secs_f64();
-    let worst = area_deviation(quads, &sphere.vertices);
-    report.quad_area_deviation = Some(worst);
-    report.notes.push(format!("the areas of the quadrangles are within {:.3} % of equal", 100.0 * worst));
-    Ok(Parametrization { surface, sphere, report })
+    let deviation = area_deviation(quads, &sphere.vertices);
+    let mut map = Parametrization::checked("equal-area", surface, sphere, started, REMEDY)?;
+    map.report.iterations = found.steps;
+    map.report.converged = found.converged;
+    map.report.quad_area_deviation = Some(deviation);
+    map.report.notes.push(Note::QuadAreas { deviation });
+    Ok(map)
 }
 
 /// The largest relative deviation of a quadrangle's area on the sphere from the mean.

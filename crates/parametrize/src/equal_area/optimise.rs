@@ -31,9 +31,10 @@ use faer::sparse::{Argsort, Pair, SparseColMat, SymbolicSparseColMat};
 use faer::{Col, Side};
 use rayon::prelude::*;
 
-use super::EqualAreaParams;
+use spharm_monitor::{Monitor, Stage};
+
+use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, solid_angle, sub, unit};
-use crate::{Event, ParametrizeError, Progress};
 
 /// The least s that isn't penalised.
 const S0: f64 = 0.2;
@@ -44,7 +45,25 @@ const RHO: (f64, f64) = (1.0, 1e3);
 /// Steps of a round.
 const STEPS: usize = 5;
 
-/// Where it ended.
+/// Settings of [`equal_area`](crate::equal_area()).
+#[derive(Clone, Debug, PartialEq)]
+pub struct EqualAreaParams {
+    /// The largest deviation of a quadrangle's area from the mean at which to stop, relative. Default 1e-3.
+    pub tolerance: f64,
+    /// The relative change of the sum of squared edge lengths, over a round, at which to stop. Default
+    /// 1e-3.
+    pub change: f64,
+    /// Most rounds of optimisation, of a few steps each. Default 100.
+    pub rounds: usize,
+}
+
+impl Default for EqualAreaParams {
+    fn default() -> Self {
+        Self { tolerance: 1e-3, change: 1e-3, rounds: 100 }
+    }
+}
+
+/// The final state.
 pub(super) struct Found {
     pub(super) positions: Vec<Vec3>,
     pub(super) steps: usize,
@@ -55,9 +74,9 @@ pub(super) fn optimise(
     quads: &[[u32; 4]],
     start: Vec<Vec3>,
     params: &EqualAreaParams,
-    progress: Progress<'_>,
+    monitor: &dyn Monitor,
 ) -> Result<Found, ParametrizeError> {
-    progress(Event::Begin { stage: "equal areas", steps: params.rounds as u64 });
+    monitor.begin(Stage::counted("equal areas", "rounds"), 0);
     let mut system = System::new(quads, start.len())?;
     let mut positions = start;
     let mut lagrangian = Lagrangian::new(quads);
@@ -69,6 +88,7 @@ pub(super) fn optimise(
             steps += 1;
             let quads = lagrangian.derivatives(&positions);
             let taken = loop {
+                monitor.check()?;
                 let step = system.step(&quads, &positions, damping / lagrangian.area);
                 let tried = step.map(|step| moved(&positions, &step));
                 let new = tried.as_ref().map_or(f64::INFINITY, |tried| lagrangian.value(tried));
@@ -88,10 +108,11 @@ pub(super) fn optimise(
                 break;
             }
         }
-        progress(Event::Step(1));
+        monitor.step(1);
         let state = lagrangian.state(&positions);
         let settled = (length - state.length).abs() <= params.change * state.length;
         if state.worst <= params.tolerance && state.folded == 0 && settled {
+            monitor.end();
             return Ok(Found { positions, steps, converged: true });
         }
         lagrangian.update(&positions);
@@ -103,6 +124,7 @@ pub(super) fn optimise(
         }
         (worst, length) = (state.worst, state.length);
     }
+    monitor.end();
     Ok(Found { positions, steps, converged: false })
 }
 
@@ -111,7 +133,7 @@ fn moved(positions: &[Vec3], step: &[Vec3]) -> Vec<Vec3> {
     positions.iter().zip(step).map(|(&x, &d)| unit(add(x, d))).collect()
 }
 
-/// How far the optimisation is.
+/// What the convergence test looks at.
 #[derive(Debug)]
 struct State {
     /// Largest deviation of an area.

@@ -7,8 +7,8 @@
 
 use spharm_surface::Mesh;
 
+use super::affine::Affine;
 use super::mask::{FACES, Mask};
-use super::nifti::Affine;
 
 /// A closed surface of quadrangles.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,8 +17,8 @@ pub struct QuadMesh {
     pub vertices: Vec<[f64; 3]>,
     /// Four vertices each, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
-    /// The quadrangle beyond each edge: edge 4 q + k runs from corner k of quadrangle q to the next; the same edge as
-    /// the other quadrangle sees it, 4 q' + k'.
+    /// The quadrangle beyond each edge: edge 4 q + k runs from corner k of quadrangle q to the next; the same edge in
+    /// the other quadrangle's count, 4 q' + k'.
     pub(crate) twins: Vec<u32>,
 }
 
@@ -66,7 +66,7 @@ impl QuadMesh {
         self.vertices.len() as i64 - self.twins.len() as i64 / 2 + self.quads.len() as i64
     }
 
-    /// How many closed surfaces it is.
+    /// Number of closed surfaces.
     #[must_use]
     pub fn components(&self) -> usize {
         let mut seen = vec![false; self.quads.len()];
@@ -111,7 +111,7 @@ impl QuadMesh {
         })
     }
 
-    /// Triangles: each quadrangle cut from corner 0 to 2, or from 1 to 3 where `from_second` says so.
+    /// Triangles: each quadrangle cut from corner 0 to 2, or from 1 to 3 where `from_second` holds for its number.
     #[must_use]
     pub fn triangles(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
         let cut = |(q, &[a, b, c, d]): (usize, &[u32; 4])| {
@@ -138,7 +138,7 @@ fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
 
 /// The neighbour beyond each edge.
 fn twins(corners: &[[[i32; 3]; 4]], voxels: &[usize]) -> Vec<u32> {
-    // Edges by their place in the lattice: two or four at each.
+    // Edges by their position in the lattice: two or four at each.
     let ends = |edge: u32| {
         let quad = &corners[edge as usize / 4];
         let (a, b) = (quad[edge as usize % 4], quad[(edge as usize + 1) % 4]);
@@ -156,7 +156,7 @@ fn twins(corners: &[[[i32; 3]; 4]], voxels: &[usize]) -> Vec<u32> {
     twins
 }
 
-/// The vertex of each corner 4 q + k, and where each vertex is.
+/// The vertex of each corner 4 q + k, and the position of each vertex.
 fn vertices(corners: &[[[i32; 3]; 4]], twins: &[u32]) -> (Vec<u32>, Vec<[i32; 3]>) {
     let mut of = vec![u32::MAX; twins.len()];
     let mut places = Vec::new();

@@ -6,15 +6,15 @@
 pub struct Mask {
     /// Voxels along x, y, z, rim included.
     pub size: [usize; 3],
-    /// Where voxel (0, 0, 0) of the box is in the volume.
+    /// The volume's voxel at (0, 0, 0) of the box.
     pub origin: [i64; 3],
     /// (size), x fastest.
     pub inside: Vec<bool>,
 }
 
 impl Mask {
-    /// The box around the voxels that `inside` names, of a volume of `size`, with a rim around it; where the label
-    /// touches the volume's border the rim lies beyond.
+    /// The box around the voxels for which `inside` holds, of a volume of `size`, with a rim around it; where they touch
+    /// the volume's border the rim lies beyond.
     pub fn new(size: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
         let mut low = [usize::MAX; 3];
         let mut high = [0; 3];
@@ -31,6 +31,11 @@ impl Mask {
         if !any {
             return Self { size: [2; 3], origin: [0; 3], inside: vec![false; 8] };
         }
+        Self::of_box(low, high, inside)
+    }
+
+    /// The box from voxel `low` to voxel `high`, both included, with a rim around it.
+    pub(super) fn of_box(low: [usize; 3], high: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
         let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 3);
         let mut mask = Self { size: own, origin: low.map(|x| x as i64 - 1), inside: vec![false; own.iter().product()] };
         for_each(own.map(|n| n - 2), |at| {
@@ -40,7 +45,7 @@ impl Mask {
         mask
     }
 
-    /// How many voxels are inside.
+    /// Number of voxels inside.
     #[must_use]
     pub fn count(&self) -> usize {
         self.inside.iter().filter(|&&inside| inside).count()
@@ -61,7 +66,7 @@ impl Mask {
         (0..3).any(|k| at[k] == 0 || at[k] + 1 == self.size[k])
     }
 
-    /// How far a voxel's index is from that of its neighbour at (dx, dy, dz), each of -1, 0, 1.
+    /// The difference of index to the neighbour at (dx, dy, dz), each of -1, 0, 1.
     pub(super) fn step(&self, [dx, dy, dz]: [isize; 3]) -> isize {
         dx + self.size[0] as isize * (dy + self.size[1] as isize * dz)
     }

@@ -1,26 +1,31 @@
-//! What hangs together: the label's pieces, and the cavities in it.
+//! Connected pieces of a label, and the cavities in it.
+
+use spharm_monitor::{Interrupted, Monitor};
 
 use super::mask::{FACES, Mask, around};
 
 /// Pieces, numbered from 1 by size, the largest first (of equal ones, the one that comes first in the volume).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pieces {
-    /// Voxels in each.
+    /// Number of voxels of each.
     pub sizes: Vec<usize>,
     /// The piece of each voxel of the mask's box; 0 for none.
     pub of: Vec<u32>,
 }
 
 /// The label's pieces: voxels that share faces.
-#[must_use]
-pub fn pieces(mask: &Mask) -> Pieces {
-    fill(mask, true, &FACES)
+///
+/// # Errors
+///
+/// [`Interrupted`] when the monitor asks to stop.
+pub fn pieces(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Interrupted> {
+    fill(mask, true, &FACES, monitor)
 }
 
 /// The parts of the background, connected over faces, edges and corners, that the outside doesn't reach.
-pub(super) fn cavities(mask: &Mask) -> Pieces {
+pub(super) fn cavities(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Interrupted> {
     let neighbours: Vec<[isize; 3]> = around().filter(|d| *d != [0; 3]).collect();
-    let mut found = fill(mask, false, &neighbours);
+    let mut found = fill(mask, false, &neighbours, monitor)?;
     // The rim is one piece of background with all that it reaches; the first voxel is of it.
     let outside = found.of[0];
     for piece in &mut found.of {
@@ -31,13 +36,17 @@ pub(super) fn cavities(mask: &Mask) -> Pieces {
         };
     }
     found.sizes.remove(outside as usize - 1);
-    found
+    Ok(found)
 }
 
-fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]]) -> Pieces {
+/// Voxels between which the monitor is asked.
+const CHUNK: usize = 1 << 18;
+
+fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]], monitor: &dyn Monitor) -> Result<Pieces, Interrupted> {
     let mut of = vec![0_u32; mask.inside.len()];
     let mut sizes = Vec::new();
     let mut stack = Vec::new();
+    let mut visited = 0;
     for start in 0..of.len() {
         if of[start] != 0 || mask.inside[start] != side {
             continue;
@@ -48,6 +57,10 @@ fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]]) -> Pieces {
         stack.push(start);
         while let Some(voxel) = stack.pop() {
             size += 1;
+            visited += 1;
+            if visited % CHUNK == 0 {
+                monitor.check()?;
+            }
             let at = mask.place(voxel);
             for d in neighbours {
                 // Background reaches the box's border, where there are no neighbours beyond.
@@ -72,5 +85,5 @@ fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]]) -> Pieces {
         rank[old + 1] = new as u32 + 1;
     }
     of.iter_mut().for_each(|piece| *piece = rank[*piece as usize]);
-    Pieces { sizes: order.iter().map(|&i| sizes[i]).collect(), of }
+    Ok(Pieces { sizes: order.iter().map(|&i| sizes[i]).collect(), of })
 }

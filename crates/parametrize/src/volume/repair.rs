@@ -1,4 +1,4 @@
-//! `--fix`: from any label to one ball without bare contacts.
+//! From any label to one ball without bare contacts.
 //!
 //! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, whichever changes fewer
 //! voxels:
@@ -9,41 +9,43 @@
 //! - *filling*: the box around the label shrinks onto it, the furthest voxels of the background first, by the same rules
 //!   from the other side. What it can't give up without opening a ring stays in: a lid over the hole.
 //!
-//! Both end in a set with the topology of the ball that they began with, whatever the label is; how much of the label it
-//! is, the count of changed voxels tells. O(voxels of the box), times a logarithm.
+//! Both end in a set with the topology of the ball that they began with, whatever the label is; the report has the number
+//! of changed voxels. O(n log n) for n voxels of the box.
 
 use std::collections::BinaryHeap;
 
 use serde::Serialize;
+use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use super::mask::{Mask, around};
 use super::pieces::{cavities, pieces};
 use super::simple::{Around, has_bare_contact, is_simple};
 
-/// How handles were opened.
+/// How handles and bare contacts were removed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Way {
-    /// Voxels were taken away.
+pub enum HandleRepair {
+    /// Voxels were removed.
     Cut,
     /// Voxels were added.
     Filled,
 }
 
-/// What was changed.
+/// The changes that a repair made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct Repair {
-    /// Pieces left out, all but the largest.
+    /// Number of pieces dropped, all but the largest.
     pub pieces_dropped: usize,
     /// Their voxels.
     pub voxels_dropped: usize,
-    /// Cavities filled.
+    /// Number of cavities filled.
     pub cavities_filled: usize,
     /// Their voxels.
     pub voxels_filled: usize,
     /// How handles and bare contacts were removed.
-    pub way: Way,
+    #[serde(rename = "way")]
+    pub handles: HandleRepair,
     /// Voxels changed for that.
     pub voxels_changed: usize,
 }
@@ -58,67 +60,89 @@ impl Repair {
 
 impl std::fmt::Display for Repair {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (way, changed) = (if self.way == Way::Cut { "removed" } else { "added" }, self.voxels_changed);
+        let count = |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
+        let voxels = |n| count(n, "voxel", "voxels");
+        let done = match self.handles {
+            HandleRepair::Cut => "removed",
+            HandleRepair::Filled => "added",
+        };
         write!(
             f,
-            "the volume was repaired: {} pieces dropped ({} voxels), {} cavities filled ({} voxels), {changed} voxels \
-             {way} to remove handles and bare contacts",
-            self.pieces_dropped, self.voxels_dropped, self.cavities_filled, self.voxels_filled
+            "the volume was repaired: {} dropped ({}), {} filled ({}), {} {done} to remove handles and bare contacts",
+            count(self.pieces_dropped, "piece", "pieces"),
+            voxels(self.voxels_dropped),
+            count(self.cavities_filled, "cavity", "cavities"),
+            voxels(self.voxels_filled),
+            voxels(self.voxels_changed)
         )
     }
 }
 
 /// The largest piece of a mask, made a ball.
-#[must_use]
-pub fn repair(mask: &Mask) -> (Mask, Repair) {
+///
+/// # Errors
+///
+/// [`Interrupted`] when the monitor asks to stop.
+pub fn repair(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask, Repair), Interrupted> {
+    monitor.begin(Stage::counted("repair", "voxels"), 0);
     let mut whole = mask.clone();
-    let found = pieces(mask);
+    let found = pieces(mask, monitor)?;
     whole.inside.iter_mut().zip(&found.of).for_each(|(inside, &piece)| *inside = piece == 1);
-    let hollow = cavities(&whole);
+    let hollow = cavities(&whole, monitor)?;
     whole.inside.iter_mut().zip(&hollow.of).for_each(|(inside, &cavity)| *inside |= cavity != 0);
 
-    let cut = cut(&whole);
-    let filled = fill(&whole);
+    let cut = cut(&whole, monitor)?;
+    let filled = fill(&whole, monitor)?;
     let changed = |other: &Mask| whole.inside.iter().zip(&other.inside).filter(|(a, b)| a != b).count();
     let (removed, added) = (changed(&cut), changed(&filled));
-    let (mended, way, voxels_changed) =
-        if removed <= added { (cut, Way::Cut, removed) } else { (filled, Way::Filled, added) };
+    let (repaired, handles, voxels_changed) =
+        if removed <= added { (cut, HandleRepair::Cut, removed) } else { (filled, HandleRepair::Filled, added) };
     let dropped = found.sizes.get(1..).unwrap_or_default();
     let repair = Repair {
         pieces_dropped: dropped.len(),
         voxels_dropped: dropped.iter().sum(),
         cavities_filled: hollow.sizes.len(),
         voxels_filled: hollow.sizes.iter().sum(),
-        way,
+        handles,
         voxels_changed,
     };
-    (mended, repair)
+    monitor.end();
+    Ok((repaired, repair))
 }
 
 /// A ball grown within the label.
-fn cut(label: &Mask) -> Mask {
-    let depth = distance(label, true);
+fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
+    let depth = distance(label, true, monitor)?;
     let mut ball = Mask { inside: vec![false; label.inside.len()], ..label.clone() };
     // The deepest voxel; of several, the first.
     let seed = (0..depth.len()).max_by_key(|&i| (depth[i], std::cmp::Reverse(i)));
-    let Some(seed) = seed.filter(|&i| label.inside[i]) else { return ball };
+    let Some(seed) = seed.filter(|&i| label.inside[i]) else { return Ok(ball) };
     ball.inside[seed] = true;
-    change_sides(&mut ball, &[seed], |voxel| label.inside[voxel], &depth);
-    ball
+    change_sides(&mut ball, &[seed], |voxel| label.inside[voxel], &depth, monitor)?;
+    Ok(ball)
 }
 
 /// The box, shrunk onto the label.
-fn fill(label: &Mask) -> Mask {
-    let depth = distance(label, false);
+fn fill(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
+    let depth = distance(label, false, monitor)?;
     let mut ball = Mask { inside: (0..label.inside.len()).map(|i| !label.is_rim(i)).collect(), ..label.clone() };
     let rim: Vec<usize> = (0..ball.inside.len()).filter(|&i| !ball.inside[i]).collect();
-    change_sides(&mut ball, &rim, |voxel| !label.inside[voxel] && !label.is_rim(voxel), &depth);
-    ball
+    change_sides(&mut ball, &rim, |voxel| !label.inside[voxel] && !label.is_rim(voxel), &depth, monitor)?;
+    Ok(ball)
 }
 
-/// Moves voxels over to the side of `seeds`, those that `wanted` names and that may, the deepest first.
-fn change_sides(ball: &mut Mask, seeds: &[usize], wanted: impl Fn(usize) -> bool, depth: &[u32]) {
-    let Some(&first) = seeds.first() else { return };
+/// Voxels between which the monitor is asked.
+const CHUNK: usize = 1 << 14;
+
+/// Moves voxels to the side of `seeds`, the deepest first: those for which `wanted` holds and that may change sides.
+fn change_sides(
+    ball: &mut Mask,
+    seeds: &[usize],
+    wanted: impl Fn(usize) -> bool,
+    depth: &[u32],
+    monitor: &dyn Monitor,
+) -> Result<(), Interrupted> {
+    let Some(&first) = seeds.first() else { return Ok(()) };
     let side = ball.inside[first];
     let offsets: Vec<isize> = around().map(|d| ball.step(d)).collect();
     // A voxel is looked at again whenever one of its 26 neighbours has changed.
@@ -136,7 +160,12 @@ fn change_sides(ball: &mut Mask, seeds: &[usize], wanted: impl Fn(usize) -> bool
         }
     };
     seeds.iter().for_each(|&seed| push(&mut heap, ball, seed));
+    let mut looked_at = 0;
     while let Some((_, std::cmp::Reverse(voxel))) = heap.pop() {
+        looked_at += 1;
+        if looked_at % CHUNK == 0 {
+            monitor.check()?;
+        }
         // Queued more than once, and changed since.
         if ball.inside[voxel] == side {
             continue;
@@ -149,13 +178,15 @@ fn change_sides(ball: &mut Mask, seeds: &[usize], wanted: impl Fn(usize) -> bool
         if is_simple(bits) && !has_bare_contact(changed) {
             ball.inside[voxel] = side;
             push(&mut heap, ball, voxel);
+            monitor.step(1);
         }
     }
+    Ok(())
 }
 
 /// Distance of each voxel of a side from the other side, in steps of about 1/3 voxel (the 3-4-5 chamfer: G. Borgefors,
 /// "Distance transformations in digital images", 1986); 0 on the other side.
-fn distance(label: &Mask, side: bool) -> Vec<u32> {
+fn distance(label: &Mask, side: bool, monitor: &dyn Monitor) -> Result<Vec<u32>, Interrupted> {
     // Outside, the box's border is no end of the background.
     let far = u32::MAX / 2;
     let mut depth: Vec<u32> = label.inside.iter().map(|&inside| if inside == side { far } else { 0 }).collect();
@@ -171,14 +202,26 @@ fn distance(label: &Mask, side: bool) -> Vec<u32> {
             }
         }
     };
-    (0..depth.len()).for_each(|voxel| relax(&mut depth, voxel, 1));
-    (0..depth.len()).rev().for_each(|voxel| relax(&mut depth, voxel, -1));
-    depth
+    let n = depth.len();
+    for i in 0..2 * n {
+        if i % CHUNK == 0 {
+            monitor.check()?;
+        }
+        // Forward, then backward.
+        if i < n {
+            relax(&mut depth, i, 1);
+        } else {
+            relax(&mut depth, 2 * n - 1 - i, -1);
+        }
+    }
+    Ok(depth)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::volume::boundary::QuadMesh;
+    use spharm_monitor::Silent;
 
     /// Noise: thousands of pieces, handles, cavities and contacts.
     fn noise(size: [usize; 3], seed: u64) -> Mask {
@@ -204,14 +247,15 @@ mod tests {
     fn whatever_goes_in_a_ball_comes_out() {
         for seed in 1..20 {
             let mask = noise([9, 11, 10], seed);
-            for (way, ball) in [("cut", cut(&mask)), ("fill", fill(&mask))] {
-                let (found, hollow) = (pieces(&ball).sizes.len(), cavities(&ball).sizes.len());
+            for (way, ball) in [("cut", cut(&mask, &Silent).unwrap()), ("fill", fill(&mask, &Silent).unwrap())] {
+                let (found, hollow) =
+                    (pieces(&ball, &Silent).unwrap().sizes.len(), cavities(&ball, &Silent).unwrap().sizes.len());
                 assert_eq!((found, hollow, any_bare_contact(&ball)), (1, 0, false), "{way}, {seed}");
-                let surface = crate::volume::QuadMesh::around(&ball);
+                let surface = QuadMesh::around(&ball);
                 let genus = 1 - surface.euler_characteristic() / 2;
                 assert_eq!((surface.components(), genus, surface.pinched_edges()), (1, 0, 0), "{way}, {seed}");
             }
-            let (mended, report) = repair(&mask);
+            let (mended, report) = repair(&mask, &Silent).unwrap();
             let changed = mended.inside.iter().zip(&mask.inside).filter(|(a, b)| a != b).count();
             assert!(changed <= report.voxels(), "{seed}: {changed} {report:?}");
         }
@@ -220,7 +264,7 @@ mod tests {
     #[test]
     fn a_ball_is_left_alone() {
         let ball = Mask::new([21; 3], |at| at.iter().map(|&x| (x as f64 - 10.0).powi(2)).sum::<f64>() < 90.0);
-        let (mended, report) = repair(&ball);
+        let (mended, report) = repair(&ball, &Silent).unwrap();
         assert_eq!((mended == ball, report.voxels()), (true, 0));
     }
 }

@@ -1,7 +1,11 @@
 //! Maps of many surfaces: one to one, as good as promised, the same every time.
 
+mod cancelling;
+mod label_files;
 mod methods;
+mod resample;
+mod residual_areas;
 mod robustness;
-mod room;
 mod shapes;
 mod shared_data;
+mod volume;

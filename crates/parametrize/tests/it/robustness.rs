@@ -2,7 +2,8 @@
 
 use crate::shapes::surface;
 use rayon::prelude::*;
-use spharm_parametrize::{CaldParams, ConformalParams, Quality, StretchParams, auto, conformal, silent, stretch};
+use spharm_monitor::Silent;
+use spharm_parametrize::{CaldParams, ConformalParams, Quality, StretchParams, auto, conformal, stretch};
 
 #[test]
 fn auto_maps_two_hundred_surfaces_one_to_one() {
@@ -10,7 +11,7 @@ fn auto_maps_two_hundred_surfaces_one_to_one() {
         .into_par_iter()
         .filter_map(|seed| {
             let (kind, mesh) = surface(seed);
-            let found = match auto(&mesh, &CaldParams::default(), &mut silent) {
+            let found = match auto(&mesh, &CaldParams::default(), &Silent) {
                 Ok(found) => found,
                 Err(error) => return Some(format!("{kind} {seed}: {error}")),
             };
@@ -30,10 +31,10 @@ fn auto_maps_two_hundred_surfaces_one_to_one() {
 fn the_other_methods_map_some_of_each_kind_one_to_one() {
     for seed in 0..10 {
         let (kind, mesh) = surface(seed);
-        let found = conformal(&mesh, &ConformalParams::default(), &mut silent);
+        let found = conformal(&mesh, &ConformalParams::default(), &Silent);
         let found = found.unwrap_or_else(|error| panic!("{kind} {seed}: {error}"));
         assert!(Quality::of(&mesh, &found.sphere).is_bijective(), "{kind} {seed}");
-        let found = stretch(&mesh, &StretchParams::default(), &mut silent);
+        let found = stretch(&mesh, &StretchParams::default(), &Silent);
         let found = found.unwrap_or_else(|error| panic!("{kind} {seed}: {error}"));
         assert!(Quality::of(&mesh, &found.sphere).is_bijective(), "{kind} {seed}");
     }

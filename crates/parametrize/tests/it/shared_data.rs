@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use spharm_parametrize::{CaldParams, ParametrizeError, Quality, auto, cald, silent};
+use spharm_monitor::Silent;
+use spharm_parametrize::{CaldParams, ParametrizeError, Quality, auto, cald};
 use spharm_surface::Mesh;
 use spharm_surface::io::read_mesh;
 
@@ -22,7 +23,7 @@ fn areas_come_out_equal() {
         ["head.obj", "bowl.obj", "spot.obj", "homer.obj", "hippo_a01_l.obj", "hippo_a02_l.obj", "hippo_a03_l.obj"]
     {
         let Some(mesh) = shared(name) else { continue };
-        let report = cald(&mesh, &CaldParams::default(), &mut silent).unwrap().report;
+        let report = cald(&mesh, &CaldParams::default(), &Silent).unwrap().report;
         assert!(report.quality.area_rms <= 0.10, "{name}: {report:?}");
     }
 }
@@ -34,7 +35,7 @@ fn hippocampi_are_no_worse_than_as_published() {
             continue;
         };
         let published = Quality::of(&mesh, &sphere);
-        let ours = auto(&mesh, &CaldParams::default(), &mut silent).unwrap().report.quality;
+        let ours = auto(&mesh, &CaldParams::default(), &Silent).unwrap().report.quality;
         assert!(ours.area_rms <= published.area_rms, "{name}: {ours:?} {published:?}");
         assert!(ours.stretch <= published.stretch, "{name}: {ours:?} {published:?}");
     }
@@ -44,7 +45,7 @@ fn hippocampi_are_no_worse_than_as_published() {
 fn surfaces_that_are_not_spheres_are_refused_with_counts() {
     for name in ["bad_cow.obj", "bad_suzanne.obj"] {
         let Some(mesh) = shared(name) else { continue };
-        let error = auto(&mesh, &CaldParams::default(), &mut silent).unwrap_err();
+        let error = auto(&mesh, &CaldParams::default(), &Silent).unwrap_err();
         assert!(matches!(error, ParametrizeError::BadSurface { .. }), "{name}");
         let text = error.to_string();
         assert!(text.chars().any(|c| c.is_ascii_digit()), "{name}: {text}");

@@ -1,17 +1,21 @@
-//! Triangles of a mesh that cut through each other.
+//! Self-intersections of a mesh.
 //!
-//! Two triangles without a common vertex cut when an edge of one goes through the other; two with one common vertex when
-//! the edge opposite to it does. All by the signs of exact determinants. Triangles with a common edge, and contacts in
-//! which all corners lie in one plane, don't count: a surface that is folded flat onto itself is not told.
+//! Two triangles without a common vertex intersect when an edge of one goes through the other; two with one common vertex
+//! when the edge opposite to it does. All by the signs of exact determinants. Triangles with a common edge, and contacts
+//! in which all corners lie in one plane, don't count: a surface that is folded flat onto itself is not found.
 
 use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
 use spharm_surface::nearest::TriangleTree;
 
 use crate::geometry::Vec3;
 
-/// The pairs of triangles that cut through each other, the smaller number first, in order.
-pub(crate) fn crossings(mesh: &Mesh) -> Vec<[u32; 2]> {
+/// Triangles in a chunk, between whose checks the monitor is asked.
+const CHUNK: usize = 8192;
+
+/// The pairs of triangles that intersect, the smaller number first, in order.
+pub(crate) fn self_intersections(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Vec<[u32; 2]>, Interrupted> {
     let tree = TriangleTree::new(mesh);
     let corners = |face: u32| mesh.faces[face as usize].map(|v| mesh.vertices[v as usize]);
     let with = |face: u32| {
@@ -20,14 +24,20 @@ pub(crate) fn crossings(mesh: &Mesh) -> Vec<[u32; 2]> {
         let high: Vec3 = std::array::from_fn(|k| own.iter().map(|v| v[k]).fold(f64::NEG_INFINITY, f64::max));
         let mut others: Vec<u32> = tree.meeting_box(low, high).filter(|&other| other > face).collect();
         others.sort_unstable();
-        others.retain(|&other| cut(mesh, face, other));
+        others.retain(|&other| intersect(mesh, face, other));
         others.into_iter().map(move |other| [face, other]).collect::<Vec<_>>()
     };
-    let found: Vec<Vec<[u32; 2]>> = (0..mesh.faces.len() as u32).into_par_iter().with_min_len(64).map(with).collect();
-    found.into_iter().flatten().collect()
+    let mut pairs = Vec::new();
+    let faces: Vec<u32> = (0..mesh.faces.len() as u32).collect();
+    for chunk in faces.chunks(CHUNK) {
+        monitor.check()?;
+        let found: Vec<Vec<[u32; 2]>> = chunk.par_iter().with_min_len(64).map(|&face| with(face)).collect();
+        pairs.extend(found.into_iter().flatten());
+    }
+    Ok(pairs)
 }
 
-fn cut(mesh: &Mesh, one: u32, two: u32) -> bool {
+fn intersect(mesh: &Mesh, one: u32, two: u32) -> bool {
     let (a, b) = (mesh.faces[one as usize], mesh.faces[two as usize]);
     let shared = a.iter().filter(|v| b.contains(v)).count();
     let at = |v: u32| mesh.vertices[v as usize];
@@ -61,27 +71,32 @@ fn side(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use spharm_monitor::Silent;
     use spharm_surface::generate::icosphere;
 
+    fn found(mesh: &Mesh) -> Vec<[u32; 2]> {
+        self_intersections(mesh, &Silent).unwrap()
+    }
+
     #[test]
-    fn spheres_that_meet_cut_along_a_circle_and_a_sphere_nowhere() {
+    fn spheres_that_meet_intersect_along_a_circle_and_a_sphere_nowhere() {
         let one = icosphere(3);
-        assert!(crossings(&one).is_empty());
+        assert!(found(&one).is_empty());
         let mut two = one.clone();
         let n = one.vertices.len() as u32;
         two.vertices.extend(one.vertices.iter().map(|&[x, y, z]| [x + 1.013, y + 0.01, z]));
         two.faces.extend(one.faces.iter().map(|face| face.map(|v| v + n)));
-        let found = crossings(&two);
-        assert!(found.len() > 40 && found.iter().all(|[a, b]| *a < 1280 && *b >= 1280), "{}", found.len());
+        let pairs = found(&two);
+        assert!(pairs.len() > 40 && pairs.iter().all(|[a, b]| *a < 1280 && *b >= 1280), "{}", pairs.len());
         let mut apart = two;
         apart.vertices[n as usize..].iter_mut().for_each(|v| v[0] += 1.1);
-        assert!(crossings(&apart).is_empty());
+        assert!(found(&apart).is_empty());
     }
 
     #[test]
     fn a_spike_through_the_other_side_is_found() {
         let mut pierced = icosphere(2);
         pierced.vertices[0] = pierced.vertices[0].map(|x| -1.5 * x);
-        assert!(!crossings(&pierced).is_empty());
+        assert!(!found(&pierced).is_empty());
     }
 }

@@ -3,7 +3,7 @@
 use ndarray::Array2;
 use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
-use spharm_parametrize::{CaldParams, Parametrization, cald, silent};
+use spharm_parametrize::{CaldParams, Parametrization, cald};
 use spharm_solver::MatrixFreeOperator;
 use spharm_solver::lsq::{LsqParams, LsqSolver, Strategy};
 use spharm_surface::Mesh;
@@ -11,7 +11,7 @@ use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_transform::TransformParams;
 
 fn with(mesh: &Mesh, area: f64, degree: usize) -> Parametrization {
-    cald(mesh, &CaldParams { area, degree: Some(degree), ..CaldParams::default() }, &mut silent).unwrap()
+    cald(mesh, &CaldParams { area, degree: Some(degree), ..CaldParams::default() }, &Silent).unwrap()
 }
 
 /// Mean squared distance of the least squares of a degree from the vertices.

@@ -1,0 +1,88 @@
+//! Surfaces from files, and the samplings to put them on.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use spharm_monitor::Monitor;
+use spharm_surface::Mesh;
+use spharm_surface::generate::icosphere;
+use spharm_surface::io::read_mesh;
+
+use crate::error::ParametrizeError;
+use crate::method::Source;
+use crate::volume::{LabelVolume, VolumeParams, VolumeSurface, is_volume};
+
+/// A surface from a file.
+// Few of these exist at a time.
+#[expect(clippy::large_enum_variant)]
+#[derive(Clone, Debug)]
+pub enum Input {
+    /// A mesh.
+    Mesh(Mesh),
+    /// The surface around a label of a volume.
+    Label(VolumeSurface),
+}
+
+impl Input {
+    /// Reads the surface around a label where the file's name is that of a volume ([`is_volume`]), else a mesh.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`LabelVolume::read`], [`LabelVolume::surface`] and `spharm_surface::io::read_mesh`;
+    /// [`ParametrizeError::Argument`] where a label or a repair is asked for and the file isn't a volume.
+    pub fn read(path: &Path, params: &VolumeParams, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
+        if is_volume(path) {
+            return Ok(Self::Label(LabelVolume::read(path, monitor)?.surface(params, monitor)?));
+        }
+        if *params != VolumeParams::default() {
+            let found = format!("a mesh, {}", path.display());
+            return Err(ParametrizeError::Argument { what: "file with labels", expected: "a volume", found });
+        }
+        Ok(Self::Mesh(read_mesh(path)?))
+    }
+}
+
+impl<'a> From<&'a Input> for Source<'a> {
+    fn from(input: &'a Input) -> Self {
+        match input {
+            Input::Mesh(mesh) => Self::Mesh(mesh),
+            Input::Label(found) => Self::Quads(&found.quads),
+        }
+    }
+}
+
+/// A sampling of the sphere that surfaces are put on by [`resample`](crate::resample()). Parsed from `icosphere:N`, or
+/// the path of a sphere.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Sampling {
+    /// An icosphere of so many subdivisions, 0 to 10.
+    Icosphere(u32),
+    /// A mesh from a file.
+    File(PathBuf),
+}
+
+impl FromStr for Sampling {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Some(number) = text.strip_prefix("icosphere:") else { return Ok(Self::File(text.into())) };
+        match number.parse() {
+            Ok(subdivisions @ 0..=10) => Ok(Self::Icosphere(subdivisions)),
+            _ => Err(format!("expected icosphere:0 to icosphere:10, found {text}")),
+        }
+    }
+}
+
+impl Sampling {
+    /// The sphere's mesh.
+    ///
+    /// # Errors
+    ///
+    /// Those of `spharm_surface::io::read_mesh`.
+    pub fn sphere(&self) -> Result<Mesh, ParametrizeError> {
+        match self {
+            Self::Icosphere(subdivisions) => Ok(icosphere(*subdivisions)),
+            Self::File(path) => Ok(read_mesh(path)?),
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! The methods as values, for programs and bindings: one variant a method, with its settings.
+
+use spharm_monitor::Monitor;
+use spharm_surface::Mesh;
+
+use crate::auto::auto;
+use crate::cald::{CaldParams, cald};
+use crate::conformal::{ConformalParams, conformal};
+use crate::deform::{DeformParams, deform};
+use crate::equal_area::{EqualAreaParams, equal_area};
+use crate::error::ParametrizeError;
+use crate::report::Parametrization;
+use crate::stretch::{StretchParams, stretch};
+use crate::volume::QuadMesh;
+
+/// A surface to be mapped, in either form.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'a> {
+    /// Triangles.
+    Mesh(&'a Mesh),
+    /// The quadrangles around a label of a volume.
+    Quads(&'a QuadMesh),
+}
+
+impl<'a> From<&'a Mesh> for Source<'a> {
+    fn from(mesh: &'a Mesh) -> Self {
+        Self::Mesh(mesh)
+    }
+}
+
+impl<'a> From<&'a QuadMesh> for Source<'a> {
+    fn from(quads: &'a QuadMesh) -> Self {
+        Self::Quads(quads)
+    }
+}
+
+/// A method of parameterisation and its settings.
+///
+/// ```
+/// use spharm_monitor::Silent;
+/// use spharm_parametrize::{ConformalParams, Method};
+/// use spharm_surface::generate::icosphere;
+///
+/// let found = Method::Conformal(ConformalParams::default()).run(&icosphere(2), &Silent)?;
+/// assert_eq!(found.report.method, "conformal");
+/// # Ok::<(), spharm_parametrize::ParametrizeError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Method {
+    /// [`auto`](crate::auto()) for meshes, [`equal_area`](crate::equal_area()) with default settings for quadrangles.
+    Auto(CaldParams),
+    /// [`cald`](crate::cald()).
+    Cald(CaldParams),
+    /// [`conformal`](crate::conformal()).
+    Conformal(ConformalParams),
+    /// [`stretch`](crate::stretch()).
+    Stretch(StretchParams),
+    /// [`equal_area`](crate::equal_area()), for quadrangles only.
+    EqualArea(EqualAreaParams),
+    /// [`deform`](crate::deform()) over the map by [`auto`](crate::auto()).
+    Deform {
+        /// Settings of the deformation.
+        params: DeformParams,
+        /// Settings of the map.
+        map: CaldParams,
+    },
+}
+
+impl Default for Method {
+    fn default() -> Self {
+        Self::Auto(CaldParams::default())
+    }
+}
+
+impl Method {
+    /// Maps a surface to the sphere. Methods for meshes take a surface of quadrangles as triangles.
+    ///
+    /// # Errors
+    ///
+    /// Those of the method; [`ParametrizeError::Argument`] for equal-area of a mesh.
+    pub fn run<'a>(
+        &self,
+        source: impl Into<Source<'a>>,
+        monitor: &dyn Monitor,
+    ) -> Result<Parametrization, ParametrizeError> {
+        let triangles;
+        let mesh = match (source.into(), self) {
+            (Source::Quads(quads), Self::Auto(_)) => return equal_area(quads, &EqualAreaParams::default(), monitor),
+            (Source::Quads(quads), Self::EqualArea(params)) => return equal_area(quads, params, monitor),
+            (Source::Quads(quads), _) => {
+                triangles = quads.triangles(|_| false);
+                &triangles
+            }
+            (Source::Mesh(mesh), _) => mesh,
+        };
+        match self {
+            Self::Auto(params) => auto(mesh, params, monitor),
+            Self::Cald(params) => cald(mesh, params, monitor),
+            Self::Conformal(params) => conformal(mesh, params, monitor),
+            Self::Stretch(params) => stretch(mesh, params, monitor),
+            Self::EqualArea(_) => Err(ParametrizeError::Argument {
+                what: "surface for equal-area",
+                expected: "the quadrangles around a label of a volume",
+                found: "a mesh of triangles".to_owned(),
+            }),
+            Self::Deform { params, map } => {
+                let first = auto(mesh, map, monitor)?;
+                Ok(deform(&first.surface, &first.sphere, params, monitor)?.after(&first.report))
+            }
+        }
+    }
+
+    /// Whether the map is of a surface other than the given mesh, so that a program has to write the surface next to the
+    /// sphere.
+    #[must_use]
+    pub fn makes_surface(&self) -> bool {
+        matches!(self, Self::Deform { .. } | Self::EqualArea(_))
+    }
+}

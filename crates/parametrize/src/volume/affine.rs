@@ -1,0 +1,31 @@
+//! Positions of voxels in space.
+
+use crate::geometry::{cross, dot};
+
+/// From voxel (i, j, k) to RAS+ mm: rows of a 3 x 4 matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Affine(pub [[f64; 4]; 3]);
+
+impl Affine {
+    /// One mm a voxel, from the origin.
+    pub const IDENTITY: Self = Self([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+
+    /// The position in mm of a point given in voxels.
+    #[must_use]
+    pub fn apply(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        self.0.map(|[a, b, c, d]| a * x + b * y + c * z + d)
+    }
+
+    /// Volume of a voxel in mm^3; negative where the voxels' axes are left-handed.
+    #[must_use]
+    pub fn determinant(&self) -> f64 {
+        let [a, b, c] = self.0.map(|[x, y, z, _]| [x, y, z]);
+        dot(a, cross(b, c))
+    }
+
+    /// Whether voxels have a volume, and all entries are finite.
+    pub(super) fn is_valid(&self) -> bool {
+        let volume = self.determinant();
+        volume.is_finite() && volume != 0.0 && self.0.as_flattened().iter().all(|x| x.is_finite())
+    }
+}

@@ -1,0 +1,86 @@
+//! FreeSurfer volumes (`.mgh`, `.mgz`): a header of 284 bytes, then the values, all big-endian
+//! (<https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat>).
+//!
+//! | bytes | field |
+//! |---|---|
+//! | 0, i32 | version, 1 |
+//! | 4, 4 x i32 | width, height, depth, frames |
+//! | 20, i32 | type: 0 u8, 1 i32, 3 f32, 4 i16 |
+//! | 28, i16 | whether what follows is valid |
+//! | 30, 3 x f32 | voxel sizes |
+//! | 42, 9 x f32 | directions of the three axes in RAS |
+//! | 78, 3 x f32 | RAS of the centre, voxel (width / 2, height / 2, depth / 2) |
+
+use std::io::Read;
+use std::path::Path;
+
+use spharm_monitor::Monitor;
+
+use super::affine::Affine;
+use super::labels::Volume;
+use super::values::{Layout, Scalar, cut_short};
+use crate::error::ParametrizeError;
+
+/// Bytes of the header.
+const HEADER: usize = 284;
+
+/// Parses a stream that holds at most `most` bytes.
+pub(super) fn parse(
+    path: &Path,
+    mut stream: impl Read,
+    most: u64,
+    monitor: &dyn Monitor,
+) -> Result<Volume, ParametrizeError> {
+    let wrong = |expected, found| ParametrizeError::NotAVolume { path: path.to_owned(), expected, found };
+    let not_mgh = |what: String| wrong("a FreeSurfer volume (.mgh, .mgz)", what);
+    let mut header = [0; HEADER];
+    stream.read_exact(&mut header).map_err(|_| not_mgh("a file that is shorter than its header".to_owned()))?;
+    let int = |at: usize| i32::from_be_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+    let float = |at: usize| f64::from(f32::from_bits(int(at) as u32));
+    if int(0) != 1 {
+        return Err(not_mgh(format!("version {}", int(0))));
+    }
+    let dims = [4, 8, 12].map(int);
+    let [Ok(x), Ok(y), Ok(z)] = dims.map(u16::try_from) else {
+        return Err(not_mgh(format!("{dims:?} voxels")));
+    };
+    if int(16) != 1 {
+        return Err(wrong("one frame", format!("{} frames; give one volume of them", int(16))));
+    }
+    let scalar = match int(20) {
+        0 => Scalar::U8,
+        1 => Scalar::I32,
+        3 => Scalar::F32,
+        4 => Scalar::I16,
+        other => return Err(wrong("whole numbers as labels", format!("values of type {other}"))),
+    };
+    let size = [x, y, z].map(usize::from);
+    let layout = Layout { voxels: size.iter().product(), scalar, little_endian: false, scaling: None };
+    if layout.bytes() > most {
+        let found =
+            format!("{x} x {y} x {z} voxels of {} bytes claimed by a file that can't hold them", scalar.width());
+        return Err(not_mgh(found));
+    }
+    let values = layout.read(path, &mut stream, monitor)?;
+    // On to the end of what was compressed, where its checksum is; tags may follow the values.
+    let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
+    rest.map_err(|error| cut_short(path, &error.to_string()))?;
+    let placed = i16::from_be_bytes([header[28], header[29]]) > 0;
+    // FreeSurfer's own defaults: coronal slices of 1 mm.
+    let (sizes, axes, centre) = if placed {
+        let axis = |k: usize| [0, 4, 8].map(|i| float(42 + 12 * k + i));
+        ([30, 34, 38].map(float), [0, 1, 2].map(axis), [78, 82, 86].map(float))
+    } else {
+        ([1.0; 3], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]], [0.0; 3])
+    };
+    let row = |i: usize| {
+        let [a, b, c] = [0, 1, 2].map(|k: usize| axes[k][i] * sizes[k]);
+        let middle = [x, y, z].map(|n| f64::from(n) / 2.0);
+        [a, b, c, centre[i] - (a * middle[0] + b * middle[1] + c * middle[2])]
+    };
+    let affine = Affine([row(0), row(1), row(2)]);
+    if !affine.is_valid() {
+        return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
+    }
+    Ok(Volume { size, affine, values })
+}

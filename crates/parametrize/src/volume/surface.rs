@@ -1,0 +1,100 @@
+//! A label's surface: checked, repaired on request.
+
+use spharm_monitor::{Interrupted, Monitor};
+
+use super::boundary::QuadMesh;
+use super::labels::LabelVolume;
+use super::mask::Mask;
+use super::pieces::{cavities, pieces};
+use super::repair::{Repair, repair};
+use crate::error::ParametrizeError;
+
+/// Settings of [`LabelVolume::surface`].
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct VolumeParams {
+    /// The label; `None` (default) for the only one of the volume.
+    pub label: Option<i64>,
+    /// Whether to repair a label that isn't a ball, in place of refusing it. Default false.
+    pub fix: bool,
+}
+
+/// A label's surface.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct VolumeSurface {
+    /// Closed, of genus 0, wound outward; vertices in mm.
+    pub quads: QuadMesh,
+    /// The label.
+    pub label: i64,
+    /// Number of its voxels in the file.
+    pub voxels: usize,
+    /// The changes made; `None` where nothing had to be repaired.
+    pub repair: Option<Repair>,
+}
+
+impl LabelVolume {
+    /// The closed surface around a label.
+    ///
+    /// # Errors
+    ///
+    /// [`NoLabel`](ParametrizeError::NoLabel); [`BadVolume`](ParametrizeError::BadVolume) where the label isn't one ball
+    /// (with how many pieces, cavities, handles, bare contacts it has) and `fix` isn't set;
+    /// [`Interrupted`](ParametrizeError::Interrupted).
+    pub fn surface(&self, params: &VolumeParams, monitor: &dyn Monitor) -> Result<VolumeSurface, ParametrizeError> {
+        let label = self.choose(params.label)?;
+        let mask = self.mask(label)?;
+        let voxels = mask.count();
+        let refuse = |problems: Vec<String>, repairable| {
+            let path = self.path().to_owned();
+            Err(ParametrizeError::BadVolume { path, label, problems: problems.join("; "), repairable })
+        };
+        let problems = problems(&mask, monitor)?;
+        let (quads, repair) = match (problems.is_empty(), params.fix) {
+            (true, _) => (QuadMesh::around(&mask), None),
+            (false, false) => return refuse(problems, true),
+            (false, true) => {
+                let (repaired, repair) = repair(&mask, monitor)?;
+                // The repair keeps to simple points, so this can't happen; a surface of another kind must not go on.
+                let left = self::problems(&repaired, monitor)?;
+                if !left.is_empty() {
+                    return refuse(left, false);
+                }
+                (QuadMesh::around(&repaired), Some(repair))
+            }
+        };
+        Ok(VolumeSurface { quads: quads.to_world(&self.affine), label, voxels, repair })
+    }
+}
+
+/// The reasons why the voxels aren't one ball, a phrase each.
+fn problems(mask: &Mask, monitor: &dyn Monitor) -> Result<Vec<String>, Interrupted> {
+    let mut problems = Vec::new();
+    let found = pieces(mask, monitor)?;
+    if found.sizes.len() > 1 {
+        let sizes: Vec<String> = found.sizes.iter().take(5).map(ToString::to_string).collect();
+        let more = if found.sizes.len() > 5 { ", ..." } else { "" };
+        let count = found.sizes.len();
+        problems.push(format!("{count} pieces that share no voxel's face (of {}{more} voxels)", sizes.join(", ")));
+    }
+    let hollow = cavities(mask, monitor)?.sizes;
+    if !hollow.is_empty() {
+        let voxels: usize = hollow.iter().sum();
+        let word = if hollow.len() == 1 { "cavity" } else { "cavities" };
+        let of = if voxels == 1 { "of 1 voxel".to_owned() } else { format!("of {voxels} voxels in all") };
+        problems.push(format!("{} {word} inside ({of})", hollow.len()));
+    }
+    let quads = QuadMesh::around(mask);
+    // Each piece and each cavity has a surface of its own, of characteristic 2 - 2 genus.
+    let surfaces = quads.components() as i64;
+    let genus = surfaces - quads.euler_characteristic() / 2;
+    if genus > 0 {
+        let word = if genus == 1 { "1 handle" } else { &format!("{genus} handles") };
+        problems.push(format!("{word} (genus {genus})"));
+    }
+    let pinched = quads.pinched_edges();
+    if problems.is_empty() && pinched > 0 {
+        let edges = if pinched == 1 { "1 edge" } else { &format!("{pinched} edges") };
+        problems.push(format!("{edges} in which two sheets of the surface touch between the same vertices"));
+    }
+    Ok(problems)
+}

@@ -1,0 +1,128 @@
+//! Voxel values of a file as labels: whole numbers of 32 bits.
+
+use std::io::Read;
+use std::path::Path;
+
+use spharm_monitor::{Monitor, Stage};
+
+use crate::error::ParametrizeError;
+
+/// The type of a voxel's value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scalar {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    /// Bytes of a value.
+    pub(super) fn width(self) -> usize {
+        match self {
+            Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+
+    /// A value from its bytes, little-endian, the unused ones 0.
+    fn number(self, raw: [u8; 8]) -> f64 {
+        let [a, b, c, d, ..] = raw;
+        match self {
+            Self::U8 => f64::from(a),
+            Self::I8 => f64::from(i8::from_le_bytes([a])),
+            Self::U16 => f64::from(u16::from_le_bytes([a, b])),
+            Self::I16 => f64::from(i16::from_le_bytes([a, b])),
+            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Self::U64 => u64::from_le_bytes(raw) as f64,
+            Self::I64 => i64::from_le_bytes(raw) as f64,
+            Self::F64 => f64::from_le_bytes(raw),
+        }
+    }
+}
+
+/// The values of a file, as its header describes them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    /// Number of voxels.
+    pub(super) voxels: usize,
+    /// Type of a value.
+    pub(super) scalar: Scalar,
+    /// Whether the least significant byte comes first.
+    pub(super) little_endian: bool,
+    /// Slope and intercept, where values are scaled.
+    pub(super) scaling: Option<(f64, f64)>,
+}
+
+/// Bytes read at a time, between which the monitor is asked; a multiple of every width.
+const CHUNK: usize = 1 << 20;
+
+impl Layout {
+    /// Bytes of all values.
+    pub(super) fn bytes(&self) -> u64 {
+        self.voxels as u64 * self.scalar.width() as u64
+    }
+
+    /// Reads the values from a stream. The caller has compared their size with that of the file.
+    pub(super) fn read(
+        &self,
+        path: &Path,
+        mut stream: impl Read,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<i32>, ParametrizeError> {
+        monitor.begin(Stage::bytes("reading"), self.bytes());
+        // Not all at once: the header may claim more than a compressed file holds.
+        let mut labels = Vec::with_capacity(self.voxels.min(CHUNK));
+        let mut left = self.bytes();
+        let mut bytes = Vec::with_capacity(CHUNK);
+        while left > 0 {
+            monitor.check()?;
+            bytes.clear();
+            let wanted = left.min(CHUNK as u64);
+            (&mut stream).take(wanted).read_to_end(&mut bytes).map_err(|error| cut_short(path, &error.to_string()))?;
+            if (bytes.len() as u64) < wanted {
+                let there = self.bytes() - left + bytes.len() as u64;
+                return Err(cut_short(path, &format!("{there} bytes of values in place of {}", self.bytes())));
+            }
+            for raw in bytes.chunks_exact(self.scalar.width()) {
+                labels.push(self.label(path, labels.len(), raw)?);
+            }
+            left -= wanted;
+            monitor.step(wanted);
+        }
+        monitor.end();
+        Ok(labels)
+    }
+
+    fn label(&self, path: &Path, index: usize, bytes: &[u8]) -> Result<i32, ParametrizeError> {
+        let mut raw = [0; 8];
+        raw[..bytes.len()].copy_from_slice(bytes);
+        if !self.little_endian {
+            raw[..bytes.len()].reverse();
+        }
+        let value = self.scalar.number(raw);
+        let value = self.scaling.map_or(value, |(slope, intercept)| slope * value + intercept);
+        if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
+            return Ok(value as i32);
+        }
+        let found =
+            format!("{value} at voxel {index} (counted from 0, x fastest); threshold or round the volume first");
+        Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected: "whole numbers as labels", found })
+    }
+}
+
+/// The error for a file that ends too early.
+pub(super) fn cut_short(path: &Path, found: &str) -> ParametrizeError {
+    let found = format!("a file that is cut short or damaged ({found})");
+    ParametrizeError::NotAVolume { path: path.to_owned(), expected: "a label volume", found }
+}
