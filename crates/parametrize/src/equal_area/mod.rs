@@ -1,4 +1,4 @@
-//! A label's surface onto the sphere, every quadrangle with the same area (Brechbuehler, Gerig, Kuebler 1995).
+//! A label's surface onto the sphere with equal areas (Brechbuehler, Gerig, Kuebler 1995).
 //!
 //! The surface of a voxel object consists of squares; on the sphere they shall all have the area 4 pi / (their number) and
 //! be as square as that allows. Two steps, a file each:
@@ -6,17 +6,18 @@
 //! - `initial`: colatitude and azimuth, harmonic along the edges, from two sparse linear systems (section 3.1 there);
 //! - `optimise`: shortest edges (which is squarest quadrangles) under the constraints on areas and angles (section 3.2).
 //!
+//! Beyond the paper, where voxels aren't cubes each quadrangle gets the share of the sphere that it has of the surface, in
+//! mm^2, and its proportions count (`targets`).
+//!
 //! Each quadrangle is cut along one diagonal into two triangles, the same ones on surface and sphere, so that both are
 //! positively oriented on the sphere.
-//!
-//! The areas are equal per *quadrangle*: where voxels aren't cubes the squares' areas differ in mm^2, and the sphere gives
-//! each the same share all the same, as in the paper.
 //!
 //! C. Brechbuehler, G. Gerig, O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer Vision
 //! and Image Understanding 61 (1995), 154-170.
 
 mod initial;
 mod optimise;
+mod targets;
 
 pub use optimise::EqualAreaParams;
 
@@ -29,6 +30,7 @@ use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, norm, orientation, solid_angle, sub};
 use crate::report::{Note, Parametrization};
 use crate::volume::QuadMesh;
+use targets::Targets;
 
 /// Maps a surface of quadrangles to the sphere with equal areas.
 ///
@@ -51,12 +53,13 @@ pub fn equal_area(
         return Err(ParametrizeError::BadSurface { problems, remedy: "repair the label" });
     }
     monitor.check()?;
+    let targets = Targets::of(quads);
     let start = initial::positions(quads)?;
-    let found = optimise::optimise(&quads.quads, start, params, monitor)?;
+    let found = optimise::optimise(&quads.quads, &targets, start, params, monitor)?;
     let from_second: Vec<bool> = quads.quads.iter().map(|quad| cut_from_second(&found.positions, quad)).collect();
     let surface = quads.triangles(|q| from_second[q]);
     let sphere = Mesh::new(found.positions, surface.faces.clone());
-    let deviation = area_deviation(quads, &sphere.vertices);
+    let deviation = deviation(quads, &targets, &sphere.vertices);
     let mut map = Parametrization::checked("equal-area", surface, sphere, started, REMEDY)?;
     map.report.iterations = found.steps;
     map.report.converged = found.converged;
@@ -65,12 +68,19 @@ pub fn equal_area(
     Ok(map)
 }
 
-/// The largest relative deviation of a quadrangle's area on the sphere from the mean.
+/// The largest relative deviation of a quadrangle's area on the sphere from its target, its share of the surface's area.
+///
+/// # Panics
+///
+/// When `sphere` has fewer points than the surface has vertices.
 #[must_use]
 pub fn area_deviation(quads: &QuadMesh, sphere: &[[f64; 3]]) -> f64 {
-    let mean = 4.0 * std::f64::consts::PI / quads.quads.len() as f64;
-    let off = |quad: &[u32; 4]| (quad_area(quad.map(|v| sphere[v as usize])) / mean - 1.0).abs();
-    quads.quads.iter().map(off).fold(0.0, f64::max)
+    deviation(quads, &Targets::of(quads), sphere)
+}
+
+fn deviation(quads: &QuadMesh, targets: &Targets, sphere: &[[f64; 3]]) -> f64 {
+    let off = |(quad, target): (&[u32; 4], &f64)| (quad_area(quad.map(|v| sphere[v as usize])) / target - 1.0).abs();
+    quads.quads.iter().zip(&targets.areas).map(off).fold(0.0, f64::max)
 }
 
 fn quad_area([a, b, c, d]: [Vec3; 4]) -> f64 {

@@ -1,19 +1,20 @@
 //! The constrained optimisation.
 //!
-//! > minimise  sum over edges |x_i - x_j|^2   over unit vectors x_i
-//! > subject to  A_q = 4 pi / Q for each of the Q quadrangles,
+//! > minimise  sum over edges w_ij |x_i - x_j|^2   over unit vectors x_i
+//! > subject to  A_q = a_q for each of the Q quadrangles,
 //! >             s >= S0 in each corner,
 //!
-//! where A_q is a quadrangle's solid angle, and s the determinant of a corner and its two neighbours in the quadrangle,
-//! over the mean area: 1 in a square, 0 where an angle becomes straight. Among quadrangles of one area the square has the
-//! shortest edges, so short edges are little distortion of lengths and angles. (Brechbuehler et al. maximise the sum of
-//! the cosines of the edges, which is the same function.)
+//! where A_q is a quadrangle's solid angle, a_q its target and w_ij the weights (`targets.rs`; 4 pi / Q and 1 for voxels
+//! that are cubes), and s the determinant of a corner and its two neighbours in the quadrangle, over a_q: 1 in a
+//! rectangle, 0 where an angle becomes straight. Among quadrangles of one area the square has the shortest edges, so
+//! short edges are little distortion of lengths and angles. (Brechbuehler et al. maximise the sum of the cosines of the
+//! edges, which is the same function.)
 //!
 //! # Method
 //!
 //! An augmented Lagrangian (Nocedal and Wright, Numerical Optimization, 2006, section 17.3): rounds of minimising
 //!
-//! > L = sum |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,  c_q = A_q / a - 1,
+//! > L = sum w_ij |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,  c_q = A_q / a_q - 1,
 //!
 //! a the mean area, then m_q += rho c_q, and a larger rho where the constraints don't improve. Each round takes a few
 //! Gauss-Newton steps with Levenberg's damping in the tangent planes: 2 unknowns a vertex, a sparse positive definite
@@ -30,9 +31,10 @@ use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{Argsort, Pair, SparseColMat, SymbolicSparseColMat};
 use faer::{Col, Side};
 use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Monitor, Stage};
 
-use spharm_monitor::{Monitor, Stage};
-
+use super::targets::Targets;
+use crate::background::abandonable;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, solid_angle, sub, unit};
 
@@ -44,11 +46,13 @@ const KAPPA: (f64, f64) = (20.0, 1e4);
 const RHO: (f64, f64) = (1.0, 1e3);
 /// Steps of a round.
 const STEPS: usize = 5;
+/// Vertices from which on a factorisation takes long.
+const LONG: usize = 20_000;
 
 /// Settings of [`equal_area`](crate::equal_area()).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EqualAreaParams {
-    /// The largest deviation of a quadrangle's area from the mean at which to stop, relative. Default 1e-3.
+    /// The largest deviation of a quadrangle's area from its target at which to stop, relative. Default 1e-3.
     pub tolerance: f64,
     /// The relative change of the sum of squared edge lengths, over a round, at which to stop. Default
     /// 1e-3.
@@ -72,6 +76,7 @@ pub(super) struct Found {
 
 pub(super) fn optimise(
     quads: &[[u32; 4]],
+    targets: &Targets,
     start: Vec<Vec3>,
     params: &EqualAreaParams,
     monitor: &dyn Monitor,
@@ -79,7 +84,7 @@ pub(super) fn optimise(
     monitor.begin(Stage::counted("equal areas", "rounds"), 0);
     let mut system = System::new(quads, start.len())?;
     let mut positions = start;
-    let mut lagrangian = Lagrangian::new(quads);
+    let mut lagrangian = Lagrangian::new(quads, targets);
     let mut damping = 1e-2;
     let (mut steps, mut worst, mut length) = (0, f64::INFINITY, f64::INFINITY);
     for round in 0..params.rounds {
@@ -88,8 +93,7 @@ pub(super) fn optimise(
             steps += 1;
             let quads = lagrangian.derivatives(&positions);
             let taken = loop {
-                monitor.check()?;
-                let step = system.step(&quads, &positions, damping / lagrangian.area);
+                let step = system.step(&quads, &positions, damping / lagrangian.area, monitor)?;
                 let tried = step.map(|step| moved(&positions, &step));
                 let new = tried.as_ref().map_or(f64::INFINITY, |tried| lagrangian.value(tried));
                 if let Some(tried) = tried.filter(|_| new < value) {
@@ -140,12 +144,13 @@ struct State {
     worst: f64,
     /// Quadrangles that no diagonal cuts into two triangles turned the right way.
     folded: usize,
-    /// Sum of squared edge lengths.
+    /// Sum of weighted squared edge lengths.
     length: f64,
 }
 
 struct Lagrangian<'a> {
     quads: &'a [[u32; 4]],
+    targets: &'a Targets,
     multipliers: Vec<f64>,
     rho: f64,
     kappa: f64,
@@ -161,25 +166,30 @@ struct Part {
 }
 
 impl<'a> Lagrangian<'a> {
-    fn new(quads: &'a [[u32; 4]]) -> Self {
+    fn new(quads: &'a [[u32; 4]], targets: &'a Targets) -> Self {
         let area = 4.0 * std::f64::consts::PI / quads.len() as f64;
-        Self { quads, multipliers: vec![0.0; quads.len()], rho: RHO.0, kappa: KAPPA.0, area }
+        Self { quads, targets, multipliers: vec![0.0; quads.len()], rho: RHO.0, kappa: KAPPA.0, area }
     }
 
     fn corners(&self, positions: &[Vec3], q: usize) -> [Vec3; 4] {
         self.quads[q].map(|v| positions[v as usize])
     }
 
-    fn constraint(&self, p: [Vec3; 4]) -> f64 {
-        (solid_angle([p[0], p[1], p[2]]) + solid_angle([p[0], p[2], p[3]])) / self.area - 1.0
+    fn constraint(&self, q: usize, p: [Vec3; 4]) -> f64 {
+        (solid_angle([p[0], p[1], p[2]]) + solid_angle([p[0], p[2], p[3]])) / self.targets.areas[q] - 1.0
+    }
+
+    /// Sum of the weighted squares of a quadrangle's sides.
+    fn length(&self, q: usize, p: [Vec3; 4]) -> f64 {
+        (0..4).map(|k| self.targets.weights[q][k] * square(sub(p[k], p[(k + 1) % 4]))).sum()
     }
 
     fn value(&self, positions: &[Vec3]) -> f64 {
         let of = |q: usize| {
             let p = self.corners(positions, q);
-            let c = self.constraint(p);
-            let edges: f64 = (0..4).map(|k| square(sub(p[k], p[(k + 1) % 4]))).sum();
-            let short = |k: usize| (S0 - self.sine(&p, k)).max(0.0);
+            let c = self.constraint(q, p);
+            let edges = self.length(q, p);
+            let short = |k: usize| (S0 - self.sine(q, &p, k)).max(0.0);
             let angles: f64 = (0..4).map(|k| short(k).powi(2)).sum();
             // Every edge belongs to two quadrangles.
             edges / (4.0 * self.area) + self.multipliers[q] * c + 0.5 * self.rho * c * c + 0.5 * self.kappa * angles
@@ -188,14 +198,15 @@ impl<'a> Lagrangian<'a> {
         (0..self.quads.len()).into_par_iter().with_min_len(512).map(of).collect::<Vec<f64>>().iter().sum()
     }
 
-    fn sine(&self, p: &[Vec3; 4], k: usize) -> f64 {
+    /// s of a corner.
+    fn sine(&self, q: usize, p: &[Vec3; 4], k: usize) -> f64 {
         let (before, at, after) = (p[(k + 3) % 4], p[k], p[(k + 1) % 4]);
-        dot(at, cross(sub(after, at), sub(before, at))) / self.area
+        dot(at, cross(sub(after, at), sub(before, at))) / self.targets.areas[q]
     }
 
     fn update(&mut self, positions: &[Vec3]) {
         for q in 0..self.quads.len() {
-            let c = self.constraint(self.corners(positions, q));
+            let c = self.constraint(q, self.corners(positions, q));
             self.multipliers[q] += self.rho * c;
         }
     }
@@ -204,8 +215,8 @@ impl<'a> Lagrangian<'a> {
         let mut state = State { worst: 0.0, folded: 0, length: 0.0 };
         for q in 0..self.quads.len() {
             let p = self.corners(positions, q);
-            state.worst = state.worst.max(self.constraint(p).abs());
-            state.length += (0..4).map(|k| square(sub(p[k], p[(k + 1) % 4]))).sum::<f64>() / 2.0;
+            state.worst = state.worst.max(self.constraint(q, p).abs());
+            state.length += self.length(q, p) / 2.0;
             let good = |i: usize, j: usize, k: usize| orientation([p[i], p[j], p[k]]) > 0.0;
             let cut = (good(0, 1, 2) && good(0, 2, 3)) || (good(0, 1, 3) && good(1, 2, 3));
             state.folded += usize::from(!cut);
@@ -223,39 +234,46 @@ impl<'a> Lagrangian<'a> {
         let tangent = |g: [Vec3; 4]| -> [f64; 8] { std::array::from_fn(|i| dot(bases[i / 2][i % 2], g[i / 2])) };
         let mut part = Part { gradient: [0.0; 8], matrix: [0.0; 36] };
 
-        // Edges: half of each, gradient (2 p_k - p_{k+1} - p_{k-1}) / 2a.
+        // Edges: half of each, gradient ((w_k + w_{k-1}) p_k - w_k p_{k+1} - w_{k-1} p_{k-1}) / 2a.
         let weight = 1.0 / (2.0 * self.area);
-        let pull = |k: usize| scale(sub(scale(p[k], 2.0), add(p[(k + 1) % 4], p[(k + 3) % 4])), weight);
+        let sides = self.targets.weights[q];
+        let both = |k: usize| sides[k] + sides[(k + 3) % 4];
+        let pull = |k: usize| {
+            let (next, before) = ((k + 1) % 4, (k + 3) % 4);
+            let neighbours = add(scale(p[next], sides[k]), scale(p[before], sides[before]));
+            scale(sub(scale(p[k], both(k)), neighbours), weight)
+        };
         part.add_gradient(1.0, &tangent([0, 1, 2, 3].map(pull)));
         for i in 0..8 {
-            part.matrix[lower(i, i)] += 2.0 * weight;
+            part.matrix[lower(i, i)] += both(i / 2) * weight;
         }
         for k in 0..4 {
             let next = (k + 1) % 4;
             for i in 0..2 {
                 for j in 0..2 {
-                    part.matrix[lower(2 * k + i, 2 * next + j)] -= weight * dot(bases[k][i], bases[next][j]);
+                    part.matrix[lower(2 * k + i, 2 * next + j)] -= weight * sides[k] * dot(bases[k][i], bases[next][j]);
                 }
             }
         }
 
         // Area.
-        let c = self.constraint(p);
+        let target = self.targets.areas[q];
+        let c = self.constraint(q, p);
         let (one, two) = (solid_angle_gradient([p[0], p[1], p[2]]), solid_angle_gradient([p[0], p[2], p[3]]));
         let area = [add(one[0], two[0]), one[1], add(one[2], two[1]), two[2]];
-        let area = tangent(area.map(|g| scale(g, 1.0 / self.area)));
+        let area = tangent(area.map(|g| scale(g, 1.0 / target)));
         part.add_gradient(self.multipliers[q] + self.rho * c, &area);
         part.add_square(self.rho, &area);
 
         // Angles.
         for k in 0..4 {
-            let short = S0 - self.sine(&p, k);
+            let short = S0 - self.sine(q, &p, k);
             if short > 0.0 {
                 let (before, after) = ((k + 3) % 4, (k + 1) % 4);
                 let mut g = [[0.0; 3]; 4];
-                g[before] = scale(cross(p[k], p[after]), 1.0 / self.area);
-                g[k] = scale(cross(p[after], p[before]), 1.0 / self.area);
-                g[after] = scale(cross(p[before], p[k]), 1.0 / self.area);
+                g[before] = scale(cross(p[k], p[after]), 1.0 / target);
+                g[k] = scale(cross(p[after], p[before]), 1.0 / target);
+                g[after] = scale(cross(p[before], p[k]), 1.0 / target);
                 let g = tangent(g);
                 part.add_gradient(-self.kappa * short, &g);
                 part.add_square(self.kappa, &g);
@@ -344,7 +362,13 @@ impl<'a> System<'a> {
 
     /// The damped Gauss-Newton step of each vertex, in space; `None` where the matrix isn't positive definite to
     /// rounding.
-    fn step(&mut self, parts: &[Part], positions: &[Vec3], damping: f64) -> Option<Vec<Vec3>> {
+    fn step(
+        &mut self,
+        parts: &[Part],
+        positions: &[Vec3],
+        damping: f64,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Vec<Vec3>>, Interrupted> {
         let n = 2 * positions.len();
         self.values.clear();
         self.values.extend(parts.iter().flat_map(|part| part.matrix));
@@ -355,8 +379,13 @@ impl<'a> System<'a> {
                 right[2 * quad[i / 2] as usize + i % 2] -= g;
             }
         }
-        let matrix = SparseColMat::new_from_argsort(self.pattern.clone(), &self.order, &self.values).ok()?;
-        let factor = Llt::try_new_with_symbolic(self.analysis.clone(), matrix.as_ref(), Side::Lower).ok()?;
+        let matrix = SparseColMat::new_from_argsort(self.pattern.clone(), &self.order, &self.values);
+        let Ok(matrix) = matrix else { return Ok(None) };
+        let analysis = self.analysis.clone();
+        let factor = abandonable(positions.len() >= LONG, monitor, move || {
+            Llt::try_new_with_symbolic(analysis, matrix.as_ref(), Side::Lower)
+        })?;
+        let Ok(factor) = factor else { return Ok(None) };
         let solution = factor.solve(&right);
         let step = positions.iter().enumerate().map(|(v, &x)| {
             let [e, f] = basis(x);
@@ -366,6 +395,6 @@ impl<'a> System<'a> {
         // Beyond about that the tangent planes say nothing about the sphere.
         let longest = step.iter().map(|&d| norm(d)).fold(0.0, f64::max);
         let shrink = (0.5 / longest).min(1.0);
-        longest.is_finite().then(|| step.into_iter().map(|d| scale(d, shrink)).collect())
+        Ok(longest.is_finite().then(|| step.into_iter().map(|d| scale(d, shrink)).collect()))
     }
 }

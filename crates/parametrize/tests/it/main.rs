@@ -1,5 +1,6 @@
 //! Maps of many surfaces: one to one, as good as promised, the same every time.
 
+mod anisotropic;
 mod cancelling;
 mod label_files;
 mod methods;

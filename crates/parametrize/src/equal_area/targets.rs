@@ -1,0 +1,64 @@
+//! What a quadrangle's physical size asks of its image: its share of the sphere, and the lengths of its sides.
+//!
+//! A face of a voxel is a rectangle with sides h and h'. Its target area on the sphere is its share of the surface's area.
+//! The sum over edges of |x_i - x_j|^2, which the optimisation minimises, is the Dirichlet energy of the map where faces
+//! are squares; on a rectangle the term of a side of length h has the weight h' / h. With both, a map doesn't depend on
+//! the direction in which voxels are long. For cubes all weights are 1 and all targets 4 pi / Q, exactly.
+
+use std::f64::consts::PI;
+
+use crate::geometry::{Vec3, cross, norm, sub};
+use crate::volume::QuadMesh;
+
+/// Sides and areas that differ by less than this, relatively, are equal: the matrices of files have 32-bit numbers.
+const EQUAL: f64 = 1e-5;
+
+/// Bounds of a target area relative to the mean and of a weight, for surfaces that aren't made of voxels.
+const AREA: (f64, f64) = (1e-6, f64::INFINITY);
+const WEIGHT: (f64, f64) = (1e-2, 1e2);
+
+/// Target areas and weights of a surface's quadrangles.
+pub(super) struct Targets {
+    /// Solid angle of each quadrangle (Q); 4 pi in all.
+    pub(super) areas: Vec<f64>,
+    /// Weight of each side's squared length (Q), side k from corner k to the next.
+    pub(super) weights: Vec<[f64; 4]>,
+}
+
+impl Targets {
+    pub(super) fn of(quads: &QuadMesh) -> Self {
+        let count = quads.quads.len();
+        let corners = |quad: &[u32; 4]| quad.map(|v| quads.vertices[v as usize]);
+        let sides: Vec<[f64; 4]> = quads.quads.iter().map(|quad| sides(corners(quad))).collect();
+        let areas: Vec<f64> = quads.quads.iter().map(|quad| area(corners(quad))).collect();
+        let mean = 4.0 * PI / count as f64;
+        if are_equal(sides.as_flattened()) && are_equal(&areas) {
+            return Self { areas: vec![mean; count], weights: vec![[1.0; 4]; count] };
+        }
+        let total: f64 = areas.iter().sum();
+        let share = |area: f64| (4.0 * PI * area / total).clamp(AREA.0 * mean, AREA.1);
+        let weight = |l: &[f64; 4]| {
+            std::array::from_fn(|k| {
+                let across = 0.5 * (l[(k + 1) % 4] + l[(k + 3) % 4]);
+                let weight = across / l[k];
+                // No number where both are 0.
+                if weight.is_nan() { 1.0 } else { weight.clamp(WEIGHT.0, WEIGHT.1) }
+            })
+        };
+        Self { areas: areas.into_iter().map(share).collect(), weights: sides.iter().map(weight).collect() }
+    }
+}
+
+fn are_equal(values: &[f64]) -> bool {
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = values.iter().copied().fold(0.0, f64::max);
+    most - least <= EQUAL * most
+}
+
+fn sides(p: [Vec3; 4]) -> [f64; 4] {
+    std::array::from_fn(|k| norm(sub(p[(k + 1) % 4], p[k])))
+}
+
+fn area([a, b, c, d]: [Vec3; 4]) -> f64 {
+    0.5 * norm(cross(sub(c, a), sub(d, b)))
+}
