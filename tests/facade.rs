@@ -1,7 +1,7 @@
 //! The library's functions give the bits that the program gives.
 
-use spharm::parametrize::parametrize;
-use spharm::{FitParams, Method, Sphere, defaults, fit};
+use spharm::parametrize::{CaldParams, parametrize};
+use spharm::{FitParams, Method, Sphere, fit};
 use spharm_surface::generate::{Cortex, cortex};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use spharm_surface::{Model, read_sphere};
@@ -25,7 +25,7 @@ fn a_bare_mesh_has_the_bits_of_the_program() {
     let expected = Model::read(&path("bare.npz")).expect("a model");
 
     let surface = read_mesh(path("bare.ply")).expect("the mesh");
-    let sphere = parametrize(&surface, &defaults::parametrization(15)).expect("a map").sphere;
+    let sphere = parametrize(&surface, &CaldParams::for_degree(15)).expect("a map").sphere;
     let found = fit(&sphere, &surface, &FitParams { threads: threads(), ..FitParams::lsq(15) }).expect("a fit");
     assert_eq!(found.coefficients, expected.coefficients);
     assert!(found.report.smoothness > 0.0 && found.report.off_vertex > 0.0);

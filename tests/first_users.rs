@@ -166,6 +166,17 @@ fn a_sphere_that_a_broken_off_fit_left_is_used_again() {
 }
 
 #[test]
+fn a_sphere_off_its_centre_is_refused_where_that_is_asked_for() {
+    let subjects = Subjects::new(1);
+    let sphere = icosphere(3);
+    let moved = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x + 0.2, y, z]).collect());
+    write_mesh(subjects.path("sphere.ply"), &moved, &OPTIONS).expect("a sphere");
+    let error = fail(&mut subjects.fit(&[1], &["--strict"]));
+    assert!(error.contains("sphere.ply") && error.contains("% apart"), "{error}");
+    assert!(errors(&mut subjects.fit(&[1], &[])).contains("% apart"));
+}
+
+#[test]
 fn several_surfaces_mapped_apart_are_noted_not_to_correspond() {
     let subjects = Subjects::new(2);
     let fit = |subjects: &Subjects, count: u32| {

@@ -3,17 +3,19 @@
 mod args;
 mod items;
 mod output;
+mod settings;
 
 use std::path::Path;
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 
-use anyhow::{Context, Result};
-use spharm::parametrize::{Parametrized, parametrize_with, with_sphere};
-use spharm::{Fit, ManyReport, Mesh, Sphere, check_memory, defaults, fit_many};
+use anyhow::{Context, Result, bail};
+use spharm::parametrize::{CaldParams, Parametrized, parametrize_with, with_sphere};
+use spharm::{Fit, ManyReport, Mesh, Sphere, check_memory, fit_many};
 use spharm_cli::inputs::{read_sphere, read_target};
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{print, refuse_existing};
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
+use spharm_surface::SphereWarning;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
 pub(crate) use self::args::Cli;
@@ -22,29 +24,29 @@ use self::output::{Call, Fitted, Mapped};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
-    let (params, monitor) = (cli.params()?, ConsoleMonitor::new(console));
+    let (params, monitor) = (settings::params(cli)?, ConsoleMonitor::new(console));
     let call = Call::new(cli, &params, console, &monitor);
     raise_file_limit();
-    if let Some(path) = &cli.report {
-        refuse_existing(path, cli.force, "report", "--report")?;
-        make_folder_of(path)?;
+    check_outputs(cli.output.report.iter().map(|path| OutputFile::new(path, "--report")), cli.output.force)?;
+    let sphere = cli.input.sphere.as_deref().map(|path| read_sphere(path, &console)).transpose()?;
+    let off_centre =
+        |warning: &&SphereWarning| cli.input.strict && matches!(warning, SphereWarning::RadiusSpread { .. });
+    let flaw = sphere.iter().flat_map(|sphere| &sphere.warnings).find(off_centre);
+    if let (Some(flaw), Some(path)) = (flaw, &cli.input.sphere) {
+        bail!("{}: {flaw} (--strict)", path.display());
     }
-    let sphere = cli.sphere.as_deref().map(|path| read_sphere(path, &console)).transpose()?;
     let read = call.started.elapsed().as_secs_f64();
     let items = items(cli, &console, sphere.as_ref(), &params)?;
     if items.is_empty() {
         return print("nothing to do: every output exists");
     }
-    cli.threads.pool()?.install(|| match &sphere {
-        Some(sphere) => on_one_sphere(&call, sphere, &items, read),
+    cli.resources.threads.pool()?.install(|| match &sphere {
+        Some(sphere) => {
+            let (fitted, report) = fit_on(&call, sphere, &items)?;
+            call.finish(Some((report.scheme, report.scalar)), fitted, vec![report], [read, 0.0])
+        }
         None => each_on_its_own(&call, &items),
     })
-}
-
-/// Fits surfaces that share a sphere.
-fn on_one_sphere(call: &Call<'_>, sphere: &Sphere, items: &[Item], read: f64) -> Result<()> {
-    let (fitted, report) = fit_on(call, sphere, items)?;
-    call.finish(Some((report.scheme, report.scalar)), fitted, vec![report], [read, 0.0])
 }
 
 /// Maps each surface to a sphere of its own, which is written beside its model, and fits it there.
@@ -72,32 +74,31 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
 /// Maps one surface to the sphere, and writes the sphere.
 fn map(call: &Call<'_>, item: &Item) -> Result<(Sphere, Mapped)> {
     let input = item.input.display();
-    let (mesh, path) = (read_mesh(&item.input)?, item.sphere());
-    check_memory(&mesh, call.params).map_err(|error| call.explain(error.into()))?;
-    if call.cli.skip_existing
-        && let Some(found) = left_over(&path, &mesh)
-    {
+    let (mesh, path) = (read_mesh(&item.input)?, item.files.sphere());
+    check_memory(&mesh, call.params)?;
+    let left_over = if call.cli.output.skip_existing { left_over(&path, &mesh) } else { None };
+    let found = if let Some(found) = left_over {
         call.console.note(format!("{}: the sphere that an earlier call made of {input} is used again", path.display()));
-        return Ok((
-            Sphere { path: Some(path.clone()), ..found.sphere },
-            Mapped { sphere: path, report: found.map.report },
+        found
+    } else {
+        let params = CaldParams::for_degree(call.params.max_degree);
+        let found = parametrize_with(&mesh, &params, call.monitor).with_context(|| input.to_string())?;
+        prepare(&path)?;
+        write_mesh(&path, &found.map.sphere, &WriteOptions { overwrite: item.replace, double: true })?;
+        let report = &found.map.report;
+        call.console.note(format!(
+            "{input}: no --sphere; mapped by {} in {:.1} s, log area ratio {:.3} rms, to {}",
+            report.method,
+            report.seconds,
+            report.quality.area_rms,
+            path.display()
         ));
-    }
-    let params = defaults::parametrization(call.params.max_degree);
-    let found = parametrize_with(&mesh, &params, call.monitor).with_context(|| input.to_string())?;
-    let report = found.map.report;
-    make_folder_of(&path)?;
-    write_mesh(&path, &found.map.sphere, &WriteOptions { overwrite: item.replace, double: true })?;
-    call.console.note(format!(
-        "{input}: no --sphere; mapped by {} in {:.1} s, log area ratio {:.3} rms, to {}",
-        report.method,
-        report.seconds,
-        report.quality.area_rms,
-        path.display()
-    ));
-    report.warnings.iter().for_each(|warning| call.console.warn(warning));
-    report.notes.iter().for_each(|note| call.console.note(note));
-    Ok((Sphere { path: Some(path.clone()), ..found.sphere }, Mapped { sphere: path, report }))
+        report.warnings.iter().for_each(|warning| call.console.warn(warning));
+        report.notes.iter().for_each(|note| call.console.note(note));
+        found
+    };
+    let mapped = Mapped { sphere: path.clone(), report: found.map.report };
+    Ok((Sphere { path: Some(path), ..found.sphere }, mapped))
 }
 
 /// The sphere of a mesh that an earlier call left, where it is one.
@@ -107,27 +108,18 @@ fn left_over(path: &Path, mesh: &Mesh) -> Option<Parametrized> {
 
 /// Fits surfaces on a sphere and writes their models.
 fn fit_on(call: &Call<'_>, sphere: &Sphere, items: &[Item]) -> Result<(Vec<Fitted>, ManyReport)> {
-    let fitted = Mutex::new(Vec::new());
-    let keep = |one| fitted.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(one);
-    let read = |number: usize| read_target(&items[number].input, sphere, call.cli.strict, &call.console);
+    let (cli, fitted) = (call.cli, Mutex::new(Vec::new()));
+    let read = |number: usize| read_target(&items[number].input, sphere, cli.input.strict, &call.console);
     let done = |number: usize, fit: Fit| -> Result<()> {
         let item = &items[number];
         call.warn_of(item, &fit);
-        item.write(call.cli, sphere, &fit)?;
-        keep((number, Fitted::new(item, fit.report)));
+        item.files.write(sphere, &fit, Some(&item.record), cli.output.coefficients_csv, item.replace)?;
+        let one = (number, Fitted::new(item, fit.report));
+        fitted.lock().unwrap_or_else(PoisonError::into_inner).push(one);
         Ok(())
     };
-    let report = fit_many(sphere, items.len(), &read, call.params, &done, call.monitor);
-    let report = report.map_err(|error| call.explain(error))?;
-    let mut fitted = fitted.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let report = fit_many(sphere, items.len(), &read, call.params, &done, call.monitor)?;
+    let mut fitted = fitted.into_inner().unwrap_or_else(PoisonError::into_inner);
     fitted.sort_by_key(|(number, _)| *number);
     Ok((fitted.into_iter().map(|(_, fitted)| fitted).collect(), report))
-}
-
-/// Makes the folder of a file that is going to be written.
-fn make_folder_of(path: &Path) -> Result<()> {
-    match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        Some(folder) => std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display())),
-        None => Ok(()),
-    }
 }

@@ -7,13 +7,13 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde::Serialize;
-use spharm::{BatchReport, Error, Fit, FitParams, FitReport, FitWarning, ManyReport, Method, Smoothness};
+use serde_json::json;
+use spharm::{BatchReport, Fit, FitParams, FitReport, FitWarning, ManyReport};
+use spharm_cli::advice;
 use spharm_cli::console::Console;
-use spharm_cli::machine::{Memory, Versions, memory};
+use spharm_cli::machine::{Versions, memory};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{print, print_json, table, write_json};
-use spharm_cli::size::Size;
-use spharm_solver::SolverError;
+use spharm_cli::output::{prepare, print, print_json, table, write_json};
 use spharm_store::{Scalar, SchemeKey};
 
 use super::Cli;
@@ -53,45 +53,10 @@ pub(super) struct Mapped {
     pub(super) report: spharm::parametrize::Report,
 }
 
-#[derive(Debug, Serialize)]
-struct Seconds {
-    read: f64,
-    parametrize: f64,
-    plan: f64,
-    solve: f64,
-    write: f64,
-    total: f64,
-}
-
-#[derive(Debug, Serialize)]
-struct Report<'a> {
-    tool: &'static str,
-    versions: Versions,
-    method: &'static str,
-    store: Option<&'a PathBuf>,
-    sphere: Option<&'a PathBuf>,
-    /// Of the sphere that all surfaces share.
-    scheme_key: Option<String>,
-    dtype: &'static str,
-    weights: &'a str,
-    granularity: Option<usize>,
-    start_degree: Option<usize>,
-    openblas: String,
-    surfaces: Vec<Fitted>,
-    batches: Vec<BatchReport>,
-    seconds: Seconds,
-    memory: Memory,
-}
-
 impl Fitted {
     pub(super) fn new(item: &Item, report: FitReport) -> Self {
-        Self {
-            name: item.name(),
-            input: item.input.clone(),
-            output: item.output.clone(),
-            report,
-            parametrization: None,
-        }
+        let (name, output) = (item.files.name(), item.files.model.clone());
+        Self { name, input: item.input.clone(), output, report, parametrization: None }
     }
 
     /// The surface's row of the table.
@@ -123,83 +88,63 @@ impl<'a> Call<'a> {
     pub(super) fn warn_of(&self, item: &Item, fit: &Fit) {
         for warning in &fit.report.warnings {
             if let FitWarning::Oscillation { .. } = warning {
-                let smoother = match (self.params.method, self.params.smoothness) {
-                    (Method::Lsq, Smoothness::Auto) => "",
-                    (Method::Lsq, _) => "--smoothness auto, ",
-                    _ => "--method lsq --smoothness auto, ",
-                };
-                self.console.warn(format!(
-                    "{}: {warning}; use {smoother}a lower --max-degree, or a sphere with larger cells for large triangles",
-                    item.input.display()
-                ));
+                let advice = advice::of_oscillation(self.params);
+                self.console.warn(format!("{}: {warning}; {advice}", item.input.display()));
             } else if self.shown.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.to_string()) {
                 self.console.warn(warning);
             }
         }
     }
 
-    /// An error with the argument that it is about.
-    pub(super) fn explain(&self, error: anyhow::Error) -> anyhow::Error {
-        let weight = matches!(error.downcast_ref(), Some(Error::Solver(SolverError::Weight { .. })));
-        let flag = match error.downcast_ref::<Error>() {
-            Some(Error::HoldOut { fraction, .. }) => format!("--hold-out {fraction}"),
-            Some(Error::Memory { budget, .. }) => format!("--memory {}", Size(*budget)),
-            Some(Error::WeightCount { .. }) => "--weights".to_owned(),
-            Some(Error::NotConverged(_)) => "--strict".to_owned(),
-            _ if weight => format!("--weights {}", self.cli.weights),
-            _ => return error,
-        };
-        error.context(flag)
-    }
-
-    /// Writes the report, and prints it or the table.
+    /// Writes the report, and prints it or the table. `before` has the seconds of reading the sphere and of mapping.
     pub(super) fn finish(
         &self,
         scheme: Option<(SchemeKey, Scalar)>,
         surfaces: Vec<Fitted>,
         reports: Vec<ManyReport>,
-        [read, parametrize]: [f64; 2],
+        before: [f64; 2],
     ) -> Result<()> {
         let sum = |of: fn(&spharm::Seconds) -> f64| reports.iter().map(|report| of(&report.seconds)).sum::<f64>();
-        let seconds = Seconds {
-            read: read + sum(|seconds| seconds.read),
-            parametrize,
-            plan: sum(|seconds| seconds.plan),
-            solve: sum(|seconds| seconds.solve),
-            write: sum(|seconds| seconds.write),
-            total: self.started.elapsed().as_secs_f64(),
-        };
-        let (cli, method) = (self.cli, &self.params.method);
-        let report = Report {
-            tool: "fit",
-            versions: Versions::current(),
-            method: method.name(),
-            store: cli.store.as_ref(),
-            sphere: cli.sphere.as_ref(),
-            scheme_key: scheme.map(|(key, _)| key.to_string()),
-            dtype: scheme.map_or(Scalar::F64, |(_, scalar)| scalar).name(),
-            weights: &cli.weights,
-            granularity: method.granularity(),
-            start_degree: method.start_degree(),
-            openblas: spharm_solver::dense::openblas(),
-            surfaces,
-            batches: reports.into_iter().flat_map(|report| report.batches).collect(),
-            seconds,
-            memory: memory(),
-        };
-        if let Some(path) = &cli.report {
-            write_json(path, cli.force, &report)?;
+        let (input, method, total) = (&self.cli.input, &self.params.method, self.started.elapsed().as_secs_f64());
+        let batches: Vec<&BatchReport> = reports.iter().flat_map(|report| &report.batches).collect();
+        let report = json!({
+            "tool": "fit",
+            "versions": Versions::current(),
+            "method": method.name(),
+            "store": input.store,
+            "sphere": input.sphere,
+            "scheme_key": scheme.map(|(key, _)| key.to_string()),
+            "dtype": scheme.map_or(Scalar::F64, |(_, scalar)| scalar).name(),
+            "weights": input.weights,
+            "granularity": method.granularity(),
+            "start_degree": method.start_degree(),
+            "openblas": spharm_solver::dense::openblas(),
+            "surfaces": surfaces,
+            "batches": batches,
+            "seconds": {
+                "read": before[0] + sum(|seconds| seconds.read),
+                "parametrize": before[1],
+                "plan": sum(|seconds| seconds.plan),
+                "solve": sum(|seconds| seconds.solve),
+                "write": sum(|seconds| seconds.write),
+                "total": total,
+            },
+            "memory": memory(),
+        });
+        if let Some(path) = &self.cli.output.report {
+            prepare(path)?;
+            write_json(path, self.cli.output.force, &report)?;
         }
-        if cli.json {
+        if self.cli.output.json {
             return print_json(&report);
         }
         let mut head = vec!["model", "msd", "xsd", "rms", "max", "between", "file"];
-        if cli.hold_out.is_some() {
+        if self.params.hold_out.is_some() {
             head.insert(6, "msd held out");
         }
         let mut rows = vec![head.into_iter().map(str::to_owned).collect()];
-        rows.extend(report.surfaces.iter().filter_map(Fitted::row));
+        rows.extend(surfaces.iter().filter_map(Fitted::row));
         let units = "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit; between: rms at triangles' centres";
-        print(&format!("{}\n{units}\n{:.2} s", table(&rows), report.seconds.total))
+        print(&format!("{}\n{units}\n{total:.2} s", table(&rows)))
     }
 }

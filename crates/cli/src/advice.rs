@@ -3,12 +3,16 @@
 //! The library says what is wrong and carries it in the fields of its errors. Which flag mends it is known here alone; it
 //! is appended to the error's line.
 
+mod fit;
+
 use std::io;
 
 use spharm_parametrize::ParametrizeError;
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
 use spharm_surface::SurfaceError;
+
+pub use fit::of_oscillation;
 
 /// What the user can do, of the first error in the chain for which there is something.
 pub fn advice(error: &anyhow::Error) -> Option<String> {
@@ -17,7 +21,9 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
         let store = || cause.downcast_ref().and_then(of_store);
         let solver = || cause.downcast_ref().and_then(of_solver);
         let parametrize = || cause.downcast_ref().and_then(of_parametrize);
-        surface.or_else(store).or_else(solver).or_else(parametrize)
+        let fit = || cause.downcast_ref().and_then(fit::of_fit);
+        let refusal = || cause.downcast_ref().map(fit::of_refusal);
+        surface.or_else(store).or_else(solver).or_else(parametrize).or_else(fit).or_else(refusal)
     })
 }
 

@@ -14,6 +14,7 @@
 //! | [`inputs`] | spheres, surfaces and signals from files, with their warnings |
 //! | [`monitor`] | the progress of the library on the console |
 //! | [`names`] | names of outputs, from each input's path alone |
+//! | [`values`] | numbers in arguments |
 //! | [`usage`] | arguments that exclude each other |
 //! | [`paths`] | lists and folders of inputs |
 //! | [`output`] | checks of output files; results to stdout, reports to files |
@@ -32,6 +33,7 @@ pub mod paths;
 pub mod size;
 pub mod threads;
 pub mod usage;
+pub mod values;
 
 use clap::Args;
 

@@ -6,6 +6,8 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use anyhow::{Result, bail};
+
 use crate::inputs::stem;
 
 /// Most folders above a file that a template may name.
@@ -27,7 +29,7 @@ enum Part {
 impl FromStr for NameTemplate {
     type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
         let (mut parts, mut rest) = (Vec::new(), text);
         while let Some((before, after)) = rest.split_once('{') {
             let (name, after) = after.split_once('}').ok_or_else(|| format!("{{ without }} in {text}"))?;
@@ -87,6 +89,27 @@ impl NameTemplate {
             Part::Parent(level) => folder(*level),
         };
         self.0.iter().map(part).collect()
+    }
+
+    /// Returns a file for each input: the folder, the name, and `ending`.
+    ///
+    /// # Errors
+    ///
+    /// When two inputs would share a file; says which template tells them apart.
+    pub fn outputs(&self, inputs: &[PathBuf], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
+        let output = |input: &PathBuf| folder.join(format!("{}{ending}", self.name(input)));
+        let outputs: Vec<PathBuf> = inputs.iter().map(output).collect();
+        let mut order: Vec<usize> = (0..inputs.len()).collect();
+        order.sort_by(|&a, &b| outputs[a].cmp(&outputs[b]));
+        if let Some(pair) = order.windows(2).find(|pair| outputs[pair[0]] == outputs[pair[1]]) {
+            let [first, second] = [pair[0], pair[1]].map(|number| inputs[number].display());
+            let remedy = match Self::distinguishing(inputs) {
+                Some(template) => format!("give --name-template '{template}'"),
+                None => "rename one or give them apart".to_owned(),
+            };
+            bail!("{first} and {second} would both be written to {}; {remedy}", outputs[pair[0]].display());
+        }
+        Ok(outputs)
     }
 
     /// Returns a template that gives each of these inputs a name of its own: a folder or two and the stem.

@@ -1,7 +1,5 @@
 //! The numbers behind the defaults, each with what it was chosen by.
 
-use spharm_parametrize::CaldParams;
-
 use crate::machine::available_memory;
 use crate::params::{FitParams, Method, Smoothness};
 
@@ -39,12 +37,6 @@ const RELATIVE_PENALTY: f64 = 0.01;
 
 /// Lower degrees have wavelengths longer than any triangle.
 const PENALTY_FROM_DEGREE: usize = 8;
-
-/// Returns the settings of the map of a surface that is then fitted to a degree: a quarter of area distortion, as root mean
-/// square of the log area ratio, is spent on shape and on the density that the model's residual asks for.
-pub fn parametrization(max_degree: usize) -> CaldParams {
-    CaldParams::for_degree(max_degree)
-}
 
 /// Returns the default smoothness penalty of a fit over a parametrised sphere: `0.01 w / (4 pi) / (L (L + 1))^2`, with w
 /// the sum of the weights, or the number of vertices where all count the same; zero for L below 8.

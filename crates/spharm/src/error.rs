@@ -35,6 +35,14 @@ pub enum Error {
     /// The computation was asked to stop.
     #[error("{0}")]
     Interrupted(#[from] Interrupted),
+    /// A file that can't be read.
+    #[error("{}: {source}", .path.display())]
+    Input {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
     /// A setting that isn't one of its values, or doesn't go with another.
     #[error("{what} needs {expected}, found {found}")]
     Setting {
@@ -77,6 +85,16 @@ pub enum Error {
         /// Weights.
         found: usize,
     },
+    /// A weight that is negative or not finite, or weights that are all zero.
+    #[error("{name}: weights must be finite, not negative and not all zero; vertex {vertex} has {found}")]
+    Weight {
+        /// The weights' name.
+        name: String,
+        /// Vertex, counted from 0.
+        vertex: usize,
+        /// Its weight.
+        found: f64,
+    },
     /// A fraction to hold out that leaves no vertex out.
     #[error("a hold-out fraction of {fraction} leaves none of {vertices} vertices out; give a larger fraction")]
     HoldOut {
@@ -86,7 +104,7 @@ pub enum Error {
         vertices: usize,
     },
     /// A memory budget below what the fit takes.
-    #[error("a memory budget of {} MiB is too small for this fit; the smallest that works is {}MiB", .budget >> 20, .needed.div_ceil(1 << 20))]
+    #[error("a memory budget of {} MiB is too small for this fit, which takes {} MiB", .budget >> 20, .needed.div_ceil(1 << 20))]
     Memory {
         /// The budget, bytes.
         budget: usize,
@@ -106,7 +124,7 @@ pub enum Error {
     /// With [`FitParams::strict`](crate::FitParams::strict): the iteration ended before the tolerance was met.
     #[error("{0}")]
     NotConverged(crate::FitWarning),
-    /// A model without triangles to reconstruct a surface on.
+    /// Threads that the system refuses.
     #[error("cannot start {threads} threads: {message}")]
     Threads {
         /// How many were asked for.

@@ -13,6 +13,7 @@
 //! | [`assess`] | distances at the vertices, between them, at vertices held out |
 //! | [`warning`] | [`FitWarning`]: what may be wrong with a fit |
 //! | [`defaults`] | the numbers behind the defaults |
+//! | [`files`] | the files of a fit |
 //! | [`rerun`] | what becomes of outputs that exist |
 //! | [`machine`] | memory and limits of this process |
 //!
@@ -21,6 +22,7 @@
 pub mod assess;
 pub mod defaults;
 mod error;
+pub mod files;
 pub mod fit;
 pub mod machine;
 pub mod model;

@@ -1,14 +1,15 @@
 //! From a fit to a model, with how it was made.
 
-use std::io::{self, Read};
+use std::fs::File;
+use std::io;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use spharm_store::format::VERSION as STORE_FORMAT;
 use spharm_surface::{Kind, Model, Sphere};
 
-use crate::Fit;
 use crate::assess::Distances;
+use crate::{Error, Fit};
 
 /// Versions that a result may depend on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -48,22 +49,18 @@ impl FileRecord {
     ///
     /// # Errors
     ///
-    /// When it can't be read.
-    pub fn of(path: &Path) -> io::Result<Self> {
-        let mut file = std::fs::File::open(path)?;
-        let (mut hasher, mut bytes) = (blake3::Hasher::new(), 0);
-        let mut buffer = vec![0; 1 << 18];
-        loop {
-            match file.read(&mut buffer)? {
-                0 => break,
-                count => {
-                    hasher.update(&buffer[..count]);
-                    bytes += count as u64;
-                }
-            }
+    /// [`Error::Input`] where there is no such file, or no regular one, and when it can't be read.
+    pub fn of(path: &Path) -> Result<Self, Error> {
+        let refuse = |source| Error::Input { path: path.to_owned(), source };
+        // A FIFO would be waited for.
+        if !path.is_file() {
+            let problem = if path.exists() { "not a regular file" } else { "no such file" };
+            return Err(refuse(io::Error::other(problem)));
         }
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(File::open(path).map_err(refuse)?).map_err(refuse)?;
         let path = path.to_string_lossy().into_owned();
-        Ok(Self { path, bytes, blake3: hasher.finalize().to_hex().to_string() })
+        Ok(Self { path, bytes: hasher.count(), blake3: hasher.finalize().to_hex().to_string() })
     }
 
     /// Returns whether two files have the same contents, whatever they are called.

@@ -1,9 +1,10 @@
 //! How to fit: [`FitParams`] and its parts.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use spharm_harmonics::MAX_DEGREE;
 use spharm_store::Scalar;
+use spharm_surface::io::read_signal;
 
 use crate::{Error, defaults};
 
@@ -124,6 +125,19 @@ impl Smoothness {
     }
 }
 
+impl std::str::FromStr for Smoothness {
+    type Err = String;
+
+    /// Parses `auto`, or a number from 0.
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
+        let lambda = text.parse().ok().filter(|lambda: &f64| *lambda >= 0.0 && lambda.is_finite());
+        lambda.map(Self::Fixed).ok_or_else(|| "expected a number from 0, or auto".to_owned())
+    }
+}
+
 /// What each vertex counts in the least squares.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Weights {
@@ -142,6 +156,20 @@ pub enum Weights {
 }
 
 impl Weights {
+    /// Reads weights from a file with one value for each vertex: GIfTI, FreeSurfer curv, CSV.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Surface`] when it can't be read, [`Error::WeightCount`] where it has several columns.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
+        let (signal, name) = (read_signal(&path)?, path.as_ref().to_string_lossy().into_owned());
+        if signal.channels != 1 {
+            let (expected, found) = (signal.vertices, signal.vertices * signal.channels);
+            return Err(Error::WeightCount { name, expected, found });
+        }
+        Ok(Self::Values { name, values: signal.values })
+    }
+
     /// Returns what the provenance calls them: `uniform`, `area`, or the name of the values.
     pub fn name(&self) -> &str {
         match self {

@@ -87,6 +87,11 @@ fn weights(choice: &Weights, sphere: &Sphere) -> Result<Option<Vec<f64>>, Error>
             if found != expected {
                 return Err(Error::WeightCount { name: name.clone(), expected, found });
             }
+            let bad = |weight: &f64| !weight.is_finite() || *weight < 0.0;
+            let all_zero = values.iter().all(|&weight| weight == 0.0);
+            if let Some(vertex) = values.iter().position(bad).or(all_zero.then_some(0)) {
+                return Err(Error::Weight { name: name.clone(), vertex, found: values[vertex] });
+            }
             Ok(Some(values.clone()))
         }
     }

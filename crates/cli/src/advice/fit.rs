@@ -1,0 +1,49 @@
+//! Advice on fits.
+
+use std::path::PathBuf;
+
+use spharm::rerun::Refusal;
+use spharm::{Error, FitParams, Method, Smoothness};
+
+use crate::names::NameTemplate;
+use crate::size::Size;
+
+/// What to do about an error of a fit.
+pub(super) fn of_fit(error: &Error) -> Option<String> {
+    match error {
+        Error::HoldOut { fraction, .. } => Some(format!("--hold-out {fraction} is too small")),
+        Error::Memory { budget, needed } => Some(format!(
+            "--memory {} is too small; the smallest that works is {}MiB",
+            Size(*budget),
+            needed.div_ceil(1 << 20)
+        )),
+        Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
+        Error::Limit { .. } => Some("fewer --threads take less".to_owned()),
+        Error::NotConverged(_) => Some("without --strict that is a warning".to_owned()),
+        _ => None,
+    }
+}
+
+/// What to do about an output that is in the way.
+pub(super) fn of_refusal(refusal: &Refusal) -> String {
+    match refusal {
+        Refusal::OtherInput { recorded, input, .. } => {
+            let inputs = [recorded, input].map(PathBuf::from);
+            let template = NameTemplate::distinguishing(&inputs);
+            let template = template.map_or(String::new(), |template| format!("--name-template '{template}', "));
+            format!("give {template}another --output, or --force to replace it")
+        }
+        Refusal::Exists { .. } => "choose another --output, or give --force or --skip-existing".to_owned(),
+        _ => "choose another --output, or give --force to replace it".to_owned(),
+    }
+}
+
+/// Returns what to do about a model that oscillates between the vertices.
+pub fn of_oscillation(params: &FitParams) -> String {
+    let smoother = match (params.method, params.smoothness) {
+        (Method::Lsq, Smoothness::Auto) => "",
+        (Method::Lsq, _) => "--smoothness auto, ",
+        _ => "--method lsq --smoothness auto, ",
+    };
+    format!("use {smoother}a lower --max-degree, or a sphere with larger cells for large triangles")
+}

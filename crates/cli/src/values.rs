@@ -1,0 +1,38 @@
+//! Numbers in arguments, checked as they are parsed.
+
+/// Parses a whole number from 1, or `inf`.
+///
+/// # Errors
+///
+/// A text that says what is expected.
+pub fn at_least_one(text: &str) -> Result<usize, String> {
+    match text {
+        "inf" => Ok(usize::MAX),
+        _ => text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "expected a whole number from 1, or inf".to_owned()),
+    }
+}
+
+/// Parses a number between 0 and 1, both excluded.
+///
+/// # Errors
+///
+/// A text that says what is expected.
+pub fn fraction(text: &str) -> Result<f64, String> {
+    let fraction = text.parse().ok().filter(|fraction: &f64| *fraction > 0.0 && *fraction < 1.0);
+    fraction.ok_or_else(|| "expected a number between 0 and 1".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_kept() {
+        assert_eq!((at_least_one("inf"), at_least_one("3")), (Ok(usize::MAX), Ok(3)));
+        assert_eq!(fraction("0.5"), Ok(0.5));
+        for text in ["0", "1", "-1", "nan", "x", ""] {
+            assert!(fraction(text).is_err(), "{text}");
+        }
+        assert!(at_least_one("0").is_err() && at_least_one("1.5").is_err());
+    }
+}

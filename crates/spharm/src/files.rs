@@ -1,0 +1,95 @@
+//! The files of a fit: the model, and beside it what else was asked for.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use ndarray_npy::WriteNpyExt;
+use spharm_surface::io::write_new;
+use spharm_surface::model::write_complex_csv;
+use spharm_surface::{Sphere, SurfaceError};
+
+use crate::model::{FileRecord, model_of};
+use crate::{Error, Fit};
+
+/// Names of the files of one model: `NAME.spharm.npz` and those beside it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModelFiles {
+    /// The model.
+    pub model: PathBuf,
+}
+
+impl ModelFiles {
+    /// Returns the name, `NAME`.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let name = self.model.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let stem = name.strip_suffix(".npz").unwrap_or(&name);
+        stem.strip_suffix(".spharm").unwrap_or(stem).to_owned()
+    }
+
+    /// Returns the table of complex coefficients, `NAME.spharm.csv`.
+    #[must_use]
+    pub fn csv(&self) -> PathBuf {
+        self.model.with_extension("csv")
+    }
+
+    /// Returns the standard errors, `NAME.spharm.stderr.npy`.
+    #[must_use]
+    pub fn standard_errors(&self) -> PathBuf {
+        self.model.with_extension("stderr.npy")
+    }
+
+    /// Returns the sphere that a surface was mapped to, `NAME.sphere.surf.gii`.
+    #[must_use]
+    pub fn sphere(&self) -> PathBuf {
+        self.model.with_file_name(format!("{}.sphere.surf.gii", self.name()))
+    }
+
+    /// Writes a fit's model, its standard errors if it has them, and with `csv` its complex coefficients; makes the folder.
+    /// The model is written last, so that where it is, the others are.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Surface`] for files that exist, unless they are replaced, or can't be written.
+    pub fn write(
+        &self,
+        sphere: &Sphere,
+        fit: &Fit,
+        input: Option<&FileRecord>,
+        csv: bool,
+        replace: bool,
+    ) -> Result<(), Error> {
+        make_folder_of(&self.model)?;
+        if csv {
+            write_new(self.csv(), replace, |out| write_complex_csv(&fit.coefficients, out))?;
+        }
+        if let Some(errors) = &fit.standard_errors {
+            write_new(self.standard_errors(), replace, |out| errors.write_npy(out).map_err(io::Error::other))?;
+        }
+        let model = model_of(sphere, fit, input);
+        write_new(&self.model, replace, |out| model.write(out))?;
+        Ok(())
+    }
+}
+
+fn make_folder_of(file: &Path) -> Result<(), Error> {
+    let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) else { return Ok(()) };
+    std::fs::create_dir_all(folder)
+        .map_err(|cause| Error::Surface(SurfaceError::Io { path: folder.to_owned(), action: "create", cause }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_beside_a_model_have_its_name() {
+        let files = |model: &str| ModelFiles { model: model.into() };
+        let usual = files("out/lh.pial.spharm.npz");
+        assert_eq!(usual.name(), "lh.pial");
+        assert_eq!(usual.csv(), Path::new("out/lh.pial.spharm.csv"));
+        assert_eq!(usual.standard_errors(), Path::new("out/lh.pial.spharm.stderr.npy"));
+        assert_eq!(usual.sphere(), Path::new("out/lh.pial.sphere.surf.gii"));
+        assert_eq!(files("m.npz").sphere(), Path::new("m.sphere.surf.gii"));
+    }
+}

@@ -1,0 +1,93 @@
+//! From the arguments of `fit` to the library's settings; arguments that exclude each other are usage errors.
+
+use anyhow::Result;
+use clap::ValueEnum;
+use spharm::{FitParams, Method, Preconditioner, Weights, defaults};
+use spharm_cli::Usage;
+use spharm_store::Scalar;
+
+use super::args::{Cli, Dtype, MethodName, PreconditionerName};
+
+/// The settings that the arguments ask for.
+pub(super) fn params(cli: &Cli) -> Result<FitParams> {
+    let method = method(cli)?;
+    let preconditioner = match cli.solver.preconditioner {
+        PreconditionerName::Auto => Preconditioner::Auto,
+        PreconditionerName::None => Preconditioner::None,
+        PreconditionerName::Density => Preconditioner::Density,
+        PreconditionerName::LowDegrees => Preconditioner::LowDegrees(cli.solver.low_degrees.unwrap_or(20)),
+        PreconditionerName::Factor => Preconditioner::Factor,
+    };
+    let scalar = cli.solver.dtype.map(|dtype| match dtype {
+        Dtype::F64 => Scalar::F64,
+        Dtype::F32 => Scalar::F32,
+    });
+    Ok(FitParams {
+        max_degree: cli.method.max_degree,
+        method,
+        smoothness: cli.method.smoothness.unwrap_or_default(),
+        weights: match cli.input.weights.as_str() {
+            "uniform" => Weights::Uniform,
+            "area" => Weights::Area,
+            file => Weights::read(file)?,
+        },
+        hold_out: cli.method.hold_out,
+        standard_errors: cli.output.stderr,
+        tolerance: cli.solver.tolerance,
+        max_iterations: cli.solver.max_iterations,
+        preconditioner,
+        strict: cli.input.strict,
+        store: cli.input.store.clone(),
+        scalar,
+        verify: cli.solver.verify,
+        memory: cli.resources.memory.map(|size| size.0),
+        threads: Some(cli.resources.threads.count()),
+    })
+}
+
+fn method(cli: &Cli) -> Result<Method, Usage> {
+    use MethodName::{Irf, Lsq, Mirf, Nlsf, Quadrature, Sirf};
+    let args = &cli.method;
+    let method = args.method.unwrap_or(if cli.input.store.is_some() { Irf } else { Lsq });
+    let name = method.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
+    let streamed = !matches!(method, Lsq | Quadrature);
+    let needs = [
+        (cli.input.store.is_none(), "--store DIR, with a basis that basis-build has made"),
+        (cli.input.sphere.is_none(), "--sphere SPHERE, the one that the basis was built for"),
+    ];
+    if let Some((_, needed)) = needs.iter().find(|(missing, _)| streamed && *missing) {
+        return Err(Usage::missing(format!("--method {name} needs {needed}")));
+    }
+    let repeated = matches!(method, Irf | Mirf);
+    let by_factor = cli.solver.preconditioner != PreconditionerName::Auto;
+    let weighted = cli.input.weights != "uniform" || args.hold_out.is_some();
+    let of_basis = cli.solver.dtype.is_some() || cli.solver.verify;
+    let lone_degrees = cli.solver.low_degrees.is_some() && cli.solver.preconditioner != PreconditionerName::LowDegrees;
+    let conflicts = [
+        (args.start_degree.is_some() && !matches!(method, Sirf | Mirf), "--start-degree", ""),
+        (args.granularity.is_some() && method != Irf, "--granularity", ""),
+        (args.passes.is_some_and(|p| p > 1) && !repeated, "--passes", "; several passes of sirf are mirf"),
+        (args.accelerate && !repeated, "--accelerate", "; use --method irf or mirf"),
+        (args.smoothness.is_some() && method != Lsq, "--smoothness", "; use --method lsq"),
+        (cli.output.stderr && method != Lsq, "--stderr", "; use --method lsq"),
+        (by_factor && method != Lsq, "--preconditioner", "; use --method lsq"),
+        (weighted && method == Quadrature, "--weights or --hold-out", ""),
+        (of_basis && !streamed, "--dtype or --verify", ", which doesn't read a basis"),
+        (lone_degrees, "--low-degrees", " without --preconditioner low-degrees"),
+    ];
+    if let Some((_, flag, hint)) = conflicts.into_iter().find(|(conflict, ..)| *conflict) {
+        return Err(Usage::conflict(format!("{flag} doesn't go with --method {name}{hint}")));
+    }
+    let accelerate = args.accelerate;
+    let passes = args.passes.map_or(if accelerate { defaults::ACCELERATED_PASSES } else { 1 }, |p| p as usize);
+    let granularity = args.granularity.unwrap_or(defaults::GRANULARITY);
+    let start_degree = args.start_degree.unwrap_or(0);
+    Ok(match method {
+        Lsq => Method::Lsq,
+        Quadrature => Method::Quadrature,
+        Irf => Method::Irf { passes, granularity, accelerate },
+        Sirf => Method::Sirf { start_degree },
+        Mirf => Method::Mirf { passes, start_degree, accelerate },
+        Nlsf => Method::Nlsf,
+    })
+}
