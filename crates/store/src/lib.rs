@@ -8,8 +8,15 @@
 //!             A_1   header | chunk 0 | ...
 //! ```
 //!
-//! Files are immutable. One is there when its footer is sound and its name is final; there is no manifest to get out
-//! of step. A store built to degree 60 is extended to 100 by adding files. `store-format.md` is the authority on bytes.
+//! Files are immutable. A file is valid when its footer is sound and its name is final; there is no manifest that could
+//! become inconsistent. A store built to degree 60 is extended to 100 by adding files. `store-format.md` is the authority
+//! on bytes.
+//!
+//! Any number of processes may build and read a store at the same time. A file that is damaged, or truncated while it is
+//! read, gives an error that names it, never a signal or a wrong number.
+//!
+//! Long functions take a [`Monitor`](spharm_monitor::Monitor) last; they use the rayon pool in which they are
+//! called.
 //!
 //! | module | what |
 //! |---|---|
@@ -21,6 +28,8 @@
 //! | `container` | what basis files and factors share: header frame, table, footer, checks, publishing |
 //! | `folder`, `temporary` | folders of schemes, locks, disk space; temporary files |
 //! | `source`, `map` | open files, and windows on them that survive a file that shrinks |
+//!
+//! Building a basis and reading the harmonic of degree 0:
 //!
 //! ```
 //! use spharm_harmonics::Directions;

@@ -12,12 +12,12 @@ use spharm_harmonics::Directions;
 pub enum Scalar {
     /// IEEE double precision.
     F64,
-    /// IEEE single precision: half of the bytes, a relative 6e-8 off.
+    /// IEEE single precision: half the bytes, values rounded to a relative 6e-8.
     F32,
 }
 
 impl Scalar {
-    /// Bytes of a value.
+    /// Returns the bytes of a value.
     pub const fn size(self) -> usize {
         match self {
             Self::F64 => 8,
@@ -25,7 +25,7 @@ impl Scalar {
         }
     }
 
-    /// `"f64"` or `"f32"`.
+    /// Returns `"f64"` or `"f32"`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::F64 => "f64",
@@ -33,7 +33,7 @@ impl Scalar {
         }
     }
 
-    /// The number that stands for it in a header.
+    /// Returns the number that stands for it in a header.
     pub(crate) const fn code(self) -> u32 {
         match self {
             Self::F64 => 1,
@@ -57,7 +57,7 @@ pub struct SchemeKey(pub [u8; 32]);
 const CONTEXT: &str = "spharm-rs 2026-11 sampling scheme key v1";
 
 impl SchemeKey {
-    /// The key of harmonics of type `scalar` at `directions`.
+    /// Computes the key of harmonics of type `scalar` at `directions`, (n) unit vectors in order.
     pub fn of(directions: &Directions, scalar: Scalar) -> Self {
         let mut hasher = blake3::Hasher::new_derive_key(CONTEXT);
         let mut field = |tag: &str, value: &[u8]| {
@@ -77,7 +77,7 @@ impl SchemeKey {
         Self(*hasher.finalize().as_bytes())
     }
 
-    /// The first 12 digits, enough to tell schemes apart at a glance.
+    /// Returns the first 12 digits, enough to distinguish schemes at a glance.
     pub fn short(&self) -> String {
         self.to_string()[..12].to_owned()
     }
@@ -89,7 +89,7 @@ impl fmt::Display for SchemeKey {
     }
 }
 
-/// A text that isn't 64 lower-case hexadecimal digits.
+/// The error of parsing a [`SchemeKey`] from a text that isn't 64 lower-case hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected 64 hexadecimal digits")]
 pub struct NotAKey;

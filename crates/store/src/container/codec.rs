@@ -1,16 +1,16 @@
 //! Chunk codecs: raw, and zstd over shuffled bytes.
 //!
 //! Shuffling puts the first bytes of all values together, then the second ones, and so on: signs and exponents, which
-//! repeat, come to stand side by side. See "Codecs" in `store-format.md`.
+//! repeat, become adjacent. See "Codecs" in `store-format.md`.
 
 use std::io::{self, BufRead, BufReader, Read};
 
 /// How the bytes of a chunk are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Codec {
-    /// As they are; read through a memory map without a copy.
+    /// Unchanged; read from a memory map without a copy.
     Raw,
-    /// Bytes shuffled by the scalar's size, then one zstd frame.
+    /// Shuffled by the scalar's size, then compressed into one zstd frame.
     Zstd,
 }
 
@@ -18,7 +18,7 @@ pub enum Codec {
 const LEVEL: i32 = 1;
 
 impl Codec {
-    /// `"none"` or `"zstd"`.
+    /// Returns `"none"` or `"zstd"`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Raw => "none",
@@ -58,7 +58,7 @@ impl Encoder {
         self.zstd.compress(&self.shuffled)
     }
 
-    /// Bytes that an encoder and its result may take for chunks of `raw_len`.
+    /// Returns the bytes of memory that an encoder and its result may take for chunks of `raw_len`.
     pub(crate) fn bytes(raw_len: usize) -> usize {
         // The compressor's own tables at this level are under 2 MiB.
         raw_len + zstd::zstd_safe::compress_bound(raw_len) + (2 << 20)
@@ -80,7 +80,7 @@ pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::R
     Ok(unshuffle(&shuffled, scalar_size))
 }
 
-/// Whether a stream is one zstd frame of `raw_len` bytes, found out without holding it.
+/// Checks, without holding it in memory, that a stream is one zstd frame of `raw_len` bytes.
 pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
     let mut stored = BufReader::new(stored);
     declares(stored.fill_buf()?, raw_len)?;

@@ -1,4 +1,4 @@
-//! What a factor is of.
+//! What a factor is of: scheme, degree, weights and smoothness; and its file name.
 
 use std::fmt;
 
@@ -12,10 +12,10 @@ const NAME_CONTEXT: &str = "spharm-rs 2026-11 factor name v1";
 pub struct WeightsHash(pub [u8; 32]);
 
 impl WeightsHash {
-    /// All weights are 1.
+    /// The hash of weights that are all 1.
     pub const ONES: Self = Self([0; 32]);
 
-    /// The hash of weights, (n); `None` stands for ones.
+    /// Computes the hash of weights, (n); `None` stands for ones.
     pub fn of(weights: Option<&[f64]>) -> Self {
         let Some(weights) = weights.filter(|weights| weights.iter().any(|&weight| weight != 1.0)) else {
             return Self::ONES;
@@ -39,10 +39,10 @@ impl fmt::Display for WeightsHash {
     }
 }
 
-/// What a factor is of: everything that its values depend on but the scalar type.
+/// What a factor is of: everything that its values depend on except the scalar type.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FactorSpec {
-    /// The sampling scheme, whose folder it lies in.
+    /// The sampling scheme, in whose folder the file is.
     pub key: SchemeKey,
     /// Number of directions, n.
     pub rows: usize,
@@ -55,12 +55,12 @@ pub struct FactorSpec {
 }
 
 impl FactorSpec {
-    /// Number of columns, K = (L + 1)^2.
+    /// Returns the number of columns, K = (L + 1)^2.
     pub fn size(&self) -> usize {
         spharm_harmonics::basis_size(self.max_degree)
     }
 
-    /// The name of its file, such as `factor_100_f64_1f0e5a77`.
+    /// Returns the name of its file, such as `factor_100_f64_1f0e5a77`.
     pub fn file_name(&self, scalar: Scalar) -> String {
         let mut hasher = blake3::Hasher::new_derive_key(NAME_CONTEXT);
         hasher.update(&self.weights.0);
