@@ -73,6 +73,48 @@ fn a_volume_becomes_a_surface_and_its_sphere() {
     assert_eq!((report["method"].as_str(), report["volume"]["label"].as_i64()), (Some("cald"), Some(9)));
 }
 
+/// Rows 14 and 21 of what first-time users ran into: one command from labels to models.
+#[test]
+fn each_label_of_a_volume_is_a_surface_to_fit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    // A ball, a plate below it and a plate of two pieces above.
+    write_volume(&path("cells.nii"), |at| match at {
+        _ if ball(at) => 1,
+        [_, _, z] if z < -6.0 => 5,
+        [x, _, z] if z > 6.0 && x.abs() > 1.0 => 7,
+        _ => 0,
+    });
+    let fit = |arguments: &[&str]| {
+        let mut fit = tool("fit");
+        fit.arg("--surface").arg(path("cells.nii")).args(["--max-degree", "6", "-o"]).arg(path("out")).args(arguments);
+        fit
+    };
+    let error = fail(&mut fit(&[]));
+    assert!(error.contains("--label") && error.contains("5 (") && error.contains("7 ("), "{error}");
+    let error = fail(&mut fit(&["--label", "7"]));
+    assert!(error.contains("label 7") && error.contains("2 pieces") && error.contains("--fix"), "{error}");
+    let error = fail(&mut fit(&["--label", "6"]));
+    assert!(error.contains('6') && error.contains("1 ("), "{error}");
+    let table = succeed(&mut fit(&["--label", "all", "--fix"]));
+    for label in [1, 5, 7] {
+        let name = format!("cells.{label}");
+        assert!(table.lines().any(|line| line.starts_with(&name)), "{table}");
+        let [surface, sphere] = ["surf.gii", "sphere.surf.gii"].map(|ending| path(&format!("out/{name}.{ending}")));
+        let (surface, sphere) = (read_mesh(surface).unwrap(), read_mesh(sphere).unwrap());
+        assert!(Topology::of(&surface).is_sphere() && surface.faces == sphere.faces);
+        assert!(path(&format!("out/{name}.spharm.npz")).exists());
+    }
+    let again = succeed(&mut fit(&["--label", "all", "--fix", "--skip-existing"]));
+    assert!(again.contains("nothing to do"), "{again}");
+    // The model of one label isn't that of another.
+    std::fs::copy(path("out/cells.1.spharm.npz"), path("out/cells.5.spharm.npz")).unwrap();
+    let error = fail(&mut fit(&["--label", "5", "--skip-existing"]));
+    assert!(error.contains("label 1, not of") && error.contains("label 5"), "{error}");
+    succeed(fit(&["--label", "5"]).args(["--name-template", "{stem}_{label}"]));
+    assert!(path("out/cells_5.spharm.npz").exists());
+}
+
 #[test]
 fn a_mesh_is_put_on_a_shared_sampling() {
     let folder = tempfile::tempdir().unwrap();

@@ -6,6 +6,7 @@ use clap::ValueEnum;
 use spharm::{Smoothness, defaults};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
+use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
 use spharm_cli::{Common, help, values};
 
@@ -50,6 +51,13 @@ pub(super) struct Input {
     /// (see parametrize); the sphere is written next to the model
     #[arg(long, value_name = "SPHERE")]
     pub(super) sphere: Option<PathBuf>,
+    /// Of a label volume (.nii, .nii.gz, .mgh, .mgz), which is a surface too: the label, or all for a model of each; only
+    /// needed where there are several. The surfaces are written next to the models
+    #[arg(long, value_name = "N|all", allow_negative_numbers = true, conflicts_with = "sphere")]
+    pub(super) label: Option<Labels>,
+    /// Of a label volume: keep the largest piece, fill cavities, open handles, in place of refusing the label
+    #[arg(long, conflicts_with = "sphere")]
+    pub(super) fix: bool,
     /// Folder of the basis store
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
     pub(super) store: Option<PathBuf>,

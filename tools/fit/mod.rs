@@ -5,18 +5,18 @@ mod items;
 mod output;
 mod settings;
 
-use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail};
-use spharm::parametrize::{CaldParams, Parametrized, parametrize_with, with_sphere};
-use spharm::{Fit, ManyReport, Mesh, Sphere, check_memory, fit_many};
+use spharm::parametrize::volume::{LabelVolume, VolumeParams};
+use spharm::parametrize::{Input, Parametrized};
+use spharm::{Fit, ManyReport, Sphere, Target, fit_many};
 use spharm_cli::inputs::{read_sphere, read_target};
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
+use spharm_cli::output::{OutputFile, check_outputs, print};
 use spharm_surface::SphereWarning;
-use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+use spharm_surface::io::read_mesh;
 
 pub(crate) use self::args::Cli;
 use self::items::{Item, items};
@@ -35,15 +35,16 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     if let (Some(flaw), Some(path)) = (flaw, &cli.input.sphere) {
         bail!("{}: {flaw} (--strict)", path.display());
     }
-    let read = call.started.elapsed().as_secs_f64();
-    let items = items(cli, &console, sphere.as_ref(), &params)?;
+    let started = call.started.elapsed().as_secs_f64();
+    let items = items(&call, sphere.as_ref())?;
     if items.is_empty() {
         return print("nothing to do: every output exists");
     }
     cli.resources.threads.pool()?.install(|| match &sphere {
         Some(sphere) => {
-            let (fitted, report) = fit_on(&call, sphere, &items)?;
-            call.finish(Some((report.scheme, report.scalar)), fitted, vec![report], [read, 0.0])
+            let read = |number: usize| read_target(&items[number].input, sphere, cli.input.strict, &console);
+            let (fitted, report) = fit_on(&call, sphere, &items, &read)?;
+            call.finish(Some((report.scheme, report.scalar)), fitted, vec![report], [started, 0.0])
         }
         None => each_on_its_own(&call, &items),
     })
@@ -57,35 +58,43 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
              for that give a common --sphere",
         );
     }
-    let (mut fitted, mut reports, mut mapping) = (Vec::new(), Vec::new(), 0.0);
+    let (mut fitted, mut reports, mut mapping, mut volume) = (Vec::new(), Vec::new(), 0.0, None);
     for item in items {
-        let (sphere, mapped) = map(call, item)?;
+        let found = map(call, item, &mut volume)?;
+        let mapped = Mapped { sphere: item.files.sphere(), report: found.map.report };
         mapping += mapped.report.seconds;
+        let target = Target::from_mesh(&found.map.surface, &found.sphere)?;
         // A sphere without its model would stand in the way of the next attempt.
-        let fits = fit_on(call, &sphere, std::slice::from_ref(item));
-        let (mut found, report) = fits.inspect_err(|_| drop(std::fs::remove_file(&mapped.sphere)))?;
-        found.iter_mut().for_each(|fitted| fitted.parametrization = Some(mapped.clone()));
-        fitted.extend(found);
+        let fits = fit_on(call, &found.sphere, std::slice::from_ref(item), &|_| Ok(target.clone()));
+        let (mut one, report) = fits.inspect_err(|_| drop(std::fs::remove_file(&mapped.sphere)))?;
+        one.iter_mut().for_each(|fitted| fitted.parametrization = Some(mapped.clone()));
+        fitted.extend(one);
         reports.push(report);
     }
     call.finish(None, fitted, reports, [0.0, mapping])
 }
 
-/// Maps one surface to the sphere, and writes the sphere.
-fn map(call: &Call<'_>, item: &Item) -> Result<(Sphere, Mapped)> {
-    let input = item.input.display();
-    let (mesh, path) = (read_mesh(&item.input)?, item.files.sphere());
-    check_memory(&mesh, call.params)?;
-    let left_over = if call.cli.output.skip_existing { left_over(&path, &mesh) } else { None };
-    let found = if let Some(found) = left_over {
+/// Maps one surface to the sphere. `volume` is the label volume that was read last.
+fn map(call: &Call<'_>, item: &Item, volume: &mut Option<LabelVolume>) -> Result<Parametrized> {
+    let (input, options) = (item.input.display(), &call.cli.input);
+    let surface = match item.label {
+        Some(label) => {
+            let read = match volume.take().filter(|volume| volume.path() == item.input) {
+                Some(volume) => volume,
+                None => LabelVolume::read(&item.input, call.monitor)?,
+            };
+            let params = VolumeParams { label: Some(label), fix: options.fix };
+            Input::Label(volume.insert(read).surface(&params, call.monitor)?)
+        }
+        None => Input::Mesh(read_mesh(&item.input)?),
+    };
+    let reuse = call.cli.output.skip_existing;
+    let found = item.files.map(&surface, call.params, reuse, item.replace, call.monitor);
+    let (found, reused) = found.with_context(|| input.to_string())?;
+    let (report, path) = (&found.map.report, item.files.sphere());
+    if reused {
         call.console.note(format!("{}: the sphere that an earlier call made of {input} is used again", path.display()));
-        found
     } else {
-        let params = CaldParams::for_degree(call.params.max_degree);
-        let found = parametrize_with(&mesh, &params, call.monitor).with_context(|| input.to_string())?;
-        prepare(&path)?;
-        write_mesh(&path, &found.map.sphere, &WriteOptions { overwrite: item.replace, double: true })?;
-        let report = &found.map.report;
         call.console.note(format!(
             "{input}: no --sphere; mapped by {} in {:.1} s, log area ratio {:.3} rms, to {}",
             report.method,
@@ -93,23 +102,20 @@ fn map(call: &Call<'_>, item: &Item) -> Result<(Sphere, Mapped)> {
             report.quality.area_rms,
             path.display()
         ));
-        report.warnings.iter().for_each(|warning| call.console.warn(warning));
-        report.notes.iter().for_each(|note| call.console.note(note));
-        found
-    };
-    let mapped = Mapped { sphere: path.clone(), report: found.map.report };
-    Ok((Sphere { path: Some(path), ..found.sphere }, mapped))
-}
-
-/// The sphere of a mesh that an earlier call left, where it is one.
-fn left_over(path: &Path, mesh: &Mesh) -> Option<Parametrized> {
-    path.exists().then(|| with_sphere(mesh, &read_mesh(path).ok()?).ok()).flatten()
+    }
+    report.warnings.iter().for_each(|warning| call.console.warn(warning));
+    report.notes.iter().for_each(|note| call.console.note(note));
+    Ok(found)
 }
 
 /// Fits surfaces on a sphere and writes their models.
-fn fit_on(call: &Call<'_>, sphere: &Sphere, items: &[Item]) -> Result<(Vec<Fitted>, ManyReport)> {
+fn fit_on(
+    call: &Call<'_>,
+    sphere: &Sphere,
+    items: &[Item],
+    read: &(dyn Fn(usize) -> Result<Target> + Sync),
+) -> Result<(Vec<Fitted>, ManyReport)> {
     let (cli, fitted) = (call.cli, Mutex::new(Vec::new()));
-    let read = |number: usize| read_target(&items[number].input, sphere, cli.input.strict, &call.console);
     let done = |number: usize, fit: Fit| -> Result<()> {
         let item = &items[number];
         call.warn_of(item, &fit);
@@ -118,7 +124,7 @@ fn fit_on(call: &Call<'_>, sphere: &Sphere, items: &[Item]) -> Result<(Vec<Fitte
         fitted.lock().unwrap_or_else(PoisonError::into_inner).push(one);
         Ok(())
     };
-    let report = fit_many(sphere, items.len(), &read, call.params, &done, call.monitor)?;
+    let report = fit_many(sphere, items.len(), read, call.params, &done, call.monitor)?;
     let mut fitted = fitted.into_inner().unwrap_or_else(PoisonError::into_inner);
     fitted.sort_by_key(|(number, _)| *number);
     Ok((fitted.into_iter().map(|(_, fitted)| fitted).collect(), report))

@@ -84,6 +84,10 @@ pub fn stem(path: &Path) -> String {
         ".vtk",
         ".csv",
         ".tsv",
+        ".nii.gz",
+        ".nii",
+        ".mgz",
+        ".mgh",
     ];
     let lower = name.to_ascii_lowercase();
     let ending = endings.iter().find(|ending| lower.ends_with(*ending) && lower.len() > ending.len());

@@ -13,6 +13,7 @@
 //! | [`help`] | headings, formats and examples of the help texts |
 //! | [`inputs`] | spheres, surfaces and signals from files, with their warnings |
 //! | [`monitor`] | the progress of the library on the console |
+//! | [`surfaces`] | files, and labels of volumes |
 //! | [`names`] | names of outputs, from each input's path alone |
 //! | [`values`] | numbers in arguments |
 //! | [`usage`] | arguments that exclude each other |
@@ -31,6 +32,7 @@ pub mod names;
 pub mod output;
 pub mod paths;
 pub mod size;
+pub mod surfaces;
 pub mod threads;
 pub mod usage;
 pub mod values;

@@ -14,7 +14,8 @@ use crate::inputs::stem;
 const DEEPEST: usize = 9;
 
 /// A name with placeholders: `{stem}` is the input's name without folder and format, `{parent}` the folder that it is in,
-/// `{parent2}` the folder above that, and so on.
+/// `{parent2}` the folder above that, and so on. `{label}` is a volume's label; a template without it gets `.{label}` at its end for
+/// volumes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NameTemplate(Vec<Part>);
 
@@ -22,6 +23,7 @@ pub struct NameTemplate(Vec<Part>);
 enum Part {
     Text(String),
     Stem,
+    Label,
     /// The folder so many levels up, from 1.
     Parent(usize),
 }
@@ -39,10 +41,11 @@ impl FromStr for NameTemplate {
             let level = name.strip_prefix("parent").map(|level| if level.is_empty() { "1" } else { level });
             parts.push(match (name, level.and_then(|level| level.parse().ok())) {
                 ("stem", _) => Part::Stem,
+                ("label", _) => Part::Label,
                 (_, Some(level @ 1..=DEEPEST)) => Part::Parent(level),
                 _ => {
                     return Err(format!(
-                        "{{{name}}}: expected {{stem}}, {{parent}} or {{parent2}} to {{parent{DEEPEST}}}"
+                        "{{{name}}}: expected {{stem}}, {{label}}, {{parent}} or {{parent2}} to {{parent{DEEPEST}}}"
                     ));
                 }
             });
@@ -67,6 +70,7 @@ impl std::fmt::Display for NameTemplate {
         self.0.iter().try_for_each(|part| match part {
             Part::Text(text) => f.write_str(text),
             Part::Stem => f.write_str("{stem}"),
+            Part::Label => f.write_str("{label}"),
             Part::Parent(1) => f.write_str("{parent}"),
             Part::Parent(level) => write!(f, "{{parent{level}}}"),
         })
@@ -74,9 +78,9 @@ impl std::fmt::Display for NameTemplate {
 }
 
 impl NameTemplate {
-    /// Returns the name of an input; a folder that it doesn't have is left empty.
+    /// Returns the name of an input, and of its label if it is a volume; a folder that it doesn't have is left empty.
     #[must_use]
-    pub fn name(&self, input: &Path) -> String {
+    pub fn name(&self, input: &Path, label: Option<i64>) -> String {
         // A path relative to the current folder lies in that folder all the same.
         let input = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
         let folder = |level: usize| {
@@ -86,24 +90,28 @@ impl NameTemplate {
         let part = |part: &Part| match part {
             Part::Text(text) => text.clone(),
             Part::Stem => stem(&input),
+            Part::Label => label.map(|label| label.to_string()).unwrap_or_default(),
             Part::Parent(level) => folder(*level),
         };
-        self.0.iter().map(part).collect()
+        let unnamed = label.filter(|_| !self.0.contains(&Part::Label));
+        let end = unnamed.map(|label| format!(".{label}"));
+        self.0.iter().map(part).chain(end).collect()
     }
 
-    /// Returns a file for each input: the folder, the name, and `ending`.
+    /// Returns a file for each input and label: the folder, the name, and `ending`.
     ///
     /// # Errors
     ///
     /// When two inputs would share a file; says which template tells them apart.
-    pub fn outputs(&self, inputs: &[PathBuf], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
-        let output = |input: &PathBuf| folder.join(format!("{}{ending}", self.name(input)));
+    pub fn outputs(&self, inputs: &[(PathBuf, Option<i64>)], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
+        let output = |(input, label): &(PathBuf, _)| folder.join(format!("{}{ending}", self.name(input, *label)));
         let outputs: Vec<PathBuf> = inputs.iter().map(output).collect();
         let mut order: Vec<usize> = (0..inputs.len()).collect();
         order.sort_by(|&a, &b| outputs[a].cmp(&outputs[b]));
         if let Some(pair) = order.windows(2).find(|pair| outputs[pair[0]] == outputs[pair[1]]) {
-            let [first, second] = [pair[0], pair[1]].map(|number| inputs[number].display());
-            let remedy = match Self::distinguishing(inputs) {
+            let [first, second] = [pair[0], pair[1]].map(|number| inputs[number].0.display());
+            let paths: Vec<PathBuf> = inputs.iter().map(|(input, _)| input.clone()).collect();
+            let remedy = match Self::distinguishing(&paths) {
                 Some(template) => format!("give --name-template '{template}'"),
                 None => "rename one or give them apart".to_owned(),
             };
@@ -122,7 +130,7 @@ impl NameTemplate {
             Self(folders.chain([Part::Stem]).collect())
         };
         let distinguishes = |template: &Self| {
-            let mut names: Vec<String> = inputs.iter().map(|input| template.name(input)).collect();
+            let mut names: Vec<String> = inputs.iter().map(|input| template.name(input, None)).collect();
             names.sort_unstable();
             names.windows(2).all(|pair| pair[0] != pair[1])
         };
@@ -135,7 +143,7 @@ mod tests {
     use super::*;
 
     fn name(template: &str, input: &str) -> String {
-        template.parse::<NameTemplate>().unwrap().name(Path::new(input))
+        template.parse::<NameTemplate>().unwrap().name(Path::new(input), None)
     }
 
     #[test]
@@ -147,6 +155,14 @@ mod tests {
         assert_eq!(name("{parent9}.{stem}", input), ".lh.pial");
         let here = std::env::current_dir().unwrap();
         assert_eq!(name("{parent}", "lh.pial"), here.file_name().unwrap().to_string_lossy());
+    }
+
+    #[test]
+    fn labels_are_named_where_the_template_says_or_at_the_end() {
+        let name =
+            |template: &str| template.parse::<NameTemplate>().unwrap().name(Path::new("/d/cells.nii.gz"), Some(-3));
+        assert_eq!(name("{stem}"), "cells.-3");
+        assert_eq!(name("cell{label}_of_{stem}"), "cell-3_of_cells");
     }
 
     #[test]

@@ -4,12 +4,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use ndarray_npy::WriteNpyExt;
-use spharm_surface::io::write_new;
+use spharm_monitor::Monitor;
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
 use spharm_surface::model::write_complex_csv;
 use spharm_surface::{Sphere, SurfaceError};
 
 use crate::model::{FileRecord, model_of};
-use crate::{Error, Fit};
+use crate::parametrize::{CaldParams, Input, Parametrized, parametrize_with, with_sphere};
+use crate::{Error, Fit, FitParams, check_memory};
 
 /// Names of the files of one model: `NAME.spharm.npz` and those beside it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,6 +45,49 @@ impl ModelFiles {
     #[must_use]
     pub fn sphere(&self) -> PathBuf {
         self.model.with_file_name(format!("{}.sphere.surf.gii", self.name()))
+    }
+
+    /// Returns the surface around a volume's label, `NAME.surf.gii`.
+    #[must_use]
+    pub fn surface(&self) -> PathBuf {
+        self.model.with_file_name(format!("{}.surf.gii", self.name()))
+    }
+
+    /// Maps a surface to a sphere of its own, which is written beside the model to come, as is the surface of a label. With
+    /// `reuse` the sphere that an earlier call left is taken if it is one of this mesh. Returns the map, and whether it is
+    /// that one. The memory of the fit is checked first.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Memory`], [`Error::Parametrize`], and [`Error::Surface`] for files that can't be written.
+    pub fn map(
+        &self,
+        input: &Input,
+        params: &FitParams,
+        reuse: bool,
+        replace: bool,
+        monitor: &dyn Monitor,
+    ) -> Result<(Parametrized, bool), Error> {
+        let path = self.sphere();
+        let named = |found: Parametrized| {
+            let sphere = Sphere { path: Some(path.clone()), ..found.sphere };
+            Parametrized { sphere, ..found }
+        };
+        if let Input::Mesh(mesh) = input {
+            check_memory(mesh, params)?;
+            let left_over = || with_sphere(mesh, &read_mesh(&path).ok()?).ok();
+            if let Some(found) = if reuse && path.exists() { left_over() } else { None } {
+                return Ok((named(found), true));
+            }
+        }
+        let found = parametrize_with(input, &CaldParams::for_degree(params.max_degree), monitor)?;
+        make_folder_of(&path)?;
+        let options = WriteOptions { overwrite: replace, double: true };
+        write_mesh(&path, &found.map.sphere, &options)?;
+        if let Input::Label(_) = input {
+            write_mesh(self.surface(), &found.map.surface, &options)?;
+        }
+        Ok((named(found), false))
     }
 
     /// Writes a fit's model, its standard errors if it has them, and with `csv` its complex coefficients; makes the folder.

@@ -89,6 +89,7 @@ pub fn fit(sphere: &Sphere, target: &impl ToTarget, params: &FitParams) -> Resul
 /// # Errors
 ///
 /// Those of [`fit()`]; [`Error::is_interrupted`] where the monitor stopped it.
+#[expect(clippy::missing_panics_doc, reason = "the one target has been handed over, or there was an error")]
 pub fn fit_with(
     sphere: &Sphere,
     target: &impl ToTarget,

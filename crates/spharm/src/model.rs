@@ -1,5 +1,6 @@
 //! From a fit to a model, with how it was made.
 
+use std::fmt;
 use std::fs::File;
 use std::io;
 use std::path::Path;
@@ -42,6 +43,16 @@ pub struct FileRecord {
     pub bytes: u64,
     /// The BLAKE3 hash of its contents, in hexadecimal digits.
     pub blake3: String,
+    /// Of a volume, the label that the surface was made of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label: Option<i64>,
+}
+
+impl fmt::Display for FileRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.path)?;
+        self.label.map_or(Ok(()), |label| write!(f, " label {label}"))
+    }
 }
 
 impl FileRecord {
@@ -60,12 +71,12 @@ impl FileRecord {
         let mut hasher = blake3::Hasher::new();
         hasher.update_reader(File::open(path).map_err(refuse)?).map_err(refuse)?;
         let path = path.to_string_lossy().into_owned();
-        Ok(Self { path, bytes: hasher.count(), blake3: hasher.finalize().to_hex().to_string() })
+        Ok(Self { path, bytes: hasher.count(), blake3: hasher.finalize().to_hex().to_string(), label: None })
     }
 
-    /// Returns whether two files have the same contents, whatever they are called.
+    /// Returns whether two files have the same contents, whatever they are called, and the same label is meant.
     pub fn same_contents(&self, other: &Self) -> bool {
-        (self.bytes, &self.blake3) == (other.bytes, &other.blake3)
+        (self.bytes, &self.blake3, self.label) == (other.bytes, &other.blake3, other.label)
     }
 }
 

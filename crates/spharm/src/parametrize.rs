@@ -1,12 +1,12 @@
 //! A sphere for a surface that comes without one.
 
 use spharm_monitor::{Monitor, Silent};
-use spharm_parametrize::{Parametrization, auto};
+use spharm_parametrize::{Method, Parametrization};
 use spharm_surface::{Mesh, Sphere, Target};
 
 use crate::Error;
 
-pub use spharm_parametrize::{CaldParams, Report};
+pub use spharm_parametrize::{CaldParams, Input, Report, Source, volume};
 
 /// A surface's map to the sphere.
 #[derive(Debug, Clone)]
@@ -36,13 +36,18 @@ pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrized, 
     parametrize_with(surface, params, &Silent)
 }
 
-/// As [`parametrize`](parametrize()), with progress and cancellation.
+/// As [`parametrize`](parametrize()), with progress and cancellation, also for the quadrangles around a label of a volume,
+/// which get equal areas (Brechbuehler, Gerig and Kuebler 1995).
 ///
 /// # Errors
 ///
 /// Those of [`parametrize`](parametrize()).
-pub fn parametrize_with(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrized, Error> {
-    auto(surface, params, monitor)?.try_into()
+pub fn parametrize_with<'a>(
+    surface: impl Into<Source<'a>>,
+    params: &CaldParams,
+    monitor: &dyn Monitor,
+) -> Result<Parametrized, Error> {
+    Method::Auto(params.clone()).run(surface, monitor)?.try_into()
 }
 
 /// Returns a surface's map to a sphere that was made for it earlier.

@@ -139,7 +139,7 @@ impl Request<'_> {
             }
             (_, None) => Err(Refusal::Unknown { path: path() }),
             (_, Some((_, recorded))) if other(&recorded) => {
-                Err(Refusal::OtherInput { path: path(), recorded: recorded.path, input: self.input.path.clone() })
+                Err(Refusal::OtherInput { path: path(), recorded: recorded.to_string(), input: self.input.to_string() })
             }
             (_, Some((model, _))) => {
                 let differences = self.differences(model);

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
 use spharm_solver::ResidualNorms;
-use spharm_surface::{Kind, Target};
+use spharm_surface::{Kind, Sphere, SurfaceError, Target};
 
 use super::job::Job;
 use crate::assess::{Distances, scale_of};
@@ -85,10 +85,20 @@ impl Batch {
     }
 }
 
+/// Refuses a target that hasn't a row for each direction of the sphere.
+fn check(target: &Target, sphere: &Sphere) -> Result<(), Error> {
+    let (expected, found) = (sphere.directions.len(), target.values.len() / target.channels.max(1));
+    if target.channels > 0 && target.values.len() == expected * target.channels {
+        return Ok(());
+    }
+    let path = target.path.clone().unwrap_or_else(|| "the target".into());
+    Err(SurfaceError::VertexCount { path, sphere: sphere.path.clone(), expected, found }.into())
+}
+
 /// A target's values, (n, c).
 fn values(target: &Target) -> ArrayView2<'_, f64> {
     let shape = (target.values.len() / target.channels.max(1), target.channels);
-    ArrayView2::from_shape(shape, &target.values[..]).expect("a target has channels values for each vertex")
+    ArrayView2::from_shape(shape, &target.values[..]).expect("`check` has seen that a target has its channels for each vertex")
 }
 
 impl<'a, E: From<Error> + Send> Run<'a, E> {
@@ -138,7 +148,12 @@ impl<'a, E: From<Error> + Send> Run<'a, E> {
     fn fill(&mut self) -> Result<(), E> {
         let end = self.count.min(self.next + self.job.threads);
         let read = self.read;
-        let one = |number: usize| -> Result<(usize, Target), E> { Ok((number, read(number)?)) };
+        let sphere = self.job.sphere;
+        let one = |number: usize| -> Result<(usize, Target), E> {
+            let target = read(number)?;
+            check(&target, sphere)?;
+            Ok((number, target))
+        };
         let targets: Vec<(usize, Target)> = (self.next..end).into_par_iter().map(one).collect::<Result<_, E>>()?;
         self.next = end;
         self.ready.extend(targets);

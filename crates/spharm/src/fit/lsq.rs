@@ -3,116 +3,105 @@
 use std::fmt;
 
 use spharm_monitor::{Level, Monitor, Stage};
-use spharm_solver::lsq::choose_smoothness;
+use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, choose_smoothness};
 use spharm_solver::{GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, Strategy, moment_gram};
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
-use super::batches::{Run, Solved};
+use super::batches::{Batch, Run, Solved};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
 use crate::report::BatchReport;
-use crate::{Error, FitWarning, Preconditioner, Smoothness, defaults};
+use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
 /// Fits all targets.
 pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count);
     let job = &run.job;
-    let (params, n) = (job.params, job.sphere.directions.len());
-    let smoothness = smoothness(job);
-    if smoothness > 0.0 && params.smoothness == Smoothness::Default {
-        let text = format_args!("smoothness {smoothness:.2e} holds the model between the vertices; 0 for none");
-        monitor.note(Level::Info, text);
-    }
+    let (params, directions) = (job.params, &job.sphere.directions);
+    let smoothness = smoothness(job, monitor);
     let automatic = params.smoothness == Smoothness::Auto;
     // With a smoothness of its own, each target is a batch.
     let most = if automatic { 1 } else { (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1)) };
-    let sizes = Sizes {
-        vertices: n,
-        faces: job.sphere.faces.len(),
-        max_degree: params.max_degree,
-        channels,
-        threads: job.threads,
-    };
-    let plan = LsqPlan::new(sizes, job.memory)?;
-    let together = (1..=most).rev().find(|&together| plan.needed(together) <= plan.budget).unwrap_or(1);
-    monitor.note(
-        Level::Info,
-        format_args!(
-            "{count} of n = {n}, L = {}: least squares, matrix-free, {together} at a time, {} of {} MiB planned",
-            params.max_degree,
-            plan.needed(together).div_ceil(1 << 20),
-            plan.budget >> 20,
-        ),
-    );
+    let (plan, together) = plan(job, channels, most)?;
+    note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
-    let operator = MatrixFreeOperator::new(&job.sphere.directions, &transform).map_err(Error::from)?;
+    let operator = MatrixFreeOperator::new(directions, &transform).map_err(Error::from)?;
     let mut warnings = Vec::new();
     let spare = plan.budget.saturating_sub(plan.needed(together));
     let stored = stored_factor(job, smoothness, spare, &mut warnings, monitor)?;
-    let (directions, weights) = (&job.sphere.directions, job.weights.clone());
+    let weights = job.weights.clone();
     let make_gram = || {
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
-    let base = LsqParams {
-        weights: weights.clone(),
-        smoothness,
-        strategy: strategy(params.preconditioner),
-        areas: matches!(params.preconditioner, Preconditioner::Density).then(|| areas(job)).transpose()?,
-        tolerance: params.tolerance,
-        max_iterations: params.max_iterations,
-        memory: plan.budget,
-        held: plan.needed(together),
-        threads: job.threads,
+    let equations = Equations {
+        params,
+        operator: &operator,
+        make_gram: &make_gram,
+        stored: stored.as_ref().filter(|_| !automatic),
+        solver: solver_params(job, smoothness, &plan, together)?,
+        warnings,
+        smooth_by_default: params.smoothness == Smoothness::Default && job.sphere.parametrized,
+        monitor,
     };
-    let solver = |params: LsqParams| -> Result<LsqSolver<'_>, Error> {
-        let solver = LsqSolver::new(&operator, Some(&make_gram), params)?;
-        Ok(match &stored {
-            Some(factor) if !automatic => solver.with_factor(factor),
-            _ => solver,
-        })
-    };
-    let mut shared = solver(base.clone())?;
-    let by_default = params.smoothness == Smoothness::Default && job.sphere.parametrized;
-    let within = Within(monitor);
+    // One factor serves all batches, but for a smoothness of each target's own.
+    let mut shared = equations.solver(equations.solver.clone())?;
     monitor.begin(Stage::counted("fit", "surfaces"), count as u64);
     run.each_batch(together * channels, |_, batch| {
-        let targets = batch.side_by_side();
-        let mut of_its_own;
-        let mut gcv = None;
-        let solver = if automatic {
-            let chosen = choose_smoothness(&operator, weights.as_deref(), &targets, &within)?;
-            of_its_own = solver(LsqParams { smoothness: chosen.smoothness, ..base.clone() })?;
-            gcv = Some(chosen);
-            &mut of_its_own
-        } else {
-            &mut shared
-        };
-        let fit = solver.fit(&targets, &batch.groups, &within)?;
-        let standard_errors = match params.standard_errors {
+        let solved =
+            if automatic { equations.choose_and_solve(batch) } else { equations.solve(&mut shared, batch, None) };
+        monitor.step(batch.groups.len() as u64);
+        solved
+    })?;
+    monitor.end();
+    Ok(())
+}
+
+/// The normal equations that all batches share.
+struct Equations<'a> {
+    params: &'a FitParams,
+    operator: &'a MatrixFreeOperator,
+    make_gram: &'a MakeGram<'a>,
+    stored: Option<&'a StoredFactor>,
+    solver: LsqParams,
+    /// Warnings that hold for every fit.
+    warnings: Vec<FitWarning>,
+    smooth_by_default: bool,
+    monitor: &'a dyn Monitor,
+}
+
+impl<'a> Equations<'a> {
+    fn solver(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
+        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?;
+        Ok(match self.stored {
+            Some(factor) => solver.with_factor(factor),
+            None => solver,
+        })
+    }
+
+    /// Fits a target with the smoothness that cross-validation chooses for it.
+    fn choose_and_solve(&self, batch: &Batch) -> Result<Solved, Error> {
+        let (targets, weights) = (batch.side_by_side(), self.solver.weights.as_deref());
+        let chosen = choose_smoothness(self.operator, weights, &targets, &Within(self.monitor))?;
+        let mut solver = self.solver(LsqParams { smoothness: chosen.smoothness, ..self.solver.clone() })?;
+        self.solve(&mut solver, batch, Some(chosen))
+    }
+
+    fn solve(&self, solver: &mut LsqSolver<'a>, batch: &Batch, gcv: Option<Gcv>) -> Result<Solved, Error> {
+        let within = Within(self.monitor);
+        let fit = solver.fit(&batch.side_by_side(), &batch.groups, &within)?;
+        let standard_errors = match self.params.standard_errors {
             true => Some(solver.standard_errors(&fit.residual, &within)?),
             false => None,
         };
-        monitor.step(batch.groups.len() as u64);
-        let mut warnings = warnings.clone();
-        warnings.extend(FitWarning::of_lsq(&fit.report, params.tolerance, by_default));
-        if let (true, Some(missed)) =
-            (params.strict, warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. })))
-        {
+        let mut warnings = self.warnings.clone();
+        warnings.extend(FitWarning::of_lsq(&fit.report, self.params.tolerance, self.smooth_by_default));
+        let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
+        if let (true, Some(missed)) = (self.params.strict, missed) {
             return Err(Error::NotConverged(missed.clone()));
         }
-        let report = &fit.report;
-        let text = format_args!(
-            "{} iterations, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
-            report.iterations,
-            report.refinements,
-            report.preconditioner,
-            report.optimality,
-            report.condition,
-            report.seconds.total
-        );
-        monitor.note(Level::Detail, text);
+        note_solution(&fit.report, self.monitor);
         Ok(Solved {
             coefficients: fit.coefficients.values().to_owned(),
             sweeps: vec![(false, fit.report.residuals.clone())],
@@ -120,9 +109,61 @@ pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> 
             warnings,
             report: BatchReport::LeastSquares { report: fit.report, gcv },
         })
-    })?;
-    monitor.end();
-    Ok(())
+    }
+}
+
+/// The memory plan, and the number of targets that are fitted together, at most `most`.
+fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize), Error> {
+    let sizes = Sizes {
+        vertices: job.sphere.directions.len(),
+        faces: job.sphere.faces.len(),
+        max_degree: job.params.max_degree,
+        channels,
+        threads: job.threads,
+    };
+    let plan = LsqPlan::new(sizes, job.memory)?;
+    let together = (1..=most).rev().find(|&together| plan.needed(together) <= plan.budget).unwrap_or(1);
+    Ok((plan, together))
+}
+
+fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monitor: &dyn Monitor) {
+    let text = format_args!(
+        "{count} of n = {}, L = {}: least squares, matrix-free, {together} at a time, {} of {} MiB planned",
+        job.sphere.directions.len(),
+        job.params.max_degree,
+        plan.needed(together).div_ceil(1 << 20),
+        plan.budget >> 20,
+    );
+    monitor.note(Level::Info, text);
+}
+
+fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
+    let text = format_args!(
+        "{} iterations, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
+        report.iterations,
+        report.refinements,
+        report.preconditioner,
+        report.optimality,
+        report.condition,
+        report.seconds.total
+    );
+    monitor.note(Level::Detail, text);
+}
+
+fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize) -> Result<LsqParams, Error> {
+    let params = job.params;
+    let by_density = matches!(params.preconditioner, Preconditioner::Density);
+    Ok(LsqParams {
+        weights: job.weights.clone(),
+        smoothness,
+        strategy: strategy(params.preconditioner),
+        areas: by_density.then(|| areas(job)).transpose()?,
+        tolerance: params.tolerance,
+        max_iterations: params.max_iterations,
+        memory: plan.budget,
+        held: plan.needed(together),
+        threads: job.threads,
+    })
 }
 
 /// A monitor for one of several targets: its stages are shown as the status of the stage that counts targets.
@@ -143,9 +184,14 @@ impl Monitor for Within<'_> {
 }
 
 /// The penalty of all targets, where it isn't chosen for each.
-fn smoothness(job: &Job<'_>) -> f64 {
+fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     let n = job.sphere.directions.len();
-    defaults::smoothness(job.params, job.sphere.parametrized, job.weights.as_deref(), n)
+    let smoothness = defaults::smoothness(job.params, job.sphere.parametrized, job.weights.as_deref(), n);
+    if smoothness > 0.0 && job.params.smoothness == Smoothness::Default {
+        let text = format_args!("smoothness {smoothness:.2e} keeps the model from oscillating between the vertices");
+        monitor.note(Level::Info, text);
+    }
+    smoothness
 }
 
 fn strategy(preconditioner: Preconditioner) -> Strategy {
