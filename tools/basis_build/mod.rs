@@ -1,23 +1,23 @@
 //! `basis-build`: precomputes the basis of a sampling scheme into a store, and the factor of its normal equations.
 
 mod args;
-mod factor;
 mod output;
 
 use std::time::Instant;
 
 use anyhow::Result;
+use spharm::factor::{FactorSettings, PlannedFactor, ill_conditioned};
 use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::{Versions, memory, raise_file_limit};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, STDOUT, check_outputs, print, print_json, table, write_json};
 use spharm_cli::size::Size;
-use spharm_store::{BuildParams, BuildReport, SchemeKey, build};
+use spharm_store::{BuildParams, BuildReport, Scalar, SchemeKey, build};
 use spharm_surface::Sphere;
 
 pub(crate) use self::args::Cli;
-use self::output::{Basis, Report, lines};
+use self::output::{Basis, FactorRow, Report, lines};
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -41,10 +41,9 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     };
     let pool = cli.threads.pool()?;
     // What it takes is said, and refused, before a basis is built.
-    let factor =
-        cli.factor.map(|degree| factor::Job::new(cli, &sphere, &console, params.scalar, degree)).transpose()?;
+    let factor = cli.factor.map(|degree| plan_factor(cli, &sphere, params.scalar, degree, &console)).transpose()?;
     let basis = (!cli.factor_only).then(|| pool.install(|| basis(cli, &sphere, &params, &console))).transpose()?;
-    let factor = factor.map(|job| pool.install(|| job.run())).transpose()?;
+    let factor = factor.map(|planned| pool.install(|| factor_row(&planned, &console))).transpose()?;
     let key = SchemeKey::of(&sphere.directions, params.scalar);
     let report = Report {
         tool: "basis-build",
@@ -76,4 +75,45 @@ fn basis(cli: &Cli, sphere: &Sphere, params: &BuildParams, console: &Console) ->
     let planned = Size(report.memory);
     console.detail(format!("{} threads, {planned} planned, chunks of {} rows", report.threads, report.chunk_rows));
     Ok(report)
+}
+
+/// Prints what the factor takes, before anything is built.
+fn plan_factor<'a>(
+    cli: &'a Cli,
+    sphere: &'a Sphere,
+    basis_scalar: Scalar,
+    max_degree: usize,
+    console: &Console,
+) -> Result<PlannedFactor<'a>> {
+    let settings = FactorSettings {
+        max_degree,
+        basis_scalar,
+        scalar: cli.factor_dtype.scalar(),
+        smoothness: cli.smoothness,
+        memory: cli.memory.0,
+        threads: cli.threads.count(),
+        allow_large: cli.yes,
+    };
+    let planned = PlannedFactor::new(&cli.store, sphere, &settings)?;
+    if let Some(plan) = planned.plan() {
+        let place = if plan.in_memory { "in memory" } else { "out of core" };
+        let (memory, disk) = (Size(plan.memory), Size(plan.disk as usize));
+        console.note(format!("factor of degree {max_degree}: {place}, {memory} of memory and {disk} of disk planned"));
+    }
+    Ok(planned)
+}
+
+fn factor_row(planned: &PlannedFactor<'_>, console: &Console) -> Result<FactorRow> {
+    let report = planned.build(&ConsoleMonitor::new(*console))?;
+    report.warnings.iter().for_each(|warning| console.warn(warning));
+    if report.present {
+        console.note(format!("{}: the factor is there already", report.file.path().display()));
+    }
+    if let Some(condition) = ill_conditioned(&report) {
+        console.warn(format!(
+            "the normal equations are ill-conditioned (about {condition:.0e}): solutions lose that many digits; \
+             --smoothness helps"
+        ));
+    }
+    Ok(FactorRow::from(&report))
 }

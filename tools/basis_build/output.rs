@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 use spharm_cli::machine::{Memory, Versions};
 use spharm_cli::size::Size;
+use spharm_solver::cholesky::FactorReport;
 use spharm_store::{BuildParams, BuildReport};
-
-use super::factor::FactorRow;
 
 /// What was built.
 #[derive(Debug, Serialize)]
@@ -75,6 +74,39 @@ impl Basis {
             degrees_present: report.present,
             bytes: report.bytes,
             bytes_written: report.bytes_written,
+            planned_memory: report.memory,
+        }
+    }
+}
+
+/// The factor, sizes in bytes.
+#[derive(Debug, Serialize)]
+pub(super) struct FactorRow {
+    pub(super) path: PathBuf,
+    pub(super) max_degree: usize,
+    pub(super) columns: usize,
+    pub(super) dtype: &'static str,
+    pub(super) smoothness: f64,
+    pub(super) present: bool,
+    pub(super) bytes: u64,
+    pub(super) norm: f64,
+    pub(super) reciprocal_condition: f64,
+    pub(super) planned_memory: usize,
+}
+
+impl From<&FactorReport> for FactorRow {
+    fn from(report: &FactorReport) -> Self {
+        let header = report.file.header();
+        Self {
+            path: report.file.path().to_path_buf(),
+            max_degree: header.spec.max_degree,
+            columns: header.grid.size(),
+            dtype: header.scalar.name(),
+            smoothness: header.spec.smoothness,
+            present: report.present,
+            bytes: report.file.file_len(),
+            norm: header.condition.norm,
+            reciprocal_condition: header.condition.reciprocal,
             planned_memory: report.memory,
         }
     }

@@ -15,6 +15,7 @@
 //! | [`defaults`] | the numbers behind the defaults |
 //! | [`files`] | the files of a fit |
 //! | [`rerun`] | what becomes of outputs that exist |
+//! | [`factor`] | the factor of the normal equations, kept in a store |
 //! | [`machine`] | memory and limits of this process |
 //!
 //! The crates below are re-exported: [`io`] and [`generate`] of `spharm-surface`, the methods of `spharm-parametrize`.
@@ -22,6 +23,7 @@
 pub mod assess;
 pub mod defaults;
 mod error;
+pub mod factor;
 pub mod files;
 pub mod fit;
 pub mod machine;

@@ -1,0 +1,109 @@
+//! The Cholesky factor of the normal equations over a sphere, computed once into a store for all fits over that sphere.
+
+use std::path::Path;
+
+use spharm_monitor::Monitor;
+use spharm_solver::cholesky::{FactorParams, FactorPlan, FactorReport, build_factor, plan_stored_factor};
+use spharm_solver::gram::{Penalised, smoothness_penalty};
+use spharm_solver::{SolverError, moment_gram, moment_gram_bytes};
+use spharm_store::factor::open_factor;
+use spharm_store::{FactorSpec, Scalar, SchemeKey, StoreError, WeightsHash};
+use spharm_surface::Sphere;
+
+use crate::Error;
+use crate::machine::check_limits;
+
+/// Below this reciprocal condition a solution has lost so many digits that the user should know.
+const ILL_CONDITIONED: f64 = 1e-12;
+
+/// Which factor to compute, and with what.
+#[derive(Debug, Clone)]
+pub struct FactorSettings {
+    /// Highest degree of the coefficients that it solves for.
+    pub max_degree: usize,
+    /// Scalar type of the basis in whose folder the factor is kept.
+    pub basis_scalar: Scalar,
+    /// Scalar type of the factor.
+    pub scalar: Scalar,
+    /// Smoothness penalty lambda: adds `lambda sum (l (l + 1))^2 |c|^2` to the squared distances; 0 or more.
+    pub smoothness: f64,
+    /// Bytes of memory that may be used.
+    pub memory: usize,
+    /// Number of threads; 0 for those of the rayon pool of the call.
+    pub threads: usize,
+    /// Whether to build even what is larger than 64 GiB or than the free disk space.
+    pub allow_large: bool,
+}
+
+/// A factor that has been planned: there is memory and disk for it.
+#[derive(Debug)]
+pub struct PlannedFactor<'a> {
+    store: &'a Path,
+    sphere: &'a Sphere,
+    spec: FactorSpec,
+    params: FactorParams,
+    plan: Option<FactorPlan>,
+}
+
+impl<'a> PlannedFactor<'a> {
+    /// Plans a factor; nothing is computed or written.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::Budget`], [`StoreError::Space`] or [`Error::Limit`] where memory or disk are too small for it.
+    pub fn new(store: &'a Path, sphere: &'a Sphere, settings: &FactorSettings) -> Result<Self, Error> {
+        let rows = sphere.directions.len();
+        let spec = FactorSpec {
+            key: SchemeKey::of(&sphere.directions, settings.basis_scalar),
+            rows,
+            max_degree: settings.max_degree,
+            weights: WeightsHash::ONES,
+            smoothness: settings.smoothness,
+        };
+        let params = FactorParams {
+            scalar: settings.scalar,
+            memory: settings.memory,
+            // The directions and triangles of the sphere beside the moments.
+            held: moment_gram_bytes(rows, settings.max_degree)? + 24 * rows + 12 * sphere.faces.len(),
+            threads: settings.threads,
+            allow_large: settings.allow_large,
+            ..FactorParams::default()
+        };
+        let plan = if open_factor(store, &spec, Some(params.scalar)).is_ok() {
+            None
+        } else {
+            let (plan, _) = plan_stored_factor(store, spec.size(), &params)?;
+            check_limits(plan.memory, 0)?;
+            Some(plan)
+        };
+        Ok(Self { store, sphere, spec, params, plan })
+    }
+
+    /// Returns the memory and disk that it takes; `None` for a factor that is in the store already.
+    pub fn plan(&self) -> Option<FactorPlan> {
+        self.plan
+    }
+
+    /// Computes the factor and publishes it in the store, unless it is there.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::NotPositiveDefinite`] where the sphere doesn't determine the coefficients,
+    /// [`StoreError::Interrupted`], and failures of reading and writing.
+    pub fn build(&self, monitor: &dyn Monitor) -> Result<FactorReport, Error> {
+        let Self { store, sphere, spec, params, .. } = self;
+        let source = moment_gram(&sphere.directions, None, spec.max_degree)?;
+        let penalised = Penalised::new(&source, smoothness_penalty(spec.max_degree, spec.smoothness));
+        build_factor(store, spec, &penalised, params, monitor).map_err(|error| match error {
+            // The bases that are finished stay in the store.
+            SolverError::Interrupted(interrupted) => StoreError::from(interrupted).into(),
+            error => error.into(),
+        })
+    }
+}
+
+/// Returns the condition number of a factor's matrix where it is so large that solutions lose most of their digits.
+pub fn ill_conditioned(report: &FactorReport) -> Option<f64> {
+    let reciprocal = report.file.header().condition.reciprocal;
+    (reciprocal < ILL_CONDITIONED).then_some(1.0 / reciprocal)
+}
