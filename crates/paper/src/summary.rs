@@ -1,21 +1,20 @@
 //! The summary: what was measured beside what the paper says.
 
-use spharm_cli::size::Size;
+use spharm::Versions;
 
-use super::experiments::{Extent, Pass, Results};
-use super::published::{NLSF_DEGREE, PUBLISHED, Quality};
-use super::surfaces::Surface;
-use super::tables::markdown;
+use crate::Settings;
+use crate::experiments::{Extent, Pass, Results};
+use crate::published::{NLSF_DEGREE, PUBLISHED, Quality};
+use crate::surfaces::Surface;
+use crate::tables::markdown;
 
 /// What the numbers depend on beside the experiments.
-#[derive(Debug)]
-pub(crate) struct Circumstances {
-    pub(crate) quick: bool,
-    pub(crate) version: &'static str,
-    pub(crate) threads: usize,
-    pub(crate) memory: usize,
-    pub(crate) peak: Option<u64>,
-    pub(crate) seconds: f64,
+#[derive(Debug, Clone, Copy)]
+pub struct Circumstances {
+    /// Largest resident size of the process, in bytes, where the system reports it.
+    pub peak: Option<u64>,
+    /// Of the whole run.
+    pub seconds: f64,
 }
 
 /// The summary as Markdown.
@@ -23,11 +22,12 @@ pub(crate) fn summary(
     results: &Results,
     extent: &Extent,
     surfaces: &[Surface],
+    settings: &Settings,
     circumstances: &Circumstances,
 ) -> String {
     let sections = [
-        opening(circumstances),
-        beside_the_paper(results, surfaces, circumstances.quick),
+        opening(settings, circumstances),
+        beside_the_paper(results, surfaces, settings.quick),
         figure5(results),
         figures6_7(results, extent),
         between(results),
@@ -46,6 +46,14 @@ fn short(value: f64) -> String {
     format!("{value:.2e}")
 }
 
+fn size(bytes: u64) -> String {
+    match bytes {
+        0..1_048_576 => format!("{:.1} KiB", bytes as f64 / 1_024.0),
+        1_048_576..1_073_741_824 => format!("{:.1} MiB", bytes as f64 / 1_048_576.0),
+        _ => format!("{:.2} GiB", bytes as f64 / 1_073_741_824.0),
+    }
+}
+
 /// Three digits or so.
 fn seconds(value: f64) -> String {
     let decimals = [1.0, 10.0, 100.0].into_iter().position(|bound| value < bound).map_or(0, |at| 3 - at);
@@ -56,9 +64,11 @@ fn off(found: Quality, reference: Option<Quality>) -> String {
     reference.map_or("-".to_owned(), |reference| format!("{:.0e}", found.off(reference)))
 }
 
-fn opening(circumstances: &Circumstances) -> String {
-    let Circumstances { quick, version, threads, memory, peak, seconds } = circumstances;
-    let peak = peak.map_or(String::new(), |peak| format!(", {} at the peak", Size(peak as usize)));
+fn opening(settings: &Settings, circumstances: &Circumstances) -> String {
+    let Settings { quick, threads, memory, .. } = settings;
+    let Circumstances { peak, seconds } = circumstances;
+    let version = Versions::current().spharm;
+    let peak = peak.map_or(String::new(), |peak| format!(", {} at the peak", size(peak)));
     let caution = if *quick {
         "\nA quick run, of a small surface to a low degree: it shows that everything works. Its times and errors are not \
          to be held against the paper's.\n"
@@ -72,7 +82,7 @@ fn opening(circumstances: &Circumstances) -> String {
          msd and xsd are the mean and the maximum of the squared distances, the bounding box scaled to volume 1. A fit's \
          seconds are those of its sweeps, in which the basis is read from the store (from the system's cache, where that \
          holds it); building the basis is figure 3. A basis's seconds are those from nothing to files on disk.\n",
-        Size(*memory),
+        size(*memory as u64),
     )
 }
 
@@ -241,9 +251,9 @@ fn table1(results: &Results) -> String {
     rows.extend(results.nlsf.iter().map(|row| {
         let measured = row.fitted.map(|(_, measured)| measured);
         vec![
-            Size(row.memory).to_string(),
+            size(row.memory as u64),
             row.max_degree.map_or_else(none, |l| if row.capped { format!("{l} or more") } else { l.to_string() }),
-            row.planned.map_or_else(none, |bytes| Size(bytes).to_string()),
+            row.planned.map_or_else(none, |bytes| size(bytes as u64)),
             row.fitted.map_or_else(none, |(degree, _)| degree.to_string()),
             measured.map_or_else(none, |m| short(m.quality.msd)),
             measured.map_or_else(none, |m| short(m.quality.xsd)),
@@ -267,7 +277,7 @@ fn figure3(results: &Results) -> String {
             row.vertices.to_string(),
             row.max_degree.to_string(),
             seconds(row.seconds),
-            Size(row.bytes as usize).to_string(),
+            size(row.bytes),
         ]
     }));
     format!("## Figure 3: building the basis\n\n{}", markdown(&rows))

@@ -1,25 +1,26 @@
 //! Building bases and fitting surfaces, with the time taken.
 
+use std::cell::RefCell;
+use std::fmt::Display;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use ndarray::ArrayView2;
-use spharm_cli::console::Console;
-use spharm_cli::monitor::ConsoleMonitor;
 use spharm_harmonics::{Coefficients, Directions};
+use spharm_monitor::{Level, Monitor};
 use spharm_solver::{BlockOperator, ChunkedRows, DiskOperator, IrfParams, IrfReport, IrfSolver, Method};
 use spharm_store::{BuildParams, BuildReport, build};
 
-use super::published::Quality;
-use super::surfaces::Surface;
+use crate::published::Quality;
+use crate::surfaces::Surface;
 
 /// What all experiments are run with.
 #[derive(Clone, Copy)]
 pub(crate) struct Bench<'a> {
-    pub(crate) console: &'a Console,
-    pub(crate) cancel: &'a AtomicBool,
+    pub(crate) monitor: &'a dyn Monitor,
+    /// What may be wrong with a result.
+    pub(crate) warnings: &'a RefCell<Vec<String>>,
     /// Most bytes of memory for a build or a fit.
     pub(crate) memory: usize,
     pub(crate) threads: usize,
@@ -38,15 +39,24 @@ pub(crate) struct Measured {
 const REFINEMENTS: usize = 5;
 
 impl Bench<'_> {
+    /// Tells which experiment is under way.
+    pub(crate) fn note(&self, text: impl Display) {
+        self.monitor.note(Level::Info, format_args!("{text}"));
+    }
+
+    fn warn(&self, text: impl ToString) {
+        self.warnings.borrow_mut().push(text.to_string());
+    }
+
     /// Builds what a store lacks of a basis. The seconds include bringing the files to disk.
     pub(crate) fn build(&self, store: &Path, directions: &Directions, max_degree: usize) -> Result<(BuildReport, f64)> {
         let params = BuildParams { max_degree, memory: self.memory, threads: self.threads, ..BuildParams::default() };
         let started = Instant::now();
-        let report = build(store, directions, &params, &ConsoleMonitor::new(*self.console));
+        let report = build(store, directions, &params, self.monitor);
         let seconds = started.elapsed().as_secs_f64();
         let what = || format!("the basis of {} directions to degree {max_degree}", directions.len());
         let report = report.with_context(what)?;
-        report.warnings.iter().for_each(|warning| self.console.warn(warning));
+        report.warnings.iter().for_each(|warning| self.warn(warning));
         Ok((report, seconds))
     }
 
@@ -76,7 +86,7 @@ impl Bench<'_> {
         let mut fitter = IrfSolver::new(operator, 3, self.params(method, max_degree)).with_context(what)?;
         let values = ArrayView2::from_shape((surface.vertices.len(), 3), surface.vertices.as_flattened())?;
         let targets = ChunkedRows::from_array(values, operator.chunk_rows());
-        let fit = fitter.fit(targets, std::slice::from_ref(&(0..3)), &ConsoleMonitor::new(*self.console));
+        let fit = fitter.fit(targets, std::slice::from_ref(&(0..3)), self.monitor);
         let fit = fit.with_context(what)?;
         self.warn_of_rank(surface, &fit.report);
         Ok((measured(&fit.report, surface.scale), fit.coefficients))
@@ -84,7 +94,7 @@ impl Bench<'_> {
 
     fn warn_of_rank(&self, surface: &Surface, report: &IrfReport) {
         for block in report.blocks.iter().filter(|block| block.rank < block.columns) {
-            self.console.warn(format!(
+            self.warn(format!(
                 "{}: degrees {} to {} have rank {} of {} columns; the solution of least norm was taken",
                 surface.name, block.first_degree, block.last_degree, block.rank, block.columns
             ));

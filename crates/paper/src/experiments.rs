@@ -10,10 +10,10 @@ use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::metrics::{SurfaceDistance, SurfaceDistanceParams, surface_distance};
 
-use super::bench::{Bench, Measured};
-use super::families::Family;
-use super::published::{Quality, Reference};
-use super::surfaces::Surface;
+use crate::bench::{Bench, Measured};
+use crate::families::Family;
+use crate::published::{Quality, Reference};
+use crate::surfaces::Surface;
 
 /// How large the experiments are.
 #[derive(Debug, Clone, Copy)]
@@ -145,7 +145,7 @@ pub(crate) fn sirf(
     reference: &Reference,
 ) -> Result<Vec<Sirf>> {
     let one = |&max_degree: &usize| -> Result<Sirf> {
-        bench.console.note(format!("{}: figure 5, SIRF to degree {max_degree}", surface.name));
+        bench.note(format!("{}: figure 5, SIRF to degree {max_degree}", surface.name));
         let (sweeps, _) = bench.fit(operator, surface, Method::Sirf { start_degree: 0 }, max_degree)?;
         Ok(Sirf {
             surface: surface.name.clone(),
@@ -171,7 +171,7 @@ pub(crate) fn grid(
     let mut grid = Vec::new();
     let mut last = None;
     for &granularity in extent.granularities {
-        bench.console.note(format!("{}: figures 6 and 7, g = {granularity}, {passes} passes", surface.name));
+        bench.note(format!("{}: figures 6 and 7, g = {granularity}, {passes} passes", surface.name));
         let (sweeps, coefficients) = bench.fit(operator, surface, Method::Irf { passes, granularity }, max_degree)?;
         last = Some((granularity, coefficients));
         grid.extend(sweeps.into_iter().zip(1..).map(|(measured, pass)| Pass {
@@ -224,7 +224,7 @@ pub(crate) fn nlsf(
         && let Some(most) = row.max_degree
     {
         let degree = most.min(extent.nlsf);
-        bench.console.note(format!("{}: table 1, NLSF to degree {degree}", surface.name));
+        bench.note(format!("{}: table 1, NLSF to degree {degree}", surface.name));
         let (sweeps, _) = bench.fit(operator, surface, Method::Nlsf, degree)?;
         row.fitted = sweeps.last().map(|&measured| (degree, measured));
     }
@@ -238,7 +238,7 @@ pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<
     let one = |(along, subdivisions, max_degree): (&'static str, u32, usize)| -> Result<Basis> {
         let directions = Directions::from_vertices(&icosphere(subdivisions).vertices)?;
         let vertices = directions.len();
-        bench.console.note(format!("figure 3, the basis of {vertices} vertices to degree {max_degree}"));
+        bench.note(format!("figure 3, the basis of {vertices} vertices to degree {max_degree}"));
         let scratch = tempfile::Builder::new()
             .prefix(".figure3.")
             .tempdir_in(store)

@@ -2,15 +2,14 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
-use spharm_cli::console::Console;
-use spharm_cli::inputs::{read_sphere, read_target};
+use anyhow::{Context, Result, bail};
 use spharm_harmonics::Directions;
-use spharm_surface::Mesh;
+use spharm_monitor::{Level, Monitor};
 use spharm_surface::generate::{Cortex, cortex, subdivide, subdivide_sphere};
 use spharm_surface::metrics::bounding_box_scale;
+use spharm_surface::{Mesh, read_sphere, read_target};
 
-use super::published::Kind;
+use crate::published::Kind;
 
 /// A surface over its sphere.
 pub(crate) struct Surface {
@@ -66,22 +65,25 @@ pub(crate) fn generated(subdivisions: u32) -> Result<Surface> {
 }
 
 /// The surfaces that a folder of data has. What it doesn't have is left out, with a note.
-pub(crate) fn among(data: &Path, console: &Console) -> Result<Vec<Surface>> {
-    std::fs::read_dir(data).with_context(|| format!("{}: cannot open --data", data.display()))?;
+pub(crate) fn among(data: &Path, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
+    std::fs::read_dir(data).with_context(|| format!("{}: cannot open the folder of --data", data.display()))?;
     let mut found = Vec::new();
     for (name, surface, sphere, kind, subdivided) in KNOWN {
         let (surface, sphere) = (data.join(surface), data.join(sphere));
         match [&surface, &sphere].into_iter().find(|path| !path.exists()) {
-            Some(missing) => console.note(format!("{name} is left out: no {}", missing.display())),
-            None => found.push(read(name, kind, &surface, &sphere, subdivided, console)?),
+            Some(missing) => monitor.note(Level::Info, format_args!("{name} is left out: no {}", missing.display())),
+            None => found.push(read(name, kind, &surface, &sphere, subdivided)?),
         }
     }
     Ok(found)
 }
 
-fn read(name: &str, kind: Kind, surface: &Path, sphere: &Path, subdivided: bool, console: &Console) -> Result<Surface> {
-    let sphere = read_sphere(sphere, console)?;
-    let target = read_target(surface, &sphere, true, console)?;
+fn read(name: &str, kind: Kind, surface: &Path, sphere: &Path, subdivided: bool) -> Result<Surface> {
+    let sphere = read_sphere(sphere)?;
+    let target = read_target(surface, &sphere)?;
+    if let Some(warning) = target.warnings.first() {
+        bail!("{}: {warning}", surface.display());
+    }
     let vertices = target.values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
     let surface = Mesh::new(vertices, sphere.faces.clone());
     if !subdivided {

@@ -1,7 +1,7 @@
 //! Which curves the measurements make.
 
-use super::experiments::{Basis, Extent, Nlsf, Pass, Results, Sirf};
-use super::plots::{Axis, Curve, Panel, svg};
+use crate::experiments::{Basis, Extent, Nlsf, Pass, Results, Sirf};
+use crate::plots::{Axis, Curve, Panel, svg};
 
 /// Every figure's file: those of all surfaces, then figures 6 and 7 of each.
 pub(crate) fn names(surfaces: &[String]) -> Vec<String> {

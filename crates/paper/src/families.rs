@@ -14,10 +14,10 @@ use spharm_solver::{
 use spharm_surface::Mesh;
 use spharm_transform::{Transform, TransformParams};
 
-use super::bench::{Bench, Measured};
-use super::experiments::Extent;
-use super::published::Quality;
-use super::surfaces::Surface;
+use crate::bench::{Bench, Measured};
+use crate::experiments::Extent;
+use crate::published::Quality;
+use crate::surfaces::Surface;
 
 /// One surface to one degree by both.
 #[derive(Debug)]
@@ -39,7 +39,7 @@ pub(crate) fn families(bench: &Bench<'_>, extent: &Extent, surface: &Surface) ->
 }
 
 fn family(bench: &Bench<'_>, surface: &Surface, max_degree: usize) -> Result<Family> {
-    bench.console.note(format!("{}: least squares and quadrature to degree {max_degree}", surface.name));
+    bench.note(format!("{}: least squares and quadrature to degree {max_degree}", surface.name));
     let n = surface.vertices.len();
     let targets = ArrayView2::from_shape((n, 3), surface.vertices.as_flattened())?.to_owned();
     let transform = TransformParams { max_degree, accuracy: ACCURACY, channels: 3 };
@@ -55,7 +55,7 @@ fn family(bench: &Bench<'_>, surface: &Surface, max_degree: usize) -> Result<Fam
     let params = LsqParams { memory: bench.memory, held, threads: bench.threads, ..LsqParams::default() };
     let mut solver = LsqSolver::new(&operator, Some(&make_gram), params)?;
     let group = 0..3;
-    let fit = solver.fit(&targets, std::slice::from_ref(&group), bench.cancel)?;
+    let fit = solver.fit(&targets, std::slice::from_ref(&group), bench.monitor)?;
     let seconds = started.elapsed().as_secs_f64();
     let least_squares = Measured { quality: quality(&fit.residual, surface.scale), seconds };
 

@@ -1,9 +1,9 @@
 //! The measurements as CSV, every digit of them, and tables as Markdown.
 
-use super::bench::Measured;
-use super::experiments::{Basis, Between, Nlsf, Pass, Results, Sirf};
-use super::families::Family;
-use super::published::Quality;
+use crate::bench::Measured;
+use crate::experiments::{Basis, Between, Nlsf, Pass, Results, Sirf};
+use crate::families::Family;
+use crate::published::Quality;
 
 /// Cells that depend on what is there: empty when it isn't.
 fn cell<T: ToString>(value: Option<T>) -> String {

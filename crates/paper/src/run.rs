@@ -1,0 +1,138 @@
+//! All experiments in a row, and the documents about them.
+
+use std::cell::RefCell;
+use std::path::Path;
+
+use anyhow::Result;
+use spharm_monitor::Monitor;
+use spharm_solver::DiskOperator;
+use spharm_store::Scheme;
+
+use crate::bench::Bench;
+use crate::experiments::{self, Extent, FULL, QUICK, Results};
+use crate::published::Reference;
+use crate::store::Store;
+use crate::summary::{Circumstances, summary};
+use crate::surfaces::{Surface, among, generated};
+use crate::{families, figures, tables};
+
+/// How the experiments are run.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// A small surface and low degrees, to see in a few seconds that everything works.
+    pub quick: bool,
+    /// Bytes of memory that each build and each fit may use, mapped files included.
+    pub memory: usize,
+    /// Number of threads, at least 1.
+    pub threads: usize,
+}
+
+impl Settings {
+    fn extent(&self) -> &'static Extent {
+        if self.quick { &QUICK } else { &FULL }
+    }
+}
+
+/// A text to be written to a file of this name.
+#[derive(Debug, Clone)]
+pub struct Document {
+    /// Name of the file.
+    pub name: String,
+    /// Its contents.
+    pub text: String,
+}
+
+const SUMMARY: &str = "paper.md";
+
+/// The surfaces that the experiments run on, and what their fits must give.
+pub struct Experiments {
+    settings: Settings,
+    surfaces: Vec<Surface>,
+    reference: Reference,
+}
+
+impl Experiments {
+    /// Generates a cortex and reads the surfaces that a folder has; those that it lacks are left out, with a note.
+    ///
+    /// # Errors
+    ///
+    /// When the folder or a file in it can't be read.
+    pub fn new(settings: Settings, data: Option<&Path>, monitor: &dyn Monitor) -> Result<Self> {
+        let mut surfaces = vec![generated(settings.extent().subdivisions)?];
+        let mut reference = Reference::default();
+        if let Some(data) = data {
+            surfaces.extend(among(data, monitor)?);
+            reference = Reference::beside(data)?;
+        }
+        Ok(Self { settings, surfaces, reference })
+    }
+
+    /// Returns the names of the documents, which don't depend on the results.
+    pub fn document_names(&self) -> Vec<String> {
+        let empty = Results::default();
+        let tables = tables::all_csv(&empty).into_iter().map(|(name, _)| name.to_owned());
+        tables.chain(figures::names(&self.names())).chain([SUMMARY.to_owned()]).collect()
+    }
+
+    /// Runs all experiments, with bases in the folder `store`, or in a temporary one within `beside`.
+    ///
+    /// # Errors
+    ///
+    /// When a basis can't be built, a fit fails, or the monitor stops them.
+    pub fn run(&self, store: Option<&Path>, beside: &Path, monitor: &dyn Monitor) -> Result<Measurements> {
+        /// The program, its stacks and allocator, as in `fit`.
+        const BASE: usize = 12 << 20;
+        let Settings { memory, threads, .. } = self.settings;
+        let store = Store::new(store, beside)?;
+        let held = BASE + self.surfaces.iter().map(Surface::bytes).sum::<usize>();
+        let warnings = RefCell::default();
+        let bench = Bench { monitor, warnings: &warnings, memory, threads, held };
+        let results = self.measure(&bench, &store)?;
+        Ok(Measurements { results, warnings: warnings.into_inner() })
+    }
+
+    fn measure(&self, bench: &Bench<'_>, store: &Store) -> Result<Results> {
+        let (extent, reference) = (self.settings.extent(), &self.reference);
+        let mut results = Results::default();
+        for (index, surface) in self.surfaces.iter().enumerate() {
+            let n = surface.directions.len();
+            bench.note(format_args!("{}: the basis of {n} vertices to degree {}", surface.name, extent.max_degree));
+            let (built, _) = bench.build(&store.folder, &surface.directions, extent.max_degree)?;
+            let operator = DiskOperator::new(Scheme::open(&store.folder, built.key, n, extent.max_degree)?);
+            results.sirf.extend(experiments::sirf(bench, extent, &operator, surface, reference)?);
+            let (grid, between) = experiments::grid(bench, extent, &operator, surface, reference)?;
+            results.grid.extend(grid);
+            results.between.extend(between);
+            if index == 0 {
+                results.nlsf = experiments::nlsf(bench, extent, &operator, surface)?;
+            }
+            drop(operator);
+            store.done_with(&built.folder)?;
+            results.families.extend(families::families(bench, extent, surface)?);
+        }
+        results.basis = experiments::basis(bench, extent, &store.folder)?;
+        Ok(results)
+    }
+
+    /// Returns tables, figures and, last, the summary.
+    pub fn documents(&self, measured: &Measurements, circumstances: &Circumstances) -> Vec<Document> {
+        let (results, extent) = (&measured.results, self.settings.extent());
+        let tables = tables::all_csv(results).into_iter().map(|(name, text)| Document { name: name.to_owned(), text });
+        let figures = figures::all(results, extent, &self.names()).into_iter();
+        let figures = figures.map(|(name, text)| Document { name, text });
+        let text = summary(results, extent, &self.surfaces, &self.settings, circumstances);
+        tables.chain(figures).chain([Document { name: SUMMARY.to_owned(), text }]).collect()
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.surfaces.iter().map(|surface| surface.name.clone()).collect()
+    }
+}
+
+/// What was measured.
+#[derive(Debug)]
+pub struct Measurements {
+    results: Results,
+    /// What may be wrong with the results.
+    pub warnings: Vec<String>,
+}
