@@ -7,7 +7,7 @@ use spharm_cli::inputs::stem;
 use spharm_cli::output::{OutputFile, check_outputs};
 use spharm_cli::paths::expand;
 
-use super::Cli;
+use super::args::Cli;
 
 /// Endings of outputs in a folder, where no format is asked for.
 const SURFACE: &str = "surf.gii";

@@ -15,7 +15,7 @@ use spharm_surface::Mesh;
 use spharm_transform::{Transform, TransformParams};
 
 use crate::bench::{Bench, Measured};
-use crate::experiments::Extent;
+use crate::extent::Extent;
 use crate::published::Quality;
 use crate::surfaces::Surface;
 

@@ -1,6 +1,7 @@
 //! Which curves the measurements make.
 
-use crate::experiments::{Basis, Extent, Nlsf, Pass, Results, Sirf};
+use crate::experiments::{Basis, Nlsf, Pass, Results, Sirf};
+use crate::extent::Extent;
 use crate::plots::{Axis, Curve, Panel, svg};
 
 /// Every figure's file: those of all surfaces, then figures 6 and 7 of each.

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `surfaces` | what the experiments run on |
 //! | `published` | the paper's own numbers, and the reference beside the data |
+//! | `extent` | how large they are |
 //! | `bench` | building bases and fitting surfaces, with the time taken |
 //! | `experiments`, `families` | figures 3, 5, 6 and 7, table 1, least squares beside quadrature: what is measured |
 //! | `store` | the bases, in a folder that is kept or a temporary one |
@@ -15,6 +16,7 @@
 
 mod bench;
 mod experiments;
+mod extent;
 mod families;
 mod figures;
 mod plots;
@@ -25,5 +27,6 @@ mod summary;
 mod surfaces;
 mod tables;
 
-pub use run::{Document, Experiments, Measurements, Settings};
+pub use extent::Settings;
+pub use run::{Document, Experiments, Measurements};
 pub use summary::Circumstances;

@@ -9,29 +9,13 @@ use spharm_solver::DiskOperator;
 use spharm_store::Scheme;
 
 use crate::bench::Bench;
-use crate::experiments::{self, Extent, FULL, QUICK, Results};
+use crate::experiments::{self, Results};
+use crate::extent::Settings;
 use crate::published::Reference;
 use crate::store::Store;
 use crate::summary::{Circumstances, summary};
 use crate::surfaces::{Surface, among, generated};
 use crate::{families, figures, tables};
-
-/// How the experiments are run.
-#[derive(Debug, Clone, Copy)]
-pub struct Settings {
-    /// A small surface and low degrees, to see in a few seconds that everything works.
-    pub quick: bool,
-    /// Bytes of memory that each build and each fit may use, mapped files included.
-    pub memory: usize,
-    /// Number of threads, at least 1.
-    pub threads: usize,
-}
-
-impl Settings {
-    fn extent(&self) -> &'static Extent {
-        if self.quick { &QUICK } else { &FULL }
-    }
-}
 
 /// A text to be written to a file of this name.
 #[derive(Debug, Clone)]

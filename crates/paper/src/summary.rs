@@ -2,8 +2,8 @@
 
 use spharm::Versions;
 
-use crate::Settings;
-use crate::experiments::{Extent, Pass, Results};
+use crate::experiments::{Pass, Results};
+use crate::extent::{Extent, Settings};
 use crate::published::{NLSF_DEGREE, PUBLISHED, Quality};
 use crate::surfaces::Surface;
 use crate::tables::markdown;

@@ -1,0 +1,69 @@
+//! How the experiments are run: how large they are, and with how much memory and how many threads.
+
+/// How large the experiments are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Extent {
+    /// Of the generated cortex.
+    pub(crate) subdivisions: u32,
+    /// Degree of the grid, and of the bases in the store.
+    pub(crate) max_degree: usize,
+    /// Figure 5: degrees of SIRF.
+    pub(crate) sirf: &'static [usize],
+    /// Figures 6 and 7: g and the largest p.
+    pub(crate) granularities: &'static [usize],
+    pub(crate) passes: usize,
+    /// Table 1: the degree above which NLSF is planned but not run.
+    pub(crate) nlsf: usize,
+    /// Figure 3: degrees at the cortex's number of vertices, icospheres at one degree.
+    pub(crate) basis_degrees: &'static [usize],
+    pub(crate) basis_degree: usize,
+    pub(crate) basis_subdivisions: &'static [u32],
+    /// Least squares beside quadrature.
+    pub(crate) families: &'static [usize],
+}
+
+/// The paper's.
+const FULL: Extent = Extent {
+    subdivisions: 6,
+    max_degree: 100,
+    sirf: &[10, 20, 60, 100],
+    granularities: &[1, 100, 200, 400],
+    passes: 8,
+    nlsf: 60,
+    basis_degrees: &[10, 20, 40, 60, 80, 100],
+    basis_degree: 60,
+    basis_subdivisions: &[4, 5, 6],
+    families: &[20, 40, 60, 80, 100, 150, 200],
+};
+
+/// Seconds rather than minutes: to see that everything works.
+const QUICK: Extent = Extent {
+    subdivisions: 4,
+    max_degree: 20,
+    sirf: &[5, 10, 20],
+    granularities: &[1, 50, 100, 200],
+    passes: 8,
+    nlsf: 10,
+    basis_degrees: &[5, 10, 20],
+    basis_degree: 10,
+    basis_subdivisions: &[2, 3, 4],
+    families: &[5, 10, 20],
+};
+
+/// How the experiments are run.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// A small surface and low degrees, to see in a few seconds that everything works.
+    pub quick: bool,
+    /// Bytes of memory that each build and each fit may use, mapped files included.
+    pub memory: usize,
+    /// Number of threads, at least 1.
+    pub threads: usize,
+}
+
+impl Settings {
+    /// Returns how large the experiments are.
+    pub(crate) fn extent(&self) -> &'static Extent {
+        if self.quick { &QUICK } else { &FULL }
+    }
+}
