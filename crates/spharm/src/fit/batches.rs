@@ -98,7 +98,8 @@ fn check(target: &Target, sphere: &Sphere) -> Result<(), Error> {
 /// A target's values, (n, c).
 fn values(target: &Target) -> ArrayView2<'_, f64> {
     let shape = (target.values.len() / target.channels.max(1), target.channels);
-    ArrayView2::from_shape(shape, &target.values[..]).expect("`check` has seen that a target has its channels for each vertex")
+    ArrayView2::from_shape(shape, &target.values[..])
+        .expect("`check` has seen that a target has its channels for each vertex")
 }
 
 impl<'a, E: From<Error> + Send> Run<'a, E> {
