@@ -28,7 +28,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     raise_file_limit();
     let report_file = cli.report.as_ref().or(cli.json_file.as_ref());
     check_outputs(report_file.map(|path| OutputFile::new(path, "--report")), cli.force)?;
-    let sphere = read_sphere(&cli.sphere, &console)?;
+    let sphere = read_sphere(&cli.sphere, false, &console)?;
     let params = BuildParams {
         // Without one no basis is built.
         max_degree: cli.max_degree.unwrap_or_default(),

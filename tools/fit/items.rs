@@ -1,21 +1,19 @@
 //! Inputs and the outputs that belong to them; what would clash or overwrite is refused before any work.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use spharm::files::ModelFiles;
 use spharm::rerun::{Decision, IfExists, Request};
 use spharm::{FileRecord, Sphere};
+use spharm_cli::names::model_files;
 use spharm_cli::surfaces::surfaces;
 
-use super::Cli;
 use super::output::Call;
 
 /// One surface to fit and where its model goes.
 pub(super) struct Item {
     pub(super) input: PathBuf,
-    /// Of a volume.
-    pub(super) label: Option<i64>,
     pub(super) files: ModelFiles,
     /// What the input is, for the model to record.
     pub(super) record: FileRecord,
@@ -28,7 +26,7 @@ pub(super) struct Item {
 pub(super) fn items(call: &Call<'_>, sphere: Option<&Sphere>) -> Result<Vec<Item>> {
     let (cli, params) = (call.cli, call.params);
     let inputs = surfaces(&cli.input.surface, cli.input.label, sphere.is_none(), call.monitor)?;
-    let outputs = outputs(cli, &inputs)?;
+    let outputs = model_files(cli.output.output.as_deref(), &cli.output.name_template, &inputs)?;
     let if_exists = match (cli.output.force, cli.output.skip_existing) {
         (true, _) => IfExists::Replace,
         (_, true) => IfExists::Skip,
@@ -50,27 +48,8 @@ pub(super) fn items(call: &Call<'_>, sphere: Option<&Sphere>) -> Result<Vec<Item
             if let Some(other) = replaces {
                 call.console.warn(format!("{}: replaces the model of {}", files.model.display(), other));
             }
-            items.push(Item { input, label, files, record, replace });
+            items.push(Item { input, files, record, replace });
         }
     }
     Ok(items)
-}
-
-/// The model's file for each input.
-fn outputs(cli: &Cli, inputs: &[(PathBuf, Option<i64>)]) -> Result<Vec<PathBuf>> {
-    const FILES: [&str; 12] = ["csv", "tsv", "npy", "json", "gii", "gz", "ply", "obj", "off", "stl", "vtk", "png"];
-    let folder = cli.output.output.as_deref().unwrap_or(Path::new(""));
-    let ending = folder.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    match inputs {
-        _ if folder.is_dir() => {}
-        [_] if ending == "npz" => return Ok(vec![folder.to_owned()]),
-        several if ending == "npz" => {
-            bail!("{}: a file for {} surfaces; --output must name a folder", folder.display(), several.len());
-        }
-        _ if FILES.contains(&ending.as_str()) => {
-            bail!("{}: --output is a folder, or a file that ends in .npz", folder.display());
-        }
-        _ => {}
-    }
-    cli.output.name_template.outputs(inputs, folder, ".spharm.npz")
 }

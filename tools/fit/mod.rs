@@ -5,18 +5,14 @@ mod items;
 mod output;
 mod settings;
 
-use std::sync::{Mutex, PoisonError};
-
-use anyhow::{Context, Result, bail};
-use spharm::parametrize::volume::{LabelVolume, VolumeParams};
-use spharm::parametrize::{Input, Parametrized};
+use anyhow::{Context, Result};
+use spharm::parametrize::Parametrized;
 use spharm::{Fit, ManyReport, Sphere, Target, fit_many};
 use spharm_cli::inputs::{read_sphere, read_target};
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, print};
-use spharm_surface::SphereWarning;
-use spharm_surface::io::read_mesh;
+use spharm_cli::surfaces::SurfaceReader;
 
 pub(crate) use self::args::Cli;
 use self::items::{Item, items};
@@ -28,13 +24,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let call = Call::new(cli, &params, console, &monitor);
     raise_file_limit();
     check_outputs(cli.output.report.iter().map(|path| OutputFile::new(path, "--report")), cli.output.force)?;
-    let sphere = cli.input.sphere.as_deref().map(|path| read_sphere(path, &console)).transpose()?;
-    let off_centre =
-        |warning: &&SphereWarning| cli.input.strict && matches!(warning, SphereWarning::RadiusSpread { .. });
-    let flaw = sphere.iter().flat_map(|sphere| &sphere.warnings).find(off_centre);
-    if let (Some(flaw), Some(path)) = (flaw, &cli.input.sphere) {
-        bail!("{}: {flaw} (--strict)", path.display());
-    }
+    let sphere = cli.input.sphere.as_deref().map(|path| read_sphere(path, cli.input.strict, &console)).transpose()?;
     let started = call.started.elapsed().as_secs_f64();
     let items = items(&call, sphere.as_ref())?;
     if items.is_empty() {
@@ -58,9 +48,10 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
              for that give a common --sphere",
         );
     }
-    let (mut fitted, mut reports, mut mapping, mut volume) = (Vec::new(), Vec::new(), 0.0, None);
+    let (mut fitted, mut reports, mut mapping) = (Vec::new(), Vec::new(), 0.0);
+    let mut reader = SurfaceReader::new(call.cli.input.fix);
     for item in items {
-        let found = map(call, item, &mut volume)?;
+        let found = map(call, item, &mut reader)?;
         let mapped = Mapped { sphere: item.files.sphere(), report: found.map.report };
         mapping += mapped.report.seconds;
         let target = Target::from_mesh(&found.map.surface, &found.sphere)?;
@@ -74,20 +65,10 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
     call.finish(None, fitted, reports, [0.0, mapping])
 }
 
-/// Maps one surface to the sphere. `volume` is the label volume that was read last.
-fn map(call: &Call<'_>, item: &Item, volume: &mut Option<LabelVolume>) -> Result<Parametrized> {
-    let (input, options) = (item.input.display(), &call.cli.input);
-    let surface = match item.label {
-        Some(label) => {
-            let read = match volume.take().filter(|volume| volume.path() == item.input) {
-                Some(volume) => volume,
-                None => LabelVolume::read(&item.input, call.monitor)?,
-            };
-            let params = VolumeParams { label: Some(label), fix: options.fix };
-            Input::Label(volume.insert(read).surface(&params, call.monitor)?)
-        }
-        None => Input::Mesh(read_mesh(&item.input)?),
-    };
+/// Maps one surface to the sphere.
+fn map(call: &Call<'_>, item: &Item, reader: &mut SurfaceReader) -> Result<Parametrized> {
+    let input = item.input.display();
+    let surface = reader.read(&item.input, item.record.label, call.monitor)?;
     let reuse = call.cli.output.skip_existing;
     let found = item.files.map(&surface, call.params, reuse, item.replace, call.monitor);
     let (found, reused) = found.with_context(|| input.to_string())?;
@@ -115,17 +96,11 @@ fn fit_on(
     items: &[Item],
     read: &(dyn Fn(usize) -> Result<Target> + Sync),
 ) -> Result<(Vec<Fitted>, ManyReport)> {
-    let (cli, fitted) = (call.cli, Mutex::new(Vec::new()));
-    let done = |number: usize, fit: Fit| -> Result<()> {
+    let done = |number: usize, fit: Fit| -> Result<Fitted> {
         let item = &items[number];
         call.warn_of(item, &fit);
-        item.files.write(sphere, &fit, Some(&item.record), cli.output.coefficients_csv, item.replace)?;
-        let one = (number, Fitted::new(item, fit.report));
-        fitted.lock().unwrap_or_else(PoisonError::into_inner).push(one);
-        Ok(())
+        item.files.write(sphere, &fit, Some(&item.record), call.cli.output.coefficients_csv, item.replace)?;
+        Ok(Fitted::new(item, fit.report))
     };
-    let report = fit_many(sphere, items.len(), read, call.params, &done, call.monitor)?;
-    let mut fitted = fitted.into_inner().unwrap_or_else(PoisonError::into_inner);
-    fitted.sort_by_key(|(number, _)| *number);
-    Ok((fitted.into_iter().map(|(_, fitted)| fitted).collect(), report))
+    fit_many(sphere, items.len(), read, call.params, &done, call.monitor)
 }

@@ -31,7 +31,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 /// The sampling that all models are evaluated on, unless each has its own.
 fn shared_sphere(cli: &Cli, console: &Console) -> Result<Option<Sphere>> {
     match (&cli.sampling.sphere, cli.sampling.icosphere) {
-        (Some(path), _) => Ok(Some(read_sphere(path, console)?)),
+        (Some(path), _) => Ok(Some(read_sphere(path, false, console)?)),
         (None, Some(subdivisions)) => {
             check_memory(cli, 10 * (1 << (2 * subdivisions)) + 2, console)?;
             Ok(Some(Sphere::icosphere(subdivisions)))

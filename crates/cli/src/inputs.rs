@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm_surface::{Sphere, Target};
+use spharm_surface::{Sphere, SphereWarning, Target};
 
 use crate::console::Console;
 
@@ -11,10 +11,17 @@ use crate::console::Console;
 ///
 /// # Errors
 ///
-/// Those of [`spharm_surface::read_sphere`].
-pub fn read_sphere(path: &Path, console: &Console) -> Result<Sphere> {
+/// Those of [`spharm_surface::read_sphere`]; when `strict`, also that its centre isn't the origin.
+pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Sphere> {
     let sphere = spharm_surface::read_sphere(path)?;
-    sphere.warnings.iter().for_each(|warning| console.warn(format!("{}: {warning}", path.display())));
+    for warning in &sphere.warnings {
+        let text = format!("{}: {warning}", path.display());
+        // That a sphere is open is said of the surface on it.
+        if strict && matches!(warning, SphereWarning::RadiusSpread { .. }) {
+            bail!("{text}");
+        }
+        console.warn(text);
+    }
     Ok(sphere)
 }
 

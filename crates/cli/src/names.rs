@@ -138,6 +138,35 @@ impl NameTemplate {
     }
 }
 
+/// Returns the model's file for each surface: `output` itself where that ends in `.npz` and there is one surface, else a file
+/// in that folder, or here.
+///
+/// # Errors
+///
+/// When `output` is a file for several surfaces or one that isn't a model's, or two surfaces would share a file.
+pub fn model_files(
+    output: Option<&Path>,
+    template: &NameTemplate,
+    surfaces: &[(PathBuf, Option<i64>)],
+) -> Result<Vec<PathBuf>> {
+    const OTHER_FILES: [&str; 12] =
+        ["csv", "tsv", "npy", "json", "gii", "gz", "ply", "obj", "off", "stl", "vtk", "png"];
+    let folder = output.unwrap_or(Path::new(""));
+    let ending = folder.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    match surfaces {
+        _ if folder.is_dir() => {}
+        [_] if ending == "npz" => return Ok(vec![folder.to_owned()]),
+        several if ending == "npz" => {
+            bail!("{}: a file for {} surfaces; --output must name a folder", folder.display(), several.len());
+        }
+        _ if OTHER_FILES.contains(&ending.as_str()) => {
+            bail!("{}: --output is a folder, or a file that ends in .npz", folder.display());
+        }
+        _ => {}
+    }
+    template.outputs(surfaces, folder, ".spharm.npz")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,11 +1,13 @@
 //! Surfaces to work on: files, and labels of volumes.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use spharm::Monitor;
-use spharm::parametrize::volume::{LabelVolume, is_volume};
+use spharm::parametrize::Input;
+use spharm::parametrize::volume::{LabelVolume, VolumeParams, is_volume};
+use spharm_surface::io::read_mesh;
 
 use crate::inputs::expand_lists;
 
@@ -59,4 +61,36 @@ pub fn surfaces(
         surfaces.extend(found.into_iter().map(|label| (path.clone(), Some(label))));
     }
     Ok(surfaces)
+}
+
+/// Reads the surfaces that [`surfaces`] has found, a volume with several labels once.
+#[derive(Debug)]
+pub struct SurfaceReader {
+    fix: bool,
+    /// The volume that was read last.
+    volume: Option<LabelVolume>,
+}
+
+impl SurfaceReader {
+    /// A reader that repairs labels with `fix`, in place of refusing them.
+    pub fn new(fix: bool) -> Self {
+        Self { fix, volume: None }
+    }
+
+    /// Reads a mesh, or the surface around a label.
+    ///
+    /// # Errors
+    ///
+    /// When the file can't be read, or the label has no closed surface of genus zero.
+    pub fn read(&mut self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input> {
+        if label.is_none() {
+            return Ok(Input::Mesh(read_mesh(path)?));
+        }
+        let volume = match self.volume.take().filter(|volume| volume.path() == path) {
+            Some(volume) => volume,
+            None => LabelVolume::read(path, monitor)?,
+        };
+        let params = VolumeParams { label, fix: self.fix };
+        Ok(Input::Label(self.volume.insert(volume).surface(&params, monitor)?))
+    }
 }

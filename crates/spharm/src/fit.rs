@@ -11,7 +11,6 @@ pub use lsq_plan::check_memory;
 pub use quadrature::Quadrature;
 
 use std::borrow::Cow;
-use std::sync::Mutex;
 
 use ndarray::Array2;
 use spharm_harmonics::Coefficients;
@@ -97,32 +96,28 @@ pub fn fit_with(
     monitor: &dyn Monitor,
 ) -> Result<Fit, Error> {
     let target = target.to_target(sphere)?;
-    let found = Mutex::new(None);
-    let keep = |_, fit| {
-        *found.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(fit);
-        Ok::<(), Error>(())
-    };
-    fit_many(sphere, 1, &|_| Ok(target.clone().into_owned()), params, &keep, monitor)?;
-    let found = found.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-    Ok(found.expect("a target that was read has been fitted, or there was an error"))
+    let read = |_| Ok::<_, Error>(target.clone().into_owned());
+    let (mut fits, _) = fit_many(sphere, 1, &read, params, &|_, fit| Ok(fit), monitor)?;
+    Ok(fits.pop().expect("a target that was read has been fitted, or there was an error"))
 }
 
 /// Fits many targets over one sphere, as many at a time as the memory allows, and hands over each fit as it is ready.
 ///
 /// `read` returns target `0..count`; it is called from several threads, in order but for a few at a time. `done` gets the
-/// number of a target and its fit, also from several threads. An error of either ends the call.
+/// number of a target and its fit, also from several threads; what it makes of them is returned in the targets' order. An
+/// error of either ends the call.
 ///
 /// # Errors
 ///
 /// Those of [`fit()`], `read` and `done`.
-pub fn fit_many<E: From<Error> + Send>(
+pub fn fit_many<T: Send, E: From<Error> + Send>(
     sphere: &Sphere,
     count: usize,
     read: &(dyn Fn(usize) -> Result<Target, E> + Sync),
     params: &FitParams,
-    done: &(dyn Fn(usize, Fit) -> Result<(), E> + Sync),
+    done: &(dyn Fn(usize, Fit) -> Result<T, E> + Sync),
     monitor: &dyn Monitor,
-) -> Result<ManyReport, E> {
+) -> Result<(Vec<T>, ManyReport), E> {
     params.check()?;
     in_pool(params.threads, || {
         let job = Job::new(sphere, params, monitor)?;
@@ -133,7 +128,7 @@ pub fn fit_many<E: From<Error> + Send>(
             Method::Quadrature => quadrature::run(&mut run)?,
             _ => irf::run(&mut run)?,
         }
-        Ok(ManyReport { scheme, scalar, batches: run.batches, seconds: run.seconds })
+        Ok((run.results, ManyReport { scheme, scalar, batches: run.batches, seconds: run.seconds }))
     })
 }
 

@@ -17,17 +17,19 @@ use crate::report::{BatchReport, FitReport, Seconds, Settings};
 use crate::{Error, Fit, FitWarning};
 
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
-type Done<'a, E> = &'a (dyn Fn(usize, Fit) -> Result<(), E> + Sync);
+type Done<'a, T, E> = &'a (dyn Fn(usize, Fit) -> Result<T, E> + Sync);
 
 /// A call under way: targets read a few at a time, and what has been fitted so far.
-pub(crate) struct Run<'a, E> {
+pub(crate) struct Run<'a, T, E> {
     pub(crate) job: Job<'a>,
     pub(crate) monitor: &'a dyn Monitor,
     pub(crate) count: usize,
+    /// What `done` made of each fit, in the order of the targets.
+    pub(crate) results: Vec<T>,
     pub(crate) batches: Vec<BatchReport>,
     pub(crate) seconds: Seconds,
     read: Read<'a, E>,
-    done: Done<'a, E>,
+    done: Done<'a, T, E>,
     /// The next target to read, and those read that no batch has taken.
     next: usize,
     ready: VecDeque<(usize, Target)>,
@@ -102,17 +104,18 @@ fn values(target: &Target) -> ArrayView2<'_, f64> {
         .expect("`check` has seen that a target has its channels for each vertex")
 }
 
-impl<'a, E: From<Error> + Send> Run<'a, E> {
+impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
     /// Reads the first targets.
     pub(crate) fn new(
         job: Job<'a>,
         count: usize,
         read: Read<'a, E>,
-        done: Done<'a, E>,
+        done: Done<'a, T, E>,
         monitor: &'a dyn Monitor,
     ) -> Result<Self, E> {
         let (batches, seconds, ready) = (Vec::new(), Seconds::default(), VecDeque::new());
-        let mut run = Self { job, monitor, count, batches, seconds, read, done, next: 0, ready };
+        let results = Vec::new();
+        let mut run = Self { job, monitor, count, results, batches, seconds, read, done, next: 0, ready };
         let mark = Instant::now();
         run.fill()?;
         run.seconds.read += mark.elapsed().as_secs_f64();
@@ -139,7 +142,7 @@ impl<'a, E: From<Error> + Send> Run<'a, E> {
             let solved = solve(&self.job, &batch)?;
             self.seconds.solve += mark.elapsed().as_secs_f64();
             let mark = Instant::now();
-            self.hand_over(&batch, &solved)?;
+            self.results.extend(self.hand_over(&batch, &solved)?);
             self.seconds.write += mark.elapsed().as_secs_f64();
             self.batches.push(solved.report);
         }
@@ -178,12 +181,10 @@ impl<'a, E: From<Error> + Send> Run<'a, E> {
         Ok((!taken.is_empty()).then(|| Batch::new(taken)))
     }
 
-    fn hand_over(&self, batch: &Batch, solved: &Solved) -> Result<(), E> {
-        let one = |index: usize| -> Result<(), E> {
-            let fit = fit_of(&self.job, batch, solved, index)?;
-            (self.done)(batch.numbers[index], fit)
-        };
-        (0..batch.targets.len()).into_par_iter().try_for_each(one)
+    fn hand_over(&self, batch: &Batch, solved: &Solved) -> Result<Vec<T>, E> {
+        let (job, done) = (&self.job, self.done);
+        let one = |index: usize| -> Result<T, E> { done(batch.numbers[index], fit_of(job, batch, solved, index)?) };
+        (0..batch.targets.len()).into_par_iter().map(one).collect()
     }
 }
 

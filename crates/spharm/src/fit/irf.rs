@@ -17,7 +17,7 @@ use crate::report::BatchReport;
 use crate::{Error, FitWarning, defaults};
 
 /// Fits all targets.
-pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> {
+pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let mark = Instant::now();
     let (count, monitor) = (run.count, run.monitor);
     // The first target has the channels of all, in most studies.

@@ -15,7 +15,7 @@ use crate::report::BatchReport;
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
 /// Fits all targets.
-pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> {
+pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count);
     let job = &run.job;
     let (params, directions) = (job.params, &job.sphere.directions);

@@ -25,7 +25,7 @@ use crate::report::BatchReport;
 const CHANNELS: usize = 6;
 
 /// Fits all targets, one after another.
-pub(crate) fn run<E: From<Error> + Send>(run: &mut Run<'_, E>) -> Result<(), E> {
+pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (sphere, max_degree, monitor) = (run.job.sphere, run.job.params.max_degree, run.monitor);
     if sphere.faces.is_empty() {
         return Err(Error::NeedsTriangles { what: "quadrature", sphere: sphere.name().to_owned() }.into());
