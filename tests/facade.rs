@@ -1,10 +1,10 @@
 //! The library's functions give the bits that the program gives.
 
 use spharm::parametrize::{CaldParams, parametrize};
-use spharm::{FitParams, Method, Sphere, fit};
+use spharm::{FitParams, Method, Model, Sphere, fit};
 use spharm_surface::generate::{Cortex, cortex};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
-use spharm_surface::{Model, read_sphere};
+use spharm_surface::read_sphere;
 
 use crate::common::{succeed, tool};
 use crate::pipeline::Study;
@@ -22,7 +22,7 @@ fn a_bare_mesh_has_the_bits_of_the_program() {
     let mut program = tool("fit");
     program.arg("--surface").arg(path("bare.ply")).args(["--max-degree", "15", "--threads", "2", "-q", "-o"]);
     succeed(program.arg(path("bare.npz")));
-    let expected = Model::read(&path("bare.npz")).expect("a model");
+    let expected = Model::read(path("bare.npz")).expect("a model");
 
     let surface = read_mesh(path("bare.ply")).expect("the mesh");
     let sphere = parametrize(&surface, &CaldParams::for_degree(15)).expect("a map").sphere;
@@ -42,7 +42,7 @@ fn a_surface_on_its_sphere_has_the_bits_of_the_program() {
             program.arg("--store").arg(study.path("store")).args(["--passes", "3", "--granularity", "30"]);
         }
         succeed(&mut program);
-        Model::read(&study.path(output)).expect("a model").coefficients
+        Model::read(study.path(output)).expect("a model").coefficients
     };
     let sphere: Sphere = read_sphere(study.path("sphere.surf.gii")).expect("a sphere");
     let surface = read_mesh(study.path("s0.surf.gii")).expect("a surface");

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use spharm_surface::Model;
+use spharm_model::Model;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
@@ -49,7 +49,7 @@ impl Subjects {
     }
 
     fn model(&self, name: &str) -> Model {
-        Model::read(&self.path("out").join(name)).expect("a model")
+        Model::read(self.path("out").join(name)).expect("a model")
     }
 }
 

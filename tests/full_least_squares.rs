@@ -7,9 +7,10 @@ use ndarray::Array2;
 use ndarray_npy::ReadNpyExt;
 use serde_json::Value;
 use spharm_harmonics::{Coefficients, Directions, basis_size};
-use spharm_surface::Model;
+use spharm_model::Model;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+use spharm_surface::{Kind, Sphere};
 
 use crate::common::{fail, finish, shared, succeed, text, tool};
 use crate::pipeline::{Study, names};
@@ -34,7 +35,7 @@ pub(crate) fn report_of(command: &mut Command) -> Value {
 }
 
 fn model(study: &Study, name: &str) -> Array2<f64> {
-    Model::read(&study.path(name)).unwrap().coefficients.values().to_owned()
+    Model::read(study.path(name)).unwrap().coefficients.values().to_owned()
 }
 
 /// Of the difference, in relation to the second.
@@ -316,14 +317,9 @@ fn reconstruction_by_transform_is_that_of_direct_sums() {
     let values =
         Array2::from_shape_fn((k, 3), |(k, c)| ((k * 7 + c * 13) as f64 * 0.37).sin() / (1 + k.isqrt()) as f64);
     let write = |path: &Path, directions: &Directions, faces: &[[u32; 3]]| {
-        let model = Model {
-            coefficients: Coefficients::new(values.clone()).unwrap(),
-            directions: directions.as_slice().to_vec(),
-            faces: faces.to_vec(),
-            scheme_key: String::new(),
-            provenance: "{}".to_owned(),
-        };
-        model.write(&mut std::fs::File::create(path).unwrap()).unwrap();
+        let sphere = Sphere { faces: faces.to_vec(), ..Sphere::from_directions(directions.clone()) };
+        let model = Model::new(Coefficients::new(values.clone()).unwrap(), Some(sphere), Kind::Surface);
+        model.write(path).unwrap();
     };
     let directions = Directions::from_vertices(&sphere.vertices).unwrap();
     write(&path("m.npz"), &directions, &sphere.faces);

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+use spharm_model::Model;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::{WriteOptions, read_mesh, read_signal, write_mesh};
-use spharm_surface::{Model, metrics};
+use spharm_surface::metrics;
 
 use crate::common::{fail, succeed, tool};
 
@@ -56,7 +57,7 @@ impl Study {
     }
 
     fn model(&self, name: &str) -> Model {
-        Model::read(&self.path(name)).unwrap()
+        Model::read(self.path(name)).unwrap()
     }
 }
 

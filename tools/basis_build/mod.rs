@@ -9,7 +9,7 @@ use anyhow::Result;
 use spharm::factor::{FactorSettings, PlannedFactor, ill_conditioned};
 use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
-use spharm_cli::machine::{Versions, memory, raise_file_limit};
+use spharm_cli::machine::{memory, raise_file_limit};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, STDOUT, check_outputs, print, print_json, table, write_json};
 use spharm_cli::size::Size;
@@ -47,7 +47,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let key = SchemeKey::of(&sphere.directions, params.scalar);
     let report = Report {
         tool: "basis-build",
-        versions: Versions::current(),
+        versions: spharm::versions(),
         sphere: cli.sphere.clone(),
         scheme_key: key.to_string(),
         folder: cli.store.join(key.to_string()),

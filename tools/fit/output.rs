@@ -11,7 +11,7 @@ use serde_json::json;
 use spharm::{BatchReport, Fit, FitParams, FitReport, FitWarning, ManyReport};
 use spharm_cli::advice;
 use spharm_cli::console::Console;
-use spharm_cli::machine::{Versions, memory};
+use spharm_cli::machine::memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{prepare, print, print_json, table, write_json};
 use spharm_store::{Scalar, SchemeKey};
@@ -109,7 +109,7 @@ impl<'a> Call<'a> {
         let batches: Vec<&BatchReport> = reports.iter().flat_map(|report| &report.batches).collect();
         let report = json!({
             "tool": "fit",
-            "versions": Versions::current(),
+            "versions": spharm::versions(),
             "method": method.name(),
             "store": input.store,
             "sphere": input.sphere,

@@ -11,10 +11,9 @@ use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::available_memory;
 use spharm_cli::output::{prepare, print};
 use spharm_cli::size::Size;
-use spharm_harmonics::Directions;
+use spharm_model::Model;
 use spharm_surface::io::{WriteOptions, write_mesh, write_signal};
-use spharm_surface::{Mesh, Model, Signal, Sphere};
-use spharm_transform::synthesis;
+use spharm_surface::{Kind, Sphere};
 
 pub(crate) use self::args::Cli;
 use self::outputs::{Item, items};
@@ -65,41 +64,33 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
     if degree > highest {
         bail!("{}: the model goes to degree {highest}, --max-degree {degree} is above it", item.model.display());
     }
-    let own;
-    let (directions, faces, sampling) = match shared {
-        Some(sphere) => (&sphere.directions, &sphere.faces, sphere.name()),
-        None => {
-            own = Directions::from_unit_vectors(model.directions.clone())
-                .with_context(|| item.model.display().to_string())?;
-            (&own, &model.faces, item.model.as_path())
-        }
+    let named = || item.model.display().to_string();
+    let sphere = match (shared, &model.sphere) {
+        (Some(sphere), _) | (None, Some(sphere)) => sphere,
+        (None, None) => bail!("{}: this model has no sphere of its own; give --icosphere N or --sphere", named()),
     };
-    check_memory(cli, directions.len(), console)?;
-    console.detail(format!("{}: {} vertices, degree {degree}", item.model.display(), directions.len()));
-    let values = synthesis(directions, model.coefficients.up_to(degree))?;
+    let vertices = sphere.directions.len();
+    check_memory(cli, vertices, console)?;
+    console.detail(format!("{}: {vertices} vertices, degree {degree}", named()));
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
-    let provenance: serde_json::Value = serde_json::from_str(&model.provenance).unwrap_or_default();
-    // Three channels are a surface unless the model says that they are not.
-    let surface = model.coefficients.channels() == 3 && provenance["surface"].as_bool().unwrap_or(true);
+    let surface = model.kind() == Kind::Surface;
     let output = item.output(surface);
     if surface {
-        if faces.is_empty() {
+        if sphere.faces.is_empty() {
+            let sampling = shared.map_or(item.model.as_path(), Sphere::name);
             bail!(
                 "{}: this sampling has no triangles; give --icosphere N or a --sphere that is a mesh",
                 sampling.display()
             );
         }
-        let vertices = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
-        let mut mesh = Mesh::new(vertices, faces.clone());
-        mesh.meta.anatomical_structure_primary = provenance["anatomical_structure_primary"].as_str().map(str::to_owned);
+        let mesh = model.reconstruct(sphere, degree).with_context(named)?;
         prepare(&output)?;
         write_mesh(&output, &mesh, &options)?;
     } else {
-        let (vertices, channels) = values.dim();
-        let signal = Signal::new(values.iter().copied().collect(), vertices, channels);
+        let signal = model.reconstruct_signal(sphere, degree).with_context(named)?;
         prepare(&output)?;
         write_signal(&output, &signal, &options)?;
     }
     let seconds = started.elapsed().as_secs_f64();
-    print(&format!("{}: {} vertices, degree {degree}, {seconds:.2} s", output.display(), directions.len()))
+    print(&format!("{}: {vertices} vertices, degree {degree}, {seconds:.2} s", output.display()))
 }

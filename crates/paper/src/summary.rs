@@ -1,6 +1,5 @@
 //! The summary: what was measured beside what the paper says.
 
-use spharm::Versions;
 
 use crate::experiments::{Pass, Results};
 use crate::extent::{Extent, Settings};
@@ -67,7 +66,7 @@ fn off(found: Quality, reference: Option<Quality>) -> String {
 fn opening(settings: &Settings, circumstances: &Circumstances) -> String {
     let Settings { quick, threads, memory, .. } = settings;
     let Circumstances { peak, seconds } = circumstances;
-    let version = Versions::current().spharm;
+    let version = env!("CARGO_PKG_VERSION");
     let peak = peak.map_or(String::new(), |peak| format!(", {} at the peak", size(peak)));
     let caution = if *quick {
         "\nA quick run, of a small surface to a low degree: it shows that everything works. Its times and errors are not \

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use spharm_harmonics::HarmonicsError;
+use spharm_model::ModelError;
 use spharm_monitor::Interrupted;
 use spharm_parametrize::ParametrizeError;
 use spharm_solver::SolverError;
@@ -35,14 +36,9 @@ pub enum Error {
     /// The computation was asked to stop.
     #[error("{0}")]
     Interrupted(#[from] Interrupted),
-    /// A file that can't be read.
-    #[error("{}: {source}", .path.display())]
-    Input {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    /// A model, or a file that one is made from.
+    #[error(transparent)]
+    Model(#[from] ModelError),
     /// A setting that isn't one of its values, or doesn't go with another.
     #[error("{what} needs {expected}, found {found}")]
     Setting {

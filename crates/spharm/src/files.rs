@@ -4,12 +4,13 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use ndarray_npy::WriteNpyExt;
+use spharm_model::FileRecord;
+use spharm_model::csv::write_complex_csv;
 use spharm_monitor::Monitor;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
-use spharm_surface::model::write_complex_csv;
 use spharm_surface::{Sphere, SurfaceError};
 
-use crate::model::{FileRecord, model_of};
+use crate::model::model_of;
 use crate::parametrize::{CaldParams, Input, Parametrized, parametrize_with, with_sphere};
 use crate::{Error, Fit, FitParams, check_memory};
 
@@ -111,9 +112,7 @@ impl ModelFiles {
         if let Some(errors) = &fit.standard_errors {
             write_new(self.standard_errors(), replace, |out| errors.write_npy(out).map_err(io::Error::other))?;
         }
-        let model = model_of(sphere, fit, input);
-        write_new(&self.model, replace, |out| model.write(out))?;
-        Ok(())
+        Ok(model_of(sphere, fit, input).write_with(&self.model, replace)?)
     }
 }
 

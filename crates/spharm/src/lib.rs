@@ -37,10 +37,11 @@ pub mod warning;
 
 pub use error::Error;
 pub use fit::{Fit, Quadrature, ToTarget, check_memory, fit, fit_many, fit_with};
-pub use model::{FileRecord, Versions, model_of};
+pub use model::{model_of, versions};
 pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 
+pub use spharm_model::{FileRecord, Model, ModelError, Versions};
 pub use spharm_monitor::{Interrupted, Level, Monitor, Silent, Stage};
 pub use spharm_surface::{Kind, Mesh, Signal, Sphere, Target, generate, io};

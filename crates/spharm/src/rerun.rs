@@ -3,11 +3,10 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
+use spharm_model::{FileRecord, Model, Settings};
 use spharm_store::{Scalar, SchemeKey};
-use spharm_surface::{Model, Sphere};
+use spharm_surface::Sphere;
 
-use crate::model::FileRecord;
 use crate::{FitParams, Smoothness};
 
 /// What to do with outputs that exist.
@@ -130,7 +129,7 @@ impl Request<'_> {
             };
         }
         let model = Model::read(self.output).ok();
-        let recorded = model.as_ref().and_then(|model| Some((model, recorded_input(model)?)));
+        let recorded = model.as_ref().and_then(|model| Some((model, model.provenance.input.clone()?)));
         let other = |recorded: &FileRecord| !recorded.same_contents(self.input);
         match (self.if_exists, recorded) {
             (IfExists::Replace, recorded) => {
@@ -154,42 +153,42 @@ impl Request<'_> {
 
     fn differences(&self, model: &Model) -> Vec<Difference> {
         let params = self.params;
-        let provenance: Value = serde_json::from_str(&model.provenance).unwrap_or_default();
+        let provenance = &model.provenance;
+        let recorded = provenance.settings.as_ref();
         let mut differences = Vec::new();
         let mut check = |setting: &'static str, found: String, wanted: String| {
             if found != wanted {
                 differences.push(Difference { setting, found, wanted });
             }
         };
-        let text = |name: &str| match &provenance[name] {
-            Value::String(text) => text.clone(),
-            Value::Null => "none".to_owned(),
-            value => value.to_string(),
-        };
-        let option = |value: Option<usize>| value.map_or("none".to_owned(), |value| value.to_string());
-        let parametrized = provenance["parametrized"].as_bool().unwrap_or(false);
-        let scalar = if text("dtype") == Scalar::F32.name() { Scalar::F32 } else { Scalar::F64 };
+        let text = |field: fn(&Settings) -> String| recorded.map_or("none".to_owned(), field);
+        fn option(value: Option<usize>) -> String {
+            value.map_or("none".to_owned(), |value| value.to_string())
+        }
+        let single = recorded.is_some_and(|settings| settings.dtype == Scalar::F32.name());
+        let scalar = if single { Scalar::F32 } else { Scalar::F64 };
         let wanted = self.sphere.map(|sphere| SchemeKey::of(&sphere.directions, scalar).to_string());
-        check("sphere", sphere_name((!parametrized).then_some(&model.scheme_key)), sphere_name(wanted.as_ref()));
+        let recorded_key = sphere_name(model.scheme_key.as_ref().filter(|_| !provenance.parametrized));
+        check("sphere", recorded_key, sphere_name(wanted.as_ref()));
         check("dtype", scalar.name().to_owned(), params.scalar.unwrap_or(scalar).name().to_owned());
         check("max_degree", model.coefficients.max_degree().to_string(), params.max_degree.to_string());
         let method = &params.method;
-        check("method", text("method"), method.name().to_owned());
-        check("passes", text("passes"), method.passes().to_string());
-        check("granularity", text("granularity"), option(method.granularity()));
-        check("start_degree", text("start_degree"), option(method.start_degree()));
-        check("accelerate", text("accelerate"), method.accelerated().to_string());
-        check("weights", text("weights"), params.weights.name().to_owned());
-        check("smoothness", text("smoothness_choice"), params.smoothness.name().to_owned());
+        check("method", text(|s| s.method.clone()), method.name().to_owned());
+        check("passes", text(|s| s.passes.to_string()), method.passes().to_string());
+        check("granularity", text(|s| option(s.granularity)), option(method.granularity()));
+        check("start_degree", text(|s| option(s.start_degree)), option(method.start_degree()));
+        check("accelerate", text(|s| s.accelerate.to_string()), method.accelerated().to_string());
+        check("weights", text(|s| s.weights.clone()), params.weights.name().to_owned());
+        let choice = recorded.and_then(|settings| settings.smoothness_choice.as_deref()).unwrap_or("none");
+        check("smoothness", choice.to_owned(), params.smoothness.name().to_owned());
         let fixed = match params.smoothness {
-            Smoothness::Fixed(lambda) if text("smoothness_choice") == "fixed" => Some(lambda),
+            Smoothness::Fixed(lambda) if choice == "fixed" => Some(lambda),
             _ => None,
         };
-        let found = |name: &str| provenance[name].as_f64();
         for (setting, found, wanted) in [
-            ("smoothness", fixed.and_then(|_| found("smoothness")), fixed),
-            ("hold_out", found("hold_out"), params.hold_out),
-            ("tolerance", found("tolerance"), Some(params.tolerance)),
+            ("smoothness", fixed.and_then(|_| recorded.map(|settings| settings.smoothness)), fixed),
+            ("hold_out", recorded.and_then(|settings| settings.hold_out), params.hold_out),
+            ("tolerance", recorded.and_then(|settings| settings.tolerance), Some(params.tolerance)),
         ] {
             // A number that was written and read again may have lost its last bit.
             let same = match (found, wanted) {
@@ -203,12 +202,6 @@ impl Request<'_> {
         }
         differences
     }
-}
-
-/// The target's file, where a model records it.
-fn recorded_input(model: &Model) -> Option<FileRecord> {
-    let provenance: Value = serde_json::from_str(&model.provenance).ok()?;
-    serde_json::from_value(provenance["input"].clone()).ok()
 }
 
 fn sphere_name(scheme_key: Option<&String>) -> String {

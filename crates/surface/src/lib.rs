@@ -23,7 +23,6 @@
 //! | [`Sphere`], [`Target`] | a sphere's directions and triangles; the values to be fitted over it; both checked |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`sphere_locator`] | which triangle of a sphere a direction meets, values interpolated there |
-//! | [`model`] | fitted models, `NAME.spharm.npz` |
 //! | [`render`] | pictures of meshes, as PNG |
 //!
 //! # Example
@@ -59,7 +58,6 @@ mod target;
 pub mod generate;
 pub mod io;
 pub mod metrics;
-pub mod model;
 pub mod nearest;
 pub mod render;
 pub mod sphere_locator;
@@ -67,6 +65,5 @@ pub mod topology;
 
 pub use error::SurfaceError;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};
-pub use model::{Model, ModelError};
 pub use sphere::{Sphere, SphereWarning, read_sphere};
 pub use target::{Target, TargetWarning, read_target};

@@ -13,7 +13,7 @@ use crate::mesh::Mesh;
 use crate::topology::Topology;
 
 /// The directions of a sampling scheme, with triangles where it was a mesh.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Sphere {
     /// The file it was read from; none for one made in memory.
     pub path: Option<PathBuf>,

@@ -1,0 +1,78 @@
+//! What can go wrong with a model.
+
+use std::io;
+use std::path::PathBuf;
+
+use spharm_surface::SurfaceError;
+use spharm_transform::TransformError;
+
+/// Errors of this crate.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// The operating system refused to open or read a file.
+    #[error("{}: cannot open the model: {source}", .path.display())]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file that a model is made from can't be read.
+    #[error("{}: {source}", .path.display())]
+    Input {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Not a file, or one that holds no model.
+    #[error(
+        "{}: not a SPHARM model: {problem}; expected a NumPy archive (.npz) with an array `coefficients`",
+        .path.display()
+    )]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A coefficient that is NaN or infinite is neither read nor written.
+    #[error("{}: coefficient {row} of channel {channel} is {value}; it must be finite", .path.display())]
+    NonFinite {
+        /// The file.
+        path: PathBuf,
+        /// Row of the coefficients, `l^2 + l + m`.
+        row: usize,
+        /// Channel, counted from 0.
+        channel: usize,
+        /// The value.
+        value: f64,
+    },
+    /// A model without a sphere was asked for its own sampling.
+    #[error("the model has no sphere of its own; give one to evaluate it on")]
+    NoSphere,
+    /// A degree above the model's.
+    #[error("the model goes to degree {max_degree}, found {degree}")]
+    DegreeTooHigh {
+        /// The degree asked for.
+        degree: usize,
+        /// The model's highest degree.
+        max_degree: usize,
+    },
+    /// A surface was asked of a model that is none.
+    #[error("the model is of a signal of {channels} channels, not of a surface")]
+    NotASurface {
+        /// Channels of the model.
+        channels: usize,
+    },
+    /// A surface was asked for on a sampling without triangles.
+    #[error("this sampling has no triangles; give a sphere that is a mesh")]
+    NoTriangles,
+    /// The harmonics can't be evaluated.
+    #[error(transparent)]
+    Transform(#[from] TransformError),
+    /// The file can't be written.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+}

@@ -1,0 +1,112 @@
+//! A model's values on any sphere, to any degree.
+
+use ndarray::Array2;
+use spharm_harmonics::Directions;
+use spharm_surface::{Kind, Mesh, Meta, Signal, Sphere};
+use spharm_transform::synthesis;
+
+use crate::error::ModelError;
+use crate::geometry::Geometry;
+use crate::model::Model;
+
+impl Model {
+    /// Returns the values at directions, (n, c), with the degrees up to `degree`.
+    ///
+    /// # Errors
+    ///
+    /// [`DegreeTooHigh`](ModelError::DegreeTooHigh), [`Transform`](ModelError::Transform).
+    pub fn evaluate(&self, directions: &Directions, degree: usize) -> Result<Array2<f64>, ModelError> {
+        let max_degree = self.coefficients.max_degree();
+        if degree > max_degree {
+            return Err(ModelError::DegreeTooHigh { degree, max_degree });
+        }
+        Ok(synthesis(directions, self.coefficients.up_to(degree))?)
+    }
+
+    /// Returns the surface over a sphere, with the sphere's triangles and what is known of the input's volume.
+    ///
+    /// # Errors
+    ///
+    /// [`NotASurface`](ModelError::NotASurface), [`NoTriangles`](ModelError::NoTriangles), and those of
+    /// [`evaluate`](Self::evaluate).
+    pub fn reconstruct(&self, sphere: &Sphere, degree: usize) -> Result<Mesh, ModelError> {
+        if self.kind() != Kind::Surface {
+            return Err(ModelError::NotASurface { channels: self.coefficients.channels() });
+        }
+        if sphere.faces.is_empty() {
+            return Err(ModelError::NoTriangles);
+        }
+        let values = self.evaluate(&sphere.directions, degree)?;
+        let vertices = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+        Ok(Mesh { meta: self.meta(), ..Mesh::new(vertices, sphere.faces.clone()) })
+    }
+
+    /// Returns the values over a sphere as a signal.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`evaluate`](Self::evaluate).
+    pub fn reconstruct_signal(&self, sphere: &Sphere, degree: usize) -> Result<Signal, ModelError> {
+        let values = self.evaluate(&sphere.directions, degree)?;
+        let (vertices, channels) = values.dim();
+        Ok(Signal::new(values.iter().copied().collect(), vertices, channels))
+    }
+
+    /// Returns the sphere that it was fitted over.
+    ///
+    /// # Errors
+    ///
+    /// [`NoSphere`](ModelError::NoSphere) for a model of coefficients alone.
+    pub fn own_sphere(&self) -> Result<&Sphere, ModelError> {
+        self.sphere.as_ref().ok_or(ModelError::NoSphere)
+    }
+
+    fn meta(&self) -> Meta {
+        let mut meta = self.provenance.geometry.as_ref().map(Geometry::to_meta).unwrap_or_default();
+        meta.anatomical_structure_primary.clone_from(&self.provenance.anatomical_structure_primary);
+        meta
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_harmonics::Coefficients;
+
+    fn ellipsoid() -> Model {
+        let mut values = Array2::zeros((9, 3));
+        (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 4.0, 4.0);
+        Model::new(Coefficients::new(values).unwrap(), None, Kind::Surface)
+    }
+
+    #[test]
+    fn degrees_and_kinds_are_checked() {
+        let model = ellipsoid();
+        let sphere = Sphere::icosphere(1);
+        let degree_0 = model.reconstruct(&sphere, 0).unwrap();
+        assert!(degree_0.vertices.iter().all(|v| *v == degree_0.vertices[0]), "degree 0 is a point");
+        let error = model.reconstruct(&sphere, 3).unwrap_err();
+        assert!(matches!(error, ModelError::DegreeTooHigh { degree: 3, max_degree: 2 }), "{error}");
+        let points = Sphere::from_directions(sphere.directions.clone());
+        assert!(matches!(model.reconstruct(&points, 2), Err(ModelError::NoTriangles)));
+        assert!(matches!(model.own_sphere(), Err(ModelError::NoSphere)));
+
+        let mut signal = ellipsoid();
+        signal.provenance.surface = Some(false);
+        assert!(matches!(signal.reconstruct(&sphere, 2), Err(ModelError::NotASurface { channels: 3 })));
+        let values = signal.reconstruct_signal(&points, 2).unwrap();
+        assert_eq!((values.vertices, values.channels), (42, 3));
+    }
+
+    #[test]
+    fn a_reconstruction_has_the_inputs_geometry() {
+        let mut model = ellipsoid();
+        let meta = Meta {
+            anatomical_structure_primary: Some("CortexRight".to_owned()),
+            freesurfer_footer: Some(vec![0, 0, 0, 20, b'v', 255]),
+            ..Meta::default()
+        };
+        model.provenance.set_meta(&meta);
+        assert_eq!(model.reconstruct(&Sphere::icosphere(1), 2).unwrap().meta, meta);
+    }
+}

@@ -1,0 +1,62 @@
+//! SPHARM models: the coefficients of a fit, the sphere they belong to, and how they were made.
+//!
+//! A model is a NumPy archive, `NAME.spharm.npz`:
+//!
+//! | array | type | contents |
+//! |---|---|---|
+//! | `coefficients` | f64 (K, c) | canonical coefficients, row `l^2 + l + m`, in the input's unit |
+//! | `max_degree` | i64 () | L, with K = (L + 1)^2 |
+//! | `convention` | text () | [`CONVENTION`] |
+//! | `faces` | i32 (F, 3) | triangles of the sphere, counted from 0; none when it was a list of angles |
+//! | `directions` | f64 (n, 3) | unit vectors of the sampling |
+//! | `scheme_key` | text () | key of the sampling scheme in a basis store |
+//! | `provenance` | text () | JSON: how it was made, see [`Provenance`] |
+//!
+//! The bytes depend on the contents alone: no times, no names of machines. Only `coefficients` is needed to read one, so
+//! that a mean of models is a model: `numpy.savez_compressed("mean.npz", coefficients=mean)`.
+//!
+//! # Modules
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`Model`] | the model; evaluation on any sphere, to any degree |
+//! | [`provenance`] | input, sphere and settings |
+//! | [`geometry`] | where a surface lies in its volume, kept from the input to the reconstruction |
+//! | [`csv`] | the paper's complex coefficients as a table |
+//! | `npz`, `npy` | NumPy's formats |
+//!
+//! # Example
+//!
+//! ```
+//! use ndarray::Array2;
+//! use spharm_harmonics::Coefficients;
+//! use spharm_model::Model;
+//! use spharm_surface::{Kind, Sphere};
+//!
+//! // x, y and z of degree 1: an ellipsoid.
+//! let mut values = Array2::zeros((4, 3));
+//! (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 4.0, 4.0);
+//! let model = Model::new(Coefficients::new(values)?, None, Kind::Surface);
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("ellipsoid.spharm.npz");
+//! model.write(&path)?;
+//! let mesh = Model::read(&path)?.reconstruct(&Sphere::icosphere(3), 1)?;
+//! assert_eq!(mesh.vertices.len(), 642);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+#![forbid(unsafe_code)]
+
+pub mod csv;
+mod error;
+mod evaluate;
+pub mod geometry;
+mod model;
+mod npy;
+mod npz;
+pub mod provenance;
+
+pub use error::ModelError;
+pub use model::{CONVENTION, Model};
+pub use provenance::{Distances, FileRecord, Provenance, Settings, Versions};

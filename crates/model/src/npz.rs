@@ -1,0 +1,160 @@
+//! Models as NumPy archives.
+
+use std::io::{self, Read, Seek, Write};
+use std::path::Path;
+
+use ndarray::Array2;
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_surface::Sphere;
+use zip::result::ZipError;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+use crate::error::ModelError;
+use crate::model::{CONVENTION, Model};
+use crate::npy::{Array, write_header, write_text};
+use crate::provenance::Provenance;
+
+/// Writes the arrays of a model, stored.
+pub(crate) fn write(model: &Model, out: &mut dyn Write) -> io::Result<()> {
+    if model.not_finite().is_some() {
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "a coefficient is NaN or infinite"));
+    }
+    let mut zip = ZipWriter::new_stream(out);
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
+    let start = |zip: &mut ZipWriter<_>, name: &str| -> io::Result<()> {
+        zip.start_file(format!("{name}.npy"), options).map_err(io::Error::other)
+    };
+    let values = model.coefficients.values();
+    start(&mut zip, "coefficients")?;
+    write_header(&mut zip, "<f8", &format!("({}, {})", values.nrows(), values.ncols()))?;
+    write_all(&mut zip, values.iter().map(|x| x.to_le_bytes()))?;
+    start(&mut zip, "max_degree")?;
+    write_header(&mut zip, "<i8", "()")?;
+    zip.write_all(&(model.coefficients.max_degree() as i64).to_le_bytes())?;
+    start(&mut zip, "convention")?;
+    write_text(&mut zip, CONVENTION)?;
+    if let Some(sphere) = &model.sphere {
+        start(&mut zip, "faces")?;
+        write_header(&mut zip, "<i4", &format!("({}, 3)", sphere.faces.len()))?;
+        write_all(&mut zip, sphere.faces.as_flattened().iter().map(|v| v.to_le_bytes()))?;
+        start(&mut zip, "directions")?;
+        let directions = sphere.directions.as_slice();
+        write_header(&mut zip, "<f8", &format!("({}, 3)", directions.len()))?;
+        write_all(&mut zip, directions.as_flattened().iter().map(|x| x.to_le_bytes()))?;
+    }
+    if let Some(key) = &model.scheme_key {
+        start(&mut zip, "scheme_key")?;
+        write_text(&mut zip, key)?;
+    }
+    start(&mut zip, "provenance")?;
+    write_text(&mut zip, &serde_json::to_string(&model.provenance)?)?;
+    zip.finish().map_err(io::Error::other)?;
+    Ok(())
+}
+
+fn write_all<const N: usize>(out: &mut dyn Write, values: impl Iterator<Item = [u8; N]>) -> io::Result<()> {
+    let mut out = io::BufWriter::with_capacity(1 << 16, out);
+    for value in values {
+        out.write_all(&value)?;
+    }
+    out.flush()
+}
+
+/// Reads a model from an archive; `path` is for messages.
+pub(crate) fn read(path: &Path, input: impl Read + Seek) -> Result<Model, ModelError> {
+    let zip = ZipArchive::new(input).map_err(|error| invalid(path, error))?;
+    Archive { path, zip }.read()
+}
+
+fn invalid(path: &Path, problem: impl ToString) -> ModelError {
+    ModelError::Invalid { path: path.to_owned(), problem: problem.to_string() }
+}
+
+/// The most bytes that one of deflate's output can stand for: a bound of the method itself.
+const MOST_EXPANSION: u64 = 1032;
+
+struct Archive<'p, R> {
+    path: &'p Path,
+    zip: ZipArchive<R>,
+}
+
+impl<R: Read + Seek> Archive<'_, R> {
+    fn read(mut self) -> Result<Model, ModelError> {
+        let path = self.path;
+        let coefficients = self
+            .array("coefficients", Array::matrix)?
+            .ok_or_else(|| invalid(path, "it has no array `coefficients`"))?;
+        let coefficients = Coefficients::new(coefficients).map_err(|error| invalid(path, error))?;
+        if let Some(convention) = self.array("convention", Array::text)?
+            && convention != CONVENTION
+        {
+            return Err(invalid(path, format!("convention is {convention:?}, expected {CONVENTION:?}")));
+        }
+        if let Some(max_degree) = self.array("max_degree", Array::scalar)?
+            && max_degree != coefficients.max_degree() as f64
+        {
+            return Err(invalid(path, "max_degree doesn't fit the number of coefficients"));
+        }
+        let provenance = self.array("provenance", Array::text)?;
+        let provenance = provenance.map(|text| Provenance::parse(&text)).unwrap_or_default();
+        let mut sphere = self.sphere()?;
+        if let Some(sphere) = &mut sphere {
+            sphere.anatomical_structure.clone_from(&provenance.anatomical_structure_primary);
+        }
+        let model = Model {
+            coefficients,
+            sphere,
+            scheme_key: self.array("scheme_key", Array::text)?.filter(|key| !key.is_empty()),
+            provenance,
+        };
+        match model.not_finite() {
+            None => Ok(model),
+            Some((row, channel, value)) => Err(ModelError::NonFinite { path: path.to_owned(), row, channel, value }),
+        }
+    }
+
+    fn sphere(&mut self) -> Result<Option<Sphere>, ModelError> {
+        let path = self.path;
+        let Some(directions) = self.array("directions", Array::matrix)? else { return Ok(None) };
+        let vectors = triples(&directions).ok_or_else(|| invalid(path, "directions: expected three columns"))?;
+        // Bit for bit where they are unit vectors, as `write` leaves them.
+        let directions = Directions::from_unit_vectors(vectors.clone())
+            .or_else(|_| Directions::from_vertices(&vectors))
+            .map_err(|error| invalid(path, format!("directions: {error}")))?;
+        let mut sphere = Sphere::from_directions(directions);
+        if let Some(faces) = self.array("faces", Array::matrix)? {
+            let count = sphere.directions.len() as f64;
+            if faces.iter().any(|&v| !(0.0..count).contains(&v) || v.fract() != 0.0) {
+                return Err(invalid(path, "faces names a vertex that isn't there"));
+            }
+            let faces = triples(&faces).ok_or_else(|| invalid(path, "faces: expected three columns"))?;
+            sphere.faces = faces.into_iter().map(|face| face.map(|v| v as u32)).collect();
+        }
+        Ok(Some(sphere))
+    }
+
+    /// Reads an array where there is one of that name.
+    fn array<T>(
+        &mut self,
+        name: &str,
+        convert: impl FnOnce(&Array) -> Result<T, String>,
+    ) -> Result<Option<T>, ModelError> {
+        let problem = |text: String| invalid(self.path, format!("{name}: {text}"));
+        let mut entry = match self.zip.by_name(&format!("{name}.npy")) {
+            Ok(entry) => entry,
+            Err(ZipError::FileNotFound) => return Ok(None),
+            Err(error) => return Err(problem(error.to_string())),
+        };
+        let most = entry.compressed_size().saturating_mul(MOST_EXPANSION);
+        let array = Array::read(&mut entry, most).map_err(problem)?;
+        convert(&array).map(Some).map_err(problem)
+    }
+}
+
+fn triples(array: &Array2<f64>) -> Option<Vec<[f64; 3]>> {
+    (array.ncols() == 3).then(|| array.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect())
+}
+
+#[cfg(test)]
+mod tests;

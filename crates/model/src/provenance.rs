@@ -1,0 +1,272 @@
+//! How a model was made: input, sphere, settings.
+//!
+//! It holds what a program needs to tell whether a model that it finds is the one it would make.
+
+use std::fmt;
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::{Map, Value};
+use spharm_surface::Meta;
+
+use crate::error::ModelError;
+use crate::geometry::Geometry;
+
+/// How a model was made. As JSON it is an object of the fields of this and of [`Settings`].
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Provenance {
+    /// The program or library call.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tool: Option<String>,
+    /// Versions of the software.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub versions: Option<Versions>,
+    /// The file of the surface or signal that was fitted; unknown in models of version 0.1.
+    #[serde(deserialize_with = "record")]
+    pub input: Option<FileRecord>,
+    /// The sphere's file, as it was given. Its directions have the model's scheme key.
+    pub sphere: Option<String>,
+    /// Whether the sphere was made for this surface.
+    pub parametrized: bool,
+    /// The settings.
+    #[serde(flatten)]
+    pub settings: Option<Settings>,
+    /// Whether the channels are x, y and z.
+    pub surface: Option<bool>,
+    /// Cube root of the volume of the input's bounding box, in the input's unit.
+    pub scale: Option<f64>,
+    /// Distances of the model from the input's vertices.
+    pub distances: Option<Distances>,
+    /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
+    pub anatomical_structure_primary: Option<String>,
+    /// Where the input lies in its volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub geometry: Option<Geometry>,
+    /// What else the JSON says.
+    #[serde(flatten)]
+    pub other: Map<String, Value>,
+}
+
+/// Versions that a result may depend on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Versions {
+    /// The library and its programs.
+    pub spharm: String,
+    /// The store's format.
+    pub store_format: u32,
+    /// Operating system and processor.
+    pub platform: (String, String),
+}
+
+/// A file that a model was made from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileRecord {
+    /// Its path, as it was given.
+    pub path: String,
+    /// Its size.
+    pub bytes: u64,
+    /// The BLAKE3 hash of its contents: 64 hexadecimal digits.
+    pub blake3: String,
+    /// Of a volume, the label that the surface was made of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label: Option<i64>,
+}
+
+impl fmt::Display for FileRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.path)?;
+        self.label.map_or(Ok(()), |label| write!(f, " label {label}"))
+    }
+}
+
+impl FileRecord {
+    /// Reads a file's size and hash.
+    ///
+    /// # Errors
+    ///
+    /// [`Input`](ModelError::Input) where there is no such file, or no regular one, and when it can't be read.
+    pub fn of(path: &Path) -> Result<Self, ModelError> {
+        let refuse = |source| ModelError::Input { path: path.to_owned(), source };
+        // A FIFO would be waited for.
+        if !path.is_file() {
+            let problem = if path.exists() { "not a regular file" } else { "no such file" };
+            return Err(refuse(io::Error::other(problem)));
+        }
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(File::open(path).map_err(refuse)?).map_err(refuse)?;
+        let (bytes, blake3) = (hasher.count(), hasher.finalize().to_hex().to_string());
+        Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, label: None })
+    }
+
+    /// Returns whether two files have the same contents, whatever they are called, and the same label is meant.
+    #[must_use]
+    pub fn same_contents(&self, other: &Self) -> bool {
+        (self.bytes, &self.blake3, self.label) == (other.bytes, &other.blake3, other.label)
+    }
+}
+
+/// The settings that a model depends on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// `lsq`, `irf`, `sirf`, `mirf`, `nlsf` or `quadrature`.
+    pub method: String,
+    /// Passes over the basis.
+    pub passes: usize,
+    /// Most columns of a block, g, for the methods that have it.
+    pub granularity: Option<usize>,
+    /// Last degree of the first block, s, for the methods that have it.
+    pub start_degree: Option<usize>,
+    /// Whether pairs of passes were accelerated by conjugate gradients.
+    #[serde(default)]
+    pub accelerate: bool,
+    /// `uniform`, `area`, or the file of the weights.
+    pub weights: String,
+    /// Fraction of the vertices that was held out.
+    #[serde(default)]
+    pub hold_out: Option<f64>,
+    /// Optimality that was asked for; unknown in models of version 0.1.
+    #[serde(default)]
+    pub tolerance: Option<f64>,
+    /// How lambda was chosen: `default`, `fixed` or `auto`; unknown in models of version 0.1.
+    #[serde(default)]
+    pub smoothness_choice: Option<String>,
+    /// Smoothness penalty, lambda, that was used.
+    pub smoothness: f64,
+    /// Scalar type of the basis: `f64` or `f32`.
+    pub dtype: String,
+}
+
+/// Mean and maximal squared distance of a model from its target; msd and xsd with the bounding box scaled to volume 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Distances {
+    /// Whether these were found after the passes asked for, by one more that removes what rounding had left.
+    pub refinement: bool,
+    /// Mean squared distance; none for what has no volume.
+    pub msd: Option<f64>,
+    /// Maximal squared distance; none for what has no volume.
+    pub xsd: Option<f64>,
+    /// Mean squared distance, in the input's unit squared.
+    pub msd_raw: f64,
+    /// Maximal squared distance, in the input's unit squared.
+    pub xsd_raw: f64,
+}
+
+impl Distances {
+    /// Returns the distances of a mean and a maximal square, in the input's unit squared, for a surface whose bounding box
+    /// has the volume `scale^3`.
+    #[must_use]
+    pub fn new(mean_square: f64, max_square: f64, refinement: bool, scale: Option<f64>) -> Self {
+        let normalised = |value: f64| scale.map(|scale| value / (scale * scale));
+        Self {
+            refinement,
+            msd: normalised(mean_square),
+            xsd: normalised(max_square),
+            msd_raw: mean_square,
+            xsd_raw: max_square,
+        }
+    }
+}
+
+impl Provenance {
+    /// Returns what a model's JSON says. Text that isn't such JSON gives an empty provenance: it decides nothing about
+    /// the coefficients.
+    #[must_use]
+    pub fn parse(json: &str) -> Self {
+        serde_json::from_str(json).unwrap_or_default()
+    }
+
+    /// Takes over what a surface's file said.
+    pub fn set_meta(&mut self, meta: &Meta) {
+        self.anatomical_structure_primary.clone_from(&meta.anatomical_structure_primary);
+        self.geometry = Geometry::of(meta);
+    }
+}
+
+/// A record; `None` for a bare name, as in models of version 0.1.
+fn record<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<FileRecord>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Either {
+        Record(FileRecord),
+        Other(serde::de::IgnoredAny),
+    }
+    Ok(match Option::<Either>::deserialize(deserializer)? {
+        Some(Either::Record(record)) => Some(record),
+        Some(Either::Other(_)) | None => None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn provenance() -> Provenance {
+        Provenance {
+            tool: Some("fit".to_owned()),
+            input: Some(FileRecord {
+                path: "sub-01/lh.pial".to_owned(),
+                bytes: 7,
+                blake3: "ab".repeat(32),
+                label: None,
+            }),
+            sphere: Some("lh.sphere.reg".to_owned()),
+            settings: Some(Settings {
+                method: "lsq".to_owned(),
+                passes: 1,
+                granularity: None,
+                start_degree: None,
+                accelerate: false,
+                weights: "uniform".to_owned(),
+                hold_out: None,
+                tolerance: Some(1e-10),
+                smoothness_choice: Some("fixed".to_owned()),
+                smoothness: 1.0 / 3.0,
+                dtype: "f64".to_owned(),
+            }),
+            surface: Some(true),
+            other: Map::from_iter([("study".to_owned(), Value::from("x"))]),
+            ..Provenance::default()
+        }
+    }
+
+    #[test]
+    fn json_is_flat_and_returns() {
+        let json = serde_json::to_string(&provenance()).unwrap();
+        assert_eq!(Provenance::parse(&json), provenance());
+        let value: Value = serde_json::from_str(&json).unwrap();
+        assert_eq!((&value["method"], &value["input"]["path"]), (&"lsq".into(), &"sub-01/lh.pial".into()));
+        assert_eq!(Provenance::parse("no JSON"), Provenance::default());
+        assert_eq!(Provenance::parse("{}").settings, None);
+    }
+
+    /// As version 0.1 wrote it.
+    #[test]
+    fn an_old_model_is_understood() {
+        let json = r#"{"tool":"fit","versions":{"spharm":"0.1.0","store_format":1,"platform":["linux","x86_64"]},
+            "input":"lh.pial","sphere":"lh.sphere.reg","method":"irf","passes":2,"granularity":100,"start_degree":null,
+            "weights":"uniform","smoothness":0.0,"dtype":"f64","surface":true,"scale":80.5,
+            "distances":{"refinement":false,"msd":1e-5,"xsd":2e-5,"msd_raw":0.1,"xsd_raw":0.2},
+            "anatomical_structure_primary":"CortexLeft"}"#;
+        let old = Provenance::parse(json);
+        assert_eq!((old.input, old.sphere.as_deref()), (None, Some("lh.sphere.reg")));
+        let settings = old.settings.as_ref().unwrap();
+        assert_eq!((settings.granularity, settings.tolerance), (Some(100), None));
+        assert_eq!(old.distances.unwrap().xsd_raw, 0.2);
+        assert_eq!(old.anatomical_structure_primary.as_deref(), Some("CortexLeft"));
+        assert!(old.other.is_empty(), "{:?}", old.other);
+    }
+
+    #[test]
+    fn a_file_is_known_by_its_contents() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        std::fs::write(&path, "abc").unwrap();
+        let found = FileRecord::of(&path).unwrap();
+        assert_eq!(found.bytes, 3);
+        assert!(found.blake3.starts_with("6437b3ac38465133ffb63b75273a8db5"), "{found:?}");
+        assert!(found.same_contents(&FileRecord { path: String::new(), ..found.clone() }));
+    }
+}
