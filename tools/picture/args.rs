@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, OUTPUT};
-use spharm_surface::render::View;
+use spharm_render::View;
 
 /// Draw surfaces side by side, and their distance in colour
 ///

@@ -9,10 +9,10 @@ use spharm_cli::inputs::stem;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
 use spharm_harmonics::Directions;
 use spharm_parametrize::quality::log_area_ratios;
+use spharm_render::{Paint, Panel, Settings, render, write_png};
 use spharm_surface::Mesh;
 use spharm_surface::io::{WriteOptions, read_mesh};
 use spharm_surface::metrics::{correspond, distances_to_surface, vertex_distances};
-use spharm_surface::render::{Paint, Panel, Settings, render, write_png};
 
 pub(crate) use self::args::Cli;
 

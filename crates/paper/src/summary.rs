@@ -1,6 +1,5 @@
 //! The summary: what was measured beside what the paper says.
 
-
 use crate::experiments::{Pass, Results};
 use crate::extent::{Extent, Settings};
 use crate::published::{NLSF_DEGREE, PUBLISHED, Quality};

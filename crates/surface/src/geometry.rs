@@ -34,18 +34,21 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
 }
 
 /// The vector of length 1, or 0 for one without direction.
-pub(crate) fn unit(a: Vec3) -> Vec3 {
+#[must_use]
+pub fn unit(a: Vec3) -> Vec3 {
     let length = dot(a, a).sqrt();
     if length > 0.0 && length.is_finite() { scale(a, 1.0 / length) } else { [0.0; 3] }
 }
 
 /// Twice the triangle's area, along its normal.
-pub(crate) fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
+#[must_use]
+pub fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     cross(sub(b, a), sub(c, a))
 }
 
 /// The smallest and largest coordinate along each axis; infinite, the wrong way round, without points.
-pub(crate) fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
+#[must_use]
+pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for p in points {

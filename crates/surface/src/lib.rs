@@ -1,4 +1,4 @@
-//! Triangle meshes and signals on them: files, topology, distances, made-up surfaces, pictures.
+//! Triangle meshes and signals on them: files, topology, distances, made-up surfaces.
 //!
 //! Everything else in spharm sees arrays; this crate is where they come from and what they turn into again. It is also
 //! the boundary to the outside world: files are taken as hostile, outputs appear whole or not at all.
@@ -23,7 +23,6 @@
 //! | [`Sphere`], [`Target`] | a sphere's directions and triangles; the values to be fitted over it; both checked |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`sphere_locator`] | which triangle of a sphere a direction meets, values interpolated there |
-//! | [`render`] | pictures of meshes, as PNG |
 //!
 //! # Example
 //!
@@ -59,7 +58,6 @@ pub mod generate;
 pub mod io;
 pub mod metrics;
 pub mod nearest;
-pub mod render;
 pub mod sphere_locator;
 pub mod topology;
 

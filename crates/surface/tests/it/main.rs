@@ -6,7 +6,6 @@ mod distance;
 mod fixtures;
 mod hostile;
 mod locator;
-mod pictures;
 mod round_trip;
 mod shared_data;
 mod topology;

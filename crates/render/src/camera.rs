@@ -1,13 +1,13 @@
 //! The orthographic camera.
 
-use crate::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
+use spharm_surface::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
 
-/// Where the camera stands, as a direction from the surface's middle; it looks back at that.
+/// The camera's position, as a direction from the surface's middle, which it looks at.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// From the middle towards the camera; any length above 0.
     pub from: [f64; 3],
-    /// What is up in the picture, not along `from`.
+    /// The direction that is up in the picture; not parallel to `from`.
     pub up: [f64; 3],
 }
 
@@ -23,7 +23,7 @@ impl View {
     /// From the left, the front and above.
     pub const CORNER: Self = Self::new([-1.0, 0.6, 0.5], [0.0, 0.0, 1.0]);
 
-    /// A view from a direction, with what is up.
+    /// Returns a view from a direction, with the direction that is up.
     #[must_use]
     pub const fn new(from: [f64; 3], up: [f64; 3]) -> Self {
         Self { from, up }
@@ -31,10 +31,10 @@ impl View {
 }
 
 /// Maps space to pixels: x right, y down, and a depth that grows towards the camera.
-pub(super) struct Camera {
+pub(crate) struct Camera {
     right: Vec3,
     up: Vec3,
-    pub(super) towards: Vec3,
+    pub(crate) towards: Vec3,
     /// In the picture's axes.
     centre: Vec3,
     /// Pixels per unit.
@@ -44,7 +44,7 @@ pub(super) struct Camera {
 
 impl Camera {
     /// A camera that sees all the points in a frame of `width` by `height` pixels, with a margin.
-    pub(super) fn framing<'a>(view: View, points: impl Iterator<Item = &'a Vec3>, width: usize, height: usize) -> Self {
+    pub(crate) fn framing<'a>(view: View, points: impl Iterator<Item = &'a Vec3>, width: usize, height: usize) -> Self {
         let towards = unit(view.from);
         let right = unit(cross(view.up, towards));
         let up = cross(towards, right);
@@ -64,14 +64,14 @@ impl Camera {
     }
 
     /// (x, y) in pixels and the depth.
-    pub(super) fn project(&self, point: Vec3) -> Vec3 {
+    pub(crate) fn project(&self, point: Vec3) -> Vec3 {
         let p = [dot(point, self.right), dot(point, self.up), dot(point, self.towards)];
         let [x, y, depth] = scale(sub(p, self.centre), self.zoom);
         [self.middle.0 + x, self.middle.1 - y, depth]
     }
 
     /// A direction given in the picture's axes (right, up, towards the camera), in space.
-    pub(super) fn direction(&self, [right, up, towards]: Vec3) -> Vec3 {
+    pub(crate) fn direction(&self, [right, up, towards]: Vec3) -> Vec3 {
         unit(add(add(scale(self.right, right), scale(self.up, up)), scale(self.towards, towards)))
     }
 }

@@ -1,12 +1,12 @@
-//! Draws surfaces side by side: `cargo run --release --example draw -- out.png [surface...]`; without surfaces, two
+//! Draws surfaces side by side: `cargo run --release -p spharm-render --example draw -- out.png [surface...]`; without surfaces, two
 //! subjects of the made-up study and their sphere's view from the front.
 
 use std::error::Error;
 
+use spharm_render::{Panel, Settings, View, render, write_png};
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex};
 use spharm_surface::io::{WriteOptions, read_mesh};
-use spharm_surface::render::{Panel, Settings, View, render, write_png};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);

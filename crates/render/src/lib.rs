@@ -5,7 +5,7 @@
 //!
 //! ```
 //! use spharm_surface::generate::icosphere;
-//! use spharm_surface::render::{Paint, Panel, Settings, render};
+//! use spharm_render::{Paint, Panel, Settings, render};
 //!
 //! let ball = icosphere(4);
 //! let height: Vec<f64> = ball.vertices.iter().map(|v| v[2]).collect();
@@ -13,24 +13,28 @@
 //! let settings = Settings { width: 120, height: 120, ..Settings::default() };
 //! let picture = render(&[Panel::new(&ball, "a ball"), Panel { mesh: &ball, caption: "z", paint }], &settings)?;
 //! assert_eq!(picture.width, 2 * 120);
-//! # Ok::<(), spharm_surface::SurfaceError>(())
+//! # Ok::<(), spharm_render::RenderError>(())
 //! ```
 
+#![forbid(unsafe_code)]
+
 mod camera;
+mod error;
 mod image;
 mod raster;
 mod text;
 
-use crate::error::SurfaceError;
-use crate::mesh::Mesh;
-use crate::metrics::{colors, viridis};
+use spharm_surface::Mesh;
+use spharm_surface::metrics::{colors, viridis};
+
 use camera::Camera;
 pub use camera::View;
+pub use error::RenderError;
 pub use image::{Image, write_png};
 use raster::Raster;
 use text::Label;
 
-/// What a mesh's surface looks like.
+/// The colours of a mesh.
 #[derive(Clone, Copy, Debug)]
 pub enum Paint<'a> {
     /// One colour (sRGB).
@@ -41,7 +45,7 @@ pub enum Paint<'a> {
         values: &'a [f64],
         /// The values at the bar's ends.
         range: (f64, f64),
-        /// What the bar says.
+        /// The bar's caption.
         label: &'a str,
     },
 }
@@ -49,16 +53,16 @@ pub enum Paint<'a> {
 /// A mesh in a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel<'a> {
-    /// What to draw.
+    /// The mesh.
     pub mesh: &'a Mesh,
-    /// What to write beneath; may be empty.
+    /// Text beneath the mesh; may be empty.
     pub caption: &'a str,
-    /// In which colours.
+    /// Its colours.
     pub paint: Paint<'a>,
 }
 
 impl<'a> Panel<'a> {
-    /// A mesh in a plain warm grey.
+    /// Returns a panel with the mesh in a plain warm grey.
     #[must_use]
     pub fn new(mesh: &'a Mesh, caption: &'a str) -> Self {
         Self { mesh, caption, paint: Paint::Plain([222, 208, 196]) }
@@ -74,7 +78,7 @@ pub struct Settings {
     pub height: usize,
     /// Panels in a row; 0 puts all in one.
     pub columns: usize,
-    /// Where the camera stands.
+    /// The camera's position.
     pub view: View,
     /// Whether all meshes are drawn to one scale about one centre, so that they can be compared; else each fills its
     /// panel.
@@ -96,9 +100,9 @@ const INK: [u8; 3] = [40; 3];
 ///
 /// # Errors
 ///
-/// Where there are no panels, the picture would be empty or larger than 16,384 pixels on a side, a scalar's length
-/// isn't its mesh's number of vertices, or a range isn't finite.
-pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, SurfaceError> {
+/// [`RenderError`]: no panels, a picture below 16 or above 16,384 pixels on a side, values that aren't one for each vertex
+/// of their mesh, or a range that isn't finite.
+pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, RenderError> {
     check(panels, settings)?;
     let columns = match settings.columns {
         0 => panels.len(),
@@ -106,10 +110,8 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Surfac
     };
     let rows = panels.len().div_ceil(columns);
     let (width, height) = (columns * settings.width, rows * settings.height);
-    for (what, found) in [("the picture's width", width), ("the picture's height", height)] {
-        if !(16..=LARGEST).contains(&found) {
-            return Err(SurfaceError::Argument { what, expected: "16 to 16384 pixels", found: found.to_string() });
-        }
+    if [width, height].iter().any(|side| !(16..=LARGEST).contains(side)) {
+        return Err(RenderError::Size { width, height });
     }
 
     // The type grows with the panel, within what is legible.
@@ -147,31 +149,23 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Surfac
     Ok(picture)
 }
 
-fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), SurfaceError> {
-    if panels.is_empty() || settings.width > LARGEST || settings.height > LARGEST {
-        return Err(SurfaceError::Argument {
-            what: "the panels of a picture",
-            expected: "at least one, of at most 16384 pixels on a side",
-            found: format!("{} of {} x {}", panels.len(), settings.width, settings.height),
-        });
+fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
+    if panels.is_empty() {
+        return Err(RenderError::NoPanels);
+    }
+    // Before their product overflows.
+    if settings.width > LARGEST || settings.height > LARGEST {
+        return Err(RenderError::Size { width: settings.width, height: settings.height });
     }
     for panel in panels {
         let Paint::Scalar { values, range, .. } = panel.paint else {
             continue;
         };
         if values.len() != panel.mesh.vertices.len() {
-            return Err(SurfaceError::LengthMismatch {
-                what: "values to colour a mesh by",
-                expected: panel.mesh.vertices.len(),
-                found: values.len(),
-            });
+            return Err(RenderError::ValueCount { expected: panel.mesh.vertices.len(), found: values.len() });
         }
         if !(range.0.is_finite() && range.1.is_finite()) {
-            return Err(SurfaceError::Argument {
-                what: "the range of a colour bar",
-                expected: "two finite numbers",
-                found: format!("{range:?}"),
-            });
+            return Err(RenderError::Range { low: range.0, high: range.1 });
         }
     }
     Ok(())

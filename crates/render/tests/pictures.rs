@@ -1,9 +1,9 @@
 //! Pictures show what they should.
 
+use spharm_render::{Image, Paint, Panel, RenderError, Settings, View, render, write_png};
+use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::WriteOptions;
-use spharm_surface::render::{Image, Paint, Panel, Settings, View, render, write_png};
-use spharm_surface::{Mesh, SurfaceError};
 
 fn small() -> Settings {
     Settings { width: 100, height: 100, view: View::FRONT, ..Settings::default() }
@@ -88,7 +88,7 @@ fn senseless_requests_are_told() {
     assert!(render(&[Panel::new(&ball, "")], &Settings { height: usize::MAX, ..small() }).is_err());
     let paint = Paint::Scalar { values: &[1.0], range: (0.0, 1.0), label: "" };
     let error = render(&[Panel { mesh: &ball, caption: "", paint }], &small()).unwrap_err();
-    assert!(matches!(error, SurfaceError::LengthMismatch { expected: 12, found: 1, .. }), "{error}");
+    assert!(matches!(error, RenderError::ValueCount { expected: 12, found: 1 }), "{error}");
     // What isn't a number isn't drawn.
     let mut broken = ball.clone();
     broken.vertices[3] = [f64::NAN; 3];

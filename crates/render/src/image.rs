@@ -3,8 +3,9 @@
 use std::io;
 use std::path::Path;
 
-use crate::error::SurfaceError;
-use crate::io::{WriteOptions, write_new};
+use spharm_surface::io::{WriteOptions, write_new};
+
+use crate::RenderError;
 
 /// A picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,7 +19,7 @@ pub struct Image {
 }
 
 impl Image {
-    pub(super) fn filled(width: usize, height: usize, color: [u8; 3]) -> Self {
+    pub(crate) fn filled(width: usize, height: usize, color: [u8; 3]) -> Self {
         Self { width, height, pixels: vec![color; width * height] }
     }
 
@@ -27,19 +28,19 @@ impl Image {
     }
 
     /// The colour at a place; black outside.
-    pub(super) fn get(&self, x: usize, y: usize) -> [u8; 3] {
+    pub(crate) fn get(&self, x: usize, y: usize) -> [u8; 3] {
         self.index(x, y).map_or([0; 3], |i| self.pixels[i])
     }
 
     /// Sets a pixel; outside, nothing.
-    pub(super) fn set(&mut self, x: usize, y: usize, color: [u8; 3]) {
+    pub(crate) fn set(&mut self, x: usize, y: usize, color: [u8; 3]) {
         if let Some(i) = self.index(x, y) {
             self.pixels[i] = color;
         }
     }
 
     /// Lays a colour over a pixel, `coverage` from 0 to 1.
-    pub(super) fn blend(&mut self, x: usize, y: usize, color: [u8; 3], coverage: f64) {
+    pub(crate) fn blend(&mut self, x: usize, y: usize, color: [u8; 3], coverage: f64) {
         let below = self.get(x, y);
         let mixed = std::array::from_fn(|i| {
             let (a, b) = (f64::from(below[i]), f64::from(color[i]));
@@ -49,13 +50,13 @@ impl Image {
     }
 }
 
-/// Writes a picture as PNG, whole or not at all.
+/// Writes a picture as PNG, whole or not at all. The name must end in `.png`.
 ///
 /// # Errors
 ///
 /// As [`write_new`].
-pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) -> Result<(), SurfaceError> {
-    write_new(path, options.overwrite, |out| {
+pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) -> Result<(), RenderError> {
+    Ok(write_new(path, options.overwrite, |out| {
         let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
         let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);
         encoder.set_color(png::ColorType::Rgb);
@@ -64,5 +65,5 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) 
         let mut writer = encoder.write_header().map_err(io::Error::other)?;
         writer.write_image_data(image.pixels.as_flattened()).map_err(io::Error::other)?;
         writer.finish().map_err(io::Error::other)
-    })
+    })?)
 }

@@ -1,9 +1,10 @@
 //! Triangles into pixels: a z-buffer at twice the resolution, averaged down.
 
-use super::camera::Camera;
-use super::image::Image;
-use crate::geometry::{Vec3, add, dot, face_normal, scale, unit};
-use crate::mesh::Mesh;
+use spharm_surface::Mesh;
+use spharm_surface::geometry::{Vec3, add, dot, face_normal, scale, unit};
+
+use crate::camera::Camera;
+use crate::image::Image;
 
 /// Samples per pixel along each axis.
 const FINE: usize = 2;
@@ -13,7 +14,7 @@ const LIGHTS: [(Vec3, f64); 2] = [([-0.5, 0.7, 0.8], 0.78), ([0.9, -0.1, 0.4], 0
 const AMBIENT: f64 = 0.14;
 
 /// A frame in the making.
-pub(super) struct Raster {
+pub(crate) struct Raster {
     width: usize,
     height: usize,
     depth: Vec<f64>,
@@ -31,14 +32,14 @@ struct Corner {
 }
 
 impl Raster {
-    pub(super) fn new(width: usize, height: usize) -> Self {
+    pub(crate) fn new(width: usize, height: usize) -> Self {
         let samples = width * height * FINE * FINE;
         Self { width, height, depth: vec![f64::NEG_INFINITY; samples], color: vec![[0.0; 3]; samples] }
     }
 
     /// Draws a mesh with a colour (sRGB) at each vertex. Triangles that face away are drawn too, lit from behind, so
     /// that an open or inverted surface shows as it is.
-    pub(super) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], camera: &Camera) {
+    pub(crate) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], camera: &Camera) {
         let lights = LIGHTS.map(|(direction, strength)| (camera.direction(direction), strength));
         let normals = vertex_normals(mesh);
         let corners: Vec<Corner> = mesh
@@ -96,7 +97,7 @@ impl Raster {
     }
 
     /// Averages the samples over the background and puts the frame's upper left corner at (x, y).
-    pub(super) fn paint_on(&self, picture: &mut Image, x: usize, y: usize) {
+    pub(crate) fn paint_on(&self, picture: &mut Image, x: usize, y: usize) {
         let columns = self.width * FINE;
         for row in 0..self.height {
             for column in 0..self.width {

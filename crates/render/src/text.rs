@@ -2,10 +2,10 @@
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 
-use super::image::Image;
+use crate::image::Image;
 
 /// A line of text at a size.
-pub(super) struct Label<'a> {
+pub(crate) struct Label<'a> {
     text: &'a str,
     scale: PxScale,
     font: Option<FontRef<'a>>,
@@ -13,7 +13,7 @@ pub(super) struct Label<'a> {
 
 impl<'a> Label<'a> {
     /// `size` is the line's height in pixels.
-    pub(super) fn new(text: &'a str, size: f64) -> Self {
+    pub(crate) fn new(text: &'a str, size: f64) -> Self {
         Self {
             text,
             scale: PxScale::from(size as f32),
@@ -30,17 +30,17 @@ impl<'a> Label<'a> {
     }
 
     /// Centred on x, its top at y.
-    pub(super) fn centred(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
+    pub(crate) fn centred(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.draw(picture, x as f32 - self.width() / 2.0, y as f32, color);
     }
 
     /// Its left end at x.
-    pub(super) fn starting(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
+    pub(crate) fn starting(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.draw(picture, x as f32, y as f32, color);
     }
 
     /// Its right end at x.
-    pub(super) fn ending(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
+    pub(crate) fn ending(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.draw(picture, x as f32 - self.width(), y as f32, color);
     }
 
