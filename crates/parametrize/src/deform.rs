@@ -83,7 +83,7 @@ const SHAPE: f64 = 0.4;
 const ROUNDS: usize = 30;
 
 /// Vertices of a sweep between which the monitor is asked.
-const CHUNK: usize = 4096;
+const CHUNK: usize = 2048;
 
 /// Deforms an icosphere onto a surface, from a map of it onto the sphere that is one to one.
 ///

@@ -142,23 +142,24 @@ impl Newton {
         monitor.check()?;
         let nothing = Step { before, after: before, taken: 0.0 };
         let frames: Vec<[Vec3; 2]> = unit.par_iter().map(|&p| frame(p)).collect();
-        let local: Vec<Local> = (0..self.faces.len())
-            .into_par_iter()
-            .map(|f| {
-                let frames = self.faces[f].map(|v| frames[v as usize]);
-                Local::of(energy, &self.shapes[f], self.corners(unit, f), frames)
-            })
-            .collect();
-
         let mut gradient = vec![0.0; 2 * unit.len()];
         let mut values = vec![0.0; self.pattern.row_idx().len()];
-        for ((face, slots), local) in self.faces.iter().zip(&self.slots).zip(&local) {
-            for i in 0..6 {
-                gradient[2 * face[i / 2] as usize + i % 2] += local.gradient[i];
-            }
-            for (slot, h) in slots.iter().zip(&local.hessian) {
-                if *slot != NOWHERE {
-                    values[*slot as usize] += h;
+        for start in (0..self.faces.len()).step_by(CHUNK) {
+            monitor.check()?;
+            let range = start..(start + CHUNK).min(self.faces.len());
+            let of = |f: usize| {
+                let frames = self.faces[f].map(|v| frames[v as usize]);
+                Local::of(energy, &self.shapes[f], self.corners(unit, f), frames)
+            };
+            let local: Vec<Local> = range.clone().into_par_iter().map(of).collect();
+            for (f, local) in range.zip(&local) {
+                for (i, g) in local.gradient.iter().enumerate() {
+                    gradient[2 * self.faces[f][i / 2] as usize + i % 2] += g;
+                }
+                for (slot, h) in self.slots[f].iter().zip(&local.hessian) {
+                    if *slot != NOWHERE {
+                        values[*slot as usize] += h;
+                    }
                 }
             }
         }
@@ -167,14 +168,14 @@ impl Newton {
             values[at] = values[at] * (1.0 + 1e-8) + f64::MIN_POSITIVE;
         }
         let (pattern, symbolic) = (Arc::clone(&self.pattern), self.symbolic.clone());
-        let factor = abandonable(unit.len() >= LONG, monitor, move || {
-            let matrix = SparseColMatRef::new(pattern.as_ref().as_ref(), &values);
-            Llt::try_new_with_symbolic(symbolic, matrix, Side::Lower)
-        })?;
-        let Ok(factor) = factor else { return Ok(nothing) };
-        monitor.check()?;
         let mut solution = Mat::from_fn(gradient.len(), 1, |i, _| -gradient[i]);
-        factor.solve_in_place(solution.as_mut());
+        let solved = abandonable(unit.len() >= LONG, monitor, move || {
+            let matrix = SparseColMatRef::new(pattern.as_ref().as_ref(), &values);
+            let factor = Llt::try_new_with_symbolic(symbolic, matrix, Side::Lower).ok()?;
+            factor.solve_in_place(solution.as_mut());
+            Some(solution)
+        })?;
+        let Some(solution) = solved else { return Ok(nothing) };
         let direction: Vec<Vec3> = frames
             .iter()
             .enumerate()

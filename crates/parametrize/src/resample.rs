@@ -20,7 +20,7 @@ use crate::geometry::Vec3;
 use crate::report::{Note, Parametrization, Resampling};
 
 /// Vertices between which the monitor is asked and given the progress.
-pub(crate) const CHUNK: usize = 8192;
+pub(crate) const CHUNK: usize = 4096;
 
 /// Puts a surface on the sampling of another sphere.
 ///

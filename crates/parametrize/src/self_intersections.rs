@@ -12,7 +12,7 @@ use spharm_surface::nearest::TriangleTree;
 use crate::geometry::Vec3;
 
 /// Triangles in a chunk, between whose checks the monitor is asked.
-const CHUNK: usize = 8192;
+const CHUNK: usize = 4096;
 
 /// The pairs of triangles that intersect, the smaller number first, in order.
 pub(crate) fn self_intersections(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Vec<[u32; 2]>, Interrupted> {
