@@ -18,7 +18,7 @@ use crate::star::sweep;
 /// The stage in which [`Descent::descend`] counts its steps. Their number isn't known beforehand.
 pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
 
-/// Below this share of Newton's step single vertices are in the way, and a sweep over them helps more than another step.
+/// Below this share of Newton's step single vertices block it, and a sweep over them helps more than another step.
 const BLOCKED: f64 = 0.2;
 
 /// A map under optimisation.

@@ -3,7 +3,7 @@
 //! The [`Hierarchy`] is taken down to a tetrahedron, which goes onto the sphere as a regular one. Then the vertices come
 //! back: each into the kernel of its ring, which is never empty, since the vertex it had gone into sees all of it; then
 //! it and its neighbours relax. Each time the mesh has doubled, sweeps and Newton's steps let the whole map settle, so
-//! that large features find their room while there are few vertices to move.
+//! that large features get their areas while there are few vertices to move.
 
 use spharm_monitor::{Interrupted, Monitor, Stage};
 

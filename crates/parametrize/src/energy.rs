@@ -1,4 +1,4 @@
-//! What the maps make small.
+//! The energies that maps minimise.
 //!
 //! A triangle of the surface with area A (all of them sum to 4 pi) goes to a spherical triangle of solid angle W. With
 //! s1 >= s2 the singular values of the linear map between the flat triangles,
@@ -26,7 +26,7 @@ use crate::geometry::{Vec3, add, cross, dot, norm, scale, sub};
 /// Sharp and K. Crane, SGP 2020, intrinsic mollification): their cotangents would drown all others.
 const SLACK: f64 = 1e-3;
 
-/// A triangle of the surface, as much of it as the energies want.
+/// A triangle of the surface, reduced to what the energies need.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Shape {
     /// A, its share of 4 pi.
@@ -69,7 +69,7 @@ pub(crate) fn least_area(triangles: usize) -> f64 {
     LEAST_AREA * 4.0 * std::f64::consts::PI / triangles as f64
 }
 
-/// Gives each triangle its area.
+/// Sets the area of each triangle.
 pub(crate) fn set_areas(shapes: &mut [Shape], areas: &[f64]) {
     let least = least_area(shapes.len());
     shapes.iter_mut().zip(areas).for_each(|(shape, area)| shape.area = area.max(least));
@@ -89,7 +89,7 @@ pub(crate) enum Energy {
     },
     /// q / r^2 + `shrink` q.
     Stretch {
-        /// The weight of the term that keeps parts from growing without bound where there is nothing to stretch.
+        /// Weight of the term that keeps parts from growing without bound where there is nothing to stretch.
         shrink: f64,
     },
 }
@@ -126,7 +126,7 @@ impl Energy {
         }
     }
 
-    /// One triangle's energy; infinite where it is flipped or flat, as far as rounding tells.
+    /// One triangle's energy; infinite where it is flipped or flat, up to rounding.
     pub(crate) fn value(self, shape: &Shape, p: [Vec3; 3]) -> f64 {
         let [a, b, c] = p;
         let (ab, bc, ca) = (sub(b, a), sub(c, b), sub(a, c));

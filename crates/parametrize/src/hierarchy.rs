@@ -8,7 +8,7 @@
 //! The order decides how well the coarse meshes are shaped, not what they look like: next goes the vertex whose removal
 //! leaves the smallest and roundest triangles at vertices of low valence. The area around a collapsed vertex is shared
 //! out over the triangles that take its place, so each coarse mesh carries the whole surface's area where it belongs: a
-//! map that equalises areas makes room for an arm before the arm is there.
+//! map that equalises areas has the area of an arm before it has the arm.
 //!
 //! O(n log n): a heap of vertices by cost, stale entries left in it and passed over.
 
@@ -200,7 +200,7 @@ impl Hierarchy {
             || faces[2..].iter().map(|&(f, corners, _)| (f, corners.map(|w| if w == vertex { into } else { w })));
         let flat = |corners: [u32; 3]| corners.map(|w| self.positions[w as usize]);
         let sum: f64 = kept().map(|(_, corners)| area(flat(corners))).sum();
-        // A little for everyone, lest a triangle that happens to be thin in space gets no room on the sphere.
+        // A little for each, or a triangle that happens to be thin in space would get no area on the sphere.
         let even = 0.1 / (faces.len() - 2) as f64;
         let new: Vec<_> = kept()
             .map(|(f, corners)| {

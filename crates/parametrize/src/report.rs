@@ -206,7 +206,8 @@ pub enum Warning {
         /// Its error.
         cause: String,
     },
-    /// The Moebius transformation of least area distortion would have flipped triangles; the map has one on the way.
+    /// The Moebius transformation of least area distortion would have flipped triangles; one that goes less far was
+    /// applied.
     CentringStopped,
     /// Vertices left the given surface, where triangles intersected.
     Smoothed {

@@ -86,7 +86,7 @@ pub(crate) fn residual(
     Ok(Residual { rms, excess })
 }
 
-/// Moves each value half the way to the mean of its neighbours', a few times.
+/// Replaces each value by the mean of itself and its neighbours' mean, a few times.
 fn average(faces: &[[u32; 3]], values: &mut [f64]) {
     let mut valence = vec![0.0; values.len()];
     faces.iter().flatten().for_each(|&v| valence[v as usize] += 1.0);

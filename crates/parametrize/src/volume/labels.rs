@@ -8,6 +8,7 @@ use spharm_monitor::Monitor;
 
 use super::affine::Affine;
 use super::mask::Mask;
+use super::values::Volume;
 use super::{mgh, nifti};
 use crate::error::ParametrizeError;
 
@@ -30,13 +31,6 @@ pub struct LabelVolume {
     /// (size), x fastest.
     values: Vec<i32>,
     extents: BTreeMap<i32, Extent>,
-}
-
-/// The parts that a file has.
-pub(super) struct Volume {
-    pub(super) size: [usize; 3],
-    pub(super) affine: Affine,
-    pub(super) values: Vec<i32>,
 }
 
 /// A label's number of voxels and the box around them, both ends included.

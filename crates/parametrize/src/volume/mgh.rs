@@ -17,8 +17,7 @@ use std::path::Path;
 use spharm_monitor::Monitor;
 
 use super::affine::Affine;
-use super::labels::Volume;
-use super::values::{Layout, Scalar, cut_short};
+use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
 /// Bytes of the header.

@@ -10,8 +10,7 @@ use nifti::{Endianness, NiftiHeader, NiftiType};
 use spharm_monitor::Monitor;
 
 use super::affine::Affine;
-use super::labels::Volume;
-use super::values::{Layout, Scalar, cut_short};
+use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
 

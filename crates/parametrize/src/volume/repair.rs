@@ -1,6 +1,6 @@
 //! From any label to one ball without bare contacts.
 //!
-//! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, whichever changes fewer
+//! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, the one that changes fewer
 //! voxels:
 //!
 //! - *cutting*: from its innermost voxel a ball grows through the label, the deepest voxels first, and takes each one

@@ -68,7 +68,7 @@ fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
     reached
 }
 
-/// Whether the voxel in the middle is simple, whichever side it is on.
+/// Whether the voxel in the middle is simple, on either side.
 pub(super) fn is_simple(around: Around) -> bool {
     let n = &*NEIGHBOURS;
     let (inside, outside) = (around & EIGHTEEN, !around & ALL);

@@ -5,7 +5,15 @@ use std::path::Path;
 
 use spharm_monitor::{Monitor, Stage};
 
+use super::affine::Affine;
 use crate::error::ParametrizeError;
+
+/// A volume as a file has it: number of voxels along x, y, z, their positions, their values, x fastest.
+pub(super) struct Volume {
+    pub(super) size: [usize; 3],
+    pub(super) affine: Affine,
+    pub(super) values: Vec<i32>,
+}
 
 /// The type of a voxel's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
