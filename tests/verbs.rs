@@ -66,10 +66,6 @@ fn every_verb_has_help_with_examples_completions_and_a_manual_page() {
         let page = std::fs::read_to_string(pages.join(format!("spharm-{verb}.1"))).expect("a page");
         assert!(page.starts_with(".ie"), "{page}");
         let (short, long) = (succeed(tool(verb).arg("-h")), succeed(tool(verb).arg("--help")));
-        // The arguments of these are being rewritten.
-        if ["fit", "parametrize"].contains(&verb) {
-            continue;
-        }
         assert!(long.contains("Examples:") && long.contains(&format!("spharm {verb} ")), "{long}");
         assert!(short.lines().count() <= 60 && short.len() < long.len(), "{short}");
     }
@@ -187,4 +183,33 @@ fn earlier_spellings_of_options_are_understood() {
     assert_eq!(json(&std::fs::read_to_string(&file).expect("a report")), Some(2));
     let both = finish(build(&["--json"]).arg(&file).arg("--report").arg(&file));
     assert_eq!(both.status.code(), Some(2), "{}", text(&both));
+}
+
+#[test]
+fn many_surfaces_are_parametrised_in_one_call() {
+    let site = Site::new();
+    for name in ["a.ply", "b.ply"] {
+        std::fs::copy(site.path("s.ply"), site.path(name)).unwrap();
+    }
+    let parametrize = |arguments: &[&str], output: &str| {
+        let mut command = tool("parametrize");
+        command.arg("--surface").args(["a.ply", "b.ply"].map(|name| site.path(name))).args(arguments);
+        command.arg("-q").arg("-o").arg(site.path(output));
+        command
+    };
+    let json = succeed(&mut parametrize(&["--method", "conformal", "--json"], "spheres"));
+    assert_eq!(serde_json::from_str::<Value>(&json).expect("JSON").as_array().map(Vec::len), Some(2));
+    assert_eq!(names(&site.path("spheres")), ["a.sphere.surf.gii", "b.sphere.surf.gii"]);
+    let error = fail(&mut parametrize(&[], "both.ply"));
+    assert!(error.contains("both.ply") && error.contains("folder"), "{error}");
+    // The surface on another sampling goes beside the sphere, under a name that is made from the sphere's.
+    let mut one = tool("parametrize");
+    one.arg("--input").arg(site.path("a.ply")).args(["--method", "conformal", "--resample-to", "icosphere:2", "-q"]);
+    succeed(one.arg("-o").arg(site.path("new/x.sphere.ply")));
+    assert_eq!(names(&site.path("new")), ["x.ply", "x.sphere.ply"]);
+    // And never over the input.
+    let mut over = tool("parametrize");
+    over.arg("--surface").arg(site.path("new/x.ply")).args(["--resample-to", "icosphere:2", "--force"]);
+    let error = fail(over.arg("-o").arg(site.path("new/x.sphere.ply")));
+    assert!(error.contains("x.ply") && error.contains("the input"), "{error}");
 }

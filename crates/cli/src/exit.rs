@@ -70,16 +70,19 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
     if is_interrupted(&error) { ExitCode::from(INTERRUPTED) } else { ExitCode::FAILURE }
 }
 
-/// Joins the error chain, skipping repeated messages.
+/// Joins the error chain, skipping repeated messages, and names of files that the next message begins with.
 fn one_line(error: &anyhow::Error) -> String {
-    let mut line = String::new();
+    let mut parts: Vec<String> = Vec::new();
     for text in error.chain().map(ToString::to_string) {
-        if !line.contains(&text) {
-            line += if line.is_empty() { "" } else { ": " };
-            line += &text;
+        if parts.iter().any(|part| part.contains(&text)) {
+            continue;
         }
+        if parts.last().is_some_and(|last| text.starts_with(&format!("{last}: "))) {
+            parts.pop();
+        }
+        parts.push(text);
     }
-    line.replace('\n', " ")
+    parts.join(": ").replace('\n', " ")
 }
 
 fn is_interrupted(error: &anyhow::Error) -> bool {
@@ -92,4 +95,23 @@ fn is_interrupted(error: &anyhow::Error) -> bool {
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.root_cause().downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
         && error.downcast_ref::<crate::output::ToStdout>().is_some()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_named_once() {
+        let line = |chain: &[&str]| {
+            let (root, contexts) = chain.split_last().expect("a message");
+            let error =
+                contexts.iter().rev().fold(anyhow::anyhow!("{root}"), |error, text| error.context(text.to_string()));
+            one_line(&error)
+        };
+        assert_eq!(line(&["x.nii", "x.nii: expected one label"]), "x.nii: expected one label");
+        assert_eq!(line(&["x.ply", "not closed"]), "x.ply: not closed");
+        assert_eq!(line(&["cannot write x.ply: full", "full"]), "cannot write x.ply: full");
+        assert_eq!(line(&["a and b", "a", "a: no such file"]), "a and b: a: no such file");
+    }
 }

@@ -18,6 +18,9 @@ pub const MESHES: &str = "Meshes: GIfTI (.surf.gii, .gii, .gii.gz), FreeSurfer s
 pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files, .csv and .tsv (a \
                            row a vertex, a column a channel).";
 
+/// The formats of label volumes.
+pub const VOLUMES: &str = "Label volumes: NIfTI (.nii, .nii.gz), FreeSurfer (.mgh, .mgz).";
+
 /// The end of a verb's long help: examples, then notes such as the formats.
 pub fn examples(examples: &[&str], notes: &[&str]) -> String {
     let examples: String = examples.iter().map(|line| format!("\n  {line}")).collect();

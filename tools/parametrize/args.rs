@@ -1,0 +1,116 @@
+//! Arguments of `parametrize`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use spharm_cli::Common;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::names::NameTemplate;
+use spharm_cli::surfaces::Labels;
+use spharm_cli::threads::Threads;
+use spharm_parametrize::Sampling;
+
+/// Map closed surfaces onto the sphere, one to one, as a fit needs it
+///
+/// The sphere has the surface's vertices and triangles, and radius 1. Whatever the method, none of its triangles is flipped
+/// or degenerate, by an exact predicate; otherwise there is an error and no file.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm parametrize --surface bunny.ply -o bunny.sphere.surf.gii",
+        "spharm parametrize --surface cells.nii.gz --label all --fix -o spheres",
+        "spharm parametrize --surface s*.ply --resample-to icosphere:6 -o spheres --surface-output surfaces",
+    ],
+    &[help::MESHES, help::VOLUMES],
+))]
+pub(crate) struct Cli {
+    /// Surfaces: closed meshes of genus zero, or label volumes
+    ///
+    /// Of a label volume the surface around the label is made. @LIST takes the paths from a file, one a line.
+    #[arg(long, alias = "input", value_name = "MESH_OR_VOLUME", num_args = 1.., required = true, help_heading = INPUT)]
+    pub(super) surface: Vec<PathBuf>,
+    /// Label of a volume, or all of them; only needed where there are several
+    #[arg(long, value_name = "N|all", allow_negative_numbers = true, help_heading = INPUT)]
+    pub(super) label: Option<Labels>,
+    /// Repair labels whose surface isn't of genus zero
+    ///
+    /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
+    #[arg(long, help_heading = INPUT)]
+    pub(super) fix: bool,
+    /// Method of parameterisation
+    #[arg(long, value_enum, default_value_t = MethodName::Auto, help_heading = METHOD)]
+    pub(super) method: MethodName,
+    /// Allowed area distortion, from 0 to 1, by cald [default: 0.1]
+    ///
+    /// The root mean square of the log area ratio that is spent on shape and on areas that adapt to the residual of a model:
+    /// 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
+    #[arg(long, value_name = "RMS", help_heading = METHOD)]
+    pub(super) area: Option<f64>,
+    /// Degree of the model whose residual areas adapt to, by cald
+    ///
+    /// Limited to what two thirds of the vertices determine; below 2 areas don't adapt [default: that with half as many
+    /// functions as there are vertices, at most 100].
+    #[arg(long, alias = "degree", value_name = "L", help_heading = METHOD)]
+    pub(super) max_degree: Option<usize>,
+    /// Put the surface on the sampling of another sphere
+    ///
+    /// That sphere is then what --output gets: icosphere:N, or a sphere's file.
+    #[arg(long, value_name = "icosphere:N|SPHERE", conflicts_with = "subdivisions", help_heading = METHOD)]
+    pub(super) resample_to: Option<Sampling>,
+    /// Subdivisions of the icosphere that deform starts from
+    ///
+    /// The default has as many vertices as the surface, or a few more.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=10), help_heading = METHOD)]
+    pub(super) subdivisions: Option<u32>,
+    /// Seed of the rotation that the sphere starts from
+    ///
+    /// Other seeds give other maps of the same quality.
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = METHOD)]
+    pub(super) seed: u64,
+    /// Sphere to write; for several surfaces a folder, which gets NAME.sphere.surf.gii
+    ///
+    /// The format is that of the name (.surf.gii, .ply, .obj, ...), in 64 bits where it holds them.
+    #[arg(short, long, value_name = "SPHERE", help_heading = OUTPUT)]
+    pub(super) output: PathBuf,
+    /// Surface to write, whose triangles are those of the sphere; for several a folder
+    ///
+    /// Needed where it isn't the input's: for volumes, for deform and with --resample-to. Its default is then next to the
+    /// sphere: NAME.surf.gii for NAME.sphere.surf.gii.
+    #[arg(long, value_name = "MESH", help_heading = OUTPUT)]
+    pub(super) surface_output: Option<PathBuf>,
+    /// Names of several outputs
+    ///
+    /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume, {parent} the
+    /// folder that it is in, {parent2} the one above.
+    #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
+    pub(super) name_template: NameTemplate,
+    /// Write a report to a JSON file
+    #[arg(long, value_name = "FILE", help_heading = OUTPUT)]
+    pub(super) report: Option<PathBuf>,
+    /// Print the report as JSON in place of the tables
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) json: bool,
+    /// Replace outputs that exist
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) threads: Threads,
+    #[command(flatten)]
+    pub(super) common: Common,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum MethodName {
+    /// cald for meshes, equal-area for volumes; stretch where that fails
+    Auto,
+    /// Equal areas, with little length distortion (Shen and Makedon 2006)
+    Cald,
+    /// Equal areas, for volumes of voxels (Brechbuehler, Gerig and Kuebler 1995)
+    EqualArea,
+    /// Least angle distortion (Gu et al. 2004)
+    Conformal,
+    /// Least stretch (Praun and Hoppe 2003)
+    Stretch,
+    /// An icosphere deformed onto the surface (Chung and Robbins)
+    Deform,
+}

@@ -1,0 +1,137 @@
+//! Surfaces and the files of each, checked before any work.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use spharm_cli::inputs::stem;
+use spharm_cli::output::{OutputFile, check_outputs};
+use spharm_cli::surfaces::{Labels, surfaces};
+use spharm_parametrize::volume::is_volume;
+
+use super::args::{Cli, MethodName};
+
+/// A surface to map and where its sphere goes.
+pub(super) struct Item {
+    pub(super) input: PathBuf,
+    /// Of a volume.
+    pub(super) label: Option<i64>,
+    pub(super) sphere: PathBuf,
+    pub(super) surface: Option<PathBuf>,
+}
+
+impl Item {
+    /// The input's name in messages: the file, and the label of a volume.
+    pub(super) fn name(&self) -> String {
+        match self.label {
+            Some(label) => format!("{}, label {label}", self.input.display()),
+            None => self.input.display().to_string(),
+        }
+    }
+}
+
+/// Returns the surfaces with their files; refuses what doesn't go together and what would be overwritten.
+pub(super) fn items(cli: &Cli, monitor: &dyn spharm::Monitor) -> Result<Vec<Item>> {
+    let report = cli.report.as_deref().map(|path| OutputFile::new(path, "--report"));
+    check_outputs(report, cli.force)?;
+    let file = cli.label != Some(Labels::All) && !cli.output.is_dir();
+    if let [input] = &cli.surface[..] {
+        check(cli, input)?;
+        if file {
+            // A volume takes a while to read.
+            single(cli, input, None)?;
+        }
+    }
+    let inputs = surfaces(&cli.surface, cli.label, true, monitor)?;
+    inputs.iter().try_for_each(|(input, _)| check(cli, input))?;
+    let items = match &inputs[..] {
+        [(input, label)] if file && *input == cli.surface[0] => vec![single(cli, input, *label)?],
+        _ => several(cli, inputs)?,
+    };
+    let spheres = items.iter().map(|item| OutputFile::new(&item.sphere, "--output"));
+    let surfaces = items.iter().filter_map(|item| item.surface.as_deref());
+    let surfaces = surfaces.map(|path| OutputFile::new(path, "--surface-output"));
+    check_outputs(spheres.chain(surfaces).chain(report), cli.force)?;
+    for item in &items {
+        let outputs = [Some(&item.sphere), item.surface.as_ref()];
+        if let Some(path) = outputs.into_iter().flatten().find(|path| same_file(path, &item.input)) {
+            bail!("{}: the input; choose another --output or --surface-output", path.display());
+        }
+    }
+    Ok(items)
+}
+
+/// Refuses arguments that don't go with an input.
+fn check(cli: &Cli, input: &Path) -> Result<()> {
+    let volume = is_volume(input);
+    if !volume && (cli.label.is_some() || cli.fix) {
+        bail!("{}: --label and --fix are for volumes (.nii, .nii.gz, .mgh, .mgz)", input.display());
+    }
+    let by_cald = !volume && !matches!(cli.method, MethodName::Conformal | MethodName::Stretch);
+    if !by_cald && (cli.area.is_some() || cli.max_degree.is_some()) {
+        bail!("--area and --max-degree are for meshes by --method cald, auto or deform");
+    }
+    match cli.method {
+        MethodName::EqualArea if !volume => {
+            bail!("equal-area is for volumes (.nii, .nii.gz, .mgh, .mgz); use --method cald for meshes")
+        }
+        MethodName::Deform if cli.resample_to.is_some() => {
+            bail!("deform makes a sampling of its own; leave out --resample-to")
+        }
+        MethodName::Deform => Ok(()),
+        _ if cli.subdivisions.is_some() => {
+            bail!("--subdivisions is for --method deform; use --resample-to icosphere:N")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Why the surface isn't the input's, if it isn't.
+fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
+    match (cli.method, &cli.resample_to) {
+        (MethodName::Deform, _) => Some("deform makes"),
+        (_, Some(_)) => Some("--resample-to makes"),
+        _ if is_volume(input) => Some("a volume gets"),
+        _ => None,
+    }
+}
+
+fn single(cli: &Cli, input: &Path, label: Option<i64>) -> Result<Item> {
+    let surface = match (&cli.surface_output, new_surface(cli, input)) {
+        (Some(path), _) => Some(path.clone()),
+        (None, None) => None,
+        (None, Some(why)) => match beside(&cli.output) {
+            Some(path) => Some(path),
+            None => bail!("{why} a surface that the sphere belongs to: name a file for it with --surface-output"),
+        },
+    };
+    Ok(Item { input: input.to_owned(), label, sphere: cli.output.clone(), surface })
+}
+
+/// `x.sphere.ply` belongs to `x.ply`.
+fn beside(sphere: &Path) -> Option<PathBuf> {
+    let name = sphere.file_name()?.to_string_lossy().into_owned();
+    let (stem, ending) = name.split_once(".sphere.")?;
+    Some(sphere.with_file_name(format!("{stem}.{ending}")))
+}
+
+fn several(cli: &Cli, inputs: Vec<(PathBuf, Option<i64>)>) -> Result<Vec<Item>> {
+    let folders = [Some((&cli.output, "--output")), cli.surface_output.as_ref().map(|path| (path, "--surface-output"))];
+    for (path, flag) in folders.into_iter().flatten() {
+        // A name with the ending of a format is that of a file.
+        if !path.is_dir() && path.file_name().is_some_and(|name| stem(path) != name.to_string_lossy()) {
+            bail!("{}: a file for {} surfaces; {flag} must name a folder", path.display(), inputs.len());
+        }
+    }
+    let spheres = cli.name_template.outputs(&inputs, &cli.output, ".sphere.surf.gii")?;
+    let folder = cli.surface_output.as_ref().unwrap_or(&cli.output);
+    let surfaces = cli.name_template.outputs(&inputs, folder, ".surf.gii")?;
+    let item = |(((input, label), sphere), surface): (((PathBuf, Option<i64>), PathBuf), PathBuf)| {
+        let wanted = cli.surface_output.is_some() || new_surface(cli, &input).is_some();
+        Item { surface: wanted.then_some(surface), input, label, sphere }
+    };
+    Ok(inputs.into_iter().zip(spheres).zip(surfaces).map(item).collect())
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}

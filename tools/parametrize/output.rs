@@ -1,0 +1,125 @@
+//! What `parametrize` prints and writes: JSON, or tables.
+
+use serde::Serialize;
+use spharm_cli::output::{counted, table};
+use spharm_parametrize::volume::{Repair, VolumeSurface};
+use spharm_parametrize::{Input, Parametrization, Quality, Report, Resampling};
+
+use super::args::Cli;
+use super::items::Item;
+
+/// What the report says of a surface.
+#[derive(Debug, Serialize)]
+pub(super) struct Written {
+    input: String,
+    output: String,
+    seed: u64,
+    threads: usize,
+    version: &'static str,
+    #[serde(flatten)]
+    report: Report,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    volume: Option<Label>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    distance: Option<Distance>,
+}
+
+impl Written {
+    pub(super) fn new(cli: &Cli, item: &Item, input: &Input, found: Parametrization) -> Self {
+        Self {
+            input: item.input.display().to_string(),
+            output: item.sphere.display().to_string(),
+            seed: cli.seed,
+            threads: cli.threads.count(),
+            version: env!("CARGO_PKG_VERSION"),
+            report: found.report,
+            volume: if let Input::Label(found) = input { Some(found.into()) } else { None },
+            distance: found.resampling.map(Distance::from),
+        }
+    }
+
+    /// The table, under a line that says what was done.
+    pub(super) fn table(&self) -> String {
+        summary(&self.output, &self.report)
+    }
+}
+
+/// The label that a surface was made of.
+#[derive(Debug, Serialize)]
+struct Label {
+    label: i64,
+    voxels: usize,
+    /// The changes made by `--fix`, if any.
+    repair: Option<Repair>,
+}
+
+impl From<&VolumeSurface> for Label {
+    fn from(found: &VolumeSurface) -> Self {
+        Self { label: found.label, voxels: found.voxels, repair: found.repair }
+    }
+}
+
+/// From the input's surface to the new one, in the input's unit.
+#[derive(Debug, Serialize)]
+struct Distance {
+    mean: f64,
+    rms: f64,
+    percentile95: f64,
+    hausdorff: f64,
+    /// The most by which the true Hausdorff distance may exceed `hausdorff`.
+    bound: f64,
+    /// Cube root of the bounding box's volume.
+    scale: f64,
+    /// Pairs of the new surface's triangles that intersect, where they were looked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    self_intersections: Option<usize>,
+}
+
+impl From<Resampling> for Distance {
+    fn from(Resampling { distance: d, self_intersections, .. }: Resampling) -> Self {
+        Self {
+            mean: d.mean,
+            rms: d.rms,
+            percentile95: d.percentile95,
+            hausdorff: d.hausdorff,
+            bound: d.bound,
+            scale: d.scale,
+            self_intersections,
+        }
+    }
+}
+
+/// What was read.
+pub(super) fn described(input: &Input) -> String {
+    match input {
+        Input::Mesh(mesh) => format!("{} vertices, {} triangles", mesh.vertices.len(), mesh.faces.len()),
+        Input::Label(VolumeSurface { quads, label, voxels, .. }) => {
+            let (vertices, faces) = (quads.vertices.len(), quads.quads.len());
+            format!("label {label}, {}; {vertices} vertices, {faces} quadrangles", counted(*voxels, "voxel"))
+        }
+    }
+}
+
+fn summary(output: &str, report: &Report) -> String {
+    let Quality { area_rms, area_p01, area_p99, angle_rms_degrees, stretch, length_worst, length_p99, .. } =
+        report.quality;
+    let row = |name: &str, value: String| vec![name.to_owned(), value];
+    let rows = [
+        row("flipped or degenerate triangles", (report.quality.flipped + report.quality.degenerate).to_string()),
+        row("log area ratio, root mean square", format!("{area_rms:.4}")),
+        row("  1st and 99th percentile", format!("{area_p01:.3} {area_p99:.3}")),
+        row("angle distortion, root mean square", format!("{angle_rms_degrees:.2} degrees")),
+        row("L2 stretch", format!("{stretch:.4}")),
+        row("length distortion, worst", format!("{length_worst:.3}")),
+        row("  99th percentile", format!("{length_p99:.3}")),
+    ];
+    format!(
+        "{}: {} vertices by {}, {}, {:.2} s\n{}",
+        output,
+        report.vertices,
+        report.method,
+        counted(report.iterations, "iteration"),
+        report.seconds,
+        table(&rows)
+    )
+}
