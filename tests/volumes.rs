@@ -57,9 +57,11 @@ fn a_volume_becomes_a_surface_and_its_sphere() {
         assert!(!sphere.exists());
         error
     };
-    let error = refused(&[]);
+    let named = folder.path().join("refused.ply");
+    let named = ["--surface-output", named.to_str().unwrap()];
+    let error = refused(&named);
     assert!(error.contains("--label") && error.contains("1 (") && error.contains("9 ("), "{error}");
-    let error = refused(&["--label", "1"]);
+    let error = refused(&[&["--label", "1"][..], &named].concat());
     assert!(error.contains("genus 1") && error.contains("--fix"), "{error}");
     let error = refused(&["--label", "9"]);
     assert!(error.contains("--surface-output"), "{error}");

@@ -23,7 +23,7 @@ use spharm_cli::{Common, help, values};
         "    --name-template '{parent2}.{stem}' --skip-existing",
         "spharm fit --store basis --sphere sphere.surf.gii --surface @subjects.txt --max-degree 100 --passes 2 -o models",
     ],
-    &[help::MESHES, help::SIGNALS],
+    &[help::MESHES, help::VOLUMES, help::SIGNALS],
 ))]
 pub(crate) struct Cli {
     #[command(flatten)]
@@ -43,28 +43,39 @@ pub(crate) struct Cli {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::INPUT)]
 pub(super) struct Input {
-    /// Surfaces, or signals, on the sphere's vertices; @LIST takes the paths from a file, one a line, relative to it, # for
-    /// comments
+    /// Surfaces, or signals, on the sphere's vertices
+    ///
+    /// @LIST takes the paths from a file, one a line, relative to it, # for comments.
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
     pub(super) surface: Vec<PathBuf>,
-    /// The sphere: a mesh around the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere
-    /// (see parametrize); the sphere is written next to the model
+    /// Sphere of the surfaces [default: each is mapped to one of its own]
+    ///
+    /// A mesh around the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere (see
+    /// parametrize); the sphere is written next to the model.
     #[arg(long, value_name = "SPHERE")]
     pub(super) sphere: Option<PathBuf>,
-    /// Of a label volume (.nii, .nii.gz, .mgh, .mgz), which is a surface too: the label, or all for a model of each; only
-    /// needed where there are several. The surfaces are written next to the models
+    /// Label of a volume, or all of them, for a model of each
+    ///
+    /// A label volume (.nii, .nii.gz, .mgh, .mgz) is a surface too; the label is only needed where there are several. The
+    /// surfaces are written next to the models.
     #[arg(long, value_name = "N|all", allow_negative_numbers = true, conflicts_with = "sphere")]
     pub(super) label: Option<Labels>,
-    /// Of a label volume: keep the largest piece, fill cavities, open handles, in place of refusing the label
+    /// Repair labels whose surface isn't of genus zero
+    ///
+    /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
     /// Folder of the basis store
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
     pub(super) store: Option<PathBuf>,
-    /// Weights of the vertices: uniform, area (their share of the sphere), or a file with one value for each
+    /// Weights of the vertices
+    ///
+    /// uniform, area (their share of the sphere), or a file with one value for each.
     #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
     pub(super) weights: String,
-    /// Refuse surfaces that aren't closed and of genus zero, and fits that don't reach the tolerance
+    /// Refuse doubtful inputs and fits that don't reach the tolerance
+    ///
+    /// Doubtful are surfaces that aren't closed and of genus zero, spheres that are off centre, and other hemispheres.
     #[arg(long)]
     pub(super) strict: bool,
 }
@@ -75,8 +86,7 @@ pub(super) struct MethodArgs {
     /// Highest degree, inclusive
     #[arg(long, value_name = "L")]
     pub(super) max_degree: usize,
-    /// Full least squares by transforms, iterative residual fitting and the paper's special cases of it over a store, the
-    /// full least squares over a store, or quadrature on a resampled grid [default: irf with --store, else lsq]
+    /// Method of the fit [default: irf with --store, else lsq]
     #[arg(long, value_enum)]
     pub(super) method: Option<MethodName>,
     /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
@@ -85,19 +95,23 @@ pub(super) struct MethodArgs {
     /// Most basis functions solved together, g (irf) [default: 100]
     #[arg(long, value_name = "G", value_parser = values::at_least_one)]
     pub(super) granularity: Option<usize>,
-    /// Conjugate gradients over pairs of passes, one forward and one backward (irf, mirf): the least squares in far fewer
-    /// passes where the sampling is irregular; --passes bounds them, and they end early when nothing is left to gain
+    /// Conjugate gradients over pairs of passes (irf, mirf)
+    ///
+    /// One pass forward and one backward: the least squares in far fewer passes where the sampling is irregular. --passes
+    /// bounds them, and they end early when nothing is left to gain.
     #[arg(long)]
     pub(super) accelerate: bool,
     /// Last degree of the first block, s (sirf, mirf) [default: 0]
     #[arg(long, value_name = "S")]
     pub(super) start_degree: Option<usize>,
-    /// Smoothness penalty (lsq): adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances; auto chooses it for each
-    /// surface by generalised cross-validation [default: 0 with --sphere; without, a hundredth of the weight of the vertices
-    /// at the highest degree, which keeps the model from oscillating between them]
+    /// Smoothness penalty (lsq) [default: 0 with --sphere, else a small one]
+    ///
+    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances; auto chooses it for each surface by generalised
+    /// cross-validation. The default without --sphere is a hundredth of the weight of the vertices at the highest degree,
+    /// which keeps the model from oscillating between them.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
-    /// Leave this fraction of the vertices out of the fit, and report the distances there
+    /// Fraction of the vertices to leave out, to report the distances there
     #[arg(long, value_name = "FRACTION", value_parser = values::fraction)]
     pub(super) hold_out: Option<f64>,
 }
@@ -105,22 +119,26 @@ pub(super) struct MethodArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::SOLVER)]
 pub(super) struct Solver {
-    /// Optimality to reach (lsq): the gradient relative to that of no fit at all
+    /// Optimality to reach (lsq)
+    ///
+    /// The gradient relative to that of no fit at all.
     #[arg(long, value_name = "T", default_value = "1e-10", value_parser = values::fraction)]
     pub(super) tolerance: f64,
     /// Most iterations (lsq)
     #[arg(long, value_name = "N", default_value_t = defaults::MAX_ITERATIONS)]
     pub(super) max_iterations: usize,
-    /// Preconditioner of the iterations (lsq); auto makes a factor where they are slow
-    #[arg(long, value_enum, default_value_t = PreconditionerName::Auto)]
+    /// Preconditioner of the iterations (lsq)
+    ///
+    /// auto makes a factor where they are slow.
+    #[arg(long, value_name = "NAME", value_enum, default_value_t = PreconditionerName::Auto)]
     pub(super) preconditioner: PreconditionerName,
     /// Highest degree of --preconditioner low-degrees [default: 20]
-    #[arg(long, value_name = "L0")]
+    #[arg(long, value_name = "L0", hide_short_help = true)]
     pub(super) low_degrees: Option<usize>,
-    /// Scalar type of the basis to use [default: what the store holds, f64 first]
+    /// Scalar type of the basis [default: the store's, f64 first]
     #[arg(long, value_enum)]
     pub(super) dtype: Option<Dtype>,
-    /// Check every byte of the basis against its hash first
+    /// First check every byte of the basis against its hash
     #[arg(long)]
     pub(super) verify: bool,
 }
@@ -128,20 +146,24 @@ pub(super) struct Solver {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::OUTPUT)]
 pub(super) struct Output {
-    /// Folder for the models, NAME.spharm.npz; for one surface also a file, whose name ends in .npz [default: here]
+    /// Folder for the models [default: here]
+    ///
+    /// Each is NAME.spharm.npz. For one surface it may also be a file, whose name ends in .npz.
     #[arg(short, long, value_name = "OUT")]
     pub(super) output: Option<PathBuf>,
-    /// Names of the models, from each input's path alone: {stem} is its name without folder and format, {parent} the folder
-    /// that it is in, {parent2} the one above
+    /// Names of the models
+    ///
+    /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume, {parent} the
+    /// folder that it is in, {parent2} the one above.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
-    /// Also write the paper's complex coefficients, NAME.spharm.csv, beside each model
+    /// Also write the paper's complex coefficients, NAME.spharm.csv
     #[arg(long)]
     pub(super) coefficients_csv: bool,
-    /// Also write each coefficient's standard error, NAME.spharm.stderr.npy (lsq)
+    /// Also write standard errors, NAME.spharm.stderr.npy (lsq)
     #[arg(long)]
     pub(super) stderr: bool,
-    /// Write a report to FILE
+    /// Write a report to a JSON file
     #[arg(long, value_name = "FILE")]
     pub(super) report: Option<PathBuf>,
     /// Print the report as JSON in place of the table
@@ -150,7 +172,9 @@ pub(super) struct Output {
     /// Replace outputs that exist
     #[arg(long)]
     pub(super) force: bool,
-    /// Leave surfaces out whose model exists, if it was fitted to the same input with the same settings
+    /// Leave out surfaces whose model exists
+    ///
+    /// It must be of the same input, with the same settings.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
 }
@@ -158,7 +182,9 @@ pub(super) struct Output {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::RESOURCES)]
 pub(super) struct Resources {
-    /// Memory to keep to, mapped files included [default: 256MiB over a store, else half of what is free]
+    /// Memory that may be used [default: 256MiB over a store, else half of what is free]
+    ///
+    /// Mapped files are included.
     #[arg(long, value_name = "SIZE")]
     pub(super) memory: Option<Size>,
     #[command(flatten)]
@@ -167,11 +193,17 @@ pub(super) struct Resources {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum MethodName {
+    /// Full least squares by fast transforms
     Lsq,
+    /// Iterative residual fitting over a store
     Irf,
+    /// One pass, one degree a block (the paper's)
     Sirf,
+    /// Several passes, one degree a block (the paper's)
     Mirf,
+    /// Full least squares over a store (the paper's)
     Nlsf,
+    /// Quadrature on a resampled grid
     Quadrature,
 }
 

@@ -45,10 +45,10 @@ pub use usage::Usage;
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Common {
     /// Say more about what is being done
-    #[arg(short, long, global = true)]
+    #[arg(short, long, global = true, help_heading = None)]
     pub verbose: bool,
     /// Print results, warnings and errors only
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = None)]
     pub quiet: bool,
 }
 
