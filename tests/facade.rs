@@ -1,7 +1,7 @@
 //! The library's functions give the bits that the program gives.
 
 use spharm::parametrize::{CaldParams, parametrize};
-use spharm::{FitParams, Method, Model, Sphere, fit};
+use spharm::{FitParams, Kind, Method, Model, Sphere, fit};
 use spharm_surface::generate::{Cortex, cortex};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use spharm_surface::read_sphere;
@@ -29,6 +29,13 @@ fn a_bare_mesh_has_the_bits_of_the_program() {
     let found = fit(&sphere, &surface, &FitParams { threads: threads(), ..FitParams::lsq(15) }).expect("a fit");
     assert_eq!(found.coefficients, expected.coefficients);
     assert!(found.report.smoothness > 0.0 && found.report.off_vertex > 0.0);
+    // The models differ in what only the program knows: the files.
+    let mut model = Model::new(sphere, found, Kind::Surface);
+    model.provenance.input.clone_from(&expected.provenance.input);
+    model.provenance.sphere.clone_from(&expected.provenance.sphere);
+    model.write(path("library.npz")).expect("it is written");
+    let bytes = |name: &str| std::fs::read(path(name)).expect("a model");
+    assert!(bytes("library.npz") == bytes("bare.npz"), "the files are the same, byte for byte");
 }
 
 #[test]

@@ -318,7 +318,7 @@ fn reconstruction_by_transform_is_that_of_direct_sums() {
         Array2::from_shape_fn((k, 3), |(k, c)| ((k * 7 + c * 13) as f64 * 0.37).sin() / (1 + k.isqrt()) as f64);
     let write = |path: &Path, directions: &Directions, faces: &[[u32; 3]]| {
         let sphere = Sphere { faces: faces.to_vec(), ..Sphere::from_directions(directions.clone()) };
-        let model = Model::new(Coefficients::new(values.clone()).unwrap(), Some(sphere), Kind::Surface);
+        let model = Model::new(sphere, Coefficients::new(values.clone()).unwrap(), Kind::Surface);
         model.write(path).unwrap();
     };
     let directions = Directions::from_vertices(&sphere.vertices).unwrap();

@@ -99,8 +99,9 @@ fn fit_on(
     let done = |number: usize, fit: Fit| -> Result<Fitted> {
         let item = &items[number];
         call.warn_of(item, &fit);
-        item.files.write(sphere, &fit, Some(&item.record), call.cli.output.coefficients_csv, item.replace)?;
-        Ok(Fitted::new(item, fit.report))
+        let report = fit.report.clone();
+        item.files.write(sphere, fit, Some(&item.record), call.cli.output.coefficients_csv, item.replace)?;
+        Ok(Fitted::new(item, report))
     };
     fit_many(sphere, items.len(), read, call.params, &done, call.monitor)
 }

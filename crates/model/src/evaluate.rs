@@ -76,7 +76,7 @@ mod tests {
     fn ellipsoid() -> Model {
         let mut values = Array2::zeros((9, 3));
         (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 4.0, 4.0);
-        Model::new(Coefficients::new(values).unwrap(), None, Kind::Surface)
+        Model::without_sphere(Coefficients::new(values).unwrap(), Kind::Surface)
     }
 
     #[test]

@@ -36,7 +36,7 @@
 //! // x, y and z of degree 1: an ellipsoid.
 //! let mut values = Array2::zeros((4, 3));
 //! (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 4.0, 4.0);
-//! let model = Model::new(Coefficients::new(values)?, None, Kind::Surface);
+//! let model = Model::without_sphere(Coefficients::new(values)?, Kind::Surface);
 //!
 //! let folder = tempfile::tempdir()?;
 //! let path = folder.path().join("ellipsoid.spharm.npz");
@@ -58,5 +58,5 @@ mod npz;
 pub mod provenance;
 
 pub use error::ModelError;
-pub use model::{CONVENTION, Model};
+pub use model::{CONVENTION, Fitted, Model};
 pub use provenance::{Distances, FileRecord, Provenance, Settings, Versions};

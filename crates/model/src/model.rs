@@ -28,12 +28,40 @@ pub struct Model {
     pub provenance: Provenance,
 }
 
+/// What a model has beside its sphere: the result of a fit, or coefficients of unknown origin.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fitted {
+    /// Canonical coefficients, (K, c).
+    pub coefficients: Coefficients,
+    /// Key of the sampling scheme in a basis store.
+    pub scheme_key: Option<String>,
+    /// How they were found.
+    pub provenance: Provenance,
+}
+
+impl From<Coefficients> for Fitted {
+    fn from(coefficients: Coefficients) -> Self {
+        Self { coefficients, scheme_key: None, provenance: Provenance::default() }
+    }
+}
+
 impl Model {
-    /// Returns a model of coefficients over a sphere, of unknown origin.
+    /// Returns the model of a fit over a sphere, or of coefficients that belong to one.
     #[must_use]
-    pub fn new(coefficients: Coefficients, sphere: Option<Sphere>, kind: Kind) -> Self {
-        let provenance = Provenance { surface: Some(kind == Kind::Surface), ..Provenance::default() };
-        Self { coefficients, sphere, scheme_key: None, provenance }
+    pub fn new(sphere: Sphere, fitted: impl Into<Fitted>, kind: Kind) -> Self {
+        let mut model = Self::without_sphere(fitted, kind);
+        model.provenance.sphere = sphere.path.as_deref().map(|path| path.to_string_lossy().into_owned());
+        model.provenance.parametrized = sphere.parametrized;
+        model.sphere = Some(sphere);
+        model
+    }
+
+    /// Returns a model that has no sampling of its own: it is evaluated on any sphere.
+    #[must_use]
+    pub fn without_sphere(fitted: impl Into<Fitted>, kind: Kind) -> Self {
+        let Fitted { coefficients, scheme_key, provenance } = fitted.into();
+        let provenance = Provenance { surface: Some(kind == Kind::Surface), ..provenance };
+        Self { coefficients, sphere: None, scheme_key, provenance }
     }
 
     /// Returns what the channels are: x, y and z where there are three of them, unless the provenance says otherwise.

@@ -4,13 +4,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use ndarray_npy::WriteNpyExt;
-use spharm_model::FileRecord;
 use spharm_model::csv::write_complex_csv;
+use spharm_model::{FileRecord, Model};
 use spharm_monitor::Monitor;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
 use spharm_surface::{Sphere, SurfaceError};
 
-use crate::model::model_of;
 use crate::parametrize::{CaldParams, Input, Parametrized, parametrize_with, with_sphere};
 use crate::{Error, Fit, FitParams, check_memory};
 
@@ -100,11 +99,12 @@ impl ModelFiles {
     pub fn write(
         &self,
         sphere: &Sphere,
-        fit: &Fit,
+        fit: Fit,
         input: Option<&FileRecord>,
         csv: bool,
         replace: bool,
     ) -> Result<(), Error> {
+        let kind = fit.report.settings.kind;
         make_folder_of(&self.model)?;
         if csv {
             write_new(self.csv(), replace, |out| write_complex_csv(&fit.coefficients, out))?;
@@ -112,7 +112,9 @@ impl ModelFiles {
         if let Some(errors) = &fit.standard_errors {
             write_new(self.standard_errors(), replace, |out| errors.write_npy(out).map_err(io::Error::other))?;
         }
-        Ok(model_of(sphere, fit, input).write_with(&self.model, replace)?)
+        let mut model = Model::new(sphere.clone(), fit, kind);
+        model.provenance.input = input.cloned();
+        Ok(model.write_with(&self.model, replace)?)
     }
 }
 

@@ -3,6 +3,46 @@
 //! A SPHARM model describes a closed surface of genus zero by three functions on the sphere, x, y and z, each a sum of
 //! spherical harmonics up to a degree L. This crate is everything that the program `spharm` does, as functions.
 //!
+//! ```
+//! use spharm::prelude::*;
+//! # use spharm::generate::{Cortex, cortex};
+//! # let folder = tempfile::tempdir()?;
+//! # std::env::set_current_dir(&folder)?;
+//! # write_mesh("bunny.ply", &cortex(&Cortex { subdivisions: 4, variant: 0 }).0)?;
+//!
+//! let surface = read_mesh("bunny.ply")?;
+//! let sphere = parametrize(&surface, &CaldParams::for_degree(20))?.sphere;
+//! let fit = fit(&sphere, &surface, &FitParams::lsq(20))?;
+//! println!("msd {:.2e}, off-vertex {:.2e}", fit.report.msd, fit.report.off_vertex);
+//! let model = Model::new(sphere, fit, Kind::Surface);
+//! model.write("bunny.spharm.npz")?;
+//! write_mesh("bunny20.ply", &model.reconstruct(&Sphere::icosphere(5), 20)?)?;
+//! # assert!(model.provenance.parametrized);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The program `spharm fit` makes the same calls, so that the coefficients are the same, bit for bit, at the same number of
+//! threads.
+//!
+//! # The way of the data
+//!
+//! 1. [`io::read_mesh`] reads a closed surface, and [`parametrize`](mod@parametrize) maps it to a [`Sphere`] one to one.
+//!    Surfaces of a study that have a common sphere come with it: [`read_sphere`], [`Target`].
+//! 2. [`fit()`] finds the coefficients: by default the full least squares. [`fit_many`] streams any number of surfaces over
+//!    one sphere through bounded memory. A [`Method`] over a basis store reads it from disk instead of transforming.
+//! 3. The [`FitReport`] says how far the model is from the surface, at the vertices and between them, and what may be wrong.
+//! 4. A [`Model`] holds coefficients, sphere and provenance; [`Model::reconstruct`] evaluates it anywhere, to any degree.
+//!
+//! # Conventions
+//!
+//! Degrees are inclusive. Coefficients are those of the real orthonormal harmonics without the Condon-Shortley phase,
+//! row `l^2 + l + m`, in the surface's unit. A residual is target minus synthesis. msd and xsd are the mean and the maximum
+//! over the vertices of the squared distance, with the surface's bounding box scaled to volume 1.
+//!
+//! Nothing here prints, ends the process, or changes its environment. Whatever may take longer than a second takes a
+//! [`Monitor`], by which it shows its progress and is cancelled; its threads are those of the rayon pool that it is called
+//! in, or a pool of its own where [`FitParams::threads`] says so.
+//!
 //! # Modules
 //!
 //! | module | contents |
@@ -37,11 +77,11 @@ pub mod warning;
 
 pub use error::Error;
 pub use fit::{Fit, Quadrature, ToTarget, check_memory, fit, fit_many, fit_with};
-pub use model::{model_of, versions};
+pub use model::versions;
 pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 
 pub use spharm_model::{FileRecord, Model, ModelError, Versions};
 pub use spharm_monitor::{Interrupted, Level, Monitor, Silent, Stage};
-pub use spharm_surface::{Kind, Mesh, Signal, Sphere, Target, generate, io};
+pub use spharm_surface::{Kind, Mesh, Signal, Sphere, Target, generate, io, read_sphere, read_target};

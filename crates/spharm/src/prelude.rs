@@ -1,3 +1,18 @@
 //! What most programs need: `use spharm::prelude::*;`.
 
-pub use crate::{Error, Fit, FitParams, Kind, Mesh, Method, Signal, Smoothness, Sphere, Weights, fit};
+use std::path::Path;
+
+pub use crate::parametrize::{CaldParams, parametrize};
+pub use crate::{Error, Fit, FitParams, Kind, Mesh, Method, Model, Signal, Smoothness, Sphere, Weights, fit};
+pub use spharm_surface::io::{read_mesh, read_signal};
+pub use spharm_surface::{read_sphere, read_target};
+
+/// Writes a mesh to a file that isn't there yet, in the format of its name; see
+/// [`io::write_mesh`](spharm_surface::io::write_mesh) for options.
+///
+/// # Errors
+///
+/// [`Error::Surface`] where the file exists, its format isn't known, or it can't be written.
+pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> Result<(), Error> {
+    Ok(spharm_surface::io::write_mesh(path, mesh, &spharm_surface::io::WriteOptions::default())?)
+}

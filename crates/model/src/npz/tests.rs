@@ -10,7 +10,7 @@ fn model() -> Model {
         Directions::from_vertices(&[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.6, 0.8, 0.0]]).unwrap(),
     );
     sphere.faces = vec![[0, 1, 2]];
-    let mut model = Model::new(Coefficients::new(values).unwrap(), Some(sphere), Kind::Surface);
+    let mut model = Model::new(sphere, Coefficients::new(values).unwrap(), Kind::Surface);
     model.scheme_key = Some("ab".repeat(32));
     model.provenance = Provenance::parse("{\"tool\":\"f\u{fc}t\"}");
     model
@@ -112,7 +112,7 @@ fn what_contradicts_the_coefficients_is_refused() {
 fn what_is_not_finite_is_neither_read_nor_written() {
     let mut values = Array2::zeros((4, 3));
     values[[2, 1]] = f64::NAN;
-    let model = Model::new(Coefficients::new(values).unwrap(), None, Kind::Surface);
+    let model = Model::without_sphere(Coefficients::new(values).unwrap(), Kind::Surface);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.npz");
     let error = model.write(&path).unwrap_err();

@@ -1,0 +1,38 @@
+//! From a mesh to a model and back: `cargo run --example ten_lines -- bunny.ply 60`, or without arguments a surface made
+//! for the purpose.
+
+use std::path::{Path, PathBuf};
+
+use spharm::generate::{Cortex, cortex};
+use spharm::prelude::*;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let Some(path) = arguments.next() else { return on_a_made_surface() };
+    let degree = arguments.next().map_or(Ok(60), |text| text.parse())?;
+    Ok(ten_lines(Path::new(&path), degree)?)
+}
+
+fn ten_lines(path: &Path, degree: usize) -> Result<(), Error> {
+    let beside = |ending: &str| PathBuf::from(path).with_extension(ending);
+    let surface = read_mesh(path)?;
+    let sphere = parametrize(&surface, &CaldParams::for_degree(degree))?.sphere;
+    let fit = fit(&sphere, &surface, &FitParams::lsq(degree))?;
+    println!("msd {:.2e}, off-vertex {:.2e}", fit.report.msd, fit.report.off_vertex);
+    let model = Model::new(sphere, fit, Kind::Surface);
+    model.write(beside("spharm.npz"))?;
+    write_mesh(beside("model.ply"), &model.reconstruct(&Sphere::icosphere(6), degree)?)
+}
+
+fn on_a_made_surface() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("folded.ply");
+    let (surface, _) = cortex(&Cortex { subdivisions: 4, variant: 0 });
+    write_mesh(&path, &surface)?;
+    Ok(ten_lines(&path, 15)?)
+}
+
+#[test]
+fn the_ten_lines_run() {
+    on_a_made_surface().expect("a model");
+}

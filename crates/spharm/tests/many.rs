@@ -1,0 +1,86 @@
+//! Many targets over one sphere: the same bits as each alone, in bounded memory, with errors passed through.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use spharm::generate::{Cortex, cortex};
+use spharm::{Error, FitParams, Silent, Sphere, Target, fit, fit_many, fit_with};
+use spharm_surface::Signal;
+
+const COUNT: usize = 70;
+
+fn sphere() -> Sphere {
+    Sphere::icosphere(3)
+}
+
+fn target(number: usize) -> Target {
+    let (surface, _) = cortex(&Cortex { subdivisions: 3, variant: number as u64 });
+    Target::from_mesh(&surface, &sphere()).expect("they correspond")
+}
+
+fn params() -> FitParams {
+    FitParams { threads: Some(2), ..FitParams::lsq(6) }
+}
+
+#[test]
+fn results_are_in_order_and_those_of_each_alone() {
+    let sphere = sphere();
+    let (read, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let most = AtomicUsize::new(0);
+    let next = |number| {
+        let waiting = read.fetch_add(1, Ordering::SeqCst) + 1 - done.load(Ordering::SeqCst);
+        most.fetch_max(waiting, Ordering::SeqCst);
+        Ok::<_, Error>(target(number))
+    };
+    let keep = |number: usize, fit: spharm::Fit| {
+        done.fetch_add(1, Ordering::SeqCst);
+        Ok((number, fit.coefficients))
+    };
+    let (found, report) = fit_many(&sphere, COUNT, &next, &params(), &keep, &Silent).expect("fits");
+    assert!(found.iter().map(|(number, _)| *number).eq(0..COUNT));
+    assert_eq!(report.batches.len(), 3, "96 columns at a time are 32 surfaces");
+    // A batch, and what the threads have read of the next.
+    assert!(most.into_inner() <= 32 + 2);
+    for number in [0, 31, 32, COUNT - 1] {
+        let alone = fit(&sphere, &target(number), &params()).expect("a fit");
+        let (one, all) = (alone.coefficients.values(), found[number].1.values());
+        let norm = one.iter().fold(0.0f64, |most, a| most.max(a.abs()));
+        assert!((one - all).iter().all(|d| d.abs() <= 1e-12 * norm), "{number}");
+    }
+}
+
+#[derive(Debug)]
+enum Mine {
+    Missing(usize),
+    Library(Error),
+}
+
+impl From<Error> for Mine {
+    fn from(error: Error) -> Self {
+        Self::Library(error)
+    }
+}
+
+#[test]
+fn errors_of_the_caller_and_of_the_library_come_back_as_they_are() {
+    let sphere = sphere();
+    let read = |number| if number < 40 { Ok(target(number)) } else { Err(Mine::Missing(number)) };
+    let error = fit_many(&sphere, COUNT, &read, &params(), &|_, _| Ok(()), &Silent).expect_err("the 41st is missing");
+    assert!(matches!(error, Mine::Missing(40 | 41)), "{error:?}");
+    let small = Signal::new(vec![0.0; 5], 5, 1);
+    let read = |_| Ok::<_, Mine>(Target { values: small.values.clone(), channels: 1, ..target(0) });
+    let error = fit_many(&sphere, 1, &read, &params(), &|_, _| Ok(()), &Silent).expect_err("five values");
+    assert!(matches!(error, Mine::Library(Error::Surface(_))), "{error:?}");
+}
+
+#[test]
+fn settings_that_do_not_go_together_are_refused_and_a_fit_is_cancelled() {
+    let sphere = sphere();
+    let refused = |params: FitParams| fit(&sphere, &target(0), &params).expect_err("refused").to_string();
+    assert!(refused(FitParams { hold_out: Some(1.5), ..params() }).contains("hold_out"));
+    assert!(refused(FitParams { method: spharm::Method::Nlsf, ..params() }).contains("store"));
+    let quadrature = FitParams { method: spharm::Method::Quadrature, hold_out: Some(0.1), ..params() };
+    assert!(refused(quadrature).contains("quadrature"));
+    assert!(refused(FitParams { memory: Some(1 << 20), ..params() }).contains("memory budget"));
+    let error = fit_with(&sphere, &target(0), &params(), &AtomicBool::new(true)).expect_err("cancelled");
+    assert!(error.is_interrupted(), "{error}");
+}
