@@ -102,7 +102,7 @@ def judge(folder, surface, sphere, degree, *options):
 def parametrize(folder, surface, method, *options):
     """Maps a surface to the sphere; the sphere and the report."""
     sphere, report = folder / f"{method}.obj", folder / f"{method}.json"
-    run("parametrize", "--input", surface, "--method", method, "--output", sphere, "--surface-output",
+    run("parametrize", "--surface", surface, "--method", method, "--output", sphere, "--surface-output",
         folder / "its surface.obj", "--report", report, "--force", "-q", *options)
     return sphere, json.loads(report.read_text()) | dict(degree=None, msd=None, hausdorff=None)
 
@@ -173,7 +173,7 @@ def main():
                     missed.append(f"{name}, cald: msd {row['msd']:.2e} at degree {degree}, at most {bar:.0e}")
             if degree and "cald" in by_method:
                 # What `fit` makes of the mesh where it is given no sphere; the map is the same to the last bit.
-                sphere, row = parametrize(folder, dense, "cald", "--area", "0.25", "--degree", degree)
+                sphere, row = parametrize(folder, dense, "cald", "--area", "0.25", "--max-degree", degree)
                 row |= judge(folder, dense, sphere, degree)
                 add(name, "bare fit", row)
                 if bar and row["msd"] > bar:

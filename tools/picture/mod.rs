@@ -9,7 +9,7 @@ use spharm_cli::inputs::stem;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
 use spharm_harmonics::Directions;
 use spharm_parametrize::quality::log_area_ratios;
-use spharm_render::{Paint, Panel, Settings, render, write_png};
+use spharm_render::{Paint, Panel, Settings, fit_into, render, symmetric_range, write_png};
 use spharm_surface::Mesh;
 use spharm_surface::io::{WriteOptions, read_mesh};
 use spharm_surface::metrics::{correspond, distances_to_surface, vertex_distances};
@@ -39,9 +39,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     if let Some(path) = &cli.sphere {
         let unit = read_sphere(path, &meshes[0]).with_context(|| path.display().to_string())?;
         ratios = log_area_ratios(&meshes[0], &unit);
-        sphere = fitted_into(&unit, &meshes[0]);
-        let most = nearly_largest(&ratios);
-        let paint = Paint::Scalar { values: &ratios, range: (-most, most), label: "log area ratio" };
+        sphere = fit_into(&unit, &meshes[0]);
+        let paint = Paint::Scalar { values: &ratios, range: symmetric_range(&ratios), label: "log area ratio" };
         panels.insert(1, Panel { paint, ..Panel::new(&sphere, "sphere") });
     }
     panels.iter_mut().zip(&cli.caption).for_each(|(panel, caption)| panel.caption = caption);
@@ -61,25 +60,4 @@ fn read_sphere(path: &Path, surface: &Mesh) -> Result<Mesh> {
     }
     let unit = Directions::from_vertices(&sphere.vertices)?;
     Ok(sphere.with_vertices(unit.as_slice().to_vec()))
-}
-
-/// A mesh as large as another and in its place: all panels have one scale.
-fn fitted_into(mesh: &Mesh, other: &Mesh) -> Mesh {
-    let span = |mesh: &Mesh, axis: usize| {
-        let values = mesh.vertices.iter().map(|p| p[axis]);
-        values.fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)))
-    };
-    let (from, to) = ([0, 1, 2].map(|axis| span(mesh, axis)), [0, 1, 2].map(|axis| span(other, axis)));
-    let widest = |spans: [(f64, f64); 3]| spans.iter().map(|(low, high)| high - low).fold(f64::MIN_POSITIVE, f64::max);
-    let factor = widest(to) / widest(from);
-    let middle = |(low, high): (f64, f64)| 0.5 * (low + high);
-    let place = |p: &[f64; 3]| [0, 1, 2].map(|k| middle(to[k]) + factor * (p[k] - middle(from[k])));
-    mesh.with_vertices(mesh.vertices.iter().map(place).collect())
-}
-
-/// The size that all but a hundredth stay below: the few beyond would leave no colours to the rest.
-fn nearly_largest(values: &[f64]) -> f64 {
-    let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    sizes[(sizes.len() - 1) * 99 / 100].max(f64::MIN_POSITIVE)
 }

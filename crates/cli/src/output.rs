@@ -131,19 +131,6 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Refuses, before any work, to write where something is: `what` it would be, and the `flag` that names another place.
-/// [`write_new`] makes sure of it again when the time comes.
-///
-/// # Errors
-///
-/// When `path` exists and isn't to be replaced.
-pub fn refuse_existing(path: &Path, force: bool, what: &str, flag: &str) -> Result<()> {
-    if path.exists() && !force {
-        bail!("{}: the {what} exists; choose another {flag} or give --force", path.display());
-    }
-    Ok(())
-}
-
 /// Returns a number with its noun: `1 panel`, `2 panels`.
 pub fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })

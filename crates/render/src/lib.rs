@@ -22,6 +22,7 @@ mod camera;
 mod error;
 mod image;
 mod raster;
+mod scale;
 mod text;
 
 use spharm_surface::Mesh;
@@ -32,6 +33,7 @@ pub use camera::View;
 pub use error::RenderError;
 pub use image::{Image, write_png};
 use raster::Raster;
+pub use scale::{fit_into, symmetric_range};
 use text::Label;
 
 /// The colours of a mesh.

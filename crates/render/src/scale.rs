@@ -1,0 +1,52 @@
+//! Bringing panels to one scale, and values to a range of colours.
+
+use spharm_surface::Mesh;
+
+/// Values beyond this percentile get the last colour: a few large ones would leave no colours to the rest.
+const PERCENTILE: usize = 99;
+
+/// Returns a mesh scaled and moved into the place of another: as wide as it where both are widest, around the same centre
+/// of the bounding box.
+#[must_use]
+pub fn fit_into(mesh: &Mesh, other: &Mesh) -> Mesh {
+    let span = |mesh: &Mesh, axis: usize| {
+        let values = mesh.vertices.iter().map(|p| p[axis]);
+        values.fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)))
+    };
+    let (from, to) = ([0, 1, 2].map(|axis| span(mesh, axis)), [0, 1, 2].map(|axis| span(other, axis)));
+    let widest = |spans: [(f64, f64); 3]| spans.iter().map(|(low, high)| high - low).fold(f64::MIN_POSITIVE, f64::max);
+    let factor = widest(to) / widest(from);
+    let middle = |(low, high): (f64, f64)| 0.5 * (low + high);
+    let place = |p: &[f64; 3]| [0, 1, 2].map(|k| middle(to[k]) + factor * (p[k] - middle(from[k])));
+    mesh.with_vertices(mesh.vertices.iter().map(place).collect())
+}
+
+/// Returns a range around 0 that holds the smallest 99 % of the values, by size.
+#[must_use]
+pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
+    let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
+    sizes.sort_unstable_by(f64::total_cmp);
+    let at = sizes.len().saturating_sub(1) * PERCENTILE / 100;
+    let most = sizes.get(at).copied().unwrap_or_default().max(f64::MIN_POSITIVE);
+    (-most, most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mesh_takes_the_place_of_another() {
+        let mesh = |vertices: &[[f64; 3]]| Mesh::new(vertices.to_vec(), Vec::new());
+        let found = fit_into(&mesh(&[[-1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]), &mesh(&[[10.0, 5.0, 5.0], [14.0, 5.0, 5.0]]));
+        assert_eq!(found.vertices, [[10.0, 4.0, 5.0], [14.0, 6.0, 5.0]]);
+    }
+
+    #[test]
+    fn few_large_values_do_not_widen_the_range() {
+        let mut values = vec![-2.0; 200];
+        values[7] = 1e9;
+        assert_eq!(symmetric_range(&values), (-2.0, 2.0));
+        assert_eq!(symmetric_range(&[]), (-f64::MIN_POSITIVE, f64::MIN_POSITIVE));
+    }
+}
