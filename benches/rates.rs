@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use spharm_harmonics::product::{self, Matrix};
 use spharm_harmonics::{Recurrence, Sweep, basis_size};
-use spharm_solver::dense;
+use spharm_solver::blas::Blas;
 
 /// Median of five runs, seconds, after one to warm up.
 fn median(mut work: impl FnMut()) -> f64 {
@@ -29,9 +29,10 @@ fn main() {
     let a: Vec<f64> = (0..order * order).map(|i| (i % 97) as f64).collect();
     let matrix = Matrix::new(&a, order, order, order);
     let mut out = vec![0.0; order * order];
-    dense::set_blas_threads(threads);
-    let dgemm = 2.0 * (order as f64).powi(3) / median(|| dense::accumulate_adjoint(matrix, matrix, &mut out));
-    dense::set_blas_threads(1);
+    let dgemm = {
+        let mut blas = Blas::with_threads(threads);
+        2.0 * (order as f64).powi(3) / median(|| blas.subtract_outer(matrix, matrix, &mut out, order))
+    };
 
     let (rows, max_degree) = (520, 100);
     let directions: Vec<[f64; 3]> = (0..rows)

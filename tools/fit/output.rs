@@ -118,7 +118,7 @@ impl<'a> Call<'a> {
             "weights": input.weights,
             "granularity": method.granularity(),
             "start_degree": method.start_degree(),
-            "openblas": spharm_solver::dense::openblas(),
+            "openblas": spharm_solver::blas::version(),
             "surfaces": surfaces,
             "batches": batches,
             "seconds": {

@@ -3,6 +3,8 @@
 //! With the feature `system` it is the distribution's static library (`libopenblas-dev` on Debian and Ubuntu),
 //! found in the folders that `.cargo/config.toml` names for each target. Without it OpenBLAS 0.3.20 is compiled from the
 //! source that the crate `openblas-src` carries.
+//!
+//! Of its LAPACK only `dpotrf` is called, which OpenBLAS has in C; so no Fortran library is linked.
 
 use lax as _;
 use ndarray_linalg as _;

@@ -92,6 +92,19 @@ fn of_io(source: &io::Error) -> Option<&'static str> {
 fn of_solver(error: &SolverError) -> Option<String> {
     match error {
         SolverError::Store(error) => of_store(error),
+        SolverError::Budget { granularity: Some(granularity), .. } => {
+            Some(format!("--method irf --granularity {granularity} fits the budget"))
+        }
+        SolverError::Singular { needed, .. } => {
+            let memory = needed.div_ceil(1 << 20);
+            Some(format!("give --memory {memory}MiB, or use --method irf with a smaller --granularity"))
+        }
+        SolverError::Underdetermined { .. } => {
+            Some("--max-degree L lowers it, --smoothness LAMBDA adds one".to_owned())
+        }
+        SolverError::NotPositiveDefinite { .. } => {
+            Some("--max-degree L lowers it, --smoothness LAMBDA adds one".to_owned())
+        }
         SolverError::Interrupted(_) => {
             Some("the models that are finished stay, --skip-existing leaves them out next time".to_owned())
         }

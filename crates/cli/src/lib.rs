@@ -26,6 +26,8 @@ pub mod console;
 pub mod exit;
 pub mod help;
 pub mod inputs;
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+mod kernels;
 pub mod machine;
 pub mod monitor;
 pub mod names;

@@ -10,7 +10,8 @@ use ndarray::Array2;
 use spharm_harmonics::Directions;
 use spharm_monitor::Monitor;
 use spharm_solver::MatrixFreeOperator;
-use spharm_solver::lsq::{LsqParams, LsqSolver, Strategy};
+use spharm_solver::lsq::NormalEquations;
+use spharm_solver::lsq::cg::{self, CgParams};
 use spharm_transform::TransformParams;
 
 use crate::domain::Domain;
@@ -67,12 +68,12 @@ pub(crate) fn residual(
     monitor.check()?;
     let transform = TransformParams { max_degree: degree, accuracy: 1e-6, ..TransformParams::default() };
     let operator = MatrixFreeOperator::new(&directions, &transform)?;
-    let params =
-        LsqParams { strategy: Strategy::Cg, tolerance: 1e-4, max_iterations: ITERATIONS, ..LsqParams::default() };
+    let equations = NormalEquations { operator: &operator, weights: None, penalty: None };
+    let params = CgParams { tolerance: 1e-4, max_iterations: ITERATIONS, ..CgParams::default() };
     let centre = domain.positions.iter().fold([0.0; 3], |sum, p| add(sum, *p));
     let centre = scale(centre, 1.0 / map.len() as f64);
     let targets = Array2::from_shape_fn((map.len(), 3), |(v, k)| domain.positions[v][k] - centre[k]);
-    let fit = LsqSolver::new(&operator, None, params)?.fit(&targets, &[], &OnlyCancel(monitor));
+    let fit = cg::solve(&equations, &targets, &equations.diagonal(), &params, &OnlyCancel(monitor));
     // Whichever of the two crates it stopped in.
     monitor.check()?;
     let fit = fit?;

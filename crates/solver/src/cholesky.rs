@@ -15,11 +15,9 @@
 //! | `tiles` | tiles in memory, and those of an unfinished file |
 //! | `stored` | tiles in a store |
 //! | `triangular` | the triangular solves, `kernels` their SIMD |
-//! | `condition` | the condition estimate |
 //! | `inverse` | the diagonal of G^-1 |
 
 mod build;
-mod condition;
 mod factorise;
 mod inverse;
 mod kernels;

@@ -1,5 +1,6 @@
-//! What can go wrong in a fit.
+//! The errors of fits and factors.
 
+#[cfg(feature = "dense")]
 use spharm_store::StoreError;
 
 /// Errors of this crate. Not converging is no error: it shows in the report.
@@ -7,6 +8,7 @@ use spharm_store::StoreError;
 #[non_exhaustive]
 pub enum SolverError {
     /// The basis could not be read.
+    #[cfg(feature = "dense")]
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The harmonics could not be evaluated.
@@ -16,7 +18,7 @@ pub enum SolverError {
     #[error(transparent)]
     Transform(#[from] spharm_transform::TransformError),
     /// A budget below what the fit needs.
-    #[error("a memory budget of {} is too small for this fit; the smallest that works is {} MiB{}", size(*.budget), .needed.div_ceil(1 << 20), hint(.granularity))]
+    #[error("a memory budget of {} is too small for this fit; the smallest that works is {} MiB", size(*.budget), .needed.div_ceil(1 << 20))]
     Budget {
         /// The budget, bytes.
         budget: usize,
@@ -70,7 +72,7 @@ pub enum SolverError {
         column: usize,
     },
     /// A batch wider than the fit was planned for.
-    #[error("a batch of {found} columns, planned were {planned}")]
+    #[error("the batch has {found} columns, but the plan allows {planned}")]
     Channels {
         /// Columns planned.
         planned: usize,
@@ -86,7 +88,7 @@ pub enum SolverError {
         found: f64,
     },
     /// A block that is numerically singular and too wide for the budget to be solved the safe way.
-    #[error("degrees {first} to {last} together are numerically singular on this sampling, and solving them safely takes --memory {}MiB; give that, or use --method irf with a smaller --granularity", .needed.div_ceil(1 << 20))]
+    #[error("degrees {first} to {last} together are numerically singular on this sampling, and solving them safely takes {} MiB of memory", .needed.div_ceil(1 << 20))]
     Singular {
         /// First degree of the block.
         first: usize,
@@ -101,8 +103,8 @@ pub enum SolverError {
         /// What was given.
         found: f64,
     },
-    /// A factor is asked for, and nothing to make it from.
-    #[error("this way of solving needs the Gram matrix or a factor, and has neither")]
+    /// A factor is needed, and there is nothing to make it from.
+    #[error("this strategy needs the Gram matrix or a factor, and has neither")]
     NoGram,
     /// The Gram matrix of the low degrees, for a preconditioner, is singular.
     #[error("the Gram matrix of the degrees to {degree} is numerically singular; precondition with fewer degrees")]
@@ -112,7 +114,7 @@ pub enum SolverError {
     },
     /// Standard errors of coefficients that the samples don't determine.
     #[error(
-        "{rows} vertices don't determine {columns} coefficients on this sampling; standard errors need a lower degree or a --smoothness"
+        "{rows} vertices don't determine {columns} coefficients on this sampling; standard errors need a lower degree or a smoothness penalty"
     )]
     Underdetermined {
         /// Rows with weight.
@@ -122,7 +124,7 @@ pub enum SolverError {
     },
     /// A Gram matrix without a Cholesky factor.
     #[error(
-        "the Gram matrix is not numerically positive definite: its factorisation breaks at column {column}, of degree {degree}: the sampling does not determine the coefficients from there on; choose a lower degree, add --smoothness LAMBDA, or take the minimum-norm solution"
+        "the Gram matrix is not numerically positive definite: its factorisation breaks at column {column}, of degree {degree}: the sampling does not determine the coefficients from there on; choose a lower degree, add a smoothness penalty, or take the minimum-norm solution"
     )]
     NotPositiveDefinite {
         /// Column from 0.
@@ -130,15 +132,13 @@ pub enum SolverError {
         /// Its degree.
         degree: usize,
     },
-    /// LAPACK gave up on a block's singular value decomposition.
-    #[error("degrees {first} to {last}: {message}")]
+    /// The singular value decomposition of a block did not converge.
+    #[error("degrees {first} to {last}: the singular value decomposition of their block did not converge")]
     NoConvergence {
         /// First degree of the block.
         first: usize,
         /// Last degree of the block.
         last: usize,
-        /// What LAPACK said.
-        message: String,
     },
     /// The monitor asked for the computation to stop.
     #[error(transparent)]
@@ -148,11 +148,4 @@ pub enum SolverError {
 /// In MiB, or in bytes where a unit was forgotten.
 fn size(bytes: usize) -> String {
     if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
-}
-
-fn hint(granularity: &Option<usize>) -> String {
-    match granularity {
-        Some(g) => format!("; --method irf --granularity {g} fits the budget"),
-        None => String::new(),
-    }
 }

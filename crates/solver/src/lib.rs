@@ -16,7 +16,10 @@
 //! | [`cholesky`] | the factor of the normal equations, in memory or in a store |
 //! | [`chunked_rows`] | targets and residual, kept in the basis's chunks |
 //! | [`residual`] | the size of a residual |
-//! | [`dense`] | dense matrices: BLAS and LAPACK |
+//! | `dense`, [`blas`] | dense matrices: faer on one thread, OpenBLAS on several |
+//!
+//! Without the default feature `dense` there are fast operators, conjugate gradients ([`lsq::cg`]) and cross-validation
+//! alone, and neither OpenBLAS nor `spharm-store` is needed.
 //!
 //! ```
 //! use ndarray::Array2;
@@ -36,27 +39,43 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+#[cfg(feature = "dense")]
+pub mod blas;
+#[cfg(feature = "dense")]
 mod check;
+#[cfg(feature = "dense")]
 pub mod cholesky;
+#[cfg(feature = "dense")]
 pub mod chunked_rows;
-pub mod dense;
+#[cfg(feature = "dense")]
+mod condition;
+#[cfg(feature = "dense")]
+mod dense;
 mod error;
 pub mod gram;
+#[cfg(feature = "dense")]
 pub mod irf;
 pub mod lsq;
 pub mod operator;
 pub mod residual;
 
+#[cfg(feature = "dense")]
 pub use cholesky::{CholeskyFactor, FactorParams, MemoryFactor, StoredFactor};
+#[cfg(feature = "dense")]
 pub use chunked_rows::ChunkedRows;
 pub use error::SolverError;
 pub use gram::{GramMatrix, moment_gram, moment_gram_bytes};
+#[cfg(feature = "dense")]
 pub use irf::{IrfFit, IrfParams, IrfPlan, IrfReport, IrfSolver, Method};
+#[cfg(feature = "dense")]
 pub use lsq::{LsqFit, LsqParams, LsqReport, LsqSolver, Strategy};
-pub use operator::{BlockOperator, DiskOperator, MatrixFreeOperator, MemoryOperator, Operator, Residency};
+#[cfg(feature = "dense")]
+pub use operator::{BlockOperator, DiskOperator, MemoryOperator, Residency};
+pub use operator::{MatrixFreeOperator, Operator};
 pub use residual::ResidualNorms;
 
 /// The number of threads that a parameter asks for; 0 stands for those of the rayon pool that the call is in.
+#[cfg(feature = "dense")]
 pub(crate) fn threads(asked: usize) -> usize {
     if asked == 0 { rayon::current_num_threads() } else { asked }
 }

@@ -48,17 +48,24 @@
 
 pub mod cg;
 pub(crate) mod columns;
+#[cfg(feature = "dense")]
 mod factor;
 pub mod gcv;
 pub mod normal_equations;
 pub mod preconditioner;
+#[cfg(feature = "dense")]
 mod refine;
+#[cfg(feature = "dense")]
 mod report;
+#[cfg(feature = "dense")]
 mod solver;
+#[cfg(feature = "dense")]
 mod standard_errors;
 
 pub use cg::Stop;
 pub use gcv::{Gcv, choose_smoothness};
 pub use normal_equations::NormalEquations;
+#[cfg(feature = "dense")]
 pub use report::{LsqReport, LsqSeconds, LsqWarning};
+#[cfg(feature = "dense")]
 pub use solver::{LsqFit, LsqParams, LsqSolver, MakeGram, Strategy, solve};

@@ -73,7 +73,7 @@ impl<'a> PlannedFactor<'a> {
             None
         } else {
             let (plan, _) = plan_stored_factor(store, spec.size(), &params)?;
-            check_limits(plan.memory, 0)?;
+            check_limits(plan.memory + plan.reserved, 0)?;
             Some(plan)
         };
         Ok(Self { store, sphere, spec, params, plan })

@@ -6,7 +6,8 @@ use spharm_monitor::Silent;
 use spharm_parametrize::volume::{Affine, LabelVolume, VolumeParams, VolumeSurface};
 use spharm_parametrize::{EqualAreaParams, Parametrization, area_deviation, equal_area};
 use spharm_solver::MatrixFreeOperator;
-use spharm_solver::lsq::{LsqParams, LsqSolver, Strategy};
+use spharm_solver::lsq::NormalEquations;
+use spharm_solver::lsq::cg::{self, CgParams};
 use spharm_transform::TransformParams;
 
 /// An ellipsoid with semi-axes 2, 1 and 1 mm, the long one along `axis`, in voxels of some size.
@@ -42,12 +43,9 @@ fn energy(map: &Parametrization) -> [f64; 4] {
     let operator = MatrixFreeOperator::new(&directions, &transform).unwrap();
     let vertices = &map.surface.vertices;
     let targets = Array2::from_shape_fn((vertices.len(), 3), |(v, k)| vertices[v][k]);
-    let params = LsqParams { strategy: Strategy::Cg, ..LsqParams::default() };
-    let mut solver = LsqSolver::new(&operator, None, params).unwrap();
-    let fit = solver.fit(&targets, &[], &Silent).unwrap();
-    let of = |l: usize| {
-        (l * l..(l + 1) * (l + 1)).map(|k| fit.coefficients.values().row(k).iter().map(|c| c * c).sum::<f64>())
-    };
+    let equations = NormalEquations { operator: &operator, weights: None, penalty: None };
+    let fit = cg::solve(&equations, &targets, &equations.diagonal(), &CgParams::default(), &Silent).unwrap();
+    let of = |l: usize| (l * l..(l + 1) * (l + 1)).map(|k| fit.solution.row(k).iter().map(|c| c * c).sum::<f64>());
     [1, 2, 3, 4].map(|l| of(l).sum())
 }
 

@@ -5,7 +5,8 @@ use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
 use spharm_parametrize::{CaldParams, Parametrization, cald};
 use spharm_solver::MatrixFreeOperator;
-use spharm_solver::lsq::{LsqParams, LsqSolver, Strategy};
+use spharm_solver::lsq::NormalEquations;
+use spharm_solver::lsq::cg::{self, CgParams};
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_transform::TransformParams;
@@ -21,9 +22,9 @@ fn msd(map: &Parametrization, degree: usize) -> f64 {
     let operator = MatrixFreeOperator::new(&directions, &transform).unwrap();
     let vertices = &map.surface.vertices;
     let targets = Array2::from_shape_fn((vertices.len(), 3), |(v, k)| vertices[v][k]);
-    let params = LsqParams { strategy: Strategy::Cg, tolerance: 1e-8, ..LsqParams::default() };
-    let mut solver = LsqSolver::new(&operator, None, params).unwrap();
-    let fit = solver.fit(&targets, &[], &Silent).unwrap();
+    let equations = NormalEquations { operator: &operator, weights: None, penalty: None };
+    let params = CgParams { tolerance: 1e-8, ..CgParams::default() };
+    let fit = cg::solve(&equations, &targets, &equations.diagonal(), &params, &Silent).unwrap();
     fit.residual.iter().map(|r| r * r).sum::<f64>() / vertices.len() as f64
 }
 

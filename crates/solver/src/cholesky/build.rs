@@ -2,16 +2,18 @@
 
 use std::path::Path;
 
-use ndarray::Array2;
+use ndarray::{Array2, ArrayViewMut1, Axis};
 use rayon::prelude::*;
 use spharm_monitor::{Level, Monitor, Stage, Unit};
 use spharm_store::factor::{Condition, FactorFile, StartedFactor, check_factor_space, open_factor, start_factor};
 use spharm_store::{FactorSpec, FactorWriter, Scalar, StoreError, StoreWarning, TileGrid};
 
 use crate::SolverError;
+use crate::blas::{RESERVED_PER_THREAD, TOUCHED_PER_THREAD};
 use crate::cholesky::factorise::{Panels, factorise as into_tiles};
 use crate::cholesky::tiles::{Finished, MemoryTiles, Tiles};
-use crate::cholesky::{CholeskyFactor, condition, inverse, triangular};
+use crate::cholesky::{CholeskyFactor, inverse, triangular};
+use crate::condition;
 use crate::gram::GramMatrix;
 
 /// Rows and columns of a tile unless asked otherwise: 128 KiB of f64, which the L2 cache of any core holds.
@@ -58,6 +60,8 @@ pub struct FactorPlan {
     pub panel: usize,
     /// Bytes of memory.
     pub memory: usize,
+    /// Bytes of address space that OpenBLAS reserves and hardly touches; they count against a limit on data.
+    pub reserved: usize,
     /// Bytes of disk while it is made; 0 for one that stays in memory.
     pub disk: u64,
 }
@@ -83,7 +87,7 @@ pub struct FactorReport {
 pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(FactorPlan, TileGrid), SolverError> {
     let grid = TileGrid::new(size, params.tile)?;
     let threads = crate::threads(params.threads);
-    let fixed = BASE + params.held + threads * crate::dense::RESERVED_PER_THREAD + 128 * grid.count();
+    let fixed = BASE + params.held + threads * TOUCHED_PER_THREAD + 128 * grid.count();
     let all: usize = grid.tiles().map(|(row, column)| 8 * grid.len(row, column)).sum();
     let panels = |width: usize| Panels { grid, width, threads };
     let plan = |width: usize, in_memory: bool| FactorPlan {
@@ -91,6 +95,7 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
         panel: (width * grid.tile()).min(size),
         // Right-hand sides of the condition estimate are no more than a panel.
         memory: fixed + panels(width).bytes() + if in_memory { all } else { 0 },
+        reserved: threads * RESERVED_PER_THREAD,
         disk: 0,
     };
     let widths = |most: usize| (1..=(most / grid.tile()).clamp(1, grid.columns())).rev();
@@ -205,9 +210,9 @@ fn compute<T: Tiles + Finished>(
     monitor.begin(Stage { name: "factor", unit: Unit::Flops }, panels.flops() as u64);
     let norm = into_tiles(source, tiles, panels, monitor)?;
     monitor.note(Level::Status, format_args!("estimating the condition"));
-    let inverse = condition::one_norm(panels.grid.size(), &mut |x: &mut Array2<f64>| {
+    let inverse = condition::one_norm(panels.grid.size(), &mut |x: &mut [f64]| {
         monitor.check()?;
-        triangular::solve(tiles, x, panels.threads)
+        triangular::solve(tiles, ArrayViewMut1::from(x).insert_axis(Axis(1)), panels.threads)
     })?;
     monitor.end();
     let reciprocal = 1.0 / (norm * inverse);
@@ -241,7 +246,7 @@ impl CholeskyFactor for MemoryFactor {
     }
 
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError> {
-        triangular::solve(&self.tiles, x, self.threads)
+        triangular::solve(&self.tiles, x.view_mut(), self.threads)
     }
 
     fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError> {

@@ -22,8 +22,8 @@ use spharm_monitor::Monitor;
 use spharm_store::TileGrid;
 
 use crate::SolverError;
+use crate::blas::Blas;
 use crate::cholesky::tiles::Finished;
-use crate::dense;
 use crate::gram::GramMatrix;
 
 /// Columns that are subtracted at a time: enough for `dgemm`'s traffic on the panel not to matter.
@@ -92,12 +92,12 @@ pub(crate) fn factorise(
                 gather(finished, grid, tiles, before.clone(), &mut other)?;
                 let (height, at) = (range.len(), range.start - a);
                 let (left, right) = (Matrix::new(&other, height, k, height), Matrix::new(&top, wide, k, wide));
-                with_blas(threads, || dense::subtract_outer(left, right, &mut panel[at..], rows));
+                Blas::with_threads(threads).subtract_outer(left, right, &mut panel[at..], rows);
                 monitor.step(2 * (height * wide * k) as u64);
             }
         }
         monitor.check()?;
-        let factored = with_blas(threads, || dense::cholesky_lower(&mut panel, wide, rows));
+        let factored = Blas::with_threads(threads).cholesky(&mut panel, wide, rows);
         factored.map_err(|column| not_positive(a + column))?;
         // LAPACK's comparison with zero lets a NaN through.
         if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].is_finite()) {
@@ -106,7 +106,7 @@ pub(crate) fn factorise(
         if rows > wide {
             let triangle: Vec<f64> = panel.chunks(rows).flat_map(|column| &column[..wide]).copied().collect();
             let triangle = Matrix::new(&triangle, wide, wide, wide);
-            with_blas(threads, || dense::divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows));
+            Blas::with_threads(threads).divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows);
         }
         let wide = wide as u64;
         monitor.step(wide * wide * (wide / 3 + rows as u64 - wide));
@@ -118,14 +118,6 @@ pub(crate) fn factorise(
 
 fn not_positive(column: usize) -> SolverError {
     SolverError::NotPositiveDefinite { column, degree: degree_order(column).0 }
-}
-
-/// Lets BLAS have the threads for one call.
-fn with_blas<T>(threads: usize, call: impl FnOnce() -> T) -> T {
-    dense::set_blas_threads(threads);
-    let result = call();
-    dense::set_blas_threads(1);
-    result
 }
 
 /// Adds up columns of |G| from the panels of its lower triangle. `sums` begins at the panel's first row.

@@ -109,7 +109,7 @@ impl CholeskyFactor for StoredFactor {
     }
 
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError> {
-        triangular::solve(self, x, self.threads)
+        triangular::solve(self, x.view_mut(), self.threads)
     }
 
     fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError> {

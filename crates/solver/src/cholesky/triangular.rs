@@ -14,7 +14,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use ndarray::Array2;
+use ndarray::ArrayViewMut2;
 use spharm_harmonics::product::Matrix;
 use spharm_store::factor::TileValues;
 
@@ -27,7 +27,7 @@ use crate::dense;
 const MANY: usize = 16;
 
 /// Solves `C C^T x = b`: `x`, (K, c), is b on the way in.
-pub(crate) fn solve(tiles: &dyn Tiles, x: &mut Array2<f64>, threads: usize) -> Result<(), SolverError> {
+pub(crate) fn solve(tiles: &dyn Tiles, mut x: ArrayViewMut2<'_, f64>, threads: usize) -> Result<(), SolverError> {
     let grid = tiles.grid();
     assert_eq!(x.nrows(), grid.size(), "rows of the right-hand sides");
     let channels = x.ncols();

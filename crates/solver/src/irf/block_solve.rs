@@ -9,7 +9,8 @@ use super::report::BlockReport;
 use super::stream::OpenBlock;
 use super::workers::{Workers, pack};
 use crate::SolverError;
-use crate::dense;
+use crate::blas::Blas;
+use crate::dense::{self, MinimumNorm};
 use crate::gram::GramMatrix;
 use crate::operator::{BlockOperator, Scratch};
 
@@ -34,7 +35,7 @@ pub(super) struct Step {
 /// What is known of a block's matrix once it has been solved.
 #[derive(Debug, Clone)]
 enum BlockFactor {
-    /// Upper Cholesky factor of the Gram matrix, (k, k), and the reciprocal condition number of that matrix: serves any
+    /// Lower Cholesky factor of the Gram matrix, (k, k), and the reciprocal condition number of that matrix: serves any
     /// right-hand side.
     Cholesky(Vec<f64>, f64),
     /// The Gram matrix is of no use; the block is to be factorised anew each time.
@@ -117,11 +118,7 @@ impl<'o> BlockSolver<'o> {
         // A block that was singular once is so again; its spectrum is not reused, since that would square its condition.
         if k <= self.operator.rows() && known.is_none() {
             let (right_hand_sides, mut gram) = self.normal_equations(block, residual, k, monitor)?;
-            let shared = k >= SHARED_FROM;
-            dense::set_blas_threads(if shared { self.threads } else { 1 });
-            let reciprocal = dense::cholesky(&mut gram, k);
-            dense::set_blas_threads(1);
-            if let Some(reciprocal) = reciprocal.filter(|&reciprocal| reciprocal > SAFE_RECIPROCAL) {
+            if let Some(reciprocal) = self.factorise(&mut gram, k) {
                 let step = by_cholesky(&gram, k, right_hand_sides, residual.channels());
                 self.remember(block, BlockFactor::Cholesky(gram, reciprocal));
                 return Ok(step);
@@ -133,7 +130,7 @@ impl<'o> BlockSolver<'o> {
         Ok(step)
     }
 
-    /// `A^T W r`, (k, c) row-major, and the upper triangle of `A^T W A`, (k, k).
+    /// `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k, k).
     fn normal_equations(
         &self,
         block: &OpenBlock<'_>,
@@ -186,11 +183,23 @@ impl<'o> BlockSolver<'o> {
                 })?;
                 at += range.len();
             }
-            dense::set_blas_threads(self.threads);
-            dense::accumulate_gram(Matrix::new(&stacked, rows, k, rows), &mut gram, k);
-            dense::set_blas_threads(1);
+            let stacked = Matrix::new(&stacked, rows, k, rows);
+            Blas::with_threads(self.threads).accumulate_gram(stacked, &mut gram, k);
         }
         Ok(gram)
+    }
+
+    /// The lower Cholesky factor of a Gram matrix (k, k), in place; `None` when it is too ill-conditioned to be of use, else
+    /// an estimate of its reciprocal condition number.
+    fn factorise(&self, gram: &mut [f64], k: usize) -> Option<f64> {
+        let norm = dense::symmetric_norm(gram, k);
+        let positive = if k >= SHARED_FROM {
+            Blas::with_threads(self.threads).cholesky(gram, k, k).is_ok()
+        } else {
+            dense::cholesky(gram, k)
+        };
+        let reciprocal = if positive { dense::reciprocal_condition(norm, gram, k) } else { 0.0 };
+        (reciprocal > SAFE_RECIPROCAL).then_some(reciprocal)
     }
 
     fn check_room_for_rank_revealing(
@@ -218,14 +227,8 @@ impl<'o> BlockSolver<'o> {
         let (r, z, m) = residual.triangle(block, k)?.split(k);
         let right_hand_sides = transposed_product(&r, &z, m);
         let tolerance = f64::EPSILON * self.operator.rows().max(k) as f64;
-        dense::set_blas_threads(if k >= SHARED_FROM { self.threads } else { 1 });
-        let solved = dense::minimum_norm(r, z, m, tolerance);
-        dense::set_blas_threads(1);
-        let (x, rank, condition) = solved.map_err(|error| SolverError::NoConvergence {
-            first: *block.degrees.start(),
-            last: *block.degrees.end(),
-            message: error.to_string(),
-        })?;
+        let MinimumNorm { x, rank, condition } = dense::minimum_norm(&r, &z, m, tolerance)
+            .map_err(|_| SolverError::NoConvergence { first: *block.degrees.start(), last: *block.degrees.end() })?;
         let condition = if rank < k { f64::INFINITY } else { condition };
         let energy = inner_products(&x, &right_hand_sides, residual.channels());
         Ok((Step { x, energy }, BlockFactor::RankRevealing { condition, rank }))

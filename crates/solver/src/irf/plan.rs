@@ -9,11 +9,11 @@ use super::block_solve::{SHARED_FROM, SHARED_ROWS, rank_revealing_bytes};
 use super::blocks::{Method, columns};
 use super::solver::IrfParams;
 use crate::SolverError;
+use crate::blas::{RESERVED_PER_THREAD, TOUCHED_PER_THREAD};
 use crate::operator::{BlockOperator, Residency};
 
-/// What OpenBLAS touches of its buffers per thread for narrow blocks, and all of them, for wide ones.
-const BLAS_NARROW: usize = 4 << 20;
-const BLAS_WIDE: usize = 34 << 20;
+/// What a thread packs matrices into for a product of narrow blocks.
+const PACKED: usize = 4 << 20;
 /// What a thread takes while it writes a Gram matrix from moments.
 const GRAM_WORK: usize = 1 << 20;
 
@@ -24,7 +24,7 @@ pub struct IrfPlan {
     pub held: usize,
     /// Residual, coefficients.
     pub arrays: usize,
-    /// Sums, packed chunks and BLAS buffers of all threads.
+    /// Sums, packed chunks and buffers of matrix products of all threads.
     pub work: usize,
     /// The source of the blocks' Gram matrices; zero where they are summed from the basis.
     pub grams: usize,
@@ -36,6 +36,8 @@ pub struct IrfPlan {
     pub total: usize,
     /// The budget.
     pub budget: usize,
+    /// Address space that OpenBLAS reserves beside all this and hardly touches; it counts against a limit on data.
+    pub reserved: usize,
     /// Whether factors are kept from the first pass on.
     pub keep_factors: bool,
     /// Whether the next block is read while one is solved.
@@ -94,6 +96,7 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -
         basis,
         total: needs.fixed + factors + basis,
         budget: params.memory,
+        reserved: needs.reserved,
         keep_factors,
         read_ahead,
         whole,
@@ -105,6 +108,8 @@ struct Needs {
     grams: usize,
     /// Everything but factors and basis.
     fixed: usize,
+    /// Reserved by OpenBLAS, which serves wide blocks alone.
+    reserved: usize,
     one_factor: usize,
     all_factors: usize,
     /// By block: bytes when it is whole in memory, and when it is taken chunk by chunk.
@@ -135,7 +140,7 @@ impl Needs {
                 + if weighted { chunk_rows * channels } else { 0 });
         // The stacked chunks of a shared Gram matrix, and the one being packed.
         let stacked = if shared && from_basis { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
-        let blas = threads * if shared { BLAS_WIDE } else { BLAS_NARROW };
+        let blas = threads * if shared { TOUCHED_PER_THREAD } else { PACKED };
         let singular = if widest > n { rank_revealing_bytes(widest, channels, chunk_rows, threads, n) } else { 0 };
         let factor = |degrees: &RangeInclusive<usize>| 8 * columns(degrees) * columns(degrees).min(n);
         let resident = |degrees| operator.resident_bytes(degrees, Residency::Whole, threads);
@@ -144,6 +149,7 @@ impl Needs {
             arrays,
             grams,
             fixed: params.held + arrays + grams + threads * per_thread + stacked + blas + singular,
+            reserved: if shared { threads * RESERVED_PER_THREAD } else { 0 },
             one_factor: 8 * widest * widest.min(n),
             // While one is made the others are there; a single block's is kept where it was made.
             all_factors: blocks.iter().map(factor).sum::<usize>()

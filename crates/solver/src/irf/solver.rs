@@ -13,7 +13,7 @@ use super::report::{IrfReport, Recorder};
 use crate::chunked_rows::ChunkedRows;
 use crate::gram::GramMatrix;
 use crate::operator::BlockOperator;
-use crate::{SolverError, check, dense};
+use crate::{SolverError, check};
 
 /// How to fit by iterative residual fitting.
 #[derive(Debug, Clone)]
@@ -174,7 +174,6 @@ impl<'o> IrfSolver<'o> {
         if channels > self.channels {
             return Err(SolverError::Channels { planned: self.channels, found: channels });
         }
-        dense::set_blas_threads(1);
         let size = basis_size(self.params.max_degree);
         let mut residual = targets;
         let mut coefficients = Array2::<f64>::zeros((size, channels));

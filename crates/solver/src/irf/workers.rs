@@ -15,7 +15,7 @@ use crate::chunked_rows::ChunkedRows;
 use crate::dense;
 use crate::operator::{BlockOperator, Scratch};
 
-/// From this many columns of the targets on, a BLAS product beats the kernels for few columns.
+/// From this many columns of the targets on, a matrix product beats the kernels for few columns.
 const MANY_CHANNELS: usize = 8;
 
 /// The residual of a fit and the threads that work on it.
@@ -84,7 +84,7 @@ impl<'r> Workers<'r> {
         Ok(self.sums(block, k, false)?.0)
     }
 
-    /// `A^T W r`, (k, c) row-major, and the upper triangle of `A^T W A`, (k, k).
+    /// `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k, k).
     pub(super) fn normal_equations(
         &mut self,
         block: &OpenBlock<'_>,
@@ -154,8 +154,8 @@ impl Worker<'_> {
                 }
                 if with_gram {
                     match (parts, root) {
-                        ([single], None) => dense::accumulate_gram(*single, gram, k),
-                        _ => dense::accumulate_gram(pack(parts, root, packed), gram, k),
+                        ([single], None) => dense::accumulate_gram(*single, gram),
+                        _ => dense::accumulate_gram(pack(parts, root, packed), gram),
                     }
                 }
             })?;

@@ -75,10 +75,8 @@ impl LsqSolver<'_> {
         if let Some(penalty) = &self.penalty {
             (0..size).for_each(|j| gram[j * size + j] += penalty[j]);
         }
-        dense::set_blas_threads(crate::threads(self.params.threads));
-        let reciprocal = dense::cholesky(&mut gram, size);
-        dense::set_blas_threads(1);
-        if reciprocal.is_none_or(|reciprocal| reciprocal < SINGULAR) {
+        let norm = dense::symmetric_norm(&gram, size);
+        if !dense::cholesky(&mut gram, size) || dense::reciprocal_condition(norm, &gram, size) < SINGULAR {
             return Err(SolverError::LowDegrees { degree });
         }
         Ok(LowDegrees::new(gram, first_column(degree + 1), self.equations().diagonal()))

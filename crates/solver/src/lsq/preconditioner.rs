@@ -5,6 +5,7 @@ use spharm_harmonics::index::order_count;
 
 use super::columns::scale_rows;
 use crate::SolverError;
+#[cfg(feature = "dense")]
 use crate::cholesky::CholeskyFactor;
 use crate::operator::Operator;
 
@@ -98,20 +99,23 @@ impl Preconditioner for Density<'_> {
 
 /// The Cholesky factor of the Gram matrix of the low degrees, and the diagonal for the rest: for samplings whose density
 /// varies on a large scale.
+#[cfg(feature = "dense")]
 #[derive(Debug)]
 pub struct LowDegrees {
-    /// Upper factor, (k, k).
+    /// Lower Cholesky factor, (k, k).
     factor: Vec<f64>,
     columns: usize,
     rest: Diagonal,
 }
 
+#[cfg(feature = "dense")]
 impl LowDegrees {
     pub(crate) fn new(factor: Vec<f64>, columns: usize, rest: Diagonal) -> Self {
         Self { factor, columns, rest }
     }
 }
 
+#[cfg(feature = "dense")]
 impl Preconditioner for LowDegrees {
     fn name(&self) -> &'static str {
         "low-degrees"
@@ -130,8 +134,10 @@ impl Preconditioner for LowDegrees {
 }
 
 /// A factor of N itself, of few digits.
+#[cfg(feature = "dense")]
 pub(crate) struct ByFactor<'a>(pub(crate) &'a dyn CholeskyFactor);
 
+#[cfg(feature = "dense")]
 impl Preconditioner for ByFactor<'_> {
     fn name(&self) -> &'static str {
         "factor"

@@ -2,8 +2,9 @@
 
 use std::f64::consts::{PI, TAU};
 
+use faer::Mat;
+use faer::linalg::solvers::DenseSolveCore;
 use ndarray::{Array1, Array2, Axis, concatenate};
-use ndarray_linalg::{JobSvd, SVDDC};
 use spharm_harmonics::{Directions, basis_size};
 use spharm_monitor::{Monitor, Silent};
 use spharm_solver::gram::smoothness_penalty;
@@ -105,14 +106,32 @@ pub(crate) fn dense(a: &Array2<f64>, targets: &Array2<f64>, weights: Option<&[f6
         stacked = concatenate![Axis(0), stacked, Array2::from_diag(&penalty)];
         right = concatenate![Axis(0), right, Array2::zeros((a.ncols(), targets.ncols()))];
     }
-    let (u, singular, vt) = stacked.svddc(JobSvd::Some).unwrap();
-    let (u, vt) = (u.unwrap(), vt.unwrap());
+    let (u, singular, vt) = svd(&stacked);
     let least = 1e-13 * singular[0];
     let mut inner = u.t().dot(&right);
     for (mut row, value) in inner.rows_mut().into_iter().zip(&singular) {
         row.mapv_inplace(|v| if *value > least { v / value } else { 0.0 });
     }
     Dense { x: vt.t().dot(&inner), singular, scale: norms(&adjoint), size: norms(&right) }
+}
+
+/// Singular value decomposition `u diag(s) vt`, values in falling order.
+pub(crate) fn svd(a: &Array2<f64>) -> (Array2<f64>, Array1<f64>, Array2<f64>) {
+    let svd = to_faer(a).thin_svd().unwrap();
+    let singular = svd.S().column_vector().iter().copied().collect();
+    (to_ndarray(svd.U().to_owned()), singular, to_ndarray(svd.V().transpose().to_owned()))
+}
+
+pub(crate) fn inverse(a: &Array2<f64>) -> Array2<f64> {
+    to_ndarray(to_faer(a).partial_piv_lu().inverse())
+}
+
+fn to_faer(a: &Array2<f64>) -> Mat<f64> {
+    Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[[i, j]])
+}
+
+fn to_ndarray(a: Mat<f64>) -> Array2<f64> {
+    Array2::from_shape_fn((a.nrows(), a.ncols()), |(i, j)| a[(i, j)])
 }
 
 pub(crate) fn diagonal(values: Vec<f64>) -> Array2<f64> {

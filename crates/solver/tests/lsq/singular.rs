@@ -3,18 +3,17 @@
 use std::f64::consts::PI;
 
 use ndarray::{Array2, s};
-use ndarray_linalg::{JobSvd, SVDDC};
 use spharm_harmonics::{Directions, basis_size};
 use spharm_monitor::Silent;
 use spharm_solver::{IrfParams, MemoryOperator, Method, Strategy, irf};
 
-use crate::problems::{Random, Sampling, cap, dense, irregular, matrix, norms, params, solve};
+use crate::problems::{Random, Sampling, cap, dense, irregular, matrix, norms, params, solve, svd};
 
 /// Mean squared residual of the least squares in the singular vectors above `cut` of the largest value.
 fn truncated(a: &Array2<f64>, targets: &Array2<f64>, cut: f64) -> f64 {
-    let (u, singular, _) = a.svddc(JobSvd::Some).unwrap();
+    let (u, singular, _) = svd(a);
     let count = singular.iter().filter(|value| **value > cut * singular[0]).count();
-    let u = u.unwrap().slice(s![.., ..count]).to_owned();
+    let u = u.slice(s![.., ..count]).to_owned();
     (targets - &u.dot(&u.t().dot(targets))).iter().map(|r| r * r).sum::<f64>() / a.nrows() as f64
 }
 

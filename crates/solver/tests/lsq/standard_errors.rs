@@ -1,14 +1,13 @@
 //! Standard errors of the coefficients.
 
 use ndarray::Array2;
-use ndarray_linalg::InverseC;
 use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
 use spharm_solver::gram::smoothness_penalty;
 use spharm_solver::{GramMatrix, LsqParams, LsqSolver, SolverError, Strategy, moment_gram};
 
 use crate::problems::{
-    Random, Sampling, cap, clustered, diagonal, even, irregular, matrix, params, transforms, uneven_weights,
+    Random, Sampling, cap, clustered, diagonal, even, inverse, irregular, matrix, params, transforms, uneven_weights,
 };
 
 /// sigma^2 (A^T W A + P)^-1, and that it tells how much coefficients scatter.
@@ -25,7 +24,7 @@ fn standard_errors_are_those_of_the_dense_inverse() {
         let a = matrix(&sampling.directions, max_degree);
         let weighted = &a * &Array2::from_shape_fn((n, 1), |(i, _)| weights[i]);
         let penalty = diagonal(smoothness_penalty(max_degree, smoothness));
-        let inverse = (a.t().dot(&weighted) + &penalty).invc().unwrap();
+        let inverse = inverse(&(a.t().dot(&weighted) + &penalty));
         let operator = transforms(&sampling.directions, max_degree);
         let gram = || {
             let gram = moment_gram(&sampling.directions, Some(&weights), max_degree)?;
@@ -91,6 +90,6 @@ fn standard_errors_of_what_is_not_determined_are_refused() {
     for (sampling, max_degree) in [(even(80), 9), (cap(400, 0.3), 9)] {
         let error = refused(&sampling, max_degree);
         assert!(matches!(error, SolverError::Underdetermined { columns: 100, .. }), "{error}");
-        assert!(error.to_string().contains("--smoothness"), "{error}");
+        assert!(error.to_string().contains("smoothness"), "{error}");
     }
 }

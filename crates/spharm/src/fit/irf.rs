@@ -107,9 +107,8 @@ impl<'o> Planner<'o> {
             _ => IrfSolver::new(self.operator, columns, IrfParams { gram_bytes: None, ..params }),
         }?;
         let plan = fitter.plan();
-        let blas = job.threads * spharm_solver::dense::RESERVED_PER_THREAD;
         let decoded = if self.operator.is_direct() { 0 } else { plan.basis };
-        check_limits(plan.arrays + plan.work + plan.grams + plan.factors + blas + decoded, plan.basis)?;
+        check_limits(plan.arrays + plan.work + plan.grams + plan.factors + plan.reserved + decoded, plan.basis)?;
         Ok(fitter)
     }
 

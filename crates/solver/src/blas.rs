@@ -1,0 +1,184 @@
+//! OpenBLAS, for matrices so large that several threads pay: every call of it is in this file.
+//!
+//! OpenBLAS keeps its number of threads, and the buffers of all that call it, for the whole process, and reserves
+//! [`RESERVED_PER_THREAD`] bytes for each thread that calls it or works for it. So it is used by one caller at a time,
+//! who holds [`Blas`]; what is small, or done by several threads at once, goes to [`dense`](crate::dense) instead.
+//!
+//! Matrices are column-major slices with a leading dimension. `unsafe` is here because cblas-sys and lapack-sys are
+//! foreign functions; each method checks the sizes that its function will touch.
+
+#![allow(unsafe_code)]
+
+use std::ffi::{c_char, c_int};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use cblas_sys::{CBLAS_DIAG, CBLAS_LAYOUT, CBLAS_SIDE, CBLAS_TRANSPOSE, CBLAS_UPLO};
+use spharm_harmonics::product::Matrix;
+
+pub use spharm_blas::RESERVED_PER_THREAD;
+
+/// Bytes that OpenBLAS touches of its buffers for each thread that works on large matrices, measured.
+pub(crate) const TOUCHED_PER_THREAD: usize = 34 << 20;
+
+unsafe extern "C" {
+    fn openblas_set_num_threads(threads: c_int);
+    fn openblas_get_num_threads() -> c_int;
+    fn openblas_get_config() -> *const c_char;
+}
+
+static IN_USE: Mutex<()> = Mutex::new(());
+
+/// Version, kernels and build options of OpenBLAS.
+pub fn version() -> String {
+    // SAFETY: OpenBLAS gives a text of its own that ends in a zero and stays.
+    unsafe { std::ffi::CStr::from_ptr(openblas_get_config()) }.to_string_lossy().trim().to_owned()
+}
+
+/// The use of OpenBLAS with some number of threads. There is one at a time in a process; others wait for it to be
+/// dropped, which sets the number of threads back to what it was.
+///
+/// It must not be held while waiting for other threads, which may want it too.
+#[derive(Debug)]
+pub struct Blas {
+    threads_before: c_int,
+    _only: MutexGuard<'static, ()>,
+}
+
+impl Blas {
+    /// Waits until OpenBLAS is free, and has it use `threads` threads.
+    pub fn with_threads(threads: usize) -> Self {
+        let only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: OpenBLAS takes any number; it clamps it to what it was built for. Nobody else sets it meanwhile.
+        let threads_before = unsafe {
+            let before = openblas_get_num_threads();
+            openblas_set_num_threads(threads.clamp(1, 1024) as c_int);
+            before
+        };
+        Self { threads_before, _only: only }
+    }
+
+    /// Lower triangle of `gram += block^T block`, gram (k, k) column-major with `leading`. `n k (k + 1)` flops.
+    pub(crate) fn accumulate_gram(&mut self, block: Matrix<'_>, gram: &mut [f64], leading: usize) {
+        let k = block.columns();
+        assert!(leading >= k && gram.len() >= (k.max(1) - 1) * leading + k, "Gram matrix of {k} columns");
+        // SAFETY: `Matrix` has checked the block's extent, the assertion the Gram matrix's.
+        unsafe {
+            cblas_sys::cblas_dsyrk(
+                CBLAS_LAYOUT::CblasColMajor,
+                CBLAS_UPLO::CblasLower,
+                CBLAS_TRANSPOSE::CblasTrans,
+                int(k),
+                int(block.rows()),
+                1.0,
+                block.values().as_ptr(),
+                int(block.leading()),
+                1.0,
+                gram.as_mut_ptr(),
+                int(leading),
+            );
+        }
+    }
+
+    /// Lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with `leading`; what
+    /// is above the diagonal is left as it is. Fails with the column, from 0, at which the matrix isn't positive definite.
+    pub(crate) fn cholesky(&mut self, matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize> {
+        assert!(leading >= k && matrix.len() >= (k.max(1) - 1) * leading + k, "matrix of order {k}");
+        const LOWER: c_char = b'L' as c_char;
+        let (order, stride, mut info) = (int(k), int(leading), 0);
+        // SAFETY: the matrix is k by k with that leading dimension, as asserted.
+        unsafe { lapack_sys::dpotrf_(&LOWER, &order, matrix.as_mut_ptr(), &stride, &mut info) };
+        if info > 0 { Err(info as usize - 1) } else { Ok(()) }
+    }
+
+    /// `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with `leading`.
+    pub(crate) fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize) {
+        let k = c.columns();
+        assert!(c.rows() == k && leading >= rows && out.len() >= (k.max(1) - 1) * leading + rows, "{rows} x {k}");
+        // SAFETY: extents as asserted, `Matrix` has checked the triangle.
+        unsafe {
+            cblas_sys::cblas_dtrsm(
+                CBLAS_LAYOUT::CblasColMajor,
+                CBLAS_SIDE::CblasRight,
+                CBLAS_UPLO::CblasLower,
+                CBLAS_TRANSPOSE::CblasTrans,
+                CBLAS_DIAG::CblasNonUnit,
+                int(rows),
+                int(k),
+                1.0,
+                c.values().as_ptr(),
+                int(c.leading()),
+                out.as_mut_ptr(),
+                int(leading),
+            );
+        }
+    }
+
+    /// `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with `leading`.
+    ///
+    /// # Panics
+    ///
+    /// If the shapes don't fit.
+    pub fn subtract_outer(&mut self, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f64], leading: usize) {
+        let (rows, columns, k) = (a.rows(), b.rows(), a.columns());
+        let needed = (columns.max(1) - 1) * leading + rows;
+        assert!(b.columns() == k && leading >= rows && out.len() >= needed, "{rows} x {k}");
+        // SAFETY: extents as asserted, `Matrix` has checked both factors.
+        unsafe {
+            cblas_sys::cblas_dgemm(
+                CBLAS_LAYOUT::CblasColMajor,
+                CBLAS_TRANSPOSE::CblasNoTrans,
+                CBLAS_TRANSPOSE::CblasTrans,
+                int(rows),
+                int(columns),
+                int(k),
+                -1.0,
+                a.values().as_ptr(),
+                int(a.leading()),
+                b.values().as_ptr(),
+                int(b.leading()),
+                1.0,
+                out.as_mut_ptr(),
+                int(leading),
+            );
+        }
+    }
+}
+
+impl Drop for Blas {
+    fn drop(&mut self) {
+        // SAFETY: a number that OpenBLAS itself gave; the lock is released after this.
+        unsafe { openblas_set_num_threads(self.threads_before) };
+    }
+}
+
+fn int(value: usize) -> c_int {
+    c_int::try_from(value).unwrap_or_else(|_| panic!("a dimension of {value} is beyond a 32-bit BLAS"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn threads() -> c_int {
+        // SAFETY: it only reads a number.
+        unsafe { openblas_get_num_threads() }
+    }
+
+    #[test]
+    fn the_number_of_threads_is_that_of_the_holder_and_comes_back() {
+        let before = threads();
+        {
+            let _blas = Blas::with_threads(2);
+            assert_eq!(threads(), 2);
+        }
+        assert_eq!(threads(), before);
+        let panicked = std::panic::catch_unwind(|| {
+            let _blas = Blas::with_threads(2);
+            panic!("while it is held");
+        });
+        assert!(panicked.is_err());
+        assert_eq!(threads(), before, "also after a panic");
+        // A lock that a panic poisoned still serves.
+        drop(Blas::with_threads(1));
+    }
+}

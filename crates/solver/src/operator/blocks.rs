@@ -1,0 +1,81 @@
+//! A basis that can be read by blocks of degrees and chunks of rows.
+
+use std::ops::{Range, RangeInclusive};
+
+use spharm_harmonics::product::Matrix;
+
+use super::Operator;
+use crate::SolverError;
+
+/// How much of an open block is held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Residency {
+    /// All of it, so that a second look costs no reading.
+    Whole,
+    /// The chunks in use: the block is read again for each look.
+    Chunks,
+}
+
+/// Scratch space of one thread for one block: a buffer for each degree that needs decoding.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    pub(crate) buffers: Vec<Vec<f64>>,
+}
+
+/// A basis matrix that can be read by blocks of degrees and chunks of rows.
+pub trait BlockOperator: Operator {
+    /// Rows of every chunk but the last.
+    fn chunk_rows(&self) -> usize;
+
+    /// Bytes that a block takes while it is open, beside the scratch space.
+    fn resident_bytes(&self, degrees: &RangeInclusive<usize>, residency: Residency, threads: usize) -> usize;
+
+    /// Opens the block of a run of degrees.
+    ///
+    /// # Errors
+    ///
+    /// When the basis can't be read.
+    fn open<'a>(
+        &'a self,
+        degrees: RangeInclusive<usize>,
+        residency: Residency,
+    ) -> Result<Box<dyn Block + 'a>, SolverError>;
+
+    /// Number of chunks.
+    fn chunk_count(&self) -> usize {
+        self.rows().div_ceil(self.chunk_rows())
+    }
+
+    /// Rows of a chunk.
+    fn chunk_range(&self, chunk: usize) -> Range<usize> {
+        chunk * self.chunk_rows()..((chunk + 1) * self.chunk_rows()).min(self.rows())
+    }
+}
+
+/// An open block: the columns of a run of degrees.
+pub trait Block: Sync {
+    /// Calls `read` with the chunk's matrices, one for each degree in order, each (rows, 2 l + 1).
+    ///
+    /// # Errors
+    ///
+    /// When the chunk can't be read or is damaged.
+    fn chunk(
+        &self,
+        chunk: usize,
+        scratch: &mut Scratch,
+        read: &mut dyn FnMut(&[Matrix<'_>]),
+    ) -> Result<(), SolverError>;
+
+    /// Starts reading the block from disk while something else is computed.
+    fn prefetch(&self);
+
+    /// Bytes read from the store since the block was opened.
+    fn bytes_read(&self) -> u64;
+
+    /// Confirms that what was read was sound. What was computed from the block counts only after this.
+    ///
+    /// # Errors
+    ///
+    /// When the basis changed while it was read.
+    fn check(&self) -> Result<(), SolverError>;
+}
