@@ -2,7 +2,7 @@
 //!
 //! OpenBLAS keeps its number of threads, and the buffers of all that call it, for the whole process, and reserves
 //! [`RESERVED_PER_THREAD`] bytes for each thread that calls it or works for it. So it is used by one caller at a time,
-//! who holds [`Blas`]; what is small, or done by several threads at once, goes to [`dense`](crate::dense) instead.
+//! who holds [`Blas`]; what is small, or done by several threads at once, goes to faer instead (`dense.rs`).
 //!
 //! Matrices are column-major slices with a leading dimension. `unsafe` is here because cblas-sys and lapack-sys are
 //! foreign functions; each method checks the sizes that its function will touch.
@@ -28,7 +28,7 @@ unsafe extern "C" {
 
 static IN_USE: Mutex<()> = Mutex::new(());
 
-/// Version, kernels and build options of OpenBLAS.
+/// Returns version, kernels and build options of OpenBLAS.
 pub fn version() -> String {
     // SAFETY: OpenBLAS gives a text of its own that ends in a zero and stays.
     unsafe { std::ffi::CStr::from_ptr(openblas_get_config()) }.to_string_lossy().trim().to_owned()
@@ -113,7 +113,7 @@ impl Blas {
         }
     }
 
-    /// `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with `leading`.
+    /// Computes `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with `leading`.
     ///
     /// # Panics
     ///

@@ -37,19 +37,18 @@ pub use stored::StoredFactor;
 
 use crate::SolverError;
 
-/// A Cholesky factor, wherever it is.
+/// A Cholesky factor, in memory or in a store.
 pub trait CholeskyFactor: Sync {
-    /// Rows and columns, K.
+    /// Returns the number of rows and columns, K.
     fn size(&self) -> usize;
 
-    /// Scalar type of its values.
+    /// Returns the scalar type of its values.
     fn scalar(&self) -> Scalar;
 
-    /// Condition of G.
+    /// Returns the norm and the estimated condition of G.
     fn condition(&self) -> Condition;
 
-    /// Solves G x = b for any number of columns: `x`, (K, c), is b on the way in. The same bits with any number of
-    /// threads.
+    /// Solves G x = b for any number of columns: `x`, (K, c), is b on entry. Any number of threads gives the same bits.
     ///
     /// # Errors
     ///
@@ -60,7 +59,7 @@ pub trait CholeskyFactor: Sync {
     /// If `x` hasn't K rows.
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError>;
 
-    /// The diagonal of G^-1, (K): the squares of the coefficients' standard errors at unit variance. K^3 / 3 flops.
+    /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors at unit variance. K^3 / 3 flops.
     ///
     /// # Errors
     ///

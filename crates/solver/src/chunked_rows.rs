@@ -20,12 +20,12 @@ pub struct ChunkedRows {
 }
 
 impl ChunkedRows {
-    /// Zeros, (rows, channels), in the operator's chunks of `chunk_rows` rows.
+    /// Makes an array of zeros, (rows, channels), in the operator's chunks of `chunk_rows` rows.
     pub fn zeros(rows: usize, channels: usize, chunk_rows: usize) -> Self {
         Self { values: vec![0.0; rows * channels], rows, channels, chunk_rows }
     }
 
-    /// A copy of an array, (rows, channels).
+    /// Copies an array, (rows, channels), into chunks of `chunk_rows` rows.
     pub fn from_array(array: ArrayView2<'_, f64>, chunk_rows: usize) -> Self {
         let mut chunked = Self::zeros(array.nrows(), array.ncols(), chunk_rows);
         chunked.set_columns(0, array);
@@ -50,7 +50,7 @@ impl ChunkedRows {
         }
     }
 
-    /// The array, (rows, channels).
+    /// Returns the array, (rows, channels).
     pub fn to_array(&self) -> Array2<f64> {
         let mut array = Array2::zeros((self.rows, self.channels));
         for (chunk, mut rows) in array.axis_chunks_iter_mut(ndarray::Axis(0), self.chunk_rows).enumerate() {
@@ -102,12 +102,12 @@ impl ChunkedRows {
         chunks
     }
 
-    /// Number of rows, n.
+    /// Returns the number of rows, n.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Number of columns, c.
+    /// Returns the number of columns, c.
     pub fn channels(&self) -> usize {
         self.channels
     }

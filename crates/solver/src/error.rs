@@ -17,7 +17,7 @@ pub enum SolverError {
     /// The fast transforms could not be made.
     #[error(transparent)]
     Transform(#[from] spharm_transform::TransformError),
-    /// A budget below what the fit needs.
+    /// A memory budget below the least that the fit needs.
     #[error("a memory budget of {} is too small for this fit; the smallest that works is {} MiB", size(*.budget), .needed.div_ceil(1 << 20))]
     Budget {
         /// The budget, bytes.
@@ -34,7 +34,7 @@ pub enum SolverError {
         what: &'static str,
         /// Its least value.
         least: usize,
-        /// What was given.
+        /// The value given.
         found: usize,
     },
     /// A first block that reaches above the highest degree.
@@ -45,7 +45,7 @@ pub enum SolverError {
         /// Highest degree of the fit.
         max_degree: usize,
     },
-    /// A degree above what the operator has.
+    /// A degree above the operator's highest.
     #[error("degree {found} is above {max_degree}, the highest of the basis")]
     Degree {
         /// Degree given.
@@ -100,7 +100,7 @@ pub enum SolverError {
     /// A smoothness that isn't a finite number from zero on.
     #[error("the smoothness must be a finite number that isn't negative, found {found}")]
     Smoothness {
-        /// What was given.
+        /// The value given.
         found: f64,
     },
     /// A factor is needed, and there is nothing to make it from.

@@ -19,10 +19,10 @@ use crate::SolverError;
 
 /// A symmetric matrix `G = A^T diag(w) A`, (K, K), columns in the order `l^2 + l + m`, that is read by tiles.
 pub trait GramMatrix: Sync {
-    /// Rows and columns, K.
+    /// Returns the number of rows and columns, K.
     fn size(&self) -> usize;
 
-    /// Bytes of memory that it holds.
+    /// Returns the bytes of memory that it holds.
     fn bytes(&self) -> usize;
 
     /// Writes `G[rows, columns]` to `out`, column-major with `leading` values from column to column; every entry, also
@@ -77,7 +77,7 @@ fn whole_degrees(columns: &Range<usize>) -> Option<RangeInclusive<usize>> {
     (first * first == columns.start && end * end == columns.end && first < end).then(|| first..=end - 1)
 }
 
-/// G + diag(penalty).
+/// The sum `G + diag(penalty)`.
 #[derive(Debug)]
 pub struct Penalised<'a, S: ?Sized> {
     source: &'a S,
@@ -120,14 +120,15 @@ impl<S: GramMatrix + ?Sized> GramMatrix for Penalised<'_, S> {
     }
 }
 
-/// The diagonal of the smoothness penalty: lambda (l (l + 1))^2 for each column to `max_degree`, (K). It is the squared
+/// Returns the diagonal of the smoothness penalty: lambda (l (l + 1))^2 for each column to `max_degree`, (K). It is the squared
 /// norm of the Laplacian on the sphere.
 pub fn smoothness_penalty(max_degree: usize, lambda: f64) -> Vec<f64> {
     let of = |l: usize| std::iter::repeat_n(lambda * ((l * (l + 1)) as f64).powi(2), order_count(l));
     (0..=max_degree).flat_map(of).collect()
 }
 
-/// The Gram matrix of the basis at weighted directions, without the basis.
+/// Computes the Gram matrix of the harmonics to `max_degree` at weighted directions, from the moments of the sampling.
+/// Without weights all are 1; there must be one for each direction otherwise.
 ///
 /// # Errors
 ///
@@ -150,7 +151,7 @@ pub fn moment_gram(
     Ok(MomentGram::new(max_degree, moments.as_slice().unwrap_or_default())?)
 }
 
-/// Bytes that [`moment_gram`] takes while it works and what comes out of it, for so many directions.
+/// Returns the most bytes that [`moment_gram`] holds while it works, its result among them.
 ///
 /// # Errors
 ///

@@ -23,7 +23,7 @@
 //! | module | contents |
 //! |---|---|
 //! | `blocks` | NLSF, SIRF, MIRF, IRF: which degrees are solved together |
-//! | `solver` | [`IrfSolver`]: parameters, checks, the report |
+//! | `params`, `solver` | [`IrfParams`], [`IrfSolver`]: checks and the report |
 //! | `stream` | blocks opened in order, the next one being read ahead |
 //! | `block_solve` | one block's least squares, by Cholesky or a rank-revealing factorisation (`triangle`) |
 //! | `workers` | the residual, shared out among threads |
@@ -34,6 +34,7 @@
 mod accelerated;
 mod block_solve;
 mod blocks;
+mod params;
 mod plan;
 mod report;
 mod solver;
@@ -51,9 +52,10 @@ use stream::{Order, Stream};
 use workers::Workers;
 
 pub use blocks::{Method, columns};
+pub use params::IrfParams;
 pub use plan::{IrfPlan, plan};
 pub use report::{BlockReport, IrfReport, IrfSeconds, PassReport};
-pub use solver::{IrfFit, IrfParams, IrfSolver, solve};
+pub use solver::{IrfFit, IrfSolver, solve};
 
 /// Change of the coefficients, relative to their norm, below which a refinement is the last.
 const REFINED: f64 = 1e-14;

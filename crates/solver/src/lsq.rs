@@ -4,7 +4,7 @@
 //! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2
 //! ```
 //!
-//! for each column f of the targets. This is the paper's NLSF, without its matrix. How [`Strategy::Auto`] goes about it:
+//! for each column f of the targets. This is the paper's NLSF, without its matrix. [`Strategy::Auto`] proceeds as follows:
 //!
 //! 1. Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly a
 //!    multiple of the identity, and a handful of iterations suffices.
@@ -19,7 +19,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | `solver` | [`LsqSolver`]: parameters and strategy |
+//! | `params`, `solver` | [`LsqParams`], [`LsqSolver`]: the strategy |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
 //! | `standard_errors` | of the coefficients |
@@ -52,6 +52,8 @@ pub(crate) mod columns;
 mod factor;
 pub mod gcv;
 pub mod normal_equations;
+#[cfg(feature = "dense")]
+mod params;
 pub mod preconditioner;
 #[cfg(feature = "dense")]
 mod refine;
@@ -66,6 +68,8 @@ pub use cg::Stop;
 pub use gcv::{Gcv, choose_smoothness};
 pub use normal_equations::NormalEquations;
 #[cfg(feature = "dense")]
+pub use params::{LsqParams, Strategy};
+#[cfg(feature = "dense")]
 pub use report::{LsqReport, LsqSeconds, LsqWarning};
 #[cfg(feature = "dense")]
-pub use solver::{LsqFit, LsqParams, LsqSolver, MakeGram, Strategy, solve};
+pub use solver::{LsqFit, LsqSolver, MakeGram, solve};

@@ -33,13 +33,13 @@ pub use memory::MemoryOperator;
 
 /// A basis matrix A, (n, K), known by its products.
 pub trait Operator: Sync {
-    /// Number of rows (vertices), n.
+    /// Returns the number of rows (vertices), n.
     fn rows(&self) -> usize;
 
-    /// Highest degree, L; the matrix has `(L + 1)^2` columns.
+    /// Returns the highest degree, L; the matrix has `(L + 1)^2` columns.
     fn max_degree(&self) -> usize;
 
-    /// Synthesis `A x`: x (K', c) of the degrees that K' stands for, result (n, c).
+    /// Computes the synthesis `A x`: x (K', c) of the degrees that K' stands for, result (n, c).
     ///
     /// # Errors
     ///
@@ -50,7 +50,7 @@ pub trait Operator: Sync {
     /// If K' isn't a basis size up to the operator's.
     fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// Adjoint synthesis `A^T r`: r (n, c), result (K, c).
+    /// Computes the adjoint synthesis `A^T r`: r (n, c), result (K, c).
     ///
     /// # Errors
     ///
@@ -61,7 +61,7 @@ pub trait Operator: Sync {
     /// If r hasn't n rows.
     fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// The normal operator `A^T diag(w) A x`, x (K, c), w = 1 without weights, (n).
+    /// Computes `A^T diag(w) A x`: x (K, c), weights w (n), all one where there are none; result (K, c).
     ///
     /// # Errors
     ///

@@ -13,7 +13,7 @@ pub struct ResidualNorms {
 }
 
 impl ResidualNorms {
-    /// Norms of a target's residual, (n, c).
+    /// Computes the norms of a target's residual, (n, c).
     pub fn of(residual: ArrayView2<'_, f64>) -> Self {
         let (mut sum, mut max) = (0.0, 0.0f64);
         for row in residual.rows() {

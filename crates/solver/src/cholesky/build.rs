@@ -1,4 +1,4 @@
-//! Computing a factor: what it takes, in memory or into a store.
+//! Computes factors in memory or into a store, and plans their memory and disk.
 
 use std::path::Path;
 
@@ -25,22 +25,22 @@ const WIDEST: usize = 4096;
 /// The program itself, its stacks and allocator.
 const BASE: usize = 16 << 20;
 
-/// How to compute a factor.
+/// Parameters of a factorisation.
 #[derive(Debug, Clone)]
 pub struct FactorParams {
-    /// Scalar type that the factor is kept in. It is computed in double precision either way: rounding the finished
+    /// Scalar type of the finished factor; default f64. It is computed in double precision either way: rounding the finished
     /// factor costs a relative 6e-8 of each entry and never its existence, as a factorisation in single precision would
     /// from condition numbers of 1e7 on.
     pub scalar: Scalar,
-    /// Rows and columns of a tile, a multiple of 8.
+    /// Rows and columns of a tile, a multiple of 8; default [`DEFAULT_TILE`].
     pub tile: usize,
-    /// Most bytes of memory to take.
+    /// Most bytes of memory to take; default 2 GiB.
     pub memory: usize,
-    /// Bytes of them that the Gram matrix's source and the caller take.
+    /// Bytes of these that the Gram matrix and the caller take; default 0.
     pub held: usize,
     /// Threads; 0, the default, for those of the rayon pool that the call is in.
     pub threads: usize,
-    /// Build even what is large or doesn't seem to fit the disk.
+    /// Whether to build even what is large or doesn't seem to fit the disk; default false.
     pub allow_large: bool,
 }
 
@@ -50,7 +50,7 @@ impl Default for FactorParams {
     }
 }
 
-/// What computing a factor takes.
+/// Memory and disk that a factor needs while it is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct FactorPlan {
@@ -66,7 +66,7 @@ pub struct FactorPlan {
     pub disk: u64,
 }
 
-/// What [`build_factor`] did.
+/// The result of [`build_factor`].
 #[derive(Debug)]
 pub struct FactorReport {
     /// The factor in the store.
@@ -79,7 +79,7 @@ pub struct FactorReport {
     pub warnings: Vec<StoreWarning>,
 }
 
-/// What factorising a matrix of `size` columns takes, in memory when `disk` is false.
+/// Plans the factorisation of a matrix of `size` columns; in memory, or where `disk` is set and memory is short, out of core.
 ///
 /// # Errors
 ///
@@ -112,7 +112,7 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
     }
 }
 
-/// What building a factor into a store takes, checked against memory and disk before any work; nothing is written.
+/// Plans building a factor into a store, and checks memory and disk before any work; nothing is written.
 ///
 /// # Errors
 ///
@@ -127,7 +127,7 @@ pub fn plan_stored_factor(
     Ok((plan, grid))
 }
 
-/// A factor in memory.
+/// A Cholesky factor in memory.
 #[derive(Debug)]
 pub struct MemoryFactor {
     tiles: MemoryTiles,
@@ -160,13 +160,17 @@ pub fn factorise(
 
 /// Builds the factor of `spec` into `store`, unless it is there.
 ///
-/// G's weights and penalty have to be those of `spec`: it is what the file says about itself. The monitor gets one stage,
+/// G's weights and penalty have to be those of `spec`: the file states these. The monitor gets one stage,
 /// `factor`, in flops, unless the factor is there.
 ///
 /// # Errors
 ///
 /// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`] and [`StoreError::Space`] before any work,
 /// [`SolverError::Interrupted`], [`StoreError::Io`], those of the source. Nothing is left behind.
+///
+/// # Panics
+///
+/// If the Gram matrix isn't of the size that `spec` has.
 pub fn build_factor(
     store: &Path,
     spec: &FactorSpec,

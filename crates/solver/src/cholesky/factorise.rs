@@ -31,7 +31,7 @@ const RUN: usize = 512;
 /// Rows that are gathered at a time.
 const ROWS: usize = 4096;
 
-/// How a factorisation goes about it.
+/// The layout of a factorisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Panels {
     pub(crate) grid: TileGrid,

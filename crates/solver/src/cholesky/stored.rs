@@ -1,4 +1,4 @@
-//! A factor in a store.
+//! A Cholesky factor in a store.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -22,7 +22,7 @@ pub struct StoredFactor {
     threads: usize,
 }
 
-/// A window on a tile column: kept, or shared by those who are in it.
+/// A window on a tile column: kept, or shared by the threads that use it.
 #[derive(Debug)]
 enum Held {
     None,
@@ -38,12 +38,12 @@ impl StoredFactor {
         Self { file, kept, windows, threads }
     }
 
-    /// The file.
+    /// Returns the file.
     pub fn file(&self) -> &FactorFile {
         &self.file
     }
 
-    /// The window on a column: somebody's, or a new one.
+    /// The window on a column: the one in use, or a new one.
     fn window(&self, column: usize) -> Result<Arc<TileWindow>, SolverError> {
         let mut held = self.windows[column].lock().unwrap_or_else(PoisonError::into_inner);
         let there = match &*held {

@@ -1,4 +1,4 @@
-//! The tiles of a factor, wherever they are.
+//! The tiles of a factor: in memory, in a store, or in an unfinished file.
 
 use std::sync::{Arc, OnceLock};
 
@@ -7,7 +7,7 @@ use spharm_store::factor::{FactorWriter, TileValues, TileWindow};
 
 use crate::SolverError;
 
-/// What one thread holds while it goes from tile to tile.
+/// The tile and window that one thread uses at the moment.
 #[derive(Debug, Default)]
 pub(crate) struct Cursor {
     /// A tile that had to be copied.
@@ -28,13 +28,13 @@ pub(crate) trait Tiles: Sync {
         Ok(())
     }
 
-    /// Called by each thread at its end: what was read counts only once this has passed.
+    /// Called by each thread at its end. Results count only when this succeeds.
     fn finish(&self, _cursor: &mut Cursor) -> Result<(), SolverError> {
         Ok(())
     }
 }
 
-/// What a factorisation has finished and reads again. Tiles on the diagonal have zeros above it.
+/// Finished tiles, which a factorisation reads again. Tiles on the diagonal have zeros above it.
 pub(crate) trait Finished: Sync {
     fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError>;
     fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError>;

@@ -120,7 +120,7 @@ struct Job<'a> {
     /// y and x by tile rows, once they are known.
     forward: Vec<OnceLock<Vec<f64>>>,
     backward: Vec<OnceLock<Vec<f64>>>,
-    /// Set when somebody fails, so that nobody waits for what won't come.
+    /// Set when a thread fails, so that the others don't wait for its results.
     stopped: AtomicBool,
     error: Mutex<Option<SolverError>>,
 }
@@ -244,7 +244,7 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// What another thread computes. Usually it is there already; giving way after a while costs little then, and much
+    /// Waits for a block that another thread computes. Usually it is there already; giving way after a while costs little then, and much
     /// less than a wasted processor when there are more threads than those.
     fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
         const SPINS: usize = 2000;

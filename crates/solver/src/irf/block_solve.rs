@@ -4,7 +4,7 @@ use spharm_harmonics::product::Matrix;
 use spharm_monitor::Monitor;
 
 use super::blocks::columns;
-use super::plan::IrfPlan;
+use super::plan::{IrfPlan, SHARED_FROM, SHARED_ROWS, rank_revealing_bytes};
 use super::report::BlockReport;
 use super::stream::OpenBlock;
 use super::workers::{Workers, pack};
@@ -17,11 +17,6 @@ use crate::operator::{BlockOperator, Scratch};
 /// Below this reciprocal condition number of a Gram matrix (1e6 for the block itself) the normal equations are not
 /// used: a Cholesky solve of them then loses more than four digits of a pass.
 const SAFE_RECIPROCAL: f64 = 1e-12;
-
-/// From this many columns on, threads share one Gram matrix and a threaded `dsyrk` instead of summing one each.
-pub(super) const SHARED_FROM: usize = 1024;
-/// Rows of a shared `dsyrk`: enough for its traffic on the Gram matrix not to matter.
-pub(super) const SHARED_ROWS: usize = 2048;
 
 /// The solution for one block.
 pub(super) struct Step {
@@ -249,17 +244,6 @@ impl<'o> BlockSolver<'o> {
             self.factors[block.index] = Some(factor);
         }
     }
-}
-
-/// Bytes that a rank-revealing solve takes beside the rest: each thread's triangle twice while it is folded, a chunk,
-/// and the singular value decomposition.
-pub(super) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
-    let width = k + channels;
-    let height = width.min(rows);
-    // R, the rows that wait, both stacked, and R again as it comes out.
-    let fold = width * (5 * height + 4 * chunk_rows) * 8;
-    let decomposition = 8 * height * (6 * k + 2 * height);
-    (threads * fold).max(decomposition + width * height * 8)
 }
 
 fn by_cholesky(factor: &[f64], k: usize, right_hand_sides: Vec<f64>, channels: usize) -> Step {

@@ -25,7 +25,7 @@ pub enum Method {
         /// Last degree of the first block, s.
         start_degree: usize,
     },
-    /// SIRF repeated on what is left.
+    /// SIRF repeated on the residual.
     Mirf {
         /// Number of passes, p.
         passes: usize,
@@ -37,7 +37,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// The paper's name, in lower case.
+    /// Returns the paper's name of the method, in lower case.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Irf { .. } => "irf",
@@ -47,7 +47,7 @@ impl Method {
         }
     }
 
-    /// Number of passes, p.
+    /// Returns the number of passes, p.
     pub fn passes(&self) -> usize {
         match *self {
             Self::Irf { passes, .. } | Self::Mirf { passes, .. } => passes,
@@ -55,7 +55,7 @@ impl Method {
         }
     }
 
-    /// The blocks of a pass, in order; together they are the degrees `0..=max_degree`.
+    /// Returns the degrees of each block of a pass, in order; together they are `0..=max_degree`.
     ///
     /// # Errors
     ///
@@ -92,7 +92,7 @@ fn by_granularity(max_degree: usize, granularity: usize) -> Vec<RangeInclusive<u
     blocks
 }
 
-/// Number of columns of a block.
+/// Returns the number of columns of a block of degrees.
 pub fn columns(degrees: &RangeInclusive<usize>) -> usize {
     basis_size(*degrees.end()) - first_column(*degrees.start())
 }

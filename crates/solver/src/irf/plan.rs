@@ -5,12 +5,16 @@ use std::ops::RangeInclusive;
 use serde::Serialize;
 use spharm_harmonics::basis_size;
 
-use super::block_solve::{SHARED_FROM, SHARED_ROWS, rank_revealing_bytes};
 use super::blocks::{Method, columns};
-use super::solver::IrfParams;
+use super::params::IrfParams;
 use crate::SolverError;
 use crate::blas::{RESERVED_PER_THREAD, TOUCHED_PER_THREAD};
 use crate::operator::{BlockOperator, Residency};
+
+/// From this many columns on, threads share one Gram matrix and a threaded `dsyrk` instead of summing one each.
+pub(super) const SHARED_FROM: usize = 1024;
+/// Rows of a shared `dsyrk`: enough for its traffic on the Gram matrix not to matter.
+pub(super) const SHARED_ROWS: usize = 2048;
 
 /// What a thread packs matrices into for a product of narrow blocks.
 const PACKED: usize = 4 << 20;
@@ -77,11 +81,11 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -
     let keep_factors =
         (sweeps > 1 || params.reuse) && needs.least() - needs.one_factor + needs.all_factors <= params.memory;
     let factors = if keep_factors { needs.all_factors } else { needs.one_factor };
-    let room = params.memory - needs.fixed - factors;
-    let whole: Vec<bool> = needs.resident.iter().map(|&bytes| bytes <= room).collect();
+    let spare = params.memory - needs.fixed - factors;
+    let whole: Vec<bool> = needs.resident.iter().map(|&bytes| bytes <= spare).collect();
     let pairs = (0..blocks.len()).map(|b| needs.resident[b] + needs.resident[(b + 1) % blocks.len()]);
     let widest_pair = if blocks.len() == 1 { needs.resident[0] } else { pairs.max().unwrap_or(0) };
-    let read_ahead = widest_pair <= room;
+    let read_ahead = widest_pair <= spare;
     let in_use = whole.iter().zip(&needs.resident).zip(&needs.chunkwise);
     let basis = match read_ahead {
         true => widest_pair,
@@ -127,11 +131,11 @@ impl Needs {
         let weighted = params.weights.is_some();
         // Residual; coefficients; a block's right-hand sides, solution and both transposed; the roots of the weights.
         let size = basis_size(params.max_degree);
-        // Accelerated: what is left within a sweep, the image of the direction; the direction and the sweep's result.
+        // Accelerated: s and q, (n, c); z and p, (K, c).
         let more = if params.accelerate { 2 * (n + size) * channels } else { 0 };
         let arrays = 8 * (n * channels + (size + 4 * widest) * channels + if weighted { n } else { 0 } + more);
         // With Gram matrices from elsewhere no thread sums one of its own, or packs chunks for it; making one takes a
-        // thread some room.
+        // thread some work space.
         let from_basis = params.gram_bytes.is_none();
         let grams = params.gram_bytes.map_or(0, |bytes| bytes + threads * GRAM_WORK);
         let per_thread = 8
@@ -174,4 +178,15 @@ fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &I
         let blocks = method.blocks(params.max_degree).unwrap_or_default();
         Needs::of(operator, channels, &IrfParams { method, ..params.clone() }, &blocks).least() <= params.memory
     })
+}
+
+/// Bytes that a rank-revealing solve takes beside the rest: each thread's triangle twice while it is folded, a chunk,
+/// and the singular value decomposition.
+pub(super) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
+    let width = k + channels;
+    let height = width.min(rows);
+    // R, the rows that wait, both stacked, and R again as it comes out.
+    let fold = width * (5 * height + 4 * chunk_rows) * 8;
+    let decomposition = 8 * height * (6 * k + 2 * height);
+    (threads * fold).max(decomposition + width * height * 8)
 }

@@ -7,57 +7,13 @@ use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::{Monitor, Stage};
 
 use super::block_solve::BlockSolver;
-use super::blocks::Method;
+use super::params::IrfParams;
 use super::plan::{IrfPlan, plan};
 use super::report::{IrfReport, Recorder};
 use crate::chunked_rows::ChunkedRows;
 use crate::gram::GramMatrix;
 use crate::operator::BlockOperator;
 use crate::{SolverError, check};
-
-/// How to fit by iterative residual fitting.
-#[derive(Debug, Clone)]
-pub struct IrfParams {
-    /// Highest degree, L, inclusive; default 100.
-    pub max_degree: usize,
-    /// Blocks and passes; default IRF in one pass with a granularity of 100.
-    pub method: Method,
-    /// Most passes after the last one that remove what rounding left over; they end early when they change nothing.
-    /// Of use for [`Method::Nlsf`], whose one block may be ill-conditioned. Default 0.
-    pub refinements: usize,
-    /// Weight of each row (vertex) in the least squares, (n), finite and not negative; `None` weighs all alike.
-    pub weights: Option<Vec<f64>>,
-    /// Most bytes of memory to take, mapped windows included; default 256 MiB.
-    pub memory: usize,
-    /// Bytes that the caller holds already, which count against `memory`; default 0.
-    pub held: usize,
-    /// Threads, on the rayon pool that the fit is called in; 0, the default, for all of that pool.
-    pub threads: usize,
-    /// Whether more fits will follow on the same [`IrfSolver`], so that factors are worth keeping; default false.
-    pub reuse: bool,
-    /// Whether to run conjugate gradients over pairs of passes, which converge in far fewer of them; default false.
-    pub accelerate: bool,
-    /// Bytes held by the blocks' Gram matrix, for [`plan`] of a fit that is to have one. [`IrfSolver::new`] and
-    /// [`IrfSolver::with_gram`] set it to what they are given.
-    pub gram_bytes: Option<usize>,
-}
-
-impl Default for IrfParams {
-    fn default() -> Self {
-        Self {
-            max_degree: 100,
-            method: Method::Irf { passes: 1, granularity: 100 },
-            refinements: 0,
-            weights: None,
-            memory: 256 << 20,
-            held: 0,
-            threads: 0,
-            reuse: false,
-            accelerate: false,
-            gram_bytes: None,
-        }
-    }
-}
 
 /// The result of iterative residual fitting.
 #[derive(Debug, Clone)]
@@ -92,7 +48,7 @@ impl<'o> IrfSolver<'o> {
         Self::planned(operator, channels, params, None)
     }
 
-    /// The same with the blocks' Gram matrices from `gram`, which must be that of the operator's basis, in f64, with the
+    /// Plans the same with the blocks' Gram matrices from `gram`, which must be that of the operator's basis, in f64, with the
     /// weights of `params`. Every pass then costs its right-hand sides and updates only, the first one too.
     ///
     /// # Errors
@@ -132,17 +88,17 @@ impl<'o> IrfSolver<'o> {
         Ok(Self { operator, params, channels, blocks, plan, root_weights, block_solver })
     }
 
-    /// Most columns that a batch may have.
+    /// Returns the most columns that a batch may have.
     pub fn channels(&self) -> usize {
         self.channels
     }
 
-    /// The memory plan.
+    /// Returns the memory plan.
     pub fn plan(&self) -> &IrfPlan {
         &self.plan
     }
 
-    /// The blocks of a pass: the degrees of each.
+    /// Returns the degrees of each block of a pass.
     pub fn blocks(&self) -> &[RangeInclusive<usize>] {
         &self.blocks
     }

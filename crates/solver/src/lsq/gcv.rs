@@ -32,14 +32,14 @@ const COARSE: usize = 13;
 /// Steps of the golden section after it: a factor of 30 between neighbours on the grid comes down to 1.1.
 const FINE: usize = 10;
 
-/// What was looked at, and what was chosen.
+/// The search for a smoothness, and its result.
 #[derive(Debug, Clone, Serialize)]
 pub struct Gcv {
     /// The lambda of the least GCV.
     pub smoothness: f64,
     /// (lambda, GCV, tr H) in the order of the search.
     pub tried: Vec<[f64; 3]>,
-    /// Whether the least lies at the end of the range: the targets ask for no penalty that can be told from none.
+    /// Whether the least lies at the lower end of the range: then the targets ask for no penalty at all.
     pub at_the_end: bool,
 }
 

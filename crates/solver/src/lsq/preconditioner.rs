@@ -11,10 +11,10 @@ use crate::operator::Operator;
 
 /// An approximate inverse M of N = A^T W A + P.
 pub trait Preconditioner: Sync {
-    /// Its name, in reports.
+    /// Returns its name in reports.
     fn name(&self) -> &'static str;
 
-    /// `M r`, r (K, c).
+    /// Computes `M r`, r (K, c).
     ///
     /// # Errors
     ///
@@ -40,7 +40,7 @@ pub struct Diagonal {
 }
 
 impl Diagonal {
-    /// From the sum of the weights and the penalty's diagonal.
+    /// Computes it from the sum of the weights and the penalty's diagonal, (K).
     pub fn new(max_degree: usize, weight: f64, penalty: Option<&[f64]>) -> Self {
         let even = weight / (4.0 * std::f64::consts::PI);
         let inverse = match penalty {
@@ -75,12 +75,12 @@ pub struct Density<'a> {
 }
 
 impl<'a> Density<'a> {
-    /// From each direction's share of the sphere, in steradians, and the weights of the fit.
+    /// Makes it from each direction's share of the sphere, (n), in steradians, and the weights of the fit, (n).
     pub fn new(operator: &'a dyn Operator, areas: &[f64], weights: Option<&[f64]>) -> Self {
         let squares = areas.iter().enumerate().map(|(i, area)| match weights.map(|weights| weights[i]) {
             None => area * area,
             Some(weight) if weight > 0.0 => area * area / weight,
-            // Not seen by the fit: nothing to be inverted.
+            // Not part of the fit: nothing to be inverted.
             Some(_) => 0.0,
         });
         Self { operator, squares: squares.collect() }

@@ -9,71 +9,16 @@ use spharm_monitor::{Monitor, Stage};
 
 use super::cg::{Cg, CgParams, Stop};
 use super::columns::norms;
-use super::factor::MadeFactor;
+use super::factor::{MadeFactor, factorise_low_degrees, factorise_shifted};
 use super::normal_equations::NormalEquations;
+use super::params::{LsqParams, Strategy};
 use super::preconditioner::{Density, LowDegrees, Preconditioner};
 use super::report::{LsqReport, LsqSeconds, LsqWarning};
-use crate::cholesky::CholeskyFactor;
+use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
 use crate::gram::{GramMatrix, smoothness_penalty};
 use crate::operator::Operator;
 use crate::residual::ResidualNorms;
 use crate::{SolverError, check};
-
-/// How to solve the normal equations.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Strategy {
-    /// Conjugate gradients first; where they are slow, a Cholesky factor with refinement, shifted where the normal matrix
-    /// is singular.
-    Auto,
-    /// Conjugate gradients without a preconditioner.
-    Cg,
-    /// Conjugate gradients preconditioned with the sampling's density; needs [`LsqParams::areas`].
-    DensityCg,
-    /// Conjugate gradients preconditioned with the factor of the Gram matrix of the degrees up to this one.
-    LowDegreesCg(usize),
-    /// A Cholesky factor with refinement, shifted where the normal matrix is singular.
-    Cholesky,
-}
-
-/// Parameters of a least-squares fit.
-#[derive(Debug, Clone)]
-pub struct LsqParams {
-    /// Weight of each row (vertex), (n), finite and not negative; `None` weighs all alike.
-    pub weights: Option<Vec<f64>>,
-    /// Smoothness penalty, lambda, from 0, the default, on: adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
-    pub smoothness: f64,
-    /// How to solve; default [`Strategy::Auto`].
-    pub strategy: Strategy,
-    /// Each direction's share of the sphere, in steradians, (n), for [`Strategy::DensityCg`].
-    pub areas: Option<Vec<f64>>,
-    /// Optimality to reach, `|A^T W r - P x| / |A^T W f|`, of every column; default 1e-10.
-    pub tolerance: f64,
-    /// Most iterations; default 3000.
-    pub max_iterations: usize,
-    /// Most bytes of memory to take for a factor, `held` among them; default 2 GiB.
-    pub memory: usize,
-    /// Bytes of memory that are taken already; default 0.
-    pub held: usize,
-    /// Threads for factors; 0, the default, for those of the rayon pool that the fit is called in.
-    pub threads: usize,
-}
-
-impl Default for LsqParams {
-    fn default() -> Self {
-        Self {
-            weights: None,
-            smoothness: 0.0,
-            strategy: Strategy::Auto,
-            areas: None,
-            tolerance: 1e-10,
-            max_iterations: 3000,
-            memory: 2 << 30,
-            held: 0,
-            threads: 0,
-        }
-    }
-}
 
 /// Iterations after which a factor is made, where one can be: on samplings that need more, many more are needed.
 const BEFORE_FACTOR: usize = 60;
@@ -86,7 +31,7 @@ const WELL_CONDITIONED: f64 = 1e-2;
 const FEW: usize = 12;
 
 /// The stage of a fit but for the making of a factor; how many steps it will take isn't known.
-pub(super) const FIT: Stage = Stage::counted("fit", "steps");
+const FIT: Stage = Stage::counted("fit", "steps");
 
 /// The result of a least-squares fit.
 #[derive(Debug, Clone)]
@@ -105,15 +50,15 @@ pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + S
 /// Solves batch after batch on one sampling, and keeps the factor from one to the next.
 pub struct LsqSolver<'a> {
     pub(super) operator: &'a dyn Operator,
-    pub(super) make_gram: Option<&'a MakeGram<'a>>,
+    make_gram: Option<&'a MakeGram<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
     /// Diagonal of P, (K), where there is a penalty.
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
     low_degrees: Option<LowDegrees>,
-    pub(super) warnings: Vec<LsqWarning>,
-    pub(super) factor_seconds: f64,
+    warnings: Vec<LsqWarning>,
+    factor_seconds: f64,
 }
 
 /// How a batch was solved.
@@ -128,7 +73,7 @@ pub(super) struct Solution {
 }
 
 impl<'a> LsqSolver<'a> {
-    /// A solver for an operator. With `make_gram` it can make factors; the Gram matrix has to have the weights of
+    /// Makes a solver for an operator. With `make_gram` it can make factors; the Gram matrix has to have the weights of
     /// `params`, but not the penalty.
     ///
     /// # Errors
@@ -166,7 +111,7 @@ impl<'a> LsqSolver<'a> {
         })
     }
 
-    /// Uses a factor that is at hand: of the operator's directions and degree, and of the weights and penalty of the
+    /// Uses a factor that exists already: of the operator's directions and degree, and of the weights and penalty of the
     /// parameters.
     #[must_use]
     pub fn with_factor(mut self, factor: &'a dyn CholeskyFactor) -> Self {
@@ -251,6 +196,51 @@ impl<'a> LsqSolver<'a> {
         let preconditioner = self.preconditioner();
         let (stop, residual) = cg.confirm(stop, &self.equations(), targets, &*preconditioner, &params, monitor)?;
         Ok(Some(Solution { stop, preconditioner: preconditioner.name(), refinements: None, residual }))
+    }
+
+    /// The factor to solve with: the stored one, else the one that was made.
+    pub(super) fn factor(&self) -> Result<&dyn CholeskyFactor, SolverError> {
+        match (self.stored, &self.made) {
+            (Some(factor), _) => Ok(factor),
+            (None, Some(made)) => Ok(&made.factor),
+            (None, None) => Err(SolverError::NoGram),
+        }
+    }
+
+    /// Makes a factor unless there is one. False where memory doesn't allow for one; an error then where it is
+    /// `required`.
+    pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
+        if self.stored.is_some() || self.made.is_some() {
+            return Ok(true);
+        }
+        let Some(make_gram) = self.make_gram else { return Err(SolverError::NoGram) };
+        let started = Instant::now();
+        let params = FactorParams {
+            memory: self.params.memory,
+            held: self.params.held,
+            threads: self.params.threads,
+            ..FactorParams::default()
+        };
+        let size = basis_size(self.operator.max_degree());
+        if let Err(error) = plan_factor(size, &params, false) {
+            if required {
+                return Err(error);
+            }
+            self.warnings.push(LsqWarning::NoFactor { reason: error.to_string() });
+            return Ok(false);
+        }
+        let zero = vec![0.0; size];
+        let penalty = self.penalty.as_deref().unwrap_or(&zero);
+        self.made = Some(factorise_shifted(&*make_gram()?, penalty, &params, monitor)?);
+        monitor.begin(FIT, 0);
+        self.factor_seconds += started.elapsed().as_secs_f64();
+        Ok(true)
+    }
+
+    fn make_low_degrees(&self, degree: usize) -> Result<LowDegrees, SolverError> {
+        let make_gram = self.make_gram.ok_or(SolverError::NoGram)?;
+        let degree = degree.min(self.operator.max_degree());
+        factorise_low_degrees(&*make_gram()?, self.penalty.as_deref(), degree, self.equations().diagonal())
     }
 
     fn preconditioner(&self) -> Box<dyn Preconditioner + '_> {

@@ -24,10 +24,10 @@ pub struct Scratch {
 
 /// A basis matrix that can be read by blocks of degrees and chunks of rows.
 pub trait BlockOperator: Operator {
-    /// Rows of every chunk but the last.
+    /// Returns the number of rows of every chunk but the last.
     fn chunk_rows(&self) -> usize;
 
-    /// Bytes that a block takes while it is open, beside the scratch space.
+    /// Returns the bytes that a block takes while it is open, beside the scratch space.
     fn resident_bytes(&self, degrees: &RangeInclusive<usize>, residency: Residency, threads: usize) -> usize;
 
     /// Opens the block of a run of degrees.
@@ -41,12 +41,12 @@ pub trait BlockOperator: Operator {
         residency: Residency,
     ) -> Result<Box<dyn Block + 'a>, SolverError>;
 
-    /// Number of chunks.
+    /// Returns the number of chunks.
     fn chunk_count(&self) -> usize {
         self.rows().div_ceil(self.chunk_rows())
     }
 
-    /// Rows of a chunk.
+    /// Returns the rows of a chunk.
     fn chunk_range(&self, chunk: usize) -> Range<usize> {
         chunk * self.chunk_rows()..((chunk + 1) * self.chunk_rows()).min(self.rows())
     }
@@ -69,7 +69,7 @@ pub trait Block: Sync {
     /// Starts reading the block from disk while something else is computed.
     fn prefetch(&self);
 
-    /// Bytes read from the store since the block was opened.
+    /// Returns the bytes read from the store since the block was opened.
     fn bytes_read(&self) -> u64;
 
     /// Confirms that what was read was sound. What was computed from the block counts only after this.

@@ -19,12 +19,12 @@ pub struct DiskOperator {
 }
 
 impl DiskOperator {
-    /// The operator over all degrees of an open scheme.
+    /// Makes the operator over all degrees of an open scheme.
     pub fn new(scheme: Scheme) -> Self {
         Self { scheme }
     }
 
-    /// Whether all of the basis is used in place, without decoding.
+    /// Returns whether all of the basis is used in place, without decoding.
     pub fn is_direct(&self) -> bool {
         self.scheme.files().iter().all(DegreeFile::is_direct)
     }

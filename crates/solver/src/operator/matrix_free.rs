@@ -23,7 +23,7 @@ impl MatrixFreeOperator {
         Ok(Self { transform: Transform::new(directions, params)? })
     }
 
-    /// The transform.
+    /// Returns the transform.
     pub fn transform(&self) -> &Transform {
         &self.transform
     }

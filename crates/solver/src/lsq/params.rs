@@ -1,0 +1,57 @@
+//! How to solve the full least squares.
+
+/// How to solve the normal equations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Strategy {
+    /// Conjugate gradients first; where they are slow, a Cholesky factor with refinement, shifted where the normal matrix
+    /// is singular.
+    Auto,
+    /// Conjugate gradients without a preconditioner.
+    Cg,
+    /// Conjugate gradients preconditioned with the sampling's density; needs [`LsqParams::areas`].
+    DensityCg,
+    /// Conjugate gradients preconditioned with the factor of the Gram matrix of the degrees up to this one.
+    LowDegreesCg(usize),
+    /// A Cholesky factor with refinement, shifted where the normal matrix is singular.
+    Cholesky,
+}
+
+/// Parameters of a least-squares fit.
+#[derive(Debug, Clone)]
+pub struct LsqParams {
+    /// Weight of each row (vertex), (n), finite and not negative; `None` weighs all alike.
+    pub weights: Option<Vec<f64>>,
+    /// Smoothness penalty, lambda, from 0, the default, on: adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
+    pub smoothness: f64,
+    /// How to solve; default [`Strategy::Auto`].
+    pub strategy: Strategy,
+    /// Each direction's share of the sphere, in steradians, (n), for [`Strategy::DensityCg`].
+    pub areas: Option<Vec<f64>>,
+    /// Optimality to reach, `|A^T W r - P x| / |A^T W f|`, of every column; default 1e-10.
+    pub tolerance: f64,
+    /// Most iterations; default 3000.
+    pub max_iterations: usize,
+    /// Most bytes of memory to take for a factor, `held` among them; default 2 GiB.
+    pub memory: usize,
+    /// Bytes of memory that are taken already; default 0.
+    pub held: usize,
+    /// Threads for factors; 0, the default, for those of the rayon pool that the fit is called in.
+    pub threads: usize,
+}
+
+impl Default for LsqParams {
+    fn default() -> Self {
+        Self {
+            weights: None,
+            smoothness: 0.0,
+            strategy: Strategy::Auto,
+            areas: None,
+            tolerance: 1e-10,
+            max_iterations: 3000,
+            memory: 2 << 30,
+            held: 0,
+            threads: 0,
+        }
+    }
+}
