@@ -7,8 +7,9 @@ use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES, SOLVER};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
+use spharm_cli::values::Dtype;
+use spharm_store::Codec;
 use spharm_store::basis::DEFAULT_CHUNK_ROWS;
-use spharm_store::{Codec, Scalar};
 
 /// Compute the basis of a sampling scheme into a store, once for all fits over it
 ///
@@ -98,21 +99,6 @@ pub(crate) struct Cli {
     pub(super) threads: Threads,
     #[command(flatten)]
     pub(super) common: Common,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(super) enum Dtype {
-    F64,
-    F32,
-}
-
-impl Dtype {
-    pub(super) fn scalar(self) -> Scalar {
-        match self {
-            Self::F64 => Scalar::F64,
-            Self::F32 => Scalar::F32,
-        }
-    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]

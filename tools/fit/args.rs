@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use spharm::{Smoothness, defaults};
+use spharm::{Preconditioner, Smoothness, defaults};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
 use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
-use spharm_cli::{Common, help, values};
+use spharm_cli::values::{self, Dtype};
+use spharm_cli::{Common, help};
 
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
@@ -130,8 +131,8 @@ pub(super) struct Solver {
     /// Preconditioner of the iterations (lsq)
     ///
     /// auto makes a factor where they are slow.
-    #[arg(long, value_name = "NAME", value_enum, default_value_t = PreconditionerName::Auto)]
-    pub(super) preconditioner: PreconditionerName,
+    #[arg(long, value_name = "auto|none|density|low-degrees|factor", default_value = "auto")]
+    pub(super) preconditioner: Preconditioner,
     /// Highest degree of --preconditioner low-degrees [default: 20]
     #[arg(long, value_name = "L0", hide_short_help = true)]
     pub(super) low_degrees: Option<usize>,
@@ -205,19 +206,4 @@ pub(super) enum MethodName {
     Nlsf,
     /// Quadrature on a resampled grid
     Quadrature,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum PreconditionerName {
-    Auto,
-    None,
-    Density,
-    LowDegrees,
-    Factor,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Dtype {
-    F64,
-    F32,
 }

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use anyhow::Result;
 use spharm::files::ModelFiles;
 use spharm::rerun::{Decision, IfExists, Request};
-use spharm::{FileRecord, Sphere};
+use spharm::{FileRecord, FitParams, Sphere};
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
 use spharm_cli::surfaces::surfaces;
 
-use super::output::Call;
+use super::args::Cli;
 
 /// One surface to fit and where its model goes.
 pub(super) struct Item {
@@ -23,9 +24,13 @@ pub(super) struct Item {
 
 /// Inputs and outputs; refuses before any work what would clash or overwrite. `sphere` is the one that the surfaces
 /// share, if they do.
-pub(super) fn items(call: &Call<'_>, sphere: Option<&Sphere>) -> Result<Vec<Item>> {
-    let (cli, params) = (call.cli, call.params);
-    let inputs = surfaces(&cli.input.surface, cli.input.label, sphere.is_none(), call.monitor)?;
+pub(super) fn items(
+    cli: &Cli,
+    params: &FitParams,
+    sphere: Option<&Sphere>,
+    monitor: &ConsoleMonitor,
+) -> Result<Vec<Item>> {
+    let inputs = surfaces(&cli.input.surface, cli.input.label, sphere.is_none(), monitor)?;
     let outputs = model_files(cli.output.output.as_deref(), &cli.output.name_template, &inputs)?;
     let if_exists = match (cli.output.force, cli.output.skip_existing) {
         (true, _) => IfExists::Replace,
@@ -46,7 +51,7 @@ pub(super) fn items(call: &Call<'_>, sphere: Option<&Sphere>) -> Result<Vec<Item
         let request = Request { input: &record, sphere, params, output: &files.model, beside: &beside, if_exists };
         if let Decision::Fit { replace, replaces } = request.decide()? {
             if let Some(other) = replaces {
-                call.console.warn(format!("{}: replaces the model of {}", files.model.display(), other));
+                monitor.console().warn(format!("{}: replaces the model of {other}", files.model.display()));
             }
             items.push(Item { input, files, record, replace });
         }

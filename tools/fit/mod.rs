@@ -19,22 +19,21 @@ use self::items::{Item, items};
 use self::output::{Call, Fitted, Mapped};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
-    let console = cli.common.console();
-    let (params, monitor) = (settings::params(cli)?, ConsoleMonitor::new(console));
-    let call = Call::new(cli, &params, console, &monitor);
+    let (params, monitor) = (settings::params(cli)?, ConsoleMonitor::new(cli.common.console()));
+    let (call, console) = (Call::new(cli, &params, &monitor), monitor.console());
     raise_file_limit();
     check_outputs(cli.output.report.iter().map(|path| OutputFile::new(path, "--report")), cli.output.force)?;
-    let sphere = cli.input.sphere.as_deref().map(|path| read_sphere(path, cli.input.strict, &console)).transpose()?;
+    let sphere = cli.input.sphere.as_deref().map(|path| read_sphere(path, cli.input.strict, console)).transpose()?;
     let started = call.started.elapsed().as_secs_f64();
-    let items = items(&call, sphere.as_ref())?;
+    let items = items(cli, &params, sphere.as_ref(), &monitor)?;
     if items.is_empty() {
         return print("nothing to do: every output exists");
     }
     cli.resources.threads.pool()?.install(|| match &sphere {
         Some(sphere) => {
-            let read = |number: usize| read_target(&items[number].input, sphere, cli.input.strict, &console);
+            let read = |number: usize| read_target(&items[number].input, sphere, cli.input.strict, console);
             let (fitted, report) = fit_on(&call, sphere, &items, &read)?;
-            call.finish(Some((report.scheme, report.scalar)), fitted, vec![report], [started, 0.0])
+            call.finish(fitted, vec![report], [started, 0.0])
         }
         None => each_on_its_own(&call, &items),
     })
@@ -43,7 +42,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 /// Maps each surface to a sphere of its own, which is written beside its model, and fits it there.
 fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
     if items.len() > 1 {
-        call.console.note(
+        call.monitor.console().note(
             "each surface gets a sphere of its own, turned arbitrarily: coefficients of different models don't correspond; \
              for that give a common --sphere",
         );
@@ -62,7 +61,7 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
         fitted.extend(one);
         reports.push(report);
     }
-    call.finish(None, fitted, reports, [0.0, mapping])
+    call.finish(fitted, reports, [0.0, mapping])
 }
 
 /// Maps one surface to the sphere.
@@ -72,20 +71,16 @@ fn map(call: &Call<'_>, item: &Item, reader: &mut SurfaceReader) -> Result<Param
     let reuse = call.cli.output.skip_existing;
     let found = item.files.map(&surface, call.params, reuse, item.replace, call.monitor);
     let (found, reused) = found.with_context(|| input.to_string())?;
-    let (report, path) = (&found.map.report, item.files.sphere());
-    if reused {
-        call.console.note(format!("{}: the sphere that an earlier call made of {input} is used again", path.display()));
-    } else {
-        call.console.note(format!(
-            "{input}: no --sphere; mapped by {} in {:.1} s, log area ratio {:.3} rms, to {}",
-            report.method,
-            report.seconds,
-            report.quality.area_rms,
-            path.display()
-        ));
-    }
-    report.warnings.iter().for_each(|warning| call.console.warn(warning));
-    report.notes.iter().for_each(|note| call.console.note(note));
+    let (report, path, console) = (&found.map.report, item.files.sphere(), call.monitor.console());
+    let (path, seconds, area) = (path.display(), report.seconds, report.quality.area_rms);
+    console.note(match (reused, report.method) {
+        (true, _) => format!("{path}: the sphere that an earlier call made of {input} is used again"),
+        (_, by) => {
+            format!("{input}: no --sphere; mapped by {by} in {seconds:.1} s, log area ratio {area:.3} rms, to {path}")
+        }
+    });
+    report.warnings.iter().for_each(|warning| console.warn(warning));
+    report.notes.iter().for_each(|note| console.note(note));
     Ok(found)
 }
 
@@ -99,9 +94,8 @@ fn fit_on(
     let done = |number: usize, fit: Fit| -> Result<Fitted> {
         let item = &items[number];
         call.warn_of(item, &fit);
-        let report = fit.report.clone();
-        item.files.write(sphere, fit, Some(&item.record), call.cli.output.coefficients_csv, item.replace)?;
-        Ok(Fitted::new(item, report))
+        item.files.write(sphere, &fit, Some(&item.record), call.cli.output.coefficients_csv, item.replace)?;
+        Ok(Fitted::new(item, fit.report))
     };
     fit_many(sphere, items.len(), read, call.params, &done, call.monitor)
 }

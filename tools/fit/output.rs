@@ -8,22 +8,19 @@ use std::time::Instant;
 use anyhow::Result;
 use serde::Serialize;
 use serde_json::json;
-use spharm::{BatchReport, Fit, FitParams, FitReport, FitWarning, ManyReport};
+use spharm::{BatchReport, Fit, FitParams, FitReport, FitWarning, ManyReport, Seconds};
 use spharm_cli::advice;
-use spharm_cli::console::Console;
 use spharm_cli::machine::memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{prepare, print, print_json, table, write_json};
-use spharm_store::{Scalar, SchemeKey};
 
-use super::Cli;
+use super::args::Cli;
 use super::items::Item;
 
 /// A call of `fit`.
 pub(super) struct Call<'a> {
     pub(super) cli: &'a Cli,
     pub(super) params: &'a FitParams,
-    pub(super) console: Console,
     pub(super) monitor: &'a ConsoleMonitor,
     pub(super) started: Instant,
     /// Warnings of whole batches, which are shown once.
@@ -80,8 +77,8 @@ impl Fitted {
 }
 
 impl<'a> Call<'a> {
-    pub(super) fn new(cli: &'a Cli, params: &'a FitParams, console: Console, monitor: &'a ConsoleMonitor) -> Self {
-        Self { cli, params, console, monitor, started: Instant::now(), shown: Mutex::default() }
+    pub(super) fn new(cli: &'a Cli, params: &'a FitParams, monitor: &'a ConsoleMonitor) -> Self {
+        Self { cli, params, monitor, started: Instant::now(), shown: Mutex::default() }
     }
 
     /// Shows a fit's warnings: those of the surface with its name, those of its batch once.
@@ -89,22 +86,16 @@ impl<'a> Call<'a> {
         for warning in &fit.report.warnings {
             if let FitWarning::Oscillation { .. } = warning {
                 let advice = advice::of_oscillation(self.params);
-                self.console.warn(format!("{}: {warning}; {advice}", item.input.display()));
+                self.monitor.console().warn(format!("{}: {warning}; {advice}", item.input.display()));
             } else if self.shown.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.to_string()) {
-                self.console.warn(warning);
+                self.monitor.console().warn(warning);
             }
         }
     }
 
     /// Writes the report, and prints it or the table. `before` has the seconds of reading the sphere and of mapping.
-    pub(super) fn finish(
-        &self,
-        scheme: Option<(SchemeKey, Scalar)>,
-        surfaces: Vec<Fitted>,
-        reports: Vec<ManyReport>,
-        before: [f64; 2],
-    ) -> Result<()> {
-        let sum = |of: fn(&spharm::Seconds) -> f64| reports.iter().map(|report| of(&report.seconds)).sum::<f64>();
+    pub(super) fn finish(&self, surfaces: Vec<Fitted>, reports: Vec<ManyReport>, before: [f64; 2]) -> Result<()> {
+        let sum = |of: fn(&Seconds) -> f64| reports.iter().map(|report| of(&report.seconds)).sum::<f64>();
         let (input, method, total) = (&self.cli.input, &self.params.method, self.started.elapsed().as_secs_f64());
         let batches: Vec<&BatchReport> = reports.iter().flat_map(|report| &report.batches).collect();
         let report = json!({
@@ -113,8 +104,9 @@ impl<'a> Call<'a> {
             "method": method.name(),
             "store": input.store,
             "sphere": input.sphere,
-            "scheme_key": scheme.map(|(key, _)| key.to_string()),
-            "dtype": scheme.map_or(Scalar::F64, |(_, scalar)| scalar).name(),
+            // Of the sphere that all surfaces share.
+            "scheme_key": input.sphere.as_ref().and(reports.first()).map(|report| report.scheme.to_string()),
+            "dtype": reports.first().map(|report| report.scalar.name()),
             "weights": input.weights,
             "granularity": method.granularity(),
             "start_degree": method.start_degree(),
@@ -122,11 +114,9 @@ impl<'a> Call<'a> {
             "surfaces": surfaces,
             "batches": batches,
             "seconds": {
-                "read": before[0] + sum(|seconds| seconds.read),
+                "read": before[0] + sum(|s| s.read),
                 "parametrize": before[1],
-                "plan": sum(|seconds| seconds.plan),
-                "solve": sum(|seconds| seconds.solve),
-                "write": sum(|seconds| seconds.write),
+                "plan": sum(|s| s.plan), "solve": sum(|s| s.solve), "write": sum(|s| s.write),
                 "total": total,
             },
             "memory": memory(),

@@ -4,24 +4,17 @@ use anyhow::Result;
 use clap::ValueEnum;
 use spharm::{FitParams, Method, Preconditioner, Weights, defaults};
 use spharm_cli::Usage;
-use spharm_store::Scalar;
+use spharm_cli::values::Dtype;
 
-use super::args::{Cli, Dtype, MethodName, PreconditionerName};
+use super::args::{Cli, MethodName};
 
 /// The settings that the arguments ask for.
 pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     let method = method(cli)?;
-    let preconditioner = match cli.solver.preconditioner {
-        PreconditionerName::Auto => Preconditioner::Auto,
-        PreconditionerName::None => Preconditioner::None,
-        PreconditionerName::Density => Preconditioner::Density,
-        PreconditionerName::LowDegrees => Preconditioner::LowDegrees(cli.solver.low_degrees.unwrap_or(20)),
-        PreconditionerName::Factor => Preconditioner::Factor,
+    let preconditioner = match (cli.solver.preconditioner, cli.solver.low_degrees) {
+        (Preconditioner::LowDegrees(_), Some(degree)) => Preconditioner::LowDegrees(degree),
+        (preconditioner, _) => preconditioner,
     };
-    let scalar = cli.solver.dtype.map(|dtype| match dtype {
-        Dtype::F64 => Scalar::F64,
-        Dtype::F32 => Scalar::F32,
-    });
     Ok(FitParams {
         max_degree: cli.method.max_degree,
         method,
@@ -38,7 +31,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         preconditioner,
         strict: cli.input.strict,
         store: cli.input.store.clone(),
-        scalar,
+        scalar: cli.solver.dtype.map(Dtype::scalar),
         verify: cli.solver.verify,
         memory: cli.resources.memory.map(|size| size.0),
         threads: Some(cli.resources.threads.count()),
@@ -59,10 +52,11 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         return Err(Usage::missing(format!("--method {name} needs {needed}")));
     }
     let repeated = matches!(method, Irf | Mirf);
-    let by_factor = cli.solver.preconditioner != PreconditionerName::Auto;
+    let by_factor = cli.solver.preconditioner != Preconditioner::Auto;
     let weighted = cli.input.weights != "uniform" || args.hold_out.is_some();
     let of_basis = cli.solver.dtype.is_some() || cli.solver.verify;
-    let lone_degrees = cli.solver.low_degrees.is_some() && cli.solver.preconditioner != PreconditionerName::LowDegrees;
+    let lone_degrees =
+        cli.solver.low_degrees.is_some() && !matches!(cli.solver.preconditioner, Preconditioner::LowDegrees(_));
     let conflicts = [
         (args.start_degree.is_some() && !matches!(method, Sirf | Mirf), "--start-degree", ""),
         (args.granularity.is_some() && method != Irf, "--granularity", ""),

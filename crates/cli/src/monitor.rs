@@ -23,6 +23,11 @@ impl ConsoleMonitor {
         Self { console, cancel: crate::exit::cancel(), progress: Mutex::new(None) }
     }
 
+    /// The console, for what isn't progress.
+    pub fn console(&self) -> &Console {
+        &self.console
+    }
+
     fn progress(&self) -> MutexGuard<'_, Option<Progress>> {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }

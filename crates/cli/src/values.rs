@@ -1,4 +1,26 @@
-//! Numbers in arguments, checked as they are parsed.
+//! Values of arguments, checked as they are parsed.
+
+use clap::ValueEnum;
+use spharm_store::Scalar;
+
+/// The scalar type of a basis or factor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Dtype {
+    /// 64 bits.
+    F64,
+    /// 32 bits.
+    F32,
+}
+
+impl Dtype {
+    /// The store's scalar type.
+    pub fn scalar(self) -> Scalar {
+        match self {
+            Self::F64 => Scalar::F64,
+            Self::F32 => Scalar::F32,
+        }
+    }
+}
 
 /// Parses a whole number from 1, or `inf`.
 ///

@@ -99,7 +99,7 @@ impl ModelFiles {
     pub fn write(
         &self,
         sphere: &Sphere,
-        fit: Fit,
+        fit: &Fit,
         input: Option<&FileRecord>,
         csv: bool,
         replace: bool,
@@ -112,7 +112,7 @@ impl ModelFiles {
         if let Some(errors) = &fit.standard_errors {
             write_new(self.standard_errors(), replace, |out| errors.write_npy(out).map_err(io::Error::other))?;
         }
-        let mut model = Model::new(sphere.clone(), fit, kind);
+        let mut model = Model::new(sphere.clone(), fit.clone(), kind);
         model.provenance.input = input.cloned();
         Ok(model.write_with(&self.model, replace)?)
     }

@@ -1,11 +1,13 @@
 //! How to fit: [`FitParams`] and its parts.
 
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use spharm_harmonics::MAX_DEGREE;
 use spharm_store::Scalar;
 use spharm_surface::io::read_signal;
 
+use crate::machine::available_memory;
 use crate::{Error, defaults};
 
 /// How the coefficients are found.
@@ -125,7 +127,7 @@ impl Smoothness {
     }
 }
 
-impl std::str::FromStr for Smoothness {
+impl FromStr for Smoothness {
     type Err = String;
 
     /// Parses `auto`, or a number from 0.
@@ -196,6 +198,22 @@ pub enum Preconditioner {
     Factor,
 }
 
+impl FromStr for Preconditioner {
+    type Err = String;
+
+    /// Parses the names in lower case; `low-degrees` are those to [`defaults::LOW_DEGREES`].
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(match text {
+            "auto" => Self::Auto,
+            "none" => Self::None,
+            "density" => Self::Density,
+            "low-degrees" => Self::LowDegrees(defaults::LOW_DEGREES),
+            "factor" => Self::Factor,
+            _ => return Err("expected auto, none, density, low-degrees or factor".to_owned()),
+        })
+    }
+}
+
 /// How to fit.
 ///
 /// ```
@@ -232,7 +250,7 @@ pub struct FitParams {
     pub scalar: Option<Scalar>,
     /// Whether to check every byte of the basis against its hash first.
     pub verify: bool,
-    /// Bytes of memory to keep to, mapped files included; by default [`defaults::memory`].
+    /// Bytes of memory to keep to, mapped files included; by default see [`memory_budget`](Self::memory_budget).
     pub memory: Option<usize>,
     /// Threads; by default those of the rayon pool that the call is made in.
     pub threads: Option<usize>,
@@ -263,6 +281,17 @@ impl FitParams {
     /// Returns iterative residual fitting over a store, one pass with the paper's granularity.
     pub fn irf(max_degree: usize, store: impl Into<PathBuf>) -> Self {
         Self { method: Method::irf(), store: Some(store.into()), ..Self::lsq(max_degree) }
+    }
+
+    /// Returns the memory that a fit keeps to, in bytes: [`memory`](Self::memory) if set, else
+    /// [`MEMORY_OVER_A_STORE`](defaults::MEMORY_OVER_A_STORE) for the methods that read a store, and half of what is free
+    /// for the others.
+    pub fn memory_budget(&self) -> usize {
+        match (self.memory, self.method.blocks()) {
+            (Some(bytes), _) => bytes,
+            (None, Some(_)) => defaults::MEMORY_OVER_A_STORE,
+            (None, None) => available_memory() / 2,
+        }
     }
 
     /// Checks what can be checked without a sphere.
@@ -296,5 +325,19 @@ impl FitParams {
             return refuse("weights and hold_out", "a least-squares method", name.to_owned());
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_is_as_set_or_by_method() {
+        let lsq = FitParams::lsq(10);
+        assert_eq!(FitParams { memory: Some(5), ..lsq.clone() }.memory_budget(), 5);
+        assert!(lsq.memory_budget() > 0);
+        let nlsf = FitParams { method: Method::Nlsf, ..lsq };
+        assert_eq!(nlsf.memory_budget(), defaults::MEMORY_OVER_A_STORE);
     }
 }

@@ -6,7 +6,7 @@ use spharm_store::{Scalar, Scheme, SchemeKey};
 use spharm_surface::Sphere;
 
 use crate::assess::{HoldOut, OffVertex};
-use crate::{Error, FitParams, Weights, defaults};
+use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
 
 /// A call's settings, resolved on its sphere.
 pub(crate) struct Job<'a> {
@@ -54,8 +54,21 @@ impl<'a> Job<'a> {
             key,
             scalar,
             threads: params.threads.unwrap_or_else(rayon::current_num_threads),
-            memory: defaults::memory(params),
+            memory: params.memory_budget(),
         })
+    }
+
+    /// Returns the smoothness penalty of all targets, where it isn't chosen for each of them.
+    pub(crate) fn smoothness(&self) -> f64 {
+        let Self { params, sphere, weights, .. } = self;
+        match params.smoothness {
+            Smoothness::Fixed(lambda) => lambda,
+            Smoothness::Default if sphere.parametrized && params.method == Method::Lsq => {
+                let total = weights.as_ref().map_or(sphere.directions.len() as f64, |weights| weights.iter().sum());
+                defaults::parametrized_smoothness(params.max_degree, total)
+            }
+            Smoothness::Default | Smoothness::Auto => 0.0,
+        }
     }
 
     /// Returns the bytes held beside the solver while so many targets are fitted together.

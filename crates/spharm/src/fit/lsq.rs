@@ -185,8 +185,7 @@ impl Monitor for Within<'_> {
 
 /// The penalty of all targets, where it isn't chosen for each.
 fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
-    let n = job.sphere.directions.len();
-    let smoothness = defaults::smoothness(job.params, job.sphere.parametrized, job.weights.as_deref(), n);
+    let smoothness = job.smoothness();
     if smoothness > 0.0 && job.params.smoothness == Smoothness::Default {
         let text = format_args!("smoothness {smoothness:.2e} keeps the model from oscillating between the vertices");
         monitor.note(Level::Info, text);

@@ -87,5 +87,5 @@ pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
         channels: 3,
         threads: params.threads.unwrap_or_else(rayon::current_num_threads),
     };
-    LsqPlan::new(sizes, defaults::memory(params)).map(drop)
+    LsqPlan::new(sizes, params.memory_budget()).map(drop)
 }
