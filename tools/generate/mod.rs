@@ -5,14 +5,15 @@ mod args;
 use anyhow::Result;
 use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
 use spharm_surface::generate::{Cortex, cortex};
-use spharm_surface::io::{WriteOptions, write_mesh};
+use spharm_surface::io::{Output, WriteOptions, write_mesh};
 
 pub(crate) use self::args::Cli;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let outputs = [(&cli.surface, "--surface"), (&cli.sphere, "--sphere")];
-    let named = outputs.iter().filter_map(|(path, flag)| path.as_deref().map(|path| OutputFile::new(path, flag)));
+    let file = |path, flag| OutputFile::holding(path, flag, Output::OrderedMesh);
+    let named = outputs.iter().filter_map(|(path, flag)| path.as_deref().map(|path| file(path, flag)));
     check_outputs(named, cli.force)?;
     let (surface, sphere) = cortex(&Cortex { subdivisions: cli.subdivisions, variant: cli.variant });
     let options = WriteOptions { overwrite: cli.force, double: cli.double };

@@ -7,6 +7,7 @@ use spharm_cli::inputs::stem;
 use spharm_cli::output::{OutputFile, check_outputs};
 use spharm_cli::surfaces::{Labels, surfaces};
 use spharm_parametrize::volume::is_volume;
+use spharm_surface::io::Output;
 
 use super::args::{Cli, MethodName};
 
@@ -47,9 +48,9 @@ pub(super) fn items(cli: &Cli, monitor: &dyn spharm::Monitor) -> Result<Vec<Item
         [(input, label)] if file && *input == cli.surface[0] => vec![single(cli, input, *label)?],
         _ => several(cli, inputs)?,
     };
-    let spheres = items.iter().map(|item| OutputFile::new(&item.sphere, "--output"));
+    let spheres = items.iter().map(|item| OutputFile::holding(&item.sphere, "--output", Output::OrderedMesh));
     let surfaces = items.iter().filter_map(|item| item.surface.as_deref());
-    let surfaces = surfaces.map(|path| OutputFile::new(path, "--surface-output"));
+    let surfaces = surfaces.map(|path| OutputFile::holding(path, "--surface-output", Output::OrderedMesh));
     check_outputs(spheres.chain(surfaces).chain(report), cli.force)?;
     for item in &items {
         let outputs = [Some(&item.sphere), item.surface.as_ref()];

@@ -4,8 +4,6 @@ mod args;
 mod items;
 mod output;
 
-use std::path::Path;
-
 use anyhow::{Context, Result};
 use spharm_cli::console::Console;
 use spharm_cli::monitor::ConsoleMonitor;
@@ -14,7 +12,7 @@ use spharm_parametrize::volume::{LabelVolume, VolumeParams, VolumeSurface};
 use spharm_parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
 };
-use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+use spharm_surface::io::{WriteOptions, read_mesh, to_write_mesh, write_mesh};
 
 pub(crate) use self::args::Cli;
 use self::args::MethodName;
@@ -65,7 +63,7 @@ fn one(
     found.report.warnings.iter().for_each(|warning| console.warn(format_args!("{}: {warning}", item.name())));
     found.report.notes.iter().for_each(|note| console.note(note));
 
-    if !holds_double(&item.sphere) {
+    if !to_write_mesh(&item.sphere)?.holds_double(true) {
         found.check_single_precision().with_context(|| item.sphere.display().to_string())?;
     }
     let options = WriteOptions { overwrite: cli.force, double: true };
@@ -111,10 +109,4 @@ fn parametrize(cli: &Cli, input: &Input, monitor: &ConsoleMonitor) -> Result<Par
         Some(sampling) => Ok(found.resampled(&sampling.sphere()?, monitor)?),
         None => Ok(found),
     }
-}
-
-/// Whether a file of this name keeps coordinates in 64 bits.
-fn holds_double(path: &Path) -> bool {
-    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
-    [".gii", ".gii.gz", ".ply", ".obj", ".off", ".vtk"].iter().any(|ending| name.ends_with(ending))
 }

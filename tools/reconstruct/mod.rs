@@ -12,7 +12,7 @@ use spharm_cli::machine::available_memory;
 use spharm_cli::output::{prepare, print};
 use spharm_cli::size::Size;
 use spharm_model::Model;
-use spharm_surface::io::{WriteOptions, write_mesh, write_signal};
+use spharm_surface::io::{Output, WriteOptions, check_output, write_mesh, write_signal};
 use spharm_surface::{Kind, Sphere};
 
 pub(crate) use self::args::Cli;
@@ -75,6 +75,7 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
     let surface = model.kind() == Kind::Surface;
     let output = item.output(surface);
+    check_output(&output, if surface { Output::Mesh } else { Output::Signal })?;
     if surface {
         if sphere.faces.is_empty() {
             let sampling = shared.map_or(item.model.as_path(), Sphere::name);

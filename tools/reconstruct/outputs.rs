@@ -6,6 +6,7 @@ use anyhow::Result;
 use spharm_cli::inputs::stem;
 use spharm_cli::output::{OutputFile, check_outputs};
 use spharm_cli::paths::expand;
+use spharm_surface::io::Output;
 
 use super::args::Cli;
 
@@ -54,7 +55,10 @@ pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
     };
     let paths: Vec<[PathBuf; 2]> = items.iter().map(|item| [item.output(true), item.output(false)]).collect();
     for of_kind in [0, 1] {
-        check_outputs(paths.iter().map(|pair| OutputFile::new(&pair[of_kind], "--output")), cli.force)?;
+        check_outputs(
+            paths.iter().map(|pair| OutputFile::holding(&pair[of_kind], "--output", Output::Either)),
+            cli.force,
+        )?;
     }
     Ok(items)
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use spharm_surface::io::FORMATS;
 use spharm_surface::{Sphere, SphereWarning, Target};
 
 use crate::console::Console;
@@ -62,6 +63,8 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         let text =
             std::fs::read_to_string(list).with_context(|| format!("{}: cannot read the list", list.display()))?;
         let base = list.parent().unwrap_or(Path::new(""));
+        // A byte-order mark, as some editors write it.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
         let before = expanded.len();
         expanded.extend(lines.map(|line| base.join(line)));
@@ -75,30 +78,14 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
 /// Name of an input without folder and format: `lh.pial.surf.gii` becomes `lh.pial`.
 pub fn stem(path: &Path) -> String {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let endings = [
-        ".surf.gii.gz",
-        ".func.gii.gz",
-        ".shape.gii.gz",
-        ".surf.gii",
-        ".func.gii",
-        ".shape.gii",
-        ".gii.gz",
-        ".gii",
-        ".obj",
-        ".ply",
-        ".off",
-        ".stl",
-        ".vtk",
-        ".csv",
-        ".tsv",
-        ".nii.gz",
-        ".nii",
-        ".mgz",
-        ".mgh",
-    ];
     let lower = name.to_ascii_lowercase();
-    let ending = endings.iter().find(|ending| lower.ends_with(*ending) && lower.len() > ending.len());
-    ending.map_or(name.clone(), |ending| name[..name.len() - ending.len()].to_owned())
+    let unpacked = lower.strip_suffix(".gz").unwrap_or(&lower);
+    let proper = FORMATS.iter().filter(|format| !format.hemisphere_prefix).flat_map(|format| format.endings);
+    let endings =
+        proper.chain(&[".nii"]).filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
+    // `.surf.gii` is an ending, and so is `.gii`.
+    let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
+    name.get(..length).unwrap_or(&name).to_owned()
 }
 
 #[cfg(test)]
@@ -112,9 +99,22 @@ mod tests {
             ("fsaverage5.pial_left.gii.gz", "fsaverage5.pial_left"),
             ("lh.pial", "lh.pial"),
             ("HEAD.OBJ", "HEAD"),
+            ("lh.thickness.fwhm10.mgz", "lh.thickness.fwhm10"),
+            ("spot.obj.gz", "spot"),
+            ("cells.nii.gz", "cells"),
             (".gii", ".gii"),
         ] {
             assert_eq!(stem(Path::new(path)), expected);
         }
+    }
+
+    #[test]
+    fn lists_may_begin_with_a_byte_order_mark() {
+        let list = std::env::temp_dir().join(format!("spharm-list-{}.txt", std::process::id()));
+        std::fs::write(&list, "\u{feff}a.ply\r\n# no\n\nb.ply\n").unwrap();
+        let found = expand_lists(&[PathBuf::from(format!("@{}", list.display()))]);
+        std::fs::remove_file(&list).unwrap();
+        let names: Vec<_> = found.unwrap().iter().map(|path| path.file_name().unwrap().to_owned()).collect();
+        assert_eq!(names, ["a.ply", "b.ply"]);
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
-use spharm_surface::io::write_new;
+use spharm_surface::io::{Output, check_output, write_new};
 
 /// The context of errors in writing to stdout.
 #[derive(Debug, Clone, Copy)]
@@ -56,25 +56,29 @@ pub fn write_json(path: &Path, force: bool, value: &impl Serialize) -> Result<()
 pub struct OutputFile<'a> {
     path: &'a Path,
     flag: &'static str,
-    endings: &'static [&'static str],
+    holds: Option<Output<'static>>,
 }
 
 impl<'a> OutputFile<'a> {
     /// A file of any name, which `flag` gave.
     pub fn new(path: &'a Path, flag: &'static str) -> Self {
-        Self { path, flag, endings: &[] }
+        Self { path, flag, holds: None }
     }
 
     /// A file whose name has to end in one of `endings`, as its format is always the same.
     pub fn with_ending(path: &'a Path, flag: &'static str, endings: &'static [&'static str]) -> Self {
-        Self { path, flag, endings }
+        Self { path, flag, holds: Some(Output::Ending(endings)) }
+    }
+
+    /// A surface, a sphere or a signal, in the format of its name.
+    pub fn holding(path: &'a Path, flag: &'static str, holds: Output<'static>) -> Self {
+        Self { path, flag, holds: Some(holds) }
     }
 
     fn check(&self, force: bool) -> Result<()> {
-        let Self { path, flag, endings } = *self;
-        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        if !endings.is_empty() && !endings.iter().any(|ending| name.ends_with(ending)) {
-            bail!("{}: {flag} writes {} only; give it a name with that ending", path.display(), endings.join(" or "));
+        let Self { path, flag, holds } = *self;
+        if let Some(holds) = holds {
+            check_output(path, holds).context(flag)?;
         }
         if path.is_dir() {
             bail!("{}: a folder; {flag} is the name of a file", path.display());

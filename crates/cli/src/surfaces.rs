@@ -45,6 +45,9 @@ pub fn surfaces(
 ) -> Result<Vec<(PathBuf, Option<i64>)>> {
     let mut surfaces = Vec::new();
     for path in expand_lists(paths)? {
+        if path.is_dir() {
+            bail!("{}: is a folder: give its files or @LIST", path.display());
+        }
         if !of_volumes || !is_volume(&path) {
             if labels.is_some() {
                 bail!("{}: --label is for label volumes", path.display());

@@ -51,6 +51,7 @@
 pub mod csv;
 mod error;
 mod evaluate;
+mod files;
 pub mod geometry;
 mod model;
 mod npy;

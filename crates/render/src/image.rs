@@ -3,7 +3,7 @@
 use std::io;
 use std::path::Path;
 
-use spharm_surface::io::{WriteOptions, write_new};
+use spharm_surface::io::{Output, WriteOptions, check_output, write_new};
 
 use crate::RenderError;
 
@@ -54,8 +54,10 @@ impl Image {
 ///
 /// # Errors
 ///
-/// As [`write_new`].
+/// Those of [`check_output`] and [`write_new`].
 pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) -> Result<(), RenderError> {
+    let path = path.as_ref();
+    check_output(path, Output::Ending(&[".png"]))?;
     Ok(write_new(path, options.overwrite, |out| {
         let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
         let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);

@@ -38,9 +38,31 @@ pub enum SurfaceError {
         /// The file.
         path: PathBuf,
         /// The names and kinds that would have been understood.
-        expected: &'static str,
+        expected: String,
         /// The first bytes, or the extension.
         found: String,
+    },
+
+    /// A surface that has to keep the order of its vertices, and a format that doesn't keep it.
+    #[error(
+        "{}: {format} doesn't keep the order of the vertices, by which a surface and its sphere correspond: \
+         write .surf.gii, .ply or .obj",
+        path.display()
+    )]
+    LosesOrder {
+        /// The file.
+        path: PathBuf,
+        /// The format that its name asks for.
+        format: &'static str,
+    },
+
+    /// A volume or an image where a surface or values on vertices are wanted.
+    #[error("{}: expected a surface or values on vertices, found a volume ({format})", path.display())]
+    VolumeInput {
+        /// The file.
+        path: PathBuf,
+        /// The volume's format.
+        format: &'static str,
     },
 
     /// The bytes do not follow the format.

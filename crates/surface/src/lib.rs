@@ -50,6 +50,7 @@
 
 mod error;
 pub mod geometry;
+mod hemisphere;
 mod mesh;
 mod sphere;
 mod target;
@@ -60,8 +61,11 @@ pub mod metrics;
 pub mod nearest;
 pub mod sphere_locator;
 pub mod topology;
+mod volume_geometry;
 
 pub use error::SurfaceError;
+pub use hemisphere::Hemisphere;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};
 pub use sphere::{Sphere, SphereWarning, read_sphere};
 pub use target::{Target, TargetWarning, read_target};
+pub use volume_geometry::VolumeGeometry;

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::error::SurfaceError;
+use crate::hemisphere::Hemisphere;
 use crate::io::read_input;
 use crate::mesh::{Input, Kind, Mesh, Meta, Signal};
 use crate::sphere::Sphere;
@@ -32,6 +33,13 @@ pub struct Target {
 pub enum TargetWarning {
     /// The surface isn't a closed one of genus zero.
     NotClosed(Topology),
+    /// The sphere is of the other hemisphere, by the files' metadata or names.
+    OtherHemisphere {
+        /// The target's hemisphere.
+        target: Hemisphere,
+        /// The sphere's.
+        sphere: Hemisphere,
+    },
 }
 
 impl fmt::Display for TargetWarning {
@@ -39,6 +47,9 @@ impl fmt::Display for TargetWarning {
         match self {
             Self::NotClosed(topology) => {
                 write!(f, "not a closed surface of genus zero: {}", topology.problems().join("; "))
+            }
+            Self::OtherHemisphere { target, sphere } => {
+                write!(f, "of the {target} hemisphere, the sphere is of the {sphere} one")
             }
         }
     }
@@ -55,7 +66,7 @@ impl Target {
     pub fn from_mesh(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let name = Path::new("the surface");
         crate::io::check_mesh(name, mesh)?;
-        Self::of_mesh(mesh.clone(), sphere, name)
+        Self::of_mesh(mesh.clone(), sphere, None)
     }
 
     /// Returns values on the sphere's vertices as a target.
@@ -66,10 +77,11 @@ impl Target {
     pub fn from_signal(signal: Signal, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let name = Path::new("the signal");
         crate::io::check_signal(name, &signal)?;
-        Self::of_signal(signal, sphere, name)
+        Self::of_signal(signal, sphere, None)
     }
 
-    fn of_mesh(mesh: Mesh, sphere: &Sphere, name: &Path) -> Result<Self, SurfaceError> {
+    fn of_mesh(mesh: Mesh, sphere: &Sphere, path: Option<&Path>) -> Result<Self, SurfaceError> {
+        let name = path.unwrap_or(Path::new("the surface"));
         check_count(mesh.vertices.len(), sphere, name)?;
         if !sphere.faces.is_empty() && mesh.faces != sphere.faces {
             let differ = different_triangles(&mesh.faces, &sphere.faces);
@@ -79,21 +91,32 @@ impl Target {
             }
         }
         let topology = Topology::of(&mesh);
-        let warnings = if topology.is_sphere() { Vec::new() } else { vec![TargetWarning::NotClosed(topology)] };
+        let mut warnings = other_hemisphere(mesh.meta.anatomical_structure_primary.as_deref(), path, sphere);
+        if !topology.is_sphere() {
+            warnings.push(TargetWarning::NotClosed(topology));
+        }
         let values = mesh.vertices.into_flattened();
         Ok(Self { path: None, values, channels: 3, kind: Kind::Surface, meta: mesh.meta, warnings })
     }
 
-    fn of_signal(signal: Signal, sphere: &Sphere, name: &Path) -> Result<Self, SurfaceError> {
-        check_count(signal.vertices, sphere, name)?;
+    fn of_signal(signal: Signal, sphere: &Sphere, path: Option<&Path>) -> Result<Self, SurfaceError> {
+        check_count(signal.vertices, sphere, path.unwrap_or(Path::new("the signal")))?;
         Ok(Self {
             path: None,
             values: signal.values,
             channels: signal.channels,
             kind: Kind::Signal,
             meta: Meta::default(),
-            warnings: Vec::new(),
+            warnings: other_hemisphere(None, path, sphere),
         })
+    }
+}
+
+fn other_hemisphere(structure: Option<&str>, path: Option<&Path>, sphere: &Sphere) -> Vec<TargetWarning> {
+    let of_sphere = Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref());
+    match (Hemisphere::of(structure, path), of_sphere) {
+        (Some(target), Some(sphere)) if target != sphere => vec![TargetWarning::OtherHemisphere { target, sphere }],
+        _ => Vec::new(),
     }
 }
 
@@ -113,8 +136,8 @@ fn check_count(found: usize, sphere: &Sphere, name: &Path) -> Result<(), Surface
 pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
     let target = match read_input(path)? {
-        Input::Mesh(mesh) => Target::of_mesh(mesh, sphere, path)?,
-        Input::Signal(signal) => Target::of_signal(signal, sphere, path)?,
+        Input::Mesh(mesh) => Target::of_mesh(mesh, sphere, Some(path))?,
+        Input::Signal(signal) => Target::of_signal(signal, sphere, Some(path))?,
     };
     Ok(Target { path: Some(path.to_owned()), ..target })
 }
@@ -152,6 +175,19 @@ mod tests {
         let sphere = Sphere::from_mesh(&mesh).unwrap();
         let target = Target::from_mesh(&mesh, &sphere).unwrap();
         assert!(target.warnings[0].to_string().starts_with("not a closed surface of genus zero: "));
+    }
+
+    #[test]
+    fn hemispheres_are_compared() {
+        let (mut surface, mut sphere) = cortex(&Cortex { subdivisions: 1, variant: 0 });
+        surface.meta.anatomical_structure_primary = Some("CortexLeft".to_owned());
+        for (structure, differ) in [("CortexRight", true), ("CortexLeft", false), ("Cortex", false)] {
+            sphere.meta.anatomical_structure_primary = Some(structure.to_owned());
+            let sphere = Sphere::from_mesh(&sphere).unwrap();
+            let warnings = Target::from_mesh(&surface, &sphere).unwrap().warnings;
+            let expected = TargetWarning::OtherHemisphere { target: Hemisphere::Left, sphere: Hemisphere::Right };
+            assert_eq!(warnings, if differ { vec![expected] } else { Vec::new() }, "{structure}");
+        }
     }
 
     #[test]

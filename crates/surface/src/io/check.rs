@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::format::Format;
+use super::spec::{FormatSpec, Precision};
 use crate::error::SurfaceError;
 use crate::mesh::{Input, Mesh, Signal};
 
@@ -73,25 +73,25 @@ pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
 }
 
 /// Whether rounding to 32 bits keeps the numbers finite. Rounding itself is the formats' custom.
-pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: Format) -> Result<(), SurfaceError> {
+pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: &FormatSpec) -> Result<(), SurfaceError> {
     let values = vertices.as_flattened();
     fits(path, values, 3, format)
 }
 
 /// As [`fits_f32`], for a signal.
-pub(super) fn values_fit_f32(path: &Path, signal: &Signal, format: Format) -> Result<(), SurfaceError> {
+pub(super) fn values_fit_f32(path: &Path, signal: &Signal, format: &FormatSpec) -> Result<(), SurfaceError> {
     fits(path, &signal.values, signal.channels, format)
 }
 
-fn fits(path: &Path, values: &[f64], channels: usize, format: Format) -> Result<(), SurfaceError> {
+fn fits(path: &Path, values: &[f64], channels: usize, format: &FormatSpec) -> Result<(), SurfaceError> {
     match values.iter().enumerate().find(|(_, x)| !(**x as f32).is_finite()) {
         None => Ok(()),
         Some((i, &value)) => Err(SurfaceError::NotRepresentable {
             path: path.to_owned(),
             vertex: i / channels,
             value,
-            remedy: match format {
-                Format::Gifti | Format::Ply => "write 64-bit floats",
+            remedy: match format.precision {
+                Precision::Choice => "write 64-bit floats",
                 _ => "write another format, such as .surf.gii with 64-bit floats",
             },
         }),

@@ -10,7 +10,9 @@ use std::io::{self, Write};
 
 use super::bytes::{Cursor, Endian};
 use super::flaw::{Flaw, bounded, shown};
+use super::spec::Context;
 use crate::mesh::{Mesh, Meta, Signal};
+use crate::volume_geometry::VolumeGeometry;
 
 const SURFACE_MAGIC: [u8; 3] = [0xff, 0xff, 0xfe];
 const CURV_MAGIC: [u8; 3] = [0xff, 0xff, 0xff];
@@ -87,8 +89,9 @@ fn count(cursor: &mut Cursor<'_>, what: &str) -> Result<u64, Flaw> {
     u64::try_from(n).map_err(|_| Flaw::new(format!("a number of {what}"), n.to_string()))
 }
 
-/// Writes a triangle surface, with the comment and the footer it came with.
-pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
+/// Writes a triangle surface, with the comment and the footer it came with; the volume's geometry of a GIfTI file makes a
+/// footer too.
+pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&SURFACE_MAGIC)?;
     let stamp = mesh.meta.freesurfer_stamp.as_deref().unwrap_or("created by spharm");
     // One line: a newline inside would end the header early.
@@ -101,11 +104,14 @@ pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> 
     for &i in mesh.faces.as_flattened() {
         write_i32(out, i as usize)?;
     }
-    out.write_all(mesh.meta.freesurfer_footer.as_deref().unwrap_or_default())
+    match &mesh.meta.freesurfer_footer {
+        Some(footer) => out.write_all(footer),
+        None => out.write_all(&VolumeGeometry::of(&mesh.meta).map(|geometry| geometry.to_footer()).unwrap_or_default()),
+    }
 }
 
 /// Writes a curv file. The triangles' count, which no reader uses, is that of a closed genus-zero surface.
-pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal) -> io::Result<()> {
+pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&CURV_MAGIC)?;
     write_i32(out, signal.vertices)?;
     write_i32(out, (2 * signal.vertices).saturating_sub(4))?;

@@ -39,6 +39,11 @@ pub(super) fn kind_name(kind: FileType) -> &'static str {
 /// The most bytes a byte of deflate's output can stand for: a bound of the method itself.
 pub(super) const MOST_EXPANSION: usize = 1032;
 
+/// Whether bytes begin as a gzipped file does.
+pub(super) fn is_gzip(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x1f, 0x8b])
+}
+
 /// Inflates a gzipped file.
 ///
 /// Text compresses two- to tenfold. A file that swells beyond 64 MiB and 256 times its size is taken for a bomb.

@@ -2,14 +2,17 @@
 //!
 //! | format | names | read | written |
 //! |---|---|---|---|
-//! | GIfTI | `.gii`, `.surf.gii`, `.gii.gz` | all encodings but external files | GZipBase64Binary |
+//! | GIfTI | `.gii`, `.surf.gii`, `.func.gii`, `.shape.gii` | all encodings but external files | GZipBase64Binary |
 //! | FreeSurfer | `lh.pial`, `rh.curv`, ... | triangle surfaces, new-format curv | the same |
+//! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | the same |
 //! | Wavefront | `.obj` | polygons, negative indices | ASCII |
 //! | Stanford | `.ply` | ASCII, both binaries, polygons | little-endian binary |
 //! | Geomview | `.off` | ASCII, polygons, with colours or normals | ASCII |
 //! | STL | `.stl` | ASCII, binary; equal vertices welded | binary |
 //! | VTK legacy | `.vtk` | PolyData, ASCII and binary, versions to 5.1 | ASCII |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | the same |
+//!
+//! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of them, [`check_output`] the check of an output's name.
 //!
 //! Files are taken as hostile: a count in a header is held against the bytes that are there before anything is
 //! allocated for it. A file is read whole: what it holds takes a few times its bytes in memory at most, and the
@@ -19,29 +22,37 @@ mod atomic;
 mod bytes;
 mod check;
 mod flaw;
-mod format;
+mod formats;
 mod freesurfer;
 mod gifti;
 mod load;
+mod mgh;
 mod obj;
 mod off;
 mod ply;
 mod polygon;
+mod spec;
 mod stl;
 mod table;
 mod text;
+mod volume;
 mod vtk;
 
+use std::io;
 use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
 
 use crate::error::SurfaceError;
 use crate::mesh::{Input, Mesh, Signal};
 
 pub use atomic::write_new;
 pub(crate) use check::{indices as check_indices, mesh as check_mesh, signal as check_signal};
-use flaw::Flaw;
-use format::Format;
+pub use formats::{FORMATS, Output, check_output, to_write_mesh, to_write_signal};
 pub use ply::PlyAttributes;
+use spec::{Context, Writer};
+pub use spec::{FormatSpec, Precision};
 
 /// How to write.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -93,27 +104,18 @@ pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
 /// As [`read_mesh`].
 pub fn read_input(path: impl AsRef<Path>) -> Result<Input, SurfaceError> {
     let path = path.as_ref();
-    let bytes = load::load(path)?;
-    let format = Format::of_file(path, &bytes)?;
-    let input = parse(format, &bytes).map_err(|flaw| flaw.at(path, format.name()))?;
+    let mut bytes = load::load(path)?;
+    if load::is_gzip(&bytes) {
+        bytes = load::gunzip(&bytes).map_err(|flaw| flaw.at(path, "a gzipped file"))?;
+    }
+    if let Some(format) = volume::kind(&bytes) {
+        return Err(SurfaceError::VolumeInput { path: path.to_owned(), format });
+    }
+    let format = formats::of_file(path, &bytes)?;
+    let input = (format.read)(&bytes).map_err(|flaw| flaw.at(path, format.name))?;
     drop(bytes);
     check::input(path, &input)?;
     Ok(input)
-}
-
-fn parse(format: Format, bytes: &[u8]) -> Result<Input, Flaw> {
-    match format {
-        Format::Gifti => gifti::read(bytes),
-        Format::FreeSurferSurface => freesurfer::read_surface(bytes).map(Input::Mesh),
-        Format::FreeSurferCurv => freesurfer::read_curv(bytes).map(Input::Signal),
-        Format::Obj => obj::read(bytes).map(Input::Mesh),
-        Format::Ply => ply::read(bytes).map(Input::Mesh),
-        Format::Off => off::read(bytes).map(Input::Mesh),
-        Format::Stl => stl::read(bytes).map(Input::Mesh),
-        Format::Vtk => vtk::read(bytes).map(Input::Mesh),
-        Format::Csv => table::read(bytes, b',').map(Input::Signal),
-        Format::Tsv => table::read(bytes, b'\t').map(Input::Signal),
-    }
 }
 
 /// Writes a surface in the format its name asks for, whole or not at all.
@@ -126,52 +128,54 @@ fn parse(format: Format, bytes: &[u8]) -> Result<Input, Flaw> {
 /// as it was.
 pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -> Result<(), SurfaceError> {
     let path = path.as_ref();
-    let (format, gzip) = Format::to_write_mesh(path)?;
+    let format = to_write_mesh(path)?;
     check::mesh(path, mesh)?;
-    let double = options.double;
-    if !format.holds_double(double) {
+    if !format.holds_double(options.double) {
         check::fits_f32(path, &mesh.vertices, format)?;
     }
-    write_new(path, options.overwrite, |out| match format {
-        Format::Gifti => gifti::write_mesh(out, mesh, double, gzip),
-        Format::FreeSurferSurface => freesurfer::write_surface(out, mesh),
-        Format::Obj => obj::write(out, mesh),
-        Format::Ply => ply::write(out, mesh, &PlyAttributes::default(), double),
-        Format::Off => off::write(out, mesh),
-        Format::Stl => stl::write(out, mesh),
-        Format::Vtk => vtk::write(out, mesh),
-        // `to_write_mesh` gives none of these.
-        Format::FreeSurferCurv | Format::Csv | Format::Tsv => Err(std::io::ErrorKind::Unsupported.into()),
-    })
+    write_as(path, options, format.write_mesh, mesh)
 }
 
-/// Writes values on vertices in the format the name asks for: `.gii` (float32 unless `double`), `.csv`, `.tsv`, or,
-/// for one channel, FreeSurfer's curv (`lh.*`, `rh.*`, `.curv`, `.thickness`, ...).
+/// Writes values on vertices in the format the name asks for: `.gii` (float32 unless `double`), `.mgz`, `.csv`, `.tsv`,
+/// or, for one channel, FreeSurfer's curv (`lh.*`, `rh.*`, `.curv`, `.thickness`, ...).
 ///
 /// # Errors
 ///
 /// As [`write_mesh`].
 pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOptions) -> Result<(), SurfaceError> {
     let path = path.as_ref();
-    let (format, gzip) = Format::to_write_signal(path)?;
+    let format = to_write_signal(path)?;
     check::signal(path, signal)?;
-    if format == Format::FreeSurferCurv && signal.channels != 1 {
+    if signal.channels > format.most_channels {
         return Err(SurfaceError::Argument {
             what: "channels of a FreeSurfer curv file",
-            expected: "1; write .func.gii or .csv for more",
+            expected: "1; write .func.gii, .mgz or .csv for more",
             found: signal.channels.to_string(),
         });
     }
     if !format.holds_double(options.double) {
         check::values_fit_f32(path, signal, format)?;
     }
-    write_new(path, options.overwrite, |out| match format {
-        Format::Gifti => gifti::write_signal(out, signal, options.double, gzip),
-        Format::FreeSurferCurv => freesurfer::write_curv(out, signal),
-        Format::Csv => table::write(out, signal, b','),
-        Format::Tsv => table::write(out, signal, b'\t'),
-        // `to_write_signal` gives no other.
-        _ => Err(std::io::ErrorKind::Unsupported.into()),
+    write_as(path, options, format.write_signal, signal)
+}
+
+/// Writes by a format's writer, gzipped where the name says so.
+fn write_as<T>(
+    path: &Path,
+    options: &WriteOptions,
+    writer: Option<Writer<T>>,
+    contents: &T,
+) -> Result<(), SurfaceError> {
+    let name = formats::name_without_gz(path);
+    let context = Context { double: options.double, name: &name };
+    write_new(path, options.overwrite, |out| {
+        let writer = writer.ok_or(io::ErrorKind::Unsupported)?;
+        if !formats::is_gzipped(path) {
+            return writer(out, contents, &context);
+        }
+        let mut packed = GzEncoder::new(out, Compression::default());
+        writer(&mut packed, contents, &context)?;
+        packed.finish().map(drop)
     })
 }
 
@@ -179,7 +183,7 @@ pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOpti
 ///
 /// # Errors
 ///
-/// As [`write_mesh`]; also where an attribute's length isn't the number of vertices or its name isn't one word.
+/// As [`write_mesh`]; also where the name doesn't end in `.ply`, an attribute's length isn't the number of vertices or its name isn't one word.
 pub fn write_ply(
     path: impl AsRef<Path>,
     mesh: &Mesh,
@@ -187,10 +191,12 @@ pub fn write_ply(
     options: &WriteOptions,
 ) -> Result<(), SurfaceError> {
     let path = path.as_ref();
+    check_output(path, Output::Ending(&[".ply"]))?;
+    let format = to_write_mesh(path)?;
     check::mesh(path, mesh)?;
     attributes.check(mesh)?;
-    if !options.double {
-        check::fits_f32(path, &mesh.vertices, Format::Ply)?;
+    if !format.holds_double(options.double) {
+        check::fits_f32(path, &mesh.vertices, format)?;
     }
     write_new(path, options.overwrite, |out| ply::write(out, mesh, attributes, options.double))
 }

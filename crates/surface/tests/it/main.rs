@@ -3,6 +3,7 @@
 mod compare;
 mod cortex;
 mod distance;
+mod first_users;
 mod fixtures;
 mod hostile;
 mod locator;

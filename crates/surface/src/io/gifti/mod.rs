@@ -5,26 +5,19 @@
 //! with what the format adds: `xml` takes the document apart, `data` decodes one array, `write` writes.
 
 mod data;
+mod names;
 mod write;
 mod xml;
 
 use super::flaw::Flaw;
-use super::load::gunzip;
 use crate::mesh::{Input, Mesh, Meta, Signal};
 use data::Array;
+use names::{POINTSET, STRUCTURE, TRIANGLE};
 pub(super) use write::{write_mesh, write_signal};
 use xml::{DataArray, Document};
 
-const POINTSET: &str = "NIFTI_INTENT_POINTSET";
-const TRIANGLE: &str = "NIFTI_INTENT_TRIANGLE";
-const STRUCTURE: &str = "AnatomicalStructurePrimary";
-
-/// Reads a surface or a signal, gzipped as a whole or not.
+/// Reads a surface or a signal.
 pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
-    if bytes.starts_with(&[0x1f, 0x8b]) {
-        let inflated = gunzip(bytes)?;
-        return interpret(xml::parse(&String::from_utf8_lossy(&inflated))?);
-    }
     // The standard wants UTF-8; a stray byte in a comment is no reason to refuse the numbers.
     interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
 }

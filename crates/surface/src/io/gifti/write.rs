@@ -5,85 +5,80 @@ use std::io::{self, Write};
 use base64::engine::general_purpose::STANDARD;
 use base64::write::EncoderWriter;
 use flate2::Compression;
-use flate2::write::{GzEncoder, ZlibEncoder};
+use flate2::write::ZlibEncoder;
 
-use super::{POINTSET, STRUCTURE, TRIANGLE};
+use super::names::{NONE, POINTSET, SHAPE, STRUCTURE, TRIANGLE, UNKNOWN_SPACE};
+use crate::io::spec::Context;
 use crate::mesh::{CoordinateSystem, Mesh, Signal};
+use crate::volume_geometry::VolumeGeometry;
 
-const SPACE_UNKNOWN: &str = "NIFTI_XFORM_UNKNOWN";
+/// Writes a surface.
+pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, context: &Context<'_>) -> io::Result<()> {
+    open(out, 2, &mesh.meta.file_metadata)?;
+    let unknown = CoordinateSystem {
+        data_space: UNKNOWN_SPACE.to_owned(),
+        transformed_space: UNKNOWN_SPACE.to_owned(),
+        matrix: std::array::from_fn(|i| if i % 5 == 0 { 1.0 } else { 0.0 }),
+    };
+    let array = Heading {
+        intent: POINTSET,
+        data_type: float_type(context.double),
+        dimensions: &[mesh.vertices.len(), 3],
+        metadata: &surface_metadata(mesh),
+        system: Some(mesh.meta.coordinate_system.as_ref().unwrap_or(&unknown)),
+    };
+    let positions = mesh.vertices.as_flattened();
+    array.write(out, |data| write_floats(data, positions.iter().copied(), context.double))?;
 
-/// Writes a surface; positions in 64 bits where `double`, the file gzipped as a whole where `gzip`.
-pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, double: bool, gzip: bool) -> io::Result<()> {
-    wrapped(out, gzip, |out| {
-        open(out, 2, &mesh.meta.file_metadata)?;
-
-        let mut metadata = Vec::new();
-        if let Some(structure) = &mesh.meta.anatomical_structure_primary {
-            metadata.push((STRUCTURE.to_owned(), structure.clone()));
+    let array = Heading {
+        intent: TRIANGLE,
+        data_type: "NIFTI_TYPE_INT32",
+        dimensions: &[mesh.faces.len(), 3],
+        metadata: &[],
+        system: None,
+    };
+    array.write(out, |data| {
+        for &index in mesh.faces.as_flattened() {
+            let index = i32::try_from(index).map_err(|_| {
+                io::Error::other("GIfTI holds indices below 2^31 only: write the surface as .ply instead")
+            })?;
+            data.write_all(&index.to_le_bytes())?;
         }
-        metadata.extend_from_slice(&mesh.meta.surface_metadata);
-        let unknown = CoordinateSystem {
-            data_space: SPACE_UNKNOWN.to_owned(),
-            transformed_space: SPACE_UNKNOWN.to_owned(),
-            matrix: std::array::from_fn(|i| if i % 5 == 0 { 1.0 } else { 0.0 }),
-        };
-        let array = Heading {
-            intent: POINTSET,
-            data_type: float_type(double),
-            dimensions: &[mesh.vertices.len(), 3],
-            metadata: &metadata,
-            system: Some(mesh.meta.coordinate_system.as_ref().unwrap_or(&unknown)),
-        };
-        let positions = mesh.vertices.as_flattened();
-        array.write(out, |data| write_floats(data, positions.iter().copied(), double))?;
+        Ok(())
+    })?;
+    writeln!(out, "</GIFTI>")
+}
 
-        let array = Heading {
-            intent: TRIANGLE,
-            data_type: "NIFTI_TYPE_INT32",
-            dimensions: &[mesh.faces.len(), 3],
-            metadata: &[],
-            system: None,
-        };
-        array.write(out, |data| {
-            for &index in mesh.faces.as_flattened() {
-                let index = i32::try_from(index).map_err(|_| {
-                    io::Error::other("GIfTI holds indices below 2^31 only: write the surface as .ply instead")
-                })?;
-                data.write_all(&index.to_le_bytes())?;
-            }
-            Ok(())
-        })?;
-        writeln!(out, "</GIFTI>")
-    })
+/// Metadata of the point set, with the volume's geometry where that comes from a FreeSurfer file.
+fn surface_metadata(mesh: &Mesh) -> Vec<(String, String)> {
+    let meta = &mesh.meta;
+    let mut metadata = Vec::new();
+    if let Some(structure) = &meta.anatomical_structure_primary {
+        metadata.push((STRUCTURE.to_owned(), structure.clone()));
+    }
+    metadata.extend_from_slice(&meta.surface_metadata);
+    let known = metadata.iter().chain(&meta.file_metadata).any(|(name, _)| name.starts_with("VolGeom"));
+    if let (false, Some(geometry)) = (known, VolumeGeometry::of(meta)) {
+        metadata.extend(geometry.to_metadata());
+    }
+    metadata
 }
 
 /// Writes a signal, one array for each channel, as Workbench's metric files have it.
-pub(in crate::io) fn write_signal(out: &mut dyn Write, signal: &Signal, double: bool, gzip: bool) -> io::Result<()> {
-    wrapped(out, gzip, |out| {
-        open(out, signal.channels, &[])?;
-        for channel in 0..signal.channels {
-            let array = Heading {
-                intent: "NIFTI_INTENT_NONE",
-                data_type: float_type(double),
-                dimensions: &[signal.vertices],
-                metadata: &[],
-                system: None,
-            };
-            let column = signal.values.iter().skip(channel).step_by(signal.channels).copied();
-            array.write(out, |data| write_floats(data, column, double))?;
-        }
-        writeln!(out, "</GIFTI>")
-    })
-}
-
-fn wrapped(out: &mut dyn Write, gzip: bool, body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-    if !gzip {
-        return body(out);
+pub(in crate::io) fn write_signal(out: &mut dyn Write, signal: &Signal, context: &Context<'_>) -> io::Result<()> {
+    open(out, signal.channels, &[])?;
+    for channel in 0..signal.channels {
+        let array = Heading {
+            intent: if context.name.ends_with(".shape.gii") { SHAPE } else { NONE },
+            data_type: float_type(context.double),
+            dimensions: &[signal.vertices],
+            metadata: &[],
+            system: None,
+        };
+        let column = signal.values.iter().skip(channel).step_by(signal.channels).copied();
+        array.write(out, |data| write_floats(data, column, context.double))?;
     }
-    // The data are compressed already; this pass undoes base64's expansion.
-    let mut packed = GzEncoder::new(out, Compression::fast());
-    body(&mut packed)?;
-    packed.finish().map(drop)
+    writeln!(out, "</GIFTI>")
 }
 
 fn float_type(double: bool) -> &'static str {
@@ -153,8 +148,10 @@ impl Heading<'_> {
             writeln!(out, "<CoordinateSystemTransformMatrix>")?;
             writeln!(out, "<DataSpace>{from}</DataSpace>")?;
             writeln!(out, "<TransformedSpace>{to}</TransformedSpace>")?;
-            let matrix = system.matrix.map(|x| format!("{x:?}")).join(" ");
-            writeln!(out, "<MatrixData>{matrix}</MatrixData>")?;
+            // A row a line: nibabel takes the shape of the matrix from them.
+            let rows =
+                system.matrix.chunks(4).map(|row| row.iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(" "));
+            writeln!(out, "<MatrixData>{}</MatrixData>", rows.collect::<Vec<_>>().join("\n"))?;
             writeln!(out, "</CoordinateSystemTransformMatrix>")?;
         }
         write!(out, "<Data>")?;

@@ -1,0 +1,62 @@
+//! Reading and writing models.
+
+use std::fs::File;
+use std::io::{self, BufReader, Write};
+use std::path::Path;
+
+use spharm_surface::io::write_new;
+
+use crate::error::ModelError;
+use crate::model::Model;
+use crate::npz;
+
+impl Model {
+    /// Writes the model to a file that isn't there yet, whole or not at all.
+    ///
+    /// # Errors
+    ///
+    /// [`NonFinite`](ModelError::NonFinite); those of [`write_new`], such as
+    /// [`OutputExists`](spharm_surface::SurfaceError::OutputExists).
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<(), ModelError> {
+        self.write_with(path, false)
+    }
+
+    /// Writes the model, replacing a file that is there if `overwrite`.
+    ///
+    /// # Errors
+    ///
+    /// As [`write`](Self::write).
+    pub fn write_with(&self, path: impl AsRef<Path>, overwrite: bool) -> Result<(), ModelError> {
+        let path = path.as_ref();
+        if let Some((row, channel, value)) = self.not_finite() {
+            return Err(ModelError::NonFinite { path: path.to_owned(), row, channel, value });
+        }
+        Ok(write_new(path, overwrite, |out| self.write_to(out))?)
+    }
+
+    /// Writes the archive; `out` need not seek.
+    ///
+    /// # Errors
+    ///
+    /// Those of `out`; [`InvalidData`](io::ErrorKind::InvalidData) for a coefficient that isn't finite.
+    pub fn write_to(&self, out: &mut dyn Write) -> io::Result<()> {
+        npz::write(self, out)
+    }
+
+    /// Reads a model: any NumPy archive that has an array `coefficients`.
+    ///
+    /// Its values may be f32 or f64, in C or Fortran order, stored or deflated. `max_degree` and `convention` are checked
+    /// where they are there. Directions need not have length 1.
+    ///
+    /// # Errors
+    ///
+    /// [`Open`](ModelError::Open), [`Invalid`](ModelError::Invalid), [`NonFinite`](ModelError::NonFinite).
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
+        let path = path.as_ref();
+        let open = |source| ModelError::Open { path: path.to_owned(), source };
+        if !std::fs::metadata(path).map_err(open)?.is_file() {
+            return Err(ModelError::Invalid { path: path.to_owned(), problem: "it is not a regular file".to_owned() });
+        }
+        npz::read(path, BufReader::new(File::open(path).map_err(open)?))
+    }
+}

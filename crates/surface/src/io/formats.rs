@@ -1,0 +1,315 @@
+//! The table of formats, and which of them a file is in: by its name, or else by its first bytes.
+//!
+//! A new format is a file beside this one and a row here.
+
+use std::path::Path;
+
+use super::flaw::shown;
+use super::spec::{FormatSpec, Precision};
+use super::{freesurfer, gifti, mgh, obj, off, ply, stl, table, vtk};
+use crate::error::SurfaceError;
+use crate::mesh::Input;
+
+/// Every format that is read or written.
+pub static FORMATS: &[FormatSpec] = &[
+    FormatSpec {
+        name: "a GIfTI file",
+        endings: &[".surf.gii", ".gii"],
+        precision: Precision::Choice,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |bytes| bytes.get(..512).unwrap_or(bytes).windows(6).any(|w| w == b"<GIFTI"),
+        read: gifti::read,
+        write_mesh: Some(gifti::write_mesh),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a GIfTI file",
+        endings: &[".func.gii", ".shape.gii", ".gii"],
+        precision: Precision::Choice,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |_| false,
+        read: gifti::read,
+        write_mesh: None,
+        write_signal: Some(gifti::write_signal),
+    },
+    FormatSpec {
+        name: "a FreeSurfer surface",
+        endings: &[".pial", ".white", ".sphere", ".inflated", ".orig", ".smoothwm", ".reg"],
+        precision: Precision::Single,
+        keeps_order: true,
+        hemisphere_prefix: true,
+        most_channels: usize::MAX,
+        magic: |bytes| bytes.starts_with(b"\xff\xff\xfe"),
+        read: |bytes| freesurfer::read_surface(bytes).map(Input::Mesh),
+        write_mesh: Some(freesurfer::write_surface),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a FreeSurfer curv file",
+        endings: &[".curv", ".sulc", ".thickness", ".area", ".volume"],
+        precision: Precision::Single,
+        keeps_order: true,
+        hemisphere_prefix: true,
+        most_channels: 1,
+        // Also the magic of FreeSurfer's old surfaces of quadrangles; the reader tells them apart by their length.
+        magic: |bytes| bytes.starts_with(b"\xff\xff\xff"),
+        read: |bytes| freesurfer::read_curv(bytes).map(Input::Signal),
+        write_mesh: None,
+        write_signal: Some(freesurfer::write_curv),
+    },
+    FormatSpec {
+        name: "a FreeSurfer map",
+        endings: &[".mgh", ".mgz"],
+        precision: Precision::Single,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: mgh::is_mgh,
+        read: |bytes| mgh::read(bytes).map(Input::Signal),
+        write_mesh: None,
+        write_signal: Some(mgh::write),
+    },
+    FormatSpec {
+        name: "an OBJ file",
+        endings: &[".obj"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |_| false,
+        read: |bytes| obj::read(bytes).map(Input::Mesh),
+        write_mesh: Some(|out, mesh, _| obj::write(out, mesh)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a PLY file",
+        endings: &[".ply"],
+        precision: Precision::Choice,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |bytes| bytes.starts_with(b"ply"),
+        read: |bytes| ply::read(bytes).map(Input::Mesh),
+        write_mesh: Some(|out, mesh, context| ply::write(out, mesh, &ply::PlyAttributes::default(), context.double)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "an OFF file",
+        endings: &[".off"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |bytes| bytes.starts_with(b"OFF"),
+        read: |bytes| off::read(bytes).map(Input::Mesh),
+        write_mesh: Some(|out, mesh, _| off::write(out, mesh)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "an STL file",
+        endings: &[".stl"],
+        precision: Precision::Single,
+        keeps_order: false,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |bytes| bytes.starts_with(b"solid"),
+        read: |bytes| stl::read(bytes).map(Input::Mesh),
+        write_mesh: Some(|out, mesh, _| stl::write(out, mesh)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a legacy VTK file",
+        endings: &[".vtk"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |bytes| bytes.starts_with(b"# vtk"),
+        read: |bytes| vtk::read(bytes).map(Input::Mesh),
+        write_mesh: Some(|out, mesh, _| vtk::write(out, mesh)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a CSV table",
+        endings: &[".csv"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |_| false,
+        read: |bytes| table::read(bytes, b',').map(Input::Signal),
+        write_mesh: None,
+        write_signal: Some(|out, signal, _| table::write(out, signal, b',')),
+    },
+    FormatSpec {
+        name: "a TSV table",
+        endings: &[".tsv"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |_| false,
+        read: |bytes| table::read(bytes, b'\t').map(Input::Signal),
+        write_mesh: None,
+        write_signal: Some(|out, signal, _| table::write(out, signal, b'\t')),
+    },
+];
+
+/// What an output has to hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output<'a> {
+    /// A surface.
+    Mesh,
+    /// A surface whose vertices have to keep their order: one that a sphere belongs to, or a sphere.
+    OrderedMesh,
+    /// Values on vertices.
+    Signal,
+    /// A surface or values on vertices, whichever it turns out to be.
+    Either,
+    /// Anything whose format is fixed: these are the endings, in lower case.
+    Ending(&'a [&'a str]),
+}
+
+/// Checks, before any work, that a name asks for a format that can hold an output.
+///
+/// Writing functions check it themselves; programs call it for all their outputs first.
+///
+/// # Errors
+///
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) for an ending of no such format,
+/// [`LosesOrder`](SurfaceError::LosesOrder) for an [`Output::OrderedMesh`] in a format such as STL.
+pub fn check_output(path: impl AsRef<Path>, output: Output<'_>) -> Result<(), SurfaceError> {
+    let path = path.as_ref();
+    match output {
+        Output::Mesh => to_write_mesh(path).map(drop),
+        Output::OrderedMesh => match to_write_mesh(path)? {
+            format if format.keeps_order => Ok(()),
+            format => Err(SurfaceError::LosesOrder { path: path.to_owned(), format: format.name }),
+        },
+        Output::Signal => to_write_signal(path).map(drop),
+        Output::Either => {
+            to_write(path, |format| format.write_mesh.is_some() || format.write_signal.is_some()).map(drop)
+        }
+        Output::Ending(endings) if endings.iter().any(|ending| lower_name(path).ends_with(ending)) => Ok(()),
+        Output::Ending(endings) => Err(no_format(path, format!("a name that ends in {}", endings.join(" or ")))),
+    }
+}
+
+/// Returns the format that a surface's output name asks for.
+///
+/// # Errors
+///
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) for a name that asks for none that holds surfaces.
+pub fn to_write_mesh(path: &Path) -> Result<&'static FormatSpec, SurfaceError> {
+    to_write(path, |format| format.write_mesh.is_some())
+}
+
+/// Returns the format that a signal's output name asks for.
+///
+/// # Errors
+///
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) for a name that asks for none that holds signals.
+pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError> {
+    to_write(path, |format| format.write_signal.is_some())
+}
+
+fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static FormatSpec, SurfaceError> {
+    let name = name_without_gz(path);
+    let holding = || FORMATS.iter().filter(|format| holds(format));
+    let by_ending = || holding().find(|format| has_ending(format, &name));
+    // `lh.pial.csv` is a table, which holds no surface, and not a FreeSurfer file.
+    let prefixed = ["lh.", "rh."].iter().any(|prefix| name.starts_with(prefix)) && by_proper_ending(&name).is_none();
+    let by_prefix = || holding().find(|format| prefixed && format.hemisphere_prefix);
+    by_ending().or_else(by_prefix).ok_or_else(|| {
+        let mut endings: Vec<&str> = holding().flat_map(|format| format.endings).copied().collect();
+        endings.sort_unstable();
+        endings.dedup();
+        no_format(path, format!("a name that ends in {}, or starts with lh. or rh. (FreeSurfer)", endings.join(", ")))
+    })
+}
+
+/// Returns the format of a file that is there: by its ending, unless that is one of FreeSurfer's, which say little, or
+/// else by its first bytes.
+pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, SurfaceError> {
+    let by_magic = || FORMATS.iter().find(|format| (format.magic)(bytes));
+    by_proper_ending(&name_without_gz(path)).or_else(by_magic).ok_or_else(|| {
+        let mut endings: Vec<&str> = proper().flat_map(|format| format.endings).copied().collect();
+        endings.sort_unstable();
+        endings.dedup();
+        SurfaceError::UnknownFormat {
+            path: path.to_owned(),
+            expected: format!("one of {}, or a FreeSurfer surface or curv file", endings.join(", ")),
+            found: match bytes {
+                [] => "the file is empty".to_owned(),
+                _ => format!("it starts with {}", shown(bytes)),
+            },
+        }
+    })
+}
+
+/// Formats whose endings are theirs alone.
+fn proper() -> impl Iterator<Item = &'static FormatSpec> {
+    FORMATS.iter().filter(|format| !format.hemisphere_prefix)
+}
+
+fn by_proper_ending(name: &str) -> Option<&'static FormatSpec> {
+    proper().find(|format| has_ending(format, name))
+}
+
+fn has_ending(format: &FormatSpec, name: &str) -> bool {
+    format.endings.iter().any(|ending| name.ends_with(ending))
+}
+
+fn no_format(path: &Path, expected: String) -> SurfaceError {
+    let found = format!("the name is {}", shown(lower_name(path).as_bytes()));
+    SurfaceError::UnknownFormat { path: path.to_owned(), expected, found }
+}
+
+fn lower_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
+/// A file's name in lower case, without the ending of gzip.
+pub(super) fn name_without_gz(path: &Path) -> String {
+    let name = lower_name(path);
+    name.strip_suffix(".gz").unwrap_or(&name).to_owned()
+}
+
+/// Whether a file as a whole is to be gzipped.
+pub(super) fn is_gzipped(path: &Path) -> bool {
+    let name = lower_name(path);
+    [".gz", ".mgz"].iter().any(|ending| name.ends_with(ending))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_ask_for_formats() {
+        let mesh = |name: &str| to_write_mesh(Path::new(name)).ok().map(|format| format.name);
+        let signal = |name: &str| to_write_signal(Path::new(name)).ok().map(|format| format.name);
+        assert_eq!(mesh("a.SURF.gii.gz"), Some("a GIfTI file"));
+        assert_eq!(mesh("lh.smooth"), Some("a FreeSurfer surface"));
+        assert_eq!(mesh("sub.pial"), Some("a FreeSurfer surface"));
+        assert_eq!(mesh("lh.pial.csv"), None);
+        assert_eq!((mesh("a.obj.gz"), mesh("a.npz"), mesh("a")), (Some("an OBJ file"), None, None));
+        assert_eq!(signal("lh.anything"), Some("a FreeSurfer curv file"));
+        assert_eq!(signal("lh.thickness.mgz"), Some("a FreeSurfer map"));
+        assert_eq!((signal("a.ply"), signal("lh.ply"), signal("a.tsv")), (None, None, Some("a TSV table")));
+    }
+
+    #[test]
+    fn outputs_are_checked_before_any_work() {
+        let error = check_output("a.stl", Output::OrderedMesh).unwrap_err();
+        assert!(matches!(error, SurfaceError::LosesOrder { .. }), "{error}");
+        check_output("a.stl", Output::Mesh).unwrap();
+        check_output("a.PNG", Output::Ending(&[".png"])).unwrap();
+        let error = check_output("a.jpg", Output::Ending(&[".png"])).unwrap_err();
+        assert!(error.to_string().contains("a name that ends in .png"), "{error}");
+    }
+}

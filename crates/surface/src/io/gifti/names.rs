@@ -1,0 +1,14 @@
+//! Words of the standard that are read and written.
+
+/// The intent of positions.
+pub(super) const POINTSET: &str = "NIFTI_INTENT_POINTSET";
+/// The intent of triangles.
+pub(super) const TRIANGLE: &str = "NIFTI_INTENT_TRIANGLE";
+/// The intent of values that describe the surface's shape, such as thickness.
+pub(super) const SHAPE: &str = "NIFTI_INTENT_SHAPE";
+/// The intent of any other values.
+pub(super) const NONE: &str = "NIFTI_INTENT_NONE";
+/// The name of the metadata that say which structure a surface is of.
+pub(super) const STRUCTURE: &str = "AnatomicalStructurePrimary";
+/// A coordinate system that isn't known.
+pub(super) const UNKNOWN_SPACE: &str = "NIFTI_XFORM_UNKNOWN";
