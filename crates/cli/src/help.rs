@@ -12,11 +12,11 @@ pub const SOLVER: &str = "Solver";
 pub const RESOURCES: &str = "Resources";
 
 /// The formats of meshes.
-pub const MESHES: &str = "Meshes: GIfTI (.surf.gii, .gii, .gii.gz), FreeSurfer surfaces (lh.*, rh.*), .obj, .ply, .off, \
-                          .stl, .vtk (legacy).";
+pub const MESHES: &str = "Meshes: GIfTI (.surf.gii, .gii), FreeSurfer surfaces (lh.*, rh.*), .obj, .ply, .off, .stl, .vtk \
+                          (legacy); .gz may follow.";
 /// The formats of values on vertices.
-pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files, .csv and .tsv (a \
-                           row a vertex, a column a channel).";
+pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files and maps (.mgh, \
+                           .mgz), .csv and .tsv (a row a vertex, a column a channel).";
 
 /// The formats of label volumes.
 pub const VOLUMES: &str = "Label volumes: NIfTI (.nii, .nii.gz), FreeSurfer (.mgh, .mgz).";

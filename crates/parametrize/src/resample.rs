@@ -12,8 +12,8 @@ use ndarray::ArrayView2;
 use spharm_harmonics::Directions;
 use spharm_monitor::{Monitor, Stage};
 use spharm_surface::Mesh;
+use spharm_surface::locator::SphereLocator;
 use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
-use spharm_surface::sphere_locator::SphereLocator;
 
 use crate::error::ParametrizeError;
 use crate::geometry::Vec3;

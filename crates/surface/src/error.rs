@@ -19,7 +19,7 @@ pub enum SurfaceError {
         path: PathBuf,
         /// What was tried, as a verb: "open", "write".
         action: &'static str,
-        /// What the system said.
+        /// The system's error.
         cause: io::Error,
     },
 
@@ -32,12 +32,12 @@ pub enum SurfaceError {
         found: &'static str,
     },
 
-    /// Neither the name nor the first bytes say what format this is.
+    /// Neither the name nor the first bytes are those of a known format.
     #[error("{}: unknown format ({found}): expected {expected}", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
-        /// The names and kinds that would have been understood.
+        /// The names and formats that are supported.
         expected: String,
         /// The first bytes, or the extension.
         found: String,
@@ -94,7 +94,7 @@ pub enum SurfaceError {
         remedy: &'static str,
     },
 
-    /// A surface was asked for and the file holds values on vertices.
+    /// The file holds values on vertices where a surface is expected.
     #[error(
         "{}: expected a surface, found a signal ({vertices} vertices, {channels} values each): \
          give the surface's file (such as .surf.gii, .obj, lh.pial)",
@@ -109,7 +109,7 @@ pub enum SurfaceError {
         channels: usize,
     },
 
-    /// Values on vertices were asked for and the file holds a surface.
+    /// The file holds a surface where values on vertices are expected.
     #[error(
         "{}: expected values on vertices, found a surface ({vertices} vertices, {faces} triangles): \
          give the signal's file (such as .func.gii, .shape.gii, .csv, lh.curv)",
@@ -174,7 +174,7 @@ pub enum SurfaceError {
         what: &'static str,
         /// How many.
         found: usize,
-        /// How many there may be.
+        /// The most that are supported.
         limit: usize,
     },
 
@@ -340,7 +340,7 @@ pub enum SurfaceError {
     Argument {
         /// Which argument.
         what: &'static str,
-        /// What it may be.
+        /// Accepted values.
         expected: &'static str,
         /// What it was.
         found: String,

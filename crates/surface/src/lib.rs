@@ -1,7 +1,7 @@
-//! Triangle meshes and signals on them: files, topology, distances, made-up surfaces.
+//! Triangle meshes and signals on them: files, topology, distances, synthetic surfaces.
 //!
-//! Everything else in spharm sees arrays; this crate is where they come from and what they turn into again. It is also
-//! the boundary to the outside world: files are taken as hostile, outputs appear whole or not at all.
+//! This crate reads and writes all surface files. It doesn't trust them: sizes are checked before memory is allocated, and
+//! outputs appear complete or not at all.
 //!
 //! # Conventions
 //!
@@ -11,18 +11,18 @@
 //! - A [`Signal`] is (vertices, channels), row-major.
 //! - Distances are squared; msd and xsd are those after scaling the bounding box to volume 1.
 //!
-//! # Where what is
+//! # Modules
 //!
-//! | module | what |
+//! | module | contents |
 //! |---|---|
-//! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), how every output is written |
-//! | [`topology`] | whether a mesh is a closed surface of genus zero, and if not, why |
-//! | [`generate`] | icospheres, and folded surfaces whose parameterisation is known |
-//! | [`metrics`] | bounding-box scale, msd, xsd, the distance of two surfaces of any triangles, colours for errors |
+//! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), which writes every output; [`check_output`](io::check_output) |
+//! | [`topology`] | checks that a mesh is a closed surface of genus zero, and the reasons where it isn't |
+//! | [`generate`] | icospheres, and folded surfaces with known parameterisation |
+//! | [`metrics`] | bounding-box scale, msd, xsd, distance between surfaces with different triangles, colour map |
 //! | [`nearest`] | the nearest point of a mesh |
-//! | [`Sphere`], [`Target`] | a sphere's directions and triangles; the values to be fitted over it; both checked |
+//! | [`Sphere`], [`Target`] | the sphere of a fit; the surface or signal fitted over it; both checked |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
-//! | [`sphere_locator`] | which triangle of a sphere a direction meets, values interpolated there |
+//! | [`locator`] | the triangle of a sphere that a direction meets, and interpolation there |
 //!
 //! # Example
 //!
@@ -57,9 +57,9 @@ mod target;
 
 pub mod generate;
 pub mod io;
+pub mod locator;
 pub mod metrics;
 pub mod nearest;
-pub mod sphere_locator;
 pub mod topology;
 mod volume_geometry;
 

@@ -2,26 +2,26 @@
 
 /// A triangle mesh.
 ///
-/// Vertex order is meaningful (a study's subjects share it) and never changed by this crate; nor is the winding of the
-/// triangles, by convention counter-clockwise seen from outside.
+/// The order of the vertices (which a study's subjects share) and the winding of the triangles (by convention
+/// counter-clockwise seen from outside) are never changed by this crate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Positions, in the file's units: mm, and RAS+, for brains.
     pub vertices: Vec<[f64; 3]>,
     /// Triangles, as indices into `vertices` counted from 0.
     pub faces: Vec<[u32; 3]>,
-    /// What else the file said.
+    /// Metadata of the file.
     pub meta: Meta,
 }
 
 impl Mesh {
-    /// A mesh that knows nothing but its geometry.
+    /// Returns a mesh without metadata.
     #[must_use]
     pub fn new(vertices: Vec<[f64; 3]>, faces: Vec<[u32; 3]>) -> Self {
         Self { vertices, faces, meta: Meta::default() }
     }
 
-    /// The same triangles and metadata over other positions: how a reconstruction is made.
+    /// Returns a mesh with these positions, and the triangles and metadata of this one.
     ///
     /// # Panics
     ///
@@ -39,7 +39,7 @@ impl Mesh {
     }
 }
 
-/// What a file says about a mesh beside its geometry, kept from reading to writing.
+/// Metadata of a mesh's file, kept from reading to writing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meta {
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`: Workbench asks for it.
@@ -52,7 +52,8 @@ pub struct Meta {
     pub coordinate_system: Option<CoordinateSystem>,
     /// The comment that opens a FreeSurfer file ("created by ...").
     pub freesurfer_stamp: Option<String>,
-    /// What follows a FreeSurfer file's triangles: the volume's geometry with its centre (`cras`), byte for byte.
+    /// The bytes after a FreeSurfer file's triangles: the volume's geometry with its centre (`cras`); see
+    /// [`VolumeGeometry`](crate::VolumeGeometry).
     pub freesurfer_footer: Option<Vec<u8>>,
 }
 
@@ -79,7 +80,7 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// A signal from its values, (vertices, channels) row-major.
+    /// Returns a signal with these values, (vertices, channels) row-major.
     ///
     /// # Panics
     ///
@@ -96,7 +97,7 @@ impl Signal {
     }
 }
 
-/// What three or more values at each vertex stand for.
+/// The meaning of the channels at each vertex.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// Positions: the three channels are x, y and z.
@@ -106,9 +107,9 @@ pub enum Kind {
     Signal,
 }
 
-/// What a file turned out to hold.
+/// The contents of a file.
 #[derive(Clone, Debug, PartialEq)]
-// One of these exists per file read; a box would only be in the way.
+// One value per file read: boxing would save nothing.
 #[expect(clippy::large_enum_variant)]
 pub enum Input {
     /// A surface.

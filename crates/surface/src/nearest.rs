@@ -12,13 +12,13 @@ use parry3d_f64::shape::Triangle;
 use crate::geometry::{Vec3, dot, sub};
 use crate::mesh::Mesh;
 
-/// A mesh's triangles, made ready for searches.
+/// A search tree over a mesh's triangles.
 pub struct TriangleTree {
     tree: Bvh,
     triangles: Vec<[Vec3; 3]>,
 }
 
-/// Where a mesh comes nearest to a point.
+/// The point of a mesh that is nearest to a given one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
     /// The triangle, counted from 0.
@@ -32,7 +32,7 @@ pub struct Nearest {
 }
 
 impl TriangleTree {
-    /// A tree over a mesh's triangles. O(n log n).
+    /// Builds the tree of a mesh's triangles, O(n log n).
     ///
     /// # Panics
     ///
@@ -44,7 +44,7 @@ impl TriangleTree {
         Self { tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles }
     }
 
-    /// The point of the mesh that is nearest to `point`; `None` for a mesh without a triangle, or a point that isn't
+    /// Returns the point of the mesh that is nearest to `point`; `None` for a mesh without a triangle, or a point that isn't
     /// finite.
     #[must_use]
     pub fn nearest(&self, point: [f64; 3]) -> Option<Nearest> {
@@ -62,8 +62,8 @@ impl TriangleTree {
         Some(Nearest { triangle, barycentric, point: nearest, distance })
     }
 
-    /// The triangles whose bounding boxes meet the box from `low` to `high`, in no order that means anything but always
-    /// the same.
+    /// Returns the triangles whose bounding boxes intersect the box from `low` to `high`, in an unspecified but reproducible
+    /// order.
     pub fn meeting_box(&self, low: [f64; 3], high: [f64; 3]) -> impl Iterator<Item = u32> {
         let wanted = Aabb::new(Vector::from(low), Vector::from(high));
         self.tree.leaves(move |node| {

@@ -2,8 +2,8 @@
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
+use spharm_surface::locator::SphereLocator;
 use spharm_surface::nearest::TriangleTree;
-use spharm_surface::sphere_locator::SphereLocator;
 
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, area, norm, scale, sub, unit};

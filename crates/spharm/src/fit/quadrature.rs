@@ -14,7 +14,7 @@ use spharm_harmonics::{Directions, MAX_DEGREE, gauss_legendre};
 use spharm_monitor::Stage;
 use spharm_solver::ResidualNorms;
 use spharm_surface::Mesh;
-use spharm_surface::sphere_locator::SphereLocator;
+use spharm_surface::locator::SphereLocator;
 use spharm_transform::{FINEST, Transform, TransformParams};
 
 use super::batches::{Run, Solved};

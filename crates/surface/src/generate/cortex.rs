@@ -21,7 +21,7 @@ use super::random::SplitMix64;
 use crate::geometry::{Vec3, add, bounds, dot, scale};
 use crate::mesh::{Mesh, Meta};
 
-/// Which surface to make.
+/// Parameters of a folded surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cortex {
     /// Of the icosahedron, see [`icosphere`]; 6 gives 40,962 vertices.
@@ -116,7 +116,7 @@ impl Folding {
     }
 }
 
-/// A folded surface in mm (RAS) and the unit sphere it is parameterised by: the same triangles, vertex for vertex.
+/// Returns a folded surface in mm (RAS) and the unit sphere that parameterises it, with the same triangles.
 ///
 /// The same on one machine every time; between machines the last bits may differ with the C library's sine.
 ///

@@ -5,7 +5,7 @@ use crate::mesh::Mesh;
 
 use super::subdivide::split;
 
-/// The icosahedron's triangles, each split in four `subdivisions` times, vertices pushed out to the unit sphere.
+/// Returns the icosahedron with each triangle split in four `subdivisions` times, its vertices on the unit sphere.
 ///
 /// It has 10 * 4^s + 2 vertices and 20 * 4^s triangles, wound outward; s = 6 gives 40,962, s = 7 163,842. The order is
 /// fixed: the first 10 * 4^k + 2 vertices are those of the k-fold subdivision, as in FreeSurfer's icospheres.

@@ -1,5 +1,4 @@
-//! Surfaces made by formula: icospheres, and folded closed surfaces whose parameterisation is known; and more of the
-//! vertices that a mesh has.
+//! Icospheres, folded closed surfaces with known parameterisation, and subdivision.
 
 mod cortex;
 mod icosphere;

@@ -7,7 +7,7 @@ use crate::geometry::{Vec3, cross, unit};
 pub struct SplitMix64(u64);
 
 impl SplitMix64 {
-    /// From a seed.
+    /// Starts the sequence of a seed.
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
@@ -20,7 +20,7 @@ impl SplitMix64 {
         x ^ (x >> 31)
     }
 
-    /// Uniform in [low, high).
+    /// Returns the next number, uniform in [low, high).
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         let unit = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
         low + (high - low) * unit

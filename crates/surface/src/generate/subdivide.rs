@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use crate::geometry::{Vec3, add, scale, unit};
 use crate::mesh::Mesh;
 
-/// Splits each triangle in four at the midpoints of its edges: the same surface, sampled more densely.
+/// Splits each triangle in four at the midpoints of its edges, which leaves the surface unchanged.
 ///
 /// The first vertices are those of `mesh`, in their order; a midpoint for each edge follows, in the order in which the
 /// triangles come upon them. That order depends on the triangles alone, so a surface and its sphere still correspond

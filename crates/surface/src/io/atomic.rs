@@ -1,4 +1,4 @@
-//! The one way a file comes to be: whole, or not at all.
+//! Atomic writing: a file appears complete or not at all.
 //!
 //! A temporary file in the same directory is written, flushed and synchronised, then takes the final name in one step,
 //! and the directory is synchronised. A crash or a full disk leaves at most a hidden temporary file; nobody ever reads
@@ -20,7 +20,7 @@ use crate::error::SurfaceError;
 /// # Errors
 ///
 /// [`OutputExists`](SurfaceError::OutputExists), [`NotAFile`](SurfaceError::NotAFile), or
-/// [`Io`](SurfaceError::Io) with what `f` or the system said; the target is then as it was before.
+/// [`Io`](SurfaceError::Io) with the error of `f` or of the system; the target is then as it was before.
 pub fn write_new(
     path: impl AsRef<Path>,
     overwrite: bool,
@@ -32,7 +32,7 @@ pub fn write_new(
     if path.file_name().is_none() {
         return Err(SurfaceError::NotAFile { path: path.to_owned(), found: "a directory" });
     }
-    // Told before the work is done; `persist_noclobber` below tells again without a race.
+    // Checked before `f` does its work; `persist_noclobber` below checks again without a race.
     let target = match fs::metadata(path) {
         Ok(found) if !found.is_file() => {
             return Err(SurfaceError::NotAFile { path: path.to_owned(), found: kind_name(found.file_type()) });
@@ -43,6 +43,10 @@ pub fn write_new(
         Err(e) => return Err(io("open")(e)),
     };
     let directory = directory_of(&target);
+    if !directory.is_dir() {
+        let missing = io::Error::new(io::ErrorKind::NotFound, format!("there is no folder {}", directory.display()));
+        return Err(io("create")(missing));
+    }
 
     let mut builder = tempfile::Builder::new();
     builder.prefix(".spharm.").suffix(".tmp");

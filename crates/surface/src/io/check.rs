@@ -1,4 +1,4 @@
-//! What every surface and signal must satisfy, whichever format it came in or goes out in.
+//! Checks of every surface and signal that is read or written.
 
 use std::path::Path;
 
@@ -72,7 +72,7 @@ pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     }
 }
 
-/// Whether rounding to 32 bits keeps the numbers finite. Rounding itself is the formats' custom.
+/// Whether rounding to 32 bits keeps the numbers finite. Rounding itself is expected of these formats.
 pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: &FormatSpec) -> Result<(), SurfaceError> {
     let values = vertices.as_flattened();
     fits(path, values, 3, format)

@@ -1,10 +1,10 @@
-//! What a parser finds wrong, before the file's name is known to it.
+//! Errors of parsers, which don't know the file's name.
 
 use std::path::Path;
 
 use crate::error::SurfaceError;
 
-/// A parser's complaint. [`Flaw::at`] makes it an error that names the file.
+/// An error of a parser. [`Flaw::at`] adds the file's name.
 #[derive(Debug)]
 pub(super) enum Flaw {
     /// The bytes break the format's rules.

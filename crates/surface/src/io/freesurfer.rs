@@ -2,9 +2,9 @@
 //!
 //! A surface: magic FF FF FE, a line of comment, mostly an empty line, the counts of vertices and triangles (i32),
 //! positions (f32), triangles (i32), and then whatever the program added: the geometry of the volume, whose `c_ras`
-//! tells where the origin lies. That footer is kept byte for byte. Curv: magic FF FF FF, three counts, values (f32).
+//! is the position of the origin. That footer is kept byte for byte. Curv: magic FF FF FF, three counts, values (f32).
 //!
-//! neuroformats reads both too; it drops the footer and allocates what the header says, so these few lines are ours.
+//! neuroformats reads both too; it drops the footer and allocates what the header says, so it isn't used.
 
 use std::io::{self, Write};
 

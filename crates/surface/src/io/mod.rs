@@ -14,8 +14,7 @@
 //!
 //! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of them, [`check_output`] the check of an output's name.
 //!
-//! Files are taken as hostile: a count in a header is held against the bytes that are there before anything is
-//! allocated for it. A file is read whole: what it holds takes a few times its bytes in memory at most, and the
+//! A count in a header is compared with the bytes of the file before memory is allocated for it. A file is read whole: what it holds takes a few times its bytes in memory at most, and the
 //! expansion of compressed ones is bounded.
 
 mod atomic;
@@ -54,12 +53,12 @@ pub use ply::PlyAttributes;
 use spec::{Context, Writer};
 pub use spec::{FormatSpec, Precision};
 
-/// How to write.
+/// Options of writing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
     /// Replace a file that is there. Else its presence is an error.
     pub overwrite: bool,
-    /// Write 64-bit positions where the format has a choice (GIfTI, PLY), whose custom is 32 bits. Text formats always
+    /// Write 64-bit positions where the format has a choice (GIfTI, PLY), whose default is 32 bits. Text formats always
     /// carry every digit; FreeSurfer and STL have no room for more than 32 bits.
     pub double: bool,
 }
@@ -68,8 +67,11 @@ pub struct WriteOptions {
 ///
 /// # Errors
 ///
-/// Where the file isn't there, isn't a surface, is damaged, holds a coordinate that isn't finite or a triangle with
-/// an index out of range. Whether the surface is closed is [`Topology`](crate::topology::Topology)'s to say.
+/// [`Io`](SurfaceError::Io), [`NotAFile`](SurfaceError::NotAFile), [`NotAMesh`](SurfaceError::NotAMesh),
+/// [`VolumeInput`](SurfaceError::VolumeInput), [`UnknownFormat`](SurfaceError::UnknownFormat),
+/// [`Malformed`](SurfaceError::Malformed), [`Unsupported`](SurfaceError::Unsupported); for contents that make no surface
+/// [`Empty`](SurfaceError::Empty), [`NonFinite`](SurfaceError::NonFinite),
+/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`TooLarge`](SurfaceError::TooLarge). Whether the surface is closed is checked by [`Topology`](crate::topology::Topology).
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
     let path = path.as_ref();
     match read_input(path)? {

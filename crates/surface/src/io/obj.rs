@@ -1,6 +1,6 @@
 //! Wavefront OBJ: `v x y z`, `f a/b/c ...`; everything else (normals, texture, groups, materials) is passed over.
 //!
-//! tobj makes a model of each group, with vertices of its own, which loses the file's vertex order; hence ours.
+//! tobj makes a model of each group, with vertices of its own, which loses the file's vertex order and isn't used.
 
 use std::io::{self, Write};
 

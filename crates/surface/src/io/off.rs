@@ -1,7 +1,7 @@
 //! Geomview's OFF: a word, the counts, a line per vertex, a line per polygon. Colours and normals behind the
 //! positions are passed over.
 //!
-//! off-rs rounds positions to 32 bits; hence ours.
+//! off-rs rounds positions to 32 bits and isn't used.
 
 use std::io::{self, Write};
 

@@ -1,4 +1,4 @@
-//! What the table of formats says of each.
+//! Properties of a format, as the table of formats has them.
 
 use std::io::{self, Write};
 

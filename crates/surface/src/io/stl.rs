@@ -1,7 +1,7 @@
 //! STL, text and binary. It has no shared vertices: each triangle carries its corners, and corners with equal
 //! coordinates, to the bit, become one vertex, numbered as they first appear.
 //!
-//! stl_io takes binary files that start with "solid", as many do, for text; hence ours.
+//! stl_io takes binary files that start with "solid", as many do, for text and isn't used.
 
 use std::collections::HashMap;
 use std::io::{self, Write};

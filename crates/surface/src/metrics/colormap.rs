@@ -22,7 +22,7 @@ const VIRIDIS: [[u8; 3]; 17] = [
     [253, 231, 37],
 ];
 
-/// Red, green, blue (sRGB) for a value from 0 to 1; values beyond are taken as the nearer end, NaN is grey.
+/// Returns red, green and blue (sRGB) for a value from 0 to 1; values beyond are clamped, NaN is grey.
 #[must_use]
 pub fn viridis(value: f64) -> [u8; 3] {
     if value.is_nan() {
@@ -37,7 +37,7 @@ pub fn viridis(value: f64) -> [u8; 3] {
     })
 }
 
-/// [`viridis`] over `low..=high`; where these are equal, everything is at the low end.
+/// Returns [`viridis`] over `low..=high` for each value; where these are equal, all have the colour of the low end.
 #[must_use]
 pub fn colors(values: &[f64], low: f64, high: f64) -> Vec<[u8; 3]> {
     let span = if high > low { high - low } else { f64::INFINITY };

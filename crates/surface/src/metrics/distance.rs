@@ -1,16 +1,16 @@
-//! How far apart two surfaces are, whatever their triangles.
+//! Distance between two surfaces with any triangles.
 //!
-//! A reconstruction may be perfect at its vertices and wild between them, and surfaces of different meshes have no
-//! vertices that correspond. So points are spread over both surfaces and the distance d from each to the other surface
+//! A reconstruction may be exact at its vertices and oscillate between them, and different meshes have no corresponding
+//! vertices. So points are spread over both surfaces and the distance d from each to the other surface
 //! (not to its nearest vertex) is taken.
 //!
-//! # Where the points are
+//! # Sample points
 //!
 //! Each triangle is cut into n^2 congruent smaller ones with edges of about one length; their centroids are the points
 //! and their areas the weights, so that mean and root mean square are midpoint rules of the integrals over the surface.
 //! The vertices count for the largest distance, where peaks are. Nothing is random.
 //!
-//! # How much lies between them
+//! # Error bound
 //!
 //! d is 1-Lipschitz, and no point of a small triangle is further from its centroid than 2/3 of its longest edge. So the
 //! true Hausdorff distance is at least the one found and at most 2/3 of the longest such edge (`spacing`) above it,
@@ -27,13 +27,13 @@
 
 use rayon::prelude::*;
 
-use super::bounding_box_scale;
+use super::vertexwise::bounding_box_scale;
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, dot, face_normal, scale, sub};
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// How densely to sample.
+/// Sampling density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfaceDistanceParams {
     /// About how many points on each surface, beside its vertices. Each triangle gets at least one; long thin ones get

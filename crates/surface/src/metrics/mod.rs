@@ -1,114 +1,11 @@
-//! How far a reconstruction is from its surface.
+//! Distances between a surface and its reconstruction.
 
 mod colormap;
 mod distance;
 mod pointwise;
+mod vertexwise;
 
 pub use colormap::{colors, viridis};
 pub use distance::{Directed, SurfaceDistance, SurfaceDistanceParams, surface_distance};
 pub use pointwise::{correspond, distances_to_surface, vertex_distances};
-
-use crate::error::SurfaceError;
-use crate::geometry::{Vec3, bounds, dot, sub};
-use crate::mesh::Mesh;
-use crate::topology::different_triangles;
-
-/// Distances between a surface and its reconstruction, vertex by vertex.
-///
-/// `msd` and `xsd` are Shen and Chung's (3DPVT 2006, section 4.2): mean and maximum of the squared distances once the
-/// surface is scaled so that its axis-aligned bounding box has volume 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct Distances {
-    /// Mean squared distance, bounding-box volume 1.
-    pub msd: f64,
-    /// Maximal squared distance, bounding-box volume 1.
-    pub xsd: f64,
-    /// Mean squared distance, in squared units of the coordinates (mm^2).
-    pub msd_raw: f64,
-    /// Maximal squared distance, in squared units of the coordinates (mm^2).
-    pub xsd_raw: f64,
-    /// The vertex where the maximum is.
-    pub worst_vertex: usize,
-    /// The original's [`bounding_box_scale`], in units of the coordinates.
-    pub scale: f64,
-}
-
-/// (dx dy dz)^(1/3) of the axis-aligned bounding box: coordinates divided by it have a box of volume 1.
-///
-/// # Errors
-///
-/// [`FlatBox`](SurfaceError::FlatBox) where the box has no volume, or none that is finite.
-pub fn bounding_box_scale(vertices: &[[f64; 3]]) -> Result<f64, SurfaceError> {
-    let (low, high) = bounds(vertices.iter().copied());
-    let [x, y, z] = sub(high, low);
-    // Roots first: the product of three extents may leave the range of f64 where the scale doesn't.
-    let scale = x.cbrt() * y.cbrt() * z.cbrt();
-    if [x, y, z].iter().all(|&d| d > 0.0) && scale.is_finite() && scale > 0.0 {
-        Ok(scale)
-    } else {
-        Err(SurfaceError::FlatBox { x, y, z })
-    }
-}
-
-/// |original - reconstruction|^2 at each vertex, in squared units of the coordinates.
-///
-/// # Errors
-///
-/// [`LengthMismatch`](SurfaceError::LengthMismatch) where the numbers of vertices differ.
-pub fn squared_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> Result<Vec<f64>, SurfaceError> {
-    if original.len() != reconstruction.len() {
-        return Err(SurfaceError::LengthMismatch {
-            what: "vertices of the reconstruction",
-            expected: original.len(),
-            found: reconstruction.len(),
-        });
-    }
-    let squared = |(a, b): (&Vec3, &Vec3)| {
-        let d = sub(*a, *b);
-        dot(d, d)
-    };
-    Ok(original.iter().zip(reconstruction).map(squared).collect())
-}
-
-/// msd, xsd and where the worst vertex is, scaled by the original.
-///
-/// # Errors
-///
-/// Where the meshes don't have the same triangles over the same number of vertices, or the original is flat.
-pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, SurfaceError> {
-    if original.faces.len() != reconstruction.faces.len() {
-        return Err(SurfaceError::LengthMismatch {
-            what: "triangles of the reconstruction",
-            expected: original.faces.len(),
-            found: reconstruction.faces.len(),
-        });
-    }
-    // The same triangles in another order, or wound the other way, are the same topology.
-    let mut pairs = original.faces.iter().zip(&reconstruction.faces).enumerate();
-    if different_triangles(&original.faces, &reconstruction.faces) > 0
-        && let Some((face, (expected, found))) = pairs.find(|(_, (a, b))| a != b)
-    {
-        return Err(SurfaceError::TopologyDiffers { face, expected: *expected, found: *found });
-    }
-    let squared = squared_distances(&original.vertices, &reconstruction.vertices)?;
-    let scale = bounding_box_scale(&original.vertices)?;
-    Ok(summarise(&squared, scale))
-}
-
-/// Mean, maximum and its place. A NaN anywhere makes both NaN, lest a broken reconstruction pass for a good one.
-fn summarise(squared: &[f64], scale: f64) -> Distances {
-    let msd_raw = squared.iter().sum::<f64>() / squared.len() as f64;
-    let mut worst = (0, f64::NEG_INFINITY);
-    for (i, &d) in squared.iter().enumerate() {
-        if d.is_nan() {
-            worst = (i, d);
-            break;
-        }
-        if d > worst.1 {
-            worst = (i, d);
-        }
-    }
-    let (worst_vertex, xsd_raw) = worst;
-    Distances { msd: msd_raw / (scale * scale), xsd: xsd_raw / (scale * scale), msd_raw, xsd_raw, worst_vertex, scale }
-}
+pub use vertexwise::{Distances, bounding_box_scale, compare, squared_distances};

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::squared_distances;
+use super::vertexwise::squared_distances;
 use crate::error::SurfaceError;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;

@@ -1,7 +1,7 @@
-//! Whether a mesh is a closed surface of genus zero, and if not, why.
+//! Checks that a mesh is a closed surface of genus zero, with the reasons where it isn't.
 //!
 //! SPHARM describes surfaces that a sphere can be mapped onto one to one. [`Topology::of`] counts everything that could
-//! stand in the way; [`Topology::problems`] says it in sentences.
+//! prevent that; [`Topology::problems`] describes it in sentences.
 //!
 //! Two passes, O(vertices + faces) and a sort of coordinates: half-edges go into one bucket per smaller vertex
 //! (a counting sort), where the few that meet an edge lie together, and corners that share an edge are joined
@@ -15,7 +15,7 @@ use crate::geometry::{cross, dot, sub};
 use crate::mesh::Mesh;
 use union_find::UnionFind;
 
-/// The counts that tell what kind of surface a mesh is.
+/// Counts that determine the topology of a mesh.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Topology {
@@ -48,7 +48,7 @@ pub struct Topology {
 }
 
 impl Topology {
-    /// Counts. Never fails on a mesh that was read by this crate.
+    /// Counts everything. A mesh that this crate has read never panics.
     ///
     /// # Panics
     ///
@@ -94,13 +94,13 @@ impl Topology {
         }
     }
 
-    /// Whether this is one closed, orientable, consistently wound surface of genus zero with no vertex left over.
+    /// Returns whether this is one closed, orientable, consistently wound surface of genus zero with no vertex left over.
     #[must_use]
     pub fn is_sphere(&self) -> bool {
         self.genus() == Some(0) && self.unreferenced_vertices == 0
     }
 
-    /// The number of handles; `None` unless the mesh is one closed, consistently wound manifold.
+    /// Returns the number of handles; `None` unless the mesh is one closed, consistently wound manifold.
     #[must_use]
     pub fn genus(&self) -> Option<i64> {
         let closed = self.faces > 0
@@ -115,7 +115,7 @@ impl Topology {
         closed.then_some((2 - self.euler_characteristic) / 2)
     }
 
-    /// What keeps the mesh from being a closed surface of genus zero, a sentence each; empty when nothing does.
+    /// Returns the reasons why the mesh isn't a closed surface of genus zero, a sentence each; empty when it is.
     #[must_use]
     pub fn problems(&self) -> Vec<String> {
         let counted = |n: usize, one: &str, many: &str| match n {
@@ -172,7 +172,7 @@ impl Topology {
     }
 }
 
-/// How many triangles of one list the other doesn't have, whatever their order, first corner and winding.
+/// Returns how many triangles are in only one of two lists, whatever their order, first corner and winding.
 #[must_use]
 pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
     let sorted = |faces: &[[u32; 3]]| {
@@ -193,7 +193,7 @@ pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
     differ + (a.len() - i) + (b.len() - j)
 }
 
-/// The volume inside a closed surface, in cubed units of the coordinates: positive when its
+/// Returns the volume inside a closed surface, in cubed units of the coordinates: positive when its
 /// triangles wind counter-clockwise seen from outside.
 ///
 /// # Panics
@@ -214,7 +214,7 @@ pub fn signed_volume(mesh: &Mesh) -> f64 {
     six_volumes / 6.0
 }
 
-/// Whether a closed surface's triangles wind counter-clockwise seen from outside.
+/// Returns whether a closed surface's triangles wind counter-clockwise seen from outside.
 ///
 /// # Panics
 ///

@@ -3,7 +3,7 @@
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
 use spharm_surface::generate::{Cortex, cortex, icosphere, subdivide_sphere};
-use spharm_surface::sphere_locator::SphereLocator;
+use spharm_surface::locator::SphereLocator;
 use spharm_surface::{Mesh, SurfaceError};
 
 fn array(vertices: &[[f64; 3]]) -> ArrayView2<'_, f64> {

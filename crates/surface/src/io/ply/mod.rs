@@ -1,7 +1,7 @@
 //! Stanford PLY: a text header that names elements and their properties, then text or binary data.
 //!
 //! `header` parses the header, `body` reads vertices and polygons and steps over the rest. ply-rs-bw keeps a map for
-//! each element and grows without bound on elements that have no properties; hence ours.
+//! each element and grows without bound on elements that have no properties and isn't used.
 
 mod body;
 mod header;

@@ -1,4 +1,4 @@
-//! Which triangle of a sphere a direction meets, and values interpolated there.
+//! Finds the triangle of a sphere that a direction meets, and interpolates values there.
 //!
 //! A surface over its sphere is a function on the sphere, known at the sphere's vertices. [`SphereLocator`] gives it
 //! everywhere: the triangle with corners a, b, c that the ray along a direction d meets, and the point's weights there,
@@ -39,7 +39,7 @@ use crate::mesh::Mesh;
 /// How far outside of all triangles a direction may be, in radians.
 pub const TOLERANCE: f64 = 1e-9;
 
-/// Where a direction meets a sphere's triangles.
+/// The point where a direction meets a sphere's triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// The triangle, counted from 0.
@@ -48,7 +48,7 @@ pub struct Place {
     pub barycentric: [f64; 3],
 }
 
-/// A sphere's triangles, made ready to be asked which of them a direction meets.
+/// A search tree over a sphere's triangles.
 pub struct SphereLocator {
     tree: Bvh,
     /// Unit vectors, counter-clockwise seen from outside but for flipped triangles.
@@ -61,7 +61,7 @@ pub struct SphereLocator {
 }
 
 impl SphereLocator {
-    /// For a sphere around the origin, of any radius, wound either way. O(n log n).
+    /// Builds the tree for a sphere around the origin, of any radius, wound either way. O(n log n).
     ///
     /// # Errors
     ///
@@ -97,20 +97,19 @@ impl SphereLocator {
         Ok(Self { tree, corners, inward, faces: sphere.faces.clone(), vertices, flipped })
     }
 
-    /// How many triangles are turned over against the others, or have no area: 0 for a parameterisation that is one to
-    /// one.
+    /// Returns how many triangles are wound against the others or have no area: 0 for a one-to-one parameterisation.
     #[must_use]
     pub fn flipped(&self) -> usize {
         self.flipped
     }
 
-    /// The sphere's number of vertices.
+    /// Returns the sphere's number of vertices.
     #[must_use]
     pub fn vertices(&self) -> usize {
         self.vertices
     }
 
-    /// The vertices whose values the weights of a [`Place`] belong to.
+    /// Returns the vertices whose values the weights of a [`Place`] belong to.
     ///
     /// # Panics
     ///
@@ -120,7 +119,7 @@ impl SphereLocator {
         self.faces[place.triangle as usize]
     }
 
-    /// The triangle that a unit vector meets; `None` where there is none.
+    /// Returns the triangle that a unit vector meets; `None` where there is none.
     #[must_use]
     pub fn locate(&self, direction: [f64; 3]) -> Option<Place> {
         let inside = self.candidates(direction, 0.0).filter(|&t| contains(&self.corners[t as usize], direction)).min();
@@ -132,7 +131,7 @@ impl SphereLocator {
         Some(Place { triangle, barycentric })
     }
 
-    /// [`locate`](Self::locate) for many, in parallel. (m) places.
+    /// Locates many unit vectors in parallel; see [`locate`](Self::locate).
     ///
     /// # Errors
     ///
@@ -147,7 +146,7 @@ impl SphereLocator {
         Err(SurfaceError::NotCovered { missed, directions: directions.len(), first, flipped: self.flipped })
     }
 
-    /// Values on the sphere's vertices, (n, c), interpolated at unit vectors: (m, c).
+    /// Interpolates values on the sphere's vertices, (n, c), at unit vectors: (m, c).
     ///
     /// # Errors
     ///
