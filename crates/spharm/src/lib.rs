@@ -60,6 +60,11 @@
 //!
 //! The crates below are re-exported: [`io`] and [`generate`] of `spharm-surface`, the methods of `spharm-parametrize`.
 
+/// The README's Rust code, compiled with the documentation's tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+pub struct Readme;
+
 pub mod assess;
 pub mod defaults;
 mod error;
