@@ -67,7 +67,7 @@ impl Console {
             return Progress { bar: None, lines: Some(lines) };
         }
         let template = match (unit, total) {
-            (_, 0) => "{prefix} {spinner} {msg}".to_owned(),
+            (_, 0) => "{prefix} {spinner} {elapsed} {msg}".to_owned(),
             (Unit::Bytes, _) => {
                 "{prefix} [{bar:30}] {bytes}/{total_bytes}, {binary_bytes_per_sec}{forecast} {msg}".to_owned()
             }
@@ -82,6 +82,10 @@ impl Console {
         let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
         bar.set_style(style.progress_chars("=> "));
         bar.set_prefix(label.to_owned());
+        if total == 0 {
+            // Nothing else would show that it is at work.
+            bar.enable_steady_tick(Duration::from_millis(200));
+        }
         Progress { bar: Some(bar), lines: None }
     }
 }
