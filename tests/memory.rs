@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::LazyLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use crate::common::{succeed, tool};
@@ -25,11 +26,14 @@ static STUDY: LazyLock<PathBuf> = LazyLock::new(|| {
 });
 
 fn fit(wrapper: &[String]) -> Command {
+    static NEXT: AtomicUsize = AtomicUsize::new(0);
+    // Tests run side by side, and one must not find another's output.
+    let name = format!("{}-{}.npz", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
     let arguments = [
         ("--store", STUDY.join("store")),
         ("--sphere", STUDY.join("sphere.surf.gii")),
         ("--surface", STUDY.join("s.surf.gii")),
-        ("--output", STUDY.join(format!("{}.npz", std::process::id()))),
+        ("--output", STUDY.join(name)),
     ];
     let tool = tool("fit");
     let mut command = match wrapper {

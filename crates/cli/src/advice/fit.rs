@@ -18,7 +18,7 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
             needed.div_ceil(1 << 20)
         )),
         Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
-        Error::Limit { .. } => Some("fewer --threads take less".to_owned()),
+        Error::Limit { .. } => Some("--threads N sets their number".to_owned()),
         Error::NotConverged(_) => Some("without --strict that is a warning".to_owned()),
         _ => None,
     }
