@@ -24,7 +24,7 @@
 //! | [`basis`] | basis files: building them, opening a scheme, reading chunks |
 //! | [`factor`] | the Cholesky factor of a scheme's normal equations, beside its basis |
 //! | [`catalog`] | what is in a store; verifying it, removing leftovers |
-//! | [`format`] | versions and limits of the format |
+//! | [`mod@format`] | versions and limits of the format |
 //! | `container` | what basis files and factors share: header frame, table, footer, checks, publishing |
 //! | `folder`, `temporary` | folders of schemes, locks, disk space; temporary files |
 //! | `source`, `map` | open files, and windows on them that survive a file that shrinks |
