@@ -11,7 +11,7 @@ use spharm::{Fit, ManyReport, Sphere, Target, fit_many};
 use spharm_cli::inputs::{read_sphere, read_target};
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, print};
+use spharm_cli::output::{OutputFile, check_outputs};
 use spharm_cli::surfaces::SurfaceReader;
 
 pub(crate) use self::args::Cli;
@@ -27,7 +27,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = call.started.elapsed().as_secs_f64();
     let items = items(cli, &params, sphere.as_ref(), &monitor)?;
     if items.is_empty() {
-        return print("nothing to do: every output exists");
+        // A report is written all the same: workflows wait for it.
+        return call.finish(Vec::new(), Vec::new(), [started, 0.0]);
     }
     cli.resources.threads.pool()?.install(|| match &sphere {
         Some(sphere) => {

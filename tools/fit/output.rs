@@ -128,6 +128,9 @@ impl<'a> Call<'a> {
         if self.cli.output.json {
             return print_json(&report);
         }
+        if surfaces.is_empty() {
+            return print("nothing to do: every output exists");
+        }
         let mut head = vec!["model", "msd", "xsd", "rms", "max", "between", "file"];
         if self.params.hold_out.is_some() {
             head.insert(6, "msd held out");

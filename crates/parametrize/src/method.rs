@@ -110,11 +110,4 @@ impl Method {
             }
         }
     }
-
-    /// Whether the map is of a surface other than the given mesh, so that a program has to write the surface next to the
-    /// sphere.
-    #[must_use]
-    pub fn makes_surface(&self) -> bool {
-        matches!(self, Self::Deform { .. } | Self::EqualArea(_))
-    }
 }
