@@ -1,7 +1,7 @@
 //! Models as NumPy archives.
 
 use std::io::{self, Read, Seek, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, Directions};
@@ -101,6 +101,8 @@ impl<R: Read + Seek> Archive<'_, R> {
         let mut sphere = self.sphere()?;
         if let Some(sphere) = &mut sphere {
             sphere.anatomical_structure.clone_from(&provenance.anatomical_structure_primary);
+            sphere.path = provenance.sphere.as_ref().map(PathBuf::from);
+            sphere.parametrized = provenance.parametrized;
         }
         let model = Model {
             coefficients,

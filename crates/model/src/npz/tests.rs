@@ -55,6 +55,15 @@ fn what_is_written_is_read_and_the_bytes_are_the_same_each_time() {
     model().write_with(&path, true).unwrap();
 }
 
+/// A fit over a sphere that was made for its surface is smoothed by default, also where the sphere comes from a model.
+#[test]
+fn a_sphere_is_known_again_as_one_made_for_its_surface() {
+    let Model { sphere, coefficients, .. } = model();
+    let sphere = Sphere { path: Some("a.sphere.gii".into()), parametrized: true, ..sphere.unwrap() };
+    let model = Model::new(sphere, coefficients, Kind::Surface);
+    assert_eq!(read_bytes(&bytes_of(&model)).unwrap().sphere, model.sphere);
+}
+
 #[test]
 fn a_damaged_model_is_an_error_at_any_length() {
     let bytes = bytes_of(&model());
