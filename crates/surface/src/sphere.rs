@@ -8,7 +8,7 @@ use spharm_harmonics::Directions;
 use crate::error::SurfaceError;
 use crate::generate::icosphere;
 use crate::geometry::{solid_angle, winding_number};
-use crate::io::{read_mesh, read_signal};
+use crate::io::{name_without_gz, read_mesh, read_signal};
 use crate::mesh::Mesh;
 use crate::topology::Topology;
 
@@ -173,8 +173,8 @@ impl Sphere {
     }
 }
 
-/// Reads a sphere: a mesh of any supported format and any radius, centred at the origin, or a table (`.csv`, `.tsv`) of
-/// colatitude and azimuth in radians, a row a direction.
+/// Reads a sphere: a mesh of any supported format and any radius, centred at the origin, or a table (`.csv`, `.tsv`, also
+/// gzipped) of colatitude and azimuth in radians, a row a direction.
 ///
 /// # Errors
 ///
@@ -182,8 +182,8 @@ impl Sphere {
 /// [`Colatitude`](SurfaceError::Colatitude).
 pub fn read_sphere(path: impl AsRef<Path>) -> Result<Sphere, SurfaceError> {
     let path = path.as_ref();
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let sphere = if matches!(extension.as_str(), "csv" | "tsv") {
+    let name = name_without_gz(path);
+    let sphere = if name.ends_with(".csv") || name.ends_with(".tsv") {
         Sphere::from_directions(read_angles(path)?)
     } else {
         Sphere::check(&read_mesh(path)?, path)?

@@ -274,7 +274,7 @@ fn lower_name(path: &Path) -> String {
 }
 
 /// A file's name in lower case, without the ending of gzip.
-pub(super) fn name_without_gz(path: &Path) -> String {
+pub(crate) fn name_without_gz(path: &Path) -> String {
     let name = lower_name(path);
     name.strip_suffix(".gz").unwrap_or(&name).to_owned()
 }

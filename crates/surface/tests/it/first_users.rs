@@ -8,7 +8,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::{WriteOptions, read_input, read_mesh, read_signal, write_mesh, write_signal};
-use spharm_surface::{Mesh, Signal, SurfaceError, VolumeGeometry};
+use spharm_surface::{Mesh, Signal, SurfaceError, VolumeGeometry, read_sphere};
 
 use crate::fixtures;
 
@@ -30,6 +30,14 @@ fn every_format_is_read_gzipped() {
         fs::write(&packed, gzipped(&fs::read(&path).unwrap())).unwrap();
         assert_eq!(read_input(&packed).unwrap(), read_input(&path).unwrap(), "{name}");
     }
+}
+
+#[test]
+fn a_table_of_angles_is_a_sphere_also_gzipped() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("angles.CSV.gz");
+    fs::write(&path, gzipped(b"0.5,1\n1.5,2\n2.5,3\n")).unwrap();
+    assert_eq!(read_sphere(&path).unwrap().directions.len(), 3);
 }
 
 #[test]
