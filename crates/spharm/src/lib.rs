@@ -22,7 +22,7 @@
 //! ```
 //!
 //! The program `spharm fit` makes the same calls, so that the coefficients are the same, bit for bit, at the same number of
-//! threads.
+//! threads and the same memory budget.
 //!
 //! # The way of the data
 //!
