@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use serde_json::Value;
-use spharm_surface::Mesh;
+use spharm_surface::{Mesh, Signal};
 use spharm_surface::generate::{icosphere, subdivide};
-use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal};
 use spharm_surface::topology::Topology;
 
 use crate::common::{fail, succeed, tool};
@@ -115,6 +115,24 @@ fn each_label_of_a_volume_is_a_surface_to_fit() {
     assert!(error.contains("label 1, not of") && error.contains("label 5"), "{error}");
     succeed(fit(&["--label", "5"]).args(["--name-template", "{stem}_{label}"]));
     assert!(path("out/cells_5.spharm.npz").exists());
+}
+
+/// Row 15 of what first-time users ran into: maps over a surface in a volume's format.
+#[test]
+fn a_map_over_a_surface_is_fitted_on_its_sphere() {
+    let folder = tempfile::tempdir().unwrap();
+    let [map, sphere] = ["lh.thickness.mgz", "sphere.ply"].map(|name| folder.path().join(name));
+    let thickness = (0..642).map(|vertex| 2.5 + 0.01 * f64::from(vertex % 7)).collect();
+    write_signal(&map, &Signal::new(thickness, 642, 1), &WriteOptions::default()).unwrap();
+    write_mesh(&sphere, &icosphere(3), &WriteOptions::default()).unwrap();
+    let fit = || {
+        let mut fit = tool("fit");
+        fit.arg("--surface").arg(&map).args(["--max-degree", "4", "-o"]).arg(folder.path());
+        fit
+    };
+    let error = fail(&mut fit());
+    assert!(error.contains("642 vertices") && error.contains("--sphere"), "{error}");
+    succeed(fit().arg("--sphere").arg(&sphere));
 }
 
 #[test]

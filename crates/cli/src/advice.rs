@@ -121,6 +121,9 @@ fn of_solver(error: &SolverError) -> Option<String> {
 fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     match error {
         ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs it".to_owned()),
+        ParametrizeError::VertexMap { .. } => {
+            Some("fit takes it together with the --sphere that its vertices are on".to_owned())
+        }
         ParametrizeError::NoLabel { .. } => Some("--label N takes one of them".to_owned()),
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply are such formats".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),

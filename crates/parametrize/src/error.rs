@@ -66,6 +66,15 @@ pub enum ParametrizeError {
         found: String,
     },
 
+    /// A file of the format of a volume that holds a map: values on the vertices of a surface.
+    #[error("{}: values on {vertices} vertices, no volume of labels", path.display())]
+    VertexMap {
+        /// The file.
+        path: PathBuf,
+        /// Number of vertices: the one size that isn't 1.
+        vertices: usize,
+    },
+
     /// The volume doesn't have the label, or has several, of which none was chosen.
     #[error(
         "{}: {}; the labels there are: {there}; choose one of them",

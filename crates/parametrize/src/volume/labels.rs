@@ -14,7 +14,8 @@ use crate::error::ParametrizeError;
 
 /// Whether a path has the name of a volume: `.nii`, `.nii.gz`, `.mgh` or `.mgz`.
 ///
-/// FreeSurfer keeps maps over surfaces in `.mgh` and `.mgz` files, too; which of the two a file is, its sizes show.
+/// FreeSurfer keeps maps over surfaces in `.mgh` and `.mgz` files, too; which of the two a file is, its sizes show, and
+/// [`LabelVolume::read`] refuses a map.
 #[must_use]
 pub fn is_volume(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
@@ -50,8 +51,9 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// [`Io`](ParametrizeError::Io); [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, that is
-    /// shorter than its header says, or has more than three dimensions or values that aren't whole numbers;
+    /// [`Io`](ParametrizeError::Io); [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on
+    /// vertices; [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, that is shorter than its header
+    /// says, or has more than three dimensions or values that aren't whole numbers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let path = path.as_ref();

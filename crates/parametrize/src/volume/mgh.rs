@@ -23,6 +23,11 @@ use crate::error::ParametrizeError;
 /// Bytes of the header.
 const HEADER: usize = 284;
 
+/// The number of sizes that are 1.
+fn ones(sizes: [i32; 3]) -> usize {
+    sizes.iter().filter(|&&n| n == 1).count()
+}
+
 /// Parses a stream that holds at most `most` bytes.
 pub(super) fn parse(
     path: &Path,
@@ -40,6 +45,10 @@ pub(super) fn parse(
         return Err(not_mgh(format!("version {}", int(0))));
     }
     let dims = [4, 8, 12].map(int);
+    // A map over a surface, which has more vertices than a volume has voxels in a row, and often several frames.
+    if let (Ok(vertices @ 2..), 2) = (usize::try_from(dims[0].max(dims[1]).max(dims[2])), ones(dims)) {
+        return Err(ParametrizeError::VertexMap { path: path.to_owned(), vertices });
+    }
     let [Ok(x), Ok(y), Ok(z)] = dims.map(u16::try_from) else {
         return Err(not_mgh(format!("{dims:?} voxels")));
     };

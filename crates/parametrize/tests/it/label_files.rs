@@ -130,6 +130,10 @@ fn freesurfer_volumes_are_read_and_distrusted() {
     }
     let error = read("huge.mgz", &gzip(&mgh([65535; 3], &[0]))).unwrap_err().to_string();
     assert!(error.contains("can't hold"), "{error}");
+    for size in [[163_842, 1, 1], [1, 1, 12]] {
+        let error = read("lh.thickness.mgz", &gzip(&mgh(size, &[0; 12]))).unwrap_err();
+        assert!(matches!(error, ParametrizeError::VertexMap { vertices: 163_842 | 12, .. }), "{error}");
+    }
     let mut frames = plain.clone();
     frames[19] = 2;
     assert!(read("f.mgh", &frames).unwrap_err().to_string().contains("2 frames"));
