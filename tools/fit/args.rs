@@ -155,7 +155,7 @@ pub(super) struct Output {
     /// Names of the models
     ///
     /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume, {parent} the
-    /// folder that it is in, {parent2} the one above.
+    /// folder that it is in, {parent2} the one above, links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
     /// Also write the paper's complex coefficients, NAME.spharm.csv

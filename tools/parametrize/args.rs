@@ -81,7 +81,7 @@ pub(crate) struct Cli {
     /// Names of several outputs
     ///
     /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume, {parent} the
-    /// folder that it is in, {parent2} the one above.
+    /// folder that it is in, {parent2} the one above, links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
     /// Write a report to a JSON file

@@ -14,8 +14,8 @@ use crate::inputs::stem;
 const DEEPEST: usize = 9;
 
 /// A name with placeholders: `{stem}` is the input's name without folder and format, `{parent}` the folder that it is in,
-/// `{parent2}` the folder above that, and so on. `{label}` is a volume's label; a template without it gets `.{label}` at its end for
-/// volumes.
+/// `{parent2}` the folder above that, and so on, links resolved. `{label}` is a volume's label; a template without it gets
+/// `.{label}` at its end for volumes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NameTemplate(Vec<Part>);
 
@@ -58,7 +58,7 @@ impl FromStr for NameTemplate {
         if parts.iter().any(separators) {
             return Err("a name has no folders; give those with --output".to_owned());
         }
-        if !parts.contains(&Part::Stem) && !parts.iter().any(|part| matches!(part, Part::Parent(_))) {
+        if parts.iter().all(|part| matches!(part, Part::Text(_))) {
             return Err("expected a placeholder, such as {stem}: without one every input has the same name".to_owned());
         }
         Ok(Self(parts))
@@ -81,8 +81,7 @@ impl NameTemplate {
     /// Returns the name of an input, and of its label if it is a volume; a folder that it doesn't have is left empty.
     #[must_use]
     pub fn name(&self, input: &Path, label: Option<i64>) -> String {
-        // A path relative to the current folder lies in that folder all the same.
-        let input = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
+        let input = in_its_folder(input);
         let folder = |level: usize| {
             let folder = input.ancestors().nth(level).and_then(Path::file_name);
             folder.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
@@ -102,8 +101,13 @@ impl NameTemplate {
     ///
     /// # Errors
     ///
-    /// When two inputs would share a file; says which template tells them apart.
+    /// When two inputs would share a file; says which template tells them apart. When the template has `{label}` alone and an
+    /// input has none.
     pub fn outputs(&self, inputs: &[(PathBuf, Option<i64>)], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
+        let of_input = self.0.iter().any(|part| matches!(part, Part::Stem | Part::Parent(_)));
+        if let (false, Some((input, _))) = (of_input, inputs.iter().find(|(_, label)| label.is_none())) {
+            bail!("{}: --name-template '{self}' names labels of volumes, and this isn't one", input.display());
+        }
         let output = |(input, label): &(PathBuf, _)| folder.join(format!("{}{ending}", self.name(input, *label)));
         let outputs: Vec<PathBuf> = inputs.iter().map(output).collect();
         let mut order: Vec<usize> = (0..inputs.len()).collect();
@@ -135,6 +139,17 @@ impl NameTemplate {
             names.windows(2).all(|pair| pair[0] != pair[1])
         };
         one.chain(two).map(template).find(distinguishes)
+    }
+}
+
+/// Returns a file's path with the folders that it lies in, however the path leads there; the file's own name stays. Of
+/// folders that aren't there, the path as it is.
+fn in_its_folder(input: &Path) -> PathBuf {
+    let absolute = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
+    let folder = absolute.parent().and_then(|folder| folder.canonicalize().ok());
+    match (folder, absolute.file_name()) {
+        (Some(folder), Some(name)) => folder.join(name),
+        _ => absolute,
     }
 }
 
@@ -192,6 +207,21 @@ mod tests {
             |template: &str| template.parse::<NameTemplate>().unwrap().name(Path::new("/d/cells.nii.gz"), Some(-3));
         assert_eq!(name("{stem}"), "cells.-3");
         assert_eq!(name("cell{label}_of_{stem}"), "cell-3_of_cells");
+        assert_eq!(name("cell{label}"), "cell-3");
+        let template: NameTemplate = "cell{label}".parse().unwrap();
+        let error = template.outputs(&[("a.ply".into(), None)], Path::new(""), ".npz").unwrap_err();
+        assert!(error.to_string().contains("a.ply") && error.to_string().contains("'cell{label}'"), "{error}");
+    }
+
+    #[test]
+    fn a_name_is_the_same_however_the_path_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let subject = folder.path().canonicalize().unwrap().join("sub-01");
+        [subject.join("mri"), subject.join("surf")].iter().for_each(|folder| std::fs::create_dir_all(folder).unwrap());
+        for path in ["surf/lh.pial", "mri/../surf/lh.pial", "mri/.././surf/../surf/lh.pial"] {
+            let path = subject.join(path);
+            assert_eq!(name("{parent2}.{stem}", path.to_str().unwrap()), "sub-01.lh.pial", "{}", path.display());
+        }
     }
 
     #[test]
