@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use serde_json::Value;
+use spharm_cli::surfaces::{Labels, SurfaceReader};
+use spharm_monitor::Silent;
 use spharm_surface::{Mesh, Signal};
 use spharm_surface::generate::{icosphere, subdivide};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal};
@@ -117,6 +119,18 @@ fn each_label_of_a_volume_is_a_surface_to_fit() {
     assert!(path("out/cells_5.spharm.npz").exists());
 }
 
+#[test]
+fn a_volume_is_read_once_for_its_labels_and_their_surfaces() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cells.nii");
+    write_volume(&path, |at| u8::from(ball(at)));
+    let mut reader = SurfaceReader::new(false);
+    let found = reader.surfaces(std::slice::from_ref(&path), Some(Labels::All), true, &Silent).unwrap();
+    assert_eq!(found, [(path.clone(), Some(1))]);
+    std::fs::remove_file(&path).unwrap();
+    reader.read(&path, Some(1), &Silent).unwrap();
+}
+
 /// Row 15 of what first-time users ran into: maps over a surface in a volume's format.
 #[test]
 fn a_map_over_a_surface_is_fitted_on_its_sphere() {
@@ -149,6 +163,9 @@ fn a_mesh_is_put_on_a_shared_sampling() {
         let hausdorff = report["distance"]["hausdorff"].as_f64().unwrap();
         assert!(surface.vertices.len() == 642 && hausdorff > 0.0 && hausdorff < 0.2, "{arguments:?}: {hausdorff}");
     }
+    let fit =
+        fail(tool("fit").arg("--surface").arg(&path).args(["--max-degree", "4", "--fix", "-o"]).arg(folder.path()));
+    assert!(fit.contains("for volumes"), "{fit}");
     // A sphere's file; and what doesn't go together.
     let shared = folder.path().join("shared.ply");
     write_mesh(&shared, &icosphere(2), &WriteOptions::default()).unwrap();

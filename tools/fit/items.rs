@@ -1,5 +1,7 @@
 //! Inputs and the outputs that belong to them; what would clash or overwrite is refused before any work.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::PathBuf;
 
 use anyhow::Result;
@@ -8,7 +10,7 @@ use spharm::rerun::{Decision, IfExists, Request};
 use spharm::{FileRecord, FitParams, Sphere};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
-use spharm_cli::surfaces::surfaces;
+use spharm_cli::surfaces::SurfaceReader;
 
 use super::args::Cli;
 
@@ -28,18 +30,24 @@ pub(super) fn items(
     cli: &Cli,
     params: &FitParams,
     sphere: Option<&Sphere>,
+    reader: &mut SurfaceReader,
     monitor: &ConsoleMonitor,
 ) -> Result<Vec<Item>> {
-    let inputs = surfaces(&cli.input.surface, cli.input.label, sphere.is_none(), monitor)?;
+    let inputs = reader.surfaces(&cli.input.surface, cli.input.label, sphere.is_none(), monitor)?;
     let outputs = model_files(cli.output.output.as_deref(), &cli.output.name_template, &inputs)?;
     let if_exists = match (cli.output.force, cli.output.skip_existing) {
         (true, _) => IfExists::Replace,
         (_, true) => IfExists::Skip,
         _ => IfExists::Refuse,
     };
-    let mut items = Vec::new();
+    let (mut items, mut records) = (Vec::new(), HashMap::new());
     for ((input, label), model) in inputs.into_iter().zip(outputs) {
-        let record = FileRecord { label, ..FileRecord::of(&input)? };
+        // A volume has many labels, and is hashed once.
+        let file = match records.entry(input.clone()) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => new.insert(FileRecord::of(&input)?),
+        };
+        let record = FileRecord { label, ..file.clone() };
         let files = ModelFiles { model };
         let beside = [
             cli.output.coefficients_csv.then(|| files.csv()),

@@ -25,7 +25,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs(cli.output.report.iter().map(|path| OutputFile::new(path, "--report")), cli.output.force)?;
     let sphere = cli.input.sphere.as_deref().map(|path| read_sphere(path, cli.input.strict, console)).transpose()?;
     let started = call.started.elapsed().as_secs_f64();
-    let items = items(cli, &params, sphere.as_ref(), &monitor)?;
+    let mut reader = SurfaceReader::new(cli.input.fix);
+    let items = items(cli, &params, sphere.as_ref(), &mut reader, &monitor)?;
     if items.is_empty() {
         // A report is written all the same: workflows wait for it.
         return call.finish(Vec::new(), Vec::new(), [started, 0.0]);
@@ -36,12 +37,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
             let (fitted, report) = fit_on(&call, sphere, &items, &read)?;
             call.finish(fitted, vec![report], [started, 0.0])
         }
-        None => each_on_its_own(&call, &items),
+        None => each_on_its_own(&call, &items, &mut reader),
     })
 }
 
 /// Maps each surface to a sphere of its own, which is written beside its model, and fits it there.
-fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
+fn each_on_its_own(call: &Call<'_>, items: &[Item], reader: &mut SurfaceReader) -> Result<()> {
     if items.len() > 1 {
         call.monitor.console().note(
             "each surface gets a sphere of its own, turned arbitrarily: coefficients of different models don't correspond; \
@@ -49,9 +50,8 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item]) -> Result<()> {
         );
     }
     let (mut fitted, mut reports, mut mapping) = (Vec::new(), Vec::new(), 0.0);
-    let mut reader = SurfaceReader::new(call.cli.input.fix);
     for item in items {
-        let found = map(call, item, &mut reader)?;
+        let found = map(call, item, reader)?;
         let mapped = Mapped { sphere: item.files.sphere(), report: found.map.report };
         mapping += mapped.report.seconds;
         let target = Target::from_mesh(&found.map.surface, &found.sphere)?;

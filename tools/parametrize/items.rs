@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use spharm_cli::inputs::stem;
 use spharm_cli::output::{OutputFile, check_outputs};
-use spharm_cli::surfaces::{Labels, surfaces};
+use spharm_cli::surfaces::{Labels, SurfaceReader};
 use spharm_parametrize::volume::is_volume;
 use spharm_surface::io::Output;
 
@@ -31,7 +31,7 @@ impl Item {
 }
 
 /// Returns the surfaces with their files; refuses what doesn't go together and what would be overwritten.
-pub(super) fn items(cli: &Cli, monitor: &dyn spharm::Monitor) -> Result<Vec<Item>> {
+pub(super) fn items(cli: &Cli, reader: &mut SurfaceReader, monitor: &dyn spharm::Monitor) -> Result<Vec<Item>> {
     let report = cli.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(report, cli.force)?;
     let file = cli.label != Some(Labels::All) && !cli.output.is_dir();
@@ -42,7 +42,7 @@ pub(super) fn items(cli: &Cli, monitor: &dyn spharm::Monitor) -> Result<Vec<Item
             single(cli, input, None)?;
         }
     }
-    let inputs = surfaces(&cli.surface, cli.label, true, monitor)?;
+    let inputs = reader.surfaces(&cli.surface, cli.label, true, monitor)?;
     inputs.iter().try_for_each(|(input, _)| check(cli, input))?;
     let items = match &inputs[..] {
         [(input, label)] if file && *input == cli.surface[0] => vec![single(cli, input, *label)?],
@@ -64,9 +64,6 @@ pub(super) fn items(cli: &Cli, monitor: &dyn spharm::Monitor) -> Result<Vec<Item
 /// Refuses arguments that don't go with an input.
 fn check(cli: &Cli, input: &Path) -> Result<()> {
     let volume = is_volume(input);
-    if !volume && (cli.label.is_some() || cli.fix) {
-        bail!("{}: --label and --fix are for volumes (.nii, .nii.gz, .mgh, .mgz)", input.display());
-    }
     let by_cald = !volume && !matches!(cli.method, MethodName::Conformal | MethodName::Stretch);
     if !by_cald && (cli.area.is_some() || cli.max_degree.is_some()) {
         bail!("--area and --max-degree are for meshes by --method cald, auto or deform");

@@ -8,11 +8,12 @@ use anyhow::{Context, Result};
 use spharm_cli::console::Console;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{prepare, print, print_json, write_json};
-use spharm_parametrize::volume::{LabelVolume, VolumeParams, VolumeSurface};
+use spharm_cli::surfaces::SurfaceReader;
+use spharm_parametrize::volume::VolumeSurface;
 use spharm_parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
 };
-use spharm_surface::io::{WriteOptions, read_mesh, to_write_mesh, write_mesh};
+use spharm_surface::io::{WriteOptions, to_write_mesh, write_mesh};
 
 pub(crate) use self::args::Cli;
 use self::args::MethodName;
@@ -23,11 +24,12 @@ use self::output::{Written, described};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let monitor = ConsoleMonitor::new(console);
-    let items = items(cli, &monitor)?;
+    let mut reader = SurfaceReader::new(cli.fix);
+    let items = items(cli, &mut reader, &monitor)?;
     let pool = cli.threads.pool()?;
-    let (mut written, mut volume) = (Vec::new(), None);
+    let mut written = Vec::new();
     for item in &items {
-        let one = pool.install(|| one(cli, item, &mut volume, &console, &monitor))?;
+        let one = pool.install(|| one(cli, item, &mut reader, &console, &monitor))?;
         if !cli.json {
             print(&one.table())?;
         }
@@ -46,15 +48,15 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
 }
 
-/// Maps one surface and writes its files. `volume` is the one that was read last: its labels come one after the other.
+/// Maps one surface and writes its files.
 fn one(
     cli: &Cli,
     item: &Item,
-    volume: &mut Option<LabelVolume>,
+    reader: &mut SurfaceReader,
     console: &Console,
     monitor: &ConsoleMonitor,
 ) -> Result<Written> {
-    let input = read(cli, item, volume, monitor).with_context(|| item.input.display().to_string())?;
+    let input = reader.read(&item.input, item.label, monitor).with_context(|| item.input.display().to_string())?;
     console.note(format_args!("{}: {}", item.input.display(), described(&input)));
     if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &input {
         console.warn(format_args!("{}: {repair}", item.name()));
@@ -75,18 +77,6 @@ fn one(
         }
     }
     Ok(Written::new(cli, item, &input, found))
-}
-
-fn read(cli: &Cli, item: &Item, volume: &mut Option<LabelVolume>, monitor: &ConsoleMonitor) -> Result<Input> {
-    if item.label.is_none() {
-        return Ok(Input::Mesh(read_mesh(&item.input)?));
-    }
-    let read_last = volume.take().filter(|volume| volume.path() == item.input);
-    let volume = volume.insert(match read_last {
-        Some(volume) => volume,
-        None => LabelVolume::read(&item.input, monitor)?,
-    });
-    Ok(Input::Label(volume.surface(&VolumeParams { label: item.label, fix: cli.fix }, monitor)?))
 }
 
 fn parametrize(cli: &Cli, input: &Input, monitor: &ConsoleMonitor) -> Result<Parametrization> {

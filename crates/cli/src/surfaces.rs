@@ -31,42 +31,7 @@ impl FromStr for Labels {
     }
 }
 
-/// Returns the surfaces that paths, lists and labels name: a file, or a file and a label of it. Without `labels` a volume
-/// has to have a single one. Where surfaces are not to be made of volumes, every file stands for itself.
-///
-/// # Errors
-///
-/// When a list or volume can't be read, a label isn't there, or `labels` are asked of a file that isn't a volume.
-pub fn surfaces(
-    paths: &[PathBuf],
-    labels: Option<Labels>,
-    of_volumes: bool,
-    monitor: &dyn Monitor,
-) -> Result<Vec<(PathBuf, Option<i64>)>> {
-    let mut surfaces = Vec::new();
-    for path in expand_lists(paths)? {
-        if path.is_dir() {
-            bail!("{}: is a folder: give its files or @LIST", path.display());
-        }
-        if !of_volumes || !is_volume(&path) {
-            if labels.is_some() {
-                bail!("{}: --label is for label volumes", path.display());
-            }
-            surfaces.push((path, None));
-            continue;
-        }
-        let volume = LabelVolume::read(&path, monitor)?;
-        let found: Vec<i64> = match labels {
-            Some(Labels::All) => volume.labels().into_keys().collect(),
-            Some(Labels::One(label)) => vec![volume.choose(Some(label))?],
-            None => vec![volume.choose(None)?],
-        };
-        surfaces.extend(found.into_iter().map(|label| (path.clone(), Some(label))));
-    }
-    Ok(surfaces)
-}
-
-/// Reads the surfaces that [`surfaces`] has found, a volume with several labels once.
+/// Finds and reads surfaces: meshes, and labels of volumes. A volume takes a while to read and is kept until the next one.
 #[derive(Debug)]
 pub struct SurfaceReader {
     fix: bool,
@@ -80,6 +45,43 @@ impl SurfaceReader {
         Self { fix, volume: None }
     }
 
+    /// Returns the surfaces that paths, lists and labels name: a file, or a file and a label of it. Without `labels` a volume
+    /// has to have a single one. Where surfaces are not to be made of volumes, every file stands for itself.
+    ///
+    /// # Errors
+    ///
+    /// When a list or volume can't be read, a label isn't there, or `labels` or a repair are asked of a file that isn't a
+    /// volume.
+    pub fn surfaces(
+        &mut self,
+        paths: &[PathBuf],
+        labels: Option<Labels>,
+        of_volumes: bool,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<(PathBuf, Option<i64>)>> {
+        let mut surfaces = Vec::new();
+        for path in expand_lists(paths)? {
+            if path.is_dir() {
+                bail!("{}: is a folder: give its files or @LIST", path.display());
+            }
+            if !of_volumes || !is_volume(&path) {
+                if labels.is_some() || self.fix {
+                    bail!("{}: --label and --fix are for volumes (.nii, .nii.gz, .mgh, .mgz)", path.display());
+                }
+                surfaces.push((path, None));
+                continue;
+            }
+            let volume = self.volume(&path, monitor)?;
+            let found: Vec<i64> = match labels {
+                Some(Labels::All) => volume.labels().into_keys().collect(),
+                Some(Labels::One(label)) => vec![volume.choose(Some(label))?],
+                None => vec![volume.choose(None)?],
+            };
+            surfaces.extend(found.into_iter().map(|label| (path.clone(), Some(label))));
+        }
+        Ok(surfaces)
+    }
+
     /// Reads a mesh, or the surface around a label.
     ///
     /// # Errors
@@ -89,11 +91,15 @@ impl SurfaceReader {
         if label.is_none() {
             return Ok(Input::Mesh(read_mesh(path)?));
         }
+        let params = VolumeParams { label, fix: self.fix };
+        Ok(Input::Label(self.volume(path, monitor)?.surface(&params, monitor)?))
+    }
+
+    fn volume(&mut self, path: &Path, monitor: &dyn Monitor) -> Result<&LabelVolume> {
         let volume = match self.volume.take().filter(|volume| volume.path() == path) {
             Some(volume) => volume,
             None => LabelVolume::read(path, monitor)?,
         };
-        let params = VolumeParams { label, fix: self.fix };
-        Ok(Input::Label(self.volume.insert(volume).surface(&params, monitor)?))
+        Ok(self.volume.insert(volume))
     }
 }

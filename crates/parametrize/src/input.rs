@@ -1,16 +1,15 @@
 //! Surfaces from files, and the samplings to put them on.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
-use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::read_mesh;
 
 use crate::error::ParametrizeError;
 use crate::method::Source;
-use crate::volume::{LabelVolume, VolumeParams, VolumeSurface, is_volume};
+use crate::volume::VolumeSurface;
 
 /// A surface from a file.
 // Few of these exist at a time.
@@ -21,25 +20,6 @@ pub enum Input {
     Mesh(Mesh),
     /// The surface around a label of a volume.
     Label(VolumeSurface),
-}
-
-impl Input {
-    /// Reads the surface around a label where the file's name is that of a volume ([`is_volume`]), else a mesh.
-    ///
-    /// # Errors
-    ///
-    /// Those of [`LabelVolume::read`], [`LabelVolume::surface`] and `spharm_surface::io::read_mesh`;
-    /// [`ParametrizeError::Argument`] where a label or a repair is asked for and the file isn't a volume.
-    pub fn read(path: &Path, params: &VolumeParams, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
-        if is_volume(path) {
-            return Ok(Self::Label(LabelVolume::read(path, monitor)?.surface(params, monitor)?));
-        }
-        if *params != VolumeParams::default() {
-            let found = format!("a mesh, {}", path.display());
-            return Err(ParametrizeError::Argument { what: "file with labels", expected: "a volume", found });
-        }
-        Ok(Self::Mesh(read_mesh(path)?))
-    }
 }
 
 impl<'a> From<&'a Input> for Source<'a> {
