@@ -65,9 +65,9 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
         bail!("{}: the model goes to degree {highest}, --max-degree {degree} is above it", item.model.display());
     }
     let named = || item.model.display().to_string();
-    let sphere = match (shared, &model.sphere) {
-        (Some(sphere), _) | (None, Some(sphere)) => sphere,
-        (None, None) => bail!("{}: this model has no sphere of its own; give --icosphere N or --sphere", named()),
+    let sphere = match shared {
+        Some(sphere) => sphere,
+        None => model.own_sphere().with_context(named)?,
     };
     let vertices = sphere.directions.len();
     check_memory(cli, vertices, console)?;

@@ -7,6 +7,7 @@ mod fit;
 
 use std::io;
 
+use spharm::{Error, ModelError};
 use spharm_parametrize::ParametrizeError;
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
@@ -21,9 +22,15 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
         let store = || cause.downcast_ref().and_then(of_store);
         let solver = || cause.downcast_ref().and_then(of_solver);
         let parametrize = || cause.downcast_ref().and_then(of_parametrize);
-        let fit = || cause.downcast_ref().and_then(fit::of_fit);
+        let fit = || {
+            cause.downcast_ref().and_then(|error| match error {
+                Error::Model(error) => of_model(error),
+                error => fit::of_fit(error),
+            })
+        };
+        let model = || cause.downcast_ref().and_then(of_model);
         let refusal = || cause.downcast_ref().map(fit::of_refusal);
-        surface.or_else(store).or_else(solver).or_else(parametrize).or_else(fit).or_else(refusal)
+        surface.or_else(store).or_else(solver).or_else(parametrize).or_else(fit).or_else(model).or_else(refusal)
     })
 }
 
@@ -128,6 +135,14 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply are such formats".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),
         ParametrizeError::Solver(error) => of_solver(error),
+        _ => None,
+    }
+}
+
+fn of_model(error: &ModelError) -> Option<String> {
+    match error {
+        ModelError::NoSphere => Some("--icosphere N or --sphere gives one".to_owned()),
+        ModelError::Surface(error) => of_surface(error),
         _ => None,
     }
 }

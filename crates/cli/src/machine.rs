@@ -4,8 +4,8 @@ use rustix::process::{Resource, getrlimit};
 use serde::Serialize;
 
 pub use spharm::Versions;
+pub use spharm::machine::available_memory;
 use spharm::machine::process_status;
-pub use spharm::machine::{available_memory, check_limits};
 
 /// Memory of this process in bytes; `None` where the system doesn't report it.
 #[derive(Debug, Clone, Copy, Serialize)]
