@@ -13,6 +13,7 @@ mod memory;
 mod paper;
 mod pipeline;
 mod readme;
+mod reruns;
 mod store;
 mod verbs;
 mod volumes;

@@ -13,7 +13,7 @@ use spharm_surface::topology::Topology;
 use crate::common::{fail, succeed, tool};
 
 /// A NIfTI-1 file of 16^3 voxels of 1 mm.
-fn write_volume(path: &Path, label: impl Fn([f64; 3]) -> u8) {
+pub(crate) fn write_volume(path: &Path, label: impl Fn([f64; 3]) -> u8) {
     let mut bytes = vec![0; 352];
     bytes[..4].copy_from_slice(&348_i32.to_le_bytes());
     for (k, n) in [3_i16, 16, 16, 16, 1, 1, 1, 1].into_iter().enumerate() {

@@ -5,7 +5,7 @@ use std::collections::hash_map::Entry;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use spharm::files::ModelFiles;
+use spharm::files::{ModelFiles, Replace};
 use spharm::rerun::{Decision, IfExists, Request};
 use spharm::{FileRecord, FitParams, Sphere};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -20,8 +20,8 @@ pub(super) struct Item {
     pub(super) files: ModelFiles,
     /// What the input is, for the model to record.
     pub(super) record: FileRecord,
-    /// Whether outputs that exist are replaced.
-    pub(super) replace: bool,
+    /// Which outputs that exist are replaced.
+    pub(super) replace: Replace,
 }
 
 /// Inputs and outputs; refuses before any work what would clash or overwrite. `sphere` is the one that the surfaces

@@ -7,7 +7,7 @@ mod settings;
 
 use anyhow::{Context, Result};
 use spharm::parametrize::Parametrized;
-use spharm::{Fit, ManyReport, Sphere, Target, fit_many};
+use spharm::{Fit, ManyReport, Sphere, Target, files, fit_many};
 use spharm_cli::inputs::{read_sphere, read_target};
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
@@ -52,12 +52,9 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item], reader: &mut SurfaceReader) 
     let (mut fitted, mut reports, mut mapping) = (Vec::new(), Vec::new(), 0.0);
     for item in items {
         let found = map(call, item, reader)?;
-        let mapped = Mapped { sphere: item.files.sphere(), report: found.map.report };
+        let mapped = Mapped { sphere: item.files.sphere(), report: found.parametrized.map.report.clone() };
         mapping += mapped.report.seconds;
-        let target = Target::from_mesh(&found.map.surface, &found.sphere)?;
-        // A sphere without its model would stand in the way of the next attempt.
-        let fits = fit_on(call, &found.sphere, std::slice::from_ref(item), &|_| Ok(target.clone()));
-        let (mut one, report) = fits.inspect_err(|_| drop(std::fs::remove_file(&mapped.sphere)))?;
+        let (mut one, report) = fit_mapped(call, item, &found.parametrized).inspect_err(|_| found.remove())?;
         one.iter_mut().for_each(|fitted| fitted.parametrization = Some(mapped.clone()));
         fitted.extend(one);
         reports.push(report);
@@ -65,16 +62,21 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item], reader: &mut SurfaceReader) 
     call.finish(fitted, reports, [0.0, mapping])
 }
 
+fn fit_mapped(call: &Call<'_>, item: &Item, found: &Parametrized) -> Result<(Vec<Fitted>, ManyReport)> {
+    let target = Target::from_mesh(&found.map.surface, &found.sphere)?;
+    fit_on(call, &found.sphere, std::slice::from_ref(item), &|_| Ok(target.clone()))
+}
+
 /// Maps one surface to the sphere.
-fn map(call: &Call<'_>, item: &Item, reader: &mut SurfaceReader) -> Result<Parametrized> {
+fn map(call: &Call<'_>, item: &Item, reader: &mut SurfaceReader) -> Result<files::Mapped> {
     let input = item.input.display();
     let surface = reader.read(&item.input, item.record.label, call.monitor)?;
     let reuse = call.cli.output.skip_existing;
-    let found = item.files.map(&surface, call.params, reuse, item.replace, call.monitor);
-    let (found, reused) = found.with_context(|| input.to_string())?;
-    let (report, path, console) = (&found.map.report, item.files.sphere(), call.monitor.console());
+    let found = item.files.map(&surface, &item.record, call.params, reuse, item.replace, call.monitor);
+    let found = found.with_context(|| input.to_string())?;
+    let (report, path, console) = (&found.parametrized.map.report, item.files.sphere(), call.monitor.console());
     let (path, seconds, area) = (path.display(), report.seconds, report.quality.area_rms);
-    console.note(match (reused, report.method) {
+    console.note(match (found.written.is_empty(), report.method) {
         (true, _) => format!("{path}: the sphere that an earlier call made of {input} is used again"),
         (_, by) => {
             format!("{input}: no --sphere; mapped by {by} in {seconds:.1} s, log area ratio {area:.3} rms, to {path}")

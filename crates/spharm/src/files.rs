@@ -10,8 +10,23 @@ use spharm_monitor::Monitor;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
 use spharm_surface::{Sphere, SurfaceError};
 
+use crate::origin::Origin;
 use crate::parametrize::{CaldParams, Input, Parametrized, parametrize_with, with_sphere};
 use crate::{Error, Fit, FitParams, check_memory};
+
+/// Which files that exist are replaced.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Replace {
+    /// The model.
+    pub model: bool,
+    /// The files beside it.
+    pub beside: bool,
+}
+
+impl Replace {
+    /// Every file.
+    pub const ALL: Self = Self { model: true, beside: true };
+}
 
 /// Names of the files of one model: `NAME.spharm.npz` and those beside it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -53,9 +68,16 @@ impl ModelFiles {
         self.model.with_file_name(format!("{}.surf.gii", self.name()))
     }
 
-    /// Maps a surface to a sphere of its own, which is written beside the model to come, as is the surface of a label. With
-    /// `reuse` the sphere that an earlier call left is taken if it is one of this mesh. Returns the map, and whether it is
-    /// that one. The memory of the fit is checked first.
+    /// Returns whether the sphere beside the model is there and was made of this input.
+    #[must_use]
+    pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
+        let origin = read_mesh(self.sphere()).ok().and_then(|sphere| Origin::of(&sphere.meta));
+        origin.is_some_and(|origin| origin.is_of(input))
+    }
+
+    /// Maps a surface to a sphere of its own, which is written beside the model, as is the surface of a label. With `reuse`
+    /// a mesh keeps the sphere that is there if that was made of the same file with the same settings. One of another file is
+    /// only replaced with [`Replace::ALL`]. The memory of the fit is checked first. `record` says what `input` was read from.
     ///
     /// # Errors
     ///
@@ -63,31 +85,50 @@ impl ModelFiles {
     pub fn map(
         &self,
         input: &Input,
+        record: &FileRecord,
         params: &FitParams,
         reuse: bool,
-        replace: bool,
+        replace: Replace,
         monitor: &dyn Monitor,
-    ) -> Result<(Parametrized, bool), Error> {
+    ) -> Result<Mapped, Error> {
         let path = self.sphere();
+        let settings = CaldParams::for_degree(params.max_degree);
+        let origin = Origin::new(record, &settings);
         let named = |found: Parametrized| {
             let sphere = Sphere { path: Some(path.clone()), ..found.sphere };
             Parametrized { sphere, ..found }
         };
         if let Input::Mesh(mesh) = input {
             check_memory(mesh, params)?;
-            let left_over = || with_sphere(mesh, &read_mesh(&path).ok()?).ok();
-            if let Some(found) = if reuse && path.exists() { left_over() } else { None } {
-                return Ok((named(found), true));
+            let left_over = || {
+                let sphere =
+                    read_mesh(&path).ok().filter(|sphere| Origin::of(&sphere.meta).as_ref() == Some(&origin))?;
+                with_sphere(mesh, &sphere).ok()
+            };
+            if let Some(found) = if reuse { left_over() } else { None } {
+                return Ok(Mapped { parametrized: named(found), written: Vec::new() });
             }
         }
-        let found = parametrize_with(input, &CaldParams::for_degree(params.max_degree), monitor)?;
+        let mut found = parametrize_with(input, &settings, monitor)?;
+        origin.write_to(&mut found.map.sphere.meta);
         make_folder_of(&path)?;
-        let options = WriteOptions { overwrite: replace, double: true };
-        write_mesh(&path, &found.map.sphere, &options)?;
-        if let Input::Label(_) = input {
-            write_mesh(self.surface(), &found.map.surface, &options)?;
+        // Mapping takes a while, in which another process may have written its sphere.
+        let overwrite = replace == Replace::ALL || (replace.beside && self.has_sphere_of(record));
+        let options = WriteOptions { overwrite, double: true };
+        let surface = matches!(input, Input::Label(_)).then(|| self.surface());
+        let mut mapped = Mapped { parametrized: named(found), written: Vec::new() };
+        // The surface last: where it is, the sphere says what they were made of.
+        let meshes =
+            [(Some(path.clone()), &mapped.parametrized.map.sphere), (surface, &mapped.parametrized.map.surface)];
+        for (path, mesh) in meshes {
+            let Some(path) = path else { continue };
+            if let Err(error) = write_mesh(&path, mesh, &options) {
+                mapped.remove();
+                return Err(error.into());
+            }
+            mapped.written.push(path);
         }
-        Ok((named(found), false))
+        Ok(mapped)
     }
 
     /// Writes a fit's model, its standard errors if it has them, and with `csv` its complex coefficients; makes the folder.
@@ -102,19 +143,42 @@ impl ModelFiles {
         fit: &Fit,
         input: Option<&FileRecord>,
         csv: bool,
-        replace: bool,
+        replace: Replace,
     ) -> Result<(), Error> {
         let kind = fit.report.settings.kind;
         make_folder_of(&self.model)?;
+        // What is beside a model that another process has written meanwhile belongs to that one.
+        if !replace.model && self.model.exists() {
+            return Err(SurfaceError::OutputExists { path: self.model.clone() }.into());
+        }
         if csv {
-            write_new(self.csv(), replace, |out| write_complex_csv(&fit.coefficients, out))?;
+            write_new(self.csv(), replace.beside, |out| write_complex_csv(&fit.coefficients, out))?;
         }
         if let Some(errors) = &fit.standard_errors {
-            write_new(self.standard_errors(), replace, |out| errors.write_npy(out).map_err(io::Error::other))?;
+            write_new(self.standard_errors(), replace.beside, |out| errors.write_npy(out).map_err(io::Error::other))?;
         }
         let mut model = Model::new(sphere.clone(), fit.clone(), kind);
         model.provenance.input = input.cloned();
-        Ok(model.write_with(&self.model, replace)?)
+        Ok(model.write_with(&self.model, replace.model)?)
+    }
+}
+
+/// A surface's map to a sphere of its own.
+#[derive(Debug, Clone)]
+pub struct Mapped {
+    /// The map.
+    pub parametrized: Parametrized,
+    /// The files that were written: the sphere, and the surface of a label; none where a sphere was there.
+    pub written: Vec<PathBuf>,
+}
+
+impl Mapped {
+    /// Removes the files that were written. Without their model they would stand in the way of the next attempt.
+    pub fn remove(&self) {
+        for path in &self.written {
+            // A file that can't be removed stays: whatever failed before is the error to report.
+            let _ = std::fs::remove_file(path);
+        }
     }
 }
 

@@ -73,6 +73,7 @@ pub mod files;
 pub mod fit;
 pub mod machine;
 pub mod model;
+mod origin;
 pub mod parametrize;
 pub mod params;
 pub mod prelude;

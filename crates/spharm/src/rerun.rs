@@ -7,6 +7,7 @@ use spharm_model::{FileRecord, Model, Settings};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Sphere;
 
+use crate::files::{ModelFiles, Replace};
 use crate::{FitParams, Smoothness};
 
 /// What to do with outputs that exist.
@@ -44,8 +45,8 @@ pub enum Decision {
     Skip,
     /// Fit.
     Fit {
-        /// Whether outputs that exist are replaced.
-        replace: bool,
+        /// Which outputs that exist are replaced.
+        replace: Replace,
         /// The other input whose model is replaced.
         replaces: Option<FileRecord>,
     },
@@ -78,6 +79,14 @@ pub enum Refusal {
         path: PathBuf,
         /// What differs.
         differences: Vec<Difference>,
+    },
+    /// It is a sphere, or the surface of a label, that wasn't made of the input.
+    #[error("{}: not made of {input}, or it doesn't say so", .path.display())]
+    OtherSphere {
+        /// The file.
+        path: PathBuf,
+        /// The input that was to be mapped.
+        input: String,
     },
     /// It doesn't record what it was made from.
     #[error("{}: no model, or one that doesn't record what it was made from", .path.display())]
@@ -112,7 +121,8 @@ impl Request<'_> {
     /// Decides what to do, from the outputs that exist and what the model among them records.
     ///
     /// With [`IfExists::Skip`] a model of the same input with the same settings is kept, and made again only where a file
-    /// beside it is missing. Inputs are the same where their contents are.
+    /// beside it is missing. Inputs are the same where their contents are. Without a model, files that an earlier call left
+    /// are no obstacle, but for a sphere of another input.
     ///
     /// # Errors
     ///
@@ -122,11 +132,19 @@ impl Request<'_> {
         let exists = self.output.exists();
         if !exists || self.if_exists == IfExists::Refuse {
             let in_the_way = std::iter::once(self.output).chain(self.beside.iter().map(PathBuf::as_path));
-            return match in_the_way.into_iter().find(|path| path.exists()) {
+            let in_the_way = in_the_way.into_iter().find(|path| path.exists());
+            // A model that is there by the time that this one is written is another process's, and stays.
+            let replace = match (self.if_exists, in_the_way) {
+                (IfExists::Replace, _) => Replace::ALL,
+                (_, None) => Replace::default(),
+                (IfExists::Refuse, Some(path)) => return Err(Refusal::Exists { path: path.to_owned() }),
                 // What a broken-off fit left over is no obstacle to going on.
-                Some(path) if self.if_exists == IfExists::Refuse => Err(Refusal::Exists { path: path.to_owned() }),
-                other => Ok(Decision::Fit { replace: other.is_some(), replaces: None }),
+                (IfExists::Skip, Some(_)) => {
+                    self.check_sphere()?;
+                    Replace { model: false, beside: true }
+                }
             };
+            return Ok(Decision::Fit { replace, replaces: None });
         }
         let model = Model::read(self.output).ok();
         let recorded = model.as_ref().and_then(|model| Some((model, model.provenance.input.clone()?)));
@@ -134,7 +152,7 @@ impl Request<'_> {
         match (self.if_exists, recorded) {
             (IfExists::Replace, recorded) => {
                 let replaces = recorded.map(|(_, input)| input).filter(other);
-                Ok(Decision::Fit { replace: true, replaces })
+                Ok(Decision::Fit { replace: Replace::ALL, replaces })
             }
             (_, None) => Err(Refusal::Unknown { path: path() }),
             (_, Some((_, recorded))) if other(&recorded) => {
@@ -145,9 +163,23 @@ impl Request<'_> {
                 if !differences.is_empty() {
                     return Err(Refusal::OtherSettings { path: path(), differences });
                 }
-                let complete = self.beside.iter().all(|file| file.exists());
-                Ok(if complete { Decision::Skip } else { Decision::Fit { replace: true, replaces: None } })
+                if self.beside.iter().all(|file| file.exists()) {
+                    return Ok(Decision::Skip);
+                }
+                self.check_sphere()?;
+                Ok(Decision::Fit { replace: Replace::ALL, replaces: None })
             }
+        }
+    }
+
+    /// Refuses the sphere, and the surface of a label, that are beside the model and weren't made of this input.
+    fn check_sphere(&self) -> Result<(), Refusal> {
+        let files = ModelFiles { model: self.output.to_owned() };
+        let own = [files.sphere(), files.surface()];
+        let there = own.into_iter().find(|path| self.beside.contains(path) && path.exists());
+        match there.filter(|_| !files.has_sphere_of(self.input)) {
+            Some(path) => Err(Refusal::OtherSphere { path, input: self.input.to_string() }),
+            None => Ok(()),
         }
     }
 

@@ -1,0 +1,79 @@
+//! What the sphere beside a model was made of, as its GIfTI metadata say.
+//!
+//! A sphere of the same triangles may be that of another subject, or be made for another degree.
+
+use spharm_model::FileRecord;
+use spharm_surface::Meta;
+
+use crate::parametrize::CaldParams;
+
+const INPUT: &str = "SpharmInput";
+const LABEL: &str = "SpharmLabel";
+const MAP: &str = "SpharmMap";
+
+/// What a sphere was made of, and how.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Origin {
+    /// The BLAKE3 hash of the input's contents.
+    input: String,
+    /// Of a volume, the label.
+    label: Option<i64>,
+    /// The method and its settings.
+    map: String,
+}
+
+impl Origin {
+    /// Returns the origin of the map that [`parametrize_with`](crate::parametrize::parametrize_with) makes of an input with
+    /// these settings.
+    pub(crate) fn new(input: &FileRecord, params: &CaldParams) -> Self {
+        let CaldParams { area, degree, steps, seed } = params;
+        let degree = degree.map_or("auto".to_owned(), |degree| degree.to_string());
+        let map = match input.label {
+            Some(_) => "equal-area".to_owned(),
+            None => format!("auto, area {area}, degree {degree}, steps {steps}, seed {seed}"),
+        };
+        Self { input: input.blake3.clone(), label: input.label, map }
+    }
+
+    /// Returns what a sphere's file says; `None` where it doesn't.
+    pub(crate) fn of(meta: &Meta) -> Option<Self> {
+        let value = |name: &str| {
+            let found = meta.file_metadata.iter().find(|(found, _)| found == name);
+            found.map(|(_, value)| value.clone())
+        };
+        let label = value(LABEL).map(|label| label.parse()).transpose().ok()?;
+        Some(Self { input: value(INPUT)?, label, map: value(MAP)? })
+    }
+
+    /// Returns whether the sphere is one of this input, by whatever settings.
+    pub(crate) fn is_of(&self, input: &FileRecord) -> bool {
+        (&self.input, self.label) == (&input.blake3, input.label)
+    }
+
+    /// Writes it to the metadata of a sphere to come, in place of what the surface's file said.
+    pub(crate) fn write_to(&self, meta: &mut Meta) {
+        meta.file_metadata.retain(|(name, _)| ![INPUT, LABEL, MAP].contains(&name.as_str()));
+        let label = self.label.map(|label| (LABEL, label.to_string()));
+        let pairs = [Some((INPUT, self.input.clone())), label, Some((MAP, self.map.clone()))];
+        meta.file_metadata.extend(pairs.into_iter().flatten().map(|(name, value)| (name.to_owned(), value)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_origin_is_read_as_it_was_written() {
+        let mut meta = Meta { file_metadata: vec![("Date".to_owned(), "today".to_owned())], ..Meta::default() };
+        assert_eq!(Origin::of(&meta), None);
+        for label in [None, Some(-3)] {
+            let input = FileRecord { path: "a".to_owned(), bytes: 1, blake3: "ab".repeat(32), label };
+            let origin = Origin::new(&input, &CaldParams::for_degree(8));
+            origin.write_to(&mut meta);
+            assert_eq!(Origin::of(&meta), Some(origin.clone()));
+            assert!(origin.is_of(&input) && !origin.is_of(&FileRecord { label: Some(4), ..input }));
+        }
+        assert_eq!(meta.file_metadata[0].0, "Date");
+    }
+}

@@ -1,0 +1,101 @@
+//! Fits that are run again: what is taken, what is replaced and what is refused.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use spharm::files::{ModelFiles, Replace};
+use spharm::rerun::{Decision, IfExists, Request};
+use spharm::{FileRecord, FitParams, Model, Sphere, fit};
+use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::io::{read_mesh, write_mesh};
+
+use crate::common::{fail, succeed, tool};
+use crate::first_users::{OPTIONS, Subjects, errors};
+use crate::pipeline::names;
+
+fn record(contents: &str) -> FileRecord {
+    FileRecord { path: contents.to_owned(), bytes: 1, blake3: contents.repeat(64), label: None }
+}
+
+/// Two jobs of a cluster whose models have the same name.
+#[test]
+fn a_model_that_another_process_wrote_meanwhile_stays() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = ModelFiles { model: folder.path().join("lh.spharm.npz") };
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    let (sphere, params) = (Sphere::from_mesh(&sphere).expect("a sphere"), FitParams::lsq(4));
+    let found = fit(&sphere, &surface, &params).expect("a fit");
+    // The first has written its table, and not yet its model.
+    std::fs::write(files.csv(), "l,m").expect("a table");
+    let [first, second] = ["a", "b"].map(record);
+    let beside: [PathBuf; 1] = [files.csv()];
+    let request = Request {
+        input: &second,
+        sphere: Some(&sphere),
+        params: &params,
+        output: &files.model,
+        beside: &beside,
+        if_exists: IfExists::Skip,
+    };
+    let decision = request.decide().expect("nothing is in the way");
+    let Decision::Fit { replace, .. } = decision else { panic!("{decision:?}") };
+    assert_eq!(replace, Replace { model: false, beside: true });
+    let write = |input, replace| files.write(&sphere, &found, Some(input), true, replace);
+    write(&first, Replace::ALL).expect("the first's model");
+    let table = std::fs::read(files.csv()).expect("a table");
+    let error = write(&second, replace).expect_err("the model is there");
+    assert!(error.to_string().contains("lh.spharm.npz"), "{error}");
+    let model = Model::read(&files.model).expect("a model");
+    assert_eq!(model.provenance.input, Some(first));
+    assert_eq!(std::fs::read(files.csv()).expect("a table"), table);
+}
+
+/// `fit` of a surface on a sphere of its own.
+fn map(surface: &Path, out: &Path, arguments: &[&str]) -> Command {
+    let mut fit = tool("fit");
+    fit.arg("--surface").arg(surface).arg("-o").arg(out).args(arguments);
+    fit
+}
+
+#[test]
+fn a_left_over_sphere_serves_its_own_input_and_degree_alone() {
+    let subjects = Subjects::new(2);
+    let (out, model, sphere) = (subjects.path("out"), "out/lh.pial.spharm.npz", "out/lh.pial.sphere.surf.gii");
+    let rerun = |subject: u32, degree: &str, more: &[&str]| {
+        let mut fit = map(&subjects.surface(subject), &out, &["--max-degree", degree]);
+        fit.args(more);
+        fit
+    };
+    succeed(&mut rerun(1, "4", &[]));
+    std::fs::remove_file(subjects.path(model)).expect("it is there");
+    let first = read_mesh(subjects.path(sphere)).expect("a sphere");
+    // Of the same triangles, but another subject's.
+    let error = fail(&mut rerun(2, "4", &["--skip-existing"]));
+    assert!(error.contains("lh.pial.sphere.surf.gii") && error.contains("sub-02"), "{error}");
+    assert_eq!(read_mesh(subjects.path(sphere)).expect("a sphere"), first);
+    // Its own, for another degree.
+    assert!(errors(&mut rerun(1, "8", &["--skip-existing"])).contains("mapped by"));
+    let again = std::fs::read(subjects.path(model)).expect("a model");
+    succeed(&mut rerun(1, "8", &["--force"]));
+    assert!(std::fs::read(subjects.path(model)).expect("a model") == again);
+    succeed(&mut rerun(2, "4", &["--force"]));
+}
+
+#[test]
+fn a_fit_that_fails_removes_the_files_that_it_made_and_no_others() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let (surface, _) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    write_mesh(path("s.ply"), &surface, &OPTIONS).expect("a mesh");
+    crate::volumes::write_volume(&path("cell.nii"), |at| u8::from(at.iter().all(|x| x.abs() < 4.0)));
+    let fails = ["--max-degree", "8", "--strict", "--preconditioner", "none", "--max-iterations", "1"];
+    for input in ["s.ply", "cell.nii"] {
+        let error = fail(&mut map(&path(input), &path("out"), &fails));
+        assert!(error.contains("optimality"), "{error}");
+        assert!(names(&path("out")).is_empty(), "{:?}", names(&path("out")));
+    }
+    succeed(&mut map(&path("s.ply"), &path("out"), &["--max-degree", "8"]));
+    std::fs::remove_file(path("out/s.spharm.npz")).expect("it is there");
+    fail(map(&path("s.ply"), &path("out"), &fails).arg("--skip-existing"));
+    assert_eq!(names(&path("out")), ["s.sphere.surf.gii"]);
+}
