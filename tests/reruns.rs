@@ -99,3 +99,45 @@ fn a_fit_that_fails_removes_the_files_that_it_made_and_no_others() {
     fail(map(&path("s.ply"), &path("out"), &fails).arg("--skip-existing"));
     assert_eq!(names(&path("out")), ["s.sphere.surf.gii"]);
 }
+
+#[test]
+fn weights_and_the_settings_of_the_iteration_are_compared() {
+    let subjects = Subjects::new(1);
+    let weights = |name: &str, of: fn(u32) -> u32| {
+        let text: String = (0..642).map(|row| format!("{}\n", of(row))).collect();
+        std::fs::write(subjects.path(name), text).expect("weights");
+    };
+    let fit = |name: &str, more: &[&str]| {
+        let mut fit = subjects.fit(&[1], &["--skip-existing", "--weights"]);
+        fit.arg(subjects.path(name)).args(more);
+        fit
+    };
+    weights("w.csv", |row| 1 + row % 2);
+    succeed(&mut fit("w.csv", &[]));
+    // The same file by another path.
+    assert!(succeed(&mut fit("out/../w.csv", &[])).contains("nothing to do"));
+    for (arguments, difference) in [
+        (["--max-iterations", "7"], "max-iterations 3000, not 7"),
+        (["--preconditioner", "density"], "preconditioner auto, not density"),
+    ] {
+        let error = fail(&mut fit("w.csv", &arguments));
+        assert!(error.contains(difference), "{error}");
+    }
+    weights("w.csv", |row| 1 + row % 3);
+    let error = fail(&mut fit("w.csv", &[]));
+    assert!(error.contains("weights ") && error.contains("w.csv ("), "{error}");
+}
+
+#[test]
+fn a_model_that_missed_the_tolerance_is_not_taken_where_that_is_an_error() {
+    let subjects = Subjects::new(1);
+    let fit = |more: &[&str]| {
+        let mut fit = subjects.fit(&[1], &["--skip-existing", "--preconditioner", "none", "--max-iterations", "1"]);
+        fit.args(more);
+        fit
+    };
+    assert!(errors(&mut fit(&[])).contains("not 1.0e-10"));
+    assert!(succeed(&mut fit(&[])).contains("nothing to do"));
+    let error = fail(&mut fit(&["--strict"]));
+    assert!(error.contains("optimality ") && error.contains("not 1e-10"), "{error}");
+}

@@ -124,12 +124,27 @@ pub struct Settings {
     pub accelerate: bool,
     /// `uniform`, `area`, or the file of the weights.
     pub weights: String,
+    /// Of weights from a file, a BLAKE3 hash of their values: 64 hexadecimal digits.
+    #[serde(default)]
+    pub weights_blake3: Option<String>,
     /// Fraction of the vertices that was held out.
     #[serde(default)]
     pub hold_out: Option<f64>,
     /// Optimality that was asked for; unknown in models of version 0.1.
     #[serde(default)]
     pub tolerance: Option<f64>,
+    /// Most iterations, for the methods that iterate.
+    #[serde(default)]
+    pub max_iterations: Option<usize>,
+    /// Preconditioner that was asked for, for the methods that have one.
+    #[serde(default)]
+    pub preconditioner: Option<String>,
+    /// Optimality that was reached, for the methods that have a tolerance.
+    #[serde(default)]
+    pub optimality: Option<f64>,
+    /// Whether the iterations ended as they should, for the methods that iterate.
+    #[serde(default)]
+    pub converged: Option<bool>,
     /// How lambda was chosen: `default`, `fixed` or `auto`; unknown in models of version 0.1.
     #[serde(default)]
     pub smoothness_choice: Option<String>,
@@ -219,9 +234,14 @@ mod tests {
                 granularity: None,
                 start_degree: None,
                 accelerate: false,
-                weights: "uniform".to_owned(),
+                weights: "w.csv".to_owned(),
+                weights_blake3: Some("cd".repeat(32)),
                 hold_out: None,
                 tolerance: Some(1e-10),
+                max_iterations: Some(3000),
+                preconditioner: Some("low-degrees 20".to_owned()),
+                optimality: Some(2.5e-11),
+                converged: Some(true),
                 smoothness_choice: Some("fixed".to_owned()),
                 smoothness: 1.0 / 3.0,
                 dtype: "f64".to_owned(),
@@ -254,6 +274,7 @@ mod tests {
         assert_eq!((old.input, old.sphere.as_deref()), (None, Some("lh.sphere.reg")));
         let settings = old.settings.as_ref().unwrap();
         assert_eq!((settings.granularity, settings.tolerance), (Some(100), None));
+        assert_eq!((&settings.weights_blake3, settings.max_iterations, settings.converged), (&None, None, None));
         assert_eq!(old.distances.unwrap().xsd_raw, 0.2);
         assert_eq!(old.anatomical_structure_primary.as_deref(), Some("CortexLeft"));
         assert!(old.other.is_empty(), "{:?}", old.other);

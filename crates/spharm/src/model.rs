@@ -3,7 +3,7 @@
 use spharm_model::{Fitted, Provenance, Versions};
 use spharm_store::format::VERSION as STORE_FORMAT;
 
-use crate::{Fit, FitReport};
+use crate::{Fit, FitReport, FitWarning, Method};
 
 /// Returns the versions of this build.
 pub fn versions() -> Versions {
@@ -16,7 +16,9 @@ pub fn versions() -> Versions {
 
 impl From<Fit> for Fitted {
     fn from(fit: Fit) -> Self {
-        let FitReport { settings, smoothness, scale, passes, .. } = &fit.report;
+        let FitReport { settings, smoothness, optimality, scale, passes, warnings, .. } = &fit.report;
+        let iterated = settings.method == Method::Lsq;
+        let missed = warnings.iter().any(|warning| matches!(warning, FitWarning::NotConverged { .. }));
         let mut provenance = Provenance {
             tool: Some("fit".to_owned()),
             versions: Some(versions()),
@@ -27,8 +29,13 @@ impl From<Fit> for Fitted {
                 start_degree: settings.method.start_degree(),
                 accelerate: settings.method.accelerated(),
                 weights: settings.weights.clone(),
+                weights_blake3: settings.weights_hash.clone(),
                 hold_out: settings.hold_out,
                 tolerance: Some(settings.tolerance),
+                max_iterations: iterated.then_some(settings.max_iterations),
+                preconditioner: iterated.then(|| settings.preconditioner.to_string()),
+                optimality: *optimality,
+                converged: iterated.then_some(!missed),
                 smoothness_choice: Some(settings.smoothness.name().to_owned()),
                 smoothness: *smoothness,
                 dtype: settings.scalar.name().to_owned(),

@@ -1,10 +1,11 @@
 //! How to fit: [`FitParams`] and its parts.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use spharm_harmonics::MAX_DEGREE;
-use spharm_store::Scalar;
+use spharm_store::{Scalar, WeightsHash};
 use spharm_surface::io::read_signal;
 
 use crate::machine::available_memory;
@@ -180,6 +181,12 @@ impl Weights {
             Self::Values { name, .. } => name,
         }
     }
+
+    /// Returns a hash of the caller's values, 64 hexadecimal digits: that by which a store knows a factor's weights.
+    pub fn hash(&self) -> Option<String> {
+        let Self::Values { values, .. } = self else { return None };
+        Some(WeightsHash::of(Some(values)).0.iter().map(|byte| format!("{byte:02x}")).collect())
+    }
 }
 
 /// What the iterations of the full least squares are preconditioned with.
@@ -196,6 +203,18 @@ pub enum Preconditioner {
     LowDegrees(usize),
     /// The Cholesky factor of all normal equations.
     Factor,
+}
+
+impl fmt::Display for Preconditioner {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::None => f.write_str("none"),
+            Self::Density => f.write_str("density"),
+            Self::LowDegrees(degree) => write!(f, "low-degrees {degree}"),
+            Self::Factor => f.write_str("factor"),
+        }
+    }
 }
 
 impl FromStr for Preconditioner {

@@ -37,6 +37,9 @@ pub struct FitReport {
     /// Smoothness penalty, lambda; zero for the methods that have none.
     #[serde(skip)]
     pub smoothness: f64,
+    /// Optimality reached, by the full least squares.
+    #[serde(skip)]
+    pub optimality: Option<f64>,
     /// What may be wrong with it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<FitWarning>,
@@ -55,10 +58,16 @@ pub struct Settings {
     pub smoothness: crate::Smoothness,
     /// `uniform`, `area`, or the name of the weights given.
     pub weights: String,
+    /// Hash of the weights given, see [`Weights::hash`](crate::Weights::hash).
+    pub weights_hash: Option<String>,
     /// Fraction of the vertices that was held out.
     pub hold_out: Option<f64>,
     /// Optimality asked for.
     pub tolerance: f64,
+    /// Most iterations.
+    pub max_iterations: usize,
+    /// Preconditioner asked for.
+    pub preconditioner: crate::Preconditioner,
     /// Key of the sampling scheme.
     pub scheme: SchemeKey,
     /// Scalar type of the basis.
@@ -97,6 +106,14 @@ pub enum BatchReport {
 }
 
 impl BatchReport {
+    /// Returns the optimality that the full least squares reached.
+    pub fn optimality(&self) -> Option<f64> {
+        match self {
+            Self::LeastSquares { report, .. } => Some(report.optimality),
+            _ => None,
+        }
+    }
+
     /// Returns the smoothness penalty, lambda; zero for the methods that have none.
     pub fn smoothness(&self) -> f64 {
         match self {

@@ -8,7 +8,7 @@ use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Sphere;
 
 use crate::files::{ModelFiles, Replace};
-use crate::{FitParams, Smoothness};
+use crate::{FitParams, Method, Smoothness};
 
 /// What to do with outputs that exist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,7 +99,7 @@ pub enum Refusal {
 /// A setting that differs between a model and a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// The field of [`FitParams`] or [`Method`](crate::Method), or `sphere`.
+    /// The field of [`FitParams`] or [`Method`], or `sphere`.
     pub setting: &'static str,
     /// What the model was fitted with.
     pub found: String,
@@ -210,7 +210,22 @@ impl Request<'_> {
         check("granularity", text(|s| option(s.granularity)), option(method.granularity()));
         check("start_degree", text(|s| option(s.start_degree)), option(method.start_degree()));
         check("accelerate", text(|s| s.accelerate.to_string()), method.accelerated().to_string());
-        check("weights", text(|s| s.weights.clone()), params.weights.name().to_owned());
+        let hash = params.weights.hash();
+        let recorded_hash = recorded.and_then(|settings| settings.weights_blake3.clone());
+        // Weights from a file are the same where their values are, whatever it is called.
+        if hash.is_none() || hash != recorded_hash {
+            let name = text(|s| s.weights.clone());
+            check("weights", weights_name(&name, recorded_hash), weights_name(params.weights.name(), hash));
+        }
+        let iterated = *method == Method::Lsq;
+        check("max_iterations", text(|s| option(s.max_iterations)), option(iterated.then_some(params.max_iterations)));
+        let preconditioner = iterated.then(|| params.preconditioner.to_string());
+        let name = |name: Option<String>| name.unwrap_or_else(|| "unknown".to_owned());
+        check("preconditioner", name(recorded.and_then(|s| s.preconditioner.clone())), name(preconditioner));
+        if let (true, Some(Settings { converged: Some(false), optimality, .. })) = (params.strict, recorded) {
+            let found = optimality.map_or("unknown".to_owned(), |optimality| format!("{optimality:.1e}"));
+            check("optimality", found, format!("{:e}", params.tolerance));
+        }
         let choice = recorded.and_then(|settings| settings.smoothness_choice.as_deref()).unwrap_or("none");
         check("smoothness", choice.to_owned(), params.smoothness.name().to_owned());
         let fixed = match params.smoothness {
@@ -233,6 +248,13 @@ impl Request<'_> {
             }
         }
         differences
+    }
+}
+
+fn weights_name(name: &str, hash: Option<String>) -> String {
+    match hash {
+        Some(hash) => format!("{name} ({})", hash.chars().take(12).collect::<String>()),
+        None => name.to_owned(),
     }
 }
 
