@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use spharm::files::{ModelFiles, Replace};
+use serde_json::Value;
+use spharm::files::{MadeOf, ModelFiles, Replace};
 use spharm::rerun::{Decision, IfExists, Request};
 use spharm::{FileRecord, FitParams, Model, Sphere, fit};
 use spharm_surface::generate::{Cortex, cortex};
@@ -40,7 +41,10 @@ fn a_model_that_another_process_wrote_meanwhile_stays() {
     let decision = request.decide().expect("nothing is in the way");
     let Decision::Fit { replace, .. } = decision else { panic!("{decision:?}") };
     assert_eq!(replace, Replace { model: false, beside: true });
-    let write = |input, replace| files.write(&sphere, &found, Some(input), true, replace);
+    let write = |input, replace| {
+        let made_of = MadeOf { input: Some(input), ..MadeOf::default() };
+        files.write(&sphere, &found, &made_of, true, replace)
+    };
     write(&first, Replace::ALL).expect("the first's model");
     let table = std::fs::read(files.csv()).expect("a table");
     let error = write(&second, replace).expect_err("the model is there");
@@ -140,4 +144,27 @@ fn a_model_that_missed_the_tolerance_is_not_taken_where_that_is_an_error() {
     assert!(succeed(&mut fit(&[])).contains("nothing to do"));
     let error = fail(&mut fit(&["--strict"]));
     assert!(error.contains("optimality ") && error.contains("not 1e-10"), "{error}");
+}
+
+#[test]
+fn what_is_left_out_is_noted_and_reported() {
+    let subjects = Subjects::new(2);
+    let fit = |numbers: &[u32]| {
+        let mut fit = tool("fit");
+        fit.arg("--sphere").arg(subjects.path("sphere.ply")).arg("--surface");
+        fit.args(numbers.iter().map(|&number| subjects.surface(number))).args(["--max-degree", "4", "--skip-existing"]);
+        fit.args(["--name-template", "{parent2}", "-o"]).arg(subjects.path("out"));
+        fit
+    };
+    let report = |numbers: &[u32]| -> Value {
+        serde_json::from_str(&succeed(fit(numbers).arg("--json"))).expect("the report is JSON")
+    };
+    assert_eq!(report(&[1])["skipped"].as_array().map(Vec::len), Some(0));
+    let both = report(&[1, 2]);
+    assert_eq!(both["surfaces"].as_array().map(Vec::len), Some(1));
+    let skipped = &both["skipped"][0];
+    assert!(skipped["input"].as_str().is_some_and(|input| input.contains("sub-01")), "{skipped}");
+    assert!(skipped["output"].as_str().is_some_and(|output| output.ends_with("sub-01.spharm.npz")), "{skipped}");
+    assert_eq!(report(&[1, 2])["skipped"].as_array().map(Vec::len), Some(2));
+    assert!(errors(&mut fit(&[1, 2])).contains("2 outputs exist and are left alone"));
 }

@@ -4,13 +4,14 @@ use std::path::Path;
 
 use serde_json::Value;
 use spharm_cli::surfaces::{Labels, SurfaceReader};
+use spharm_model::Model;
 use spharm_monitor::Silent;
-use spharm_surface::{Mesh, Signal};
 use spharm_surface::generate::{icosphere, subdivide};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal};
 use spharm_surface::topology::Topology;
+use spharm_surface::{Mesh, Signal};
 
-use crate::common::{fail, succeed, tool};
+use crate::common::{fail, finish, succeed, tool};
 
 /// A NIfTI-1 file of 16^3 voxels of 1 mm.
 pub(crate) fn write_volume(path: &Path, label: impl Fn([f64; 3]) -> u8) {
@@ -109,8 +110,15 @@ fn each_label_of_a_volume_is_a_surface_to_fit() {
         assert!(Topology::of(&surface).is_sphere() && surface.faces == sphere.faces);
         assert!(path(&format!("out/{name}.spharm.npz")).exists());
     }
+    let repaired = Model::read(path("out/cells.7.spharm.npz")).unwrap().provenance.repair;
+    assert!(repaired.is_some_and(|repair| repair["pieces_dropped"] == 1));
     let again = succeed(&mut fit(&["--label", "all", "--fix", "--skip-existing"]));
     assert!(again.contains("nothing to do"), "{again}");
+    let output = finish(&mut fit(&["--label", "7", "--fix", "--force", "--json"]));
+    let warned = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(warned.contains("cells.nii label 7: the volume was repaired: 1 piece dropped"), "{warned}");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["surfaces"][0]["parametrization"]["repair"]["pieces_dropped"], 1);
     // The model of one label isn't that of another.
     std::fs::copy(path("out/cells.1.spharm.npz"), path("out/cells.5.spharm.npz")).unwrap();
     let error = fail(&mut fit(&["--label", "5", "--skip-existing"]));

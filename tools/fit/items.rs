@@ -5,6 +5,7 @@ use std::collections::hash_map::Entry;
 use std::path::PathBuf;
 
 use anyhow::Result;
+use serde::Serialize;
 use spharm::files::{ModelFiles, Replace};
 use spharm::rerun::{Decision, IfExists, Request};
 use spharm::{FileRecord, FitParams, Sphere};
@@ -24,15 +25,24 @@ pub(super) struct Item {
     pub(super) replace: Replace,
 }
 
-/// Inputs and outputs; refuses before any work what would clash or overwrite. `sphere` is the one that the surfaces
-/// share, if they do.
+/// A surface whose model is there already.
+#[derive(Debug, Serialize)]
+pub(super) struct Skipped {
+    input: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    label: Option<i64>,
+    output: PathBuf,
+}
+
+/// What is to be fitted, and what is left out because it is there; refuses before any work what would clash or overwrite.
+/// `sphere` is the one that the surfaces share, if they do.
 pub(super) fn items(
     cli: &Cli,
     params: &FitParams,
     sphere: Option<&Sphere>,
     reader: &mut SurfaceReader,
     monitor: &ConsoleMonitor,
-) -> Result<Vec<Item>> {
+) -> Result<(Vec<Item>, Vec<Skipped>)> {
     let inputs = reader.surfaces(&cli.input.surface, cli.input.label, sphere.is_none(), monitor)?;
     let outputs = model_files(cli.output.output.as_deref(), &cli.output.name_template, &inputs)?;
     let if_exists = match (cli.output.force, cli.output.skip_existing) {
@@ -40,7 +50,7 @@ pub(super) fn items(
         (_, true) => IfExists::Skip,
         _ => IfExists::Refuse,
     };
-    let (mut items, mut records) = (Vec::new(), HashMap::new());
+    let (mut items, mut skipped, mut records) = (Vec::new(), Vec::new(), HashMap::new());
     for ((input, label), model) in inputs.into_iter().zip(outputs) {
         // A volume has many labels, and is hashed once.
         let file = match records.entry(input.clone()) {
@@ -57,12 +67,15 @@ pub(super) fn items(
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
         let request = Request { input: &record, sphere, params, output: &files.model, beside: &beside, if_exists };
-        if let Decision::Fit { replace, replaces } = request.decide()? {
-            if let Some(other) = replaces {
-                monitor.console().warn(format!("{}: replaces the model of {other}", files.model.display()));
+        match request.decide()? {
+            Decision::Skip => skipped.push(Skipped { input, label, output: files.model }),
+            Decision::Fit { replace, replaces } => {
+                if let Some(other) = replaces {
+                    monitor.console().warn(format!("{}: replaces the model of {other}", files.model.display()));
+                }
+                items.push(Item { input, files, record, replace });
             }
-            items.push(Item { input, files, record, replace });
         }
     }
-    Ok(items)
+    Ok((items, skipped))
 }

@@ -6,12 +6,14 @@ mod output;
 mod settings;
 
 use anyhow::{Context, Result};
-use spharm::parametrize::Parametrized;
+use spharm::files::MadeOf;
+use spharm::parametrize::Input;
+use spharm::parametrize::volume::{Repair, VolumeSurface};
 use spharm::{Fit, ManyReport, Sphere, Target, files, fit_many};
 use spharm_cli::inputs::{read_sphere, read_target};
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs};
+use spharm_cli::output::{OutputFile, check_outputs, counted};
 use spharm_cli::surfaces::SurfaceReader;
 
 pub(crate) use self::args::Cli;
@@ -20,13 +22,18 @@ use self::output::{Call, Fitted, Mapped};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let (params, monitor) = (settings::params(cli)?, ConsoleMonitor::new(cli.common.console()));
-    let (call, console) = (Call::new(cli, &params, &monitor), monitor.console());
+    let (mut call, console) = (Call::new(cli, &params, &monitor), monitor.console());
     raise_file_limit();
     check_outputs(cli.output.report.iter().map(|path| OutputFile::new(path, "--report")), cli.output.force)?;
     let sphere = cli.input.sphere.as_deref().map(|path| read_sphere(path, cli.input.strict, console)).transpose()?;
     let started = call.started.elapsed().as_secs_f64();
     let mut reader = SurfaceReader::new(cli.input.fix);
-    let items = items(cli, &params, sphere.as_ref(), &mut reader, &monitor)?;
+    let (items, skipped) = items(cli, &params, sphere.as_ref(), &mut reader, &monitor)?;
+    if !skipped.is_empty() {
+        let there = if skipped.len() == 1 { "exists and is" } else { "exist and are" };
+        console.note(format!("{} {there} left alone", counted(skipped.len(), "output")));
+    }
+    call.skipped = skipped;
     if items.is_empty() {
         // A report is written all the same: workflows wait for it.
         return call.finish(Vec::new(), Vec::new(), [started, 0.0]);
@@ -34,7 +41,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     cli.resources.threads.pool()?.install(|| match &sphere {
         Some(sphere) => {
             let read = |number: usize| read_target(&items[number].input, sphere, cli.input.strict, console);
-            let (fitted, report) = fit_on(&call, sphere, &items, &read)?;
+            let (fitted, report) = fit_on(&call, sphere, &items, None, &read)?;
             call.finish(fitted, vec![report], [started, 0.0])
         }
         None => each_on_its_own(&call, &items, &mut reader),
@@ -52,9 +59,10 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item], reader: &mut SurfaceReader) 
     let (mut fitted, mut reports, mut mapping) = (Vec::new(), Vec::new(), 0.0);
     for item in items {
         let found = map(call, item, reader)?;
-        let mapped = Mapped { sphere: item.files.sphere(), report: found.parametrized.map.report.clone() };
+        let report = found.parametrized.map.report.clone();
+        let mapped = Mapped { sphere: item.files.sphere(), repair: found.repair, report };
         mapping += mapped.report.seconds;
-        let (mut one, report) = fit_mapped(call, item, &found.parametrized).inspect_err(|_| found.remove())?;
+        let (mut one, report) = fit_mapped(call, item, &found).inspect_err(|_| found.remove())?;
         one.iter_mut().for_each(|fitted| fitted.parametrization = Some(mapped.clone()));
         fitted.extend(one);
         reports.push(report);
@@ -62,15 +70,19 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item], reader: &mut SurfaceReader) 
     call.finish(fitted, reports, [0.0, mapping])
 }
 
-fn fit_mapped(call: &Call<'_>, item: &Item, found: &Parametrized) -> Result<(Vec<Fitted>, ManyReport)> {
+fn fit_mapped(call: &Call<'_>, item: &Item, found: &files::Mapped) -> Result<(Vec<Fitted>, ManyReport)> {
+    let (found, repair) = (&found.parametrized, found.repair.as_ref());
     let target = Target::from_mesh(&found.map.surface, &found.sphere)?;
-    fit_on(call, &found.sphere, std::slice::from_ref(item), &|_| Ok(target.clone()))
+    fit_on(call, &found.sphere, std::slice::from_ref(item), repair, &|_| Ok(target.clone()))
 }
 
 /// Maps one surface to the sphere.
 fn map(call: &Call<'_>, item: &Item, reader: &mut SurfaceReader) -> Result<files::Mapped> {
     let input = item.input.display();
     let surface = reader.read(&item.input, item.record.label, call.monitor)?;
+    if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &surface {
+        call.monitor.console().warn(format!("{}: {repair}", item.record));
+    }
     let reuse = call.cli.output.skip_existing;
     let found = item.files.map(&surface, &item.record, call.params, reuse, item.replace, call.monitor);
     let found = found.with_context(|| input.to_string())?;
@@ -87,17 +99,19 @@ fn map(call: &Call<'_>, item: &Item, reader: &mut SurfaceReader) -> Result<files
     Ok(found)
 }
 
-/// Fits surfaces on a sphere and writes their models.
+/// Fits surfaces on a sphere and writes their models. `repair` is what was changed in the label that they are of.
 fn fit_on(
     call: &Call<'_>,
     sphere: &Sphere,
     items: &[Item],
+    repair: Option<&Repair>,
     read: &(dyn Fn(usize) -> Result<Target> + Sync),
 ) -> Result<(Vec<Fitted>, ManyReport)> {
     let done = |number: usize, fit: Fit| -> Result<Fitted> {
         let item = &items[number];
         call.warn_of(item, &fit);
-        item.files.write(sphere, &fit, Some(&item.record), call.cli.output.coefficients_csv, item.replace)?;
+        let made_of = MadeOf { input: Some(&item.record), repair };
+        item.files.write(sphere, &fit, &made_of, call.cli.output.coefficients_csv, item.replace)?;
         Ok(Fitted::new(item, fit.report))
     };
     fit_many(sphere, items.len(), read, call.params, &done, call.monitor)

@@ -8,6 +8,7 @@ use std::time::Instant;
 use anyhow::Result;
 use serde::Serialize;
 use serde_json::json;
+use spharm::parametrize::volume::Repair;
 use spharm::{BatchReport, Fit, FitParams, FitReport, FitWarning, ManyReport, Seconds};
 use spharm_cli::advice;
 use spharm_cli::machine::memory;
@@ -15,7 +16,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{prepare, print, print_json, table, write_json};
 
 use super::args::Cli;
-use super::items::Item;
+use super::items::{Item, Skipped};
 
 /// A call of `fit`.
 pub(super) struct Call<'a> {
@@ -23,6 +24,8 @@ pub(super) struct Call<'a> {
     pub(super) params: &'a FitParams,
     pub(super) monitor: &'a ConsoleMonitor,
     pub(super) started: Instant,
+    /// What `--skip-existing` left out.
+    pub(super) skipped: Vec<Skipped>,
     /// Warnings of whole batches, which are shown once.
     shown: Mutex<HashSet<String>>,
 }
@@ -46,6 +49,9 @@ pub(super) struct Fitted {
 pub(super) struct Mapped {
     /// The file.
     pub(super) sphere: PathBuf,
+    /// What `--fix` changed in the label, if anything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) repair: Option<Repair>,
     #[serde(flatten)]
     pub(super) report: spharm::parametrize::Report,
 }
@@ -78,7 +84,7 @@ impl Fitted {
 
 impl<'a> Call<'a> {
     pub(super) fn new(cli: &'a Cli, params: &'a FitParams, monitor: &'a ConsoleMonitor) -> Self {
-        Self { cli, params, monitor, started: Instant::now(), shown: Mutex::default() }
+        Self { cli, params, monitor, started: Instant::now(), skipped: Vec::new(), shown: Mutex::default() }
     }
 
     /// Shows a fit's warnings: those of the surface with its name, those of its batch once.
@@ -112,6 +118,7 @@ impl<'a> Call<'a> {
             "start_degree": method.start_degree(),
             "openblas": spharm_solver::blas::version(),
             "surfaces": surfaces,
+            "skipped": self.skipped,
             "batches": batches,
             "seconds": {
                 "read": before[0] + sum(|s| s.read),

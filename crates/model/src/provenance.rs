@@ -42,6 +42,9 @@ pub struct Provenance {
     pub distances: Option<Distances>,
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
     pub anatomical_structure_primary: Option<String>,
+    /// What was changed in a label before its surface was taken, where that wasn't of genus zero.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repair: Option<Map<String, Value>>,
     /// Where the input lies in its volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<Geometry>,

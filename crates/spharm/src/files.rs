@@ -11,6 +11,7 @@ use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
 use spharm_surface::{Sphere, SurfaceError};
 
 use crate::origin::Origin;
+use crate::parametrize::volume::Repair;
 use crate::parametrize::{CaldParams, Input, Parametrized, parametrize_with, with_sphere};
 use crate::{Error, Fit, FitParams, check_memory};
 
@@ -106,7 +107,7 @@ impl ModelFiles {
                 with_sphere(mesh, &sphere).ok()
             };
             if let Some(found) = if reuse { left_over() } else { None } {
-                return Ok(Mapped { parametrized: named(found), written: Vec::new() });
+                return Ok(Mapped { parametrized: named(found), repair: None, written: Vec::new() });
             }
         }
         let mut found = parametrize_with(input, &settings, monitor)?;
@@ -115,8 +116,11 @@ impl ModelFiles {
         // Mapping takes a while, in which another process may have written its sphere.
         let overwrite = replace == Replace::ALL || (replace.beside && self.has_sphere_of(record));
         let options = WriteOptions { overwrite, double: true };
-        let surface = matches!(input, Input::Label(_)).then(|| self.surface());
-        let mut mapped = Mapped { parametrized: named(found), written: Vec::new() };
+        let (surface, repair) = match input {
+            Input::Label(found) => (Some(self.surface()), found.repair),
+            Input::Mesh(_) => (None, None),
+        };
+        let mut mapped = Mapped { parametrized: named(found), repair, written: Vec::new() };
         // The surface last: where it is, the sphere says what they were made of.
         let meshes =
             [(Some(path.clone()), &mapped.parametrized.map.sphere), (surface, &mapped.parametrized.map.surface)];
@@ -141,7 +145,7 @@ impl ModelFiles {
         &self,
         sphere: &Sphere,
         fit: &Fit,
-        input: Option<&FileRecord>,
+        made_of: &MadeOf<'_>,
         csv: bool,
         replace: Replace,
     ) -> Result<(), Error> {
@@ -158,9 +162,20 @@ impl ModelFiles {
             write_new(self.standard_errors(), replace.beside, |out| errors.write_npy(out).map_err(io::Error::other))?;
         }
         let mut model = Model::new(sphere.clone(), fit.clone(), kind);
-        model.provenance.input = input.cloned();
+        model.provenance.input = made_of.input.cloned();
+        model.provenance.repair =
+            made_of.repair.and_then(|repair| serde_json::to_value(repair).ok()?.as_object().cloned());
         Ok(model.write_with(&self.model, replace.model)?)
     }
+}
+
+/// What a model was made of, for it to record.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct MadeOf<'a> {
+    /// The surface's file.
+    pub input: Option<&'a FileRecord>,
+    /// What was changed in the volume's label.
+    pub repair: Option<&'a Repair>,
 }
 
 /// A surface's map to a sphere of its own.
@@ -168,6 +183,8 @@ impl ModelFiles {
 pub struct Mapped {
     /// The map.
     pub parametrized: Parametrized,
+    /// What was changed in the volume's label.
+    pub repair: Option<Repair>,
     /// The files that were written: the sphere, and the surface of a label; none where a sphere was there.
     pub written: Vec<PathBuf>,
 }
