@@ -175,7 +175,8 @@ pub(super) struct Output {
     pub(super) force: bool,
     /// Leave out surfaces whose model exists
     ///
-    /// It must be of the same input, with the same settings.
+    /// It must be of the same input, with the same settings. A mesh's sphere that was left without its model is used again
+    /// if it was made of the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
 }
