@@ -4,6 +4,7 @@ mod args;
 mod output;
 
 use anyhow::{Context, Result};
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, prepare, print, print_json, table, write_json};
 use spharm_surface::io::{PlyAttributes, WriteOptions, read_mesh, write_ply};
 use spharm_surface::metrics::{
@@ -22,12 +23,13 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 }
 
 fn work(cli: &Cli) -> Result<()> {
+    let monitor = ConsoleMonitor::new(cli.common.console());
     let original = read_mesh(&cli.original)?;
     let reconstruction = read_mesh(&cli.reconstruction)?;
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
     let surfaces = if cli.surface_distance {
         let params = SurfaceDistanceParams { samples: cli.samples };
-        Some(surface_distance(&original, &reconstruction, &params).with_context(pair)?)
+        Some(surface_distance(&original, &reconstruction, &params, &monitor).with_context(pair)?)
     } else {
         None
     };
@@ -39,7 +41,7 @@ fn work(cli: &Cli) -> Result<()> {
     };
     if let Some(output) = &cli.output {
         let distances = match surfaces {
-            Some(_) => distances_to_surface(&original, &reconstruction.vertices)?,
+            Some(_) => distances_to_surface(&original, &reconstruction.vertices, &monitor)?,
             None => vertex_distances(&original.vertices, &reconstruction.vertices)?,
         };
         let largest = distances.iter().copied().fold(0.0, f64::max);

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::inputs::stem;
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
 use spharm_harmonics::Directions;
 use spharm_parametrize::quality::log_area_ratios;
@@ -29,7 +30,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         (distances, label) = if correspond(first, last) {
             (vertex_distances(&first.vertices, &last.vertices)?, "distance")
         } else {
-            (distances_to_surface(first, &last.vertices)?, "distance from the surface")
+            let monitor = ConsoleMonitor::new(cli.common.console());
+            (distances_to_surface(first, &last.vertices, &monitor)?, "distance from the surface")
         };
         let largest = distances.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         let paint = Paint::Scalar { values: &distances, range: (0.0, largest), label };

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use spharm_harmonics::{Coefficients, Directions, basis_size, synthesis};
+use spharm_monitor::Monitor;
 use spharm_solver::irf::plan;
 use spharm_solver::{DiskOperator, Method, Operator};
 use spharm_surface::Mesh;
@@ -136,7 +137,7 @@ pub(crate) fn grid(
         }));
     }
     let between = |(granularity, coefficients): (usize, Coefficients)| {
-        let distance = between(surface, &coefficients).with_context(|| surface.name.clone())?;
+        let distance = between(surface, &coefficients, bench.monitor).with_context(|| surface.name.clone())?;
         let (surface, vertices) = (surface.name.clone(), surface.vertices.len());
         Ok::<_, anyhow::Error>(Between { surface, vertices, max_degree, granularity, pass: passes, distance })
     };
@@ -145,12 +146,13 @@ pub(crate) fn grid(
 
 /// How far a surface is from its reconstruction at four times as many vertices: msd and xsd look at the vertices that were
 /// fitted, between which a fit may do as it likes.
-fn between(surface: &Surface, coefficients: &Coefficients) -> Result<SurfaceDistance> {
+fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<SurfaceDistance> {
     let denser = surface.denser_sphere();
     let values = synthesis(&Directions::from_vertices(&denser.vertices)?, coefficients.values().view())?;
     let vertices = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
     let given = Mesh::new(surface.vertices.clone(), surface.faces.clone());
-    Ok(surface_distance(&given, &Mesh::new(vertices, denser.faces), &SurfaceDistanceParams::default())?)
+    let found = Mesh::new(vertices, denser.faces);
+    Ok(surface_distance(&given, &found, &SurfaceDistanceParams::default(), monitor)?)
 }
 
 /// Table 1: for memories around the one given, the largest degree of NLSF by the solver's plan; and in the memory given,

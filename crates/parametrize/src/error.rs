@@ -3,6 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
+use spharm_surface::SurfaceError;
+
 /// Errors of parameterisation.
 ///
 /// Each message is one line: what was expected, what was found, what to do.
@@ -109,7 +111,7 @@ pub enum ParametrizeError {
 
     /// An error of `spharm-surface`.
     #[error(transparent)]
-    Surface(#[from] spharm_surface::SurfaceError),
+    Surface(SurfaceError),
 
     /// An error of the fit whose residual areas adapt to.
     #[error(transparent)]
@@ -136,4 +138,13 @@ pub enum ParametrizeError {
         /// The value given.
         found: String,
     },
+}
+
+impl From<SurfaceError> for ParametrizeError {
+    fn from(error: SurfaceError) -> Self {
+        match error {
+            SurfaceError::Interrupted(interrupted) => Self::Interrupted(interrupted),
+            error => Self::Surface(error),
+        }
+    }
 }

@@ -82,8 +82,7 @@ pub(crate) fn measured(
     monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
     let mut found = Parametrization::checked(method, surface, sphere, started, "give a sphere without folds")?;
-    monitor.check()?;
-    let distance = surface_distance(given, &found.surface, &SurfaceDistanceParams::default())?;
+    let distance = surface_distance(given, &found.surface, &SurfaceDistanceParams::default(), monitor)?;
     found.report.converged = true;
     found.report.notes.push(Note::Distance(distance));
     found.report.seconds = started.elapsed().as_secs_f64();

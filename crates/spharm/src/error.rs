@@ -136,6 +136,7 @@ impl Error {
         matches!(
             self,
             Self::Interrupted(_)
+                | Self::Surface(SurfaceError::Interrupted(_))
                 | Self::Parametrize(ParametrizeError::Interrupted(_))
                 | Self::Solver(SolverError::Interrupted(_) | SolverError::Store(StoreError::Interrupted(_)))
                 | Self::Store(StoreError::Interrupted(_))

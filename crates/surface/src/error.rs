@@ -335,6 +335,10 @@ pub enum SurfaceError {
         differ: usize,
     },
 
+    /// The monitor asked to stop.
+    #[error("interrupted")]
+    Interrupted(#[from] spharm_monitor::Interrupted),
+
     /// An argument that makes no sense.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {

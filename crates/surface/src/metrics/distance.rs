@@ -26,7 +26,9 @@
 //! (1998), with a grid in place of random points.
 
 use rayon::prelude::*;
+use spharm_monitor::Monitor;
 
+use super::pointwise::nearest_distances;
 use super::vertexwise::bounding_box_scale;
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, dot, face_normal, scale, sub};
@@ -96,7 +98,7 @@ pub struct SurfaceDistance {
 /// # Errors
 ///
 /// A surface without area or with a coordinate that isn't finite ([`Argument`](SurfaceError::Argument)); a first one
-/// whose bounding box has no volume.
+/// whose bounding box has no volume. [`Interrupted`](SurfaceError::Interrupted).
 ///
 /// # Panics
 ///
@@ -105,10 +107,11 @@ pub fn surface_distance(
     first: &Mesh,
     second: &Mesh,
     params: &SurfaceDistanceParams,
+    monitor: &dyn Monitor,
 ) -> Result<SurfaceDistance, SurfaceError> {
     let scale = bounding_box_scale(&first.vertices)?;
-    let there = Samples::towards(first, &TriangleTree::new(second), params)?;
-    let back = Samples::towards(second, &TriangleTree::new(first), params)?;
+    let there = Samples::towards(first, &TriangleTree::new(second), params, monitor)?;
+    let back = Samples::towards(second, &TriangleTree::new(first), params, monitor)?;
     let (forward, backward) = (there.summary(), back.summary());
     let area = there.area + back.area;
     // A sum of two doesn't depend on their order.
@@ -130,7 +133,12 @@ struct Samples {
 }
 
 impl Samples {
-    fn towards(mesh: &Mesh, other: &TriangleTree, params: &SurfaceDistanceParams) -> Result<Self, SurfaceError> {
+    fn towards(
+        mesh: &Mesh,
+        other: &TriangleTree,
+        params: &SurfaceDistanceParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, SurfaceError> {
         let wrong = |found: String| SurfaceError::Argument {
             what: "surface to measure the distance of",
             expected: "finite coordinates and an area above 0",
@@ -143,31 +151,22 @@ impl Samples {
         if !(grid.area > 0.0 && grid.area.is_finite()) {
             return Err(wrong(format!("{} triangles of area {}", mesh.faces.len(), grid.area)));
         }
-        let distance = |point: Vec3| other.nearest(point).map(|found| found.distance);
-        let of_triangle = |(corners, n): ([Vec3; 3], u32)| {
-            centroids(corners, n).map(|point| Some((distance(point)?, point))).collect::<Option<Vec<_>>>()
-        };
-        let found: Option<Vec<Vec<(f64, Vec3)>>> = grid.triangles.into_par_iter().map(of_triangle).collect();
-        let peaks: Option<Vec<f64>> = mesh.vertices.par_iter().map(|&v| distance(v)).collect();
-        let (Some(found), Some(peaks)) = (found, peaks) else {
-            return Err(wrong("no triangle to be near to".to_owned()));
-        };
-        // Gathered in the mesh's order, so that sums don't depend on the threads.
+        // In the mesh's order, so that sums don't depend on the threads.
+        let pieces = grid.triangles.par_iter().flat_map_iter(|&(corners, n)| centroids(corners, n));
+        let mut points: Vec<Vec3> = pieces.collect();
+        points.extend_from_slice(&mesh.vertices);
+        let distances = nearest_distances(other, &points, |_| wrong("no triangle to be near to".to_owned()), monitor)?;
         let mut worst = (f64::NEG_INFINITY, [0.0; 3]);
-        let mut look = |distance: f64, point: Vec3| {
+        for (&distance, &point) in distances.iter().zip(&points) {
             if distance > worst.0 {
                 worst = (distance, point);
             }
-        };
-        let mut weighted = Vec::with_capacity(grid.samples);
-        for (points, area) in found.into_iter().zip(&grid.areas) {
-            let weight = area / points.len() as f64;
-            for (distance, point) in points {
-                weighted.push((distance, weight));
-                look(distance, point);
-            }
         }
-        peaks.into_iter().zip(&mesh.vertices).for_each(|(distance, &v)| look(distance, v));
+        let weights = grid.triangles.iter().zip(&grid.areas).flat_map(|((_, n), area)| {
+            let pieces = (n * n) as usize;
+            std::iter::repeat_n(area / pieces as f64, pieces)
+        });
+        let weighted = distances.iter().copied().zip(weights).collect();
         Ok(Self { weighted, area: grid.area, worst, spacing: grid.spacing })
     }
 
@@ -191,7 +190,6 @@ struct Grid {
     triangles: Vec<([Vec3; 3], u32)>,
     areas: Vec<f64>,
     area: f64,
-    samples: usize,
     spacing: f64,
 }
 
@@ -223,8 +221,7 @@ impl Grid {
         let numbers = edges.iter().map(|&e| if step.is_normal() { pieces(e, step) } else { 1 });
         let triangles: Vec<_> = mesh.faces.iter().map(corners).zip(numbers).collect();
         let spacing = triangles.iter().zip(&edges).map(|((_, n), e)| e / f64::from(*n)).fold(0.0, f64::max);
-        let samples = triangles.iter().map(|(_, n)| (n * n) as usize).sum();
-        Self { triangles, areas, area, samples, spacing }
+        Self { triangles, areas, area, spacing }
     }
 }
 

@@ -1,9 +1,11 @@
 //! A distance for each vertex of a reconstruction, to be shown in colour.
 
 use rayon::prelude::*;
+use spharm_monitor::{Monitor, Stage};
 
 use super::vertexwise::squared_distances;
 use crate::error::SurfaceError;
+use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 use crate::topology::different_triangles;
@@ -28,19 +30,46 @@ pub fn vertex_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> R
 ///
 /// # Errors
 ///
-/// [`Argument`](SurfaceError::Argument) for a point that isn't finite, or a surface without triangles.
+/// [`Argument`](SurfaceError::Argument) for a point that isn't finite, or a surface without triangles;
+/// [`Interrupted`](SurfaceError::Interrupted).
 ///
 /// # Panics
 ///
 /// When a triangle names a vertex that isn't there.
-pub fn distances_to_surface(surface: &Mesh, points: &[[f64; 3]]) -> Result<Vec<f64>, SurfaceError> {
+pub fn distances_to_surface(
+    surface: &Mesh,
+    points: &[[f64; 3]],
+    monitor: &dyn Monitor,
+) -> Result<Vec<f64>, SurfaceError> {
     let tree = TriangleTree::new(surface);
-    let distance = |point: &[f64; 3]| {
-        tree.nearest(*point).map(|nearest| nearest.distance).ok_or_else(|| SurfaceError::Argument {
-            what: "point to measure the distance of a surface from",
-            expected: "finite coordinates, and a surface with triangles",
-            found: format!("{point:?}, and {} triangles", surface.faces.len()),
-        })
+    let none = |point: Vec3| SurfaceError::Argument {
+        what: "point to measure the distance of a surface from",
+        expected: "finite coordinates, and a surface with triangles",
+        found: format!("{point:?}, and {} triangles", surface.faces.len()),
     };
-    points.par_iter().map(distance).collect()
+    nearest_distances(&tree, points, none, monitor)
+}
+
+/// The distance of each point from the nearest triangle; the error of `none` for a point that is near to none.
+pub(super) fn nearest_distances(
+    tree: &TriangleTree,
+    points: &[Vec3],
+    none: impl Fn(Vec3) -> SurfaceError + Sync,
+    monitor: &dyn Monitor,
+) -> Result<Vec<f64>, SurfaceError> {
+    /// Points between which the monitor is asked. One in the middle of a sphere is as near to all of its triangles, and
+    /// takes milliseconds.
+    const CHUNK: usize = 16;
+    monitor.begin(Stage::counted("distance", "points"), points.len() as u64);
+    let mut distances = vec![0.0; points.len()];
+    distances.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).try_for_each(|(distances, points)| {
+        monitor.check()?;
+        for (distance, &point) in distances.iter_mut().zip(points) {
+            *distance = tree.nearest(point).ok_or_else(|| none(point))?.distance;
+        }
+        monitor.step(points.len() as u64);
+        Ok::<_, SurfaceError>(())
+    })?;
+    monitor.end();
+    Ok(distances)
 }

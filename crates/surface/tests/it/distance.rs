@@ -1,7 +1,10 @@
 //! Distances of surfaces that don't share their triangles.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use spharm_monitor::{Monitor, Silent};
 use spharm_surface::generate::{Cortex, cortex, icosphere, subdivide};
-use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
+use spharm_surface::metrics::{SurfaceDistanceParams, distances_to_surface, surface_distance};
 use spharm_surface::{Mesh, SurfaceError};
 
 fn params() -> SurfaceDistanceParams {
@@ -15,7 +18,7 @@ fn scaled(mesh: &Mesh, by: f64) -> Mesh {
 #[test]
 fn concentric_spheres_are_apart_by_the_difference_of_their_radii() {
     let (inner, outer) = (icosphere(5), scaled(&icosphere(4), 1.25));
-    let d = surface_distance(&inner, &outer, &params()).unwrap();
+    let d = surface_distance(&inner, &outer, &params(), &Silent).unwrap();
     // Facets of icosphere(4) lie up to 1.25 * 0.0016 below the sphere.
     assert!((d.mean - 0.25).abs() < 2e-3 && (d.rms - 0.25).abs() < 2e-3, "{d:?}");
     assert!((d.percentile95 - 0.25).abs() < 3e-3 && (d.hausdorff - 0.25).abs() < 1e-3, "{d:?}");
@@ -26,9 +29,9 @@ fn concentric_spheres_are_apart_by_the_difference_of_their_radii() {
 #[test]
 fn a_mesh_and_its_subdivision_are_one_surface() {
     let (surface, _) = cortex(&Cortex { subdivisions: 4, variant: 0 });
-    let d = surface_distance(&surface, &subdivide(&surface), &params()).unwrap();
+    let d = surface_distance(&surface, &subdivide(&surface), &params(), &Silent).unwrap();
     assert!(d.hausdorff < 1e-13 * d.scale, "{d:?}");
-    let same = surface_distance(&surface, &surface, &params()).unwrap();
+    let same = surface_distance(&surface, &surface, &params(), &Silent).unwrap();
     assert!(same.mean < 1e-14 * d.scale && same.hausdorff < 1e-13 * d.scale);
 }
 
@@ -37,7 +40,7 @@ fn one_vertex_pulled_out_is_the_hausdorff_distance() {
     let round = icosphere(4);
     let mut pulled = round.clone();
     pulled.vertices[100] = pulled.vertices[100].map(|x| 1.5 * x);
-    let d = surface_distance(&round, &pulled, &params()).unwrap();
+    let d = surface_distance(&round, &pulled, &params(), &Silent).unwrap();
     assert!((d.hausdorff - 0.5).abs() < 1e-12 && d.backward.worst == pulled.vertices[100], "{d:?}");
     assert!(d.forward.max < 0.2, "the round one's points find the spike's flanks: {d:?}");
     assert!(d.mean < 5e-3 && d.percentile95 < 1e-3);
@@ -47,7 +50,8 @@ fn one_vertex_pulled_out_is_the_hausdorff_distance() {
 fn swapping_the_surfaces_changes_nothing_but_the_names() {
     let (a, _) = cortex(&Cortex { subdivisions: 3, variant: 0 });
     let (b, _) = cortex(&Cortex { subdivisions: 4, variant: 1 });
-    let (there, back) = (surface_distance(&a, &b, &params()).unwrap(), surface_distance(&b, &a, &params()).unwrap());
+    let (there, back) =
+        (surface_distance(&a, &b, &params(), &Silent).unwrap(), surface_distance(&b, &a, &params(), &Silent).unwrap());
     assert_eq!((there.mean, there.rms, there.percentile95), (back.mean, back.rms, back.percentile95));
     assert_eq!((there.hausdorff, there.bound, there.forward), (back.hausdorff, back.bound, back.backward));
 }
@@ -56,7 +60,7 @@ fn swapping_the_surfaces_changes_nothing_but_the_names() {
 fn slivers_do_not_swell_the_work() {
     // Two faces, 1e4 long and 1e-4 wide.
     let sliver = Mesh::new(vec![[0.0, 0.0, 0.0], [1e4, 0.0, 0.0], [1e4, 1e-4, 1.0]], vec![[0, 1, 2], [0, 2, 1]]);
-    let d = surface_distance(&sliver, &sliver, &params()).unwrap();
+    let d = surface_distance(&sliver, &sliver, &params(), &Silent).unwrap();
     assert!(d.forward.samples <= 160_000, "{d:?}");
 }
 
@@ -67,8 +71,42 @@ fn what_has_no_area_has_no_distance() {
     broken.vertices[3][1] = f64::NAN;
     let point = Mesh::new(vec![[1.0; 3]; 3], vec![[0, 1, 2]]);
     for bad in [&broken, &point, &Mesh::default()] {
-        let error = surface_distance(&round, bad, &params()).unwrap_err();
+        let error = surface_distance(&round, bad, &params(), &Silent).unwrap_err();
         assert!(matches!(error, SurfaceError::Argument { .. }), "{error}");
-        assert!(surface_distance(bad, &round, &params()).is_err());
+        assert!(surface_distance(bad, &round, &params(), &Silent).is_err());
     }
+}
+
+/// Stops at the n-th question.
+struct StopAt {
+    n: u64,
+    asked: AtomicU64,
+}
+
+impl Monitor for StopAt {
+    fn cancelled(&self) -> bool {
+        self.asked.fetch_add(1, Ordering::Relaxed) + 1 >= self.n
+    }
+}
+
+#[test]
+fn distances_stop_when_asked_to() {
+    let (round, other) = (icosphere(4), icosphere(5));
+    let asked = |run: &dyn Fn(&dyn Monitor) -> Option<SurfaceError>| {
+        let counted = StopAt { n: u64::MAX, asked: AtomicU64::new(0) };
+        assert!(run(&counted).is_none());
+        let all = counted.asked.into_inner();
+        for n in [1, all / 2, all] {
+            let monitor = StopAt { n, asked: AtomicU64::new(0) };
+            assert!(matches!(run(&monitor), Some(SurfaceError::Interrupted(_))), "question {n} of {all}");
+            let asked = monitor.asked.into_inner();
+            assert!(asked <= n + rayon::current_num_threads() as u64, "went on from question {n} to {asked}");
+        }
+        all
+    };
+    // At every 16 points, which take below a millisecond, even where a single triangle has most of them.
+    assert!(asked(&|monitor| surface_distance(&round, &other, &params(), monitor).err()) > 40_000 / 16);
+    let sliver = Mesh::new(vec![[0.0, 0.0, 0.0], [1e4, 0.0, 0.0], [1e4, 1e-4, 1.0]], vec![[0, 1, 2], [0, 2, 1]]);
+    assert!(asked(&|monitor| surface_distance(&sliver, &round, &params(), monitor).err()) > 40_000 / 16);
+    assert!(asked(&|monitor| distances_to_surface(&round, &other.vertices, monitor).err()) > 10_242 / 16);
 }
