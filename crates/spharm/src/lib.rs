@@ -1,7 +1,8 @@
 //! Spherical-harmonic (SPHARM) models of closed surfaces: read, parametrise, fit, assess, write, reconstruct.
 //!
 //! A SPHARM model describes a closed surface of genus zero by three functions on the sphere, x, y and z, each a sum of
-//! spherical harmonics up to a degree L. This crate is everything that the program `spharm` does, as functions.
+//! spherical harmonics up to a degree L. This crate has what the program `spharm` computes, as functions; pictures are drawn
+//! by `spharm-render`, and the experiments of the paper are in `spharm-paper`.
 //!
 //! ```
 //! use spharm::prelude::*;
@@ -57,8 +58,37 @@
 //! | [`rerun`] | what becomes of outputs that exist |
 //! | [`factor`] | the factor of the normal equations, kept in a store |
 //! | [`machine`] | memory and limits of this process |
+//! | [`mod@parametrize`] | maps from surfaces to the sphere: all methods, label volumes, resampling, quality |
+//! | [`mod@model`] | what a model says of how it was made |
 //!
-//! The crates below are re-exported: [`io`] and [`generate`] of `spharm-surface`, the methods of `spharm-parametrize`.
+//! Of the crates below these are re-exported:
+//!
+//! | module | crate | contents |
+//! |---|---|---|
+//! | [`store`] | `spharm-store` | basis stores: [`store::build`], [`store::catalog`] |
+//! | [`io`], [`generate`], [`metrics`] | `spharm-surface` | files, example surfaces, distances between surfaces |
+//! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
+//! | [`transform`] | `spharm-transform` | fast synthesis and its adjoint |
+//! | [`harmonics`] | `spharm-harmonics` | the harmonics, [`Directions`], [`Coefficients`] |
+//!
+//! A basis that is built once serves all fits over its sphere:
+//!
+//! ```
+//! use spharm::generate::{Cortex, cortex};
+//! use spharm::metrics::compare;
+//! use spharm::store::{BuildParams, build};
+//! use spharm::{FitParams, Kind, Model, Silent, Sphere, fit};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+//! let sphere = Sphere::from_mesh(&sphere)?;
+//! let params = BuildParams { max_degree: 10, ..BuildParams::default() };
+//! build(folder.path(), &sphere.directions, &params, &Silent)?;
+//! let fit = fit(&sphere, &surface, &FitParams::irf(10, folder.path()))?;
+//! let model = Model::new(sphere.clone(), fit, Kind::Surface);
+//! assert!(compare(&surface, &model.reconstruct(&sphere, 10)?)?.msd < 1e-2);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 /// The README's Rust code, compiled with the documentation's tests.
 #[cfg(doctest)]
@@ -88,6 +118,18 @@ pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 
+pub use spharm_harmonics as harmonics;
+pub use spharm_solver as solver;
+pub use spharm_store as store;
+pub use spharm_transform as transform;
+
+pub use spharm_harmonics::{Coefficients, Directions, HarmonicsError};
 pub use spharm_model::{FileRecord, Model, ModelError, Versions};
-pub use spharm_monitor::{Interrupted, Level, Monitor, Silent, Stage};
-pub use spharm_surface::{Kind, Mesh, Signal, Sphere, Target, generate, io, read_sphere, read_target};
+pub use spharm_monitor::{Interrupted, Level, Monitor, Silent, Stage, Unit};
+pub use spharm_parametrize::ParametrizeError;
+pub use spharm_solver::SolverError;
+pub use spharm_store::{Scalar, StoreError};
+pub use spharm_surface::{
+    Kind, Mesh, Signal, Sphere, SurfaceError, Target, generate, io, metrics, read_sphere, read_target,
+};
+pub use spharm_transform::TransformError;

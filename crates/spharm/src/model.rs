@@ -1,6 +1,6 @@
 //! From a fit to a model, with how it was made.
 
-use spharm_model::{Fitted, Provenance, Versions};
+pub use spharm_model::{CONVENTION, Distances, Fitted, Provenance, Settings, Versions};
 use spharm_store::format::VERSION as STORE_FORMAT;
 
 use crate::{Fit, FitReport, FitWarning, Method};
@@ -22,7 +22,7 @@ impl From<Fit> for Fitted {
         let mut provenance = Provenance {
             tool: Some("fit".to_owned()),
             versions: Some(versions()),
-            settings: Some(spharm_model::Settings {
+            settings: Some(Settings {
                 method: settings.method.name().to_owned(),
                 passes: settings.method.passes(),
                 granularity: settings.method.granularity(),

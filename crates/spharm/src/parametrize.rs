@@ -1,12 +1,18 @@
 //! A sphere for a surface that comes without one.
+//!
+//! [`parametrize`](parametrize()) is the default, with a [`Sphere`] to fit over. The methods of `spharm-parametrize` are here
+//! one by one, and as values of [`Method`]; `Parametrized::try_from` makes a sphere of what they give.
 
 use spharm_monitor::{Monitor, Silent};
-use spharm_parametrize::{Method, Parametrization};
 use spharm_surface::{Mesh, Sphere, Target};
 
 use crate::Error;
 
-pub use spharm_parametrize::{CaldParams, Input, Report, Source, volume};
+pub use spharm_parametrize::{
+    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Note, Parametrization, ParametrizeError,
+    Quality, Report, Resampling, Sampling, Source, StretchParams, Warning, area_deviation, auto, cald, conformal,
+    deform, equal_area, quality, resample, stretch, volume,
+};
 
 /// A surface's map to the sphere.
 #[derive(Debug, Clone)]
