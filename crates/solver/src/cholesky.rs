@@ -26,6 +26,7 @@ mod tiles;
 mod triangular;
 
 use ndarray::Array2;
+use spharm_monitor::Monitor;
 use spharm_store::Scalar;
 
 pub use build::{
@@ -61,8 +62,10 @@ pub trait CholeskyFactor: Sync {
 
     /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors at unit variance. K^3 / 3 flops.
     ///
+    /// The monitor gets one stage, `standard errors`, in columns.
+    ///
     /// # Errors
     ///
-    /// When the factor can't be read or is damaged.
-    fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError>;
+    /// [`SolverError::Interrupted`], and when the factor can't be read or is damaged.
+    fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError>;
 }

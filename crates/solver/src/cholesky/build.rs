@@ -253,7 +253,7 @@ impl CholeskyFactor for MemoryFactor {
         triangular::solve(&self.tiles, x.view_mut(), self.threads)
     }
 
-    fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError> {
-        inverse::diagonal(&self.tiles, self.threads)
+    fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError> {
+        inverse::diagonal(&self.tiles, self.threads, monitor)
     }
 }

@@ -3,6 +3,8 @@
 //! Unit columns are solved for forward, a few tile columns of them at a time; a column that begins with zeros skips
 //! their share of the work. K^3 / 3 flops, as many as the factorisation, and 8 K bytes a column of workspace.
 
+use spharm_monitor::{Monitor, Stage};
+
 use crate::SolverError;
 use crate::cholesky::tiles::Tiles;
 use crate::cholesky::triangular::{Direction, run};
@@ -11,8 +13,9 @@ use crate::cholesky::triangular::{Direction, run};
 const TOGETHER: usize = 512;
 
 /// The diagonal of `(C C^T)^-1`, (K).
-pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize) -> Result<Vec<f64>, SolverError> {
+pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError> {
     let grid = tiles.grid();
+    monitor.begin(Stage::counted("standard errors", "columns"), grid.size() as u64);
     let step = (TOGETHER / grid.tile()).max(1);
     let mut diagonal = Vec::with_capacity(grid.size());
     for first in (0..grid.columns()).step_by(step) {
@@ -29,7 +32,7 @@ pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize) -> Result<Vec<f64>, So
             block
         };
         let blocks = (0..grid.columns()).map(unit).collect();
-        let solved = run(tiles, blocks, channels, threads, first, Direction::Forward)?;
+        let solved = run(tiles, blocks, channels, threads, first, Direction::Forward, monitor)?;
         let mut sums = vec![0.0; channels];
         for (at, block) in solved.iter().enumerate().skip(first) {
             for (sum, column) in sums.iter_mut().zip(block.chunks_exact(grid.range(at).len())) {
@@ -37,6 +40,8 @@ pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize) -> Result<Vec<f64>, So
             }
         }
         diagonal.extend(sums);
+        monitor.step(channels as u64);
     }
+    monitor.end();
     Ok(diagonal)
 }

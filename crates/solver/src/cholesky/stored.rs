@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use ndarray::Array2;
+use spharm_monitor::Monitor;
 use spharm_store::factor::{Condition, FactorFile, TileValues, TileWindow};
 use spharm_store::{Scalar, TileGrid};
 
@@ -112,7 +113,7 @@ impl CholeskyFactor for StoredFactor {
         triangular::solve(self, x.view_mut(), self.threads)
     }
 
-    fn inverse_diagonal(&self) -> Result<Vec<f64>, SolverError> {
-        inverse::diagonal(self, self.threads)
+    fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError> {
+        inverse::diagonal(self, self.threads, monitor)
     }
 }

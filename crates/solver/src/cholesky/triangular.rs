@@ -16,6 +16,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use ndarray::ArrayViewMut2;
 use spharm_harmonics::product::Matrix;
+use spharm_monitor::{Monitor, Silent};
 use spharm_store::factor::TileValues;
 
 use crate::SolverError;
@@ -40,7 +41,7 @@ pub(crate) fn solve(tiles: &dyn Tiles, mut x: ArrayViewMut2<'_, f64>, threads: u
             rows.columns().into_iter().flatten().copied().collect()
         })
         .collect();
-    let solved = run(tiles, blocks, channels, threads, 0, Direction::Both)?;
+    let solved = run(tiles, blocks, channels, threads, 0, Direction::Both, &Silent)?;
     for (at, block) in solved.iter().enumerate() {
         let range = grid.range(at);
         let rows = range.len();
@@ -70,6 +71,7 @@ pub(crate) fn run(
     threads: usize,
     first: usize,
     direction: Direction,
+    monitor: &dyn Monitor,
 ) -> Result<Vec<Vec<f64>>, SolverError> {
     let count = tiles.grid().columns();
     let threads = threads.clamp(1, count);
@@ -80,6 +82,7 @@ pub(crate) fn run(
         threads,
         first,
         direction,
+        monitor,
         forward: (0..count).map(|_| OnceLock::new()).collect(),
         backward: (0..count).map(|_| OnceLock::new()).collect(),
         stopped: AtomicBool::new(false),
@@ -117,6 +120,8 @@ struct Job<'a> {
     threads: usize,
     first: usize,
     direction: Direction,
+    /// Asked before each tile: with many columns one takes milliseconds.
+    monitor: &'a dyn Monitor,
     /// y and x by tile rows, once they are known.
     forward: Vec<OnceLock<Vec<f64>>>,
     backward: Vec<OnceLock<Vec<f64>>>,
@@ -179,6 +184,7 @@ impl Job<'_> {
             let y = self.wait(&self.forward[column])?;
             for (row, slot) in rows.iter_mut().enumerate().skip(column + 1) {
                 let Some(block) = slot else { continue };
+                self.monitor.check()?;
                 let height = block.len() / self.channels;
                 let tile = self.tiles.tile(row, column, cursor)?;
                 // Its next row but for those of the other threads.
@@ -219,6 +225,7 @@ impl Job<'_> {
         for column in (0..count).rev().filter(|column| column % self.threads == thread) {
             let mut block = self.wait(&self.forward[column])?.to_vec();
             for row in (column + 1..count).rev() {
+                self.monitor.check()?;
                 let x = self.wait(&self.backward[row])?;
                 let height = x.len() / self.channels;
                 let tile = self.tiles.tile(row, column, cursor)?;

@@ -14,7 +14,7 @@ impl LsqSolver<'_> {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Underdetermined`], [`SolverError::NoGram`], and what keeps a factor from being made.
+    /// [`SolverError::Underdetermined`], [`SolverError::NoGram`], [`SolverError::Interrupted`], and what keeps a factor from being made.
     pub fn standard_errors(
         &mut self,
         residual: &Array2<f64>,
@@ -29,7 +29,7 @@ impl LsqSolver<'_> {
         if self.stored.is_none() && self.made.as_ref().is_some_and(|made| made.shift > 0.0) {
             return Err(SolverError::Underdetermined { rows, columns });
         }
-        let diagonal = self.factor()?.inverse_diagonal()?;
+        let diagonal = self.factor()?.inverse_diagonal(monitor)?;
         // tr H = K - tr(P N^-1), and P is diagonal.
         let penalised = self.penalty.iter().flatten().zip(&diagonal).map(|(p, d)| p * d).sum::<f64>();
         let degrees_of_freedom = rows as f64 - (columns as f64 - penalised);

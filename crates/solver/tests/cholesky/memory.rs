@@ -1,9 +1,11 @@
 //! Factors in memory and out of core: they are those of the matrix, and singular ones are named.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use ndarray::Array2;
-use spharm_monitor::Silent;
+use spharm_monitor::{Monitor, Silent};
 use spharm_solver::cholesky::{build_factor, factorise};
 use spharm_solver::gram::{Penalised, smoothness_penalty};
 use spharm_solver::{CholeskyFactor, FactorParams, GramMatrix, SolverError};
@@ -84,12 +86,28 @@ fn the_inverse_s_diagonal_is_that_of_unit_solves() {
         let factor = in_memory(&source, &params);
         let mut unit = Array2::eye(source.size());
         factor.solve(&mut unit).unwrap();
-        let diagonal = factor.inverse_diagonal().unwrap();
+        let diagonal = factor.inverse_diagonal(&Silent).unwrap();
         assert_eq!(diagonal.len(), source.size());
         for (value, expected) in diagonal.iter().zip(unit.diag()) {
             assert!((value - expected).abs() < 1e-13 * expected.abs(), "{value} {expected}");
         }
     }
+}
+
+#[test]
+fn the_inverse_s_diagonal_stops_between_tiles() {
+    /// Stops at the third question.
+    struct Third(AtomicU64);
+    impl Monitor for Third {
+        fn cancelled(&self) -> bool {
+            self.0.fetch_add(1, Ordering::Relaxed) >= 2
+        }
+    }
+    let factor =
+        in_memory(&gram(&scattered(500), 12), &FactorParams { tile: 16, threads: 2, ..FactorParams::default() });
+    let monitor = Third(AtomicU64::new(0));
+    assert!(matches!(factor.inverse_diagonal(&monitor), Err(SolverError::Interrupted(_))));
+    assert!(monitor.0.into_inner() <= 4, "each thread asks once more at most");
 }
 
 #[test]
