@@ -147,6 +147,46 @@ fn a_limit_on_data_is_no_obstacle() {
     assert!(error.contains("ulimit -d"), "{error}");
 }
 
+/// On a sampling that needs a factor, under a limit that leaves no room for OpenBLAS's buffers: it would wait for them for
+/// ever.
+#[test]
+fn a_fit_that_wants_a_factor_ends_under_a_limit_on_data() {
+    if Command::new("prlimit").arg("--version").output().is_err() {
+        eprintln!("skipped: no prlimit here");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    // Directions without order: additive sequences in two dimensions are even, their sines' digits aren't.
+    let random = |i: u32| (f64::from(i).sin() * 43_758.545_3).rem_euclid(1.0);
+    let (mut sphere, mut signal) = (String::new(), String::new());
+    for i in 0..2000 {
+        let (theta, phi) = ((1.0 - 2.0 * random(2 * i + 1)).acos(), std::f64::consts::TAU * random(2 * i + 2));
+        sphere += &format!("{theta},{phi}\n");
+        signal += &format!("{}\n", (3.0 * theta).sin() * (5.0 * phi).cos());
+    }
+    fs::write(path("sphere.csv"), sphere).unwrap();
+    fs::write(path("f.csv"), signal).unwrap();
+    let fit = |limit: &str, more: &[&str]| {
+        let (fit, mut command) = (tool("fit"), Command::new("prlimit"));
+        command.arg(format!("--data={limit}")).arg(fit.get_program()).args(fit.get_args()).args(more);
+        command.arg("--sphere").arg(path("sphere.csv")).arg("--surface").arg(path("f.csv")).arg("--output");
+        command.arg(path("f.npz")).args(["--max-degree", "30", "--memory", "1GiB", "--threads", "2", "--force"]);
+        command
+    };
+    let warnings = |command: &mut Command| {
+        let output = crate::common::finish(command);
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert!(!warnings(&mut fit("unlimited", &[])).contains("no factor"), "there is room for one");
+    // Iterations take a few MiB.
+    let found = warnings(&mut fit("134217728", &[]));
+    assert!(found.contains("no factor was made") && found.contains("ulimit -d"), "{found}");
+    let error = crate::common::fail(&mut fit("134217728", &["--preconditioner", "factor"]));
+    assert!(error.contains("ulimit -d") && error.contains("--threads"), "{error}");
+}
+
 #[test]
 fn a_cold_fit_succeeds_in_a_cgroup_far_smaller_than_the_store() {
     let Some(group) = Cgroup::new() else {

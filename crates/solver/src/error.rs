@@ -27,6 +27,16 @@ pub enum SolverError {
         /// The largest granularity that fits the budget, if there is one.
         granularity: Option<usize>,
     },
+    /// A limit on the process that a factor would exceed.
+    #[error("the limit on this process's {what} is {} MiB; this takes {} MiB: raise it or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
+    Limit {
+        /// Which limit.
+        what: &'static str,
+        /// Bytes allowed.
+        limit: u64,
+        /// Bytes needed.
+        needed: u64,
+    },
     /// A granularity or number of passes of zero, or the like.
     #[error("{what} must be at least {least}, found {found}")]
     TooSmall {

@@ -72,4 +72,4 @@ pub use params::{LsqParams, Strategy};
 #[cfg(feature = "dense")]
 pub use report::{LsqReport, LsqSeconds, LsqWarning};
 #[cfg(feature = "dense")]
-pub use solver::{LsqFit, LsqSolver, MakeGram, solve};
+pub use solver::{CheckLimits, LsqFit, LsqSolver, MakeGram, solve};

@@ -26,7 +26,7 @@ pub enum Error {
     Store(#[from] StoreError),
     /// A fit that can't be computed.
     #[error("{0}")]
-    Solver(#[from] SolverError),
+    Solver(#[source] SolverError),
     /// Directions or coefficients that are refused.
     #[error("{0}")]
     Harmonics(#[from] HarmonicsError),
@@ -141,5 +141,14 @@ impl Error {
                 | Self::Solver(SolverError::Interrupted(_) | SolverError::Store(StoreError::Interrupted(_)))
                 | Self::Store(StoreError::Interrupted(_))
         )
+    }
+}
+
+impl From<SolverError> for Error {
+    fn from(error: SolverError) -> Self {
+        match error {
+            SolverError::Limit { what, limit, needed } => Self::Limit { what, limit, needed },
+            error => Self::Solver(error),
+        }
     }
 }

@@ -1,5 +1,8 @@
 //! Memory that this process may use, by the system's account.
 
+use std::fs::read_to_string;
+use std::path::Path;
+
 use rustix::process::{Resource, getrlimit};
 
 use crate::Error;
@@ -7,20 +10,67 @@ use crate::Error;
 /// What is assumed to be free where the system doesn't say.
 const UNKNOWN: u64 = 2 << 30;
 
-/// Returns the bytes of memory that are free, by the system's account and by that of this process's control group,
-/// whichever is less; 2 GiB where neither can be read.
+/// Limits on a process, the field of `/proc/self/status` that counts against each, and its name.
+const LIMITS: [(Resource, &str, &str); 2] =
+    [(Resource::Data, "VmData:", "data (ulimit -d)"), (Resource::As, "VmSize:", "address space (ulimit -v)")];
+
+/// Returns the bytes of memory that are free: the least of what the system has, what the control groups that this process
+/// is in leave of their limits, and what the limits on its data and address space leave; 2 GiB where none of them is
+/// known.
 pub fn available_memory() -> usize {
-    let read = |path: &str| std::fs::read_to_string(path).ok();
-    let number = |path: &str| read(path)?.trim().parse::<u64>().ok();
-    let meminfo = read("/proc/meminfo").unwrap_or_default();
+    let meminfo = read_to_string("/proc/meminfo").unwrap_or_default();
     let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
     let free = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()).map(|kib| kib << 10);
-    let groups = [
-        ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
-        ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
-    ];
-    let group = groups.iter().find_map(|(limit, used)| Some(number(limit)?.saturating_sub(number(used)?)));
-    free.into_iter().chain(group).min().unwrap_or(UNKNOWN) as usize
+    let groups = read_to_string("/proc/self/cgroup").unwrap_or_default();
+    let groups = free_in_groups(&groups, Path::new("/sys/fs/cgroup"));
+    let limits = LIMITS
+        .iter()
+        .filter_map(|&(resource, used, _)| Some(getrlimit(resource).current?.saturating_sub(process_status(used)?)));
+    free.into_iter().chain(groups).chain(limits).min().unwrap_or(UNKNOWN) as usize
+}
+
+/// The least that the control groups of `/proc/self/cgroup` and those above them leave; the hierarchies of both versions are
+/// mounted below `root`.
+fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
+    let number = |path: &Path| read_to_string(path).ok()?.trim().parse::<u64>().ok();
+    let of_line = |line: &str| -> Option<u64> {
+        let mut parts = line.splitn(3, ':');
+        let (_, controllers, path) = (parts.next()?, parts.next()?, parts.next()?);
+        let (mount, limit, used) = match controllers {
+            "" => (root.to_owned(), "memory.max", "memory.current"),
+            names if names.split(',').any(|name| name == "memory") => {
+                (root.join("memory"), "memory.limit_in_bytes", "memory.usage_in_bytes")
+            }
+            _ => return None,
+        };
+        // In a container the path may be the host's, of which there is only the root here.
+        let group = Path::new(path.trim_start_matches('/'));
+        let free = group.ancestors().filter_map(|group| {
+            let folder = mount.join(group);
+            Some(number(&folder.join(limit))?.saturating_sub(number(&folder.join(used))?))
+        });
+        free.min()
+    };
+    groups.lines().filter_map(of_line).min()
+}
+
+/// A limit on this process that is too low.
+pub(crate) struct Exceeded {
+    pub(crate) what: &'static str,
+    /// Bytes allowed.
+    pub(crate) limit: u64,
+    /// Bytes needed.
+    pub(crate) needed: u64,
+}
+
+/// The limit, if there is one, that `data` bytes of anonymous memory and `mapped` bytes of mapped files beyond what this
+/// process has would exceed.
+pub(crate) fn exceeded(data: usize, mapped: usize) -> Option<Exceeded> {
+    LIMITS.iter().zip([data, data.saturating_add(mapped)]).find_map(|(&(resource, used, what), more)| {
+        let (limit, used) = (getrlimit(resource).current?, process_status(used)?);
+        let needed = used.saturating_add(more as u64);
+        (limit < needed).then_some(Exceeded { what, limit, needed })
+    })
 }
 
 /// Checks, before work starts, that this process's limits on data (`ulimit -d`) and address space (`ulimit -v`) allow
@@ -30,24 +80,38 @@ pub fn available_memory() -> usize {
 ///
 /// [`Error::Limit`] with the limit and the least that works.
 pub fn check_limits(data: usize, mapped: usize) -> Result<(), Error> {
-    let checks = [
-        (Resource::Data, "VmData:", data, "data (ulimit -d)"),
-        (Resource::As, "VmSize:", data + mapped, "address space (ulimit -v)"),
-    ];
-    for (resource, used, more, what) in checks {
-        let (Some(limit), Some(used)) = (getrlimit(resource).current, process_status(used)) else { continue };
-        let needed = used + more as u64;
-        if limit < needed {
-            return Err(Error::Limit { what, limit, needed });
-        }
-    }
-    Ok(())
+    exceeded(data, mapped).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(Error::Limit { what, limit, needed }))
 }
 
 /// Returns a field of `/proc/self/status`, such as `VmHWM:`, in bytes; `None` where the system has none.
 pub fn process_status(field: &str) -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let text = read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(field))?;
     let kib: u64 = line.trim().trim_end_matches(" kB").trim().parse().ok()?;
     Some(kib << 10)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn the_tightest_group_on_the_way_to_the_root_counts() {
+        let root = tempfile::tempdir().unwrap();
+        let group = |path: &str, files: [(&str, &str); 2]| {
+            let folder = root.path().join(path);
+            fs::create_dir_all(&folder).unwrap();
+            files.iter().for_each(|(name, text)| fs::write(folder.join(name), text).unwrap());
+        };
+        group("slurm", [("memory.max", "1000\n"), ("memory.current", "400\n")]);
+        group("slurm/job", [("memory.max", "max\n"), ("memory.current", "300\n")]);
+        group("memory/a", [("memory.limit_in_bytes", "900\n"), ("memory.usage_in_bytes", "800\n")]);
+        let free = |text: &str| free_in_groups(text, root.path());
+        assert_eq!(free("0::/slurm/job\n"), Some(600));
+        assert_eq!(free("0::/elsewhere\n"), None);
+        assert_eq!(free("5:cpu,memory:/a/b\n3:pids:/a\n0::/slurm\n"), Some(100));
+        assert_eq!(free("3:pids:/slurm\n"), None);
+    }
 }

@@ -36,6 +36,8 @@ pub struct LsqParams {
     pub memory: usize,
     /// Bytes of memory that are taken already; default 0.
     pub held: usize,
+    /// Bytes of memory that the Gram matrix takes while it is made, for a factor; default 0.
+    pub gram_bytes: usize,
     /// Threads for factors; 0, the default, for those of the rayon pool that the fit is called in.
     pub threads: usize,
 }
@@ -51,6 +53,7 @@ impl Default for LsqParams {
             max_iterations: 3000,
             memory: 2 << 30,
             held: 0,
+            gram_bytes: 0,
             threads: 0,
         }
     }

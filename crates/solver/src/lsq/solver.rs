@@ -47,10 +47,14 @@ pub struct LsqFit {
 /// Makes the Gram matrix `A^T W A`, when a factor is needed.
 pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + Sync + 'a;
 
+/// Checks that the process's limits allow for so many bytes of anonymous memory beyond what it has.
+pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
+
 /// Solves batch after batch on one sampling, and keeps the factor from one to the next.
 pub struct LsqSolver<'a> {
     pub(super) operator: &'a dyn Operator,
     make_gram: Option<&'a MakeGram<'a>>,
+    check_limits: Option<&'a CheckLimits<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
     /// Diagonal of P, (K), where there is a penalty.
@@ -101,6 +105,7 @@ impl<'a> LsqSolver<'a> {
         Ok(Self {
             operator,
             make_gram,
+            check_limits: None,
             stored: None,
             params,
             penalty,
@@ -119,6 +124,14 @@ impl<'a> LsqSolver<'a> {
         self
     }
 
+    /// Asks before a factor is made whether the process's limits allow for it. OpenBLAS waits for ever for buffers that it
+    /// can't have.
+    #[must_use]
+    pub fn with_limits(mut self, check: &'a CheckLimits<'a>) -> Self {
+        self.check_limits = Some(check);
+        self
+    }
+
     /// Solves for targets, (n, c), of which `groups` gives the columns of each target: three for a surface, one for a
     /// signal.
     ///
@@ -127,8 +140,8 @@ impl<'a> LsqSolver<'a> {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`], [`SolverError::NotFinite`], [`SolverError::Interrupted`]; [`SolverError::NoGram`] for a
-    /// strategy that needs a Gram matrix; those of operator, Gram matrix and stored factor. Not converging is none.
+    /// [`SolverError::Rows`], [`SolverError::NotFinite`], [`SolverError::Interrupted`]; [`SolverError::NoGram`],
+    /// [`SolverError::Limit`] and too small a budget for a strategy that needs a Gram matrix; those of operator, Gram matrix and stored factor. Not converging is none.
     pub fn fit(
         &mut self,
         targets: &Array2<f64>,
@@ -207,8 +220,8 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Makes a factor unless there is one. False where memory doesn't allow for one; an error then where it is
-    /// `required`.
+    /// Makes a factor unless there is one. False where memory or the process's limits don't allow for one; an error then
+    /// where it is `required`.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
         if self.stored.is_some() || self.made.is_some() {
             return Ok(true);
@@ -217,12 +230,12 @@ impl<'a> LsqSolver<'a> {
         let started = Instant::now();
         let params = FactorParams {
             memory: self.params.memory,
-            held: self.params.held,
+            held: self.params.held + self.params.gram_bytes,
             threads: self.params.threads,
             ..FactorParams::default()
         };
         let size = basis_size(self.operator.max_degree());
-        if let Err(error) = plan_factor(size, &params, false) {
+        if let Err(error) = self.plan_factor(size, &params) {
             if required {
                 return Err(error);
             }
@@ -235,6 +248,12 @@ impl<'a> LsqSolver<'a> {
         monitor.begin(FIT, 0);
         self.factor_seconds += started.elapsed().as_secs_f64();
         Ok(true)
+    }
+
+    fn plan_factor(&self, size: usize, params: &FactorParams) -> Result<(), SolverError> {
+        let (plan, _) = plan_factor(size, params, false)?;
+        // What is held is there already.
+        self.check_limits.map_or(Ok(()), |check| check(plan.memory - self.params.held + plan.reserved))
     }
 
     fn make_low_degrees(&self, degree: usize) -> Result<LowDegrees, SolverError> {

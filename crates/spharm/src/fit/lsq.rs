@@ -4,13 +4,17 @@ use std::fmt;
 
 use spharm_monitor::{Level, Monitor, Stage};
 use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, choose_smoothness};
-use spharm_solver::{GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, Strategy, moment_gram};
+use spharm_solver::{
+    GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, SolverError, StoredFactor, Strategy, moment_gram,
+    moment_gram_bytes,
+};
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
 use super::batches::{Batch, Run, Solved};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
+use crate::machine::{Exceeded, exceeded};
 use crate::report::BatchReport;
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
@@ -73,7 +77,7 @@ struct Equations<'a> {
 
 impl<'a> Equations<'a> {
     fn solver(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
-        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?;
+        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?.with_limits(&allowed);
         Ok(match self.stored {
             Some(factor) => solver.with_factor(factor),
             None => solver,
@@ -162,6 +166,8 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         max_iterations: params.max_iterations,
         memory: plan.budget,
         held: plan.needed(together),
+        // Where these can't be told, the matrix can't be made either.
+        gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         threads: job.threads,
     })
 }
@@ -181,6 +187,11 @@ impl Monitor for Within<'_> {
     fn cancelled(&self) -> bool {
         self.0.cancelled()
     }
+}
+
+/// Whether this process's limits allow for a factor.
+fn allowed(data: usize) -> Result<(), SolverError> {
+    exceeded(data, 0).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(SolverError::Limit { what, limit, needed }))
 }
 
 /// The penalty of all targets, where it isn't chosen for each.
