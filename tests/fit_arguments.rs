@@ -71,15 +71,18 @@ fn flags_that_do_not_go_together_are_usage_errors() {
 
 #[test]
 fn too_little_memory_is_refused_with_the_figure_that_works() {
-    let study = Study::new();
-    let error = fail(&mut lsq(&study, &["--max-degree", "12", "--memory", "8MiB"]));
-    assert!(error.contains("--memory 8") && error.contains("is too small"), "{error}");
-    let figure = error.split("the smallest that works is ").nth(1).expect(&error);
-    let figure: usize = figure.trim_end().trim_end_matches("MiB").parse().expect(&error);
-    assert!(!study.path("m.npz").exists());
-    fail(&mut lsq(&study, &["--max-degree", "12", "--memory", &format!("{}MiB", figure - 1)]));
-    let output = finish(&mut lsq(&study, &["--max-degree", "12", "--memory", &format!("{figure}MiB")]));
-    assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output));
+    for method in ["lsq", "quadrature"] {
+        let study = Study::new();
+        let with = |memory: &str| lsq(&study, &["--max-degree", "12", "--method", method, "--memory", memory]);
+        let error = fail(&mut with("8MiB"));
+        assert!(error.contains("--memory 8") && error.contains("is too small"), "{error}");
+        let figure = error.split("the smallest that works is ").nth(1).expect(&error);
+        let figure: usize = figure.trim_end().trim_end_matches("MiB").parse().expect(&error);
+        assert!(!study.path("m.npz").exists());
+        fail(&mut with(&format!("{}MiB", figure - 1)));
+        let output = finish(&mut with(&format!("{figure}MiB")));
+        assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output));
+    }
 }
 
 #[test]

@@ -32,7 +32,8 @@ fn shared_sphere(cli: &Cli, console: &Console) -> Result<Option<Sphere>> {
     match (&cli.sampling.sphere, cli.sampling.icosphere) {
         (Some(path), _) => Ok(Some(read_sphere(path, false, console)?)),
         (None, Some(subdivisions)) => {
-            check_memory(cli, 10 * (1 << (2 * subdivisions)) + 2, console)?;
+            // Of models whose channels aren't known yet.
+            check_memory(cli, 10 * (1 << (2 * subdivisions)) + 2, 1, console)?;
             Ok(Some(Sphere::icosphere(subdivisions)))
         }
         (None, None) => Ok(None),
@@ -40,12 +41,15 @@ fn shared_sphere(cli: &Cli, console: &Console) -> Result<Option<Sphere>> {
 }
 
 /// Says what a large reconstruction takes, and refuses what there is no memory for.
-fn check_memory(cli: &Cli, vertices: usize, console: &Console) -> Result<()> {
-    /// Directions, triangles, values, and the mesh while it is written.
-    const BYTES_PER_VERTEX: usize = 128;
+fn check_memory(cli: &Cli, vertices: usize, channels: usize, console: &Console) -> Result<()> {
+    /// Directions and triangles.
+    const BYTES_PER_VERTEX: usize = 56;
+    /// The values, as they are computed, as a mesh or signal, and while they are written.
+    const BYTES_PER_VALUE: usize = 24;
     /// Below this nobody has to know.
     const LARGE: usize = 1 << 30;
-    let (needed, limit) = (Size(vertices * BYTES_PER_VERTEX), cli.memory.unwrap_or(Size(available_memory())));
+    let needed = Size(vertices * (BYTES_PER_VERTEX + BYTES_PER_VALUE * channels));
+    let limit = cli.memory.unwrap_or(Size(available_memory()));
     if needed > limit {
         let limit = if cli.memory.is_some() { format!("--memory is {limit}") } else { format!("{limit} are free") };
         bail!("{vertices} vertices take about {needed} of memory, {limit}; choose a coarser sphere, or raise --memory");
@@ -70,7 +74,7 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
         None => model.own_sphere().with_context(named)?,
     };
     let vertices = sphere.directions.len();
-    check_memory(cli, vertices, console)?;
+    check_memory(cli, vertices, model.coefficients.channels(), console)?;
     console.detail(format!("{}: {vertices} vertices, degree {degree}", named()));
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
     let surface = model.kind() == Kind::Surface;

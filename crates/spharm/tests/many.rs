@@ -48,6 +48,26 @@ fn results_are_in_order_and_those_of_each_alone() {
     }
 }
 
+#[test]
+fn targets_are_read_at_once_only_where_the_memory_has_room() {
+    let sphere = Sphere::icosphere(6);
+    let target = |_| Target::from_signal(Signal::new(vec![1.0; 40_962], 40_962, 1), &sphere).map_err(Error::from);
+    let params = |memory| FitParams { threads: Some(4), memory: Some(memory), ..FitParams::lsq(6) };
+    let most_at_once = |memory| {
+        let (reading, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let read = |number: usize| {
+            most.fetch_max(reading.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+            std::thread::sleep(std::time::Duration::from_millis(20));
+            reading.fetch_sub(1, Ordering::SeqCst);
+            target(number)
+        };
+        fit_many(&sphere, 12, &read, &params(memory), &|_, _| Ok::<_, Error>(()), &Silent).map(|_| most.into_inner())
+    };
+    let Err(Error::Memory { needed, .. }) = most_at_once(1) else { panic!("it is too little") };
+    assert_eq!(most_at_once(needed).expect("fits"), 1);
+    assert!(most_at_once(1 << 30).expect("fits") > 1);
+}
+
 #[derive(Debug)]
 enum Mine {
     Missing(usize),

@@ -28,6 +28,8 @@ pub(crate) struct Run<'a, T, E> {
     pub(crate) results: Vec<T>,
     pub(crate) batches: Vec<BatchReport>,
     pub(crate) seconds: Seconds,
+    /// Targets that are read at a time: as many as the memory plan of the method counts, one before there is a plan.
+    pub(crate) readers: usize,
     read: Read<'a, E>,
     done: Done<'a, T, E>,
     /// The next target to read, and those read that no batch has taken.
@@ -105,7 +107,7 @@ fn values(target: &Target) -> ArrayView2<'_, f64> {
 }
 
 impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
-    /// Reads the first targets.
+    /// Reads the first target.
     pub(crate) fn new(
         job: Job<'a>,
         count: usize,
@@ -115,7 +117,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
     ) -> Result<Self, E> {
         let (batches, seconds, ready) = (Vec::new(), Seconds::default(), VecDeque::new());
         let results = Vec::new();
-        let mut run = Self { job, monitor, count, results, batches, seconds, read, done, next: 0, ready };
+        let mut run = Self { job, monitor, count, results, batches, seconds, readers: 1, read, done, next: 0, ready };
         let mark = Instant::now();
         run.fill()?;
         run.seconds.read += mark.elapsed().as_secs_f64();
@@ -148,9 +150,9 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         }
     }
 
-    /// Reads the next few targets, one for each thread.
+    /// Reads the next few targets.
     fn fill(&mut self) -> Result<(), E> {
-        let end = self.count.min(self.next + self.job.threads);
+        let end = self.count.min(self.next + self.readers);
         let read = self.read;
         let sphere = self.job.sphere;
         let one = |number: usize| -> Result<(usize, Target), E> {

@@ -32,6 +32,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let moments = moments.as_ref();
     let together = planner.surfaces_together(&run.job, moments, count, channels)?;
     let mut fitter = planner.fitter(&run.job, moments, together, channels, count > together)?;
+    run.readers = run.job.threads.min(together);
     run.seconds.plan += mark.elapsed().as_secs_f64();
     planner.note_plan(&run.job, &fitter, count, together, monitor);
 
@@ -171,7 +172,7 @@ impl<'o> Planner<'o> {
     fn fitting_threads(&self, job: &Job<'_>, channels: usize, monitor: &dyn Monitor) -> usize {
         let asked = job.threads;
         let fits = |&threads: &usize| {
-            let held = super::job::held(job.sphere.directions.len(), job.sphere.faces.len(), 1, channels, threads);
+            let held = super::job::held(job.sphere.directions.len(), job.sphere.faces.len(), 1, channels, 1);
             let params = IrfParams { held, threads, ..self.params(job, 1, channels, false, None) };
             irf::plan(self.operator, channels, &params).is_ok()
         };

@@ -71,21 +71,26 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Returns the bytes held beside the solver while so many targets are fitted together.
+    /// Returns the bytes held beside the solver while so many targets are fitted together, and read at a time by as many of
+    /// the threads.
     pub(crate) fn held(&self, together: usize, channels: usize) -> usize {
-        held(self.sphere.directions.len(), self.sphere.faces.len(), together, channels, self.threads)
+        held(self.sphere.directions.len(), self.sphere.faces.len(), together, channels, self.threads.min(together))
     }
 }
 
-/// Returns the bytes held beside the solver: the program, the sphere, the targets as they were read, and a surface for
-/// each thread while it is read or written.
-pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usize, threads: usize) -> usize {
+/// Returns the bytes held beside the solver: the program, the sphere, the targets as they were read, and what those that
+/// are read or written at a time take meanwhile.
+pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usize, readers: usize) -> usize {
     /// The program, its stacks and allocator, measured on a fit of a small mesh.
     const BASE: usize = 12 << 20;
     let sphere = 24 * vertices + 12 * faces;
-    // A file as text, decoded, and as a mesh with its topology.
-    let reading = 5 * sphere + 16 * vertices * channels;
-    BASE + sphere + 8 * vertices * channels * together + reading * threads.min(together)
+    BASE + sphere + 8 * vertices * channels * together + readers * reading(vertices, faces, channels)
+}
+
+/// Returns the bytes that a surface takes while it is read or written: its file as text, decoded, and as a mesh with its
+/// topology.
+pub(crate) fn reading(vertices: usize, faces: usize, channels: usize) -> usize {
+    5 * (24 * vertices + 12 * faces) + 16 * vertices * channels
 }
 
 fn weights(choice: &Weights, sphere: &Sphere) -> Result<Option<Vec<f64>>, Error> {

@@ -49,9 +49,11 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         smooth_by_default: params.smoothness == Smoothness::Default && job.sphere.parametrized,
         monitor,
     };
+    let readers = plan.readers(together, job.threads);
     // One factor serves all batches, but for a smoothness of each target's own.
     let mut shared = equations.solver(equations.solver.clone())?;
     monitor.begin(Stage::counted("fit", "surfaces"), count as u64);
+    run.readers = readers;
     run.each_batch(together * channels, |_, batch| {
         let solved =
             if automatic { equations.choose_and_solve(batch) } else { equations.solve(&mut shared, batch, None) };
@@ -123,7 +125,6 @@ fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize),
         faces: job.sphere.faces.len(),
         max_degree: job.params.max_degree,
         channels,
-        threads: job.threads,
     };
     let plan = LsqPlan::new(sizes, job.memory)?;
     let together = (1..=most).rev().find(|&together| plan.needed(together) <= plan.budget).unwrap_or(1);

@@ -1,10 +1,10 @@
-//! The memory that a full least squares by transforms takes beside a factor.
+//! The memory that fits by transforms take: a full least squares beside a factor, and quadrature.
 
 use spharm_harmonics::basis_size;
 use spharm_surface::Mesh;
-use spharm_transform::{Transform, TransformParams};
+use spharm_transform::{FINEST, Transform, TransformParams};
 
-use super::job::held;
+use super::job::{held, reading};
 use crate::{Error, FitParams, Method, defaults};
 
 /// Channels that a transform takes at a time; more are slower, since the caches don't hold them.
@@ -20,6 +20,8 @@ pub(crate) struct LsqPlan {
     fixed: usize,
     /// A target's columns in all the arrays.
     each: usize,
+    /// A target while it is read.
+    reading: usize,
 }
 
 /// Sizes of a fit.
@@ -29,7 +31,6 @@ pub(crate) struct Sizes {
     pub(crate) faces: usize,
     pub(crate) max_degree: usize,
     pub(crate) channels: usize,
-    pub(crate) threads: usize,
 }
 
 impl LsqPlan {
@@ -39,15 +40,16 @@ impl LsqPlan {
     ///
     /// [`Error::Memory`] where one target doesn't fit the budget.
     pub(crate) fn new(sizes: Sizes, budget: usize) -> Result<Self, Error> {
-        let Sizes { vertices, faces, max_degree, channels, threads } = sizes;
+        let Sizes { vertices, faces, max_degree, channels } = sizes;
         // Targets and residual, and the samples between; the vectors of conjugate gradients.
         let each = 8 * channels * (4 * vertices + 8 * basis_size(max_degree));
-        let held = held(vertices, faces, 1, channels, threads);
+        let held = held(vertices, faces, 1, channels, 1);
         let fixed = |at_a_time: usize| -> Result<usize, Error> {
             Ok(held + Transform::bytes(&transform(max_degree, at_a_time), vertices, at_a_time)?)
         };
         let at_a_time = channels.clamp(1, CHANNELS_AT_A_TIME);
-        let mut plan = Self { budget, channels_at_a_time: at_a_time, fixed: fixed(at_a_time)?, each };
+        let reading = reading(vertices, faces, channels);
+        let mut plan = Self { budget, channels_at_a_time: at_a_time, fixed: fixed(at_a_time)?, each, reading };
         while plan.channels_at_a_time > 1 && plan.needed(1) > budget {
             plan.channels_at_a_time -= 1;
             plan.fixed = fixed(plan.channels_at_a_time)?;
@@ -58,10 +60,44 @@ impl LsqPlan {
         Ok(plan)
     }
 
-    /// Bytes for so many targets together.
+    /// Bytes for so many targets together, which are read one at a time.
     pub(crate) fn needed(&self, together: usize) -> usize {
         self.fixed + together * self.each
     }
+
+    /// How many of the threads may read a target at a time while so many are fitted together.
+    pub(crate) fn readers(&self, together: usize, threads: usize) -> usize {
+        let more = self.budget.saturating_sub(self.needed(together)) / self.reading.max(1);
+        (1 + more).min(threads)
+    }
+}
+
+/// Checks that the memory suffices for quadrature, one target after another; returns how many of the threads may read a
+/// target at a time.
+///
+/// # Errors
+///
+/// [`Error::Memory`] with the least that works.
+pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) -> Result<usize, Error> {
+    /// Of a triangle in the tree that finds those under the grid, its corners and what making it takes.
+    const BYTES_PER_TRIANGLE: usize = 250;
+    let Sizes { vertices, faces, max_degree, channels } = sizes;
+    let grid = 2 * (max_degree + 1) * (max_degree + 1);
+    let transform = |n: usize| Transform::bytes(&quadrature_transform(max_degree), n, channels);
+    // The grid's directions, weights and samples, twice while these are put in the transform's order; targets, synthesis and
+    // residual.
+    let arrays = grid * (32 + 16 * channels) + 24 * channels * vertices + 16 * channels * basis_size(max_degree);
+    let held = held(vertices, faces, 1, channels, 1) + BYTES_PER_TRIANGLE * faces;
+    let needed = held + arrays + transform(grid)? + transform(vertices)?;
+    if needed > budget {
+        return Err(Error::Memory { budget, needed });
+    }
+    Ok((1 + (budget - needed) / reading(vertices, faces, channels).max(1)).min(threads))
+}
+
+/// The settings of the transforms of quadrature, two surfaces at a time.
+pub(crate) fn quadrature_transform(max_degree: usize) -> TransformParams {
+    TransformParams { max_degree, accuracy: FINEST, channels: 6 }
 }
 
 /// The settings of the transform of a fit.
@@ -77,15 +113,11 @@ pub(crate) fn transform(max_degree: usize, channels: usize) -> TransformParams {
 ///
 /// [`Error::Memory`] with the least that works.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
-    if params.method != Method::Lsq {
-        return Ok(());
+    let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
+    let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3 };
+    match params.method {
+        Method::Lsq => LsqPlan::new(sizes, params.memory_budget()).map(drop),
+        Method::Quadrature => quadrature_readers(sizes, params.memory_budget(), 1).map(drop),
+        _ => Ok(()),
     }
-    let sizes = Sizes {
-        vertices: surface.vertices.len(),
-        faces: surface.faces.len(),
-        max_degree: params.max_degree,
-        channels: 3,
-        threads: params.threads.unwrap_or_else(rayon::current_num_threads),
-    };
-    LsqPlan::new(sizes, params.memory_budget()).map(drop)
 }

@@ -15,14 +15,12 @@ use spharm_monitor::Stage;
 use spharm_solver::ResidualNorms;
 use spharm_surface::Mesh;
 use spharm_surface::locator::SphereLocator;
-use spharm_transform::{FINEST, Transform, TransformParams};
+use spharm_transform::Transform;
 
 use super::batches::{Run, Solved};
+use super::lsq_plan::{Sizes, quadrature_readers, quadrature_transform};
 use crate::Error;
 use crate::report::BatchReport;
-
-/// Channels that a transform takes at a time: two surfaces.
-const CHANNELS: usize = 6;
 
 /// Fits all targets, one after another.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
@@ -31,12 +29,13 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         return Err(Error::NeedsTriangles { what: "quadrature", sphere: sphere.name().to_owned() }.into());
     }
     let mark = Instant::now();
+    let channels = run.channels();
+    let sizes = Sizes { vertices: sphere.directions.len(), faces: sphere.faces.len(), max_degree, channels };
+    run.readers = quadrature_readers(sizes, run.job.memory, run.job.threads)?;
     let quadrature = Quadrature::new(&sphere.to_mesh(), max_degree)?;
-    let params = TransformParams { max_degree, accuracy: FINEST, channels: CHANNELS };
-    let vertices = Transform::new(&sphere.directions, &params).map_err(Error::from)?;
+    let vertices = Transform::new(&sphere.directions, &quadrature_transform(max_degree)).map_err(Error::from)?;
     run.seconds.plan += mark.elapsed().as_secs_f64();
     monitor.begin(Stage::counted("fit", "surfaces"), run.count as u64);
-    let channels = run.channels();
     run.each_batch(channels, |_, batch| {
         let targets = batch.side_by_side();
         let coefficients = quadrature.fit(targets.view())?;
@@ -77,8 +76,7 @@ impl Quadrature {
         }
         let locator = SphereLocator::new(sphere)?;
         let (grid, weights) = gauss_legendre_grid(max_degree)?;
-        let params = TransformParams { max_degree, accuracy: FINEST, channels: CHANNELS };
-        let analysis = Transform::new(&grid, &params)?;
+        let analysis = Transform::new(&grid, &quadrature_transform(max_degree))?;
         Ok(Self { locator, grid, weights, analysis })
     }
 
@@ -122,6 +120,7 @@ fn gauss_legendre_grid(max_degree: usize) -> Result<(Directions, Vec<f64>), Erro
 mod tests {
     use super::*;
     use spharm_surface::generate::icosphere;
+    use spharm_transform::{FINEST, TransformParams};
 
     /// Quadrature itself is exact: on the grid's own values the coefficients come back.
     #[test]
