@@ -170,14 +170,18 @@ fn stores_that_do_not_have_what_is_asked_for() {
     let study = Study::new();
     let output = study.path("out.npz");
     let above = ["--max-degree", "20", "-o", output.to_str().unwrap()];
-    refuses(&study, &mut study.fit(&["s0.surf.gii"], &above), &["degrees 0 to 12", "basis-build", "--max-degree 20"]);
+    refuses(
+        &study,
+        &mut study.fit(&["s0.surf.gii"], &above),
+        &["degrees 0 to 12", "spharm basis-build", "--max-degree 20"],
+    );
     let arguments = ["--max-degree", "6", "-o", output.to_str().unwrap()];
     // Another sphere: the same surface's own vertices, seen from the origin.
     let mut command = tool("fit");
     command.arg("--sphere").arg(study.path("s1.surf.gii")).arg("--store").arg(study.path("store"));
     command.arg("--surface").arg(study.path("s1.surf.gii")).args(arguments).arg("-q");
     let key = names(&study.path("store"))[0][..12].to_owned();
-    refuses(&study, &mut command, &["no basis for scheme", &key, "basis-build"]);
+    refuses(&study, &mut command, &["no basis for scheme", &key, "spharm basis-build"]);
     let mut command = study.fit(&["s0.surf.gii"], &arguments);
     command.arg("--store").arg(study.path("nowhere"));
     let run = command.output().unwrap();

@@ -86,7 +86,8 @@ fn a_fit_takes_any_degree_that_is_there_and_says_how_to_get_more() {
             assert_eq!(command.contains("--dtype"), dtype.is_some(), "{line}");
             // To the letter, but for the sphere, which the store doesn't know.
             let mut words = command.split(' ');
-            let mut extend = tool(words.next().expect("a tool"));
+            assert_eq!(words.next(), Some("spharm"));
+            let mut extend = tool(words.next().expect("a verb"));
             extend.args(words.map(|word| if word == "SPHERE" { sphere.to_str().expect("UTF-8") } else { word }));
             succeed(&mut extend);
             succeed(&mut fit(degree));

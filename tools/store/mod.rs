@@ -38,7 +38,7 @@ fn list(dir: &Path, json: bool) -> Result<()> {
         return print_json(&rows);
     }
     if rows.is_empty() {
-        return print(&format!("{}: no schemes; build one with basis-build", dir.display()));
+        return print(&format!("{}: no schemes; build one with spharm basis-build", dir.display()));
     }
     print(&table(&scheme_lines(rows)))
 }
@@ -69,7 +69,7 @@ fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> 
     match problems.len() {
         0 => print(&format!("{}, {}: all sound", counted(found.files, "file"), Size(found.bytes as usize))),
         1 => Err(problems.remove(0).into()),
-        count => bail!("{count} of {} files are damaged; delete them and run basis-build again", found.files),
+        count => bail!("{count} of {} files are damaged; delete them and run spharm basis-build again", found.files),
     }
 }
 

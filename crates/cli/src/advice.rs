@@ -55,19 +55,27 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
 fn of_store(error: &StoreError) -> Option<String> {
     let text = match error {
         StoreError::Io { source, .. } => return of_io(source).map(str::to_owned),
-        StoreError::FactorDiffers { .. } => "compute the one that is needed with basis-build --factor".to_owned(),
-        StoreError::FactorMissing { .. } => "compute it with basis-build --factor on the same sphere".to_owned(),
-        StoreError::NoSuchScheme { .. } => "build it with basis-build --sphere on the same sphere".to_owned(),
+        StoreError::FactorDiffers { .. } => {
+            "compute the one that is needed with spharm basis-build --factor".to_owned()
+        }
+        StoreError::FactorMissing { .. } => "compute it with spharm basis-build --factor on the same sphere".to_owned(),
+        StoreError::NoSuchScheme { .. } => "build it with spharm basis-build --sphere on the same sphere".to_owned(),
         StoreError::NoSchemes { .. } => "is it the folder that was given as --store?".to_owned(),
         StoreError::KeyDigits { found: 0, .. } => "`spharm store list` shows what is there".to_owned(),
         StoreError::KeyDigits { .. } => "give more digits".to_owned(),
         StoreError::DegreeMissing { store, scalar, wanted, .. } => {
             let dtype = if *scalar == Some(Scalar::F32) { " --dtype f32" } else { "" };
             let store = store.display();
-            format!("extend it with: basis-build --sphere SPHERE --max-degree {wanted} --store {store}{dtype}")
+            format!("extend it with: spharm basis-build --sphere SPHERE --max-degree {wanted} --store {store}{dtype}")
         }
         StoreError::Space { what, needed, free, .. } => of_space(what, needed > free),
         StoreError::Layout { .. } => "choose another --chunk-rows".to_owned(),
+        StoreError::NotAFile { .. }
+        | StoreError::Corrupt { .. }
+        | StoreError::ChunkDamaged { .. }
+        | StoreError::TileDamaged { .. }
+        | StoreError::ChangedWhileRead { .. }
+        | StoreError::ChunkRowsDiffer { .. } => "spharm basis-build builds what is missing".to_owned(),
         StoreError::Interrupted(_) => "run the same command again to go on".to_owned(),
         _ => return None,
     };
@@ -94,7 +102,7 @@ fn of_io(source: &io::Error) -> Option<&'static str> {
         io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
             Some("choose a --store that you may use, or change its permissions")
         }
-        io::ErrorKind::NotFound => Some("check the path, or build the store with basis-build"),
+        io::ErrorKind::NotFound => Some("check the path, or build the store with spharm basis-build"),
         _ if source.raw_os_error() == Some(rustix::io::Errno::MFILE.raw_os_error()) => {
             Some("raise the limit on open files (ulimit -n)")
         }

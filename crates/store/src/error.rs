@@ -26,7 +26,7 @@ pub enum StoreError {
         source: io::Error,
     },
     /// Something that isn't a regular file where a basis file or factor should be.
-    #[error("{}: expected a regular file, found {found}; move it away and run basis-build again", .path.display())]
+    #[error("{}: expected a regular file, found {found}; move it away and build it again", .path.display())]
     NotAFile {
         /// The path.
         path: PathBuf,
@@ -34,7 +34,7 @@ pub enum StoreError {
         found: &'static str,
     },
     /// A field that isn't what the format says.
-    #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete it and run basis-build again", .path.display())]
+    #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete it and build it again", .path.display())]
     Corrupt {
         /// The file.
         path: PathBuf,
@@ -46,7 +46,7 @@ pub enum StoreError {
         found: String,
     },
     /// Bytes of a chunk that don't match their checksum.
-    #[error("{}: chunk {chunk} is damaged ({what} differs from the table); delete the file and run basis-build again", .path.display())]
+    #[error("{}: chunk {chunk} is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
     ChunkDamaged {
         /// The file.
         path: PathBuf,
@@ -56,7 +56,7 @@ pub enum StoreError {
         what: &'static str,
     },
     /// Bytes of a tile of a factor that don't match their checksum.
-    #[error("{}: tile ({row}, {column}) is damaged ({what} differs from the table); delete the file and run basis-build again", .path.display())]
+    #[error("{}: tile ({row}, {column}) is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
     TileDamaged {
         /// The file.
         path: PathBuf,
@@ -112,7 +112,7 @@ pub enum StoreError {
         found: u32,
     },
     /// A file that shrank, changed or failed to be read while it was in use.
-    #[error("{}: truncated, changed or unreadable while it was being read; verify the store, and rebuild it with basis-build", .path.display())]
+    #[error("{}: truncated, changed or unreadable while it was being read; verify the store, and build again what is damaged", .path.display())]
     ChangedWhileRead {
         /// The file.
         path: PathBuf,
@@ -160,7 +160,7 @@ pub enum StoreError {
         wanted: usize,
     },
     /// Files of one scheme that can't be read together.
-    #[error("{}: chunks of {found} rows, the other degrees have {expected}; delete it and run basis-build again", .path.display())]
+    #[error("{}: chunks of {found} rows, the other degrees have {expected}; delete it and build it again", .path.display())]
     ChunkRowsDiffer {
         /// The file.
         path: PathBuf,
