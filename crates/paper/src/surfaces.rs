@@ -66,7 +66,7 @@ pub(crate) fn generated(subdivisions: u32) -> Result<Surface> {
 
 /// The surfaces that a folder of data has. What it doesn't have is left out, with a note.
 pub(crate) fn among(data: &Path, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
-    std::fs::read_dir(data).with_context(|| format!("{}: cannot open the folder of --data", data.display()))?;
+    std::fs::read_dir(data).with_context(|| format!("{}: cannot open the folder of the surfaces", data.display()))?;
     let mut found = Vec::new();
     for (name, surface, sphere, kind, subdivided) in KNOWN {
         let (surface, sphere) = (data.join(surface), data.join(sphere));

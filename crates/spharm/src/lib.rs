@@ -40,7 +40,8 @@
 //! row `l^2 + l + m`, in the surface's unit. A residual is target minus synthesis. msd and xsd are the mean and the maximum
 //! over the vertices of the squared distance, with the surface's bounding box scaled to volume 1.
 //!
-//! Nothing here prints, ends the process, or changes its environment. Whatever may take longer than a second takes a
+//! Nothing here prints, ends the process, or changes its environment. Reading a store installs a handler of SIGBUS, which
+//! acts inside the store's maps alone. Whatever may take longer than a second takes a
 //! [`Monitor`], by which it shows its progress and is cancelled; its threads are those of the rayon pool that it is called
 //! in, or a pool of its own where [`FitParams::threads`] says so.
 //!
