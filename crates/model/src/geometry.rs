@@ -1,4 +1,5 @@
-//! Where a surface lies in its volume, as its file said it: kept in a model, so that a reconstruction says it again.
+//! Where a surface lies in its volume, as its file said it: kept in a model, so that a reconstruction says it again. Who made
+//! the file and when isn't kept.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -9,18 +10,15 @@ use spharm_surface::{CoordinateSystem, Meta};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Geometry {
-    /// GIfTI metadata of the file as a whole: (name, value).
+    /// GIfTI metadata of the file as a whole, but for `Date` and `UserName`: (name, value).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub file_metadata: Vec<(String, String)>,
-    /// GIfTI metadata of the point set, such as `VolGeomC_R`: (name, value).
+    /// GIfTI metadata of the point set, such as `VolGeomC_R`, but for `Date` and `UserName`: (name, value).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface_metadata: Vec<(String, String)>,
     /// GIfTI's `CoordinateSystemTransformMatrix`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coordinate_system: Option<Transform>,
-    /// The comment that opens a FreeSurfer file.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub freesurfer_stamp: Option<String>,
     /// What follows a FreeSurfer file's triangles, in base64.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub freesurfer_footer: Option<String>,
@@ -42,14 +40,13 @@ impl Geometry {
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let geometry = Self {
-            file_metadata: meta.file_metadata.clone(),
-            surface_metadata: meta.surface_metadata.clone(),
+            file_metadata: without_maker(&meta.file_metadata),
+            surface_metadata: without_maker(&meta.surface_metadata),
             coordinate_system: meta.coordinate_system.as_ref().map(|system| Transform {
                 data_space: system.data_space.clone(),
                 transformed_space: system.transformed_space.clone(),
                 matrix: std::array::from_fn(|row| std::array::from_fn(|column| system.matrix[4 * row + column])),
             }),
-            freesurfer_stamp: meta.freesurfer_stamp.clone(),
             freesurfer_footer: meta.freesurfer_footer.as_ref().map(|bytes| STANDARD.encode(bytes)),
         };
         (geometry != Self::default()).then_some(geometry)
@@ -67,10 +64,15 @@ impl Geometry {
                 transformed_space: transform.transformed_space.clone(),
                 matrix: std::array::from_fn(|k| transform.matrix[k / 4][k % 4]),
             }),
-            freesurfer_stamp: self.freesurfer_stamp.clone(),
+            freesurfer_stamp: None,
             freesurfer_footer: self.freesurfer_footer.as_ref().and_then(|text| STANDARD.decode(text).ok()),
         }
     }
+}
+
+/// Metadata without the entries for who made a file, and when, by their standard names.
+fn without_maker(metadata: &[(String, String)]) -> Vec<(String, String)> {
+    metadata.iter().filter(|(name, _)| !["Date", "UserName"].contains(&name.as_str())).cloned().collect()
 }
 
 #[cfg(test)]
@@ -78,21 +80,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn metadata_survive_json() {
-        let meta = Meta {
+    fn metadata_survive_json_but_for_who_made_the_file_and_when() {
+        let pair = |name: &str| (name.to_owned(), "x".to_owned());
+        let kept = Meta {
             anatomical_structure_primary: None,
-            file_metadata: vec![("Date".to_owned(), "today".to_owned())],
-            surface_metadata: vec![("VolGeomC_R".to_owned(), "5".to_owned())],
+            file_metadata: vec![pair("Name")],
+            surface_metadata: vec![pair("VolGeomC_R")],
             coordinate_system: Some(CoordinateSystem {
                 data_space: "NIFTI_XFORM_SCANNER_ANAT".to_owned(),
                 transformed_space: "NIFTI_XFORM_MNI_152".to_owned(),
                 matrix: std::array::from_fn(|k| k as f64 / 3.0),
             }),
-            freesurfer_stamp: Some("created by x".to_owned()),
+            freesurfer_stamp: None,
             freesurfer_footer: Some((0..=255).collect()),
         };
-        let json = serde_json::to_string(&Geometry::of(&meta).unwrap()).unwrap();
-        assert_eq!(serde_json::from_str::<Geometry>(&json).unwrap().to_meta(), meta);
+        let read = Meta {
+            file_metadata: vec![pair("Date"), pair("Name"), pair("UserName")],
+            surface_metadata: vec![pair("UserName"), pair("VolGeomC_R")],
+            freesurfer_stamp: Some("created by x on Monday".to_owned()),
+            ..kept.clone()
+        };
+        let json = serde_json::to_string(&Geometry::of(&read).unwrap()).unwrap();
+        assert_eq!(serde_json::from_str::<Geometry>(&json).unwrap().to_meta(), kept);
         assert_eq!(Geometry::of(&Meta::default()), None);
     }
 }
