@@ -151,6 +151,24 @@ fn links_within_the_documentation_lead_somewhere() {
     assert!(checked > 10, "{checked} links");
 }
 
+/// Every path of the repository that a page names in a code span is there.
+#[test]
+fn paths_in_code_spans_exist() {
+    let mut checked = 0;
+    for page in pages() {
+        let text = fs::read_to_string(&page).unwrap();
+        let prose = text.split("```").step_by(2);
+        for span in prose.flat_map(|part| part.split('`').skip(1).step_by(2)) {
+            let inside = ["crates/", "tools/", "tests/", "docs/", "benches/", "examples/"];
+            if inside.iter().any(|folder| span.starts_with(folder)) && !span.contains(char::is_whitespace) {
+                assert!(root().join(span).exists(), "{}: no {span}", page.display());
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked > 10, "{checked} paths");
+}
+
 /// The README is a first page; the rest is in docs/.
 #[test]
 fn the_readme_is_short() {
