@@ -34,8 +34,7 @@
 //! use spharm_transform::TransformParams;
 //!
 //! // Three functions of degree 10, sampled at 600 directions, are found again.
-//! let angles: Vec<_> = (0..600).map(|i| [(1.0 - (2 * i + 1) as f64 / 600.0).acos(), 2.4 * i as f64]).collect();
-//! let directions = Directions::from_angles(&angles)?;
+//! let directions = Directions::fibonacci(600)?;
 //! let known = Array2::from_shape_fn((121, 3), |(k, c)| ((7 * k + c) as f64).sin());
 //! let targets = synthesis(&directions, known.view())?;
 //!

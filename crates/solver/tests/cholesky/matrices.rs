@@ -54,11 +54,7 @@ pub(crate) fn gram(directions: &Directions, max_degree: usize) -> Dense {
 }
 
 pub(crate) fn scattered(n: usize) -> Directions {
-    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    let angles: Vec<[f64; 2]> = (0..n)
-        .map(|i| [(1.0 - (2 * i + 1) as f64 / n as f64).acos(), (golden * i as f64) % std::f64::consts::TAU])
-        .collect();
-    Directions::from_angles(&angles).unwrap()
+    Directions::fibonacci(n).unwrap()
 }
 
 pub(crate) fn filled(rows: usize, columns: usize) -> Array2<f64> {

@@ -12,13 +12,7 @@ fn array(vertices: &[[f64; 3]]) -> ArrayView2<'_, f64> {
 
 /// Directions all over the sphere (a Fibonacci spiral), none of them a vertex.
 fn spiral(n: usize) -> Vec<[f64; 3]> {
-    let at = |i: usize| {
-        let z = 1.0 - (2 * i + 1) as f64 / n as f64;
-        let phi = i as f64 * 2.399_963_229_728_653;
-        let r = (1.0 - z * z).sqrt();
-        [r * phi.cos(), r * phi.sin(), z]
-    };
-    Directions::from_vertices(&(0..n).map(at).collect::<Vec<_>>()).unwrap().as_slice().to_vec()
+    Directions::fibonacci(n).unwrap().as_slice().to_vec()
 }
 
 #[test]
