@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_surface::Sphere;
+use spharm_surface::io::MOST_EXPANSION;
 use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -70,9 +71,6 @@ pub(crate) fn read(path: &Path, input: impl Read + Seek) -> Result<Model, ModelE
 fn invalid(path: &Path, problem: impl ToString) -> ModelError {
     ModelError::Invalid { path: path.to_owned(), problem: problem.to_string() }
 }
-
-/// The most bytes that one of deflate's output can stand for: a bound of the method itself.
-const MOST_EXPANSION: u64 = 1032;
 
 struct Archive<'p, R> {
     path: &'p Path,

@@ -129,6 +129,15 @@ pub struct Silent;
 
 impl Monitor for Silent {}
 
+/// For work within a step of a stage: passes on the wish to stop, and shows nothing.
+pub struct OnlyCancel<'a>(pub &'a dyn Monitor);
+
+impl Monitor for OnlyCancel<'_> {
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+}
+
 /// Stops the computation once the flag is set, and shows nothing.
 impl Monitor for AtomicBool {
     fn cancelled(&self) -> bool {

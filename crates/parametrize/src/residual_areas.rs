@@ -8,7 +8,7 @@
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
-use spharm_monitor::Monitor;
+use spharm_monitor::{Monitor, OnlyCancel};
 use spharm_solver::MatrixFreeOperator;
 use spharm_solver::lsq::NormalEquations;
 use spharm_solver::lsq::cg::{self, CgParams};
@@ -37,15 +37,6 @@ const ITERATIONS: usize = 500;
 pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     let most = |per: f64| ((vertices as f64 / per).sqrt() as usize).saturating_sub(1);
     asked.map_or(most(PER_FUNCTION[0]).min(MAX_DEFAULT_DEGREE), |degree| degree.min(most(PER_FUNCTION[1])))
-}
-
-/// Passes on the wish to stop, and no progress: the fit is a part of a stage.
-struct OnlyCancel<'a>(&'a dyn Monitor);
-
-impl Monitor for OnlyCancel<'_> {
-    fn cancelled(&self) -> bool {
-        self.0.cancelled()
-    }
 }
 
 /// Residual of a SPHARM fit over a map.

@@ -71,6 +71,14 @@ pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
     2.0 * volume.atan2(1.0 + dot(a, b) + dot(b, c) + dot(c, a))
 }
 
+/// Returns the orientation of a triangle seen from the origin, exactly for the numbers as they are: positive where it is
+/// counter-clockwise seen from outside, 0 where its plane holds the origin (J. Shewchuk, Discrete Comput. Geom. 18, 1997).
+#[must_use]
+pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
+    let coord = |[x, y, z]: Vec3| robust::Coord3D { x, y, z };
+    robust::orient3d(coord(a), coord(b), coord(c), coord([0.0; 3]))
+}
+
 /// Returns how many times a closed mesh of unit vectors goes around the origin: 1 for a sphere wound outwards, -1 for
 /// one wound inwards, 0 where the origin lies outside.
 ///
@@ -98,6 +106,25 @@ mod tests {
         assert!((solid_angle(octant) - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
         let [a, b, c] = octant;
         assert!((solid_angle([b, a, c]) + std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+    }
+
+    #[test]
+    fn an_octant_is_positive() {
+        let octant = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        assert!(orientation(octant) > 0.0);
+        let [a, b, c] = octant;
+        assert!(orientation([b, a, c]) < 0.0);
+    }
+
+    #[test]
+    fn orientation_is_exact_where_rounding_decides() {
+        // c = a + b up to one unit in the last place, on either side of the plane of a, b and the origin.
+        let (a, b) = ([0.6, 0.8, 0.1], [0.3, -0.2, 0.7]);
+        let c = [0.6 + 0.3, 0.8 - 0.2, 0.1 + 0.7];
+        let side = |z: f64| orientation([a, b, [c[0], c[1], z]]);
+        assert!(side(f64::from_bits(c[2].to_bits() + 2)) * side(f64::from_bits(c[2].to_bits() - 2)) < 0.0);
+        let (a, b) = ([0.5, 0.25, 1.0], [0.125, 2.0, 0.75]);
+        assert_eq!(orientation([a, b, add(a, b)]), 0.0);
     }
 
     /// Multiples of 2^-55, which all numbers from 1/8 to 1 are: determinants of small triangles fit 128 bits.

@@ -29,11 +29,10 @@ use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 use rayon::prelude::*;
-use robust::Coord3D;
 use spharm_harmonics::Directions;
 
 use crate::error::SurfaceError;
-use crate::geometry::{Vec3, bounds, cross, dot, sub};
+use crate::geometry::{Vec3, bounds, cross, dot, orientation, sub};
 use crate::mesh::Mesh;
 
 /// How far outside of all triangles a direction may be, in radians.
@@ -83,7 +82,7 @@ impl SphereLocator {
         }
         let corner = |v: u32| directions.as_slice()[v as usize];
         let mut corners: Vec<[Vec3; 3]> = sphere.faces.iter().map(|face| face.map(corner)).collect();
-        let positive = |corners: &[[Vec3; 3]]| corners.iter().filter(|c| side(c) > 0.0).count();
+        let positive = |corners: &[[Vec3; 3]]| corners.iter().filter(|c| orientation(**c) > 0.0).count();
         let mut upright = positive(&corners);
         // Wound inward: what follows sees it wound outward, and `locate` puts the weights back in the sphere's order.
         let inward = 2 * upright < corners.len();
@@ -194,22 +193,19 @@ impl SphereLocator {
                 -dot(normal, direction) / dot(normal, normal).sqrt()
             };
             let most = beyond(a, b).max(beyond(b, c)).max(beyond(c, a));
-            (side(&[a, b, c]) > 0.0 && most <= TOLERANCE).then_some((most, t))
+            (orientation([a, b, c]) > 0.0 && most <= TOLERANCE).then_some((most, t))
         };
         let near = self.candidates(direction, TOLERANCE).filter_map(outside);
         near.min_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1))).map(|(_, t)| t)
     }
 }
 
-/// The sign, exact, of det(a, b, c): positive where the three turn counter-clockwise seen from outside the sphere.
-fn side([a, b, c]: &[Vec3; 3]) -> f64 {
-    let coord = |v: &Vec3| Coord3D { x: v[0], y: v[1], z: v[2] };
-    robust::orient3d(coord(a), coord(b), coord(c), Coord3D { x: 0.0, y: 0.0, z: 0.0 })
-}
-
 fn contains(corners: &[Vec3; 3], d: Vec3) -> bool {
     let [a, b, c] = *corners;
-    side(&[a, b, d]) >= 0.0 && side(&[b, c, d]) >= 0.0 && side(&[c, a, d]) >= 0.0 && side(corners) > 0.0
+    orientation([a, b, d]) >= 0.0
+        && orientation([b, c, d]) >= 0.0
+        && orientation([c, a, d]) >= 0.0
+        && orientation(*corners) > 0.0
 }
 
 /// The gnomonic weights; `None` where they don't exist, for a triangle without area.

@@ -5,6 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use spharm_monitor::Monitor;
+use spharm_surface::io::MOST_EXPANSION;
 
 use super::affine::Affine;
 use super::mask::Mask;
@@ -41,9 +42,6 @@ struct Extent {
     low: [usize; 3],
     high: [usize; 3],
 }
-
-/// The most bytes that a byte of a gzipped file can expand to: a bound of the format.
-const MOST_EXPANSION: u64 = 1032;
 
 impl LabelVolume {
     /// Reads a NIfTI-1 file (`.nii`, `.nii.gz`) or a FreeSurfer volume (`.mgh`, `.mgz`), gzipped or not. Its labels must

@@ -16,7 +16,7 @@
 use ndarray::{Array2, s};
 use serde::Serialize;
 use spharm_harmonics::basis_size;
-use spharm_monitor::{Monitor, Stage};
+use spharm_monitor::{Monitor, OnlyCancel, Stage};
 
 use super::cg::{Cg, CgParams};
 use super::columns::{norms, scale_rows};
@@ -96,15 +96,6 @@ pub fn choose_smoothness(
     Ok(Gcv { smoothness: least, tried: search.tried, at_the_end })
 }
 
-/// A monitor for work within a step of a stage: its own steps and notes aren't shown.
-struct Within<'a>(&'a dyn Monitor);
-
-impl Monitor for Within<'_> {
-    fn cancelled(&self) -> bool {
-        self.0.cancelled()
-    }
-}
-
 struct Search<'a> {
     operator: &'a dyn Operator,
     weights: Option<&'a [f64]>,
@@ -130,7 +121,7 @@ impl Search<'_> {
         let scale = norms(&right);
         let mut cg = Cg { x: Array2::zeros(right.dim()), gradient: right, scale, iterations: 0, condition: 1.0 };
         let params = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
-        cg.run(&equations, &equations.diagonal(), &params, &Within(self.monitor))?;
+        cg.run(&equations, &equations.diagonal(), &params, &OnlyCancel(self.monitor))?;
         let residual = self.targets - &self.operator.apply(cg.x.slice(s![.., ..c]))?;
         let mut square = 0.0;
         for (i, row) in residual.rows().into_iter().enumerate() {

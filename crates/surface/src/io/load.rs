@@ -36,8 +36,8 @@ pub(super) fn kind_name(kind: FileType) -> &'static str {
     if kind.is_dir() { "a directory" } else { "something else" }
 }
 
-/// The most bytes a byte of deflate's output can stand for: a bound of the method itself.
-pub(super) const MOST_EXPANSION: usize = 1032;
+/// The most bytes that one of deflate's output (gzip, zip) can stand for: a bound of the method itself.
+pub const MOST_EXPANSION: u64 = 1032;
 
 /// Whether bytes begin as a gzipped file does.
 pub(super) fn is_gzip(bytes: &[u8]) -> bool {

@@ -90,7 +90,7 @@ pub(super) fn decode(description: &Description, text: &str) -> Result<Array, Fla
             binary(&raw, n, data_type, endian(description)?)?
         }
         "GZipBase64Binary" => {
-            let n = bounded(count, data_type.size(), text.len().saturating_mul(MOST_EXPANSION), "values")?;
+            let n = bounded(count, data_type.size(), text.len().saturating_mul(MOST_EXPANSION as usize), "values")?;
             let raw = inflate(&base64(text)?, n * data_type.size())?;
             binary(&raw, n, data_type, endian(description)?)?
         }
