@@ -102,6 +102,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn an_interruption_is_known_however_deep_it_lies() {
+        use spharm_parametrize::ParametrizeError;
+        use spharm_surface::SurfaceError;
+
+        let surface = || SurfaceError::from(Interrupted);
+        let mapping = || ParametrizeError::from(surface());
+        assert!(is_interrupted(&anyhow::Error::from(surface()).context("a and b")));
+        assert!(is_interrupted(&anyhow::Error::from(mapping()).context("a")));
+        for error in [spharm::Error::from(surface()), spharm::Error::from(mapping())] {
+            assert!(error.is_interrupted() && is_interrupted(&error.into()));
+        }
+    }
+
+    #[test]
     fn a_file_is_named_once() {
         let line = |chain: &[&str]| {
             let (root, contexts) = chain.split_last().expect("a message");
