@@ -48,7 +48,7 @@ pub struct Provenance {
     /// Where the input lies in its volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<Geometry>,
-    /// What else the JSON says.
+    /// Fields of the JSON that aren't any of the above, kept as they are.
     #[serde(flatten)]
     pub other: Map<String, Value>,
 }

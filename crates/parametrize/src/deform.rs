@@ -23,8 +23,8 @@
 //!
 //! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij, which is the icosphere's own edge scaled by
 //!   the square root of the areas' ratio;
-//! - *bending*: U_i - mean of U_j, U_i = mean of l_ij t_ij, which smooths how the spacing changes. The surface alone
-//!   decides the shape: what of the forces leaves the surface is lost in the projection.
+//! - *bending*: U_i - mean of U_j, U_i = mean of l_ij t_ij, which smooths how the spacing changes. The shape is
+//!   the surface's alone: vertices are projected back onto it, so only the part of a force along the surface moves them.
 //!
 //! Last, triangles that cut through each other (chords that cross where a fold is narrower than the triangles) are looked
 //! for with a bounding-volume hierarchy, and the vertices around are smoothed until there are none, which takes them off

@@ -9,7 +9,7 @@ use crate::SolverError;
 use crate::cholesky::tiles::Tiles;
 use crate::cholesky::triangular::{Direction, run};
 
-/// Columns solved for at once: enough for `dgemm` to run at its rate.
+/// Columns solved for at once: enough for products of matrices to run at their rate.
 const TOGETHER: usize = 512;
 
 /// The diagonal of `(C C^T)^-1`, (K).

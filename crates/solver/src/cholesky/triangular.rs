@@ -1,7 +1,7 @@
 //! The triangular solves, C y = b and C^T x = y, over tiles.
 //!
 //! Both read every tile of C once, 2 K^2 flops a column in all: with few columns they run at the rate at which tiles come
-//! from memory, with many at that of `dgemm` on tiles.
+//! from memory, with many at that of faer's products of matrices.
 //!
 //! Forward, a thread owns tile rows and goes through the tile columns in the order in which they lie in a file,
 //! subtracting `C_ij y_j` from its own rows as soon as y_j is there. The owner of row j + 1 takes that row first and
@@ -24,7 +24,7 @@ use crate::cholesky::kernels::{Kernels, widen};
 use crate::cholesky::tiles::{Cursor, Tiles};
 use crate::dense;
 
-/// From this many columns on `dgemm` beats the kernels for few columns, which take three at a time.
+/// From this many columns on faer's products of matrices beat the kernels for few columns, which take three at a time.
 const MANY: usize = 16;
 
 /// Solves `C C^T x = b`: `x`, (K, c), is b on the way in.
@@ -276,7 +276,7 @@ fn bytes(tile: TileValues<'_>) -> usize {
     }
 }
 
-/// A tile for the BLAS: as it is, or widened into `wide`.
+/// A tile for products of matrices: as it is, or widened into `wide`.
 fn matrix<'m>(tile: TileValues<'m>, rows: usize, wide: &'m mut Vec<f64>) -> Matrix<'m> {
     let values: &[f64] = match tile {
         TileValues::F64(values) => values,
