@@ -9,6 +9,11 @@ use spharm_harmonics::product::{self, Matrix};
 use spharm_harmonics::{Recurrence, Sweep, basis_size};
 use spharm_solver::blas::Blas;
 
+// The program's choice, so that its rates are measured.
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+#[path = "../tools/kernels.rs"]
+mod kernels;
+
 /// Median of five runs, seconds, after one to warm up.
 fn median(mut work: impl FnMut()) -> f64 {
     work();

@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 use ndarray::Array2;
 use ndarray_npy::{read_npy, write_npy};
+use spharm::{FitParams, Kind, Signal, Sphere, Target, fit};
 use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
 use spharm_solver::{
@@ -18,6 +19,11 @@ use spharm_solver::{
 use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 use spharm_transform::{Transform, TransformParams};
+
+// The program's choice, so that its rates are measured.
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+#[path = "../tools/kernels.rs"]
+mod kernels;
 
 #[derive(Parser)]
 struct Cli {
@@ -51,6 +57,8 @@ enum Command {
         #[arg(long)]
         factor: bool,
     },
+    /// A fit by the facade, of positions on directions without triangles, from the arrays on.
+    Fit { directions: PathBuf, targets: PathBuf, max_degree: usize, repeats: usize },
     /// Writes the vertices of an icosphere.
     Sphere { subdivisions: u32, out: PathBuf },
     /// The Gram matrix, moments included.
@@ -121,6 +129,22 @@ fn main() -> Result<()> {
                 "{}",
                 serde_json::json!({ "seconds": seconds, "report": fit.report, "peak": spharm_cli::machine::memory().peak_resident })
             );
+        }
+        Command::Fit { directions, targets, max_degree, repeats } => {
+            let rows = |path: &Path| -> Result<Vec<[f64; 3]>> {
+                let array: Array2<f64> = read_npy(path)?;
+                Ok(array.into_raw_vec_and_offset().0.as_chunks().0.to_vec())
+            };
+            let (directions, targets) = (rows(&directions)?, rows(&targets)?);
+            let before = spharm_cli::machine::memory().peak_resident;
+            let (seconds, _) = repeat(repeats, || {
+                let sphere = Sphere::from_directions(Directions::from_vertices(&directions)?);
+                let signal = Signal::new(targets.as_flattened().to_vec(), targets.len(), 3);
+                let target = Target { kind: Kind::Surface, ..Target::from_signal(signal, &sphere)? };
+                Ok(fit(&sphere, &target, &FitParams::lsq(max_degree))?)
+            })?;
+            let peak = spharm_cli::machine::memory().peak_resident;
+            println!("{}", serde_json::json!({ "seconds": seconds, "before": before, "peak": peak }));
         }
         Command::Sphere { subdivisions, out } => {
             let sphere = spharm_surface::generate::icosphere(subdivisions);

@@ -1,97 +1,10 @@
-//! `spharm`: one program with a verb for each step from a surface to its model and back.
-//!
-//! Each verb is a module: its arguments, the calls of the library, and what it prints.
+//! The program `spharm`.
 
-mod basis_build;
-mod compare;
-mod fit;
-mod generate;
-mod pages;
-mod paper;
-mod parametrize;
-mod picture;
-mod reconstruct;
-mod store;
-
-use std::ffi::OsString;
-use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use spharm_cli::exit;
-
-/// Spherical-harmonic (SPHARM) models of surfaces, from meshes to coefficients and back
-#[derive(Debug, Parser)]
-#[command(name = "spharm", version, propagate_version = true)]
-struct Spharm {
-    #[command(subcommand)]
-    verb: Verb,
-}
-
-#[derive(Debug, Subcommand)]
-enum Verb {
-    Fit(fit::Cli),
-    Parametrize(parametrize::Cli),
-    Reconstruct(reconstruct::Cli),
-    Compare(compare::Cli),
-    Picture(picture::Cli),
-    BasisBuild(basis_build::Cli),
-    Store(store::Cli),
-    Generate(generate::Cli),
-    Paper(paper::Cli),
-    Completions(pages::Completions),
-    Man(pages::Man),
-}
-
-impl Verb {
-    fn run(&self) -> anyhow::Result<()> {
-        match self {
-            Self::Fit(cli) => fit::run(cli),
-            Self::Parametrize(cli) => parametrize::run(cli),
-            Self::Reconstruct(cli) => reconstruct::run(cli),
-            Self::Compare(cli) => compare::run(cli),
-            Self::Picture(cli) => picture::run(cli),
-            Self::BasisBuild(cli) => basis_build::run(cli),
-            Self::Store(cli) => store::run(cli),
-            Self::Generate(cli) => generate::run(cli),
-            Self::Paper(cli) => paper::run(cli),
-            Self::Completions(cli) => pages::completions(cli, Spharm::command()),
-            Self::Man(cli) => pages::man(cli, Spharm::command()),
-        }
-    }
-}
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+mod kernels;
 
 fn main() -> ExitCode {
-    let matches = Spharm::command().get_matches_from(arguments(std::env::args_os()));
-    let spharm = Spharm::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    let verb = matches.subcommand_name().unwrap_or_default();
-    exit::run(|| spharm.verb.run(), || exit::command_of(Spharm::command(), verb))
-}
-
-/// The arguments with the verb in front, also where this program was called by a verb's name, through a link.
-fn arguments(given: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
-    let mut arguments: Vec<OsString> = given.into_iter().collect();
-    let name = arguments.first().and_then(|name| Path::new(name).file_stem()).unwrap_or_default().to_owned();
-    if ["basis-build", "fit"].iter().any(|verb| name == *verb) {
-        arguments.splice(..1, ["spharm".into(), name]);
-    }
-    arguments
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_arguments_are_consistent() {
-        Spharm::command().debug_assert();
-    }
-
-    #[test]
-    fn a_link_named_after_a_verb_runs_that_verb() {
-        let run = |given: &[&str]| arguments(given.iter().map(OsString::from));
-        assert_eq!(run(&["/bin/fit", "-q"]), ["spharm", "fit", "-q"]);
-        assert_eq!(run(&["basis-build"]), ["spharm", "basis-build"]);
-        assert_eq!(run(&["spharm", "fit"]), ["spharm", "fit"]);
-    }
+    ExitCode::from(spharm_tools::main(std::env::args_os()))
 }

@@ -1,6 +1,5 @@
 //! Exit codes and signals: 0 success, 1 failure, 2 wrong usage, 75 interrupted.
 
-use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, LazyLock};
 
@@ -15,6 +14,7 @@ use crate::usage::Usage;
 
 /// EX_TEMPFAIL of sysexits.h: the same command may succeed later.
 const INTERRUPTED: u8 = 75;
+const FAILURE: u8 = 1;
 /// As clap has it.
 const USAGE: u8 = 2;
 
@@ -55,19 +55,19 @@ pub fn command_of(mut program: Command, verb: &str) -> Command {
 
 /// Runs a verb and returns the exit code. An error is printed as one line to stderr; a [`Usage`] error as clap prints its
 /// own, with the usage of `command`.
-pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> Command) -> ExitCode {
-    let Err(error) = work() else { return ExitCode::SUCCESS };
+pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> Command) -> u8 {
+    let Err(error) = work() else { return 0 };
     if is_closed_pipe(&error) {
-        return ExitCode::SUCCESS;
+        return 0;
     }
     if let Some(usage) = error.downcast_ref::<Usage>() {
         // Where stderr is gone, there is nobody to tell.
         let _ = usage.of(command()).print();
-        return ExitCode::from(USAGE);
+        return USAGE;
     }
     let advice = advice(&error).map_or(String::new(), |advice| format!("; {advice}"));
     crate::console::say(format_args!("error: {}{advice}", one_line(&error)));
-    if is_interrupted(&error) { ExitCode::from(INTERRUPTED) } else { ExitCode::FAILURE }
+    if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
 }
 
 /// Joins the error chain, skipping repeated messages, and names of files that the next message begins with.

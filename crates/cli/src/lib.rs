@@ -26,8 +26,6 @@ pub mod console;
 pub mod exit;
 pub mod help;
 pub mod inputs;
-#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
-mod kernels;
 pub mod machine;
 pub mod monitor;
 pub mod names;

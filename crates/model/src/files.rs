@@ -1,7 +1,7 @@
 //! Reading and writing models.
 
 use std::fs::File;
-use std::io::{self, BufReader, Write};
+use std::io::{self, BufReader, Cursor, Write};
 use std::path::Path;
 
 use spharm_surface::io::write_new;
@@ -58,5 +58,14 @@ impl Model {
             return Err(ModelError::Invalid { path: path.to_owned(), problem: "it is not a regular file".to_owned() });
         }
         npz::read(path, BufReader::new(File::open(path).map_err(open)?))
+    }
+
+    /// Reads a model from the bytes of an archive, as [`read`](Self::read) does from a file.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`](ModelError::Invalid), [`NonFinite`](ModelError::NonFinite).
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, ModelError> {
+        npz::read(Path::new("the model"), Cursor::new(bytes))
     }
 }

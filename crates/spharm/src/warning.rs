@@ -5,6 +5,7 @@ use std::fmt;
 use serde::{Serialize, Serializer};
 use spharm_solver::LsqReport;
 use spharm_solver::irf::BlockReport;
+use spharm_solver::lsq::LsqWarning;
 
 /// Something about a fit that its user should know. It is serialised as its text.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +62,7 @@ pub enum FitWarning {
         reason: String,
     },
     /// Something that the solver reports.
-    Solver(String),
+    Solver(LsqWarning),
 }
 
 impl fmt::Display for FitWarning {
@@ -95,7 +96,7 @@ impl fmt::Display for FitWarning {
                  determine them, the solution of least norm was taken"
             ),
             Self::FactorUnusable { reason } => write!(f, "{reason}; solving without it"),
-            Self::Solver(text) => f.write_str(text),
+            Self::Solver(warning) => warning.fmt(f),
         }
     }
 }
@@ -121,7 +122,7 @@ impl FitWarning {
             let suitable_degree = ((vertices as f64 / 1.5).sqrt() as usize).saturating_sub(1);
             warnings.push(Self::FewVertices { vertices, functions, suitable_degree });
         }
-        warnings.extend(report.warnings.iter().map(|warning| Self::Solver(warning.to_string())));
+        warnings.extend(report.warnings.iter().cloned().map(Self::Solver));
         if report.stop != spharm_solver::lsq::Stop::Converged && !singular {
             let steps = report.iterations + report.refinements;
             warnings.push(Self::NotConverged { optimality: report.optimality, tolerance, steps });

@@ -18,8 +18,14 @@ pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
     }
 }
 
-/// Not empty, finite, indices in range.
-pub(crate) fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
+/// Checks that there are vertices and triangles, that positions are finite, and that triangles name vertices that exist, as
+/// is done with every mesh that is read or written. Messages name `path`, or "the surface".
+///
+/// # Errors
+///
+/// [`Empty`](SurfaceError::Empty), [`TooLarge`](SurfaceError::TooLarge), [`NonFinite`](SurfaceError::NonFinite),
+/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange).
+pub fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
     for (count, limit, one, many) in
         [(vertices, MOST_VERTICES, "vertex", "vertices"), (faces, MOST_FACES, "triangle", "triangles")]

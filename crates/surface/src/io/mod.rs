@@ -47,7 +47,8 @@ use crate::error::SurfaceError;
 use crate::mesh::{Input, Mesh, Signal};
 
 pub use atomic::write_new;
-pub(crate) use check::{indices as check_indices, mesh as check_mesh, signal as check_signal};
+pub use check::mesh as check_mesh;
+pub(crate) use check::{indices as check_indices, signal as check_signal};
 pub(crate) use formats::name_without_gz;
 pub use formats::{FORMATS, Output, check_output, to_write_mesh, to_write_signal};
 pub use load::MOST_EXPANSION;

@@ -26,7 +26,7 @@ extern "C" fn choose_kernels() {
     };
     let set = |name: &std::ffi::CStr, value: &std::ffi::CStr| {
         // SAFETY: both texts end in a zero. `setenv` must not run while another thread reads or changes the environment:
-        // this crate is linked into executables only, whose initialisers the loader runs on the process's first thread
+        // this is part of an executable, whose initialisers the loader runs on the process's first thread
         // before `main`, and no initialiser ordered before this one starts a thread.
         unsafe { libc::setenv(name.as_ptr(), value.as_ptr(), 0) };
     };

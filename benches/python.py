@@ -1,0 +1,205 @@
+#!/usr/bin/env python3
+"""The bars of the Python package, measured: `./run bench python [--rounds N]`.
+
+Compared with `examples/peer` on the same arrays, in turn; interrupts and forks as often as asked for.
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import platform
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import spharm_rs as sp
+
+ROOT = Path(__file__).resolve().parent.parent
+PEER = ROOT / "target" / "release" / "examples" / "peer"
+
+
+class Rows:
+    def __init__(self):
+        self.missed = False
+
+    def bar(self, what, found, limit, unit=""):
+        met = found <= limit
+        self.missed |= not met
+        print(f"{what:<66}{found:>10.3f}{unit:<4}{limit:>8.3f}{unit:<4}{'met' if met else 'MISSED'}", flush=True)
+
+
+def seconds(work, rounds):
+    work()
+    found = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        work()
+        found.append(time.perf_counter() - start)
+    return statistics.median(found)
+
+
+def speed(rows, rounds):
+    """Synthesis and fits beside the library's own, in turn."""
+    surface, sphere = sp.example_surface(6)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        coefficients = np.random.default_rng(0).normal(size=(101**2, 3))
+        for file, array in [("d", sphere.vertices), ("f", surface.vertices), ("x", coefficients)]:
+            np.save(folder / f"{file}.npy", array)
+        transform = sp.Transform(sphere.vertices, 100)
+        here, there, fits = [], [], []
+        for _ in range(rounds):
+            here.append(seconds(lambda: transform.synthesis(coefficients), 30))
+            found = peer("transforms", folder / "d.npy", folder / "x.npy", 100, 1e-12, 30, folder / "out")
+            there.append(statistics.median(found["synthesis"]))
+            ours = seconds(lambda: sp.fit(surface.vertices, sphere.vertices, 100), 9)
+            found = peer("fit", folder / "d.npy", folder / "f.npy", 100, 10)
+            fits.append(ours / statistics.median(found["seconds"][1:]))
+        rows.bar("synthesis, L = 100, n = 40,962, over the library's", statistics.median(a / b for a, b in zip(here, there)), 1.05)
+        rows.bar("fit of arrays, L = 100, n = 40,962, over the library's", statistics.median(fits), 1.1)
+
+
+def peer(*arguments):
+    done = subprocess.run([PEER, *map(str, arguments)], capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+MEMORY = """
+import resource, sys
+import numpy as np, spharm_rs as sp
+n = 1_000_000
+i = np.arange(n) + 0.5
+theta, phi = np.arccos(1 - 2 * i / n), np.pi * (1 + 5**0.5) * i
+d = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1)
+del i, theta, phi
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+m = sp.fit(d, d, 50, threads=2)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
+"""
+
+
+def memory(rows):
+    """Peak of a fit of (10^6, 3) above what NumPy holds, over the library's on the same arrays."""
+    ours = int(subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True).stdout)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        n = 1_000_000
+        i = np.arange(n) + 0.5
+        theta, phi = np.arccos(1 - 2 * i / n), np.pi * (1 + 5**0.5) * i
+        np.save(folder / "d.npy", np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1))
+        found = peer("fit", folder / "d.npy", folder / "d.npy", 50, 1)
+    theirs = found["peak"] - found["before"]
+    print(f"peak of a fit of (10^6, 3) above the arrays: {ours / 2**20:.0f} MiB, the library's {theirs / 2**20:.0f} MiB")
+    rows.bar("memory of (10^6, 3), over the library's", ours / theirs, 1.1)
+
+
+def late(work, after):
+    """Seconds from SIGINT to KeyboardInterrupt; None where the work was done before."""
+    timer = threading.Timer(after, lambda: os.kill(os.getpid(), signal.SIGINT))
+    start = time.perf_counter()
+    timer.start()
+    try:
+        work()
+    except KeyboardInterrupt:
+        return time.perf_counter() - start - after
+    finally:
+        timer.cancel()
+        timer.join()
+    return None
+
+
+def interrupts(rows, times):
+    surface, sphere = sp.example_surface(7)
+    rough = np.random.default_rng(0).normal(size=(20_000, 3))
+    rng = np.random.default_rng(1)
+    with tempfile.TemporaryDirectory() as name:
+        number = iter(range(10**6))
+        works = {
+            "fit": lambda: sp.fit(rough, rough, 80, tolerance=1e-14),
+            "parametrize, 163,842 vertices": lambda: sp.parametrize(surface),
+            "basis": lambda: sp.Store(Path(name) / str(next(number))).build(sphere, 60),
+            "factor": lambda: sp.Store(Path(name) / str(next(number))).factor(rough, 70),
+            "surface distance": lambda: sp.compare(surface, sphere, surface_distance=True, samples=4_000_000),
+        }
+        for what, work in works.items():
+            found = [late(work, rng.uniform(0.1, 1.0)) for _ in range(times)]
+            done = found.count(None)
+            worst = max((x for x in found if x is not None), default=float("inf"))
+            rows.bar(f"KeyboardInterrupt in {what}, worst of {times - done}", worst, 0.25, " s")
+
+
+def child(queue, transform, x):
+    queue.put(float(transform.synthesis(x).sum() + sp.fit(*sp.example_surface(3), 8).coefficients.sum()))
+
+
+def forks(rows, times):
+    transform, x = sp.Transform(sp.icosphere(3).vertices, 10), np.ones((121, 3))
+    expected = float(transform.synthesis(x).sum() + sp.fit(*sp.example_surface(3), 8).coefficients.sum())
+    context, wrong = multiprocessing.get_context("fork"), 0
+    for _ in range(times):
+        queue = context.Queue()
+        process = context.Process(target=child, args=(queue, transform, x))
+        process.start()
+        try:
+            wrong += queue.get(timeout=60) != expected
+        except Exception:
+            wrong += 1
+        process.join(10)
+        process.kill()
+    rows.bar(f"forked children without the result, of {times}", wrong, 0)
+
+
+def interpreter(rows):
+    """The longest time for which a call keeps other Python threads waiting, beside calls that keep both cores busy."""
+    surface, sphere = sp.example_surface(6)
+    calls = {
+        "fit": lambda: sp.fit(surface, sphere, 100, threads=1),
+        "parametrize": lambda: sp.parametrize(sp.example_surface(4)[0], threads=1),
+        "synthesis": lambda: sp.Transform(sphere.vertices, 500, threads=1).synthesis(np.ones((501**2, 3))),
+        "compare": lambda: sp.compare(surface, sphere, surface_distance=True, threads=1),
+    }
+    for what, call in calls.items():
+        gaps, stop = [], threading.Event()
+
+        def watch():
+            last = time.perf_counter()
+            while not stop.is_set():
+                time.sleep(0.001)
+                now = time.perf_counter()
+                gaps.append(now - last)
+                last = now
+
+        thread = threading.Thread(target=watch)
+        thread.start()
+        call()
+        stop.set()
+        thread.join()
+        rows.bar(f"{what} holds the interpreter for at most", max(gaps), 0.05, " s")
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--interrupts", type=int, default=20)
+    parser.add_argument("--forks", type=int, default=50)
+    arguments = parser.parse_args()
+    cpu = next((line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), "")
+    print(f"{platform.machine()} {cpu}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}")
+    rows = Rows()
+    speed(rows, arguments.rounds)
+    memory(rows)
+    interpreter(rows)
+    interrupts(rows, arguments.interrupts)
+    forks(rows, arguments.forks)
+    return int(rows.missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

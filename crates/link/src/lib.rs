@@ -1,0 +1,73 @@
+//! For build scripts of what is installed: leaves out most of the kernels that OpenBLAS carries.
+//!
+//! Debian's static OpenBLAS chooses among twenty processors' kernels at run time, which are 40 of its 55 MB. Each set
+//! hangs on one table, `gotoblas_NAME`, that the choice points to. Where the table is linked as another name of an older
+//! processor's, its kernels are dropped, and what is installed still runs everywhere: each processor gets the best of the
+//! sets that stay and that it can execute. Processors without AVX2, of before 2013, lose speed in large factors.
+
+#![forbid(unsafe_code)]
+
+use std::env;
+use std::fs;
+use std::path::PathBuf;
+
+/// Tables that are left out, and the one that serves their processors.
+const SERVED_BY: [(&str, &[&str]); 3] = [
+    // Without AVX2 and FMA: what a processor of 64 bits has had since 2004.
+    (
+        "PRESCOTT",
+        &[
+            "OPTERON",
+            "OPTERON_SSE3",
+            "BARCELONA",
+            "BOBCAT",
+            "ATOM",
+            "NANO",
+            "CORE2",
+            "PENRYN",
+            "DUNNINGTON",
+            "NEHALEM",
+            "SANDYBRIDGE",
+            "BULLDOZER",
+            "PILEDRIVER",
+            "STEAMROLLER",
+        ],
+    ),
+    // With AVX2 and FMA: the same kernels.
+    ("HASWELL", &["ZEN", "EXCAVATOR"]),
+    // With AVX-512; what the other has besides is bfloat16.
+    ("SKYLAKEX", &["COOPERLAKE"]),
+];
+
+/// Tells Cargo how to link the package whose build script calls this, where the feature `openblas-system` is on.
+pub fn leave_out_kernels() {
+    println!("cargo::rerun-if-env-changed=CARGO_ENCODED_RUSTFLAGS");
+    let linux = env::var("CARGO_CFG_TARGET_OS").is_ok_and(|os| os == "linux");
+    let x86_64 = env::var("CARGO_CFG_TARGET_ARCH").is_ok_and(|arch| arch == "x86_64");
+    if !(linux && x86_64 && env::var_os("CARGO_FEATURE_OPENBLAS_SYSTEM").is_some()) {
+        return;
+    }
+    // Of a library without run-time choice, or with another list, nothing is left out.
+    let Some(library) = library().and_then(|path| fs::read(path).ok()) else { return };
+    let has = |processor: &str| {
+        let table = format!("\0gotoblas_{processor}\0");
+        library.windows(table.len()).any(|bytes| bytes == table.as_bytes())
+    };
+    if SERVED_BY.iter().all(|(by, _)| has(by)) {
+        for (by, left_out) in SERVED_BY {
+            left_out
+                .iter()
+                .for_each(|table| println!("cargo::rustc-link-arg=-Wl,--defsym=gotoblas_{table}=gotoblas_{by}"));
+        }
+    }
+}
+
+/// The static OpenBLAS in the folders that `.cargo/config.toml` names.
+fn library() -> Option<PathBuf> {
+    let flags = env::var("CARGO_ENCODED_RUSTFLAGS").ok()?;
+    flags
+        .split('\x1f')
+        .filter_map(|flag| flag.strip_prefix("-Lnative=").or_else(|| flag.strip_prefix("native=")))
+        .map(|folder| PathBuf::from(folder).join("libopenblas.a"))
+        .find(|path| path.exists())
+}

@@ -1,0 +1,105 @@
+//! NumPy arrays to the library's types and back.
+//!
+//! Arrays come with any strides and are never written to. Shapes are checked here, since a binding that trusts its callers
+//! panics; values are checked by the library.
+
+use ndarray::{Array2, ArrayView2};
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use spharm::io::check_mesh;
+use spharm::{Mesh, Sphere};
+
+use crate::errors::{Failure, exception};
+
+/// Positions, (n, 3).
+pub(crate) type Positions<'py> = PyReadonlyArray2<'py, f64>;
+/// Triangles, (f, 3), counted from 0.
+pub(crate) type Faces<'py> = PyReadonlyArray2<'py, u32>;
+/// Triangles that go back to Python.
+pub(crate) type FacesOut<'py> = Bound<'py, PyArray2<u32>>;
+/// Positions that go back to Python.
+pub(crate) type PositionsOut<'py> = Bound<'py, PyArray2<f64>>;
+
+/// Returns the rows of an array of shape (n, 3).
+///
+/// # Errors
+///
+/// `ValueError` for another shape.
+pub(crate) fn rows<T: Copy>(what: &str, array: ArrayView2<'_, T>) -> PyResult<Vec<[T; 3]>> {
+    if array.ncols() != 3 {
+        let shape = array.shape();
+        return Err(PyValueError::new_err(format!(
+            "{what}: expected shape (n, 3), found ({}, {})",
+            shape[0], shape[1]
+        )));
+    }
+    Ok(match array.as_slice() {
+        Some(values) => values.as_chunks().0.to_vec(),
+        None => array.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect(),
+    })
+}
+
+/// Returns a mesh whose triangles name vertices that exist.
+///
+/// # Errors
+///
+/// `ValueError` for wrong shapes, `MeshError` for wrong triangles.
+pub(crate) fn mesh(what: &str, vertices: &Positions<'_>, faces: &Faces<'_>) -> PyResult<Mesh> {
+    let mesh = Mesh::new(
+        rows(&format!("{what}'s vertices"), vertices.as_array())?,
+        rows(&format!("{what}'s faces"), faces.as_array())?,
+    );
+    check_mesh(format!("the {what}").as_ref(), &mesh).map_err(|error| exception(vertices.py(), error.into()))?;
+    Ok(mesh)
+}
+
+/// A sphere as it comes from Python: directions of any length, and triangles where there are any.
+pub(crate) struct SphereArrays {
+    mesh: Mesh,
+    parametrized: bool,
+}
+
+impl SphereArrays {
+    /// # Errors
+    ///
+    /// `ValueError` for wrong shapes.
+    pub(crate) fn new(vertices: &Positions<'_>, faces: Option<&Faces<'_>>, parametrized: bool) -> PyResult<Self> {
+        let vertices = rows("sphere", vertices.as_array())?;
+        let faces = faces.map(|faces| rows("the sphere's faces", faces.as_array())).transpose()?.unwrap_or_default();
+        Ok(Self { mesh: Mesh::new(vertices, faces), parametrized })
+    }
+
+    /// Checks the sphere, which takes time.
+    pub(crate) fn check(self) -> Result<Sphere, Failure> {
+        let Self { mesh, parametrized } = self;
+        let sphere = if mesh.faces.is_empty() {
+            Sphere::from_directions(
+                spharm::harmonics::Directions::from_vertices(&mesh.vertices).map_err(spharm::Error::from)?,
+            )
+        } else {
+            Sphere::from_mesh(&mesh)?
+        };
+        Ok(Sphere { parametrized, ..sphere })
+    }
+}
+
+/// Returns a mesh's arrays: vertices (n, 3) and triangles (f, 3), which own the library's memory.
+pub(crate) fn mesh_arrays<'py>(py: Python<'py>, mesh: Mesh) -> (PositionsOut<'py>, FacesOut<'py>) {
+    (positions(py, mesh.vertices), triangles(py, mesh.faces))
+}
+
+/// Returns positions as an array, (n, 3).
+pub(crate) fn positions(py: Python<'_>, rows: Vec<[f64; 3]>) -> PositionsOut<'_> {
+    array(rows).into_pyarray(py)
+}
+
+/// Returns triangles as an array, (f, 3).
+pub(crate) fn triangles(py: Python<'_>, rows: Vec<[u32; 3]>) -> FacesOut<'_> {
+    array(rows).into_pyarray(py)
+}
+
+fn array<T: Copy>(rows: Vec<[T; 3]>) -> Array2<T> {
+    let count = rows.len();
+    Array2::from_shape_vec((count, 3), rows.into_flattened()).expect("three values a row")
+}

@@ -1,0 +1,148 @@
+//! The library's errors as exceptions of `spharm_rs.errors`.
+
+use std::io;
+use std::path::Path;
+
+use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use spharm::parametrize::ParametrizeError;
+use spharm::store::StoreError;
+use spharm::{Error, ModelError};
+use spharm::{SolverError, SurfaceError};
+
+/// Why work failed.
+pub(crate) enum Failure {
+    /// The library's error.
+    Library(Error),
+    /// An argument that the library wasn't given.
+    Argument(String),
+    /// A defect of the library.
+    Panic,
+}
+
+impl<E: Into<Error>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self::Library(error.into())
+    }
+}
+
+/// The exception of a kind of error.
+enum Kind<'a> {
+    Spharm,
+    Mesh,
+    Store(Option<&'a Path>),
+    Memory { budget: u64, needed: u64 },
+    Value,
+    Runtime,
+    Os { path: &'a Path, cause: &'a io::Error },
+    Exists(&'a Path),
+    Interrupted,
+}
+
+/// Returns the exception of a failure.
+pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
+    let error = match failure {
+        Failure::Library(error) => error,
+        Failure::Argument(text) => return PyValueError::new_err(text),
+        Failure::Panic => {
+            return named(py, "SpharmError", "a defect of spharm-rs; please report it, with what stderr says");
+        }
+    };
+    let text = error.to_string();
+    match of(&error) {
+        Kind::Spharm => named(py, "SpharmError", &text),
+        Kind::Mesh => named(py, "MeshError", &text),
+        Kind::Store(path) => with(py, named(py, "StoreError", &text), |value| {
+            path.map_or(Ok(()), |path| value.setattr("filename", path.to_string_lossy()))
+        }),
+        Kind::Memory { budget, needed } => with(py, named(py, "MemoryBudgetError", &text), |value| {
+            value.setattr("budget", budget)?;
+            value.setattr("needed", needed)
+        }),
+        Kind::Value => PyValueError::new_err(text),
+        Kind::Runtime => PyRuntimeError::new_err(text),
+        Kind::Interrupted => PyKeyboardInterrupt::new_err(()),
+        // With these three arguments it becomes FileNotFoundError and the like.
+        Kind::Os { path, cause } => match cause.raw_os_error() {
+            Some(code) => PyOSError::new_err((code, cause.to_string(), path.to_string_lossy().into_owned())),
+            None => PyOSError::new_err(text),
+        },
+        Kind::Exists(path) => {
+            let exists = io::Error::from(io::ErrorKind::AlreadyExists).to_string();
+            PyOSError::new_err((17, exists, path.to_string_lossy().into_owned()))
+        }
+    }
+}
+
+/// Returns an exception of `spharm_rs.errors`.
+fn named(py: Python<'_>, class: &str, text: &str) -> PyErr {
+    let made =
+        py.import("spharm_rs.errors").and_then(|module| module.getattr(class)).and_then(|class| class.call1((text,)));
+    made.map_or_else(|error| error, PyErr::from_value)
+}
+
+fn with(py: Python<'_>, error: PyErr, set: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<()>) -> PyErr {
+    match set(error.value(py)) {
+        Ok(()) => error,
+        Err(other) => other,
+    }
+}
+
+fn of(error: &Error) -> Kind<'_> {
+    match error {
+        _ if error.is_interrupted() => Kind::Interrupted,
+        Error::Surface(error) => of_surface(error),
+        Error::Parametrize(error) => match error {
+            ParametrizeError::Surface(error) => of_surface(error),
+            ParametrizeError::Solver(error) => of_solver(error),
+            ParametrizeError::Io { path, cause, .. } => Kind::Os { path, cause },
+            ParametrizeError::Argument { .. } => Kind::Value,
+            _ => Kind::Mesh,
+        },
+        Error::Store(error) => of_store(error),
+        Error::Solver(error) => of_solver(error),
+        Error::Model(error) => match error {
+            ModelError::Open { path, source } | ModelError::Input { path, source } => Kind::Os { path, cause: source },
+            ModelError::Surface(error) => of_surface(error),
+            ModelError::Invalid { .. } | ModelError::NonFinite { .. } => Kind::Mesh,
+            _ => Kind::Value,
+        },
+        Error::Memory { budget, needed } => memory(*budget as u64, *needed as u64),
+        Error::Limit { limit, needed, .. } => memory(*limit, *needed),
+        Error::Threads { .. } => Kind::Runtime,
+        Error::NotConverged(_) => Kind::Spharm,
+        _ => Kind::Value,
+    }
+}
+
+fn memory<'a>(budget: u64, needed: u64) -> Kind<'a> {
+    Kind::Memory { budget, needed }
+}
+
+fn of_surface(error: &SurfaceError) -> Kind<'_> {
+    match error {
+        SurfaceError::Io { path, cause, .. } => Kind::Os { path, cause },
+        SurfaceError::OutputExists { path, .. } => Kind::Exists(path),
+        SurfaceError::Argument { .. } | SurfaceError::LengthMismatch { .. } => Kind::Value,
+        _ => Kind::Mesh,
+    }
+}
+
+fn of_solver(error: &SolverError) -> Kind<'_> {
+    match error {
+        SolverError::Store(error) => of_store(error),
+        SolverError::Budget { budget, needed, .. } => memory(*budget as u64, *needed as u64),
+        SolverError::NotPositiveDefinite { .. } | SolverError::NoConvergence { .. } => Kind::Spharm,
+        _ => Kind::Value,
+    }
+}
+
+fn of_store(error: &StoreError) -> Kind<'_> {
+    match error {
+        StoreError::Budget { budget, needed } => memory(*budget as u64, *needed as u64),
+        StoreError::Io { path, source, .. } => Kind::Os { path, cause: source },
+        StoreError::Harmonics(_) | StoreError::ChunkRows { .. } => Kind::Value,
+        StoreError::Space { path, .. } => Kind::Store(Some(path)),
+        _ => Kind::Store(None),
+    }
+}

@@ -1,0 +1,249 @@
+//! Fits, one and many.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use ndarray::ArrayView2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::{Value, json};
+use spharm::parametrize::{CaldParams, parametrize_with};
+use spharm::solver::lsq::LsqWarning;
+use spharm::store::Scalar;
+use spharm::{
+    BatchReport, Error, Fit, FitParams, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor, Signal,
+    Smoothness, Sphere, Target, Weights,
+};
+
+use crate::arrays::{Faces, Positions, SphereArrays, mesh};
+use crate::errors::Failure;
+use crate::models::Model;
+use crate::run::run;
+
+/// How to fit: the keyword arguments of `spharm_rs.fit`, checked for their types there.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Settings<'py> {
+    max_degree: usize,
+    method: String,
+    passes: usize,
+    granularity: usize,
+    start_degree: usize,
+    accelerate: bool,
+    smoothness: Option<String>,
+    weights: WeightsGiven<'py>,
+    hold_out: Option<f64>,
+    standard_errors: bool,
+    tolerance: f64,
+    max_iterations: usize,
+    preconditioner: String,
+    strict: bool,
+    store: Option<PathBuf>,
+    dtype: Option<String>,
+    memory: Option<usize>,
+    threads: Option<usize>,
+}
+
+#[derive(FromPyObject)]
+enum WeightsGiven<'py> {
+    Named(String),
+    Values(PyReadonlyArray1<'py, f64>),
+}
+
+fn parsed<T: FromStr<Err = String>>(what: &str, text: &str) -> PyResult<T> {
+    text.parse().map_err(|expected| PyValueError::new_err(format!("{what}: {expected}; found {text}")))
+}
+
+impl Settings<'_> {
+    fn params(&self) -> PyResult<FitParams> {
+        let &Self { passes, granularity, start_degree, accelerate, .. } = self;
+        let method = match self.method.as_str() {
+            "lsq" => Method::Lsq,
+            "irf" => Method::Irf { passes, granularity, accelerate },
+            "sirf" => Method::Sirf { start_degree },
+            "mirf" => Method::Mirf { passes, start_degree, accelerate },
+            "nlsf" => Method::Nlsf,
+            "quadrature" => Method::Quadrature,
+            found => {
+                let expected = "expected lsq, irf, sirf, mirf, nlsf or quadrature";
+                return Err(PyValueError::new_err(format!("method: {expected}; found {found}")));
+            }
+        };
+        let weights = match &self.weights {
+            WeightsGiven::Named(name) if name == "uniform" => Weights::Uniform,
+            WeightsGiven::Named(name) if name == "area" => Weights::Area,
+            WeightsGiven::Named(found) => {
+                return Err(PyValueError::new_err(format!(
+                    "weights: expected uniform, area or an array; found {found}"
+                )));
+            }
+            WeightsGiven::Values(values) => {
+                Weights::Values { name: "weights".to_owned(), values: values.as_array().to_vec() }
+            }
+        };
+        let scalar = |name: &String| match name.as_str() {
+            "f64" => Ok(Scalar::F64),
+            "f32" => Ok(Scalar::F32),
+            found => Err(PyValueError::new_err(format!("dtype: expected f64 or f32; found {found}"))),
+        };
+        Ok(FitParams {
+            method,
+            weights,
+            smoothness: self
+                .smoothness
+                .as_deref()
+                .map_or(Ok(Smoothness::Default), |text| parsed("smoothness", text))?,
+            hold_out: self.hold_out,
+            standard_errors: self.standard_errors,
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+            preconditioner: parsed("preconditioner", &self.preconditioner)?,
+            strict: self.strict,
+            store: self.store.clone(),
+            scalar: self.dtype.as_ref().map(scalar).transpose()?,
+            memory: self.memory,
+            threads: None,
+            ..FitParams::lsq(self.max_degree)
+        })
+    }
+}
+
+/// A fit as it goes to Python: model, standard errors, report as JSON, warnings as (kind, text).
+type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
+
+/// Fits one surface or signal. Without a sphere a surface is mapped to one first.
+#[pyfunction]
+#[pyo3(signature = (values, faces, sphere, sphere_faces, *, surface, parametrized, settings, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+pub(crate) fn fit<'py>(
+    py: Python<'py>,
+    values: PyReadonlyArray2<'py, f64>,
+    faces: Option<Faces<'py>>,
+    sphere: Option<Positions<'py>>,
+    sphere_faces: Option<Faces<'py>>,
+    surface: bool,
+    parametrized: bool,
+    settings: Settings<'py>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Fitted<'py>> {
+    let params = settings.params()?;
+    let given = match (&sphere, &faces) {
+        (Some(sphere), _) => Given::Sphere(SphereArrays::new(sphere, sphere_faces.as_ref(), parametrized)?),
+        (None, Some(faces)) => Given::Bare(mesh("surface", &values, faces)?),
+        (None, None) => return Err(PyValueError::new_err("sphere: a surface without triangles and a signal need one")),
+    };
+    let triangles = faces.map(|faces| crate::arrays::rows("faces", faces.as_array())).transpose()?;
+    let view = values.as_array();
+    let (sphere, fit, report, map) = run(py, settings.threads, progress.as_ref(), |monitor| {
+        let (sphere, target, map) = match given {
+            Given::Sphere(sphere) => {
+                let sphere = sphere.check()?;
+                let target = target(view, triangles.as_deref(), surface, &sphere)?;
+                (sphere, target, None)
+            }
+            Given::Bare(mesh) => {
+                let params = CaldParams::for_degree(params.max_degree);
+                let found = parametrize_with(&mesh, &params, monitor)?;
+                let target = Target::from_mesh(&mesh, &found.sphere)?;
+                (found.sphere, target, Some(found.map.report))
+            }
+        };
+        let read = |_: usize| Ok::<_, Error>(target.clone());
+        let (mut fits, report) = spharm::fit_many(&sphere, 1, &read, &params, &|_, fit| Ok(fit), monitor)?;
+        let fit = fits.pop().ok_or(Failure::Panic)?;
+        Ok((sphere, fit, report, map))
+    })?;
+    let map = map.map(|map| json!(map));
+    Ok(fitted(py, sphere, fit, &report, map, surface))
+}
+
+enum Given {
+    Sphere(SphereArrays),
+    Bare(Mesh),
+}
+
+/// Fits targets over one sphere: `values` are arrays of the sphere's vertices.
+#[pyfunction]
+#[pyo3(signature = (values, sphere, sphere_faces, *, surface, parametrized, settings, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+pub(crate) fn fit_many<'py>(
+    py: Python<'py>,
+    values: Vec<PyReadonlyArray2<'py, f64>>,
+    sphere: Positions<'py>,
+    sphere_faces: Option<Faces<'py>>,
+    surface: bool,
+    parametrized: bool,
+    settings: Settings<'py>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Vec<Fitted<'py>>> {
+    let params = settings.params()?;
+    let sphere = SphereArrays::new(&sphere, sphere_faces.as_ref(), parametrized)?;
+    let views: Vec<ArrayView2<'_, f64>> = values.iter().map(|values| values.as_array()).collect();
+    let (sphere, fits, report) = run(py, settings.threads, progress.as_ref(), |monitor: &dyn Monitor| {
+        let sphere = sphere.check()?;
+        let read = |number: usize| target(views[number], None, surface, &sphere);
+        let (fits, report) = spharm::fit_many(&sphere, views.len(), &read, &params, &|_, fit| Ok(fit), monitor)?;
+        Ok((sphere, fits, report))
+    })?;
+    Ok(fits.into_iter().map(|fit| fitted(py, sphere.clone(), fit, &report, None, surface)).collect())
+}
+
+/// Returns what is to be fitted. A surface has the sphere's triangles unless it has its own.
+fn target(
+    values: ArrayView2<'_, f64>,
+    triangles: Option<&[[u32; 3]]>,
+    surface: bool,
+    sphere: &Sphere,
+) -> Result<Target, Error> {
+    let (vertices, channels) = values.dim();
+    let triangles = triangles.unwrap_or(&sphere.faces);
+    let flat: Vec<f64> = values.as_slice().map_or_else(|| values.iter().copied().collect(), <[f64]>::to_vec);
+    if surface && channels == 3 && !triangles.is_empty() {
+        let mesh = Mesh::new(flat.as_chunks().0.to_vec(), triangles.to_vec());
+        return Ok(Target::from_mesh(&mesh, sphere)?);
+    }
+    let target = Target::from_signal(Signal::new(flat, vertices, channels), sphere)?;
+    let kind = if surface { Kind::Surface } else { Kind::Signal };
+    Ok(Target { kind, ..target })
+}
+
+fn fitted<'py>(
+    py: Python<'py>,
+    sphere: Sphere,
+    fit: Fit,
+    many: &ManyReport,
+    map: Option<Value>,
+    surface: bool,
+) -> Fitted<'py> {
+    let mut report = json!(fit.report);
+    let (scheme, seconds) = (many.scheme.to_string(), many.seconds);
+    if let Some(report) = report.as_object_mut() {
+        report.insert("msd".to_owned(), json!(fit.report.msd));
+        report.insert("xsd".to_owned(), json!(fit.report.xsd));
+        report.insert("smoothness".to_owned(), json!(fit.report.smoothness));
+        report.insert("scheme_key".to_owned(), json!(scheme));
+        report.insert("seconds".to_owned(), json!(seconds));
+        report.insert("parametrization".to_owned(), map.unwrap_or(Value::Null));
+        if let [BatchReport::LeastSquares { report: solver, .. }] = &many.batches[..] {
+            report.insert("solver".to_owned(), json!(solver));
+        }
+    }
+    let warnings = fit.report.warnings.iter().map(|warning| (category(warning), warning.to_string())).collect();
+    let errors = fit.standard_errors.clone().map(|errors| errors.into_pyarray(py));
+    let kind = if surface { Kind::Surface } else { Kind::Signal };
+    (Model { inner: Inner::new(sphere, fit, kind) }, errors, report.to_string(), warnings)
+}
+
+/// The class of a warning in `spharm_rs.errors`.
+fn category(warning: &FitWarning) -> &'static str {
+    match warning {
+        FitWarning::Oscillation { .. } => "Oscillation",
+        FitWarning::Singular { .. } | FitWarning::FewVertices { .. } | FitWarning::RankDeficient { .. } => {
+            "NotDetermined"
+        }
+        FitWarning::Solver(LsqWarning::Underdetermined { .. }) => "NotDetermined",
+        FitWarning::NotConverged { .. } => "NotConverged",
+        _ => "SpharmWarning",
+    }
+}

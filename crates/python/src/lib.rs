@@ -1,0 +1,49 @@
+//! `spharm_rs._core`: the library as functions on NumPy arrays.
+//!
+//! The package's Python code (`python/spharm_rs`) takes whatever users have, makes it arrays of one type, and calls this.
+//! Here stand types, the thread pools of a process, progress and interruption, and exceptions; nothing computes.
+//!
+//! # Modules
+//!
+//! | module | contents |
+//! |---|---|
+//! | `run` | work on a pool of this process, while the calling thread looks for signals and reports progress |
+//! | `errors` | the library's errors as exceptions |
+//! | `arrays` | NumPy arrays to the library's types and back |
+//! | `surfaces` | reading, writing, mapping, resampling, comparing |
+//! | `fitting` | fits, one and many |
+//! | `models` | models: evaluation and files |
+//! | `transforms` | synthesis, its adjoint, and the least squares over them |
+//! | `stores` | basis stores |
+
+mod arrays;
+mod errors;
+mod fitting;
+mod models;
+mod run;
+mod stores;
+mod surfaces;
+mod transforms;
+
+use std::ffi::OsString;
+
+use pyo3::prelude::*;
+
+/// Runs the program with these arguments, its name first, and returns its exit code.
+#[pyfunction]
+fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+    py.detach(|| spharm_tools::main(arguments))
+}
+
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<models::Model>()?;
+    module.add_class::<transforms::Transform>()?;
+    module.add_function(wrap_pyfunction!(main, module)?)?;
+    module.add_function(wrap_pyfunction!(fitting::fit, module)?)?;
+    module.add_function(wrap_pyfunction!(fitting::fit_many, module)?)?;
+    surfaces::register(module)?;
+    stores::register(module)?;
+    Ok(())
+}

@@ -1,0 +1,167 @@
+//! Models: coefficients, their sphere and provenance.
+
+use std::path::PathBuf;
+
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, ToPyArray};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use spharm::harmonics::{Coefficients, Directions};
+use spharm::{Error, Kind, Model as Inner};
+
+use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SphereArrays, mesh_arrays, positions, rows, triangles};
+use crate::errors::Failure;
+use crate::run::run;
+
+/// A model. It doesn't change.
+#[pyclass(frozen, module = "spharm_rs._core")]
+pub(crate) struct Model {
+    pub(crate) inner: Inner,
+}
+
+fn kind(surface: bool) -> Kind {
+    if surface { Kind::Surface } else { Kind::Signal }
+}
+
+#[pymethods]
+impl Model {
+    /// A model of coefficients (K, c), over a sphere where there is one.
+    #[new]
+    #[pyo3(signature = (coefficients, *, surface, sphere = None, faces = None, parametrized = false))]
+    fn new(
+        py: Python<'_>,
+        coefficients: PyReadonlyArray2<'_, f64>,
+        surface: bool,
+        sphere: Option<Positions<'_>>,
+        faces: Option<Faces<'_>>,
+        parametrized: bool,
+    ) -> PyResult<Self> {
+        let values = coefficients.as_array().to_owned();
+        let sphere = sphere.map(|sphere| SphereArrays::new(&sphere, faces.as_ref(), parametrized)).transpose()?;
+        let inner = run(py, Some(1), None, move |_| {
+            let coefficients = Coefficients::new(values).map_err(Error::from)?;
+            Ok(match sphere {
+                Some(sphere) => Inner::new(sphere.check()?, coefficients, kind(surface)),
+                None => Inner::without_sphere(coefficients, kind(surface)),
+            })
+        })?;
+        Ok(Self { inner })
+    }
+
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        Ok(Self { inner: run(py, Some(1), None, move |_| Ok(Inner::read(path).map_err(Error::from)?))? })
+    }
+
+    #[pyo3(signature = (path, *, overwrite = false))]
+    fn write(&self, py: Python<'_>, path: PathBuf, overwrite: bool) -> PyResult<()> {
+        run(py, Some(1), None, |_| Ok(self.inner.write_with(path, overwrite).map_err(Error::from)?))
+    }
+
+    /// The model of a file's bytes.
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
+        Ok(Self { inner: run(py, Some(1), None, |_| Ok(Inner::from_bytes(bytes).map_err(Error::from)?))? })
+    }
+
+    /// The bytes of the model's file.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = run(py, Some(1), None, |_| {
+            let mut bytes = Vec::new();
+            let written = self.inner.write_to(&mut bytes);
+            written.map_err(|error| Failure::Argument(format!("model: {error}")))?;
+            Ok(bytes)
+        })?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    #[getter]
+    fn coefficients<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.inner.coefficients.values().to_pyarray(py)
+    }
+
+    #[getter]
+    fn max_degree(&self) -> usize {
+        self.inner.coefficients.max_degree()
+    }
+
+    #[getter]
+    fn is_surface(&self) -> bool {
+        self.inner.kind() == Kind::Surface
+    }
+
+    #[getter]
+    fn parametrized(&self) -> bool {
+        self.inner.sphere.as_ref().map_or(self.inner.provenance.parametrized, |sphere| sphere.parametrized)
+    }
+
+    /// Unit vectors (n, 3) and triangles (f, 3) of the model's sphere.
+    #[getter]
+    fn sphere<'py>(&self, py: Python<'py>) -> Option<(PositionsOut<'py>, FacesOut<'py>)> {
+        let sphere = self.inner.sphere.as_ref()?;
+        Some((positions(py, sphere.directions.as_slice().to_vec()), triangles(py, sphere.faces.clone())))
+    }
+
+    /// How it was made, as JSON.
+    #[getter]
+    fn provenance(&self) -> String {
+        serde_json::to_string(&self.inner.provenance).unwrap_or_default()
+    }
+
+    /// The model of the degrees up to one.
+    fn truncate(&self, py: Python<'_>, degree: usize) -> PyResult<Self> {
+        run(py, Some(1), None, |_| {
+            let (mut inner, max_degree) = (self.inner.clone(), self.max_degree());
+            if degree > max_degree {
+                return Err(Failure::from(Error::from(spharm::ModelError::DegreeTooHigh { degree, max_degree })));
+            }
+            inner.coefficients =
+                Coefficients::new(self.inner.coefficients.up_to(degree).to_owned()).map_err(Error::from)?;
+            Ok(inner)
+        })
+        .map(|inner| Self { inner })
+    }
+
+    /// Values (n, c) at directions, those of the model's sphere where none are given.
+    #[pyo3(signature = (directions, degree, *, threads = None))]
+    fn evaluate<'py>(
+        &self,
+        py: Python<'py>,
+        directions: Option<Positions<'py>>,
+        degree: usize,
+        threads: Option<usize>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let directions = directions.map(|directions| rows("directions", directions.as_array())).transpose()?;
+        let values = run(py, threads, None, |_| {
+            let found = match directions {
+                Some(directions) => {
+                    let directions = Directions::from_vertices(&directions).map_err(Error::from)?;
+                    self.inner.evaluate(&directions, degree)
+                }
+                None => self.inner.own_sphere().and_then(|sphere| self.inner.evaluate(&sphere.directions, degree)),
+            };
+            Ok(found.map_err(Error::from)?)
+        })?;
+        Ok(values.into_pyarray(py))
+    }
+
+    /// The surface over a sphere, the model's own where none is given: vertices and triangles.
+    #[pyo3(signature = (sphere, faces, degree, *, threads = None))]
+    fn surface<'py>(
+        &self,
+        py: Python<'py>,
+        sphere: Option<Positions<'py>>,
+        faces: Option<Faces<'py>>,
+        degree: usize,
+        threads: Option<usize>,
+    ) -> PyResult<(PositionsOut<'py>, FacesOut<'py>)> {
+        let sphere = sphere.map(|sphere| SphereArrays::new(&sphere, faces.as_ref(), false)).transpose()?;
+        let mesh = run(py, threads, None, |_| {
+            let found = match sphere {
+                Some(sphere) => self.inner.reconstruct(&sphere.check()?, degree),
+                None => self.inner.own_sphere().and_then(|sphere| self.inner.reconstruct(sphere, degree)),
+            };
+            Ok(found.map_err(Error::from)?)
+        })?;
+        Ok(mesh_arrays(py, mesh))
+    }
+}

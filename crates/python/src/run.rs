@@ -1,0 +1,153 @@
+//! Work on a thread pool of this process, while the calling thread looks for signals and reports progress.
+//!
+//! Python handles signals on its main thread, between its own instructions, and a callback needs the interpreter. So the work
+//! runs on a thread of its own, and the calling thread wakes every [`WAKE`] without holding the interpreter in between.
+
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use spharm::{Monitor, Stage};
+
+use crate::errors::{Failure, exception};
+
+/// Time between two looks for signals.
+const WAKE: Duration = Duration::from_millis(20);
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Returns the pool of so many threads, of as many as the machine has where none are asked for.
+///
+/// rayon's global pool would hang for ever in a forked child, where the parent's threads don't exist. So pools are kept by
+/// process, and a parent's are leaked: dropping one waits for its threads.
+///
+/// # Errors
+///
+/// `ValueError` for no threads, `RuntimeError` where the system refuses them.
+pub(crate) fn pool(threads: Option<usize>) -> PyResult<Arc<rayon::ThreadPool>> {
+    type Pools = Vec<(u32, usize, Arc<rayon::ThreadPool>)>;
+    static POOLS: Mutex<Pools> = Mutex::new(Vec::new());
+    let available = || std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = threads.unwrap_or_else(available);
+    if threads == 0 {
+        return Err(pyo3::exceptions::PyValueError::new_err("threads: expected at least 1, found 0"));
+    }
+    let process = std::process::id();
+    let mut pools = lock(&POOLS);
+    let (ours, others): (Pools, Pools) = std::mem::take(&mut *pools).into_iter().partition(|(of, ..)| *of == process);
+    others.into_iter().for_each(std::mem::forget);
+    *pools = ours;
+    if let Some((_, _, pool)) = pools.iter().find(|(_, count, _)| *count == threads) {
+        return Ok(Arc::clone(pool));
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool =
+        Arc::new(pool.map_err(|error| PyRuntimeError::new_err(format!("cannot start {threads} threads: {error}")))?);
+    pools.push((process, threads, Arc::clone(&pool)));
+    Ok(pool)
+}
+
+/// What a stage has done: its name, its steps, and all of them, zero where that isn't known.
+#[derive(Clone, PartialEq)]
+struct Progress {
+    stage: &'static str,
+    done: u64,
+    total: u64,
+}
+
+/// Collects the progress of the work for the thread that waits for it.
+#[derive(Default)]
+struct Watch {
+    cancel: AtomicBool,
+    /// Stages that have begun since the last look, the current one last.
+    stages: Mutex<VecDeque<Progress>>,
+}
+
+impl Monitor for Watch {
+    fn begin(&self, stage: Stage, total: u64) {
+        lock(&self.stages).push_back(Progress { stage: stage.name, done: 0, total });
+    }
+
+    fn step(&self, steps: u64) {
+        if let Some(stage) = lock(&self.stages).back_mut() {
+            stage.done += steps;
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+}
+
+impl Watch {
+    /// Takes what has changed: finished stages, and the state of the current one, which stays.
+    fn news(&self, last: &mut Option<Progress>) -> Vec<Progress> {
+        let mut stages = lock(&self.stages);
+        let mut news: Vec<Progress> = Vec::new();
+        while stages.len() > 1 {
+            news.extend(stages.pop_front());
+        }
+        news.extend(stages.front().cloned());
+        news.retain(|progress| Some(progress) != last.as_ref());
+        if let Some(progress) = news.last() {
+            *last = Some(progress.clone());
+        }
+        news
+    }
+}
+
+/// Runs work on a pool of so many threads. `progress(stage, done, total)` is called on the calling thread; an exception in it
+/// stops the work and is raised, and so does a signal's.
+///
+/// # Errors
+///
+/// The work's, as an exception; the callback's; `KeyboardInterrupt`.
+pub(crate) fn run<T: Send>(
+    py: Python<'_>,
+    threads: Option<usize>,
+    progress: Option<&Bound<'_, PyAny>>,
+    work: impl FnOnce(&dyn Monitor) -> Result<T, Failure> + Send,
+) -> PyResult<T> {
+    let (pool, watch) = (pool(threads)?, Watch::default());
+    let (send, receive) = channel();
+    // A receiver can't be shared, and leaving the interpreter asks for it.
+    let receive = Mutex::new(receive);
+    std::thread::scope(|scope| {
+        let (pool, monitor) = (&pool, &watch);
+        scope.spawn(move || {
+            // A panic is a defect of the library; it must not end the interpreter.
+            let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(monitor))));
+            // The receiver outlives this thread.
+            let _ = send.send(result.unwrap_or(Err(Failure::Panic)));
+        });
+        let (mut stop, mut last) = (None, None);
+        loop {
+            let result = py.detach(|| match lock(&receive).recv_timeout(WAKE) {
+                Ok(result) => Some(result),
+                Err(RecvTimeoutError::Timeout) => None,
+                Err(RecvTimeoutError::Disconnected) => Some(Err(Failure::Panic)),
+            });
+            if let (None, Some(progress)) = (&stop, progress) {
+                let calls = watch.news(&mut last).into_iter();
+                stop = calls.map(|now| progress.call1((now.stage, now.done, now.total))).find_map(Result::err);
+            }
+            if let (None, None) = (&stop, &result) {
+                stop = py.check_signals().err();
+            }
+            if let Some(result) = result {
+                return match stop {
+                    Some(error) => Err(error),
+                    None => result.map_err(|failure| exception(py, failure)),
+                };
+            }
+            watch.cancel.store(stop.is_some(), Ordering::Relaxed);
+        }
+    })
+}

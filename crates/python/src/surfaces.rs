@@ -1,0 +1,314 @@
+//! Reading, writing, mapping, resampling and comparing surfaces.
+
+use std::path::PathBuf;
+
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::json;
+use spharm::generate::{Cortex, cortex};
+use spharm::io::{WriteOptions, read_mesh, read_signal, write_mesh, write_signal};
+use spharm::metrics::{
+    SurfaceDistanceParams, compare as compare_meshes, distances_to_surface, surface_distance as between_surfaces,
+    vertex_distances,
+};
+use spharm::parametrize::quality::Quality;
+use spharm::parametrize::volume::{Affine, LabelVolume, VolumeParams};
+use spharm::parametrize::{
+    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Method, Parametrization, ParametrizeError,
+    StretchParams, resample as resample_mesh,
+};
+use spharm::{Mesh, Signal, Sphere};
+
+use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, mesh, mesh_arrays, positions};
+use crate::errors::Failure;
+use crate::run::run;
+
+pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(read_surface, module)?)?;
+    module.add_function(wrap_pyfunction!(write_surface, module)?)?;
+    module.add_function(wrap_pyfunction!(read_values, module)?)?;
+    module.add_function(wrap_pyfunction!(write_values, module)?)?;
+    module.add_function(wrap_pyfunction!(icosphere, module)?)?;
+    module.add_function(wrap_pyfunction!(example_surface, module)?)?;
+    module.add_function(wrap_pyfunction!(parametrize, module)?)?;
+    module.add_function(wrap_pyfunction!(parametrize_volume, module)?)?;
+    module.add_function(wrap_pyfunction!(labels, module)?)?;
+    module.add_function(wrap_pyfunction!(resample, module)?)?;
+    module.add_function(wrap_pyfunction!(quality, module)?)?;
+    module.add_function(wrap_pyfunction!(compare, module)?)?;
+    module.add_function(wrap_pyfunction!(surface_distance, module)?)?;
+    Ok(())
+}
+
+#[pyfunction]
+fn read_surface(py: Python<'_>, path: PathBuf) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
+    let mesh = run(py, Some(1), None, move |_| Ok(read_mesh(path)?))?;
+    Ok(mesh_arrays(py, mesh))
+}
+
+#[pyfunction]
+#[pyo3(signature = (path, vertices, faces, *, overwrite, double))]
+fn write_surface(
+    py: Python<'_>,
+    path: PathBuf,
+    vertices: Positions<'_>,
+    faces: Faces<'_>,
+    overwrite: bool,
+    double: bool,
+) -> PyResult<()> {
+    let mesh = mesh("surface", &vertices, &faces)?;
+    run(py, Some(1), None, move |_| Ok(write_mesh(path, &mesh, &WriteOptions { overwrite, double })?))
+}
+
+#[pyfunction]
+fn read_values(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let values = run(py, Some(1), None, move |_| {
+        let Signal { values, vertices, channels } = read_signal(path)?;
+        Array2::from_shape_vec((vertices, channels), values).map_err(|_| Failure::Panic)
+    })?;
+    Ok(values.into_pyarray(py))
+}
+
+#[pyfunction]
+#[pyo3(signature = (path, values, *, overwrite, double))]
+fn write_values(
+    py: Python<'_>,
+    path: PathBuf,
+    values: PyReadonlyArray2<'_, f64>,
+    overwrite: bool,
+    double: bool,
+) -> PyResult<()> {
+    let view = values.as_array();
+    let (vertices, channels) = view.dim();
+    let signal = Signal::new(view.iter().copied().collect(), vertices, channels);
+    run(py, Some(1), None, move |_| Ok(write_signal(path, &signal, &WriteOptions { overwrite, double })?))
+}
+
+#[pyfunction]
+fn icosphere(py: Python<'_>, level: u32) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
+    /// 10,485,762 vertices.
+    const FINEST: u32 = 10;
+    if level > FINEST {
+        return Err(PyValueError::new_err(format!("level: expected 0 to {FINEST}, found {level}")));
+    }
+    Ok(mesh_arrays(py, py.detach(|| Sphere::icosphere(level).to_mesh())))
+}
+
+#[pyfunction]
+fn example_surface(
+    py: Python<'_>,
+    level: u32,
+    variant: u64,
+) -> PyResult<(PositionsOut<'_>, FacesOut<'_>, PositionsOut<'_>)> {
+    if level > 8 {
+        return Err(PyValueError::new_err(format!("level: expected 0 to 8, found {level}")));
+    }
+    let (surface, sphere) = py.detach(|| cortex(&Cortex { subdivisions: level, variant }));
+    let (vertices, faces) = mesh_arrays(py, surface);
+    Ok((vertices, faces, positions(py, sphere.vertices)))
+}
+
+/// A map as it goes to Python: the surface, its sphere, the report as JSON, warnings.
+type Mapped<'py> = (PositionsOut<'py>, FacesOut<'py>, PositionsOut<'py>, String, Vec<String>);
+
+fn mapped(py: Python<'_>, found: Parametrization) -> Mapped<'_> {
+    let mut report = json!(found.report);
+    if let (Some(report), Some(resampling)) = (report.as_object_mut(), &found.resampling) {
+        report.insert("distance_rms".to_owned(), json!(resampling.distance.rms));
+        report.insert("distance_max".to_owned(), json!(resampling.distance.hausdorff));
+    }
+    let warnings = found.report.warnings.iter().map(ToString::to_string).collect();
+    let (vertices, faces) = mesh_arrays(py, found.surface);
+    (vertices, faces, positions(py, found.sphere.vertices), report.to_string(), warnings)
+}
+
+fn method(name: &str, degree: Option<usize>, area: f64, seed: u64) -> PyResult<Method> {
+    let params = CaldParams { area, degree, seed, ..CaldParams::default() };
+    Ok(match name {
+        "auto" => Method::Auto(params),
+        "cald" => Method::Cald(params),
+        "conformal" => Method::Conformal(ConformalParams { seed, ..ConformalParams::default() }),
+        "stretch" => Method::Stretch(StretchParams { seed, ..StretchParams::default() }),
+        "equal-area" => Method::EqualArea(EqualAreaParams::default()),
+        "deform" => Method::Deform { params: DeformParams::default(), map: params },
+        found => {
+            let expected = "expected auto, cald, conformal, stretch, equal-area or deform";
+            return Err(PyValueError::new_err(format!("method: {expected}; found {found}")));
+        }
+    })
+}
+
+#[pyfunction]
+#[pyo3(signature = (vertices, faces, *, method, degree, area, seed, threads = None, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+fn parametrize<'py>(
+    py: Python<'py>,
+    vertices: Positions<'py>,
+    faces: Faces<'py>,
+    method: &str,
+    degree: Option<usize>,
+    area: f64,
+    seed: u64,
+    threads: Option<usize>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Mapped<'py>> {
+    let (mesh, method) = (mesh("surface", &vertices, &faces)?, self::method(method, degree, area, seed)?);
+    let found = run(py, threads, progress.as_ref(), move |monitor| Ok(method.run(&mesh, monitor)?))?;
+    Ok(mapped(py, found))
+}
+
+/// Label volumes: a file, or labels (i, j, k) with their affine matrix (4, 4).
+#[derive(FromPyObject)]
+enum Volume<'py> {
+    File(PathBuf),
+    Labels(PyReadonlyArray3<'py, i32>, PyReadonlyArray2<'py, f64>),
+}
+
+type Reader = Box<dyn FnOnce(&dyn spharm::Monitor) -> Result<LabelVolume, ParametrizeError> + Send>;
+
+impl Volume<'_> {
+    /// What reads the volume, off the interpreter.
+    fn reader(self) -> PyResult<Reader> {
+        match self {
+            Self::File(path) => Ok(Box::new(move |monitor| LabelVolume::read(path, monitor))),
+            Self::Labels(values, affine) => {
+                let (values, matrix) = (values.as_array(), affine.as_array());
+                if matrix.dim() != (4, 4) {
+                    return Err(PyValueError::new_err(format!(
+                        "affine: expected shape (4, 4), found {:?}",
+                        matrix.dim()
+                    )));
+                }
+                let (i, j, k) = values.dim();
+                let rows = [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[[row, column]]));
+                // The first index runs fastest, as in NIfTI.
+                let labels: Vec<i32> = values.t().iter().copied().collect();
+                Ok(Box::new(move |_| Ok(LabelVolume::new([i, j, k], labels, Affine(rows)))))
+            }
+        }
+    }
+}
+
+#[pyfunction]
+#[pyo3(signature = (volume, *, label, fix, method, degree, area, seed, threads = None, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+fn parametrize_volume<'py>(
+    py: Python<'py>,
+    volume: Volume<'py>,
+    label: Option<i64>,
+    fix: bool,
+    method: &str,
+    degree: Option<usize>,
+    area: f64,
+    seed: u64,
+    threads: Option<usize>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Mapped<'py>> {
+    let (read, method) = (volume.reader()?, self::method(method, degree, area, seed)?);
+    let (found, repair) = run(py, threads, progress.as_ref(), move |monitor| {
+        let surface = read(monitor)?.surface(&VolumeParams { label, fix }, monitor)?;
+        let repair = surface.repair.as_ref().map(ToString::to_string);
+        Ok((method.run(&surface.quads, monitor)?, repair))
+    })?;
+    let mut mapped = mapped(py, found);
+    mapped.4.extend(repair);
+    Ok(mapped)
+}
+
+/// The labels of a volume, each with its number of voxels.
+#[pyfunction]
+fn labels(py: Python<'_>, volume: Volume<'_>) -> PyResult<std::collections::BTreeMap<i64, usize>> {
+    let read = volume.reader()?;
+    run(py, Some(1), None, move |monitor| Ok(read(monitor)?.labels()))
+}
+
+#[pyfunction]
+#[pyo3(signature = (vertices, faces, sphere, shared, shared_faces, *, threads = None, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+fn resample<'py>(
+    py: Python<'py>,
+    vertices: Positions<'py>,
+    faces: Faces<'py>,
+    sphere: Positions<'py>,
+    shared: Positions<'py>,
+    shared_faces: Faces<'py>,
+    threads: Option<usize>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Mapped<'py>> {
+    let surface = mesh("surface", &vertices, &faces)?;
+    let sphere = Mesh::new(crate::arrays::rows("sphere", sphere.as_array())?, surface.faces.clone());
+    let shared = mesh("sphere to resample to", &shared, &shared_faces)?;
+    let found = run(py, threads, progress.as_ref(), move |monitor| {
+        corresponding(&surface, &sphere)?;
+        Ok(resample_mesh(&surface, &sphere, &shared, monitor)?)
+    })?;
+    Ok(mapped(py, found))
+}
+
+/// Quality of a map, as JSON.
+#[pyfunction]
+fn quality(py: Python<'_>, vertices: Positions<'_>, faces: Faces<'_>, sphere: Positions<'_>) -> PyResult<String> {
+    let surface = mesh("surface", &vertices, &faces)?;
+    let sphere = Mesh::new(crate::arrays::rows("sphere", sphere.as_array())?, surface.faces.clone());
+    let found = run(py, None, None, move |_| {
+        corresponding(&surface, &sphere)?;
+        Ok(Quality::of(&surface, &sphere))
+    })?;
+    Ok(json!(found).to_string())
+}
+
+fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
+    let (expected, found) = (surface.vertices.len(), sphere.vertices.len());
+    if expected == found {
+        return Ok(());
+    }
+    Err(Failure::Argument(format!("sphere: expected the surface's {expected} vertices, found {found}")))
+}
+
+/// msd, xsd and the distance of each vertex, of meshes whose vertices correspond.
+#[pyfunction]
+fn compare<'py>(
+    py: Python<'py>,
+    vertices: Positions<'py>,
+    faces: Faces<'py>,
+    others: Positions<'py>,
+    other_faces: Faces<'py>,
+) -> PyResult<([f64; 5], usize, Bound<'py, PyArray1<f64>>)> {
+    let (first, second) = (mesh("surface", &vertices, &faces)?, mesh("other surface", &others, &other_faces)?);
+    let (found, each) = run(py, None, None, move |_| {
+        let found = compare_meshes(&first, &second)?;
+        Ok((found, vertex_distances(&first.vertices, &second.vertices)?))
+    })?;
+    let figures = [found.msd, found.xsd, found.msd_raw, found.xsd_raw, found.scale];
+    Ok((figures, found.worst_vertex, each.into_pyarray(py)))
+}
+
+/// Distances of two surfaces everywhere, as JSON, and of the second's vertices from the first.
+#[pyfunction]
+#[pyo3(signature = (vertices, faces, others, other_faces, *, samples, threads = None, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+fn surface_distance<'py>(
+    py: Python<'py>,
+    vertices: Positions<'py>,
+    faces: Faces<'py>,
+    others: Positions<'py>,
+    other_faces: Faces<'py>,
+    samples: usize,
+    threads: Option<usize>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<(String, Bound<'py, PyArray1<f64>>)> {
+    let (first, second) = (mesh("surface", &vertices, &faces)?, mesh("other surface", &others, &other_faces)?);
+    let (found, each) = run(py, threads, progress.as_ref(), move |monitor| {
+        let found = between_surfaces(&first, &second, &SurfaceDistanceParams { samples }, monitor)?;
+        Ok((found, distances_to_surface(&first, &second.vertices, monitor)?))
+    })?;
+    let figures = json!({
+        "mean": found.mean, "rms": found.rms, "percentile95": found.percentile95, "hausdorff": found.hausdorff,
+        "bound": found.bound, "scale": found.scale,
+        "forward": {"mean": found.forward.mean, "rms": found.forward.rms, "max": found.forward.max},
+        "backward": {"mean": found.backward.mean, "rms": found.backward.rms, "max": found.backward.max},
+    });
+    Ok((figures.to_string(), each.into_pyarray(py)))
+}

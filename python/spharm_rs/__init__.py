@@ -1,0 +1,79 @@
+"""Large-scale spherical-harmonic (SPHARM) models of surfaces.
+
+A closed surface is x, y and z as functions on the sphere, each a sum of spherical harmonics to a degree:
+
+>>> import spharm_rs as sp
+>>> surface, sphere = sp.example_surface(4)
+>>> model = sp.fit(surface, max_degree=15)
+>>> smooth = model.surface(5, degree=10)
+>>> distance = sp.compare(surface, model.surface())
+
+`fit` takes whatever holds a mesh: a path, arrays, or an object of trimesh, pyvista, meshio, nibabel or nilearn.
+
+Conventions: degrees are inclusive; theta is the colatitude and phi the azimuth, in radians; coefficients are those of the real
+orthonormal harmonics without the Condon-Shortley phase, row ``l**2 + l + m``. `spharm_rs.convert` has those of other packages.
+"""
+
+from . import _load, convert, errors  # noqa: F401  (first, for the kernels)
+from ._compare import Distances, compare
+from ._core import __version__
+from ._fit import fit, fit_many, solve
+from ._model import Model
+from ._parametrize import Parametrization, labels, parametrize, parametrize_volume, resample
+from ._store import Store
+from ._surface import (
+    Surface,
+    as_surface,
+    example_surface,
+    icosphere,
+    read_signal,
+    read_surface,
+    write_signal,
+    write_surface,
+)
+from ._transform import Transform
+from .errors import (
+    MemoryBudgetError,
+    MeshError,
+    NotConverged,
+    NotDetermined,
+    Oscillation,
+    SpharmError,
+    SpharmWarning,
+    StoreError,
+)
+
+__all__ = [
+    "Distances",
+    "MemoryBudgetError",
+    "MeshError",
+    "Model",
+    "NotConverged",
+    "NotDetermined",
+    "Oscillation",
+    "Parametrization",
+    "SpharmError",
+    "SpharmWarning",
+    "Store",
+    "StoreError",
+    "Surface",
+    "Transform",
+    "__version__",
+    "as_surface",
+    "compare",
+    "convert",
+    "errors",
+    "example_surface",
+    "fit",
+    "fit_many",
+    "icosphere",
+    "labels",
+    "parametrize",
+    "parametrize_volume",
+    "read_signal",
+    "read_surface",
+    "resample",
+    "solve",
+    "write_signal",
+    "write_surface",
+]

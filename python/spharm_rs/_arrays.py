@@ -1,0 +1,93 @@
+"""What users have, as arrays of the types that the extension module takes. Nothing is written to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Triangles = NDArray[np.uint32]
+
+
+def real(what: str, values: ArrayLike, shape: str) -> Floats:
+    """Returns real numbers as float64, a view where they are that already."""
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"{what}: expected an array of shape {shape}, found rows of different lengths") from error
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{what}: expected real numbers of shape {shape}, found {_described(array)}")
+    return np.asarray(array, dtype=np.float64)
+
+
+def _described(array: NDArray[Any]) -> str:
+    return "None" if array.dtype == object and array.ndim == 0 and array.item() is None else f"{array.dtype} of shape {array.shape}"
+
+
+def positions(what: str, values: ArrayLike) -> Floats:
+    """Returns positions or directions, (n, 3)."""
+    array = real(what, values, "(n, 3)")
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{what}: expected shape (n, 3), found {array.shape}")
+    return array
+
+
+def triangles(what: str, values: ArrayLike) -> Triangles:
+    """Returns triangles, (f, 3), counted from 0."""
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"{what}: expected shape (f, 3), found rows of different lengths") from error
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{what}: expected shape (f, 3), found {array.shape}")
+    if array.dtype.kind not in "iu":
+        raise ValueError(f"{what}: expected integers, found {array.dtype}")
+    if array.size and (array.min() < 0 or array.max() > np.iinfo(np.uint32).max):
+        raise ValueError(f"{what}: expected vertex numbers from 0, found {array.min()} to {array.max()}")
+    return np.asarray(array, dtype=np.uint32)
+
+
+def channels(what: str, values: ArrayLike) -> Floats:
+    """Returns values on vertices, (n, c); a vector is one channel."""
+    array = real(what, values, "(n,) or (n, c)")
+    if array.ndim == 1:
+        array = array[:, np.newaxis]
+    if array.ndim != 2:
+        raise ValueError(f"{what}: expected shape (n,) or (n, c), found {array.shape}")
+    return array
+
+
+def weights(values: ArrayLike, vertices: int) -> Floats:
+    """Returns a weight for each vertex, (n,)."""
+    array = real("weights", values, f"({vertices},)")
+    if array.shape != (vertices,):
+        raise ValueError(f"weights: expected shape ({vertices},), found {array.shape}")
+    return array
+
+
+def whole(what: str, value: Any, least: int = 0) -> int:
+    """Returns a whole number of any integer type, at least ``least``."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise ValueError(f"{what}: expected a whole number, found {value!r}")
+    if not least <= value < 2**63:
+        raise ValueError(f"{what}: expected at least {least}, found {value}")
+    return int(value)
+
+
+#: As of the program's options.
+_UNITS = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30, "KB": 10**3, "MB": 10**6, "GB": 10**9, "B": 1}
+
+
+def size(memory: int | str | None) -> int | None:
+    """Returns bytes, also of a text such as ``"512MiB"``."""
+    if memory is None:
+        return None
+    if not isinstance(memory, str):
+        return whole("memory", memory, 1)
+    for unit, scale in _UNITS.items():
+        number = memory.removesuffix(unit).strip()
+        if memory.endswith(unit) and number.replace(".", "", 1).isdecimal():
+            return int(float(number) * scale)
+    raise ValueError(f"memory: expected bytes, or a size such as '512MiB', found {memory!r}")

@@ -1,0 +1,96 @@
+"""Distances between surfaces."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._progress import Progress, callback
+from ._surface import as_surface
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """How far a surface is from another.
+
+    Attributes
+    ----------
+    msd, xsd : float
+        Mean and maximal squared distance of corresponding vertices, the first surface's bounding box scaled to volume 1
+        (Shen and Chung 2006, section 4.2); NaN where the meshes don't correspond.
+    rms, max : float
+        Root mean square and maximal distance of corresponding vertices, in the surfaces' unit.
+    scale : float
+        Cube root of the volume of the first surface's bounding box.
+    per_vertex : ndarray of float, (n,)
+        Distance of each vertex of the second surface, from the corresponding one, or from the first surface where
+        ``surface`` was asked for.
+    surface : dict or None
+        Distances everywhere: ``mean``, ``rms``, ``percentile95``, ``hausdorff``, in the surfaces' unit.
+    """
+
+    msd: float
+    xsd: float
+    rms: float
+    max: float
+    scale: float
+    per_vertex: Floats = field(repr=False)
+    surface: dict[str, Any] | None = None
+
+
+def compare(
+    surface: Any,
+    other: Any,
+    *,
+    surface_distance: bool = False,
+    samples: int = 100_000,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Distances:
+    """Measures how far a surface is from another.
+
+    Parameters
+    ----------
+    surface, other : Surface or what `as_surface` takes
+        With the same triangles, unless ``surface_distance`` is asked for.
+    surface_distance : bool
+        Measure the distance of the surfaces everywhere as well, which is defined for any triangles.
+    samples : int
+        About so many points on each surface for that.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Distances
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> surface, sphere = sp.example_surface(4)
+    >>> model = sp.fit(surface, sphere, 15)
+    >>> found = sp.compare(surface, model.surface(), surface_distance=True)
+    >>> found.msd < 1e-3 and found.surface["rms"] <= found.rms
+    True
+    """
+    first, second = as_surface(surface), as_surface(other)
+    arrays = first.vertices, first.faces, second.vertices, second.faces
+    between: dict[str, Any] | None = None
+    each: Floats | None = None
+    if surface_distance:
+        count = None if threads is None else _arrays.whole("threads", threads, 1)
+        text, each = _core.surface_distance(
+            *arrays, samples=_arrays.whole("samples", samples, 1), threads=count, progress=callback(progress)
+        )
+        between = json.loads(text)
+    corresponding = len(first.vertices) == len(second.vertices) and np.array_equal(first.faces, second.faces)
+    if between is not None and each is not None and not corresponding:
+        nan = float("nan")
+        return Distances(nan, nan, nan, nan, between["scale"], each, between)
+    (msd, xsd, msd_raw, xsd_raw, scale), _, by_vertex = _core.compare(*arrays)
+    return Distances(msd, xsd, msd_raw**0.5, xsd_raw**0.5, scale, by_vertex if each is None else each, between)

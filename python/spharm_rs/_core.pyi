@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+from typing import Any, Callable, Sequence, Union, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Floats = NDArray[np.float64]
+_Triangles = NDArray[np.uint32]
+_Progress = Callable[[str, int, int], Any]
+_Mapped = tuple[_Floats, _Triangles, _Floats, str, list[str]]
+_Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
+
+__all__ = [
+    "Model",
+    "Transform",
+    "__version__",
+    "compare",
+    "example_surface",
+    "fit",
+    "fit_many",
+    "icosphere",
+    "labels",
+    "main",
+    "parametrize",
+    "parametrize_volume",
+    "quality",
+    "read_surface",
+    "read_values",
+    "resample",
+    "store_build",
+    "store_factor",
+    "store_schemes",
+    "store_verify",
+    "surface_distance",
+    "write_surface",
+    "write_values",
+]
+
+__version__: str
+
+@final
+class Model:
+    def __new__(
+        cls,
+        coefficients: _Floats,
+        *,
+        surface: bool,
+        sphere: _Floats | None = None,
+        faces: _Triangles | None = None,
+        parametrized: bool = False,
+    ) -> Model: ...
+    @staticmethod
+    def read(path: str) -> Model: ...
+    @staticmethod
+    def from_bytes(bytes: bytes) -> Model: ...
+    def to_bytes(self) -> bytes: ...
+    def write(self, path: str, *, overwrite: bool = False) -> None: ...
+    @property
+    def coefficients(self) -> _Floats: ...
+    @property
+    def max_degree(self) -> int: ...
+    @property
+    def is_surface(self) -> bool: ...
+    @property
+    def parametrized(self) -> bool: ...
+    @property
+    def sphere(self) -> tuple[_Floats, _Triangles] | None: ...
+    @property
+    def provenance(self) -> str: ...
+    def truncate(self, degree: int) -> Model: ...
+    def evaluate(self, directions: _Floats | None, degree: int, *, threads: int | None = None) -> _Floats: ...
+    def surface(
+        self, sphere: _Floats | None, faces: _Triangles | None, degree: int, *, threads: int | None = None
+    ) -> tuple[_Floats, _Triangles]: ...
+
+@final
+class Transform:
+    def __new__(
+        cls, directions: _Floats, max_degree: int, *, accuracy: float, channels: int, threads: int | None = None
+    ) -> Transform: ...
+    @property
+    def max_degree(self) -> int: ...
+    @property
+    def directions(self) -> int: ...
+    def synthesis(self, coefficients: _Floats) -> _Floats: ...
+    def adjoint(self, samples: _Floats) -> _Floats: ...
+    def normal(self, coefficients: _Floats, weights: _Floats | None = None) -> _Floats: ...
+
+def main(arguments: Sequence[str]) -> int: ...
+def fit(
+    values: _Floats,
+    faces: _Triangles | None,
+    sphere: _Floats | None,
+    sphere_faces: _Triangles | None,
+    *,
+    surface: bool,
+    parametrized: bool,
+    settings: dict[str, Any],
+    progress: _Progress | None = None,
+) -> _Fitted: ...
+def fit_many(
+    values: list[_Floats],
+    sphere: _Floats,
+    sphere_faces: _Triangles | None,
+    *,
+    surface: bool,
+    parametrized: bool,
+    settings: dict[str, Any],
+    progress: _Progress | None = None,
+) -> list[_Fitted]: ...
+def read_surface(path: str) -> tuple[_Floats, _Triangles]: ...
+def write_surface(path: str, vertices: _Floats, faces: _Triangles, *, overwrite: bool, double: bool) -> None: ...
+def read_values(path: str) -> _Floats: ...
+def write_values(path: str, values: _Floats, *, overwrite: bool, double: bool) -> None: ...
+def icosphere(level: int) -> tuple[_Floats, _Triangles]: ...
+def example_surface(level: int, variant: int) -> tuple[_Floats, _Triangles, _Floats]: ...
+def parametrize(
+    vertices: _Floats,
+    faces: _Triangles,
+    *,
+    method: str,
+    degree: int | None,
+    area: float,
+    seed: int,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> _Mapped: ...
+def parametrize_volume(
+    volume: str | tuple[NDArray[np.int32], _Floats],
+    *,
+    label: int | None,
+    fix: bool,
+    method: str,
+    degree: int | None,
+    area: float,
+    seed: int,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> _Mapped: ...
+def labels(volume: str | tuple[NDArray[np.int32], _Floats]) -> dict[int, int]: ...
+def resample(
+    vertices: _Floats,
+    faces: _Triangles,
+    sphere: _Floats,
+    shared: _Floats,
+    shared_faces: _Triangles,
+    *,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> _Mapped: ...
+def quality(vertices: _Floats, faces: _Triangles, sphere: _Floats) -> str: ...
+def compare(
+    vertices: _Floats, faces: _Triangles, others: _Floats, other_faces: _Triangles
+) -> tuple[list[float], int, _Floats]: ...
+def surface_distance(
+    vertices: _Floats,
+    faces: _Triangles,
+    others: _Floats,
+    other_faces: _Triangles,
+    *,
+    samples: int,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[str, _Floats]: ...
+def store_build(
+    store: str,
+    sphere: _Floats,
+    faces: _Triangles | None,
+    max_degree: int,
+    *,
+    dtype: str,
+    memory: int,
+    allow_large: bool,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> str: ...
+def store_factor(
+    store: str,
+    sphere: _Floats,
+    faces: _Triangles | None,
+    max_degree: int,
+    *,
+    dtype: str,
+    basis_dtype: str,
+    smoothness: float,
+    memory: int,
+    allow_large: bool,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> str: ...
+def store_schemes(store: str) -> str: ...
+def store_verify(store: str, *, threads: int | None = None, progress: _Progress | None = None) -> list[str]: ...

@@ -1,0 +1,363 @@
+"""Fits: coefficients of surfaces and signals."""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings as _warnings
+from typing import Any, Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core, errors
+from ._arrays import Floats
+from ._model import Model, sphere_arrays
+from ._parametrize import Parametrization
+from ._progress import Progress, callback
+from ._store import Store
+from ._surface import Path, as_surface
+from ._transform import Transform
+
+
+def _settings(
+    max_degree: int,
+    vertices: int,
+    *,
+    weights: str | ArrayLike = "uniform",
+    smoothness: float | str | None = None,
+    stderr: bool = False,
+    hold_out: float | None = None,
+    method: str | None = None,
+    store: Path | Store | None = None,
+    passes: int = 1,
+    granularity: int = 100,
+    start_degree: int = 0,
+    accelerate: bool = False,
+    tolerance: float = 1e-10,
+    max_iterations: int = 3000,
+    preconditioner: str = "auto",
+    strict: bool = False,
+    dtype: str | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+) -> dict[str, Any]:
+    """Checks the keyword arguments of `fit` for their types; the library checks their values."""
+    if isinstance(smoothness, bool) or not (smoothness is None or isinstance(smoothness, (str, int, float, np.number))):
+        raise ValueError(f"smoothness: expected a number from 0, or 'auto', found {smoothness!r}")
+    return {
+        "max_degree": _arrays.whole("max_degree", max_degree),
+        "method": str(method or ("irf" if store is not None else "lsq")),
+        "passes": _arrays.whole("passes", passes, 1),
+        "granularity": _arrays.whole("granularity", granularity, 1),
+        "start_degree": _arrays.whole("start_degree", start_degree),
+        "accelerate": bool(accelerate),
+        "smoothness": None if smoothness is None else str(smoothness),
+        "weights": weights if isinstance(weights, str) else _arrays.weights(weights, vertices),
+        "hold_out": None if hold_out is None else float(hold_out),
+        "standard_errors": bool(stderr),
+        "tolerance": float(tolerance),
+        "max_iterations": _arrays.whole("max_iterations", max_iterations, 1),
+        "preconditioner": str(preconditioner),
+        "strict": bool(strict),
+        "store": None if store is None else os.fspath(store.path if isinstance(store, Store) else store),
+        "dtype": None if dtype is None else str(dtype),
+        "memory": _arrays.size(memory),
+        "threads": None if threads is None else _arrays.whole("threads", threads, 1),
+    }
+
+
+def _model(fitted: Any) -> Model:
+    core, standard_errors, report, problems = fitted
+    for kind, text in problems:
+        _warnings.warn(text, getattr(errors, kind), stacklevel=3)
+    found = json.loads(report)
+    found["warnings"] = [text for _, text in problems]
+    return Model._of(core, found, standard_errors)
+
+
+def fit(
+    surface: Any,
+    sphere: Any = None,
+    max_degree: int = 20,
+    *,
+    weights: str | ArrayLike = "uniform",
+    smoothness: float | str | None = None,
+    stderr: bool = False,
+    hold_out: float | None = None,
+    method: str | None = None,
+    store: Path | Store | None = None,
+    passes: int = 1,
+    granularity: int = 100,
+    start_degree: int = 0,
+    accelerate: bool = False,
+    tolerance: float = 1e-10,
+    max_iterations: int = 3000,
+    preconditioner: str = "auto",
+    strict: bool = False,
+    dtype: str | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Model:
+    """Fits a surface, or a signal on the vertices of a sphere, by spherical harmonics.
+
+    Parameters
+    ----------
+    surface : Surface or what `as_surface` takes, or ndarray of float, (n,) or (n, c)
+        A surface; an array of positions (n, 3) over a sphere; or a signal on the sphere's vertices.
+    sphere : Surface or what `as_surface` takes, Parametrization, Model, or ndarray of float, (n, 3), optional
+        A sphere with the same vertices in their order, of any radius, centred at the origin. Without it the surface is
+        mapped to one first, as `parametrize` does; that sphere is the model's.
+    max_degree : int
+        Highest degree L, inclusive.
+    weights : {"uniform", "area"} or array_like of float, (n,)
+        What each vertex counts: one, its share of the sphere, or these.
+    smoothness : float or "auto", optional
+        Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses it by generalised cross-validation. By default
+        none over a given sphere, and a small one over one that `parametrize` made.
+    stderr : bool
+        Compute the standard error of each coefficient.
+    hold_out : float, optional
+        Fraction of the vertices to leave out and assess apart.
+    method : {"lsq", "irf", "sirf", "mirf", "nlsf", "quadrature"}, optional
+        ``lsq`` is the full least squares by fast transforms, the default; ``irf``, ``sirf``, ``mirf`` and ``nlsf`` are
+        those of Shen and Chung (2006) over a store, ``irf`` the default with one.
+    store : str, os.PathLike or Store, optional
+        Basis store.
+    passes, granularity, start_degree, accelerate
+        Of the methods over a store.
+    tolerance : float
+        Optimality to reach: the gradient relative to that of no fit.
+    max_iterations : int
+    preconditioner : {"auto", "none", "density", "low-degrees", "factor"}
+    strict : bool
+        Raise where the tolerance isn't met.
+    dtype : {"f64", "f32"}, optional
+        Scalar type of the store's basis.
+    memory : int or str, optional
+        Bytes to keep to, or ``"512MiB"``; by default half of what is free, 256 MiB over a store.
+    threads : int, optional
+        All of the machine by default.
+    progress : bool or callable, optional
+        ``progress(stage, done, total)``, or True for a bar of tqdm. An exception in it stops the fit and is raised.
+
+    Returns
+    -------
+    Model
+        Its ``report`` has ``msd`` and ``xsd``, the mean and maximal squared distances at the vertices with the bounding box
+        scaled to volume 1, and ``warnings``.
+
+    Raises
+    ------
+    MeshError
+        Where the surface can't be mapped, or doesn't belong to the sphere.
+    MemoryBudgetError
+        Where the budget is too small; it has ``budget`` and ``needed``.
+    StoreError
+        Where the store lacks the basis, or is damaged.
+
+    Warns
+    -----
+    NotDetermined, NotConverged, Oscillation
+        What may be wrong with the fit.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> surface, sphere = sp.example_surface(4)
+    >>> model = sp.fit(surface, sphere, 20)
+    >>> model.coefficients.shape
+    (441, 3)
+    >>> model.report["msd"] < 1e-3
+    True
+    """
+    if isinstance(surface, Parametrization):
+        surface, sphere = surface.surface, surface if sphere is None else sphere
+    # An array, or what NumPy makes one of, is values; meshes come as objects, paths and pairs.
+    triangles = None
+    if isinstance(surface, np.ndarray):
+        values, is_surface = _arrays.channels("surface", surface), surface.ndim == 2 and surface.shape[1] == 3
+    else:
+        mesh = as_surface(surface)
+        values, triangles, is_surface = mesh.vertices, mesh.faces, True
+    directions, faces, parametrized = sphere_arrays(sphere)
+    if directions is not None and faces is None and triangles is not None:
+        faces = triangles
+    settings = _settings(
+        max_degree,
+        len(values),
+        weights=weights,
+        smoothness=smoothness,
+        stderr=stderr,
+        hold_out=hold_out,
+        method=method,
+        store=store,
+        passes=passes,
+        granularity=granularity,
+        start_degree=start_degree,
+        accelerate=accelerate,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        preconditioner=preconditioner,
+        strict=strict,
+        dtype=dtype,
+        memory=memory,
+        threads=threads,
+    )
+    return _model(
+        _core.fit(
+            values,
+            triangles,
+            directions,
+            faces,
+            surface=is_surface,
+            parametrized=parametrized,
+            settings=settings,
+            progress=callback(progress),
+        )
+    )
+
+
+def fit_many(
+    surfaces: ArrayLike | Iterable[Any],
+    sphere: Any,
+    max_degree: int = 20,
+    *,
+    progress: Progress = None,
+    **settings: Any,
+) -> list[Model]:
+    """Fits many surfaces, or signals, over one sphere: they share its transforms and factor.
+
+    Parameters
+    ----------
+    surfaces : array_like of float, (s, n, 3) or (s, n, c), or iterable
+        What `fit` takes, each on the sphere's vertices.
+    sphere : Surface or what `as_surface` takes, Parametrization, or ndarray of float, (n, 3)
+    max_degree : int
+        Highest degree L, inclusive.
+    progress : bool or callable, optional
+    **settings
+        The other arguments of `fit`.
+
+    Returns
+    -------
+    list of Model
+        In the order of the surfaces.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> subjects = [sp.example_surface(3, seed)[0] for seed in range(3)]
+    >>> models = sp.fit_many(subjects, sp.icosphere(3), 10)
+    >>> len(models)
+    3
+    """
+    kinds = set()
+    arrays: list[Floats] = []
+    triangles = None
+    for surface in surfaces:  # type: ignore[union-attr]
+        if isinstance(surface, np.ndarray):
+            arrays.append(_arrays.channels("surfaces", surface))
+            kinds.add(surface.ndim == 2 and surface.shape[1] == 3)
+        else:
+            mesh = as_surface(surface)
+            arrays.append(mesh.vertices)
+            if triangles is not None and not np.array_equal(triangles, mesh.faces):
+                raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} aren't those of the others")
+            triangles = mesh.faces
+            kinds.add(True)
+    if len(kinds) > 1:
+        raise ValueError("surfaces: expected surfaces or signals, found both")
+    if not arrays:
+        return []
+    directions, faces, parametrized = sphere_arrays(sphere)
+    checked = _settings(max_degree, len(directions), **settings)
+    fits = _core.fit_many(
+        arrays,
+        directions,
+        triangles if faces is None else faces,
+        surface=kinds.pop(),
+        parametrized=parametrized,
+        settings=checked,
+        progress=callback(progress),
+    )
+    return [_model(fitted) for fitted in fits]
+
+
+def solve(
+    transform: Transform | ArrayLike,
+    values: ArrayLike,
+    max_degree: int | None = None,
+    *,
+    weights: str | ArrayLike = "uniform",
+    smoothness: float | str | None = None,
+    tolerance: float = 1e-10,
+    max_iterations: int = 3000,
+    preconditioner: str = "auto",
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> tuple[Floats, dict[str, Any]]:
+    """Least-squares coefficients of samples at scattered directions: topography, a masked sky.
+
+    Parameters
+    ----------
+    transform : Transform or ndarray of float, (n, 3)
+        The directions, with their degree; or the directions alone.
+    values : array_like of float, (n,) or (n, c)
+    max_degree : int, optional
+        Needed with directions; by default the transform's.
+    weights, smoothness, tolerance, max_iterations, preconditioner, memory, threads, progress
+        As of `fit`.
+
+    Returns
+    -------
+    coefficients : ndarray of float, (K, c)
+    report : dict
+        ``report["solver"]`` has iterations, optimality and condition.
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> directions = sp.icosphere(4).vertices
+    >>> height = directions[:, 2] ** 2
+    >>> coefficients, report = sp.solve(directions, height, 4)
+    >>> bool(abs(coefficients[6, 0] - 2 / 3 * np.sqrt(4 * np.pi / 5)) < 1e-9)
+    True
+    """
+    if isinstance(transform, Transform):
+        directions, degree = transform.directions, transform.max_degree
+    else:
+        directions, degree = _arrays.positions("directions", transform), -1
+    if max_degree is not None:
+        degree = max_degree
+    if degree == -1:
+        raise ValueError("max_degree: expected a degree beside the directions, found None")
+    array = _arrays.channels("values", values)
+    settings = _settings(
+        degree,
+        len(directions),
+        weights=weights,
+        smoothness=smoothness,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        preconditioner=preconditioner,
+        memory=memory,
+        threads=threads,
+    )
+    model = _model(
+        _core.fit(
+            array,
+            None,
+            directions,
+            None,
+            surface=False,
+            parametrized=False,
+            settings=settings,
+            progress=callback(progress),
+        )
+    )
+    return model._inner.coefficients, model.report
+
+

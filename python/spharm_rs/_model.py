@@ -1,0 +1,224 @@
+"""Models: coefficients of a surface or a signal on the sphere."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core, convert
+from ._arrays import Floats
+from ._parametrize import Parametrization
+from ._surface import Path, Surface, as_surface, icosphere
+
+
+class Model:
+    """A model: functions on the sphere, each a sum of real spherical harmonics.
+
+    Parameters
+    ----------
+    coefficients : array_like of float, (K, c)
+        Row ``l**2 + l + m`` is degree l and order m, orthonormal and without the Condon-Shortley phase; sin(|m| phi) for
+        negative m.
+    sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3), optional
+        The sampling that it belongs to.
+    surface : bool, optional
+        Whether the channels are x, y and z; by default where there are three.
+
+    Examples
+    --------
+    An ellipsoid:
+
+    >>> import numpy as np, spharm_rs as sp
+    >>> coefficients = np.zeros((4, 3))
+    >>> coefficients[3, 0], coefficients[1, 1], coefficients[2, 2] = 9, 4, 4
+    >>> model = sp.Model(coefficients)
+    >>> model.surface(3)
+    Surface(642 vertices, 1280 faces)
+    """
+
+    _inner: _core.Model
+    report: dict[str, Any]
+    standard_errors: Floats | None
+
+    def __init__(self, coefficients: ArrayLike, *, sphere: Any = None, surface: bool | None = None) -> None:
+        values = _arrays.channels("coefficients", coefficients)
+        vertices, faces, parametrized = sphere_arrays(sphere)
+        surface = values.shape[1] == 3 if surface is None else bool(surface)
+        inner = _core.Model(values, surface=surface, sphere=vertices, faces=faces, parametrized=parametrized)
+        self._set(inner, {}, None)
+
+    def _set(self, core: _core.Model, report: dict[str, Any], errors: Floats | None) -> None:
+        self._inner, self.report, self.standard_errors = core, report, errors
+        self._coefficients: Floats | None = None
+
+    @classmethod
+    def _of(cls, core: _core.Model, report: dict[str, Any] | None = None, errors: Floats | None = None) -> Model:
+        model = cls.__new__(cls)
+        model._set(core, report or {}, errors)
+        return model
+
+    def __repr__(self) -> str:
+        kind = "surface" if self.is_surface else f"{self.coefficients.shape[1]} channels"
+        return f"Model(degree {self.max_degree}, {kind})"
+
+    def __reduce__(self) -> Any:
+        return _unpickled, (self._inner.to_bytes(), self.report, self.standard_errors)
+
+    @property
+    def coefficients(self) -> Floats:
+        """Coefficients, (K, c), read-only."""
+        if self._coefficients is None:
+            self._coefficients = self._inner.coefficients
+            self._coefficients.flags.writeable = False
+        return self._coefficients
+
+    @property
+    def max_degree(self) -> int:
+        """Highest degree L, inclusive; there are (L + 1)**2 coefficients a channel."""
+        return self._inner.max_degree
+
+    @property
+    def is_surface(self) -> bool:
+        """Whether the channels are x, y and z."""
+        return self._inner.is_surface
+
+    @property
+    def sphere(self) -> Surface | None:
+        """The sphere that it was fitted over; None without triangles."""
+        found = self._inner.sphere
+        return None if found is None or len(found[1]) == 0 else Surface(*found)
+
+    @property
+    def directions(self) -> Floats | None:
+        """Unit vectors that it was fitted at, (n, 3)."""
+        found = self._inner.sphere
+        return None if found is None else found[0]
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """How it was made."""
+        found: dict[str, Any] = json.loads(self._inner.provenance)
+        return found
+
+    def _degree(self, degree: int | None) -> int:
+        return self.max_degree if degree is None else _arrays.whole("degree", degree)
+
+    def evaluate(self, at: ArrayLike | None = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
+        """Evaluates the model at directions.
+
+        Parameters
+        ----------
+        at : array_like of float, (n, 3), optional
+            Vectors of any length but zero; by default those it was fitted at.
+        degree : int, optional
+            Highest degree to sum; by default all.
+        threads : int, optional
+
+        Returns
+        -------
+        ndarray of float, (n, c)
+
+        Examples
+        --------
+        >>> import spharm_rs as sp
+        >>> surface, sphere = sp.example_surface(3)
+        >>> model = sp.fit(surface, sphere, 10)
+        >>> model.evaluate([[0, 0, 1]]).shape
+        (1, 3)
+        """
+        directions = None if at is None else _arrays.positions("at", at)
+        return self._inner.evaluate(directions, self._degree(degree), threads=threads)
+
+    def surface(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Surface:
+        """Evaluates the surface on a sphere.
+
+        Parameters
+        ----------
+        at : int, Surface or what `as_surface` takes, optional
+            Level of an icosphere, or a sphere; by default the sphere it was fitted over.
+        degree : int, optional
+            Highest degree to sum; by default all.
+        threads : int, optional
+
+        Returns
+        -------
+        Surface
+        """
+        sphere = icosphere(int(at)) if isinstance(at, (int, np.integer)) and not isinstance(at, bool) else at
+        vertices, faces, _ = sphere_arrays(sphere)
+        return Surface(*self._inner.surface(vertices, faces, self._degree(degree), threads=threads))
+
+    def truncate(self, degree: int) -> Model:
+        """Returns the model of the degrees 0 to ``degree``."""
+        return Model._of(self._inner.truncate(_arrays.whole("degree", degree)))
+
+    def spectrum(self) -> Floats:
+        """Returns the power of each degree, (L + 1,): the sum of the squares of its coefficients, over all channels."""
+        squares = (self.coefficients**2).sum(axis=1)
+        power: Floats = np.add.reduceat(squares, np.arange(self.max_degree + 1) ** 2)
+        return power
+
+    def save(self, path: Path, *, overwrite: bool = False) -> None:
+        """Writes the model as a NumPy archive, whole or not at all; ``spharm reconstruct`` reads it, too.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            By convention ``NAME.spharm.npz``.
+        overwrite : bool
+            Replace a file that is there.
+        """
+        self._inner.write(os.fspath(path), overwrite=bool(overwrite))
+
+    @classmethod
+    def load(cls, path: Path) -> Model:
+        """Reads a model: any NumPy archive with an array ``coefficients``, (K, c).
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+
+        Returns
+        -------
+        Model
+        """
+        return cls._of(_core.Model.read(os.fspath(path)))
+
+    def to(self, format: str) -> Any:
+        """Returns the coefficients as another package has them; see `spharm_rs.convert`.
+
+        Parameters
+        ----------
+        format : {"complex", "pyshtools", "healpy", "s2fft", "spharm_pdm", "spharm_mat", "ktch", "flowshape"}
+        """
+        return convert.to(format, self.coefficients)
+
+    @classmethod
+    def from_(cls, format: str, array: Any, *, sphere: Any = None) -> Model:
+        """Returns the model of another package's coefficients; see `spharm_rs.convert`."""
+        return cls(convert.from_(format, array), sphere=sphere)
+
+
+def _unpickled(data: bytes, report: dict[str, Any], errors: Floats | None) -> Model:
+    return Model._of(_core.Model.from_bytes(data), report, errors)
+
+
+def sphere_arrays(sphere: Any) -> tuple[Any, Any, bool]:
+    """Returns directions, triangles, and whether the sphere was made from a surface by `parametrize`; None for what isn't."""
+    if sphere is None:
+        return None, None, True
+    if isinstance(sphere, Parametrization):
+        return sphere.sphere.vertices, sphere.sphere.faces, sphere.report["method"] != "resample"
+    if isinstance(sphere, np.ndarray):
+        return _arrays.positions("sphere", sphere), None, False
+    if isinstance(sphere, Model):
+        own = sphere._inner.sphere
+        if own is None:
+            raise ValueError("sphere: this model has none of its own")
+        return own[0], own[1] if len(own[1]) else None, sphere._inner.parametrized
+    mesh = as_surface(sphere)
+    return mesh.vertices, mesh.faces, False

@@ -1,0 +1,237 @@
+"""Maps of closed surfaces to the sphere."""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._progress import Progress, callback
+from ._surface import Path, Surface, as_surface, icosphere
+from .errors import SpharmWarning
+
+
+@dataclass(frozen=True, eq=False)
+class Parametrization:
+    """A surface and its map to the sphere.
+
+    Attributes
+    ----------
+    surface : Surface
+        The given one, or, where the method makes a new one (volumes, ``deform``, `resample`), that.
+    sphere : Surface
+        The surface's triangles over unit vectors, one for each of its vertices.
+    report : dict
+        What the method did, and the quality of the map: ``report["quality"]["area_rms"]`` is the root mean square of the
+        log area ratio, ``["flipped"]`` is 0.
+    """
+
+    surface: Surface
+    sphere: Surface
+    report: dict[str, Any] = field(repr=False)
+
+    @property
+    def quality(self) -> dict[str, Any]:
+        """Distortion of areas, angles and lengths; see `report`."""
+        found: dict[str, Any] = self.report["quality"]
+        return found
+
+
+def _made(mapped: tuple[Any, Any, Any, str, list[str]]) -> Parametrization:
+    vertices, faces, sphere, report, problems = mapped
+    for problem in problems:
+        warnings.warn(problem, SpharmWarning, stacklevel=3)
+    return Parametrization(Surface(vertices, faces), Surface(sphere, faces), json.loads(report))
+
+
+def _settings(method: str, degree: int | None, area: float, seed: int, threads: int | None) -> dict[str, Any]:
+    return {
+        "method": str(method),
+        "degree": None if degree is None else _arrays.whole("degree", degree),
+        "area": float(area),
+        "seed": _arrays.whole("seed", seed),
+        "threads": None if threads is None else _arrays.whole("threads", threads, 1),
+    }
+
+
+def parametrize(
+    surface: Any,
+    *,
+    method: str = "auto",
+    degree: int | None = None,
+    area: float = 0.1,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Parametrization:
+    """Maps a closed surface of genus zero to the sphere, one to one.
+
+    Parameters
+    ----------
+    surface : Surface or what `as_surface` takes
+    method : {"auto", "cald", "conformal", "stretch", "deform"}
+        ``auto`` is ``cald``, equal areas with little length distortion, and ``stretch`` where that fails.
+    degree : int, optional
+        Degree of the model whose residual the areas adapt to; below 2 they don't.
+    area : float
+        Allowed area distortion: the root mean square of the log area ratio, from 0 to 1.
+    seed : int
+        Of the rotation that the sphere starts from.
+    threads : int, optional
+        All of the machine by default.
+    progress : bool or callable, optional
+        ``progress(stage, done, total)``, or True for a bar of tqdm.
+
+    Returns
+    -------
+    Parametrization
+
+    Raises
+    ------
+    MeshError
+        Where the surface isn't closed, has handles, or can't be mapped.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> surface, _ = sp.example_surface(3)
+    >>> found = sp.parametrize(surface)
+    >>> found.quality["flipped"]
+    0
+    """
+    mesh, settings = as_surface(surface), _settings(method, degree, area, seed, threads)
+    return _made(_core.parametrize(mesh.vertices, mesh.faces, **settings, progress=callback(progress)))
+
+
+def parametrize_volume(
+    volume: Path | ArrayLike,
+    *,
+    label: int | None = None,
+    affine: ArrayLike | None = None,
+    fix: bool = False,
+    method: str = "auto",
+    degree: int | None = None,
+    area: float = 0.1,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Parametrization:
+    """Maps the surface around a label of a volume to the sphere.
+
+    Parameters
+    ----------
+    volume : str, os.PathLike or array_like of int, (i, j, k)
+        A file (NIfTI, MGH/MGZ), or its labels.
+    label : int, optional
+        Needed where the volume has several.
+    affine : array_like of float, (4, 4), optional
+        From voxel indices to positions, for an array; the identity by default.
+    fix : bool
+        Repair a label that isn't a ball, in place of refusing it.
+    method : str
+        ``auto`` is ``equal-area``; others as of `parametrize`.
+    degree, area, seed, threads, progress
+        As of `parametrize`.
+
+    Returns
+    -------
+    Parametrization
+        Its surface is that of the voxels.
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> labels = np.zeros((8, 8, 8), int)
+    >>> labels[2:6, 2:6, 2:5] = 3
+    >>> sp.parametrize_volume(labels, label=3).surface
+    Surface(82 vertices, 160 faces)
+    """
+    settings = _settings(method, degree, area, seed, threads)
+    chosen = None if label is None else int(np.asarray(label).item())
+    found = _core.parametrize_volume(
+        _volume(volume, affine), label=chosen, fix=bool(fix), **settings, progress=callback(progress)
+    )
+    return _made(found)
+
+
+def labels(volume: Path | ArrayLike) -> dict[int, int]:
+    """Returns the labels of a volume, each with its number of voxels; 0 is the background.
+
+    Parameters
+    ----------
+    volume : str, os.PathLike or array_like of int, (i, j, k)
+    """
+    return _core.labels(_volume(volume, None))
+
+
+def _volume(volume: Path | ArrayLike, affine: ArrayLike | None) -> Any:
+    if isinstance(volume, (str, os.PathLike)):
+        if affine is not None:
+            raise ValueError("affine: a file has its own")
+        return os.fspath(volume)
+    array = np.asarray(volume)
+    if array.ndim != 3:
+        raise ValueError(f"volume: expected shape (i, j, k), found {array.shape}")
+    if array.dtype.kind not in "iub":
+        raise ValueError(f"volume: expected whole numbers, found {array.dtype}")
+    if array.size and not -(2**31) <= int(array.min()) <= int(array.max()) < 2**31:
+        raise ValueError(f"volume: expected labels of 32 bits, found {array.min()} to {array.max()}")
+    matrix = _arrays.real("affine", np.eye(4) if affine is None else affine, "(4, 4)")
+    if matrix.shape != (4, 4):
+        raise ValueError(f"affine: expected shape (4, 4), found {matrix.shape}")
+    return np.asarray(array, dtype=np.int32), matrix
+
+
+def resample(
+    surface: Any,
+    sphere: Any,
+    onto: Any = "icosphere:6",
+    *,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Parametrization:
+    """Puts a surface on the vertices of another sphere, so that the subjects of a study share them.
+
+    Parameters
+    ----------
+    surface : Surface or what `as_surface` takes
+    sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3)
+        The surface's own sphere: its vertices, in their order.
+    onto : str, Surface or what `as_surface` takes
+        ``icosphere:N``, or a sphere.
+    threads, progress
+        As of `parametrize`.
+
+    Returns
+    -------
+    Parametrization
+        The new surface over ``onto``; its report has ``distance_rms`` and ``distance_max`` from the given one.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> surface, sphere = sp.example_surface(4)
+    >>> sp.resample(surface, sphere, "icosphere:3").surface
+    Surface(642 vertices, 1280 faces)
+    """
+    mesh = as_surface(surface)
+    unit = _arrays.positions("sphere", sphere) if isinstance(sphere, np.ndarray) else as_surface(sphere).vertices
+    if isinstance(onto, str) and onto.startswith("icosphere:"):
+        number = onto.removeprefix("icosphere:")
+        if not number.isdecimal():
+            raise ValueError(f"onto: expected icosphere:N, found {onto}")
+        shared = icosphere(int(number))
+    else:
+        shared = as_surface(onto)
+    threads = None if threads is None else _arrays.whole("threads", threads, 1)
+    return _made(
+        _core.resample(
+            mesh.vertices, mesh.faces, unit, shared.vertices, shared.faces, threads=threads, progress=callback(progress)
+        )
+    )

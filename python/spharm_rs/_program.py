@@ -1,0 +1,17 @@
+"""The program `spharm`, as the console script of this package."""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+
+def main() -> int:
+    """Runs `spharm` with the arguments of this process and returns its exit code."""
+    # The program handles it, and leaves it alone where it is ignored.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from . import _load  # noqa: F401
+    from ._core import main as run
+
+    return run(["spharm", *sys.argv[1:]])

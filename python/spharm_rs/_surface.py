@@ -1,0 +1,226 @@
+"""Surfaces: vertices and triangles, from whatever holds them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, Union
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats, Triangles
+
+Path = Union[str, "os.PathLike[str]"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Surface:
+    """A triangle mesh.
+
+    Parameters
+    ----------
+    vertices : array_like of float, (n, 3)
+        Positions, in whatever unit they have: mm for brains.
+    faces : array_like of int, (f, 3)
+        Triangles: vertex numbers from 0, counter-clockwise seen from outside.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> ball = sp.icosphere(2)
+    >>> ball.vertices.shape, ball.faces.shape
+    ((162, 3), (320, 3))
+    """
+
+    vertices: Floats
+    faces: Triangles
+
+    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
+        object.__setattr__(self, "vertices", _arrays.positions("vertices", vertices))
+        object.__setattr__(self, "faces", _arrays.triangles("faces", faces))
+
+    def __repr__(self) -> str:
+        return f"Surface({len(self.vertices)} vertices, {len(self.faces)} faces)"
+
+    def save(self, path: Path, *, overwrite: bool = False, double: bool = False) -> None:
+        """Writes the surface in the format that the name asks for; see `write_surface`."""
+        write_surface(path, self, overwrite=overwrite, double=double)
+
+
+def as_surface(mesh: Any) -> Surface:
+    """Returns a surface from whatever holds one.
+
+    Parameters
+    ----------
+    mesh : object
+        A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``), nilearn
+        (``.coordinates``, ``.faces``), pyvista (``.points``, ``.regular_faces``), meshio (``.points``,
+        ``.cells_dict["triangle"]``); or a GIfTI image of nibabel.
+
+    Returns
+    -------
+    Surface
+
+    Raises
+    ------
+    ValueError
+        Where it isn't any of these, or the arrays have other shapes.
+    MeshError
+        Where a file holds no surface.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> sp.as_surface((vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+    Surface(4 vertices, 4 faces)
+    """
+    if isinstance(mesh, Surface):
+        return mesh
+    if isinstance(mesh, (str, os.PathLike)):
+        return read_surface(mesh)
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
+        return Surface(*mesh)
+    if hasattr(mesh, "agg_data"):
+        arrays = mesh.agg_data(("pointset", "triangle"))
+        if not all(isinstance(array, np.ndarray) for array in arrays):
+            raise ValueError("surface: this GIfTI image doesn't have one point set and one array of triangles")
+        return Surface(*arrays)
+    if hasattr(mesh, "cells_dict"):
+        if "triangle" not in mesh.cells_dict:
+            raise ValueError(f"surface: this mesh has no triangles, only {sorted(mesh.cells_dict)}")
+        return Surface(mesh.points, mesh.cells_dict["triangle"])
+    if hasattr(mesh, "points") and hasattr(mesh, "regular_faces"):
+        return Surface(mesh.points, mesh.regular_faces)
+    for vertices in ("vertices", "coordinates"):
+        if hasattr(mesh, vertices) and hasattr(mesh, "faces"):
+            return Surface(getattr(mesh, vertices), mesh.faces)
+    kinds = "a path, (vertices, faces), or a mesh of trimesh, nilearn, pyvista, meshio or nibabel"
+    raise ValueError(f"surface: expected {kinds}, found {type(mesh).__name__}")
+
+
+def read_surface(path: Path) -> Surface:
+    """Reads a surface: GIfTI, FreeSurfer, OBJ, PLY, OFF, STL, VTK, also gzipped.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+
+    Returns
+    -------
+    Surface
+
+    Raises
+    ------
+    MeshError
+        Where it holds no surface, or is damaged.
+    OSError
+        Where it can't be read.
+    """
+    return Surface(*_core.read_surface(os.fspath(path)))
+
+
+def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: bool = False) -> None:
+    """Writes a surface in the format that the name asks for, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        ``.surf.gii``, ``.ply``, ``.obj``, ``.off``, ``.stl``, ``.vtk``, or one of FreeSurfer's names (``lh.pial``); with
+        ``.gz`` it is gzipped.
+    surface : Surface or what `as_surface` takes
+    overwrite : bool
+        Replace a file that is there.
+    double : bool
+        Write 64-bit numbers where the format has a choice (GIfTI, PLY).
+
+    Raises
+    ------
+    FileExistsError
+        Unless it is to be replaced.
+    """
+    mesh = as_surface(surface)
+    _core.write_surface(os.fspath(path), mesh.vertices, mesh.faces, overwrite=bool(overwrite), double=bool(double))
+
+
+def read_signal(path: Path) -> Floats:
+    """Reads values on vertices: GIfTI, FreeSurfer's curv, MGH/MGZ maps, CSV, TSV.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+
+    Returns
+    -------
+    ndarray of float, (n, c)
+        A row a vertex, a column a channel.
+    """
+    return _core.read_values(os.fspath(path))
+
+
+def write_signal(path: Path, values: ArrayLike, *, overwrite: bool = False, double: bool = False) -> None:
+    """Writes values on vertices: ``.func.gii``, ``.shape.gii``, ``.mgz``, ``.csv``, ``.tsv``, FreeSurfer's curv.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+    values : array_like of float, (n,) or (n, c)
+    overwrite : bool
+        Replace a file that is there.
+    double : bool
+        Write 64-bit numbers where the format has a choice (GIfTI).
+    """
+    array = _arrays.channels("values", values)
+    _core.write_values(os.fspath(path), array, overwrite=bool(overwrite), double=bool(double))
+
+
+def icosphere(level: int) -> Surface:
+    """Returns the unit sphere as an icosahedron, subdivided.
+
+    Parameters
+    ----------
+    level : int
+        From 0 to 10; there are 10 * 4**level + 2 vertices.
+
+    Returns
+    -------
+    Surface
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> sp.icosphere(6)
+    Surface(40962 vertices, 81920 faces)
+    """
+    return Surface(*_core.icosphere(min(_arrays.whole("level", level), 2**31)))
+
+
+def example_surface(level: int = 5, seed: int = 0) -> tuple[Surface, Surface]:
+    """Returns a folded surface, like a cortex, and its sphere.
+
+    Parameters
+    ----------
+    level : int
+        As of `icosphere`, from 0 to 8.
+    seed : int
+        Surfaces of other seeds share the main folds and differ in detail, as the subjects of a study do.
+
+    Returns
+    -------
+    surface : Surface
+        Positions in mm.
+    sphere : Surface
+        Its sphere: the same triangles over unit vectors.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> surface, sphere = sp.example_surface(4)
+    >>> len(surface.vertices) == len(sphere.vertices)
+    True
+    """
+    level = min(_arrays.whole("level", level), 2**31)
+    vertices, faces, sphere = _core.example_surface(level, _arrays.whole("seed", seed))
+    return Surface(vertices, faces), Surface(sphere, faces)

@@ -1,0 +1,312 @@
+"""Coefficients of other packages.
+
+Here a function is ``sum a[l, m] S[l, m]`` with real orthonormal harmonics without the Condon-Shortley phase, row
+``l**2 + l + m``, sin(abs(m) phi) for negative m. Degrees are inclusive; s2fft and FlowShape count L + 1 of them.
+
+==============  =====================================================================================================
+format          array
+==============  =====================================================================================================
+``complex``     complex (K, c), row ``l**2 + l + m``: orthonormal, with the Condon-Shortley phase, as SciPy's
+                ``sph_harm_y``
+``pyshtools``   real (c, 2, L + 1, L + 1): ``SHCoeffs.from_array(.., normalization="ortho", csphase=1)`` of each channel
+``healpy``      complex (c, (L + 1) (L + 2) / 2): ``alm`` of healpy and ducc0, m by m
+``s2fft``       complex (c, L + 1, 2 L + 1): ``flm`` of s2fft, orders from -L
+``spharm_mat``  complex (K, c): ``fvec`` of SPHARM-MAT, which is ``complex``
+``spharm_pdm``  real (K, 3): rows of a SPHARM-PDM ``.coef`` file
+``ktch``        real (c, K): what ktch has, canonical
+``flowshape``   real (K, c): FlowShape's, with the phase
+==============  =====================================================================================================
+
+Examples
+--------
+>>> import numpy as np, spharm_rs as sp
+>>> model = sp.Model(np.arange(12.0).reshape(4, 3))
+>>> model.to("pyshtools").shape
+(3, 2, 2, 2)
+>>> np.allclose(sp.Model.from_("pyshtools", model.to("pyshtools")).coefficients, model.coefficients)
+True
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any, Callable, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _arrays
+from ._arrays import Floats
+
+Complex = NDArray[np.complex128]
+
+__all__ = [
+    "FORMATS",
+    "from_",
+    "from_complex",
+    "from_flowshape",
+    "from_healpy",
+    "from_ktch",
+    "from_pyshtools",
+    "from_s2fft",
+    "from_spharm_mat",
+    "from_spharm_pdm",
+    "read_spharm_pdm",
+    "to",
+    "to_complex",
+    "to_flowshape",
+    "to_healpy",
+    "to_ktch",
+    "to_pyshtools",
+    "to_s2fft",
+    "to_spharm_mat",
+    "to_spharm_pdm",
+    "write_spharm_pdm",
+]
+
+
+def _degree(what: str, rows: int) -> int:
+    degree = int(round(rows**0.5)) - 1
+    if rows == 0 or (degree + 1) ** 2 != rows:
+        raise ValueError(f"{what}: expected (L + 1)**2 rows, found {rows}")
+    return degree
+
+
+def _canonical(coefficients: ArrayLike) -> tuple[Floats, int]:
+    array = _arrays.channels("coefficients", coefficients)
+    return array, _degree("coefficients", len(array))
+
+
+def _orders(degree: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Returns degree and order of each row."""
+    degrees = np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
+    return degrees, np.arange((degree + 1) ** 2) - degrees * (degrees + 1)
+
+
+def _complex(what: str, array: ArrayLike, dimensions: int) -> Complex:
+    found = np.asarray(array)
+    if found.dtype.kind not in "fiuc" or found.ndim != dimensions:
+        raise ValueError(f"{what}: expected {dimensions} dimensions of numbers, found {found.dtype} of shape {found.shape}")
+    return np.asarray(found, dtype=np.complex128)
+
+
+def to_complex(coefficients: ArrayLike) -> Complex:
+    """Returns complex coefficients, (K, c), with the Condon-Shortley phase."""
+    a, degree = _canonical(coefficients)
+    degrees, orders = _orders(degree)
+    mirrored = degrees * (degrees + 1) - orders
+    sign = np.where(orders % 2, -1.0, 1.0)[:, np.newaxis] / np.sqrt(2)
+    order = orders[:, np.newaxis]
+    positive = sign * (a - 1j * a[mirrored])
+    negative = a[mirrored] + 1j * a
+    found: Complex = np.where(order > 0, positive, np.where(order < 0, negative / np.sqrt(2), a))
+    return found
+
+
+def from_complex(array: ArrayLike) -> Floats:
+    """Returns canonical coefficients of the real part of a complex series, (K, c)."""
+    c = _complex("complex", array, 2)
+    degrees, orders = _orders(_degree("complex", len(c)))
+    mirrored = c[degrees * (degrees + 1) - orders]
+    sign = np.where(orders % 2, -1.0, 1.0)[:, np.newaxis]
+    order = orders[:, np.newaxis]
+    # The real part of a series has, for m > 0, (c_m + (-1)^m conj c_-m) / 2.
+    half = (c + sign * mirrored.conj()) / 2
+    cosine = np.sqrt(2) * sign * half.real
+    sine = -np.sqrt(2) * sign * ((mirrored + sign * c.conj()) / 2).imag
+    found: Floats = np.where(order > 0, cosine, np.where(order < 0, sine, c.real))
+    return found
+
+
+def to_pyshtools(coefficients: ArrayLike) -> Floats:
+    """Returns orthonormal coefficients with ``csphase=1``, (c, 2, L + 1, L + 1)."""
+    a, degree = _canonical(coefficients)
+    degrees, orders = _orders(degree)
+    found = np.zeros((a.shape[1], 2, degree + 1, degree + 1))
+    found[:, (orders < 0).astype(int), degrees, abs(orders)] = a.T
+    return found
+
+
+def from_pyshtools(array: ArrayLike) -> Floats:
+    """Returns canonical coefficients of orthonormal ones with ``csphase=1``, (2, L + 1, L + 1) or (c, 2, L + 1, L + 1)."""
+    found = _arrays.real("pyshtools", array, "(c, 2, L + 1, L + 1)")
+    found = found[np.newaxis] if found.ndim == 3 else found
+    if found.ndim != 4 or found.shape[1] != 2 or found.shape[2] != found.shape[3]:
+        raise ValueError(f"pyshtools: expected shape (c, 2, L + 1, L + 1), found {found.shape}")
+    degrees, orders = _orders(found.shape[2] - 1)
+    return np.ascontiguousarray(found[:, (orders < 0).astype(int), degrees, abs(orders)].T)
+
+
+def _healpy_rows(degree: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    orders = np.repeat(np.arange(degree + 1), degree + 1 - np.arange(degree + 1))
+    degrees = np.concatenate([np.arange(order, degree + 1) for order in range(degree + 1)])
+    return degrees, orders
+
+
+def to_healpy(coefficients: ArrayLike) -> Complex:
+    """Returns ``alm`` of healpy and ducc0, (c, (L + 1) (L + 2) / 2)."""
+    a, degree = _canonical(coefficients)
+    degrees, orders = _healpy_rows(degree)
+    return np.ascontiguousarray(to_complex(a)[degrees * (degrees + 1) + orders].T)
+
+
+def from_healpy(array: ArrayLike) -> Floats:
+    """Returns canonical coefficients of ``alm``, (N,) or (c, N), of all orders to the highest degree."""
+    alm = _complex("healpy", np.atleast_2d(np.asarray(array)), 2)
+    degree = int(round(((8 * alm.shape[1] + 1) ** 0.5 - 3) / 2))
+    if (degree + 1) * (degree + 2) // 2 != alm.shape[1]:
+        raise ValueError(f"healpy: expected (L + 1) (L + 2) / 2 values, found {alm.shape[1]}")
+    degrees, orders = _healpy_rows(degree)
+    found = np.zeros(((degree + 1) ** 2, len(alm)), dtype=np.complex128)
+    sign = np.where(orders % 2, -1.0, 1.0)[:, np.newaxis]
+    found[degrees * (degrees + 1) - orders] = sign * alm.T.conj()
+    found[degrees * (degrees + 1) + orders] = alm.T
+    return from_complex(found)
+
+
+def to_s2fft(coefficients: ArrayLike) -> Complex:
+    """Returns ``flm`` of s2fft, (c, L + 1, 2 L + 1), orders from -L; its own L is this one plus 1."""
+    a, degree = _canonical(coefficients)
+    degrees, orders = _orders(degree)
+    found = np.zeros((a.shape[1], degree + 1, 2 * degree + 1), dtype=np.complex128)
+    found[:, degrees, degree + orders] = to_complex(a).T
+    return found
+
+
+def from_s2fft(array: ArrayLike) -> Floats:
+    """Returns canonical coefficients of ``flm``, (L + 1, 2 L + 1) or (c, L + 1, 2 L + 1)."""
+    given = np.asarray(array)
+    flm = _complex("s2fft", given[np.newaxis] if given.ndim == 2 else given, 3)
+    degree = flm.shape[1] - 1
+    if degree < 0 or flm.shape[2] != 2 * degree + 1:
+        raise ValueError(f"s2fft: expected shape (c, L + 1, 2 L + 1), found {given.shape}")
+    degrees, orders = _orders(degree)
+    return from_complex(flm[:, degrees, degree + orders].T)
+
+
+def to_spharm_mat(coefficients: ArrayLike) -> Complex:
+    """Returns ``fvec`` of SPHARM-MAT, (K, 3); with MATLAB files counted from 1 goes ``faces + 1``."""
+    _three("SPHARM-MAT", coefficients)
+    return to_complex(coefficients)
+
+
+def from_spharm_mat(array: ArrayLike) -> Floats:
+    """Returns canonical coefficients of ``fvec``, (K, c), as ``scipy.io.loadmat`` reads it."""
+    return from_complex(array)
+
+
+def _three(who: str, coefficients: ArrayLike) -> None:
+    shape = np.shape(coefficients)
+    if len(shape) != 2 or shape[1] != 3:
+        raise ValueError(f"{who} holds surfaces, of 3 channels; found shape {shape}")
+
+
+def _pdm(degree: int) -> tuple[NDArray[np.intp], Floats]:
+    """Returns, for each row of a ``.coef`` file, the canonical row, and what it is multiplied by."""
+    degrees, orders = _orders(degree)
+    at = degrees**2 + np.where(orders > 0, 2 * orders - 1, -2 * orders)
+    rows = np.empty_like(at)
+    rows[at] = np.arange(len(at))
+    factors = np.where(orders == 0, 1.0, np.sqrt(2) * np.where(orders % 2, -1.0, 1.0))
+    return rows, factors[rows][:, np.newaxis]
+
+
+def to_spharm_pdm(coefficients: ArrayLike) -> Floats:
+    """Returns the rows of a SPHARM-PDM ``.coef`` file, (K, 3). PDM's own evaluation breaks above degree 85."""
+    _three("SPHARM-PDM", coefficients)
+    a, degree = _canonical(coefficients)
+    rows, factors = _pdm(degree)
+    return a[rows] * factors
+
+
+def from_spharm_pdm(array: ArrayLike) -> Floats:
+    """Returns canonical coefficients of the rows of a ``.coef`` file, (K, 3)."""
+    given, degree = _canonical(array)
+    rows, factors = _pdm(degree)
+    found = np.empty_like(given)
+    found[rows] = given / factors
+    return found
+
+
+def write_spharm_pdm(path: Union[str, "os.PathLike[str]"], coefficients: ArrayLike, *, overwrite: bool = False) -> None:
+    """Writes a SPHARM-PDM ``.coef`` file, with 17 digits.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+    coefficients : array_like of float, (K, 3)
+    overwrite : bool
+        Replace a file that is there.
+    """
+    rows = to_spharm_pdm(coefficients)
+    lines = ",\n".join("{{{:.17g}, {:.17g}, {:.17g}}}".format(*row) for row in rows)
+    with open(path, "w" if overwrite else "x", encoding="ascii") as file:
+        file.write(f"{{ {len(rows)},{lines}}}\n")
+
+
+def read_spharm_pdm(path: Union[str, "os.PathLike[str]"]) -> Floats:
+    """Reads a SPHARM-PDM ``.coef`` file and returns canonical coefficients, (K, 3)."""
+    text = Path(path).read_text(encoding="ascii", errors="replace")
+    head = re.match(r"\s*\{\s*(\d+)\s*,", text)
+    if head is None:
+        raise ValueError(f"{os.fspath(path)}: expected a SPHARM-PDM .coef file, which begins with {{ COUNT,")
+    try:
+        values = [float(number) for number in re.split(r"[\s{},]+", text[head.end() :]) if number]
+    except ValueError as error:
+        raise ValueError(f"{os.fspath(path)}: damaged .coef file: {error}") from error
+    if len(values) != 3 * int(head[1]):
+        raise ValueError(f"{os.fspath(path)}: expected {head[1]} rows of 3 numbers, found {len(values)} numbers")
+    return from_spharm_pdm(np.array(values).reshape(-1, 3))
+
+
+def to_ktch(coefficients: ArrayLike) -> Floats:
+    """Returns ktch's coefficients, (c, K)."""
+    return np.ascontiguousarray(_canonical(coefficients)[0].T)
+
+
+def from_ktch(array: ArrayLike) -> Floats:
+    """Returns canonical coefficients of ktch's, (c, K) or flat (3 K,)."""
+    given = _arrays.real("ktch", array, "(c, K)")
+    return _canonical(np.ascontiguousarray((given.reshape(3, -1) if given.ndim == 1 else given).T))[0]
+
+
+def to_flowshape(coefficients: ArrayLike) -> Floats:
+    """Returns FlowShape's coefficients, (K, c): canonical but for the factor (-1)**m."""
+    a, degree = _canonical(coefficients)
+    return a * np.where(_orders(degree)[1] % 2, -1.0, 1.0)[:, np.newaxis]
+
+
+def from_flowshape(array: ArrayLike) -> Floats:
+    """Returns canonical coefficients of FlowShape's, (K, c)."""
+    return to_flowshape(array)
+
+
+#: Formats by name: what makes an array of canonical coefficients, and the way back.
+FORMATS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Floats]]] = {
+    "complex": (to_complex, from_complex),
+    "pyshtools": (to_pyshtools, from_pyshtools),
+    "healpy": (to_healpy, from_healpy),
+    "s2fft": (to_s2fft, from_s2fft),
+    "spharm_mat": (to_spharm_mat, from_spharm_mat),
+    "spharm_pdm": (to_spharm_pdm, from_spharm_pdm),
+    "ktch": (to_ktch, from_ktch),
+    "flowshape": (to_flowshape, from_flowshape),
+}
+
+
+def _format(name: str) -> tuple[Callable[[Any], Any], Callable[[Any], Floats]]:
+    if name not in FORMATS:
+        raise ValueError(f"format: expected one of {', '.join(FORMATS)}; found {name!r}")
+    return FORMATS[name]
+
+
+def to(format: str, coefficients: ArrayLike) -> Any:
+    """Returns canonical coefficients, (K, c), as another package has them."""
+    return _format(format)[0](coefficients)
+
+
+def from_(format: str, array: Any) -> Floats:
+    """Returns the canonical coefficients, (K, c), of another package's."""
+    return _format(format)[1](array)

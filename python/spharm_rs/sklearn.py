@@ -1,0 +1,111 @@
+"""A transformer of scikit-learn: surfaces over one sphere to coefficients, and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted
+
+from ._arrays import Floats
+from ._fit import fit_many
+from ._surface import as_surface, icosphere
+from ._transform import Transform
+
+
+class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Turns surfaces with corresponding vertices into rows of coefficients.
+
+    Parameters
+    ----------
+    max_degree : int
+        Highest degree L; a row has ``3 (L + 1)**2`` coefficients.
+    sphere : Surface or what `as_surface` takes, or str
+        The sphere of all surfaces: their vertices, in their order; or ``icosphere:N``.
+    smoothness : float or "auto", optional
+        As of `spharm_rs.fit`.
+    weights : {"uniform", "area"}
+        As of `spharm_rs.fit`.
+    threads : int, optional
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> from sklearn.decomposition import PCA
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from spharm_rs.sklearn import SpharmTransformer
+    >>> X = np.stack([sp.example_surface(3, seed)[0].vertices for seed in range(6)])
+    >>> pipeline = make_pipeline(SpharmTransformer(10, sphere="icosphere:3"), PCA(2))
+    >>> pipeline.fit_transform(X).shape
+    (6, 2)
+    """
+
+    def __init__(
+        self,
+        max_degree: int = 20,
+        sphere: Any = "icosphere:5",
+        smoothness: float | str | None = None,
+        weights: str = "uniform",
+        threads: int | None = None,
+    ) -> None:
+        self.max_degree = max_degree
+        self.sphere = sphere
+        self.smoothness = smoothness
+        self.weights = weights
+        self.threads = threads
+
+    def _sphere(self) -> Any:
+        if isinstance(self.sphere, str) and self.sphere.startswith("icosphere:"):
+            return icosphere(int(self.sphere.removeprefix("icosphere:")))
+        return as_surface(self.sphere)
+
+    def fit(self, X: ArrayLike, y: Any = None) -> SpharmTransformer:
+        """Takes note of the sphere; nothing is learnt from the surfaces.
+
+        Parameters
+        ----------
+        X : array_like of float, (s, n, 3), or sequence of surfaces
+        y : ignored
+        """
+        self.sphere_ = self._sphere()
+        self.n_features_out_ = 3 * (self.max_degree + 1) ** 2
+        return self
+
+    def transform(self, X: ArrayLike) -> Floats:
+        """Returns coefficients, (s, 3 (L + 1)**2), channel by channel.
+
+        Parameters
+        ----------
+        X : array_like of float, (s, n, 3), or sequence of surfaces
+        """
+        check_is_fitted(self, "sphere_")
+        models = fit_many(
+            X,
+            self.sphere_,
+            self.max_degree,
+            smoothness=self.smoothness,
+            weights=self.weights,
+            threads=self.threads,
+        )
+        return np.stack([model.coefficients.T.ravel() for model in models])
+
+    def inverse_transform(self, X: ArrayLike) -> Floats:
+        """Returns the positions of the sphere's vertices, (s, n, 3), of rows of coefficients."""
+        check_is_fitted(self, "sphere_")
+        rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
+        transform = Transform(self.sphere_.vertices, self.max_degree, threads=self.threads)
+        coefficients = rows.reshape(len(rows), 3, -1)
+        return np.stack([transform.synthesis(one.T) for one in coefficients])
+
+    def get_feature_names_out(self, input_features: Any = None) -> Any:
+        """Returns names such as ``x_2_-1``: channel, degree, order."""
+        names = [
+            f"{channel}_{degree}_{order}"
+            for channel in "xyz"
+            for degree in range(self.max_degree + 1)
+            for order in range(-degree, degree + 1)
+        ]
+        return np.array(names, dtype=object)

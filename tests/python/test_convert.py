@@ -1,0 +1,65 @@
+"""Coefficients of other packages: their own formulas, and the way back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import sph_harm_y
+
+import spharm_rs as sp
+from spharm_rs import convert
+
+from .test_transform import DIRECTIONS, basis
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "peers"
+
+
+def coefficients(degree: int) -> np.ndarray:
+    return np.random.default_rng(degree).normal(size=((degree + 1) ** 2, 3))
+
+
+@pytest.mark.parametrize("degree", [0, 1, 20, 100])
+@pytest.mark.parametrize("format", convert.FORMATS)
+def test_there_and_back(format: str, degree: int) -> None:
+    a = coefficients(degree)
+    assert np.abs(convert.from_(format, convert.to(format, a)) - a).max() <= 1e-14 * np.abs(a).max()
+
+
+def test_complex_coefficients_are_scipys() -> None:
+    a, unit = coefficients(8), DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, np.newaxis]
+    theta, phi = np.arccos(unit[:, 2]), np.arctan2(unit[:, 1], unit[:, 0])
+    c = convert.to_complex(a)
+    rows = [(degree, order) for degree in range(9) for order in range(-degree, degree + 1)]
+    values = sum(sph_harm_y(*row, theta, phi)[:, np.newaxis] * c[i] for i, row in enumerate(rows))
+    assert np.allclose(values, basis(DIRECTIONS, 8) @ a, atol=1e-12)
+    # Of a series that isn't real, the real part is taken.
+    assert np.allclose(convert.from_complex(c + 1j * convert.to_complex(coefficients(8)[::-1])), a)
+
+
+def test_pdm_files_go_there_and_back(tmp_path: Path) -> None:
+    a = coefficients(20)
+    convert.write_spharm_pdm(tmp_path / "x.coef", a)
+    assert np.abs(convert.read_spharm_pdm(tmp_path / "x.coef") - a).max() < 1e-15 * 100
+    with pytest.raises(FileExistsError):
+        convert.write_spharm_pdm(tmp_path / "x.coef", a)
+    (tmp_path / "bad.coef").write_text("{ 4,{1, 2, 3},\n{1, 2")
+    with pytest.raises(ValueError, match="expected 4 rows"):
+        convert.read_spharm_pdm(tmp_path / "bad.coef")
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="../shared/data isn't there")
+def test_a_genuine_pdm_file_is_read() -> None:
+    files = sorted(SHARED.rglob("*.coef"))
+    assert files, "no .coef file among the reference results"
+    for file in files:
+        model = sp.Model(convert.read_spharm_pdm(file))
+        assert model.is_surface and np.isfinite(model.surface(2).vertices).all()
+
+
+@pytest.mark.parametrize("format", convert.FORMATS)
+@pytest.mark.parametrize("wrong", [None, "x", np.zeros(5), np.zeros((5, 3)), np.zeros((2, 3, 4, 5, 6)), []])
+def test_wrong_arrays_are_refused(format: str, wrong: object) -> None:
+    with pytest.raises(ValueError):
+        convert.to(format, wrong)  # type: ignore[arg-type]

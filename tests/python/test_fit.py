@@ -1,0 +1,152 @@
+"""Fits: settings, signals, many at once, models and their files."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.decomposition import PCA
+from sklearn.pipeline import make_pipeline
+
+import spharm_rs as sp
+from spharm_rs.sklearn import SpharmTransformer
+
+from .conftest import Study
+
+
+def test_the_least_squares_solution_is_numpys(study: Study) -> None:
+    surface, sphere = study
+    model = sp.fit(surface, sphere, 8)
+    basis = sp.Transform(sphere.vertices, 8).synthesis(np.eye(81))
+    expected = np.linalg.lstsq(basis, surface.vertices, rcond=None)[0]
+    assert np.allclose(model.coefficients, expected, atol=1e-8 * np.abs(expected).max())
+    residual = surface.vertices - basis @ expected
+    assert model.report["msd"] == pytest.approx((residual**2).sum(1).mean() / model.report["scale"] ** 2)
+
+
+def test_arrays_and_meshes_are_the_same_surface(study: Study) -> None:
+    surface, sphere = study
+    models = [
+        sp.fit(surface, sphere, 8),
+        sp.fit((surface.vertices, surface.faces), sphere.vertices, 8),
+        sp.fit(np.asfortranarray(surface.vertices), sphere, 8),
+        sp.fit(surface, 3 * sphere.vertices.astype(np.float64), 8),
+    ]
+    assert all(np.allclose(model.coefficients, models[0].coefficients, rtol=0, atol=1e-11) for model in models)
+    assert all(model.is_surface for model in models)
+
+
+def test_signals_are_fitted(study: Study) -> None:
+    sphere = study[1]
+    thickness = 2 + sphere.vertices[:, 2]
+    model = sp.fit(thickness, sphere, 3)
+    assert not model.is_surface and model.coefficients.shape == (16, 1)
+    assert np.allclose(model.evaluate()[:, 0], thickness)
+    with pytest.raises(ValueError, match="signal"):
+        model.surface()
+    with pytest.raises(ValueError, match="sphere"):
+        sp.fit(thickness, max_degree=3)
+
+
+def test_weights_smoothness_and_errors_are_given(study: Study) -> None:
+    surface, sphere = study
+    by_area = sp.fit(surface, sphere, 8, weights="area").coefficients
+    assert np.array_equal(by_area, sp.fit(surface, sphere, 8, weights="area").coefficients)
+    ones = sp.fit(surface, sphere, 8, weights=np.ones(len(surface.vertices), np.float32)).coefficients
+    assert np.allclose(ones, sp.fit(surface, sphere, 8).coefficients, atol=1e-9)
+    smooth = sp.fit(surface, sphere, 8, smoothness=1.0, stderr=True, hold_out=0.1)
+    assert smooth.report["smoothness"] == 1.0 and smooth.report["held_out"]["held_out"]["msd"] > 0
+    assert smooth.standard_errors is not None and smooth.standard_errors.shape == (81, 3)
+    assert sp.fit(surface, sphere, 8, smoothness="auto").report["smoothness"] > 0
+
+
+def test_many_are_fitted_as_each(study: Study) -> None:
+    sphere = study[1]
+    surfaces = [sp.example_surface(4, seed)[0] for seed in range(3)]
+    models = sp.fit_many(surfaces, sphere, 8)
+    stacked = sp.fit_many(np.stack([surface.vertices for surface in surfaces]), sphere, 8)
+    for surface, model, other in zip(surfaces, models, stacked):
+        alone = sp.fit(surface, sphere, 8)
+        assert np.allclose(model.coefficients, alone.coefficients, rtol=0, atol=1e-10)
+        assert np.array_equal(model.coefficients, other.coefficients)
+    assert sp.fit_many([], sphere, 8) == []
+
+
+def test_what_may_be_wrong_is_warned_of(study: Study) -> None:
+    surface, sphere = study
+    few = sp.example_surface(1)
+    with pytest.warns(sp.NotDetermined):
+        model = sp.fit(*few, 10, smoothness=0)
+    assert model.report["warnings"]
+    with pytest.warns(sp.NotConverged):
+        sp.fit(surface, sphere, 20, max_iterations=1, preconditioner="none")
+    with pytest.raises(sp.SpharmError, match="optimality"):
+        sp.fit(surface, sphere, 20, max_iterations=1, preconditioner="none", strict=True)
+
+
+def test_a_model_goes_to_a_file_and_back(study: Study, tmp_path: Path) -> None:
+    model = sp.fit(*study, 8)
+    model.save(tmp_path / "m.spharm.npz")
+    with pytest.raises(FileExistsError):
+        model.save(tmp_path / "m.spharm.npz")
+    for found in (sp.Model.load(tmp_path / "m.spharm.npz"), pickle.loads(pickle.dumps(model))):
+        assert np.array_equal(found.coefficients, model.coefficients) and found.is_surface
+        assert np.array_equal(found.surface().vertices, model.surface().vertices)
+    assert sp.Model.load(tmp_path / "m.spharm.npz").provenance["method"] == "lsq"
+    np.savez(tmp_path / "mean.npz", coefficients=model.coefficients)
+    assert np.array_equal(sp.Model.load(tmp_path / "mean.npz").coefficients, model.coefficients)
+
+
+def test_models_are_evaluated_truncated_and_summed(study: Study) -> None:
+    model = sp.fit(*study, 8)
+    low = model.truncate(3)
+    assert low.max_degree == 3 and np.array_equal(low.surface().vertices, model.surface(degree=3).vertices)
+    assert model.spectrum().shape == (9,) and model.spectrum().sum() == pytest.approx((model.coefficients**2).sum())
+    assert len(model.surface(2).vertices) == 162
+    assert np.array_equal(model.evaluate(study[1].vertices), model.surface(study[1]).vertices)
+    assert not model.coefficients.flags.writeable
+    with pytest.raises(ValueError, match="degree 8"):
+        model.surface(degree=9)
+    with pytest.raises(ValueError, match="sphere"):
+        sp.Model(model.coefficients).surface()
+
+
+def test_stores_are_built_listed_and_verified(study: Study, tmp_path: Path) -> None:
+    store = sp.Store(tmp_path / "store")
+    assert store.build(study[1], 6)["degrees_built"] == 7
+    assert store.build(study[1], 6)["degrees_present"] == 7
+    assert store.factor(study[1], 6)["condition"] > 1 and store.factor(study[1], 6)["present"]
+    (scheme,) = store.schemes()
+    assert scheme["directions"] == 2562 and scheme["max_degree"] == 6 and scheme["factors"] == 1
+    assert store.verify() == []
+    with pytest.raises(sp.StoreError):
+        sp.fit(*study, 7, store=store)
+    damaged = next((tmp_path / "store").rglob("A_*"))
+    data = bytearray(damaged.read_bytes())
+    data[len(data) // 2] ^= 1
+    damaged.write_bytes(data)
+    assert len(store.verify()) == 1
+
+
+def test_memory_is_kept_to(study: Study, tmp_path: Path) -> None:
+    store = sp.Store(tmp_path / "store")
+    store.build(study[1], 6)
+    with pytest.raises(sp.MemoryBudgetError) as caught:
+        sp.fit(*study, 6, store=store, memory="10KiB")
+    assert caught.value.budget == 10 << 10 and caught.value.needed > caught.value.budget
+    assert isinstance(caught.value, MemoryError) and isinstance(caught.value, sp.SpharmError)
+    with pytest.raises(ValueError, match="512MiB"):
+        sp.fit(*study, 6, memory="much")
+
+
+def test_scikit_learn_takes_the_transformer(study: Study) -> None:
+    X = np.stack([sp.example_surface(3, seed)[0].vertices for seed in range(8)])
+    spharm = SpharmTransformer(6, sphere="icosphere:3")
+    rows = spharm.fit_transform(X)
+    assert rows.shape == (8, 147) == (8, len(spharm.get_feature_names_out()))
+    again = spharm.transform(spharm.inverse_transform(rows))
+    assert np.allclose(again, rows, atol=1e-8)
+    pipeline = make_pipeline(SpharmTransformer(6, sphere="icosphere:3"), PCA(3)).fit(X)
+    assert pipeline.inverse_transform(pipeline.transform(X)).shape == X.shape

@@ -1,0 +1,110 @@
+"""Surfaces come from whatever holds them, and go to files and back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import meshio
+import nibabel
+import numpy as np
+import pytest
+import trimesh
+
+import spharm_rs as sp
+
+from .conftest import Study
+
+
+def _nibabel(surface: sp.Surface) -> Any:
+    arrays = [
+        nibabel.gifti.GiftiDataArray(surface.vertices.astype("f4"), intent="NIFTI_INTENT_POINTSET"),
+        nibabel.gifti.GiftiDataArray(surface.faces.astype("i4"), intent="NIFTI_INTENT_TRIANGLE"),
+    ]
+    return nibabel.gifti.GiftiImage(darrays=arrays)
+
+
+HOLDERS = {
+    "pair": lambda s: (s.vertices, s.faces),
+    "lists": lambda s: [s.vertices.tolist(), s.faces.tolist()],
+    "trimesh": lambda s: trimesh.Trimesh(s.vertices, s.faces, process=False),
+    "meshio": lambda s: meshio.Mesh(s.vertices, [("triangle", s.faces)]),
+    "pyvista": lambda s: SimpleNamespace(points=s.vertices, regular_faces=s.faces),
+    "nilearn": lambda s: SimpleNamespace(coordinates=s.vertices, faces=s.faces),
+    "nibabel": _nibabel,
+}
+
+
+@pytest.mark.parametrize("holder", HOLDERS)
+def test_meshes_of_other_packages_are_taken(holder: str) -> None:
+    ball = sp.icosphere(2)
+    found = sp.as_surface(HOLDERS[holder](ball))
+    assert np.allclose(found.vertices, ball.vertices, atol=1e-6) and np.array_equal(found.faces, ball.faces)
+
+
+@pytest.mark.parametrize("wrong", [None, 3, "", object(), np.zeros((4, 3)), (1, 2, 3), {}])
+def test_anything_else_is_refused(wrong: Any) -> None:
+    with pytest.raises((ValueError, OSError)):
+        sp.as_surface(wrong)
+
+
+@pytest.mark.parametrize("name", ["s.ply", "s.surf.gii", "lh.pial", "s.obj", "s.off", "s.vtk", "s.ply.gz"])
+def test_surfaces_go_to_files_and_back(study: Study, tmp_path: Path, name: str) -> None:
+    surface = study[0]
+    surface.save(tmp_path / name)
+    found = sp.read_surface(tmp_path / name)
+    assert np.allclose(found.vertices, surface.vertices, atol=1e-4) and np.array_equal(found.faces, surface.faces)
+    with pytest.raises(FileExistsError):
+        surface.save(tmp_path / name)
+    surface.save(tmp_path / name, overwrite=True)
+
+
+def test_nibabel_reads_what_is_written(study: Study, tmp_path: Path) -> None:
+    study[0].save(tmp_path / "s.surf.gii")
+    vertices, faces = nibabel.load(tmp_path / "s.surf.gii").agg_data(("pointset", "triangle"))
+    assert np.array_equal(vertices, study[0].vertices.astype("f4")) and np.array_equal(faces, study[0].faces)
+
+
+def test_signals_go_to_files_and_back(tmp_path: Path) -> None:
+    values = np.arange(84.0).reshape(42, 2)
+    for name in ["v.func.gii", "v.csv", "v.mgz"]:
+        sp.write_signal(tmp_path / name, values)
+        assert np.array_equal(sp.read_signal(tmp_path / name), values)
+
+
+def test_a_surface_is_mapped_and_resampled(study: Study) -> None:
+    found = sp.parametrize(study[0], method="conformal")
+    assert found.quality["flipped"] == 0 and found.report["method"] == "conformal"
+    assert np.allclose(np.linalg.norm(found.sphere.vertices, axis=1), 1)
+    again = sp.resample(found.surface, found.sphere, "icosphere:3")
+    assert len(again.surface.vertices) == 642 and again.report["distance_rms"] > 0
+
+
+def test_labels_become_surfaces(tmp_path: Path) -> None:
+    labels = np.zeros((12, 12, 12), np.int16)
+    labels[2:6, 3:7, 2:6], labels[8:11, 2:9, 3:6] = 1, 7
+    affine = np.diag([2.0, 1.0, 1.0, 1.0])
+    nibabel.save(nibabel.Nifti1Image(labels, affine), tmp_path / "labels.nii.gz")
+    assert sp.labels(labels) == sp.labels(tmp_path / "labels.nii.gz") == {1: 64, 7: 63}
+    from_array = sp.parametrize_volume(labels, label=7, affine=affine)
+    from_file = sp.parametrize_volume(tmp_path / "labels.nii.gz", label=7)
+    assert np.array_equal(from_array.surface.vertices, from_file.surface.vertices)
+    assert np.array_equal(from_array.sphere.vertices, from_file.sphere.vertices)
+    low, high = from_array.surface.vertices.min(0), from_array.surface.vertices.max(0)
+    assert np.allclose(low, [15, 1.5, 2.5]) and np.allclose(high, [21, 8.5, 5.5])
+    with pytest.raises(sp.MeshError, match="label"):
+        sp.parametrize_volume(labels)
+
+
+def test_distances_are_those_of_the_definition(study: Study) -> None:
+    surface = study[0]
+    moved = sp.Surface(surface.vertices + [0.5, 0, 0], surface.faces)
+    found = sp.compare(surface, moved, surface_distance=True)
+    assert (found.per_vertex <= 0.5).all() and found.rms == pytest.approx(0.5)
+    assert found.msd == pytest.approx(0.25 / found.scale**2)
+    assert found.surface is not None and found.surface["hausdorff"] <= 0.5
+    other = sp.compare(surface, sp.icosphere(2), surface_distance=True)
+    assert np.isnan(other.msd) and len(other.per_vertex) == 162
+    with pytest.raises(ValueError):
+        sp.compare(surface, sp.icosphere(2))

@@ -1,0 +1,58 @@
+"""Transforms, and the least squares over them, compared with SciPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import lsqr
+from scipy.special import sph_harm_y
+
+import spharm_rs as sp
+
+DIRECTIONS = np.random.default_rng(0).normal(size=(500, 3))
+
+
+def basis(directions: np.ndarray, degree: int) -> np.ndarray:
+    """Canonical real harmonics, by SciPy."""
+    theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
+    phi = np.arctan2(directions[:, 1], directions[:, 0])
+    columns = []
+    for n in range(degree + 1):
+        for m in range(-n, n + 1):
+            y = sph_harm_y(n, abs(m), theta, phi) * (-1) ** m * (np.sqrt(2) if m else 1)
+            columns.append(y.imag if m < 0 else y.real)
+    return np.stack(columns, axis=1)
+
+
+def test_synthesis_adjoint_and_normal_are_those_of_the_basis() -> None:
+    transform, matrix = sp.Transform(DIRECTIONS, 12), basis(DIRECTIONS, 12)
+    rng = np.random.default_rng(1)
+    x, r, w = rng.normal(size=(169, 2)), rng.normal(size=(500, 2)), rng.random(500)
+    assert np.allclose(transform.synthesis(x), matrix @ x, atol=1e-11)
+    assert np.allclose(transform.adjoint(r), matrix.T @ r, atol=1e-10)
+    assert np.allclose(transform.normal(x, w), matrix.T @ (w[:, np.newaxis] * (matrix @ x)), atol=1e-9)
+    assert np.array_equal(transform.synthesis(np.asfortranarray(x)), transform.synthesis(x))
+    assert transform.synthesis(x[:, 0]).shape == (500,)
+
+
+def test_scipy_takes_the_linear_operator() -> None:
+    transform = sp.Transform(DIRECTIONS, 6)
+    x = np.random.default_rng(2).normal(size=49)
+    found = lsqr(transform.as_linear_operator(), transform.synthesis(x), atol=1e-14, btol=1e-14)[0]
+    assert np.allclose(found, x, atol=1e-9)
+
+
+def test_the_least_squares_of_a_masked_sky_is_numpys() -> None:
+    kept = DIRECTIONS[DIRECTIONS[:, 2] > -0.5 * np.linalg.norm(DIRECTIONS, axis=1)]
+    values = np.random.default_rng(3).normal(size=len(kept))
+    found, report = sp.solve(sp.Transform(kept, 6), values)
+    expected = np.linalg.lstsq(basis(kept, 6), values, rcond=None)[0]
+    assert np.allclose(found[:, 0], expected, atol=1e-8) and report["solver"]["optimality"] <= 1e-10
+    with pytest.raises(ValueError, match="max_degree"):
+        sp.solve(kept, values)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((4, 2)), np.zeros((0, 3)), np.full((4, 3), np.nan), np.zeros((4, 3)), None])
+def test_wrong_directions_are_refused(wrong: object) -> None:
+    with pytest.raises(ValueError):
+        sp.Transform(wrong, 3)  # type: ignore[arg-type]

@@ -1,0 +1,5 @@
+//! Leaves out most of OpenBLAS's kernels.
+
+fn main() {
+    spharm_link::leave_out_kernels();
+}
