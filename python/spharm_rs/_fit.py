@@ -30,7 +30,7 @@ def _settings(
     hold_out: float | None = None,
     method: str | None = None,
     store: Path | Store | None = None,
-    passes: int = 1,
+    passes: int | None = None,
     granularity: int = 100,
     start_degree: int = 0,
     accelerate: bool = False,
@@ -48,7 +48,7 @@ def _settings(
     return {
         "max_degree": _arrays.whole("max_degree", max_degree),
         "method": str(method or ("irf" if store is not None else "lsq")),
-        "passes": _arrays.whole("passes", passes, 1),
+        "passes": _arrays.whole("passes", (16 if accelerate else 1) if passes is None else passes, 1),
         "granularity": _arrays.whole("granularity", granularity, 1),
         "start_degree": _arrays.whole("start_degree", start_degree),
         "accelerate": bool(accelerate),
@@ -87,7 +87,7 @@ def fit(
     hold_out: float | None = None,
     method: str | None = None,
     store: Path | Store | None = None,
-    passes: int = 1,
+    passes: int | None = None,
     granularity: int = 100,
     start_degree: int = 0,
     accelerate: bool = False,
@@ -125,8 +125,14 @@ def fit(
         those of Shen and Chung (2006) over a store, ``irf`` the default with one.
     store : str, os.PathLike or Store, optional
         Basis store.
-    passes, granularity, start_degree, accelerate
-        Of the methods over a store.
+    passes : int, optional
+        Passes over the store, of ``irf`` and ``mirf``; by default 1, and at most 16 with ``accelerate``.
+    granularity : int
+        Basis functions that ``irf`` solves together.
+    start_degree : int
+        Last degree of the first block of ``sirf`` and ``mirf``.
+    accelerate : bool
+        Conjugate gradients over pairs of passes, of ``irf`` and ``mirf``.
     tolerance : float
         Optimality to reach: the gradient relative to that of no fit.
     max_iterations : int

@@ -21,7 +21,7 @@ class Model:
     Parameters
     ----------
     coefficients : array_like of float, (K, c)
-        Row ``l**2 + l + m`` is degree l and order m, orthonormal and without the Condon-Shortley phase; sin(|m| phi) for
+        Row ``l**2 + l + m`` is degree l and order m, orthonormal and without the Condon-Shortley phase; sin(abs(m) phi) for
         negative m.
     sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3), optional
         The sampling that it belongs to.
@@ -41,7 +41,9 @@ class Model:
     """
 
     _inner: _core.Model
+    #: What the fit found: distances, iterations, warnings; empty for a model that wasn't fitted in this process.
     report: dict[str, Any]
+    #: Standard error of each coefficient, (K, c), where they were asked for.
     standard_errors: Floats | None
 
     def __init__(self, coefficients: ArrayLike, *, sphere: Any = None, surface: bool | None = None) -> None:

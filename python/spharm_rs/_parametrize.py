@@ -38,7 +38,7 @@ class Parametrization:
 
     @property
     def quality(self) -> dict[str, Any]:
-        """Distortion of areas, angles and lengths; see `report`."""
+        """Distortion of areas, angles and lengths; see ``report``."""
         found: dict[str, Any] = self.report["quality"]
         return found
 

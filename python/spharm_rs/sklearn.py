@@ -23,7 +23,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     ----------
     max_degree : int
         Highest degree L; a row has ``3 (L + 1)**2`` coefficients.
-    sphere : Surface or what `as_surface` takes, or str
+    sphere : Surface or what `spharm_rs.as_surface` takes, or str
         The sphere of all surfaces: their vertices, in their order; or ``icosphere:N``.
     smoothness : float or "auto", optional
         As of `spharm_rs.fit`.

@@ -1,0 +1,7 @@
+"""A body with arms, mapped to the sphere by conformal."""
+
+from shapes import body, draw_map
+
+import spharm_rs as sp
+
+draw_map(sp.parametrize(body(), method="conformal"), "conformal")

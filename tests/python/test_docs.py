@@ -1,0 +1,118 @@
+"""The documentation: its snippets and commands run, and its references are complete."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import re
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spharm_rs as sp
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("algorithms/*.md"), *DOCS.glob("reference/*.md")])
+EXAMPLES = sorted((ROOT / "examples" / "python").glob("[0-9]_*.py"))
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    """Fenced blocks of a page; of an example the code blocks of its text, which don't run while the site is built."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        return re.findall(rf"^```{language}\n(.*?)^```", text, re.M | re.S)
+    found = re.findall(rf"^# \.\. code-block:: {language}\n#\n((?:#    .*\n)+)", text, re.M)
+    return [re.sub(r"^#    ", "", block, flags=re.M) for block in found]
+
+
+def of(language: str) -> pytest.MarkDecorator:
+    pages = [page for page in [*PAGES, *EXAMPLES] if blocks(page, language)]
+    return pytest.mark.parametrize("page", pages, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def write_nifti(path: Path, labels: np.ndarray) -> None:
+    """NIfTI-1 of 32-bit labels in voxels of 1 mm."""
+    header = bytearray(352)
+    struct.pack_into("<i", header, 0, 348)
+    struct.pack_into("<8h", header, 40, 3, *labels.shape, 1, 1, 1, 1)
+    struct.pack_into("<2h", header, 70, 8, 32)
+    struct.pack_into("<8f", header, 76, 1, 1, 1, 1, 1, 1, 1, 1)
+    struct.pack_into("<f", header, 108, 352)
+    struct.pack_into("<h", header, 254, 1)
+    struct.pack_into("<12f", header, 280, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
+    header[344:348] = b"n+1\0"
+    path.write_bytes(gzip.compress(bytes(header) + np.asarray(labels, "<i4").tobytes(order="F")))
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder, the current one, with the files that pages take for granted."""
+    surface, sphere = sp.example_surface(4)
+    for folder in (tmp_path, tmp_path / "subjects" / "sub-01" / "surf", tmp_path / "sub-01" / "surf"):
+        folder.mkdir(parents=True, exist_ok=True)
+        surface.save(folder / "lh.pial")
+        sphere.save(folder / "lh.sphere.reg")
+        sp.write_signal(folder / "lh.thickness", 2 + 0.1 * sphere.vertices[:, 0])
+    sphere.save(tmp_path / "lh.sphere.surf.gii")
+    surface.save(tmp_path / "s01.ply")
+    for subject in range(3):
+        sp.example_surface(4, subject)[0].save(tmp_path / f"subject{subject}.surf.gii")
+    (tmp_path / "subjects.txt").write_text("".join(f"subject{subject}.surf.gii\n" for subject in range(3)))
+    sp.fit(surface, sphere, 8).save(tmp_path / "lh.spharm.npz")
+    labels = np.zeros((24, 24, 24), int)
+    labels[2:9, 3:10, 3:8] = 1
+    labels[10:20, 12:20, 9:18] = 2
+    write_nifti(tmp_path / "cells.nii.gz", labels)
+    write_nifti(tmp_path / "hippocampus.nii.gz", np.where(labels == 2, 17, labels))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@of("python")
+def test_the_snippets_of_a_page_run(page: Path, study: Path) -> None:
+    names: dict[str, Any] = {"sp": sp} if page in EXAMPLES else {}
+    for at, block in enumerate(blocks(page, "python")):
+        exec(compile(block, f"{page.name}, snippet {at + 1}", "exec"), names)
+
+
+@of("sh")
+def test_the_commands_of_a_page_run(page: Path, study: Path) -> None:
+    program = study / "bin" / "spharm"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m spharm_rs "$@"\n')
+    program.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}", "ID": "sub-01"}
+    environment.pop("SPHARM_STORE", None)
+    for block in blocks(page, "sh"):
+        # The study's surfaces are small.
+        commands = re.sub(r"(--max-degree|--factor) ([2-9]\d|\d{3,})\b", r"\1 20", block)
+        done = subprocess.run(["bash", "-euo", "pipefail", "-c", commands], env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, f"{commands}\n{done.stderr}"
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    reference = (DOCS / "reference" / "python.rst").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^   ([\w.]+)$", reference, re.M))
+    modules = {"__version__", "convert", "errors"}
+    assert set(sp.__all__) - modules <= listed
+    assert {f"convert.{name}" for name in sp.convert.__all__} <= listed
+    assert {name for name in sp.errors.__all__} <= listed
+
+
+def test_every_option_that_a_page_names_exists() -> None:
+    def help_of(*verb: str) -> str:
+        command = [sys.executable, "-m", "spharm_rs", *verb, "--help"]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+    verbs = re.findall(r"^  ([a-z-]+)  ", help_of(), re.M)
+    known = set(re.findall(r"--[a-z][a-z-]*", "".join(help_of(verb) for verb in verbs if verb != "help")))
+    others = {"--locked", "--path", "--open", "--config-settings", "--no-default-features", "--no-verify"}
+    for page in [*DOCS.glob("algorithms/*.md"), DOCS / "index.md", DOCS / "install.md", DOCS / "conventions.md"]:
+        named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", page.read_text(encoding="utf-8")))
+        assert named <= known | others, page
