@@ -50,39 +50,48 @@ debian() {
 }
 deb_version=3.8.0
 
-# Fits an example with what is installed in $1, a command that runs programs there.
+# Fits an example with the program of a system or folder; the arguments are a command that runs others there.
 try() {
-  local run=("$@") folder
-  folder=$(mktemp -d)
-  "${run[@]}" spharm generate --subdivisions 4 --surface "$folder/s.ply" --sphere "$folder/sphere.ply" -q
-  "${run[@]}" spharm fit --surface "$folder/s.ply" --max-degree 10 -o "$folder/s.spharm.npz" -q
-  "${run[@]}" spharm reconstruct --model "$folder/s.spharm.npz" -o "$folder/r.ply" -q
-  [ -s "$folder/r.ply" ]
-  rm -r "$folder"
+  "$@" sh -euc 'cd "$(mktemp -d)"; spharm generate --subdivisions 4 --surface s.ply -q
+    spharm fit --surface s.ply --max-degree 10 -o s.spharm.npz; spharm reconstruct --model s.spharm.npz -o r.ply; test -s r.ply'
 }
 
-# Each package where there is no compiler: `env -i` with a folder of programs that has none.
-try_all() {
-  local venv=target/stage/venv bare=target/stage/bare
+# The program in a Debian without anything else, or, where such a system can't be made, with no other environment.
+try_program() {
+  local system=target/stage/system bare=target/stage/bare
+  if [ "$(id -u)" = 0 ] && command -v debootstrap >/dev/null; then
+    [ -f "$system/etc/debian_version" ] || debootstrap --variant=minbase bookworm "$system" >target/stage/debootstrap.log
+    say "the tarball, in a Debian without a compiler"
+    rm -rf "$system/opt"; mkdir "$system/opt"; tar -C "$system/opt" -xzf "$out/$name.tar.gz"
+    try chroot "$system" env -i PATH="/opt/$name/bin:/usr/bin:/bin"
+    say "the Debian package, there"
+    cp "$out"/*.deb "$system/opt/"
+    chroot "$system" sh -c 'dpkg -i /opt/*.deb && dpkg -s spharm | grep -E "^(Version|Depends|Installed-Size)"'
+    try chroot "$system" env -i PATH=/usr/bin:/bin
+  else
+    say "the tarball and the Debian package (debootstrap and root would try them in a system of their own)"
+    rm -rf "$bare"; mkdir -p "$bare"; tar -C "$bare" -xzf "$out/$name.tar.gz"
+    try env -i PATH="$PWD/$bare/$name/bin:/usr/bin:/bin"
+    dpkg-deb -x "$out"/*.deb "$bare/deb"
+    try env -i PATH="$PWD/$bare/deb/usr/bin:/usr/bin:/bin"
+  fi
+}
+
+# What has to hold of the wheel, and a fit with it in a new environment; then the same with the source distribution.
+try_python() {
+  local venv=target/stage/venv exported
   say "the wheel, in a new environment"
-  rm -rf "$venv"; python3 -m venv "$venv"
-  "$venv/bin/pip" install -q "$out"/*.whl auditwheel pyelftools
+  rm -rf "$venv"; python3 -m venv "$venv"; "$venv/bin/pip" install -q "$out"/*.whl auditwheel
   "$venv/bin/auditwheel" show "$out"/*.whl | grep -m1 -o 'manylinux_[0-9_]*_[a-z0-9_]*'
   exported=$(nm -D --defined-only "$venv"/lib/python*/site-packages/spharm_rs/_core*.so | awk '{print $NF}')
   [ "$exported" = PyInit__core ] || { echo "error: the module exports $exported" >&2; exit 1; }
-  try env -i PATH="$PWD/$venv/bin"
   env -i "$venv/bin/python" -c 'import spharm_rs as sp; print(sp.fit(sp.example_surface(4)[0], max_degree=10))'
-  say "the tarball"
-  rm -rf "$bare"; mkdir -p "$bare"; tar -C "$bare" -xzf "$out/$name.tar.gz"
-  try env -i PATH="$PWD/$bare/$name/bin"
-  say "the Debian package"
-  dpkg-deb --info "$out"/*.deb | grep -E '^ (Package|Version|Depends|Installed-Size)'
-  rm -rf "$bare/deb"; dpkg-deb -x "$out"/*.deb "$bare/deb"
-  try env -i PATH="$PWD/$bare/deb/usr/bin"
-  say "libraries that the program needs"
-  ldd "$bare/deb/usr/bin/spharm" | awk '{print $1}' | tr '\n' ' '; echo
+  try env -i PATH="$PWD/$venv/bin:/usr/bin:/bin"
+  say "the source distribution, in a new environment and without this checkout"
+  rm -rf "$venv"; python3 -m venv "$venv"; "$venv/bin/pip" install -q "$out"/spharm_rs-*.tar.gz
+  env -i "$venv/bin/python" -c 'import spharm_rs as sp; print(sp.fit(sp.example_surface(4)[0], max_degree=10))'
 }
 
 mkdir -p "$out"
-wheel; tarball; debian; try_all
+wheel; tarball; debian; try_program; try_python
 say "packages"; (cd "$out" && sha256sum ./*.whl ./*.tar.gz ./*.deb | tee SHA256SUMS && ls -l)

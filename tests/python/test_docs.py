@@ -112,7 +112,9 @@ def test_every_option_that_a_page_names_exists() -> None:
 
     verbs = re.findall(r"^  ([a-z-]+)  ", help_of(), re.M)
     known = set(re.findall(r"--[a-z][a-z-]*", "".join(help_of(verb) for verb in verbs if verb != "help")))
-    others = {"--locked", "--path", "--open", "--config-settings", "--no-default-features", "--no-verify"}
+    # Of cargo, pip and Apple's tools.
+    others = {"--locked", "--path", "--git", "--features", "--no-default-features", "--open", "--install",
+              "--config-settings", "--no-verify"}  # fmt: skip
     for page in [*DOCS.glob("algorithms/*.md"), DOCS / "index.md", DOCS / "install.md", DOCS / "conventions.md"]:
         named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", page.read_text(encoding="utf-8")))
         assert named <= known | others, page

@@ -77,7 +77,7 @@ def test_many_are_fitted_as_each(study: Study) -> None:
 def test_what_may_be_wrong_is_warned_of(study: Study) -> None:
     surface, sphere = study
     few = sp.example_surface(1)
-    with pytest.warns(sp.NotDetermined):
+    with pytest.warns(sp.Oscillation), pytest.warns(sp.NotDetermined):
         model = sp.fit(*few, 10, smoothness=0)
     assert model.report["warnings"]
     with pytest.warns(sp.NotConverged):

@@ -39,9 +39,13 @@ const SERVED_BY: [(&str, &[&str]); 3] = [
     ("SKYLAKEX", &["COOPERLAKE"]),
 ];
 
+/// Is set where the linker is zig's.
+const ZIG: &str = "CARGO_ZIGBUILD_TARGET";
+
 /// Tells Cargo how to link the package whose build script calls this, where the feature `openblas-system` is on.
 pub fn leave_out_kernels() {
     println!("cargo::rerun-if-env-changed=CARGO_ENCODED_RUSTFLAGS");
+    println!("cargo::rerun-if-env-changed={ZIG}");
     let linux = env::var("CARGO_CFG_TARGET_OS").is_ok_and(|os| os == "linux");
     let x86_64 = env::var("CARGO_CFG_TARGET_ARCH").is_ok_and(|arch| arch == "x86_64");
     if !(linux && x86_64 && env::var_os("CARGO_FEATURE_OPENBLAS_SYSTEM").is_some()) {
@@ -53,13 +57,18 @@ pub fn leave_out_kernels() {
         let table = format!("\0gotoblas_{processor}\0");
         library.windows(table.len()).any(|bytes| bytes == table.as_bytes())
     };
-    if SERVED_BY.iter().all(|(by, _)| has(by)) {
-        for (by, left_out) in SERVED_BY {
-            left_out
-                .iter()
-                .for_each(|table| println!("cargo::rustc-link-arg=-Wl,--defsym=gotoblas_{table}=gotoblas_{by}"));
-        }
+    if !SERVED_BY.iter().all(|(by, _)| has(by)) {
+        return;
     }
+    let names = SERVED_BY.iter().flat_map(|(by, left_out)| left_out.iter().map(move |table| (table, by)));
+    let script: String = names.map(|(table, by)| format!("gotoblas_{table} = gotoblas_{by};\n")).collect();
+    let path = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default()).join("kernels.ld");
+    if fs::write(&path, script).is_err() {
+        return;
+    }
+    // A text file among the objects is more of the linker's script, but zig wants to be told.
+    let option = if env::var_os(ZIG).is_some() { "-Wl,-T," } else { "" };
+    println!("cargo::rustc-link-arg={option}{}", path.display());
 }
 
 /// The static OpenBLAS in the folders that `.cargo/config.toml` names.
