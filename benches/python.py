@@ -125,11 +125,11 @@ def interrupts(rows, times):
             "fit": lambda: sp.fit(rough, rough, 80, tolerance=1e-14),
             "parametrize, 163,842 vertices": lambda: sp.parametrize(surface),
             "basis": lambda: sp.Store(Path(name) / str(next(number))).build(sphere, 60),
-            "factor": lambda: sp.Store(Path(name) / str(next(number))).factor(rough, 70),
+            "factor": lambda: sp.Store(Path(name) / str(next(number))).factor(rough, 80, memory="2GiB"),
             "surface distance": lambda: sp.compare(surface, sphere, surface_distance=True, samples=4_000_000),
         }
         for what, work in works.items():
-            found = [late(work, rng.uniform(0.1, 1.0)) for _ in range(times)]
+            found = [late(work, rng.uniform(0.1, 0.8)) for _ in range(times)]
             done = found.count(None)
             worst = max((x for x in found if x is not None), default=float("inf"))
             rows.bar(f"KeyboardInterrupt in {what}, worst of {times - done}", worst, 0.25, " s")

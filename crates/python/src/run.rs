@@ -6,9 +6,9 @@
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -18,6 +18,8 @@ use crate::errors::{Failure, exception};
 
 /// Time between two looks for signals.
 const WAKE: Duration = Duration::from_millis(20);
+/// Time that work has to stop before an exception goes on without it.
+const GRACE: Duration = Duration::from_millis(100);
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -103,8 +105,10 @@ impl Watch {
     }
 }
 
+type Outcome<T> = Result<T, Failure>;
+
 /// Runs work on a pool of so many threads. `progress(stage, done, total)` is called on the calling thread; an exception in it
-/// stops the work and is raised, and so does a signal's.
+/// stops the work and is raised, and so is a signal's, once the work has stopped.
 ///
 /// # Errors
 ///
@@ -113,41 +117,79 @@ pub(crate) fn run<T: Send>(
     py: Python<'_>,
     threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
-    work: impl FnOnce(&dyn Monitor) -> Result<T, Failure> + Send,
+    work: impl FnOnce(&dyn Monitor) -> Outcome<T> + Send,
 ) -> PyResult<T> {
     let (pool, watch) = (pool(threads)?, Watch::default());
     let (send, receive) = channel();
-    // A receiver can't be shared, and leaving the interpreter asks for it.
-    let receive = Mutex::new(receive);
     std::thread::scope(|scope| {
         let (pool, monitor) = (&pool, &watch);
-        scope.spawn(move || {
-            // A panic is a defect of the library; it must not end the interpreter.
-            let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(monitor))));
-            // The receiver outlives this thread.
-            let _ = send.send(result.unwrap_or(Err(Failure::Panic)));
-        });
-        let (mut stop, mut last) = (None, None);
-        loop {
-            let result = py.detach(|| match lock(&receive).recv_timeout(WAKE) {
-                Ok(result) => Some(result),
-                Err(RecvTimeoutError::Timeout) => None,
-                Err(RecvTimeoutError::Disconnected) => Some(Err(Failure::Panic)),
-            });
-            if let (None, Some(progress)) = (&stop, progress) {
-                let calls = watch.news(&mut last).into_iter();
-                stop = calls.map(|now| progress.call1((now.stage, now.done, now.total))).find_map(Result::err);
-            }
-            if let (None, None) = (&stop, &result) {
-                stop = py.check_signals().err();
-            }
-            if let Some(result) = result {
-                return match stop {
-                    Some(error) => Err(error),
-                    None => result.map_err(|failure| exception(py, failure)),
-                };
-            }
-            watch.cancel.store(stop.is_some(), Ordering::Relaxed);
-        }
+        // The receiver outlives this thread.
+        scope.spawn(move || drop(send.send(guarded(pool, monitor, work))));
+        wait(py, progress, &watch, receive, None)
     })
+}
+
+/// As [`run`], for work that owns its data: an exception doesn't wait for what can't be stopped at once, such as the disk.
+/// The work then comes to its end on its own, as it does where it is stopped.
+///
+/// # Errors
+///
+/// Those of [`run`].
+pub(crate) fn run_owned<T: Send + 'static>(
+    py: Python<'_>,
+    threads: Option<usize>,
+    progress: Option<&Bound<'_, PyAny>>,
+    work: impl FnOnce(&dyn Monitor) -> Outcome<T> + Send + 'static,
+) -> PyResult<T> {
+    let (pool, watch) = (pool(threads)?, Arc::new(Watch::default()));
+    let (send, receive) = channel();
+    let monitor = Arc::clone(&watch);
+    // Nobody may be left to receive.
+    std::thread::spawn(move || drop(send.send(guarded(&pool, &*monitor, work))));
+    wait(py, progress, &watch, receive, Some(GRACE))
+}
+
+/// A panic is a defect of the library; it must not end the interpreter.
+fn guarded<T: Send>(
+    pool: &rayon::ThreadPool,
+    monitor: &Watch,
+    work: impl FnOnce(&dyn Monitor) -> Outcome<T> + Send,
+) -> Outcome<T> {
+    catch_unwind(AssertUnwindSafe(|| pool.install(|| work(monitor)))).unwrap_or(Err(Failure::Panic))
+}
+
+/// Waits for the work, without the interpreter but for signals and progress; for no longer than `grace` once it is to stop.
+fn wait<T: Send>(
+    py: Python<'_>,
+    progress: Option<&Bound<'_, PyAny>>,
+    watch: &Watch,
+    receive: Receiver<Outcome<T>>,
+    grace: Option<Duration>,
+) -> PyResult<T> {
+    // A receiver can't be shared, and leaving the interpreter asks for it.
+    let receive = Mutex::new(receive);
+    let (mut stop, mut last): (Option<(PyErr, Instant)>, _) = (None, None);
+    loop {
+        let result = py.detach(|| match lock(&receive).recv_timeout(WAKE) {
+            Ok(result) => Some(result),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => Some(Err(Failure::Panic)),
+        });
+        let mut error = None;
+        if let (None, Some(progress)) = (&stop, progress) {
+            let calls = watch.news(&mut last).into_iter();
+            error = calls.map(|now| progress.call1((now.stage, now.done, now.total))).find_map(Result::err);
+        }
+        if let (None, None, None) = (&stop, &error, &result) {
+            error = py.check_signals().err();
+        }
+        stop = stop.or(error.map(|error| (error, Instant::now())));
+        match (result, stop) {
+            (Some(_), Some((error, _))) => return Err(error),
+            (Some(result), None) => return result.map_err(|failure| exception(py, failure)),
+            (None, Some((error, since))) if grace.is_some_and(|grace| since.elapsed() >= grace) => return Err(error),
+            (None, pending) => stop = pending,
+        }
+        watch.cancel.store(stop.is_some(), Ordering::Relaxed);
+    }
 }

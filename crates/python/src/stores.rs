@@ -9,7 +9,7 @@ use spharm::factor::{FactorSettings, PlannedFactor};
 use spharm::store::{BuildParams, Scalar, build, catalog};
 
 use crate::arrays::{Faces, Positions, SphereArrays};
-use crate::run::run;
+use crate::run::{run, run_owned};
 
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(store_build, module)?)?;
@@ -45,7 +45,7 @@ fn store_build<'py>(
 ) -> PyResult<String> {
     let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?;
     let params = BuildParams { max_degree, scalar: scalar(dtype)?, memory, allow_large, ..BuildParams::default() };
-    let report = run(py, threads, progress.as_ref(), move |monitor| {
+    let report = run_owned(py, threads, progress.as_ref(), move |monitor| {
         // The calling pool's threads.
         let params = BuildParams { threads: rayon::current_num_threads(), ..params };
         let sphere = sphere.check()?;
@@ -83,7 +83,7 @@ fn store_factor<'py>(
     }
     let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?;
     let (scalar, basis_scalar) = (scalar(dtype)?, scalar(basis_dtype)?);
-    let report = run(py, threads, progress.as_ref(), move |monitor| {
+    let report = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let threads = rayon::current_num_threads();
         let sphere = sphere.check()?;
         let settings = FactorSettings { max_degree, basis_scalar, scalar, smoothness, memory, threads, allow_large };
@@ -121,7 +121,7 @@ fn store_verify(
     threads: Option<usize>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<Vec<String>> {
-    run(py, threads, progress.as_ref(), move |monitor| {
+    run_owned(py, threads, progress.as_ref(), move |monitor| {
         let keys = catalog::schemes(&store)?;
         let found = catalog::verify(&store, &keys, monitor)?;
         Ok(found.damaged.iter().map(ToString::to_string).collect())

@@ -23,7 +23,7 @@ use spharm::{Mesh, Signal, Sphere};
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, mesh, mesh_arrays, positions};
 use crate::errors::Failure;
-use crate::run::run;
+use crate::run::{run, run_owned};
 
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(read_surface, module)?)?;
@@ -155,7 +155,7 @@ fn parametrize<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (mesh, method) = (mesh("surface", &vertices, &faces)?, self::method(method, degree, area, seed)?);
-    let found = run(py, threads, progress.as_ref(), move |monitor| Ok(method.run(&mesh, monitor)?))?;
+    let found = run_owned(py, threads, progress.as_ref(), move |monitor| Ok(method.run(&mesh, monitor)?))?;
     Ok(mapped(py, found))
 }
 
@@ -207,7 +207,7 @@ fn parametrize_volume<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (read, method) = (volume.reader()?, self::method(method, degree, area, seed)?);
-    let (found, repair) = run(py, threads, progress.as_ref(), move |monitor| {
+    let (found, repair) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let surface = read(monitor)?.surface(&VolumeParams { label, fix }, monitor)?;
         let repair = surface.repair.as_ref().map(ToString::to_string);
         Ok((method.run(&surface.quads, monitor)?, repair))
@@ -240,7 +240,7 @@ fn resample<'py>(
     let surface = mesh("surface", &vertices, &faces)?;
     let sphere = Mesh::new(crate::arrays::rows("sphere", sphere.as_array())?, surface.faces.clone());
     let shared = mesh("sphere to resample to", &shared, &shared_faces)?;
-    let found = run(py, threads, progress.as_ref(), move |monitor| {
+    let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
         corresponding(&surface, &sphere)?;
         Ok(resample_mesh(&surface, &sphere, &shared, monitor)?)
     })?;
@@ -300,7 +300,7 @@ fn surface_distance<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(String, Bound<'py, PyArray1<f64>>)> {
     let (first, second) = (mesh("surface", &vertices, &faces)?, mesh("other surface", &others, &other_faces)?);
-    let (found, each) = run(py, threads, progress.as_ref(), move |monitor| {
+    let (found, each) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let found = between_surfaces(&first, &second, &SurfaceDistanceParams { samples }, monitor)?;
         Ok((found, distances_to_surface(&first, &second.vertices, monitor)?))
     })?;
