@@ -92,5 +92,9 @@ def compare(
     if between is not None and each is not None and not corresponding:
         nan = float("nan")
         return Distances(nan, nan, nan, nan, between["scale"], each, between)
+    if not corresponding and between is None:
+        raise ValueError(
+            f"other: {second!r} doesn't have the triangles of {first!r}; surface_distance=True compares any surfaces"
+        )
     (msd, xsd, msd_raw, xsd_raw, scale), _, by_vertex = _core.compare(*arrays)
     return Distances(msd, xsd, msd_raw**0.5, xsd_raw**0.5, scale, by_vertex if each is None else each, between)

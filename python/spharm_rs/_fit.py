@@ -16,7 +16,7 @@ from ._model import Model, sphere_arrays
 from ._parametrize import Parametrization
 from ._progress import Progress, callback
 from ._store import Store
-from ._surface import Path, as_surface
+from ._surface import Path, as_surface, named_icosphere
 from ._transform import Transform
 
 
@@ -138,7 +138,7 @@ def fit(
     max_iterations : int
     preconditioner : {"auto", "none", "density", "low-degrees", "factor"}
     strict : bool
-        Raise where the tolerance isn't met.
+        Raise where the tolerance isn't met, or the sphere may not be one.
     dtype : {"f64", "f32"}, optional
         Scalar type of the store's basis.
     memory : int or str, optional
@@ -187,7 +187,11 @@ def fit(
     else:
         mesh = as_surface(surface)
         values, triangles, is_surface = mesh.vertices, mesh.faces, True
-    directions, faces, parametrized = sphere_arrays(sphere)
+    if isinstance(sphere, (int, float, np.number)):
+        raise ValueError(f"sphere: expected a sphere, found {sphere!r}; the degree is max_degree={sphere!r}")
+    directions, faces, parametrized = sphere_arrays(named_icosphere(sphere))
+    if directions is not None and len(directions) != len(values):
+        raise errors.MeshError(f"surface: {len(values)} vertices, the sphere has {len(directions)}; they must correspond")
     if directions is not None and faces is None and triangles is not None:
         faces = triangles
     settings = _settings(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core, convert
 from ._arrays import Floats
 from ._parametrize import Parametrization
-from ._surface import Path, Surface, as_surface, icosphere
+from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 
 
 class Model:
@@ -141,7 +141,7 @@ class Model:
         Parameters
         ----------
         at : int, Surface or what `as_surface` takes, optional
-            Level of an icosphere, or a sphere; by default the sphere it was fitted over.
+            Level of an icosphere, ``icosphere:N``, or a sphere; by default the sphere it was fitted over.
         degree : int, optional
             Highest degree to sum; by default all.
         threads : int, optional
@@ -150,7 +150,7 @@ class Model:
         -------
         Surface
         """
-        sphere = icosphere(int(at)) if isinstance(at, (int, np.integer)) and not isinstance(at, bool) else at
+        sphere = icosphere(int(at)) if isinstance(at, (int, np.integer)) and not isinstance(at, bool) else named_icosphere(at)
         vertices, faces, _ = sphere_arrays(sphere)
         return Surface(*self._inner.surface(vertices, faces, self._degree(degree), threads=threads))
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._progress import Progress, callback
-from ._surface import Path, Surface, as_surface, icosphere
+from ._surface import Path, Surface, as_surface, named_icosphere
 from .errors import SpharmWarning
 
 
@@ -222,13 +222,7 @@ def resample(
     """
     mesh = as_surface(surface)
     unit = _arrays.positions("sphere", sphere) if isinstance(sphere, np.ndarray) else as_surface(sphere).vertices
-    if isinstance(onto, str) and onto.startswith("icosphere:"):
-        number = onto.removeprefix("icosphere:")
-        if not number.isdecimal():
-            raise ValueError(f"onto: expected icosphere:N, found {onto}")
-        shared = icosphere(int(number))
-    else:
-        shared = as_surface(onto)
+    shared = as_surface(named_icosphere(onto))
     threads = None if threads is None else _arrays.whole("threads", threads, 1)
     return _made(
         _core.resample(

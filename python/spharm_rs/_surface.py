@@ -101,6 +101,16 @@ def as_surface(mesh: Any) -> Surface:
     raise ValueError(f"surface: expected {kinds}, found {type(mesh).__name__}")
 
 
+def named_icosphere(sphere: Any) -> Any:
+    """Returns the icosphere that ``icosphere:N`` names, and anything else as it is."""
+    if not (isinstance(sphere, str) and sphere.startswith("icosphere:")):
+        return sphere
+    number = sphere.removeprefix("icosphere:")
+    if not number.isdecimal():
+        raise ValueError(f"sphere: expected icosphere:N, found {sphere}")
+    return icosphere(int(number))
+
+
 def read_surface(path: Path) -> Surface:
     """Reads a surface: GIfTI, FreeSurfer, OBJ, PLY, OFF, STL, VTK, also gzipped.
 
@@ -182,7 +192,7 @@ def icosphere(level: int) -> Surface:
     Parameters
     ----------
     level : int
-        From 0 to 10; there are 10 * 4**level + 2 vertices.
+        From 0 to 12; there are 10 * 4**level + 2 vertices.
 
     Returns
     -------

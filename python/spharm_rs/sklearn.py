@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ._arrays import Floats
 from ._fit import fit_many
-from ._surface import as_surface, icosphere
+from ._surface import as_surface, named_icosphere
 from ._transform import Transform
 
 
@@ -58,9 +58,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         self.threads = threads
 
     def _sphere(self) -> Any:
-        if isinstance(self.sphere, str) and self.sphere.startswith("icosphere:"):
-            return icosphere(int(self.sphere.removeprefix("icosphere:")))
-        return as_surface(self.sphere)
+        return as_surface(named_icosphere(self.sphere))
 
     def fit(self, X: ArrayLike, y: Any = None) -> SpharmTransformer:
         """Takes note of the sphere; nothing is learnt from the surfaces.

@@ -150,3 +150,23 @@ def test_scikit_learn_takes_the_transformer(study: Study) -> None:
     assert np.allclose(again, rows, atol=1e-8)
     pipeline = make_pipeline(SpharmTransformer(6, sphere="icosphere:3"), PCA(3)).fit(X)
     assert pipeline.inverse_transform(pipeline.transform(X)).shape == X.shape
+
+
+def test_what_can_be_refused_is_refused_before_the_map(study: Study) -> None:
+    surface, sphere = study
+    stages: list[str] = []
+    with pytest.raises(ValueError, match="degree 2001 is above 2000"):
+        sp.fit(surface, max_degree=2001, progress=lambda stage, done, total: stages.append(stage))
+    assert stages == []
+    with pytest.raises(ValueError, match="max_degree=10"):
+        sp.fit(surface, 10)
+    with pytest.raises(sp.MeshError, match="2561 vertices, the sphere has 2562"):
+        sp.fit(surface.vertices[:-1], sphere, 10)
+
+
+def test_a_sphere_that_may_be_none_is_warned_of(study: Study) -> None:
+    surface = study[0]
+    with pytest.warns(sp.SpharmWarning, match="is it a sphere centred at the origin"):
+        sp.fit(surface, surface, 5)
+    with pytest.raises(ValueError, match="is it a sphere"):
+        sp.fit(surface, surface, 5, strict=True)

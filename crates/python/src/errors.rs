@@ -64,11 +64,15 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
         Kind::Interrupted => PyKeyboardInterrupt::new_err(()),
         // With these three arguments it becomes FileNotFoundError and the like.
         Kind::Os { path, cause } => match cause.raw_os_error() {
-            Some(code) => PyOSError::new_err((code, cause.to_string(), path.to_string_lossy().into_owned())),
+            Some(code) => {
+                let text = cause.to_string();
+                let text = text.split(" (os error").next().unwrap_or_default().to_owned();
+                PyOSError::new_err((code, text, path.to_string_lossy().into_owned()))
+            }
             None => PyOSError::new_err(text),
         },
         Kind::Exists(path) => {
-            let exists = io::Error::from(io::ErrorKind::AlreadyExists).to_string();
+            let exists = "File exists; overwrite=True replaces it";
             PyOSError::new_err((17, exists, path.to_string_lossy().into_owned()))
         }
     }

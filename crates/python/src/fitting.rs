@@ -140,11 +140,12 @@ pub(crate) fn fit<'py>(
             Given::Sphere(sphere) => {
                 let sphere = sphere.check()?;
                 let target = target(view, triangles.as_deref(), surface, &sphere)?;
+                refuse_doubtful(&sphere, &params)?;
                 (sphere, target, None)
             }
             Given::Bare(mesh) => {
-                let params = CaldParams::for_degree(params.max_degree);
-                let found = parametrize_with(&mesh, &params, monitor)?;
+                spharm::check_memory(&mesh, &params)?;
+                let found = parametrize_with(&mesh, &CaldParams::for_degree(params.max_degree), monitor)?;
                 let target = Target::from_mesh(&mesh, &found.sphere)?;
                 (found.sphere, target, Some(found.map.report))
             }
@@ -182,11 +183,20 @@ pub(crate) fn fit_many<'py>(
     let views: Vec<ArrayView2<'_, f64>> = values.iter().map(|values| values.as_array()).collect();
     let (sphere, fits, report) = run(py, settings.threads, progress.as_ref(), |monitor: &dyn Monitor| {
         let sphere = sphere.check()?;
+        refuse_doubtful(&sphere, &params)?;
         let read = |number: usize| target(views[number], None, surface, &sphere);
         let (fits, report) = spharm::fit_many(&sphere, views.len(), &read, &params, &|_, fit| Ok(fit), monitor)?;
         Ok((sphere, fits, report))
     })?;
     Ok(fits.into_iter().map(|fit| fitted(py, sphere.clone(), fit, &report, None, surface)).collect())
+}
+
+/// With strict settings, refuses a sphere that may not be one.
+fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(), Failure> {
+    match sphere.warnings.first().filter(|_| params.strict) {
+        Some(warning) => Err(Failure::Argument(format!("the sphere: {warning}"))),
+        None => Ok(()),
+    }
 }
 
 /// Returns what is to be fitted. A surface has the sphere's triangles unless it has its own.
@@ -229,7 +239,9 @@ fn fitted<'py>(
             report.insert("solver".to_owned(), json!(solver));
         }
     }
-    let warnings = fit.report.warnings.iter().map(|warning| (category(warning), warning.to_string())).collect();
+    let doubts = sphere.warnings.iter().map(|warning| ("SpharmWarning", format!("the sphere: {warning}")));
+    let warnings = fit.report.warnings.iter().map(|warning| (category(warning), warning.to_string()));
+    let warnings = doubts.chain(warnings).collect();
     let errors = fit.standard_errors.clone().map(|errors| errors.into_pyarray(py));
     let kind = if surface { Kind::Surface } else { Kind::Signal };
     (Model { inner: Inner::new(sphere, fit, kind) }, errors, report.to_string(), warnings)

@@ -145,7 +145,7 @@ pub(crate) fn run_owned<T: Send + 'static>(
     let (send, receive) = channel();
     let monitor = Arc::clone(&watch);
     // Nobody may be left to receive.
-    std::thread::spawn(move || drop(send.send(guarded(&pool, &*monitor, work))));
+    std::thread::spawn(move || drop(send.send(guarded(&pool, &monitor, work))));
     wait(py, progress, &watch, receive, Some(GRACE))
 }
 

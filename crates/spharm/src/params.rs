@@ -319,8 +319,8 @@ impl FitParams {
         if self.max_degree > MAX_DEGREE {
             return Err(Error::Degree { found: self.max_degree, most: MAX_DEGREE });
         }
-        if self.hold_out.is_some_and(|fraction| !(fraction > 0.0 && fraction < 1.0)) {
-            return refuse("hold_out", "a fraction between 0 and 1", format!("{:?}", self.hold_out));
+        if let Some(fraction) = self.hold_out.filter(|&fraction| !(fraction > 0.0 && fraction < 1.0)) {
+            return refuse("hold_out", "a fraction between 0 and 1", fraction.to_string());
         }
         if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
             return refuse("tolerance", "a number between 0 and 1", self.tolerance.to_string());

@@ -105,14 +105,16 @@ pub(crate) fn transform(max_degree: usize, channels: usize) -> TransformParams {
     TransformParams { max_degree, accuracy: defaults::TRANSFORM_ACCURACY, channels }
 }
 
-/// Checks that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is made.
+/// Checks the settings, and that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is
+/// made.
 ///
 /// The plan of a fit over a store depends on the store, so those methods are checked when the fit starts.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the least that works.
+/// Those of settings, such as [`Error::Degree`]; [`Error::Memory`] with the least that works.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
+    params.check()?;
     let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
     let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3 };
     match params.method {
