@@ -26,12 +26,9 @@ fn a_bare_mesh_is_mapped_fitted_and_its_sphere_kept() {
     assert!(Quality::of(&surface, &sphere).is_bijective());
     let found = &report["surfaces"][0];
     assert_eq!(found["parametrization"]["quality"]["flipped"], 0);
-    // The same sphere and smoothness, given, lead to the same distances.
-    let smoothness = report["batches"][0]["smoothness"].as_f64().expect("a number");
-    assert!(smoothness > 0.0);
+    // The same sphere, given, leads to the same distances.
     let mut given = fit();
-    given.arg("--sphere").arg(out.join("bare.sphere.surf.gii")).args(["--smoothness", &smoothness.to_string()]);
-    given.arg("--force");
+    given.arg("--sphere").arg(out.join("bare.sphere.surf.gii")).arg("--force");
     let given: Value = serde_json::from_str(&succeed(&mut given)).expect("JSON");
     let msd = |surface: &Value| surface["passes"][0]["msd"].as_f64().expect("an msd");
     assert!((msd(found) / msd(&given["surfaces"][0]) - 1.0).abs() < 1e-9);
@@ -63,17 +60,20 @@ fn a_model_of_a_bare_mesh_is_held_between_its_vertices() {
     write_mesh(&input, &uneven(), &WriteOptions { double: true, ..WriteOptions::default() }).expect("a mesh");
     let with = |options: &[&str]| -> (f64, f64) {
         let mut fit = tool("fit");
-        fit.arg("--surface").arg(&input).args(["--max-degree", "24", "--json", "--force", "-o"]);
-        fit.arg(folder.path().join("m.npz")).args(options);
+        fit.arg("--surface").arg(&input).args(["--max-degree", "24", "--json", "--force"]).args(options).arg("-o");
+        fit.arg(folder.path().join("m.npz"));
         let report: Value = serde_json::from_str(&succeed(&mut fit)).expect("JSON");
         let found = &report["surfaces"][0];
         let msd = |distances: &Value| distances["msd_raw"].as_f64().expect("a number");
         (msd(&found["passes"][0]), msd(&found["between"]))
     };
-    let (at, between) = with(&["--smoothness", "0"]);
-    let (held_at, held_between) = with(&[]);
+    let (at, between) = with(&["--target", "vertices", "--smoothness", "0"]);
+    let (held_at, held_between) = with(&["--target", "vertices"]);
     assert!(held_at < 1.5 * at, "{held_at:e} {at:e}");
     assert!(held_between < 0.1 * between, "{held_between:e} {between:e}");
+    // As a surface it is as near between the vertices as at them.
+    let (surface_at, surface_between) = with(&[]);
+    assert!(surface_between < 0.5 * held_between && surface_between < 2.0 * surface_at, "{surface_between:e}");
 }
 
 #[test]
@@ -84,7 +84,16 @@ fn a_wild_model_is_warned_of_and_a_smooth_one_on_large_triangles_is_not() {
         let input = folder.path().join("surface.ply");
         write_mesh(&input, surface, &WriteOptions { overwrite: true, ..options }).expect("a mesh");
         let mut fit = tool("fit");
-        fit.arg("--surface").arg(&input).args(["--max-degree", degree, "--smoothness", "0", "--force", "-o"]);
+        fit.arg("--surface").arg(&input).args([
+            "--max-degree",
+            degree,
+            "--target",
+            "vertices",
+            "--smoothness",
+            "0",
+            "--force",
+            "-o",
+        ]);
         fit.arg(folder.path().join("m.npz"));
         if let Some(sphere) = sphere {
             let path = folder.path().join("sphere.ply");

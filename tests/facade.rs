@@ -28,7 +28,9 @@ fn a_bare_mesh_has_the_bits_of_the_program() {
     let sphere = parametrize(&surface, &CaldParams::for_degree(15)).expect("a map").sphere;
     let found = fit(&sphere, &surface, &FitParams { threads: threads(), ..FitParams::lsq(15) }).expect("a fit");
     assert_eq!(found.coefficients, expected.coefficients);
-    assert!(found.report.smoothness > 0.0 && found.report.off_vertex > 0.0);
+    assert!(found.report.smoothness == 0.0 && found.report.off_vertex > 0.0);
+    let distance = found.report.surface_distance.expect("a surface was fitted");
+    assert!(0.0 < distance.rms && distance.rms < distance.percentile95 && distance.percentile95 < distance.hausdorff);
     // The models differ in what only the program knows: the files.
     let mut model = Model::new(sphere, found, Kind::Surface);
     model.provenance.input.clone_from(&expected.provenance.input);

@@ -3,7 +3,7 @@
 use spharm_surface::io::read_mesh;
 
 use crate::common::{fail, finish, succeed, text, tool};
-use crate::full_least_squares::{DEGREE, lsq, report_of};
+use crate::full_least_squares::{DEGREE, fit_alone, lsq, report_of};
 use crate::pipeline::{Study, names};
 
 #[test]
@@ -43,6 +43,13 @@ fn flags_that_do_not_go_together_are_usage_errors() {
         (false, &["--method", "nlsf"], "--store"),
         (false, &["--verify"], "--verify"),
         (true, &["--smoothness", "1e-3"], "--smoothness"),
+        (true, &["--target", "surface"], "--target surface"),
+        (true, &["--target", "surface", "--method", "lsq"], "--store is of the vertices"),
+        (false, &["--target", "surface", "--hold-out", "0.1"], "--hold-out is of the vertices"),
+        (false, &["--target", "surface", "--stderr"], "--stderr is of the vertices"),
+        (false, &["--target", "surface", "--smoothness", "auto"], "--smoothness auto is of the vertices"),
+        (false, &["--target", "surface", "--method", "quadrature"], "--target surface"),
+        (false, &["--target", "points"], "surface or vertices"),
         (true, &["--method", "nlsf", "--stderr"], "--stderr"),
         (true, &["--preconditioner", "factor"], "--preconditioner"),
         (false, &["--low-degrees", "5"], "--low-degrees"),
@@ -57,7 +64,7 @@ fn flags_that_do_not_go_together_are_usage_errors() {
         (false, &["--tolerance", "0"], "--tolerance"),
         (false, &["--preconditioner", "magic"], "--preconditioner"),
     ] {
-        let mut command = lsq(&study, &[&DEGREE[..], arguments].concat());
+        let mut command = fit_alone(&study, &[&DEGREE[..], arguments].concat());
         if with_store {
             command.arg("--store").arg(study.path("store"));
         }

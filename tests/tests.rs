@@ -15,5 +15,6 @@ mod pipeline;
 mod readme;
 mod reruns;
 mod store;
+mod surface_target;
 mod verbs;
 mod volumes;

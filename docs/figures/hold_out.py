@@ -9,7 +9,7 @@ import spharm_rs as sp
 sphere = sp.icosphere(4)
 rng = np.random.default_rng(3)
 clean, _ = sp.example_surface(4)
-true = sp.fit(clean, sphere, 12)
+true = sp.fit(clean, sphere, 12, target="vertices")
 noisy = true.evaluate() + rng.normal(0, 0.8, (len(sphere.vertices), 3))
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8.8, 3.5), layout="constrained")

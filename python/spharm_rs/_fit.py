@@ -24,10 +24,12 @@ def _settings(
     max_degree: int,
     vertices: int,
     *,
+    target: str | None = None,
     weights: str | ArrayLike = "uniform",
     smoothness: float | str | None = None,
     stderr: bool = False,
     hold_out: float | None = None,
+    surface_distance: bool = True,
     method: str | None = None,
     store: Path | Store | None = None,
     passes: int | None = None,
@@ -50,6 +52,8 @@ def _settings(
         "method": str(method or ("irf" if store is not None else "lsq")),
         "passes": _arrays.whole("passes", (16 if accelerate else 1) if passes is None else passes, 1),
         "granularity": _arrays.whole("granularity", granularity, 1),
+        "target": None if target is None else str(target),
+        "surface_distance": bool(surface_distance),
         "start_degree": _arrays.whole("start_degree", start_degree),
         "accelerate": bool(accelerate),
         "smoothness": None if smoothness is None else str(smoothness),
@@ -81,10 +85,12 @@ def fit(
     sphere: Any = None,
     max_degree: int = 20,
     *,
+    target: str | None = None,
     weights: str | ArrayLike = "uniform",
     smoothness: float | str | None = None,
     stderr: bool = False,
     hold_out: float | None = None,
+    surface_distance: bool = True,
     method: str | None = None,
     store: Path | Store | None = None,
     passes: int | None = None,
@@ -111,15 +117,21 @@ def fit(
         mapped to one first, as `parametrize` does; that sphere is the model's.
     max_degree : int
         Highest degree L, inclusive.
+    target : {"surface", "vertices"}, optional
+        What is fitted: all triangles of the surface, each part weighted by its share of the sphere, or its vertices alone, as
+        in the paper. By default the surface where there is one over triangles; the vertices of signals, over a store, and
+        with ``hold_out``, ``stderr``, ``smoothness="auto"`` and ``preconditioner="density"``, which are of the vertices.
     weights : {"uniform", "area"} or array_like of float, (n,)
         What each vertex counts: one, its share of the sphere, or these.
     smoothness : float or "auto", optional
         Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses it by generalised cross-validation. By default
-        none over a given sphere, and a small one over one that `parametrize` made.
+        none; for the vertices over a sphere that `parametrize` made, a small one.
     stderr : bool
         Compute the standard error of each coefficient.
     hold_out : float, optional
         Fraction of the vertices to leave out and assess apart.
+    surface_distance : bool
+        Measure how far model and surface are apart, where the surface is fitted: a second or so.
     method : {"lsq", "irf", "sirf", "mirf", "nlsf", "quadrature"}, optional
         ``lsq`` is the full least squares by fast transforms, the default; ``irf``, ``sirf``, ``mirf`` and ``nlsf`` are
         those of Shen and Chung (2006) over a store, ``irf`` the default with one.
@@ -151,8 +163,9 @@ def fit(
     Returns
     -------
     Model
-        Its ``report`` has ``msd`` and ``xsd``, the mean and maximal squared distances at the vertices with the bounding box
-        scaled to volume 1, and ``warnings``.
+        Its ``report`` has ``surface_distance``: ``rms``, ``percentile95`` and ``hausdorff`` between model and surface,
+        both ways; ``msd`` and ``xsd``, the mean and maximal squared distances at the vertices; all with the bounding box scaled
+        to volume 1; and ``warnings``.
 
     Raises
     ------
@@ -197,10 +210,12 @@ def fit(
     settings = _settings(
         max_degree,
         len(values),
+        target=target,
         weights=weights,
         smoothness=smoothness,
         stderr=stderr,
         hold_out=hold_out,
+        surface_distance=surface_distance,
         method=method,
         store=store,
         passes=passes,

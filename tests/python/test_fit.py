@@ -18,12 +18,28 @@ from .conftest import Study
 
 def test_the_least_squares_solution_is_numpys(study: Study) -> None:
     surface, sphere = study
-    model = sp.fit(surface, sphere, 8)
+    model = sp.fit(surface, sphere, 8, target="vertices")
     basis = sp.Transform(sphere.vertices, 8).synthesis(np.eye(81))
     expected = np.linalg.lstsq(basis, surface.vertices, rcond=None)[0]
     assert np.allclose(model.coefficients, expected, atol=1e-8 * np.abs(expected).max())
     residual = surface.vertices - basis @ expected
     assert model.report["msd"] == pytest.approx((residual**2).sum(1).mean() / model.report["scale"] ** 2)
+
+
+def test_a_surface_is_fitted_between_its_vertices(study: Study) -> None:
+    surface, sphere = study
+    model = sp.fit(surface, sphere, 20)
+    distance = model.report["surface_distance"]
+    assert 0 < distance["rms"] < distance["percentile95"] < distance["hausdorff"]
+    compared = sp.compare(surface, model.surface(6), surface_distance=True).surface
+    assert compared["rms"] == pytest.approx(distance["rms_raw"], rel=0.1)
+    vertices = sp.fit(surface, sphere, 20, target="vertices")
+    assert "surface_distance" not in vertices.report and vertices.report["msd"] < model.report["msd"]
+    assert "surface_distance" not in sp.fit(surface, sphere, 20, surface_distance=False).report
+    assert model.provenance["target"] == "surface"
+    for wrong in ({"target": "points"}, {"target": "surface", "hold_out": 0.1}):
+        with pytest.raises(ValueError, match="target surface|surface or vertices"):
+            sp.fit(surface, sphere, 8, **wrong)
 
 
 def test_arrays_and_meshes_are_the_same_surface(study: Study) -> None:
@@ -78,12 +94,12 @@ def test_what_may_be_wrong_is_warned_of(study: Study) -> None:
     surface, sphere = study
     few = sp.example_surface(1)
     with pytest.warns(sp.Oscillation), pytest.warns(sp.NotDetermined):
-        model = sp.fit(*few, 10, smoothness=0)
+        model = sp.fit(*few, 10, target="vertices", smoothness=0)
     assert model.report["warnings"]
     with pytest.warns(sp.NotConverged):
-        sp.fit(surface, sphere, 20, max_iterations=1, preconditioner="none")
+        sp.fit(surface, sphere, 20, target="vertices", max_iterations=1, preconditioner="none")
     with pytest.raises(sp.SpharmError, match="optimality"):
-        sp.fit(surface, sphere, 20, max_iterations=1, preconditioner="none", strict=True)
+        sp.fit(surface, sphere, 20, target="vertices", max_iterations=1, preconditioner="none", strict=True)
 
 
 def test_a_model_goes_to_a_file_and_back(study: Study, tmp_path: Path) -> None:

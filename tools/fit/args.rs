@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use spharm::{Preconditioner, Smoothness, defaults};
+use spharm::{FitTo, Preconditioner, Smoothness, defaults};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
 use spharm_cli::surfaces::Labels;
@@ -90,6 +90,13 @@ pub(super) struct MethodArgs {
     /// Method of the fit [default: irf with --store, else lsq]
     #[arg(long, value_enum)]
     pub(super) method: Option<MethodName>,
+    /// What is fitted (lsq) [default: a mesh's surface]
+    ///
+    /// surface: all of its triangles, by samples as dense as the degree needs, each weighted by its share of the sphere.
+    /// vertices: the vertices alone, as in the paper; the default for signals, and with --store, --hold-out, --stderr, --smoothness auto or
+    /// --preconditioner density, which are of the vertices.
+    #[arg(long, value_name = "surface|vertices")]
+    pub(super) target: Option<FitTo>,
     /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
@@ -105,13 +112,19 @@ pub(super) struct MethodArgs {
     /// Last degree of the first block, s (sirf, mirf) [default: 0]
     #[arg(long, value_name = "S")]
     pub(super) start_degree: Option<usize>,
-    /// Smoothness penalty (lsq) [default: 0 with --sphere, else a small one]
+    /// Smoothness penalty (lsq) [default: 0]
     ///
-    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances; auto chooses it for each surface by generalised
-    /// cross-validation. The default without --sphere is a hundredth of the weight of the vertices at the highest degree,
-    /// which keeps the model from oscillating between them.
+    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances, whose weights sum to the number of vertices; auto chooses
+    /// it for each surface by generalised cross-validation. With --target vertices and without --sphere the default is a
+    /// hundredth of the weight of the vertices at the highest degree, which keeps the model from oscillating between them.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
+    /// Don't measure how far model and surface are apart
+    ///
+    /// Without it a fit of the surface ends with the distances between the two, both ways, which takes a second or so for
+    /// each.
+    #[arg(long, hide_short_help = true)]
+    pub(super) no_surface_distance: bool,
     /// Fraction of the vertices to leave out, to report the distances there
     #[arg(long, value_name = "FRACTION", value_parser = values::fraction)]
     pub(super) hold_out: Option<f64>,

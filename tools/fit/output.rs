@@ -8,6 +8,7 @@ use std::time::Instant;
 use anyhow::Result;
 use serde::Serialize;
 use serde_json::json;
+use spharm::assess::SurfaceDistances;
 use spharm::parametrize::volume::Repair;
 use spharm::{BatchReport, Fit, FitParams, FitReport, FitWarning, ManyReport, Seconds};
 use spharm_cli::advice;
@@ -44,6 +45,40 @@ pub(super) struct Fitted {
     pub(super) parametrization: Option<Mapped>,
 }
 
+/// What the table shows beside msd and xsd.
+#[derive(Clone, Copy)]
+struct Columns {
+    /// Distances between model and surface, in place of those at and between the vertices.
+    surface: bool,
+    /// Distances at the vertices that were held out.
+    held_out: bool,
+}
+
+impl Columns {
+    fn of(surfaces: &[Fitted]) -> Self {
+        let any = |with: fn(&FitReport) -> bool| surfaces.iter().any(|fitted| with(&fitted.report));
+        Self { surface: any(|r| r.surface_distance.is_some()), held_out: any(|r| r.held_out.is_some()) }
+    }
+
+    fn head(self) -> Vec<String> {
+        let mut head = vec!["model"];
+        head.extend(if self.surface { &["rms", "95 %", "hausdorff", "msd", "xsd"][..] } else { &["msd", "xsd"] });
+        head.extend(if self.surface { &[][..] } else { &["rms", "max", "between"] });
+        head.extend(self.held_out.then_some("msd held out"));
+        head.push("file");
+        head.into_iter().map(str::to_owned).collect()
+    }
+
+    fn units(self) -> &'static str {
+        if self.surface {
+            "rms, 95 %, hausdorff: between model and surface, both ways, in the input's unit; msd, xsd: at the vertices, \
+             bounding box scaled to volume 1"
+        } else {
+            "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit; between: rms at triangles' centres"
+        }
+    }
+}
+
 /// The sphere that a surface was mapped to.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Mapped {
@@ -63,21 +98,25 @@ impl Fitted {
     }
 
     /// The surface's row of the table.
-    fn row(&self) -> Option<Vec<String>> {
+    fn row(&self, columns: Columns) -> Option<Vec<String>> {
         let last = self.report.passes.last()?;
         let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4e}"));
-        let mut row = vec![
-            self.name.clone(),
-            number(last.msd),
-            number(last.xsd),
-            number(Some(last.msd_raw.sqrt())),
-            number(Some(last.xsd_raw.sqrt())),
-            number(self.report.between.map(|between| between.msd_raw.sqrt())),
-            self.output.display().to_string(),
-        ];
-        if let Some(held_out) = &self.report.held_out {
-            row.insert(6, number(held_out.held_out.msd.or(Some(held_out.held_out.msd_raw))));
+        let mut row = vec![self.name.clone()];
+        if columns.surface {
+            let distance = &self.report.surface_distance;
+            let of = |value: fn(&SurfaceDistances) -> f64| number(distance.as_ref().map(value));
+            row.extend([of(|d| d.rms_raw), of(|d| d.percentile95_raw), of(|d| d.hausdorff_raw)]);
         }
+        row.extend([number(last.msd), number(last.xsd)]);
+        if !columns.surface {
+            row.extend([number(Some(last.msd_raw.sqrt())), number(Some(last.xsd_raw.sqrt()))]);
+            row.push(number(self.report.between.map(|between| between.msd_raw.sqrt())));
+        }
+        if columns.held_out {
+            let held_out = self.report.held_out.as_ref();
+            row.push(number(held_out.map(|of| of.held_out.msd.unwrap_or(of.held_out.msd_raw))));
+        }
+        row.push(self.output.display().to_string());
         Some(row)
     }
 }
@@ -138,13 +177,10 @@ impl<'a> Call<'a> {
         if surfaces.is_empty() {
             return print("nothing to do: every output exists");
         }
-        let mut head = vec!["model", "msd", "xsd", "rms", "max", "between", "file"];
-        if self.params.hold_out.is_some() {
-            head.insert(6, "msd held out");
-        }
-        let mut rows = vec![head.into_iter().map(str::to_owned).collect()];
-        rows.extend(surfaces.iter().filter_map(Fitted::row));
-        let units = "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit; between: rms at triangles' centres";
+        let columns = Columns::of(&surfaces);
+        let mut rows = vec![columns.head()];
+        rows.extend(surfaces.iter().filter_map(|fitted| fitted.row(columns)));
+        let units = columns.units();
         print(&format!("{}\n{units}\n{total:.2} s", table(&rows)))
     }
 }

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use clap::ValueEnum;
-use spharm::{FitParams, Method, Preconditioner, Weights, defaults};
+use spharm::{FitParams, FitTo, Method, Preconditioner, Smoothness, Weights, defaults};
 use spharm_cli::Usage;
 use spharm_cli::values::Dtype;
 
@@ -15,9 +15,10 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         (Preconditioner::LowDegrees(_), Some(degree)) => Preconditioner::LowDegrees(degree),
         (preconditioner, _) => preconditioner,
     };
-    Ok(FitParams {
+    let params = FitParams {
         max_degree: cli.method.max_degree,
         method,
+        target: cli.method.target.unwrap_or_default(),
         smoothness: cli.method.smoothness.unwrap_or_default(),
         weights: match cli.input.weights.as_str() {
             "uniform" => Weights::Uniform,
@@ -25,6 +26,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
             file => Weights::read(file)?,
         },
         hold_out: cli.method.hold_out,
+        surface_distance: !cli.method.no_surface_distance,
         standard_errors: cli.output.stderr,
         tolerance: cli.solver.tolerance,
         max_iterations: cli.solver.max_iterations,
@@ -35,7 +37,9 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         verify: cli.solver.verify,
         memory: cli.resources.memory.map(|size| size.0),
         threads: Some(cli.resources.threads.count()),
-    })
+    };
+    params.check()?;
+    Ok(params)
 }
 
 fn method(cli: &Cli) -> Result<Method, Usage> {
@@ -62,6 +66,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (args.granularity.is_some() && method != Irf, "--granularity", ""),
         (args.passes.is_some_and(|p| p > 1) && !repeated, "--passes", "; several passes of sirf are mirf"),
         (args.accelerate && !repeated, "--accelerate", "; use --method irf or mirf"),
+        (args.target == Some(FitTo::Surface) && method != Lsq, "--target surface", "; use --method lsq"),
         (args.smoothness.is_some() && method != Lsq, "--smoothness", "; use --method lsq"),
         (cli.output.stderr && method != Lsq, "--stderr", "; use --method lsq"),
         (by_factor && method != Lsq, "--preconditioner", "; use --method lsq"),
@@ -71,6 +76,17 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     ];
     if let Some((_, flag, hint)) = conflicts.into_iter().find(|(conflict, ..)| *conflict) {
         return Err(Usage::conflict(format!("{flag} doesn't go with --method {name}{hint}")));
+    }
+    let of_the_vertices = [
+        (cli.input.store.is_some(), "--store"),
+        (args.hold_out.is_some(), "--hold-out"),
+        (cli.output.stderr, "--stderr"),
+        (args.smoothness == Some(Smoothness::Auto), "--smoothness auto"),
+        (cli.solver.preconditioner == Preconditioner::Density, "--preconditioner density"),
+    ];
+    let surface = args.target == Some(FitTo::Surface);
+    if let (true, Some((_, flag))) = (surface, of_the_vertices.into_iter().find(|(given, _)| *given)) {
+        return Err(Usage::conflict(format!("{flag} is of the vertices and doesn't go with --target surface")));
     }
     let accelerate = args.accelerate;
     let passes = args.passes.map_or(if accelerate { defaults::ACCELERATED_PASSES } else { 1 }, |p| p as usize);

@@ -116,6 +116,9 @@ impl FileRecord {
 pub struct Settings {
     /// `lsq`, `irf`, `sirf`, `mirf`, `nlsf` or `quadrature`.
     pub method: String,
+    /// What was fitted: `surface` or `vertices`; unknown in models of version 0.1, which are of the vertices.
+    #[serde(default)]
+    pub target: Option<String>,
     /// Passes over the basis.
     pub passes: usize,
     /// Most columns of a block, g, for the methods that have it.
@@ -233,6 +236,7 @@ mod tests {
             sphere: Some("lh.sphere.reg".to_owned()),
             settings: Some(Settings {
                 method: "lsq".to_owned(),
+                target: Some("surface".to_owned()),
                 passes: 1,
                 granularity: None,
                 start_degree: None,

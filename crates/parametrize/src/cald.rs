@@ -8,8 +8,8 @@
 //! enough, and no further: what is left of it keeps the map smooth, and a fit over a smooth map needs fewer degrees.
 //!
 //! What area distortion is allowed beyond that is spent on residual-adaptive areas (`residual_areas.rs`): a higher
-//! sampling density where a model has its residual. At the same distortion a fit over such a map has a fifth to a half
-//! less error than over one with the surface's own areas.
+//! sampling density where a model has its residual, in rounds, as long as the error of a fit falls. A fit over such a map
+//! has a fifth to a half less error than over one with the surface's own areas.
 
 use std::time::Instant;
 
@@ -22,7 +22,7 @@ use crate::embed::Growth;
 use crate::energy::Energy;
 use crate::error::ParametrizeError;
 use crate::report::{Note, Parametrization};
-use crate::residual_areas::{adapted, degree_for, normalise, residual};
+use crate::residual_areas::{adapted, degree_for, residual};
 
 /// The shares of shape distortion in the energy, stage by stage.
 const STAGES: [f64; 13] = [0.3, 0.212, 0.15, 0.11, 0.08, 0.056, 0.04, 0.028, 0.02, 0.014, 0.01, 0.007, 0.005];
@@ -37,17 +37,22 @@ const FOR_SHAPE: f64 = 0.75;
 /// The area distortion to aim at, relative to the allowed one: the last smoothing moves areas a little.
 const AIM: f64 = 0.98;
 
-/// Rounds of adapting the target areas, and of weakening the adaptation.
-const ROUNDS: usize = 4;
+/// The most area distortion that shape may cost: what more of it takes from a fit is more than it gives.
+const MOST_FOR_SHAPE: f64 = 0.3;
 
-/// Factor on the strength of the adaptation while it costs more area distortion than is allowed.
-const WEAKEN: f64 = 0.9;
+/// Rounds of adapting the target areas.
+const ROUNDS: usize = 8;
+
+/// By how much a round's areas differ from the last ones, at most, and at least for it to be worth a round: root mean square
+/// of the log of the factors.
+const STEP: f64 = 0.2;
+const SMALLEST_STEP: f64 = 0.03;
 
 /// A residual below this share of the surface's radius isn't worth distortion, and can't be distinguished from the error
 /// of the fit itself.
 const NEGLIGIBLE: f64 = 3e-5;
 
-/// The adaptation is kept if it brings the residual below this share of what it was: a sphere gains nothing by it.
+/// A round is kept if it brings the residual below this share of what it was: a sphere gains nothing by it.
 const WORTHWHILE: f64 = 0.99;
 
 /// Settings of [`cald`].
@@ -73,11 +78,11 @@ impl Default for CaldParams {
 }
 
 impl CaldParams {
-    /// Settings for a map that only serves a fit of degree `max_degree`: more area distortion is allowed (0.25) so that
-    /// the fit over the map has less error.
+    /// Settings for a map that only serves a fit of degree `max_degree`: area distortion is allowed (to 0.8) as long as the
+    /// fit over the map gains by it.
     #[must_use]
     pub fn for_degree(max_degree: usize) -> Self {
-        Self { area: 0.25, degree: Some(max_degree), ..Self::default() }
+        Self { area: 0.8, degree: Some(max_degree), ..Self::default() }
     }
 }
 
@@ -104,7 +109,7 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
     for shape in STAGES {
         energy = Energy::bounded(1.0, shape, BOUND * shape);
         descent.descend(energy, 1e-3, params.steps, monitor)?;
-        if descent.area_distortion(&domain) <= FOR_SHAPE * params.area {
+        if descent.area_distortion(&domain) <= (FOR_SHAPE * params.area).min(MOST_FOR_SHAPE) {
             break;
         }
     }
@@ -117,8 +122,11 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
     Ok(found)
 }
 
-/// Spends the area distortion that is left on residual-adaptive areas. Returns the largest factor by which a target area
-/// grew; `None`, and the map as it was, where nothing is left or nothing gained.
+/// Spends area distortion that is left on residual-adaptive areas, as long as the error of a fit falls. Returns the largest
+/// factor by which a target area grew; `None`, and the map as it was, where nothing is left or nothing gained.
+///
+/// Each round multiplies the areas by what the residual of the last fit asks for. A round that costs more distortion than is
+/// allowed, or gains nothing, is taken back and tried again with smaller factors.
 fn adapt_areas(
     domain: &Domain,
     descent: &mut Descent,
@@ -127,47 +135,41 @@ fn adapt_areas(
     params: &CaldParams,
     monitor: &dyn Monitor,
 ) -> Result<Option<f64>, ParametrizeError> {
-    let own = descent.area_distortion(domain);
-    let aim = AIM * params.area;
-    if own >= aim || degree < 2 {
-        return Ok(None);
-    }
-    let (before, without) = (descent.map.clone(), residual(domain, &descent.map, degree, monitor)?);
-    if without.rms < NEGLIGIBLE {
-        return Ok(None);
-    }
     // Distortions add up as squares, nearly.
-    let left = (aim * aim - own * own).sqrt();
-    let (mut strength, mut applied) = (left, 0.0);
-    let mut excess = without.excess;
-    for round in 0..ROUNDS {
-        applied = strength;
-        descent.set_areas(&adapted(&domain.areas, &excess, applied));
-        descent.descend(energy, 1e-4, params.steps, monitor)?;
-        // The areas of the map lag behind their targets: shape resists.
-        let reached = (descent.area_distortion(domain).powi(2) - own * own).max(0.0).sqrt();
-        strength *= (left / reached).clamp(0.5, 2.0);
-        if round == 0 {
-            // The residual over the adapted map counts as well.
-            let seen = residual(domain, &descent.map, degree, monitor)?;
-            excess.iter_mut().zip(&seen.excess).for_each(|(sum, seen)| *sum += seen);
-            normalise(&mut excess);
-        }
+    let left = |descent: &Descent| {
+        let spent = descent.area_distortion(domain);
+        (AIM * params.area * AIM * params.area - spent * spent).max(0.0).sqrt()
+    };
+    if left(descent) < SMALLEST_STEP || degree < 2 {
+        return Ok(None);
     }
+    let mut seen = residual(domain, &descent.map, degree, monitor)?;
+    if seen.rms < NEGLIGIBLE {
+        return Ok(None);
+    }
+    let mut kept = descent.map.clone();
+    // Logarithms of the factors on the areas.
+    let mut factors = vec![0.0; domain.faces.len()];
+    let (mut adapts, mut step) = (false, STEP);
     for _ in 0..ROUNDS {
-        if descent.area_distortion(domain) <= params.area {
+        step = left(descent).min(step);
+        if step < SMALLEST_STEP {
             break;
         }
-        applied *= WEAKEN;
-        descent.set_areas(&adapted(&domain.areas, &excess, applied));
-        descent.descend(energy, 1e-4, params.steps, monitor)?;
+        let tried: Vec<f64> = factors.iter().zip(&seen.excess).map(|(factor, excess)| factor + step * excess).collect();
+        descent.set_areas(&adapted(&domain.areas, &tried));
+        descent.descend(energy, 1e-3, params.steps, monitor)?;
+        let allowed = descent.area_distortion(domain) <= params.area;
+        let found = if allowed { Some(residual(domain, &descent.map, degree, monitor)?) } else { None };
+        match found.filter(|found| found.rms < WORTHWHILE * seen.rms) {
+            Some(found) => (adapts, seen, factors, kept) = (true, found, tried, descent.map.clone()),
+            None => {
+                descent.map.clone_from(&kept);
+                step *= 0.5;
+            }
+        }
     }
-    let too_much = descent.area_distortion(domain) > params.area;
-    if too_much || residual(domain, &descent.map, degree, monitor)?.rms > WORTHWHILE * without.rms {
-        descent.map = before;
-        descent.set_areas(&domain.areas);
-        return Ok(None);
-    }
-    let most = excess.iter().copied().fold(0.0, f64::max);
-    Ok(Some((applied * most).exp()))
+    descent.set_areas(&adapted(&domain.areas, &factors));
+    let most = factors.iter().copied().fold(0.0, f64::max);
+    Ok(adapts.then(|| most.exp()))
 }

@@ -3,8 +3,10 @@
 //! A model of degree L resolves pi / L wherever on the sphere, so its residual is largest where the surface bends
 //! sharply, or is meshed more finely than its area on the sphere allows for. A map with more area there and less elsewhere
 //! has less error (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized parametrization", EGRW 2002). Here a
-//! fit shows where: its least squares over the current map leaves a residual at each vertex, and the target areas of
-//! triangles are multiplied by exp (s g), with g the residual's size, smoothed a little over neighbours, less its mean.
+//! fit shows where: its least squares over the current map leaves a residual on each triangle, and the triangles' target
+//! areas are multiplied by exp (s g), with g the residual's size, smoothed a little over neighbours, less its mean.
+
+use std::ops::Range;
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -12,11 +14,12 @@ use spharm_monitor::{Monitor, OnlyCancel};
 use spharm_solver::MatrixFreeOperator;
 use spharm_solver::lsq::NormalEquations;
 use spharm_solver::lsq::cg::{self, CgParams};
+use spharm_surface::samples::SphereSampling;
 use spharm_transform::TransformParams;
 
 use crate::domain::Domain;
 use crate::error::ParametrizeError;
-use crate::geometry::{Vec3, add, norm, scale};
+use crate::geometry::{Vec3, add, scale};
 
 /// Highest degree that is chosen unasked.
 const MAX_DEFAULT_DEGREE: usize = 100;
@@ -30,8 +33,11 @@ const MAX_EXCESS: f64 = 8.0;
 /// Rounds of averaging over neighbours.
 const ROUNDS: usize = 2;
 
-/// Most iterations of the least squares: where residuals are large shows long before the coefficients have settled.
-const ITERATIONS: usize = 500;
+/// Most iterations of the least squares, of which samples of the whole surface take a handful.
+const ITERATIONS: usize = 100;
+
+/// Size of the samples' cells, in radians times the degree.
+const SPACING: f64 = 3.0;
 
 /// The degree that areas adapt to: `asked`, but no more than `vertices` determine well.
 pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
@@ -41,14 +47,14 @@ pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
 
 /// Residual of a SPHARM fit over a map.
 pub(crate) struct Residual {
-    /// Root mean square of the distance between a vertex and its model, on the surface of area 4 pi.
+    /// Root mean square over the surface, of area 4 pi, of the distance between a point and its model.
     pub(crate) rms: f64,
     /// For each triangle, its residual less the mean over triangles, over their standard deviation, cut at
     /// [`MAX_EXCESS`].
     pub(crate) excess: Vec<f64>,
 }
 
-/// Fits a model of a degree over a map.
+/// Fits a model of a degree to the surface over a map.
 pub(crate) fn residual(
     domain: &Domain,
     map: &[Vec3],
@@ -57,53 +63,65 @@ pub(crate) fn residual(
 ) -> Result<Residual, ParametrizeError> {
     let directions = Directions::from_vertices(map).map_err(spharm_solver::SolverError::from)?;
     monitor.check()?;
+    let sampling = SphereSampling::new(&directions, &domain.faces, SPACING / degree as f64)?;
+    let all = 0..domain.faces.len();
+    let samples = sampling.at(&directions, all.clone())?;
     let transform = TransformParams { max_degree: degree, accuracy: 1e-6, ..TransformParams::default() };
-    let operator = MatrixFreeOperator::new(&directions, &transform)?;
-    let equations = NormalEquations { operator: &operator, weights: None, penalty: None };
+    let operator = MatrixFreeOperator::new(&samples.directions, &transform)?;
+    let equations = NormalEquations { operator: &operator, weights: Some(&samples.weights), penalty: None };
     let params = CgParams { tolerance: 1e-4, max_iterations: ITERATIONS, ..CgParams::default() };
+    // About the centre, to which the tolerance isn't relative then.
     let centre = domain.positions.iter().fold([0.0; 3], |sum, p| add(sum, *p));
     let centre = scale(centre, 1.0 / map.len() as f64);
-    let targets = Array2::from_shape_fn((map.len(), 3), |(v, k)| domain.positions[v][k] - centre[k]);
+    let positions = Array2::from_shape_fn((map.len(), 3), |(v, k)| domain.positions[v][k] - centre[k]);
+    let targets = sampling.interpolate(positions.view(), all);
     let fit = cg::solve(&equations, &targets, &equations.diagonal(), &params, &OnlyCancel(monitor));
     // Whichever of the two crates it stopped in.
     monitor.check()?;
     let fit = fit?;
 
-    let mut sizes: Vec<f64> = fit.residual.rows().into_iter().map(|row| norm([row[0], row[1], row[2]])).collect();
-    let rms = (sizes.iter().map(|e| e * e).sum::<f64>() / sizes.len() as f64).sqrt();
-    average(&domain.faces, &mut sizes);
-    let of = |face: &[u32; 3]| face.iter().map(|&v| sizes[v as usize]).sum::<f64>();
-    let mut excess: Vec<f64> = domain.faces.iter().map(of).collect();
+    let squares: Vec<f64> = fit.residual.rows().into_iter().map(|row| row.dot(&row)).collect();
+    // Of each triangle the mean over its part of the sphere, which for what a triangle is mapped to is that over its area.
+    let mean_square = |samples_of: Range<usize>| {
+        let weight: f64 = samples.weights[samples_of.clone()].iter().sum();
+        let sum: f64 = samples_of.map(|i| samples.weights[i] * squares[i]).sum();
+        sum / weight.max(f64::MIN_POSITIVE)
+    };
+    let squares: Vec<f64> = sampling.of_triangles().map(mean_square).collect();
+    let total: f64 = domain.areas.iter().sum();
+    let rms = (squares.iter().zip(&domain.areas).map(|(square, area)| square * area).sum::<f64>() / total).sqrt();
+    let mut excess: Vec<f64> = squares.into_iter().map(f64::sqrt).collect();
+    average(&domain.faces, map.len(), &mut excess);
     normalise(&mut excess);
     Ok(Residual { rms, excess })
 }
 
-/// Replaces each value by the mean of itself and its neighbours' mean, a few times.
-fn average(faces: &[[u32; 3]], values: &mut [f64]) {
-    let mut valence = vec![0.0; values.len()];
+/// Replaces each triangle's value by the mean over its vertices of the means over their triangles, a few times.
+fn average(faces: &[[u32; 3]], vertices: usize, values: &mut [f64]) {
+    let mut valence = vec![0.0; vertices];
     faces.iter().flatten().for_each(|&v| valence[v as usize] += 1.0);
     for _ in 0..ROUNDS {
-        let mut sum = vec![0.0; values.len()];
-        for &[a, b, c] in faces {
-            for (v, w) in [(a, b), (b, c), (c, a)] {
-                sum[v as usize] += values[w as usize];
-            }
+        let mut sums = vec![0.0; vertices];
+        for (face, value) in faces.iter().zip(&*values) {
+            face.iter().for_each(|&v| sums[v as usize] += value);
         }
-        values.iter_mut().zip(&sum).zip(&valence).for_each(|((value, sum), n)| *value = 0.5 * (*value + sum / n));
+        for (face, value) in faces.iter().zip(&mut *values) {
+            *value = face.iter().map(|&v| sums[v as usize] / valence[v as usize]).sum::<f64>() / 3.0;
+        }
     }
 }
 
 /// To a mean of zero and a root mean square of one, nearly: larger values than [`MAX_EXCESS`] are cut.
-pub(crate) fn normalise(values: &mut [f64]) {
+fn normalise(values: &mut [f64]) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
     let spread = (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt().max(f64::MIN_POSITIVE);
     values.iter_mut().for_each(|x| *x = ((*x - mean) / spread).min(MAX_EXCESS));
 }
 
-/// Target areas of triangles: the surface's times exp (strength * excess), scaled to the sum 4 pi.
-pub(crate) fn adapted(areas: &[f64], excess: &[f64], strength: f64) -> Vec<f64> {
-    let mut adapted: Vec<f64> = areas.iter().zip(excess).map(|(area, g)| area * (strength * g).exp()).collect();
+/// Target areas of triangles: the surface's times exp (factor), scaled to the sum 4 pi.
+pub(crate) fn adapted(areas: &[f64], factors: &[f64]) -> Vec<f64> {
+    let mut adapted: Vec<f64> = areas.iter().zip(factors).map(|(area, factor)| area * factor.exp()).collect();
     let factor = 4.0 * std::f64::consts::PI / adapted.iter().sum::<f64>();
     adapted.iter_mut().for_each(|area| *area *= factor);
     adapted

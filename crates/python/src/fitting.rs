@@ -12,8 +12,8 @@ use spharm::parametrize::{CaldParams, parametrize_with};
 use spharm::solver::lsq::LsqWarning;
 use spharm::store::Scalar;
 use spharm::{
-    BatchReport, Error, Fit, FitParams, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor, Signal,
-    Smoothness, Sphere, Target, Weights,
+    BatchReport, Error, Fit, FitParams, FitTo, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor,
+    Signal, Smoothness, Sphere, Target, Weights,
 };
 
 use crate::arrays::{Faces, Positions, SphereArrays, mesh};
@@ -31,6 +31,8 @@ pub(crate) struct Settings<'py> {
     granularity: usize,
     start_degree: usize,
     accelerate: bool,
+    target: Option<String>,
+    surface_distance: bool,
     smoothness: Option<String>,
     weights: WeightsGiven<'py>,
     hold_out: Option<f64>,
@@ -89,6 +91,8 @@ impl Settings<'_> {
         };
         Ok(FitParams {
             method,
+            target: self.target.as_deref().map_or(Ok(FitTo::Default), |text| parsed("target", text))?,
+            surface_distance: self.surface_distance,
             weights,
             smoothness: self
                 .smoothness
@@ -144,6 +148,7 @@ pub(crate) fn fit<'py>(
                 (sphere, target, None)
             }
             Given::Bare(mesh) => {
+                params.check()?;
                 spharm::check_memory(&mesh, &params)?;
                 let found = parametrize_with(&mesh, &CaldParams::for_degree(params.max_degree), monitor)?;
                 let target = Target::from_mesh(&mesh, &found.sphere)?;

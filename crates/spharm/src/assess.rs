@@ -1,10 +1,13 @@
-//! How far a model is from its surface: at the vertices, between them, and at vertices that the fit didn't see.
+//! How far a model is from its surface: everywhere, at the vertices, between them, and at vertices that the fit didn't see.
 
 mod hold_out;
+mod model_surface;
 mod off_vertex;
 
 pub use hold_out::HeldOut;
 pub(crate) use hold_out::HoldOut;
+pub(crate) use model_surface::ModelSurface;
+pub use model_surface::SurfaceDistances;
 pub(crate) use off_vertex::OffVertex;
 pub use spharm_model::Distances;
 

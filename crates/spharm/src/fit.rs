@@ -6,6 +6,7 @@ mod job;
 mod lsq;
 mod lsq_plan;
 mod quadrature;
+mod rows;
 
 pub use lsq_plan::check_memory;
 pub use quadrature::Quadrature;

@@ -115,7 +115,7 @@ pub mod warning;
 pub use error::Error;
 pub use fit::{Fit, Quadrature, ToTarget, check_memory, fit, fit_many, fit_with};
 pub use model::versions;
-pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
+pub use params::{FitParams, FitTo, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 

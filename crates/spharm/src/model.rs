@@ -24,6 +24,7 @@ impl From<Fit> for Fitted {
             versions: Some(versions()),
             settings: Some(Settings {
                 method: settings.method.name().to_owned(),
+                target: Some(settings.target.name().to_owned()),
                 passes: settings.method.passes(),
                 granularity: settings.method.granularity(),
                 start_degree: settings.method.start_degree(),

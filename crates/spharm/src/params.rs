@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use spharm_harmonics::MAX_DEGREE;
 use spharm_store::{Scalar, WeightsHash};
+use spharm_surface::Kind;
 use spharm_surface::io::read_signal;
 
 use crate::machine::available_memory;
@@ -108,7 +109,8 @@ impl Method {
 /// The smoothness penalty of the full least squares: `lambda sum (l (l + 1))^2 a^2`, added to the squared distances.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Smoothness {
-    /// None over a given sphere; [`defaults::parametrized_smoothness`] over one made by parametrisation.
+    /// None for a surface, or over a given sphere; [`defaults::parametrized_smoothness`] for vertices over one made by
+    /// parametrisation.
     #[default]
     Default,
     /// This lambda, finite and not negative.
@@ -138,6 +140,44 @@ impl FromStr for Smoothness {
         }
         let lambda = text.parse().ok().filter(|lambda: &f64| *lambda >= 0.0 && lambda.is_finite());
         lambda.map(Self::Fixed).ok_or_else(|| "expected a number from 0, or auto".to_owned())
+    }
+}
+
+/// What of a mesh the full least squares fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FitTo {
+    /// The surface, for meshes over a sphere with triangles; the vertices for signals, and with what is of the vertices: a
+    /// store, vertices held out, standard errors, a smoothness by cross-validation, the density as preconditioner.
+    #[default]
+    Default,
+    /// The surface: the integral over the sphere of the squared distance, by samples of all triangles that are as dense as
+    /// the degree needs. Signals are linear on each triangle.
+    Surface,
+    /// The vertices alone, as in the paper.
+    Vertices,
+}
+
+impl FitTo {
+    /// Returns its name in lower case, as models record it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Default => "default",
+            Self::Surface => "surface",
+            Self::Vertices => "vertices",
+        }
+    }
+}
+
+impl FromStr for FitTo {
+    type Err = String;
+
+    /// Parses `surface` and `vertices`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "surface" => Ok(Self::Surface),
+            "vertices" => Ok(Self::Vertices),
+            _ => Err("expected surface or vertices".to_owned()),
+        }
     }
 }
 
@@ -247,12 +287,16 @@ pub struct FitParams {
     pub max_degree: usize,
     /// How the coefficients are found.
     pub method: Method,
+    /// Whether meshes are fitted as surfaces or at their vertices; for [`Method::Lsq`].
+    pub target: FitTo,
     /// Smoothness penalty, for [`Method::Lsq`].
     pub smoothness: Smoothness,
     /// What each vertex counts.
     pub weights: Weights,
     /// Fraction of the vertices, between 0 and 1, that is left out of the fit and assessed apart.
     pub hold_out: Option<f64>,
+    /// Whether to measure the distance between model and surface both ways, where a surface is fitted.
+    pub surface_distance: bool,
     /// Whether to compute each coefficient's standard error; for [`Method::Lsq`].
     pub standard_errors: bool,
     /// Optimality to reach, between 0 and 1: the gradient relative to that of no fit; for [`Method::Lsq`].
@@ -281,9 +325,11 @@ impl FitParams {
         Self {
             max_degree,
             method: Method::Lsq,
+            target: FitTo::Default,
             smoothness: Smoothness::Default,
             weights: Weights::Uniform,
             hold_out: None,
+            surface_distance: true,
             standard_errors: false,
             tolerance: defaults::TOLERANCE,
             max_iterations: defaults::MAX_ITERATIONS,
@@ -313,8 +359,33 @@ impl FitParams {
         }
     }
 
+    /// Returns whether a target of this kind is fitted as a surface, over a sphere with triangles or without.
+    pub fn fits_surface(&self, kind: Kind, triangles: bool) -> bool {
+        match (self.method, self.target) {
+            (Method::Lsq, FitTo::Surface) => true,
+            (Method::Lsq, FitTo::Default) => kind == Kind::Surface && triangles && self.of_the_vertices().is_none(),
+            _ => false,
+        }
+    }
+
+    /// A setting that only has a meaning for a fit of the vertices.
+    fn of_the_vertices(&self) -> Option<&'static str> {
+        let settings = [
+            (self.store.is_some(), "store"),
+            (self.hold_out.is_some(), "hold_out"),
+            (self.standard_errors, "standard_errors"),
+            (self.smoothness == Smoothness::Auto, "smoothness auto"),
+            (self.preconditioner == Preconditioner::Density, "preconditioner density"),
+        ];
+        settings.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+    }
+
     /// Checks what can be checked without a sphere.
-    pub(crate) fn check(&self) -> Result<(), Error> {
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Degree`], [`Error::Setting`] and [`Error::NeedsStore`].
+    pub fn check(&self) -> Result<(), Error> {
         let refuse = |what, expected, found: String| Err(Error::Setting { what, expected, found });
         if self.max_degree > MAX_DEGREE {
             return Err(Error::Degree { found: self.max_degree, most: MAX_DEGREE });
@@ -336,9 +407,13 @@ impl FitParams {
             (self.smoothness != Smoothness::Default, "smoothness"),
             (self.standard_errors, "standard_errors"),
             (self.preconditioner != Preconditioner::Auto, "preconditioner"),
+            (self.target == FitTo::Surface, "target surface"),
         ];
         if let (true, Some((_, what))) = (self.method != Method::Lsq, for_lsq_only.iter().find(|(given, _)| *given)) {
             return refuse(what, "the method lsq", name.to_owned());
+        }
+        if let (FitTo::Surface, Some(what)) = (self.target, self.of_the_vertices()) {
+            return refuse(what, "a fit of the vertices", "target surface".to_owned());
         }
         if self.method == Method::Quadrature && (self.weights != Weights::Uniform || self.hold_out.is_some()) {
             return refuse("weights and hold_out", "a least-squares method", name.to_owned());

@@ -6,7 +6,7 @@ use spharm_solver::{LsqReport, ResidualNorms};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::{Kind, Meta};
 
-use crate::assess::{Distances, HeldOut};
+use crate::assess::{Distances, HeldOut, SurfaceDistances};
 use crate::warning::FitWarning;
 
 /// Report on the fit of one target.
@@ -28,6 +28,9 @@ pub struct FitReport {
     pub off_vertex: f64,
     /// Distances at the vertices, sweep after sweep; the last are those of the model.
     pub passes: Vec<Distances>,
+    /// Distances between the model and its surface, both ways, where that is what was fitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface_distance: Option<SurfaceDistances>,
     /// Distances at the centres of some of the triangles, for a surface over a sphere with triangles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub between: Option<Distances>,
@@ -54,6 +57,8 @@ pub struct FitReport {
 pub struct Settings {
     /// The method and its settings.
     pub method: crate::Method,
+    /// What was fitted: [`Surface`](crate::FitTo::Surface) or [`Vertices`](crate::FitTo::Vertices).
+    pub target: crate::FitTo,
     /// How the smoothness was chosen.
     pub smoothness: crate::Smoothness,
     /// `uniform`, `area`, or the name of the weights given.

@@ -8,7 +8,7 @@ use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Sphere;
 
 use crate::files::{ModelFiles, Replace};
-use crate::{FitParams, Method, Smoothness};
+use crate::{FitParams, FitTo, Method, Smoothness};
 
 /// What to do with outputs that exist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -206,6 +206,10 @@ impl Request<'_> {
         check("max_degree", model.coefficients.max_degree().to_string(), params.max_degree.to_string());
         let method = &params.method;
         check("method", text(|s| s.method.clone()), method.name().to_owned());
+        let triangles = self.sphere.is_none_or(|sphere| !sphere.faces.is_empty());
+        let target = if params.fits_surface(model.kind(), triangles) { FitTo::Surface } else { FitTo::Vertices };
+        let recorded_target = recorded.and_then(|settings| settings.target.clone());
+        check("target", recorded_target.unwrap_or("vertices".to_owned()), target.name().to_owned());
         check("passes", text(|s| s.passes.to_string()), method.passes().to_string());
         check("granularity", text(|s| option(s.granularity)), option(method.granularity()));
         check("start_degree", text(|s| option(s.start_degree)), option(method.start_degree()));

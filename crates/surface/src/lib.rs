@@ -23,6 +23,7 @@
 //! | [`Sphere`], [`Target`] | the sphere of a fit; the surface or signal fitted over it; both checked |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`locator`] | the triangle of a sphere that a direction meets, and interpolation there |
+//! | [`samples`] | samples of a sphere's triangles, for least squares over the whole surface |
 //!
 //! # Example
 //!
@@ -60,6 +61,7 @@ pub mod io;
 pub mod locator;
 pub mod metrics;
 pub mod nearest;
+pub mod samples;
 pub mod topology;
 mod volume_geometry;
 

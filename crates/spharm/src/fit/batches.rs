@@ -12,9 +12,9 @@ use spharm_solver::ResidualNorms;
 use spharm_surface::{Kind, Sphere, SurfaceError, Target};
 
 use super::job::Job;
-use crate::assess::{Distances, scale_of};
+use crate::assess::{Distances, ModelSurface, SurfaceDistances, scale_of};
 use crate::report::{BatchReport, FitReport, Seconds, Settings};
-use crate::{Error, Fit, FitWarning};
+use crate::{Error, Fit, FitTo, FitWarning};
 
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
 type Done<'a, T, E> = &'a (dyn Fn(usize, Fit) -> Result<T, E> + Sync);
@@ -52,6 +52,8 @@ pub(crate) struct Solved {
     pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
     /// Like the coefficients, where they were asked for.
     pub(crate) standard_errors: Option<Array2<f64>>,
+    /// Of each target, where they were measured.
+    pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     pub(crate) warnings: Vec<FitWarning>,
     pub(crate) report: BatchReport,
 }
@@ -76,6 +78,22 @@ impl Batch {
     /// Target after target with its columns, (n, c).
     pub(crate) fn targets(&self) -> impl Iterator<Item = (Range<usize>, ArrayView2<'_, f64>)> {
         self.groups.iter().cloned().zip(self.targets.iter().map(values))
+    }
+
+    /// Measures how far the models with these coefficients, (K, columns), are from their surfaces, one after another: each
+    /// takes all threads.
+    pub(crate) fn surface_distances(
+        &self,
+        model_surface: &ModelSurface,
+        coefficients: ArrayView2<'_, f64>,
+        sphere: &Sphere,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<Option<SurfaceDistances>>, Error> {
+        let of = |(group, target): (&Range<usize>, &Target)| {
+            let coefficients = coefficients.slice(s![.., group.clone()]);
+            model_surface.assess(coefficients, values(target), sphere, scale_of(target), monitor)
+        };
+        self.groups.iter().zip(&self.targets).map(of).collect()
     }
 
     /// All columns side by side, (n, c).
@@ -124,21 +142,31 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(run)
     }
 
-    /// Channels of the first target: of all of them, in most studies.
+    /// Channels of the next target: of all of them, in most studies.
     pub(crate) fn channels(&self) -> usize {
         self.ready.front().map_or(1, |(_, target)| target.channels)
     }
 
-    /// Fits batch after batch with at most `columns` columns, or one target with more, and hands over the fits.
+    /// Whether the next target is fitted as a surface; `None` when all are done.
+    pub(crate) fn next_is_surface(&mut self) -> Result<Option<bool>, E> {
+        if self.ready.is_empty() {
+            self.fill()?;
+        }
+        Ok(self.ready.front().map(|(_, target)| self.job.fits_surface(target.kind)))
+    }
+
+    /// Fits batch after batch with at most `columns` columns, or one target with more, and hands over the fits; until all
+    /// are done, or the next target is to be fitted as a surface where the last wasn't, or the other way round.
     pub(crate) fn each_batch(
         &mut self,
         columns: usize,
         mut solve: impl FnMut(&Job<'a>, &Batch) -> Result<Solved, Error>,
     ) -> Result<(), E> {
-        loop {
+        let surface = self.next_is_surface()?;
+        while surface.is_some() && surface == self.next_is_surface()? {
             self.monitor.check().map_err(Error::from)?;
             let mark = Instant::now();
-            let Some(batch) = self.next_batch(columns)? else { return Ok(()) };
+            let batch = self.next_batch(columns)?;
             self.seconds.read += mark.elapsed().as_secs_f64();
             let mark = Instant::now();
             let solved = solve(&self.job, &batch)?;
@@ -148,6 +176,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
             self.seconds.write += mark.elapsed().as_secs_f64();
             self.batches.push(solved.report);
         }
+        Ok(())
     }
 
     /// Reads the next few targets.
@@ -166,13 +195,12 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// As many targets as have at most `columns` columns together, and at least one; `None` when all are done.
-    fn next_batch(&mut self, columns: usize) -> Result<Option<Batch>, E> {
+    /// As many targets as have at most `columns` columns together, and at least one, of those that are fitted as surfaces or
+    /// of those that aren't.
+    fn next_batch(&mut self, columns: usize) -> Result<Batch, E> {
         let (mut taken, mut width) = (Vec::new(), 0);
-        loop {
-            if self.ready.is_empty() {
-                self.fill()?;
-            }
+        let surface = self.next_is_surface()?;
+        while self.next_is_surface()? == surface {
             let Some((_, target)) = self.ready.front() else { break };
             if !taken.is_empty() && width + target.channels > columns {
                 break;
@@ -180,7 +208,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
             width += target.channels;
             taken.extend(self.ready.pop_front());
         }
-        Ok((!taken.is_empty()).then(|| Batch::new(taken)))
+        Ok(Batch::new(taken))
     }
 
     fn hand_over(&self, batch: &Batch, solved: &Solved) -> Result<Vec<T>, E> {
@@ -221,12 +249,14 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         off_vertex: between.and_then(|between| between.msd).unwrap_or(f64::NAN),
         passes,
         between,
+        surface_distance: solved.surface_distances.get(index).copied().flatten(),
         held_out,
         smoothness: solved.report.smoothness(),
         optimality: solved.report.optimality(),
         warnings,
         settings: Settings {
             method: job.params.method,
+            target: if job.fits_surface(target.kind) { FitTo::Surface } else { FitTo::Vertices },
             smoothness: job.params.smoothness,
             weights: job.params.weights.name().to_owned(),
             weights_hash: job.params.weights.hash(),

@@ -3,7 +3,7 @@
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
 use spharm_store::{Scalar, Scheme, SchemeKey};
-use spharm_surface::Sphere;
+use spharm_surface::{Kind, Sphere};
 
 use crate::assess::{HoldOut, OffVertex};
 use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
@@ -58,12 +58,23 @@ impl<'a> Job<'a> {
         })
     }
 
+    /// Returns whether targets of this kind are fitted as surfaces.
+    pub(crate) fn fits_surface(&self, kind: Kind) -> bool {
+        self.params.fits_surface(kind, !self.sphere.faces.is_empty())
+    }
+
+    /// Returns whether the smoothness penalty is the default one of fits of the vertices over a parametrised sphere.
+    pub(crate) fn smooth_by_default(&self, surface: bool) -> bool {
+        let Self { params, sphere, .. } = self;
+        params.smoothness == Smoothness::Default && sphere.parametrized && params.method == Method::Lsq && !surface
+    }
+
     /// Returns the smoothness penalty of all targets, where it isn't chosen for each of them.
-    pub(crate) fn smoothness(&self) -> f64 {
+    pub(crate) fn smoothness(&self, surface: bool) -> f64 {
         let Self { params, sphere, weights, .. } = self;
         match params.smoothness {
             Smoothness::Fixed(lambda) => lambda,
-            Smoothness::Default if sphere.parametrized && params.method == Method::Lsq => {
+            Smoothness::Default if self.smooth_by_default(surface) => {
                 let total = weights.as_ref().map_or(sphere.directions.len() as f64, |weights| weights.iter().sum());
                 defaults::parametrized_smoothness(params.max_degree, total)
             }

@@ -1,6 +1,7 @@
 //! The full least squares by fast transforms, without a basis.
 
 use std::fmt;
+use std::time::Instant;
 
 use spharm_monitor::{Level, Monitor, Stage};
 use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, choose_smoothness};
@@ -10,63 +11,89 @@ use spharm_solver::{
 };
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
+use spharm_surface::Sphere;
 
 use super::batches::{Batch, Run, Solved};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
+use super::rows::{Rows, Sampling};
+use crate::assess::ModelSurface;
 use crate::machine::{Exceeded, exceeded};
 use crate::report::BatchReport;
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
-/// Fits all targets.
+/// Fits all targets: those that are fitted as surfaces, and those at the vertices.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
-    let (monitor, channels, count) = (run.monitor, run.channels(), run.count);
+    run.monitor.begin(Stage::counted("fit", "surfaces"), run.count as u64);
+    while let Some(surface) = run.next_is_surface()? {
+        run_on(run, surface)?;
+    }
+    run.monitor.end();
+    Ok(())
+}
+
+/// Fits targets as long as they are fitted as surfaces, or as long as they aren't.
+fn run_on<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>, surface: bool) -> Result<(), E> {
+    let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
+    let mark = Instant::now();
     let job = &run.job;
-    let (params, directions) = (job.params, &job.sphere.directions);
-    let smoothness = smoothness(job, monitor);
+    let params = job.params;
+    let smoothness = smoothness(job, surface, monitor);
     let automatic = params.smoothness == Smoothness::Auto;
     // With a smoothness of its own, each target is a batch.
     let most = if automatic { 1 } else { (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1)) };
-    let (plan, together) = plan(job, channels, most)?;
-    note_plan(job, &plan, count, together, monitor);
+    let sampling = surface.then(|| Sampling::new(job)).transpose()?;
+    let (plan, together) = plan(job, sampling.as_ref().map(Sampling::samples), channels, most)?;
+    note_plan(job, sampling.as_ref(), &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
+    let rows = &match sampling {
+        Some(sampling) => Rows::surface(job, sampling, &transform)?,
+        None => Rows::vertices(job),
+    };
+    let directions = rows.directions();
     let operator = MatrixFreeOperator::new(directions, &transform).map_err(Error::from)?;
     let mut warnings = Vec::new();
     let spare = plan.budget.saturating_sub(plan.needed(together));
+    let model_surface = if surface && params.surface_distance { model_surface(job, spare)? } else { None };
     let stored = stored_factor(job, smoothness, spare, &mut warnings, monitor)?;
-    let weights = job.weights.clone();
+    let max_degree = params.max_degree;
     let make_gram = || {
-        let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
+        let gram = moment_gram(directions, rows.weights(), max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
     let equations = Equations {
         params,
+        rows,
+        sphere: job.sphere,
+        model_surface,
         operator: &operator,
         make_gram: &make_gram,
         stored: stored.as_ref().filter(|_| !automatic),
-        solver: solver_params(job, smoothness, &plan, together)?,
+        solver: solver_params(job, rows, smoothness, &plan, together)?,
         warnings,
-        smooth_by_default: params.smoothness == Smoothness::Default && job.sphere.parametrized,
+        smooth_by_default: job.smooth_by_default(surface),
         monitor,
     };
     let readers = plan.readers(together, job.threads);
     // One factor serves all batches, but for a smoothness of each target's own.
     let mut shared = equations.solver(equations.solver.clone())?;
-    monitor.begin(Stage::counted("fit", "surfaces"), count as u64);
     run.readers = readers;
+    run.seconds.plan += mark.elapsed().as_secs_f64();
     run.each_batch(together * channels, |_, batch| {
         let solved =
             if automatic { equations.choose_and_solve(batch) } else { equations.solve(&mut shared, batch, None) };
         monitor.step(batch.groups.len() as u64);
         solved
-    })?;
-    monitor.end();
-    Ok(())
+    })
 }
 
 /// The normal equations that all batches share.
 struct Equations<'a> {
     params: &'a FitParams,
+    rows: &'a Rows<'a>,
+    sphere: &'a Sphere,
+    /// Where surfaces and their models are compared.
+    model_surface: Option<ModelSurface>,
     operator: &'a MatrixFreeOperator,
     make_gram: &'a MakeGram<'a>,
     stored: Option<&'a StoredFactor>,
@@ -88,7 +115,7 @@ impl<'a> Equations<'a> {
 
     /// Fits a target with the smoothness that cross-validation chooses for it.
     fn choose_and_solve(&self, batch: &Batch) -> Result<Solved, Error> {
-        let (targets, weights) = (batch.side_by_side(), self.solver.weights.as_deref());
+        let (targets, weights) = (self.rows.targets(batch), self.solver.weights.as_deref());
         let chosen = choose_smoothness(self.operator, weights, &targets, &Within(self.monitor))?;
         let mut solver = self.solver(LsqParams { smoothness: chosen.smoothness, ..self.solver.clone() })?;
         self.solve(&mut solver, batch, Some(chosen))
@@ -96,7 +123,7 @@ impl<'a> Equations<'a> {
 
     fn solve(&self, solver: &mut LsqSolver<'a>, batch: &Batch, gcv: Option<Gcv>) -> Result<Solved, Error> {
         let within = Within(self.monitor);
-        let fit = solver.fit(&batch.side_by_side(), &batch.groups, &within)?;
+        let fit = solver.fit(&self.rows.targets(batch), &batch.groups, &within)?;
         let standard_errors = match self.params.standard_errors {
             true => Some(solver.standard_errors(&fit.residual, &within)?),
             false => None,
@@ -108,9 +135,15 @@ impl<'a> Equations<'a> {
             return Err(Error::NotConverged(missed.clone()));
         }
         note_solution(&fit.report, self.monitor);
+        let coefficients = fit.coefficients.values();
+        let surface_distances = match &self.model_surface {
+            Some(model) => batch.surface_distances(model, coefficients.view(), self.sphere, self.monitor)?,
+            None => Vec::new(),
+        };
         Ok(Solved {
+            surface_distances,
             coefficients: fit.coefficients.values().to_owned(),
-            sweeps: vec![(false, fit.report.residuals.clone())],
+            sweeps: vec![(false, self.rows.at_vertices(batch, &fit)?)],
             standard_errors,
             warnings,
             report: BatchReport::LeastSquares { report: fit.report, gcv },
@@ -118,9 +151,17 @@ impl<'a> Equations<'a> {
     }
 }
 
+/// Where models of the job are compared with their surfaces, as far as memory allows for it.
+fn model_surface(job: &Job<'_>, spare: usize) -> Result<Option<ModelSurface>, Error> {
+    let max_degree = job.params.max_degree;
+    let level = ModelSurface::level(max_degree, job.sphere.faces.len(), spare);
+    level.map(|level| ModelSurface::new(max_degree, level)).transpose()
+}
+
 /// The memory plan, and the number of targets that are fitted together, at most `most`.
-fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize), Error> {
+fn plan(job: &Job<'_>, samples: Option<usize>, channels: usize, most: usize) -> Result<(LsqPlan, usize), Error> {
     let sizes = Sizes {
+        samples,
         vertices: job.sphere.directions.len(),
         faces: job.sphere.faces.len(),
         max_degree: job.params.max_degree,
@@ -131,9 +172,18 @@ fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize),
     Ok((plan, together))
 }
 
-fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monitor: &dyn Monitor) {
+fn note_plan(
+    job: &Job<'_>,
+    sampling: Option<&Sampling>,
+    plan: &LsqPlan,
+    count: usize,
+    together: usize,
+    monitor: &dyn Monitor,
+) {
+    let of =
+        sampling.map_or("vertices".to_owned(), |sampling| format!("{} samples of the surface", sampling.samples()));
     let text = format_args!(
-        "{count} of n = {}, L = {}: least squares, matrix-free, {together} at a time, {} of {} MiB planned",
+        "{count} of n = {}, L = {}: least squares at {of}, matrix-free, {together} at a time, {} of {} MiB planned",
         job.sphere.directions.len(),
         job.params.max_degree,
         plan.needed(together).div_ceil(1 << 20),
@@ -155,11 +205,17 @@ fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
     monitor.note(Level::Detail, text);
 }
 
-fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize) -> Result<LsqParams, Error> {
+fn solver_params(
+    job: &Job<'_>,
+    rows: &Rows<'_>,
+    smoothness: f64,
+    plan: &LsqPlan,
+    together: usize,
+) -> Result<LsqParams, Error> {
     let params = job.params;
     let by_density = matches!(params.preconditioner, Preconditioner::Density);
     Ok(LsqParams {
-        weights: job.weights.clone(),
+        weights: rows.weights().map(<[f64]>::to_vec),
         smoothness,
         strategy: strategy(params.preconditioner),
         areas: by_density.then(|| areas(job)).transpose()?,
@@ -168,7 +224,7 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         memory: plan.budget,
         held: plan.needed(together),
         // Where these can't be told, the matrix can't be made either.
-        gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
+        gram_bytes: moment_gram_bytes(rows.directions().len(), params.max_degree).unwrap_or(0),
         threads: job.threads,
     })
 }
@@ -196,9 +252,9 @@ fn allowed(data: usize) -> Result<(), SolverError> {
 }
 
 /// The penalty of all targets, where it isn't chosen for each.
-fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
-    let smoothness = job.smoothness();
-    if smoothness > 0.0 && job.params.smoothness == Smoothness::Default {
+fn smoothness(job: &Job<'_>, surface: bool, monitor: &dyn Monitor) -> f64 {
+    let smoothness = job.smoothness(surface);
+    if smoothness > 0.0 && job.smooth_by_default(surface) {
         let text = format_args!("smoothness {smoothness:.2e} keeps the model from oscillating between the vertices");
         monitor.note(Level::Info, text);
     }

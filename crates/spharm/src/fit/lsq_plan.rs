@@ -1,7 +1,7 @@
 //! The memory that fits by transforms take: a full least squares beside a factor, and quadrature.
 
 use spharm_harmonics::basis_size;
-use spharm_surface::Mesh;
+use spharm_surface::{Kind, Mesh};
 use spharm_transform::{FINEST, Transform, TransformParams};
 
 use super::job::{held, reading};
@@ -27,6 +27,8 @@ pub(crate) struct LsqPlan {
 /// Sizes of a fit.
 #[derive(Clone, Copy)]
 pub(crate) struct Sizes {
+    /// Samples of the surface, where that is what is fitted.
+    pub(crate) samples: Option<usize>,
     pub(crate) vertices: usize,
     pub(crate) faces: usize,
     pub(crate) max_degree: usize,
@@ -40,12 +42,17 @@ impl LsqPlan {
     ///
     /// [`Error::Memory`] where one target doesn't fit the budget.
     pub(crate) fn new(sizes: Sizes, budget: usize) -> Result<Self, Error> {
-        let Sizes { vertices, faces, max_degree, channels } = sizes;
+        let Sizes { samples, vertices, faces, max_degree, channels } = sizes;
+        let rows = samples.unwrap_or(vertices);
         // Targets and residual, and the samples between; the vectors of conjugate gradients.
-        let each = 8 * channels * (4 * vertices + 8 * basis_size(max_degree));
+        let each = 8 * channels * (4 * rows + 8 * basis_size(max_degree));
         let held = held(vertices, faces, 1, channels, 1);
         let fixed = |at_a_time: usize| -> Result<usize, Error> {
-            Ok(held + Transform::bytes(&transform(max_degree, at_a_time), vertices, at_a_time)?)
+            let bytes = |rows| Transform::bytes(&transform(max_degree, at_a_time), rows, at_a_time);
+            // Directions and weights of samples, twice while they are made; how each triangle is cut.
+            let sampling =
+                samples.map_or(Ok(0), |samples| bytes(vertices).map(|bytes| bytes + 64 * samples + 40 * faces));
+            Ok(held + bytes(rows)? + sampling?)
         };
         let at_a_time = channels.clamp(1, CHANNELS_AT_A_TIME);
         let reading = reading(vertices, faces, channels);
@@ -81,7 +88,7 @@ impl LsqPlan {
 pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) -> Result<usize, Error> {
     /// Of a triangle in the tree that finds those under the grid, its corners and what making it takes.
     const BYTES_PER_TRIANGLE: usize = 250;
-    let Sizes { vertices, faces, max_degree, channels } = sizes;
+    let Sizes { vertices, faces, max_degree, channels, .. } = sizes;
     let grid = 2 * (max_degree + 1) * (max_degree + 1);
     let transform = |n: usize| Transform::bytes(&quadrature_transform(max_degree), n, channels);
     // The grid's directions, weights and samples, twice while these are put in the transform's order; targets, synthesis and
@@ -105,18 +112,19 @@ pub(crate) fn transform(max_degree: usize, channels: usize) -> TransformParams {
     TransformParams { max_degree, accuracy: defaults::TRANSFORM_ACCURACY, channels }
 }
 
-/// Checks the settings, and that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is
+/// Checks that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is
 /// made.
 ///
 /// The plan of a fit over a store depends on the store, so those methods are checked when the fit starts.
 ///
 /// # Errors
 ///
-/// Those of settings, such as [`Error::Degree`]; [`Error::Memory`] with the least that works.
+/// [`Error::Memory`] with the least that works.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
-    params.check()?;
     let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
-    let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3 };
+    // How many samples depends on the map: about these over one with even areas.
+    let samples = params.fits_surface(Kind::Surface, true).then(|| 2 * faces + 8 * basis_size(params.max_degree));
+    let sizes = Sizes { samples, vertices, faces, max_degree: params.max_degree, channels: 3 };
     match params.method {
         Method::Lsq => LsqPlan::new(sizes, params.memory_budget()).map(drop),
         Method::Quadrature => quadrature_readers(sizes, params.memory_budget(), 1).map(drop),

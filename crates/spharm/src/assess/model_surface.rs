@@ -1,0 +1,126 @@
+//! How far a model and its surface are from each other everywhere, in place of at corresponding points.
+//!
+//! Vertices lie where a surface was meshed finely, and the paper's msd and xsd compare each with the model's value in the
+//! vertex's own direction. What counts for a shape is the distance between two surfaces, whichever points correspond: so the
+//! model is evaluated on an icosphere of about twice as many vertices as its degree has samples in a fit, and the distance
+//! is taken from points all over the one surface to the nearest point of the other, both ways.
+
+use ndarray::ArrayView2;
+use serde::Serialize;
+use spharm_harmonics::{Directions, basis_size};
+use spharm_monitor::{Monitor, OnlyCancel};
+use spharm_surface::generate::icosphere;
+use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
+use spharm_surface::{Mesh, Sphere};
+use spharm_transform::{Transform, TransformParams};
+
+use crate::Error;
+
+/// Distances between a model and its surface, both ways, over the area of both.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct SurfaceDistances {
+    /// Root mean square, bounding box scaled to volume 1.
+    pub rms: f64,
+    /// 95 % of the area is nearer to the other surface than this, scaled likewise.
+    pub percentile95: f64,
+    /// Hausdorff distance: the largest, scaled likewise.
+    pub hausdorff: f64,
+    /// Root mean square in the surface's own unit.
+    pub rms_raw: f64,
+    /// 95th percentile in the surface's own unit.
+    pub percentile95_raw: f64,
+    /// Hausdorff distance in the surface's own unit.
+    pub hausdorff_raw: f64,
+    /// Points that distances were taken from, vertices left out.
+    pub points: usize,
+    /// Vertices of the model's icosphere.
+    pub model_vertices: usize,
+}
+
+/// Of an icosphere for each basis function, at least: its triangles' edges are then a sixth of the shortest wavelength.
+const VERTICES_PER_FUNCTION: usize = 12;
+
+/// Points for each basis function on each surface: four times as many as a fit has samples.
+const POINTS_PER_FUNCTION: usize = 24;
+
+/// Least and most subdivisions: 2,562 and 655,362 vertices.
+const LEVELS: [u32; 2] = [4, 8];
+
+/// Accuracy of the model on the icosphere, relative to its coefficients.
+const ACCURACY: f64 = 1e-9;
+
+/// An icosphere on which models of a degree are compared with their surfaces.
+pub(crate) struct ModelSurface {
+    sphere: Mesh,
+    transform: Transform,
+    points: usize,
+}
+
+fn params(max_degree: usize) -> TransformParams {
+    TransformParams { max_degree, accuracy: ACCURACY, channels: 3 }
+}
+
+fn vertices(level: u32) -> usize {
+    10 * 4usize.pow(level) + 2
+}
+
+impl ModelSurface {
+    /// Returns the level of the icosphere for models of a degree, as far as so many bytes allow for it; `None` where they
+    /// don't allow for any.
+    pub(crate) fn level(max_degree: usize, faces: usize, bytes: usize) -> Option<u32> {
+        let wanted = VERTICES_PER_FUNCTION * basis_size(max_degree);
+        let level = (LEVELS[0]..LEVELS[1]).find(|&level| vertices(level) >= wanted).unwrap_or(LEVELS[1]);
+        (LEVELS[0]..=level)
+            .rev()
+            .find(|&level| Self::bytes(max_degree, level, faces).is_some_and(|needed| needed <= bytes))
+    }
+
+    /// Returns the bytes that a comparison with a surface of so many triangles takes.
+    fn bytes(max_degree: usize, level: u32, faces: usize) -> Option<usize> {
+        /// A triangle in a search tree, with what making it takes; a point with its distance and weight, copied to be sorted.
+        const TRIANGLE: usize = 400;
+        const POINT: usize = 80;
+        let transform = Transform::bytes(&params(max_degree), vertices(level), 3).ok()?;
+        let triangles = 2 * vertices(level);
+        // Each triangle has a point, large ones have more.
+        let points = POINTS_PER_FUNCTION * basis_size(max_degree) + triangles.max(faces);
+        Some(transform + TRIANGLE * triangles.max(faces) + 100 * vertices(level) + POINT * points)
+    }
+
+    /// Prepares comparisons on an icosphere.
+    pub(crate) fn new(max_degree: usize, level: u32) -> Result<Self, Error> {
+        let sphere = icosphere(level);
+        let directions = Directions::from_vertices(&sphere.vertices)?;
+        let transform = Transform::new(&directions, &params(max_degree))?;
+        Ok(Self { sphere, transform, points: POINTS_PER_FUNCTION * basis_size(max_degree) })
+    }
+
+    /// Returns the distances between a surface, (n, 3) over a sphere's triangles, and the model with these coefficients,
+    /// (K, 3); `None` for a surface whose bounding box has no volume.
+    pub(crate) fn assess(
+        &self,
+        coefficients: ArrayView2<'_, f64>,
+        vertices: ArrayView2<'_, f64>,
+        sphere: &Sphere,
+        scale: Option<f64>,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<SurfaceDistances>, Error> {
+        let Some(scale) = scale else { return Ok(None) };
+        let points = |rows: ArrayView2<'_, f64>| rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+        let surface = Mesh::new(points(vertices), sphere.faces.clone());
+        let model = self.sphere.with_vertices(points(self.transform.synthesis(coefficients)?.view()));
+        let params = SurfaceDistanceParams { samples: self.points };
+        let found = surface_distance(&surface, &model, &params, &OnlyCancel(monitor))?;
+        Ok(Some(SurfaceDistances {
+            rms: found.rms / scale,
+            percentile95: found.percentile95 / scale,
+            hausdorff: found.hausdorff / scale,
+            rms_raw: found.rms,
+            percentile95_raw: found.percentile95,
+            hausdorff_raw: found.hausdorff,
+            points: found.forward.samples + found.backward.samples,
+            model_vertices: self.sphere.vertices.len(),
+        }))
+    }
+}

@@ -1,0 +1,212 @@
+//! Fits of surfaces in place of their vertices.
+
+use ndarray::Array2;
+use serde_json::Value;
+use spharm::{FitParams, FitTo, Kind, Model, Signal, Smoothness, Sphere, Target, fit, fit_many};
+use spharm_monitor::Silent;
+use spharm_surface::Mesh;
+use spharm_surface::generate::{Cortex, cortex, icosphere};
+use spharm_surface::geometry::solid_angle;
+
+use crate::common::{fail, succeed, tool};
+use crate::full_least_squares::report_of;
+use crate::pipeline::Study;
+
+/// The least squares over the whole sphere, by many times more samples than the fit takes and with a basis that is formed:
+/// each triangle cut in 24^2 similar ones, a sample at each one's centre with its solid angle. Normal equations by Gauss.
+fn by_midpoints(surface: &Mesh, sphere: &Sphere, max_degree: usize) -> Array2<f64> {
+    const CUTS: u32 = 24;
+    let unit = sphere.directions.as_slice();
+    let at = |corners: [[f64; 3]; 3], weights: [f64; 3]| {
+        [0, 1, 2].map(|k| (0..3).map(|i| weights[i] * corners[i][k]).sum::<f64>())
+    };
+    let barycentric = |i: u32, j: u32| {
+        let (u, v) = (f64::from(i) / f64::from(CUTS), f64::from(j) / f64::from(CUTS));
+        [1.0 - u - v, u, v]
+    };
+    let (mut places, mut targets, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+    for face in &sphere.faces {
+        let (on_sphere, on_surface) = (face.map(|v| unit[v as usize]), face.map(|v| surface.vertices[v as usize]));
+        for i in 0..CUTS {
+            for j in 0..CUTS - i {
+                let upright = [(i, j), (i + 1, j), (i, j + 1)];
+                let turned = [(i + 1, j + 1), (i, j + 1), (i + 1, j)];
+                for piece in [Some(upright), (i + j + 1 < CUTS).then_some(turned)].into_iter().flatten() {
+                    let corners = piece.map(|(i, j)| barycentric(i, j));
+                    let centre = [0, 1, 2].map(|k| corners.iter().map(|corner| corner[k]).sum::<f64>() / 3.0);
+                    places.push(at(on_sphere, centre));
+                    targets.push(at(on_surface, centre));
+                    weights.push(solid_angle(corners.map(|corner| at(on_sphere, corner))));
+                }
+            }
+        }
+    }
+    let directions = spharm::Directions::from_vertices(&places).unwrap();
+    let columns = (max_degree + 1).pow(2);
+    let basis: Vec<Array2<f64>> = (0..columns)
+        .map(|k| {
+            let unit = Array2::from_shape_fn((columns, 1), |(row, _)| f64::from(u8::from(row == k)));
+            spharm::harmonics::synthesis(&directions, unit.view()).unwrap()
+        })
+        .collect();
+    let inner = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
+        (0..weights.len()).map(|i| weights[i] * a(i) * b(i)).sum::<f64>()
+    };
+    // Augmented rows, by elimination without pivots: the matrix is nearly the identity.
+    let mut rows = Array2::zeros((columns, columns + 3));
+    for k in 0..columns {
+        for other in 0..columns {
+            rows[[k, other]] = inner(&|i| basis[k][[i, 0]], &|i| basis[other][[i, 0]]);
+        }
+        for axis in 0..3 {
+            rows[[k, columns + axis]] = inner(&|i| basis[k][[i, 0]], &|i| targets[i][axis]);
+        }
+    }
+    for k in 0..columns {
+        let pivot = rows.row(k).to_owned() / rows[[k, k]];
+        for other in 0..columns {
+            let factor = rows[[other, k]];
+            if other != k {
+                rows.row_mut(other).scaled_add(-factor, &pivot);
+            }
+        }
+        rows.row_mut(k).assign(&pivot);
+    }
+    rows.slice(ndarray::s![.., columns..]).to_owned()
+}
+
+#[test]
+fn a_fit_minimises_the_integral_over_the_sphere() {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 1 });
+    let sphere = Sphere::from_mesh(&sphere).unwrap();
+    let found = fit(&sphere, &surface, &FitParams::lsq(6)).unwrap();
+    let expected = by_midpoints(&surface, &sphere, 6);
+    let largest = expected.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+    let off = (found.coefficients.values() - &expected).iter().fold(0.0f64, |most, x| most.max(x.abs()));
+    // What is left is the midpoint rule's error, of second order in a 24th of an edge.
+    assert!(off < 2e-4 * largest, "{off:e} of {largest:e}");
+    // The vertices' least squares is another one.
+    let vertices = fit(&sphere, &surface, &FitParams { target: FitTo::Vertices, ..FitParams::lsq(6) }).unwrap();
+    assert!((vertices.coefficients.values() - &expected).iter().any(|x| x.abs() > 1e-2 * largest));
+}
+
+/// At a degree that vertices leave undetermined, a fit of the surface stays near it everywhere.
+#[test]
+fn more_functions_than_vertices_are_no_difficulty() {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
+    let sphere = Sphere::from_mesh(&sphere).unwrap();
+    let [at, twice] = [8, 30].map(|degree| {
+        let report = fit(&sphere, &surface, &FitParams::lsq(degree)).unwrap().report;
+        assert!(report.warnings.is_empty(), "{:?}", report.warnings);
+        report.surface_distance.unwrap()
+    });
+    assert!(twice.rms < 0.5 * at.rms && twice.hausdorff < at.hausdorff, "{at:?} {twice:?}");
+}
+
+#[test]
+fn signals_are_of_the_vertices_unless_asked_for() {
+    let sphere = Sphere::icosphere(2);
+    let values: Vec<f64> = sphere.directions.as_slice().iter().map(|p| (3.0 * p[0]).sin() + p[1] * p[2]).collect();
+    let signal = Signal::new(values, 162, 1);
+    let with = |target| fit(&sphere, &signal, &FitParams { target, ..FitParams::lsq(6) }).unwrap();
+    let (default, vertices, surface) = (with(FitTo::Default), with(FitTo::Vertices), with(FitTo::Surface));
+    assert_eq!(default.coefficients, vertices.coefficients);
+    assert_eq!(surface.report.settings.target, FitTo::Surface);
+    let off =
+        (surface.coefficients.values() - vertices.coefficients.values()).iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    assert!(1e-4 < off && off < 0.2, "linear on triangles is another function: {off}");
+}
+
+/// What is of the vertices is fitted to them unasked.
+#[test]
+fn settings_of_the_vertices_choose_them() {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    let sphere = Sphere::from_mesh(&sphere).unwrap();
+    let target = |params: FitParams| fit(&sphere, &surface, &params).unwrap().report.settings.target;
+    let lsq = FitParams::lsq(6);
+    assert_eq!(target(lsq.clone()), FitTo::Surface);
+    assert_eq!(target(FitParams { hold_out: Some(0.1), ..lsq.clone() }), FitTo::Vertices);
+    assert_eq!(target(FitParams { standard_errors: true, ..lsq.clone() }), FitTo::Vertices);
+    assert_eq!(target(FitParams { smoothness: Smoothness::Auto, ..lsq.clone() }), FitTo::Vertices);
+    let bare = Sphere::from_directions(sphere.directions.clone());
+    let without = fit(&bare, &surface, &lsq).unwrap().report;
+    assert_eq!((without.settings.target, without.surface_distance), (FitTo::Vertices, None));
+}
+
+/// Surfaces and signals of one call are fitted as each of them alone would be.
+#[test]
+fn surfaces_and_signals_go_together() {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
+    let sphere = Sphere::from_mesh(&sphere).unwrap();
+    let mesh = Target::from_mesh(&surface, &sphere).unwrap();
+    let signal = Signal::new(surface.vertices.iter().map(|p| p[2]).collect(), 162, 1);
+    let signal = Target::from_signal(signal, &sphere).unwrap();
+    let order = [&mesh, &signal, &signal, &mesh, &mesh];
+    let params = FitParams::lsq(7);
+    let read = |number: usize| Ok::<_, spharm::Error>(order[number].clone());
+    let done = |number: usize, fit: spharm::Fit| Ok((number, fit.coefficients));
+    let (found, report) = fit_many(&sphere, order.len(), &read, &params, &done, &Silent).unwrap();
+    assert_eq!(report.batches.len(), 3);
+    for (place, (number, coefficients)) in found.into_iter().enumerate() {
+        assert_eq!(place, number);
+        let alone = fit(&sphere, order[number], &params).unwrap().coefficients;
+        let off = (coefficients.values() - alone.values()).iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        assert!(off < 1e-10, "{number}: {off:e}");
+    }
+}
+
+/// Weights of the vertices count on the surface as well, linear on each triangle, and don't change what a penalty means.
+#[test]
+fn weights_say_what_counts() {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    let sphere = Sphere::from_mesh(&sphere).unwrap();
+    let upper: Vec<f64> = sphere.directions.as_slice().iter().map(|p| if p[2] > 0.0 { 1.0 } else { 0.01 }).collect();
+    let weights = spharm::Weights::Values { name: "upper".to_owned(), values: upper };
+    let params = FitParams::lsq(5);
+    let [even, uneven] = [params.clone(), FitParams { weights, ..params }].map(|params| {
+        let model = Model::new(sphere.clone(), fit(&sphere, &surface, &params).unwrap(), Kind::Surface);
+        let back = model.reconstruct(&sphere, 5).unwrap();
+        let pairs = surface.vertices.iter().zip(&back.vertices).zip(sphere.directions.as_slice());
+        let squares =
+            pairs.filter(|(_, p)| p[2] > 0.1).map(|((a, b), _)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>());
+        squares.sum::<f64>()
+    });
+    assert!(uneven < 0.8 * even, "{uneven} {even}");
+}
+
+#[test]
+fn a_model_says_what_was_fitted_and_another_target_is_another_model() {
+    let study = Study::new();
+    let fit = |arguments: &[&str]| {
+        let mut command = tool("fit");
+        command.arg("--sphere").arg(study.path("sphere.surf.gii")).arg("--surface").arg(study.path("s0.surf.gii"));
+        command.args(["-q", "--max-degree", "8", "-o"]).arg(study.path("m.npz")).args(arguments);
+        command
+    };
+    let report: Value = report_of(fit(&[]).arg("--json"));
+    let distance = &report["surfaces"][0]["surface_distance"];
+    let of = |name: &str| distance[name].as_f64().unwrap();
+    let scale = report["surfaces"][0]["scale"].as_f64().unwrap();
+    assert!(
+        (of("rms_raw") / of("rms") / scale - 1.0).abs() < 1e-12 && of("hausdorff") > of("percentile95"),
+        "{distance}"
+    );
+    let model = Model::read(study.path("m.npz")).unwrap();
+    assert_eq!(model.provenance.settings.unwrap().target.as_deref(), Some("surface"));
+    succeed(&mut fit(&["--skip-existing"]));
+    succeed(&mut fit(&["--skip-existing", "--target", "surface"]));
+    let refused = fail(&mut fit(&["--skip-existing", "--target", "vertices"]));
+    assert!(refused.contains("target surface, not vertices"), "{refused}");
+    let quick: Value = report_of(&mut fit(&["--force", "--no-surface-distance", "--json"]));
+    assert!(quick["surfaces"][0]["surface_distance"].is_null());
+}
+
+/// On an icosphere of a sphere there is nothing to be said but zero.
+#[test]
+fn a_sphere_is_its_own_model() {
+    let mesh = icosphere(5);
+    let sphere = Sphere::from_mesh(&mesh).unwrap();
+    let distance = fit(&sphere, &mesh, &FitParams::lsq(20)).unwrap().report.surface_distance.unwrap();
+    // The triangles' sagitta: half of the square of their circumradius, an edge of 0.039 over sqrt 3.
+    assert!(distance.hausdorff_raw < 2.6e-4, "{distance:?}");
+}
