@@ -22,6 +22,7 @@
 //! |---|---|
 //! | [`transform`] | the plan of a transform, and its methods |
 //! | [`gram`] | the Gram matrix of scattered weighted directions, from their moments |
+//! | [`sample_sums`] | moments and right-hand sides of samples that come in chunks |
 //! | `either` | [`synthesis`]: direct sums or a transform, whichever is faster |
 //! | `gridding` | the choice of grid size and kernel width |
 //! | `legendre` | coefficients to rings and back |
@@ -66,6 +67,7 @@ mod points;
 mod polar_rings;
 mod ring_sums;
 mod ring_table;
+pub mod sample_sums;
 pub mod transform;
 mod workspace;
 
@@ -73,4 +75,5 @@ pub use either::synthesis;
 pub use error::TransformError;
 pub use gram::MomentGram;
 pub use gridding::{COARSEST, FINEST};
+pub use sample_sums::{Occupied, SampleSums, SumsOfSamples};
 pub use transform::{SortedWeights, Transform, TransformParams};

@@ -86,7 +86,7 @@ impl Points {
 ///
 /// The angle is measured from the nearest multiple of pi / 2, which is a whole number of cells: its rounding error is
 /// then that of an angle of at most pi / 4, an eighth of that of an angle near 2 pi, which matters at high degrees.
-fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
+pub(crate) fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
     let quarter = (grid / 4) as i64;
     let (quarters, angle) = match (y.abs() <= x.abs(), x > 0.0, y > 0.0) {
         // At the pole any azimuth will do.
