@@ -75,5 +75,5 @@ pub use either::synthesis;
 pub use error::TransformError;
 pub use gram::MomentGram;
 pub use gridding::{COARSEST, FINEST};
-pub use sample_sums::{Occupied, SampleSums, SumsOfSamples};
+pub use sample_sums::{Occupied, SampleSums, SumsOfSamples, SumsSeconds};
 pub use transform::{SortedWeights, Transform, TransformParams};

@@ -19,11 +19,13 @@ mod griddings;
 mod occupied;
 mod strips;
 
+use std::time::Instant;
+
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 
 use crate::kernel::Kernel;
-use crate::sample_sums::blocks::{BLOCK, Block};
+use crate::sample_sums::blocks::{BLOCK, Block, Samples};
 use crate::sample_sums::griddings::Griddings;
 pub use crate::sample_sums::occupied::Occupied;
 use crate::{FINEST, Transform, TransformError, TransformParams};
@@ -55,14 +57,25 @@ pub struct SampleSums {
     kernels: [Kernel; 2],
     /// The grid of the weights, and the one of the weighted values.
     grids: [Vec<f64>; 2],
-    /// Blocks that haven't been spread yet.
+    /// Blocks that haven't been spread yet, and after them those that can be filled.
     blocks: Vec<Block>,
+    full: usize,
     held: usize,
     count: u64,
     rows: u64,
     weight: f64,
     squares: Vec<f64>,
     occupied: Occupied,
+    seconds: SumsSeconds,
+}
+
+/// Wall time of accumulating, by kind of work.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SumsSeconds {
+    /// Placing samples on the grids, and sorting them in blocks.
+    pub place: f64,
+    /// Spreading them.
+    pub spread: f64,
 }
 
 /// Sums over samples; see [`SampleSums`].
@@ -104,12 +117,14 @@ impl SampleSums {
             grids: [vec![0.0; fine.len()], vec![0.0; coarse.len()]],
             griddings,
             blocks: Vec::new(),
+            full: 0,
             held: 0,
             count: 0,
             rows: 0,
             weight: 0.0,
             squares: vec![0.0; channels],
             occupied: Occupied::new(max_degree),
+            seconds: SumsSeconds::default(),
         })
     }
 
@@ -157,16 +172,19 @@ impl SampleSums {
         while at < starts.len() {
             let most = (SAMPLES_HELD - self.held).div_ceil(BLOCK);
             let some = &starts[at..starts.len().min(at + most)];
-            let (griddings, channels, occupied) = (&self.griddings, self.channels, &self.occupied);
-            let blocks: Vec<Block> = some
-                .par_iter()
-                .map(|&start| {
-                    let rows = start..n.min(start + BLOCK);
-                    let weights = weights.map(|weights| &weights[rows.clone()]);
-                    let values = &values[rows.start * channels..rows.end * channels];
-                    Block::new(&directions[rows], weights, values, channels, griddings, occupied)
-                })
-                .collect();
+            let (griddings, channels) = (&self.griddings, self.channels);
+            let started = Instant::now();
+            let end = self.full + some.len();
+            self.blocks.resize_with(self.blocks.len().max(end), || Block::new(channels));
+            let blocks = &mut self.blocks[self.full..end];
+            blocks.par_iter_mut().zip(some).for_each_init(Vec::new, |places, (block, &start)| {
+                let rows = start..n.min(start + BLOCK);
+                let weights = weights.map(|weights| &weights[rows.clone()]);
+                let values = &values[rows.start * channels..rows.end * channels];
+                let samples = Samples { directions: &directions[rows], weights, values };
+                block.fill(samples, griddings, places);
+            });
+            self.full = end;
             for block in blocks {
                 self.rows += block.rows as u64;
                 self.held += block.len();
@@ -175,8 +193,8 @@ impl SampleSums {
                 for (sum, square) in self.squares.iter_mut().zip(&block.squares) {
                     *sum += square;
                 }
-                self.blocks.push(block);
             }
+            self.seconds.place += started.elapsed().as_secs_f64();
             at += some.len();
             if self.held >= SAMPLES_HELD {
                 self.spread();
@@ -185,11 +203,19 @@ impl SampleSums {
         Ok(())
     }
 
-    /// Spreads the samples that are held.
-    fn spread(&mut self) {
-        strips::spread(&self.griddings, self.channels, &self.kernels, &mut self.grids, &self.blocks);
-        self.blocks.clear();
-        self.held = 0;
+    /// Returns the time that accumulating has taken so far.
+    pub fn seconds(&self) -> SumsSeconds {
+        self.seconds
+    }
+
+    /// Spreads the samples that are held. [`add`](Self::add) does so when there are enough of them, and
+    /// [`finish`](Self::finish) in the end.
+    pub fn spread(&mut self) {
+        let started = Instant::now();
+        let blocks = &self.blocks[..self.full];
+        strips::spread(&self.griddings, self.channels, &self.kernels, &mut self.grids, blocks, &self.occupied);
+        (self.full, self.held) = (0, 0);
+        self.seconds.spread += started.elapsed().as_secs_f64();
     }
 
     /// Spreads what is left, and returns the sums.

@@ -2,10 +2,20 @@
 
 use crate::points::place;
 use crate::sample_sums::griddings::Griddings;
-use crate::sample_sums::occupied::Occupied;
 
 /// Samples of a block: with their places they fit the L2 cache.
 pub(super) const BLOCK: usize = 1 << 14;
+
+/// A sample's number in its block, and its cell of the fine grid and position in it.
+pub(super) type Place = (u32, [u32; 2], [f64; 2]);
+
+/// Samples of a block, as they come: weights are 1 where there are none, values are (samples, c) row-major.
+#[derive(Clone, Copy)]
+pub(super) struct Samples<'a> {
+    pub(super) directions: &'a [[f64; 3]],
+    pub(super) weights: Option<&'a [f64]>,
+    pub(super) values: &'a [f64],
+}
 
 /// Samples with weight, sorted by the strips of the grids.
 #[derive(Debug)]
@@ -27,20 +37,32 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// Places and sorts samples, and marks where they are. `values` is (samples, c) row-major.
-    pub(super) fn new(
-        directions: &[[f64; 3]],
-        weights: Option<&[f64]>,
-        values: &[f64],
-        channels: usize,
+    /// An empty block of samples with these channels.
+    pub(super) fn new(channels: usize) -> Self {
+        let squares = vec![0.0; channels];
+        let (cells, fractions, values, first) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { rows: 0, cells, fractions, values, first, weight: 0.0, squares }
+    }
+
+    /// Places and sorts samples. What the block held before
+    /// is lost, but for its memory.
+    pub(super) fn fill(
+        &mut self,
+        Samples { directions, weights, values }: Samples<'_>,
         griddings: &Griddings,
-        occupied: &Occupied,
-    ) -> Self {
+        places: &mut Vec<Place>,
+    ) {
+        let channels = self.squares.len();
         let (grid, rows) = (griddings.both[0].grid, griddings.rows_together());
         let weight = |i: usize| weights.map_or(1.0, |weights| weights[i]);
-        let mut places = Vec::with_capacity(directions.len());
-        let mut first = vec![0u32; griddings.strips() + 1];
-        let (mut total, mut squares) = (0.0, vec![0.0; channels]);
+        let refill = |list: &mut Vec<u32>| {
+            list.clear();
+            list.resize(griddings.strips() + 1, 0);
+        };
+        refill(&mut self.first);
+        (self.rows, self.weight) = (directions.len(), 0.0);
+        self.squares.fill(0.0);
+        places.clear();
         for (i, &[x, y, z]) in directions.iter().enumerate() {
             let w = weight(i);
             if w == 0.0 {
@@ -48,45 +70,33 @@ impl Block {
             }
             let (row, row_fraction) = place(z, (x * x + y * y).sqrt(), grid);
             let (column, column_fraction) = place(x, y, grid);
-            occupied.mark([row, column], [row_fraction, column_fraction], grid);
-            first[row as usize / rows + 1] += 1;
+            self.first[row as usize / rows + 1] += 1;
             places.push((i as u32, [row, column], [row_fraction, column_fraction]));
-            total += w;
-            for (square, f) in squares.iter_mut().zip(&values[i * channels..(i + 1) * channels]) {
+            self.weight += w;
+            for (square, f) in self.squares.iter_mut().zip(&values[i * channels..(i + 1) * channels]) {
                 *square += w * f * f;
             }
         }
-        for strip in 1..first.len() {
-            first[strip] += first[strip - 1];
+        for strip in 1..self.first.len() {
+            self.first[strip] += self.first[strip - 1];
         }
-        let count = places.len();
-        let mut block = Self {
-            rows: directions.len(),
-            cells: vec![[0; 2]; count],
-            fractions: vec![[0.0; 2]; count],
-            values: vec![0.0; count * (1 + channels)],
-            first: Vec::new(),
-            weight: total,
-            squares,
-        };
-        let mut next = first.clone();
-        for (i, cell, fraction) in places {
+        self.cells.resize(places.len(), [0; 2]);
+        self.fractions.resize(places.len(), [0.0; 2]);
+        self.values.resize(places.len() * (1 + channels), 0.0);
+        let mut next = self.first.clone();
+        for &(i, cell, fraction) in places.iter() {
             let i = i as usize;
             let next = &mut next[cell[0] as usize / rows];
             let at = *next as usize;
             *next += 1;
-            (block.cells[at], block.fractions[at]) = (cell, fraction);
+            (self.cells[at], self.fractions[at]) = (cell, fraction);
+            let out = &mut self.values[at * (1 + channels)..(at + 1) * (1 + channels)];
             let w = weight(i);
-            let [out_weight, out @ ..] = &mut block.values[at * (1 + channels)..(at + 1) * (1 + channels)] else {
-                continue;
-            };
-            *out_weight = w;
-            for (out, f) in out.iter_mut().zip(&values[i * channels..(i + 1) * channels]) {
+            out[0] = w;
+            for (out, f) in out[1..].iter_mut().zip(&values[i * channels..(i + 1) * channels]) {
                 *out = w * f;
             }
         }
-        block.first = first;
-        block
     }
 
     /// Number of samples with weight.

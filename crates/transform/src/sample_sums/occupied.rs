@@ -52,18 +52,21 @@ impl Occupied {
         }
     }
 
-    /// Marks a sample at a place of a grid of `grid` points around.
-    pub(super) fn mark(&self, cell: [u32; 2], fraction: [f64; 2], grid: usize) {
+    /// Marks samples at places of a grid of `grid` points around.
+    pub(super) fn mark(&self, cells: &[[u32; 2]], fractions: &[[f64; 2]], grid: usize) {
         let bands = self.first.len() - 1;
-        let turn = |i: usize| (f64::from(cell[i]) + fraction[i]) / grid as f64;
-        let band = ((2.0 * turn(0) * bands as f64) as usize).min(bands - 1);
-        let around = self.first[band + 1] - self.first[band];
-        let column = ((turn(1) * f64::from(around)) as u32).min(around - 1);
-        let at = (self.first[band] + column) as usize;
-        let (byte, bit) = (&self.bits[at / 8], 1 << (at % 8));
-        // Most cells are marked already, and a cache line that is only read can be shared.
-        if byte.load(Ordering::Relaxed) & bit == 0 {
-            byte.fetch_or(bit, Ordering::Relaxed);
+        let turns = 1.0 / grid as f64;
+        for (cell, fraction) in cells.iter().zip(fractions) {
+            let turn = |i: usize| (f64::from(cell[i]) + fraction[i]) * turns;
+            let band = ((2.0 * turn(0) * bands as f64) as usize).min(bands - 1);
+            let around = self.first[band + 1] - self.first[band];
+            let column = ((turn(1) * f64::from(around)) as u32).min(around - 1);
+            let at = (self.first[band] + column) as usize;
+            let (byte, bit) = (&self.bits[at / 8], 1 << (at % 8));
+            // Most cells are marked already, and a cache line that is only read can be shared.
+            if byte.load(Ordering::Relaxed) & bit == 0 {
+                byte.fetch_or(bit, Ordering::Relaxed);
+            }
         }
     }
 

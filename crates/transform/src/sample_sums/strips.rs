@@ -9,17 +9,19 @@ use crate::interpolation_batch::{BATCH, Batch, spread_batch};
 use crate::kernel::Kernel;
 use crate::sample_sums::blocks::Block;
 use crate::sample_sums::griddings::Griddings;
+use crate::sample_sums::occupied::Occupied;
 
 /// Columns of the fine grid that samples of a strip are sorted by: with the strip's rows they fit the L1 cache.
 const TILE_COLUMNS: usize = 16;
 
-/// Adds the samples of all blocks to the grids, in an order that doesn't depend on the number of threads.
+/// Marks where the samples of all blocks are, and adds them to the grids, in an order that doesn't depend on the number of threads.
 pub(super) fn spread(
     griddings: &Griddings,
     channels: usize,
     kernels: &[Kernel; 2],
     [fine, coarse]: &mut [Vec<f64>; 2],
     blocks: &[Block],
+    occupied: &Occupied,
 ) {
     let layouts = griddings.layouts(channels);
     let heights = [griddings.rows_together(), griddings.rows_together() / 2];
@@ -40,6 +42,7 @@ pub(super) fn spread(
         tasks.sort_by_key(|(count, ..)| std::cmp::Reverse(*count));
         tasks.into_par_iter().with_max_len(1).for_each_init(Gathered::default, |gathered, (_, strip, grids)| {
             gathered.gather(blocks, strip, channels, layouts[0].around);
+            occupied.mark(&gathered.cells, &gathered.fractions, layouts[0].around);
             let firsts = [strip * heights[0], strip * heights[1]];
             gathered.spread(layouts, firsts, kernels, grids);
         });
