@@ -74,7 +74,7 @@ fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
 }
 
 /// The smallest multiple of `step`, at least `at_least`, whose prime factors are 2, 3, 5, 7 and those of `step`.
-fn smooth(at_least: usize, step: usize) -> usize {
+pub(crate) fn smooth(at_least: usize, step: usize) -> usize {
     let mut candidate = at_least.max(1).next_multiple_of(step);
     loop {
         let mut rest = candidate;
