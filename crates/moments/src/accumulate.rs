@@ -1,6 +1,6 @@
 //! Moments of tables of samples, in bounded memory.
 //!
-//! A chunk is read while the one before is converted and spread. Memory is that of [`SampleSums`] and three chunks,
+//! A chunk is read while the one before is converted and spread. Memory is that of [`Accumulator`] and three chunks,
 //! whatever the size of the tables.
 
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 use spharm_monitor::{Monitor, Stage};
-use spharm_transform::SampleSums;
+use spharm_transform::{Accumulated as Found, Accumulator};
 
 use crate::MomentsError;
 use crate::moments::{Moments, Shard, Source};
@@ -104,7 +104,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     request.shard.check()?;
     let channels = request.columns.values.len();
     check_memory(request, channels)?;
-    let mut sums = SampleSums::new(request.max_degree, channels)?;
+    let mut sums = Accumulator::new(request.max_degree, channels)?;
     let mut key = Key::new(&request.columns);
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
     monitor.begin(Stage::counted("moments", "rows"), 0);
@@ -127,20 +127,20 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     seconds.place = sums.seconds().place;
     seconds.spread = sums.seconds().spread;
     let spread = Instant::now();
-    let sums = sums.finish()?;
+    let Found { sums, rows, occupied } = sums.finish()?;
     seconds.transform = spread.elapsed().as_secs_f64();
     seconds.total = started.elapsed().as_secs_f64();
-    let sources = vec![Source { key: key.finish(), shard: request.shard, rows: sums.rows }];
+    let sources = vec![Source { key: key.finish(), shard: request.shard, rows }];
     let mut warnings = Vec::new();
-    if sums.count < sums.rows {
-        warnings.push(Warning::ZeroWeights { zeros: sums.rows - sums.count, rows: sums.rows });
+    if sums.count < rows {
+        warnings.push(Warning::ZeroWeights { zeros: rows - sums.count, rows });
     }
     let [longitude, latitude] = largest;
     let small = longitude <= std::f64::consts::TAU && latitude <= std::f64::consts::FRAC_PI_2;
-    if longitude > 0.0 && small && sums.rows >= 10 {
+    if longitude > 0.0 && small && rows >= 10 {
         warnings.push(Warning::LooksLikeRadians { longitude, latitude });
     }
-    let moments = Moments { max_degree: request.max_degree, channels: request.columns.values.clone(), sums, sources };
+    let moments = Moments { channels: request.columns.values.clone(), sums, rows, occupied, sources };
     Ok(Accumulated { moments, warnings, seconds })
 }
 
@@ -148,7 +148,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
 pub fn bytes(max_degree: usize, channels: usize) -> usize {
     // Rows as they are read, twice, and samples.
     let row = 8 * (5 + channels);
-    SampleSums::bytes(max_degree, channels) + CHUNK * (3 * row + 8 * (4 + channels))
+    Accumulator::bytes(max_degree, channels) + CHUNK * (3 * row + 8 * (4 + channels))
 }
 
 fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> {
@@ -218,7 +218,7 @@ impl Key {
 struct Reading<'a> {
     path: &'a PathBuf,
     plan: &'a Plan,
-    sums: &'a mut SampleSums,
+    sums: &'a mut Accumulator,
     seconds: &'a mut Seconds,
     largest: &'a mut [f64; 2],
 }

@@ -167,14 +167,6 @@ pub enum MomentsError {
     /// No parts at all.
     #[error("no parts to add")]
     NoParts,
-    /// A degree above that of the moments.
-    #[error("the moments serve fits to degree {most}; found degree {found}")]
-    Degree {
-        /// The degree asked for.
-        found: usize,
-        /// The highest.
-        most: usize,
-    },
     /// A degree that transforms can't be made to.
     #[error(transparent)]
     Transform(#[from] TransformError),

@@ -7,7 +7,7 @@ use std::path::Path;
 use ndarray::Array2;
 use spharm_harmonics::{MAX_DEGREE, basis_size};
 use spharm_surface::io::write_new;
-use spharm_transform::{Occupied, SumsOfSamples};
+use spharm_transform::{Occupied, SampleSums};
 
 use crate::MomentsError;
 use crate::moments::{MOST_SHARDS, Moments, Shard, Source};
@@ -68,9 +68,9 @@ impl Moments {
 
     fn encode(&self, out: &mut dyn Write) -> io::Result<()> {
         let names = encode_names(&self.channels);
-        let cells = self.sums.occupied.bytes();
+        let cells = self.occupied.bytes();
         let sizes = Sizes {
-            max_degree: self.max_degree,
+            max_degree: self.sums.max_degree,
             channels: self.channels.len(),
             sources: self.sources.len(),
             names: names.len(),
@@ -93,7 +93,7 @@ impl Moments {
         ] {
             put(at, &u32_of(value)?.to_le_bytes());
         }
-        put(ROWS_AT, &self.sums.rows.to_le_bytes());
+        put(ROWS_AT, &self.rows.to_le_bytes());
         put(COUNT_AT, &self.sums.count.to_le_bytes());
         put(WEIGHT_AT, &self.sums.weight.to_le_bytes());
         let hash = blake3::hash(&header[..HEADER_HASH_AT]);
@@ -103,7 +103,7 @@ impl Moments {
         for values in [&self.sums.squares, &self.sums.moments] {
             out.numbers(values.iter())?;
         }
-        out.numbers(self.sums.right.iter())?;
+        out.numbers(self.sums.right_sides.iter())?;
         for Source { key, shard, rows } in &self.sources {
             out.write_all(key)?;
             out.write_all(&shard.index.to_le_bytes())?;
@@ -277,7 +277,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
         .ok_or_else(|| corrupt("cells", &"those of the degree", &"another number"))?;
     let channels = decode_names(names, sizes.channels)
         .ok_or_else(|| corrupt("names of the channels", &"as many as there are channels", &"others"))?;
-    let sums =
-        SumsOfSamples { moments, right, rows: u64_at(ROWS_AT), count: u64_at(COUNT_AT), weight, squares, occupied };
-    Ok(Moments { max_degree: sizes.max_degree, channels, sums, sources })
+    let (max_degree, count) = (sizes.max_degree, u64_at(COUNT_AT));
+    let sums = SampleSums { max_degree, moments, right_sides: right, squares, weight, count };
+    Ok(Moments { channels, sums, rows: u64_at(ROWS_AT), occupied, sources })
 }

@@ -12,7 +12,7 @@
 //! |---|---|
 //! | [`samples`] | tables of samples, a file format a module; columns to directions, weights and values |
 //! | [`mod@accumulate`] | moments of tables, in bounded memory |
-//! | [`moments`] | [`Moments`]: the sums, what they are of, fits of lower degrees |
+//! | [`moments`] | [`Moments`]: the sums, and what they are of |
 //! | [`merge`](mod@merge) | parts that make a whole |
 //! | `file` | the file format |
 //!
@@ -35,7 +35,7 @@
 //! let all = merge(parts, false)?;
 //! all.write(&folder.path().join("heights.moments"), false)?;
 //! let all = Moments::read(&folder.path().join("heights.moments"))?;
-//! assert_eq!((all.sums.rows, all.sums.squares[0]), (4, 18.0));
+//! assert_eq!((all.rows, all.sums.squares[0]), (4, 18.0));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

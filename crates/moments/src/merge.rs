@@ -51,8 +51,8 @@ fn same_kind(first: &Moments, second: &Moments, [a, b]: [&String; 2]) -> Result<
         let (first, second) = (a.clone(), b.clone());
         Err(MomentsError::Differ { what, first, second, expected, found })
     };
-    if first.max_degree != second.max_degree {
-        return differ("degrees", first.max_degree.to_string(), second.max_degree.to_string());
+    if first.sums.max_degree != second.sums.max_degree {
+        return differ("degrees", first.sums.max_degree.to_string(), second.sums.max_degree.to_string());
     }
     if first.channels != second.channels {
         return differ("channels", first.channels.join(", "), second.channels.join(", "));
@@ -61,18 +61,18 @@ fn same_kind(first: &Moments, second: &Moments, [a, b]: [&String; 2]) -> Result<
 }
 
 fn add(all: &mut Moments, part: Moments) {
+    all.rows += part.rows;
+    all.occupied.merge(&part.occupied);
     let (all, part) = (&mut all.sums, part.sums);
     for (sum, value) in all.moments.iter_mut().zip(&part.moments) {
         *sum += value;
     }
-    all.right += &part.right;
+    all.right_sides += &part.right_sides;
     for (sum, value) in all.squares.iter_mut().zip(&part.squares) {
         *sum += value;
     }
-    all.rows += part.rows;
     all.count += part.count;
     all.weight += part.weight;
-    all.occupied.merge(&part.occupied);
 }
 
 /// The sources of all parts, those whose shards are all there as a whole.

@@ -1,8 +1,6 @@
 //! The sums over samples that a fit needs, and what they are of.
 
-use ndarray::{Array2, s};
-use spharm_harmonics::basis_size;
-use spharm_transform::SumsOfSamples;
+use spharm_transform::{Occupied, SampleSums};
 
 use crate::MomentsError;
 
@@ -48,42 +46,16 @@ pub struct Source {
 /// The sums of a part of the data, or of all of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
-    /// Highest degree of fits, L.
-    pub max_degree: usize,
     /// Names of the channels, (c).
     pub channels: Vec<String>,
-    /// The sums: moments to degree 2L, right-hand sides to degree L, `sum w f^2`, numbers of samples.
-    pub sums: SumsOfSamples,
+    /// The sums: moments to degree 2L, right-hand sides to degree L, `sum w f^2`, number of samples.
+    pub sums: SampleSums,
+    /// Number of samples, those of weight 0 among them.
+    pub rows: u64,
+    /// Where samples with weight are.
+    pub occupied: Occupied,
     /// The samples that they are of, sorted by key and shard.
     pub sources: Vec<Source>,
-}
-
-impl Moments {
-    /// Returns the moments to degree 2 L' of a fit to degree L' = `max_degree`.
-    ///
-    /// # Errors
-    ///
-    /// [`MomentsError::Degree`]: L' is above L.
-    pub fn moments_to(&self, max_degree: usize) -> Result<&[f64], MomentsError> {
-        self.check(max_degree)?;
-        // Columns go by degree.
-        Ok(&self.sums.moments[..basis_size(2 * max_degree)])
-    }
-
-    /// Returns the right-hand sides to degree L' = `max_degree`, `((L' + 1)^2, c)`.
-    ///
-    /// # Errors
-    ///
-    /// [`MomentsError::Degree`]: L' is above L.
-    pub fn right_to(&self, max_degree: usize) -> Result<Array2<f64>, MomentsError> {
-        self.check(max_degree)?;
-        Ok(self.sums.right.slice(s![..basis_size(max_degree), ..]).to_owned())
-    }
-
-    fn check(&self, max_degree: usize) -> Result<(), MomentsError> {
-        let most = self.max_degree;
-        if max_degree > most { Err(MomentsError::Degree { found: max_degree, most }) } else { Ok(()) }
-    }
 }
 
 #[cfg(test)]

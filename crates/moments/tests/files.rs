@@ -4,20 +4,20 @@ use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 use spharm_moments::{Moments, MomentsError, Shard, Source};
-use spharm_transform::{Occupied, SumsOfSamples};
+use spharm_transform::{Occupied, SampleSums};
 
 fn small() -> Moments {
-    let sums = SumsOfSamples {
+    let sums = SampleSums {
+        max_degree: 1,
         moments: (0..9).map(|i| 0.5 * f64::from(i)).collect(),
-        right: Array2::from_shape_fn((4, 2), |(k, c)| k as f64 - c as f64),
-        rows: 7,
+        right_sides: Array2::from_shape_fn((4, 2), |(k, c)| k as f64 - c as f64),
         count: 6,
         weight: 6.5,
         squares: vec![1.25, 2.5],
-        occupied: Occupied::new(1),
     };
     let sources = vec![Source { key: [7; 32], shard: Shard { index: 1, of: 3 }, rows: 7 }];
-    Moments { max_degree: 1, channels: vec!["height".to_owned(), "h\u{f6}he".to_owned()], sums, sources }
+    let channels = vec!["height".to_owned(), "h\u{f6}he".to_owned()];
+    Moments { channels, sums, rows: 7, occupied: Occupied::new(1), sources }
 }
 
 fn golden() -> PathBuf {

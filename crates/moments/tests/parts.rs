@@ -35,19 +35,23 @@ fn shards_add_up_in_any_order() {
     let folder = tempfile::tempdir().unwrap();
     let path = table(folder.path());
     let whole = part(&path, 0, 1);
-    assert_eq!((whole.sums.rows, whole.sources[0].rows), (5_000, 5_000));
+    assert_eq!((whole.rows, whole.sources[0].rows), (5_000, 5_000));
     for of in [2, 7] {
         let mut parts: Vec<Moments> = (0..of).map(|index| part(&path, index, of)).collect();
-        assert!(parts.iter().all(|part| part.sums.rows > 0));
+        assert!(parts.iter().all(|part| part.rows > 0));
         parts.reverse();
         parts.swap(0, 1);
         let all = merge(parts, false).unwrap();
         assert_eq!(all.sources, whole.sources, "shards that make a whole are one");
-        assert_eq!((all.sums.rows, all.sums.count), (whole.sums.rows, whole.sums.count));
-        assert_eq!(all.sums.occupied, whole.sums.occupied);
+        assert_eq!((all.rows, all.sums.count), (whole.rows, whole.sums.count));
+        assert_eq!(all.occupied, whole.occupied);
         let largest = whole.sums.moments[0].abs();
-        let pairs =
-            all.sums.moments.iter().zip(&whole.sums.moments).chain(all.sums.right.iter().zip(&whole.sums.right));
+        let pairs = all
+            .sums
+            .moments
+            .iter()
+            .zip(&whole.sums.moments)
+            .chain(all.sums.right_sides.iter().zip(&whole.sums.right_sides));
         for (a, b) in pairs {
             assert!((a - b).abs() < 1e-13 * largest, "{a} {b}");
         }
@@ -85,10 +89,10 @@ fn parts_of_different_tables_add_up() {
     let copy = folder.path().join("more.csv");
     std::fs::copy(&path, &copy).unwrap();
     let all = merge(vec![part(&path, 0, 1), part(&copy, 0, 1)], false).unwrap();
-    assert_eq!((all.sources.len(), all.sums.rows), (2, 10_000));
+    assert_eq!((all.sources.len(), all.rows), (2, 10_000));
     let mut both = request(&path, Shard::WHOLE);
     both.files.push(copy);
     let both = accumulate(&both, &Silent).unwrap().moments;
-    assert_eq!(both.sums.rows, 10_000);
+    assert_eq!(both.rows, 10_000);
     assert!((both.sums.squares[0] / all.sums.squares[0] - 1.0).abs() < 1e-14);
 }

@@ -37,10 +37,10 @@ fn refused(request: &Request, expected: &[&str]) {
 }
 
 fn same(a: &Moments, b: &Moments) {
-    let pairs = a.sums.moments.iter().zip(&b.sums.moments).chain(a.sums.right.iter().zip(&b.sums.right));
+    let pairs = a.sums.moments.iter().zip(&b.sums.moments).chain(a.sums.right_sides.iter().zip(&b.sums.right_sides));
     let off = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(off < 1e-12 * a.sums.moments[0], "{off:e}");
-    assert_eq!((a.sums.rows, &a.sums.squares), (b.sums.rows, &b.sums.squares));
+    assert_eq!((a.rows, &a.sums.squares), (b.rows, &b.sums.squares));
 }
 
 /// Directions of the samples that all formats are tried with, as (lon, lat).

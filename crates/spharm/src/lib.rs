@@ -69,6 +69,7 @@
 //! | [`store`] | `spharm-store` | basis stores: [`store::build`], [`store::catalog`] |
 //! | [`io`], [`generate`], [`metrics`] | `spharm-surface` | files, example surfaces, distances between surfaces |
 //! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
+//! | [`moments`] | `spharm-moments` | moments of tables of samples, beyond memory and machine |
 //! | [`transform`] | `spharm-transform` | fast synthesis and its adjoint |
 //! | [`harmonics`] | `spharm-harmonics` | the harmonics, [`Directions`], [`Coefficients`] |
 //!
@@ -120,6 +121,7 @@ pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 
 pub use spharm_harmonics as harmonics;
+pub use spharm_moments as moments;
 pub use spharm_solver as solver;
 pub use spharm_store as store;
 pub use spharm_transform as transform;

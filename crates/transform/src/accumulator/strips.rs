@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use crate::accumulator::blocks::Block;
+use crate::accumulator::griddings::Griddings;
+use crate::accumulator::occupied::Occupied;
 use crate::grid::Layout;
 use crate::interpolation_batch::{BATCH, Batch, spread_batch};
 use crate::kernel::Kernel;
-use crate::sample_sums::blocks::Block;
-use crate::sample_sums::griddings::Griddings;
-use crate::sample_sums::occupied::Occupied;
 
 /// Columns of the fine grid that samples of a strip are sorted by: with the strip's rows they fit the L1 cache.
 const TILE_COLUMNS: usize = 16;

@@ -1,11 +1,11 @@
 //! The time of accumulating the sums of random samples, and of the transforms at the end.
 //!
-//! `cargo run --release -p spharm-transform --example sample_sums [DEGREE [SAMPLES [CHANNELS]]]`
+//! `cargo run --release -p spharm-transform --example accumulate [DEGREE [SAMPLES [CHANNELS]]]`
 
 use std::time::Instant;
 
 use ndarray::Array2;
-use spharm_transform::{SampleSums, SumsSeconds};
+use spharm_transform::{Accumulator, SumsSeconds};
 
 /// Uniform in [-1, 1), from a counter.
 fn noise(i: u64) -> f64 {
@@ -28,8 +28,8 @@ fn main() -> Result<(), spharm_transform::TransformError> {
         })
         .collect();
     let values = Array2::from_shape_fn((CHUNK, channels), |(i, c)| noise((i * channels + c) as u64));
-    let mut sums = SampleSums::new(max_degree, channels)?;
-    println!("{} MB planned", SampleSums::bytes(max_degree, channels) / 1_000_000);
+    let mut sums = Accumulator::new(max_degree, channels)?;
+    println!("{} MB planned", Accumulator::bytes(max_degree, channels) / 1_000_000);
     let started = Instant::now();
     for _ in 0..samples.div_ceil(CHUNK) {
         sums.add(&directions, None, values.view())?;

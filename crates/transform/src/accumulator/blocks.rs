@@ -1,7 +1,7 @@
 //! Blocks of samples, placed on the fine grid and sorted by strips.
 
+use crate::accumulator::griddings::Griddings;
 use crate::points::place;
-use crate::sample_sums::griddings::Griddings;
 
 /// Samples of a block: with their places they fit the L2 cache.
 pub(super) const BLOCK: usize = 1 << 14;

@@ -21,14 +21,14 @@ mod strips;
 
 use std::time::Instant;
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::ArrayView2;
 use rayon::prelude::*;
 
+use crate::accumulator::blocks::{BLOCK, Block, Samples};
+use crate::accumulator::griddings::Griddings;
+pub use crate::accumulator::occupied::Occupied;
 use crate::kernel::Kernel;
-use crate::sample_sums::blocks::{BLOCK, Block, Samples};
-use crate::sample_sums::griddings::Griddings;
-pub use crate::sample_sums::occupied::Occupied;
-use crate::{FINEST, Transform, TransformError, TransformParams};
+use crate::{FINEST, SampleSums, Transform, TransformError, TransformParams};
 
 /// Samples that are held before they are spread. Spreading goes over the whole grid, which at high degrees is larger
 /// than any cache.
@@ -38,19 +38,19 @@ pub const SAMPLES_HELD: usize = 1 << 22;
 ///
 /// ```
 /// use ndarray::array;
-/// use spharm_transform::SampleSums;
+/// use spharm_transform::Accumulator;
 ///
 /// // Two samples of the constant 3, to degree 0.
-/// let mut sums = SampleSums::new(0, 1)?;
+/// let mut sums = Accumulator::new(0, 1)?;
 /// sums.add(&[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], None, array![[3.0], [3.0]].view())?;
-/// let found = sums.finish()?;
+/// let found = sums.finish()?.sums;
 /// let s = (1.0 / (4.0 * std::f64::consts::PI)).sqrt();
-/// assert!((found.moments[0] - 2.0 * s).abs() < 1e-12 && (found.right[[0, 0]] - 6.0 * s).abs() < 1e-12);
+/// assert!((found.moments[0] - 2.0 * s).abs() < 1e-12 && (found.right_sides[[0, 0]] - 6.0 * s).abs() < 1e-12);
 /// assert_eq!((found.count, found.weight, found.squares[0]), (2, 2.0, 18.0));
 /// # Ok::<(), spharm_transform::TransformError>(())
 /// ```
 #[derive(Debug)]
-pub struct SampleSums {
+pub struct Accumulator {
     max_degree: usize,
     channels: usize,
     griddings: Griddings,
@@ -78,26 +78,18 @@ pub struct SumsSeconds {
     pub spread: f64,
 }
 
-/// Sums over samples; see [`SampleSums`].
+/// What has been accumulated; see [`Accumulator`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct SumsOfSamples {
-    /// Moments of the weights to degree 2L, `(2L + 1)^2` in canonical order.
-    pub moments: Vec<f64>,
-    /// Right-hand sides `A^T W f`, `((L + 1)^2, c)`.
-    pub right: Array2<f64>,
-    /// Number of samples.
+pub struct Accumulated {
+    /// The sums.
+    pub sums: SampleSums,
+    /// Number of samples, those of weight 0 among them.
     pub rows: u64,
-    /// Number of samples whose weight isn't 0.
-    pub count: u64,
-    /// Sum of the weights.
-    pub weight: f64,
-    /// `sum w f^2` of each channel, (c).
-    pub squares: Vec<f64>,
     /// Where samples with weight are.
     pub occupied: Occupied,
 }
 
-impl SampleSums {
+impl Accumulator {
     /// Starts sums for fits to degree L = `max_degree` of `channels` channels.
     ///
     /// # Errors
@@ -223,7 +215,7 @@ impl SampleSums {
     /// # Errors
     ///
     /// Those of planning the transforms, which can't occur where the degree was accepted.
-    pub fn finish(mut self) -> Result<SumsOfSamples, TransformError> {
+    pub fn finish(mut self) -> Result<Accumulated, TransformError> {
         self.spread();
         self.blocks = Vec::new();
         let [fine, coarse] = std::mem::take(&mut self.grids);
@@ -237,17 +229,20 @@ impl SampleSums {
             let transform = Transform::on(self.griddings.both[which], &[], &params)?;
             found.push(transform.coefficients_of_grid(grid, channels[which]));
         }
-        let right = found.pop().unwrap_or_default();
+        let right_sides = found.pop().unwrap_or_default();
         let moments = found.pop().map(|moments| moments.into_raw_vec_and_offset().0).unwrap_or_default();
-        let Self { rows, count, weight, squares, occupied, .. } = self;
-        Ok(SumsOfSamples { moments, right, rows, count, weight, squares, occupied })
+        let Self { max_degree, rows, count, weight, squares, occupied, .. } = self;
+        let sums = SampleSums { max_degree, moments, right_sides, squares, weight, count };
+        Ok(Accumulated { sums, rows, occupied })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use ndarray::Array2;
     use spharm_harmonics::Directions;
+
+    use super::*;
 
     fn samples(n: usize, channels: usize) -> (Directions, Vec<f64>, Array2<f64>) {
         // Not evenly spread, and with samples at both poles and on the seam.
@@ -269,13 +264,14 @@ mod tests {
     fn sums_are_the_adjoint_syntheses() {
         for (max_degree, n, channels) in [(0, 10, 1), (1, 100, 2), (7, 3_000, 3), (40, 70_000, 5), (150, 20_000, 1)] {
             let (directions, weights, values) = samples(n, channels);
-            let mut sums = SampleSums::new(max_degree, channels).unwrap();
+            let mut sums = Accumulator::new(max_degree, channels).unwrap();
             let (first, second) = (n / 3, n - n / 3);
             let (a, b) = values.view().split_at(ndarray::Axis(0), first);
             sums.add(&directions.as_slice()[..first], Some(&weights[..first]), a).unwrap();
             sums.add(&directions.as_slice()[first..], Some(&weights[first..]), b).unwrap();
             let found = sums.finish().unwrap();
             assert_eq!(second + first, found.rows as usize);
+            let found = found.sums;
             assert_eq!(found.count as usize, weights.iter().filter(|w| **w > 0.0).count());
             let exact = |max_degree: usize, f: &Array2<f64>| {
                 let params = TransformParams { max_degree, accuracy: FINEST, channels: 3 };
@@ -287,7 +283,7 @@ mod tests {
             let off = largest(moments.iter().zip(&found.moments).map(|(a, b)| a - b));
             assert!(off < 2e-13 * scale, "degree {max_degree}: moments off by {:.1e}", off / scale);
             let right = exact(max_degree, &(&values * &w));
-            let off = largest((&right - &found.right).iter().copied());
+            let off = largest((&right - &found.right_sides).iter().copied());
             assert!(off < 2e-13 * scale, "degree {max_degree}: right-hand sides off by {:.1e}", off / scale);
             let square: f64 = (0..n).map(|i| weights[i] * values[[i, 0]].powi(2)).sum();
             assert!((found.squares[0] / square - 1.0).abs() < 1e-13);
@@ -300,7 +296,7 @@ mod tests {
         let on = |threads: usize, step: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let mut sums = SampleSums::new(20, 2).unwrap();
+                let mut sums = Accumulator::new(20, 2).unwrap();
                 for at in (0..weights.len()).step_by(step) {
                     let rows = at..weights.len().min(at + step);
                     let values = values.slice(ndarray::s![rows.clone(), ..]);
@@ -316,10 +312,10 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_refused() {
-        let mut sums = SampleSums::new(2, 1).unwrap();
+        let mut sums = Accumulator::new(2, 1).unwrap();
         assert!(sums.add(&[[0.0, 0.0, 1.0]], None, Array2::zeros((2, 1)).view()).is_err());
         assert!(sums.add(&[[0.0, 0.0, 1.0]], None, Array2::zeros((1, 2)).view()).is_err());
         assert!(sums.add(&[[0.0, 0.0, 1.0]], Some(&[]), Array2::zeros((1, 1)).view()).is_err());
-        assert!(SampleSums::new(spharm_harmonics::MAX_DEGREE + 1, 1).is_err());
+        assert!(Accumulator::new(spharm_harmonics::MAX_DEGREE + 1, 1).is_err());
     }
 }
