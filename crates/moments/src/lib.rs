@@ -48,6 +48,6 @@ pub mod samples;
 
 pub use accumulate::{Accumulated, Request, Warning, accumulate};
 pub use error::MomentsError;
-pub use merge::merge;
+pub use merge::{merge, merge_named};
 pub use moments::{Moments, Shard, Source};
 pub use samples::{Columns, Positions};

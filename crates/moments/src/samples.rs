@@ -2,6 +2,7 @@
 
 mod csv;
 mod npy;
+mod open;
 mod records;
 mod table;
 
@@ -10,8 +11,8 @@ use rayon::prelude::*;
 use spharm_harmonics::directions::normalise;
 
 use crate::MomentsError;
-pub use crate::samples::table::ENDINGS;
-pub(crate) use crate::samples::table::{Opened, STDIN, open};
+pub use crate::samples::open::ENDINGS;
+pub(crate) use crate::samples::open::{Opened, STDIN, open};
 
 /// The value that is a sample's distance from the centre, for positions that are vectors.
 pub const RADIUS: &str = "radius";

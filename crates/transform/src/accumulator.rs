@@ -26,13 +26,10 @@ use rayon::prelude::*;
 
 use crate::accumulator::blocks::{BLOCK, Block, Samples};
 use crate::accumulator::griddings::Griddings;
+pub use crate::accumulator::griddings::SAMPLES_HELD;
 pub use crate::accumulator::occupied::Occupied;
 use crate::kernel::Kernel;
 use crate::{FINEST, SampleSums, Transform, TransformError, TransformParams};
-
-/// Samples that are held before they are spread. Spreading goes over the whole grid, which at high degrees is larger
-/// than any cache.
-pub const SAMPLES_HELD: usize = 1 << 22;
 
 /// Accumulates the sums of weighted samples, see the [module](self).
 ///

@@ -1,10 +1,13 @@
 //! Two grids for degrees 2L and L, of which the second is every second point of the first, with a kernel of one width.
 
 use crate::FINEST;
-use crate::accumulator::SAMPLES_HELD;
 use crate::grid::Layout;
 use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
 use crate::kernel::{Kernel, MAX_WIDTH};
+
+/// Samples that are held before they are spread. Spreading goes over the whole grid, which at high degrees is larger
+/// than any cache.
+pub const SAMPLES_HELD: usize = 1 << 22;
 
 /// The griddings of the weights, degree 2L, and of the weighted values, degree L.
 #[derive(Debug, Clone, Copy)]
