@@ -112,7 +112,7 @@ struct PositionArgs {
 #[command(next_help_heading = OUTPUT)]
 pub(super) struct Output {
     /// File of moments to write
-    #[arg(short, long = "output", value_name = "OUT.moments")]
+    #[arg(short = 'o', long = "output", value_name = "OUT.moments")]
     pub(super) path: PathBuf,
     /// Write a report to a JSON file
     #[arg(long, value_name = "FILE")]

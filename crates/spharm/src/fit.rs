@@ -1,12 +1,14 @@
 //! Fitting: one target, or many over one sphere in bounded memory.
 
 mod batches;
+mod from_moments;
 mod irf;
 mod job;
 mod lsq;
 mod lsq_plan;
 mod quadrature;
 
+pub use from_moments::{MomentsFit, MomentsReport, fit_moments};
 pub use lsq_plan::check_memory;
 pub use quadrature::Quadrature;
 

@@ -114,7 +114,9 @@ pub mod rerun;
 pub mod warning;
 
 pub use error::Error;
-pub use fit::{Fit, Quadrature, ToTarget, check_memory, fit, fit_many, fit_with};
+pub use fit::{
+    Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_memory, fit, fit_many, fit_moments, fit_with,
+};
 pub use model::versions;
 pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
@@ -128,6 +130,7 @@ pub use spharm_transform as transform;
 
 pub use spharm_harmonics::{Coefficients, Directions, HarmonicsError};
 pub use spharm_model::{FileRecord, Model, ModelError, Versions};
+pub use spharm_moments::{Moments, MomentsError};
 pub use spharm_monitor::{Interrupted, Level, Monitor, Silent, Stage, Unit};
 pub use spharm_parametrize::ParametrizeError;
 pub use spharm_solver::SolverError;

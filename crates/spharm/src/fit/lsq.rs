@@ -205,7 +205,7 @@ fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     smoothness
 }
 
-fn strategy(preconditioner: Preconditioner) -> Strategy {
+pub(super) fn strategy(preconditioner: Preconditioner) -> Strategy {
     match preconditioner {
         Preconditioner::Auto => Strategy::Auto,
         Preconditioner::None => Strategy::Cg,
