@@ -9,7 +9,6 @@ import json
 import multiprocessing
 import os
 import platform
-import signal
 import statistics
 import subprocess
 import sys
@@ -23,6 +22,9 @@ import spharm_rs as sp
 
 ROOT = Path(__file__).resolve().parent.parent
 PEER = ROOT / "target" / "release" / "examples" / "peer"
+
+sys.path.insert(0, str(ROOT / "tests" / "python"))
+from test_process import interrupted
 
 
 class Rows:
@@ -100,21 +102,6 @@ def memory(rows):
     rows.bar("memory of (10^6, 3), over the library's", ours / theirs, 1.1)
 
 
-def late(work, after):
-    """Seconds from SIGINT to KeyboardInterrupt; None where the work was done before."""
-    timer = threading.Timer(after, lambda: os.kill(os.getpid(), signal.SIGINT))
-    start = time.perf_counter()
-    timer.start()
-    try:
-        work()
-    except KeyboardInterrupt:
-        return time.perf_counter() - start - after
-    finally:
-        timer.cancel()
-        timer.join()
-    return None
-
-
 def interrupts(rows, times):
     surface, sphere = sp.example_surface(7)
     rough = np.random.default_rng(0).normal(size=(20_000, 3))
@@ -129,7 +116,7 @@ def interrupts(rows, times):
             "surface distance": lambda: sp.compare(surface, sphere, surface_distance=True, samples=4_000_000),
         }
         for what, work in works.items():
-            found = [late(work, rng.uniform(0.1, 0.8)) for _ in range(times)]
+            found = [interrupted(work, rng.uniform(0.1, 0.8)) for _ in range(times)]
             done = found.count(None)
             worst = max((x for x in found if x is not None), default=float("inf"))
             rows.bar(f"KeyboardInterrupt in {what}, worst of {times - done}", worst, 0.25, " s")

@@ -7,6 +7,7 @@ mod basis_build;
 mod compare;
 mod fit;
 mod generate;
+mod moments;
 mod pages;
 #[cfg(feature = "paper")]
 mod paper;
@@ -35,6 +36,7 @@ enum Verb {
     Parametrize(parametrize::Cli),
     Reconstruct(reconstruct::Cli),
     Compare(compare::Cli),
+    Moments(moments::Cli),
     Picture(picture::Cli),
     BasisBuild(basis_build::Cli),
     Store(store::Cli),
@@ -52,6 +54,7 @@ impl Verb {
             Self::Parametrize(cli) => parametrize::run(cli),
             Self::Reconstruct(cli) => reconstruct::run(cli),
             Self::Compare(cli) => compare::run(cli),
+            Self::Moments(cli) => moments::run(cli),
             Self::Picture(cli) => picture::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
             Self::Store(cli) => store::run(cli),

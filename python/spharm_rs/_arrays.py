@@ -76,6 +76,11 @@ def whole(what: str, value: Any, least: int = 0) -> int:
     return int(value)
 
 
+def threads(value: Any) -> int | None:
+    """Returns a number of threads, at least 1; none for the default."""
+    return None if value is None else whole("threads", value, 1)
+
+
 #: As of the program's options.
 _UNITS = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30, "KB": 10**3, "MB": 10**6, "GB": 10**9, "B": 1}
 

@@ -83,7 +83,7 @@ def compare(
     between: dict[str, Any] | None = None
     each: Floats | None = None
     if surface_distance:
-        count = None if threads is None else _arrays.whole("threads", threads, 1)
+        count = _arrays.threads(threads)
         text, each = _core.surface_distance(
             *arrays, samples=_arrays.whole("samples", samples, 1), threads=count, progress=callback(progress)
         )

@@ -67,7 +67,7 @@ def _settings(
         "store": None if store is None else os.fspath(store.path if isinstance(store, Store) else store),
         "dtype": None if dtype is None else str(dtype),
         "memory": _arrays.size(memory),
-        "threads": None if threads is None else _arrays.whole("threads", threads, 1),
+        "threads": _arrays.threads(threads),
     }
 
 

@@ -56,7 +56,7 @@ def _settings(method: str, degree: int | None, area: float, seed: int, threads: 
         "degree": None if degree is None else _arrays.whole("degree", degree),
         "area": float(area),
         "seed": _arrays.whole("seed", seed),
-        "threads": None if threads is None else _arrays.whole("threads", threads, 1),
+        "threads": _arrays.threads(threads),
     }
 
 
@@ -223,7 +223,7 @@ def resample(
     mesh = as_surface(surface)
     unit = _arrays.positions("sphere", sphere) if isinstance(sphere, np.ndarray) else as_surface(sphere).vertices
     shared = as_surface(named_icosphere(onto))
-    threads = None if threads is None else _arrays.whole("threads", threads, 1)
+    threads = _arrays.threads(threads)
     return _made(
         _core.resample(
             mesh.vertices, mesh.faces, unit, shared.vertices, shared.faces, threads=threads, progress=callback(progress)

@@ -79,7 +79,7 @@ class Store:
             dtype=str(dtype),
             memory=_arrays.size(memory) or 0,
             allow_large=bool(allow_large),
-            threads=None if threads is None else _arrays.whole("threads", threads, 1),
+            threads=_arrays.threads(threads),
             progress=callback(progress),
         )
         found: dict[str, Any] = json.loads(report)
@@ -127,7 +127,7 @@ class Store:
             smoothness=float(smoothness),
             memory=_arrays.size(memory) or 0,
             allow_large=bool(allow_large),
-            threads=None if threads is None else _arrays.whole("threads", threads, 1),
+            threads=_arrays.threads(threads),
             progress=callback(progress),
         )
         found: dict[str, Any] = json.loads(report)
@@ -140,5 +140,5 @@ class Store:
 
     def verify(self, *, threads: int | None = None, progress: Progress = None) -> list[str]:
         """Checks every byte against its hash, and returns what is wrong: nothing where all is sound."""
-        threads = None if threads is None else _arrays.whole("threads", threads, 1)
+        threads = _arrays.threads(threads)
         return _core.store_verify(self.path, threads=threads, progress=callback(progress))

@@ -57,7 +57,7 @@ class Transform:
             _arrays.whole("max_degree", max_degree),
             accuracy=float(accuracy),
             channels=_arrays.whole("channels", channels, 1),
-            threads=None if threads is None else _arrays.whole("threads", threads, 1),
+            threads=_arrays.threads(threads),
         )
 
     def __repr__(self) -> str:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import gzip
 import os
 import re
-import struct
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import nibabel
 import numpy as np
 import pytest
 
@@ -37,17 +36,8 @@ def of(language: str) -> pytest.MarkDecorator:
 
 
 def write_nifti(path: Path, labels: np.ndarray) -> None:
-    """NIfTI-1 of 32-bit labels in voxels of 1 mm."""
-    header = bytearray(352)
-    struct.pack_into("<i", header, 0, 348)
-    struct.pack_into("<8h", header, 40, 3, *labels.shape, 1, 1, 1, 1)
-    struct.pack_into("<2h", header, 70, 8, 32)
-    struct.pack_into("<8f", header, 76, 1, 1, 1, 1, 1, 1, 1, 1)
-    struct.pack_into("<f", header, 108, 352)
-    struct.pack_into("<h", header, 254, 1)
-    struct.pack_into("<12f", header, 280, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
-    header[344:348] = b"n+1\0"
-    path.write_bytes(gzip.compress(bytes(header) + np.asarray(labels, "<i4").tobytes(order="F")))
+    """Labels in voxels of 1 mm."""
+    nibabel.save(nibabel.Nifti1Image(labels.astype(np.int32), np.eye(4)), path)
 
 
 @pytest.fixture

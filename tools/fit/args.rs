@@ -22,6 +22,7 @@ use spharm_cli::{Common, help};
         "spharm fit --surface bunny.ply --max-degree 60",
         "spharm fit --sphere lh.sphere.reg --surface sub-*/surf/lh.pial --max-degree 80 -o models \\",
         "    --name-template '{parent2}.{stem}' --skip-existing",
+        "spharm fit --moments topography.moments --max-degree 300 --smoothness auto -o models",
         "spharm fit --store basis --sphere sphere.surf.gii --surface @subjects.txt --max-degree 100 --passes 2 -o models",
     ],
     &[help::MESHES, help::VOLUMES, help::SIGNALS],
@@ -47,8 +48,17 @@ pub(super) struct Input {
     /// Surfaces, or signals, on the sphere's vertices
     ///
     /// @LIST takes the paths from a file, one a line, relative to it, # for comments.
-    #[arg(long, value_name = "FILE", num_args = 1.., required = true)]
+    #[arg(long, value_name = "FILE", num_args = 1.., required_unless_present = "moments")]
     pub(super) surface: Vec<PathBuf>,
+    /// Moments of samples, in place of surfaces
+    ///
+    /// A file that `spharm moments` or `spharm moments merge` has written, for models of any degree up to its own.
+    #[arg(
+        long,
+        value_name = "ALL.moments",
+        conflicts_with_all = ["surface", "sphere", "label", "fix", "method", "hold_out", "dtype", "verify", "skip_existing"]
+    )]
+    pub(super) moments: Option<PathBuf>,
     /// Sphere of the surfaces [default: each is mapped to one of its own]
     ///
     /// A mesh around the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere (see

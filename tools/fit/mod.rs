@@ -2,6 +2,7 @@
 
 mod args;
 mod items;
+mod moments;
 mod output;
 mod settings;
 
@@ -22,6 +23,9 @@ use self::output::{Call, Fitted, Mapped};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let (params, monitor) = (settings::params(cli)?, ConsoleMonitor::new(cli.common.console()));
+    if let Some(path) = &cli.input.moments {
+        return moments::run(cli, path, &params, &monitor);
+    }
     let (mut call, console) = (Call::new(cli, &params, &monitor), monitor.console());
     raise_file_limit();
     check_outputs(cli.output.report.iter().map(|path| OutputFile::new(path, "--report")), cli.output.force)?;

@@ -7,7 +7,7 @@ mod fit;
 
 use std::io;
 
-use spharm::{Error, ModelError};
+use spharm::{Error, ModelError, MomentsError};
 use spharm_parametrize::ParametrizeError;
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
@@ -28,9 +28,17 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
                 error => fit::of_fit(error),
             })
         };
+        let moments = || cause.downcast_ref().and_then(of_moments);
         let model = || cause.downcast_ref().and_then(of_model);
         let refusal = || cause.downcast_ref().map(fit::of_refusal);
-        surface.or_else(store).or_else(solver).or_else(parametrize).or_else(fit).or_else(model).or_else(refusal)
+        surface
+            .or_else(store)
+            .or_else(solver)
+            .or_else(parametrize)
+            .or_else(fit)
+            .or_else(model)
+            .or_else(moments)
+            .or_else(refusal)
     })
 }
 
@@ -143,6 +151,18 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply are such formats".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),
         ParametrizeError::Solver(error) => of_solver(error),
+        _ => None,
+    }
+}
+
+fn of_moments(error: &MomentsError) -> Option<String> {
+    match error {
+        MomentsError::Columns { .. } => {
+            Some("--angles, --lonlat or --vectors name the positions' columns, --values the others".to_owned())
+        }
+        MomentsError::Memory { .. } => Some("--max-degree L lowers it, --memory SIZE allows for more".to_owned()),
+        MomentsError::Missing { .. } => Some("--partial adds what is there".to_owned()),
+        MomentsError::Output(error) => of_surface(error),
         _ => None,
     }
 }

@@ -81,8 +81,9 @@ pub fn stem(path: &Path) -> String {
     let lower = name.to_ascii_lowercase();
     let unpacked = lower.strip_suffix(".gz").unwrap_or(&lower);
     let proper = FORMATS.iter().filter(|format| !format.hemisphere_prefix).flat_map(|format| format.endings);
-    let endings =
-        proper.chain(&[".nii"]).filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
+    let endings = proper
+        .chain(&[".nii", ".moments"])
+        .filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
     // `.surf.gii` is an ending, and so is `.gii`.
     let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
     name.get(..length).unwrap_or(&name).to_owned()

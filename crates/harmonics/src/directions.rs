@@ -148,7 +148,13 @@ pub fn angles(direction: [f64; 3]) -> [f64; 2] {
     [x.hypot(y).atan2(z), if phi < 0.0 { phi + std::f64::consts::TAU } else { phi }]
 }
 
-fn normalise(vector: [f64; 3], index: usize) -> Result<([f64; 3], f64), HarmonicsError> {
+/// Returns the direction of a vector, a unit vector, and its length. `index` is its number, for errors.
+///
+/// # Errors
+///
+/// - [`HarmonicsError::NotFinite`]: a coordinate is NaN or infinite.
+/// - [`HarmonicsError::AtOrigin`]: the vector is zero.
+pub fn normalise(vector: [f64; 3], index: usize) -> Result<([f64; 3], f64), HarmonicsError> {
     if vector.iter().any(|c| !c.is_finite()) {
         return Err(HarmonicsError::NotFinite { index, found: vector });
     }

@@ -10,7 +10,6 @@ use pyo3::prelude::*;
 use serde_json::{Value, json};
 use spharm::parametrize::{CaldParams, parametrize_with};
 use spharm::solver::lsq::LsqWarning;
-use spharm::store::Scalar;
 use spharm::{
     BatchReport, Error, Fit, FitParams, FitTo, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor,
     Signal, Smoothness, Sphere, Target, Weights,
@@ -20,6 +19,7 @@ use crate::arrays::{Faces, Positions, SphereArrays, mesh};
 use crate::errors::Failure;
 use crate::models::Model;
 use crate::run::run;
+use crate::stores::scalar;
 
 /// How to fit: the keyword arguments of `spharm_rs.fit`, checked for their types there.
 #[derive(FromPyObject)]
@@ -84,11 +84,6 @@ impl Settings<'_> {
                 Weights::Values { name: "weights".to_owned(), values: values.as_array().to_vec() }
             }
         };
-        let scalar = |name: &String| match name.as_str() {
-            "f64" => Ok(Scalar::F64),
-            "f32" => Ok(Scalar::F32),
-            found => Err(PyValueError::new_err(format!("dtype: expected f64 or f32; found {found}"))),
-        };
         Ok(FitParams {
             method,
             target: self.target.as_deref().map_or(Ok(FitTo::Default), |text| parsed("target", text))?,
@@ -105,7 +100,7 @@ impl Settings<'_> {
             preconditioner: parsed("preconditioner", &self.preconditioner)?,
             strict: self.strict,
             store: self.store.clone(),
-            scalar: self.dtype.as_ref().map(scalar).transpose()?,
+            scalar: self.dtype.as_deref().map(scalar).transpose()?,
             memory: self.memory,
             threads: None,
             ..FitParams::lsq(self.max_degree)

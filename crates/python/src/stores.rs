@@ -19,7 +19,12 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-fn scalar(name: &str) -> PyResult<Scalar> {
+/// Returns the type of a basis's values by its name.
+///
+/// # Errors
+///
+/// `ValueError` for any other name.
+pub(crate) fn scalar(name: &str) -> PyResult<Scalar> {
     match name {
         "f64" => Ok(Scalar::F64),
         "f32" => Ok(Scalar::F32),

@@ -116,6 +116,27 @@ pub enum SolverError {
     /// A factor is needed, and there is nothing to make it from.
     #[error("this strategy needs the Gram matrix or a factor, and has neither")]
     NoGram,
+    /// Sums over no samples, or over samples without weight.
+    #[error("sums over {count} samples of weight {weight}: expected at least one sample with a positive weight")]
+    NoSamples {
+        /// Samples with weight.
+        count: u64,
+        /// Sum of the weights.
+        weight: f64,
+    },
+    /// Sums whose arrays don't belong to their degree or number of columns.
+    #[error("sums over the samples: {what} should hold {expected} rows, found {found}")]
+    Sums {
+        /// Which array.
+        what: &'static str,
+        /// Rows expected.
+        expected: usize,
+        /// Rows found.
+        found: usize,
+    },
+    /// Sums over samples with a NaN or an infinity.
+    #[error("the sums over the samples hold NaN or infinite values; check the samples' values and weights")]
+    SumsNotFinite,
     /// The Gram matrix of the low degrees, for a preconditioner, is singular.
     #[error("the Gram matrix of the degrees to {degree} is numerically singular; precondition with fewer degrees")]
     LowDegrees {

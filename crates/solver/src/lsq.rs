@@ -22,9 +22,11 @@
 //! | `params`, `solver` | [`LsqParams`], [`LsqSolver`]: the strategy |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
+//! | `problem` | products and gradients, from samples or from moments |
+//! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples alone |
 //! | `standard_errors` | of the coefficients |
 //! | [`gcv`] | the smoothness by generalised cross-validation |
-//! | `report` | what a fit reports |
+//! | `report`, `assess` | what a fit reports |
 //!
 //! ```
 //! use ndarray::Array2;
@@ -45,15 +47,21 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+#[cfg(feature = "dense")]
+mod assess;
 pub mod cg;
 pub(crate) mod columns;
 #[cfg(feature = "dense")]
 mod factor;
 pub mod gcv;
+#[cfg(feature = "dense")]
+mod moment_solver;
+mod moments;
 pub mod normal_equations;
 #[cfg(feature = "dense")]
 mod params;
 pub mod preconditioner;
+mod problem;
 #[cfg(feature = "dense")]
 mod refine;
 #[cfg(feature = "dense")]
@@ -64,11 +72,14 @@ mod solver;
 mod standard_errors;
 
 pub use cg::Stop;
-pub use gcv::{Gcv, choose_smoothness};
+pub use gcv::{Gcv, choose_smoothness, choose_smoothness_by_moments};
+#[cfg(feature = "dense")]
+pub use moment_solver::{MomentFit, solve_moments};
+pub use moments::MomentProblem;
 pub use normal_equations::NormalEquations;
 #[cfg(feature = "dense")]
 pub use params::{LsqParams, Strategy};
 #[cfg(feature = "dense")]
 pub use report::{LsqReport, LsqSeconds, LsqWarning};
 #[cfg(feature = "dense")]
-pub use solver::{CheckLimits, LsqFit, LsqSolver, MakeGram, solve};
+pub use solver::{CheckLimits, LsqFit, LsqSolver, MakeGram, MakeMoments, solve};

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use ndarray::Array2;
 use ndarray_npy::WriteNpyExt;
 use spharm_model::csv::write_complex_csv;
 use spharm_model::{FileRecord, Model};
@@ -159,13 +160,22 @@ impl ModelFiles {
             write_new(self.csv(), replace.beside, |out| write_complex_csv(&fit.coefficients, out))?;
         }
         if let Some(errors) = &fit.standard_errors {
-            write_new(self.standard_errors(), replace.beside, |out| errors.write_npy(out).map_err(io::Error::other))?;
+            self.write_standard_errors(errors, replace.beside)?;
         }
         let mut model = Model::new(sphere.clone(), fit.clone(), kind);
         model.provenance.input = made_of.input.cloned();
         model.provenance.repair =
             made_of.repair.and_then(|repair| serde_json::to_value(repair).ok()?.as_object().cloned());
         Ok(model.write_with(&self.model, replace.model)?)
+    }
+
+    /// Writes standard errors, (K, c), beside the model.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Surface`] for a file that exists, unless it is replaced, or can't be written.
+    pub fn write_standard_errors(&self, errors: &Array2<f64>, replace: bool) -> Result<(), Error> {
+        Ok(write_new(self.standard_errors(), replace, |out| errors.write_npy(out).map_err(io::Error::other))?)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Fitting: one target, or many over one sphere in bounded memory.
 
 mod batches;
+mod from_moments;
 mod irf;
 mod job;
 mod lsq;
@@ -8,6 +9,7 @@ mod lsq_plan;
 mod quadrature;
 mod rows;
 
+pub use from_moments::{MomentsFit, MomentsReport, fit_moments};
 pub use lsq_plan::check_memory;
 pub use quadrature::Quadrature;
 

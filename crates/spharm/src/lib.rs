@@ -69,6 +69,7 @@
 //! | [`store`] | `spharm-store` | basis stores: [`store::build`], [`store::catalog`] |
 //! | [`io`], [`generate`], [`metrics`] | `spharm-surface` | files, example surfaces, distances between surfaces |
 //! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
+//! | [`moments`] | `spharm-moments` | moments of tables of samples, beyond memory and machine |
 //! | [`transform`] | `spharm-transform` | fast synthesis and its adjoint |
 //! | [`harmonics`] | `spharm-harmonics` | the harmonics, [`Directions`], [`Coefficients`] |
 //!
@@ -113,19 +114,23 @@ pub mod rerun;
 pub mod warning;
 
 pub use error::Error;
-pub use fit::{Fit, Quadrature, ToTarget, check_memory, fit, fit_many, fit_with};
+pub use fit::{
+    Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_memory, fit, fit_many, fit_moments, fit_with,
+};
 pub use model::versions;
 pub use params::{FitParams, FitTo, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 
 pub use spharm_harmonics as harmonics;
+pub use spharm_moments as moments;
 pub use spharm_solver as solver;
 pub use spharm_store as store;
 pub use spharm_transform as transform;
 
 pub use spharm_harmonics::{Coefficients, Directions, HarmonicsError};
 pub use spharm_model::{FileRecord, Model, ModelError, Versions};
+pub use spharm_moments::{Moments, MomentsError};
 pub use spharm_monitor::{Interrupted, Level, Monitor, Silent, Stage, Unit};
 pub use spharm_parametrize::ParametrizeError;
 pub use spharm_solver::SolverError;

@@ -61,6 +61,19 @@ pub enum FitWarning {
         /// Why.
         reason: String,
     },
+    /// Samples that don't determine the degree: there are too few of them, or none in a part of the sphere.
+    Gap {
+        /// Highest degree of the fit.
+        max_degree: usize,
+        /// Samples with weight.
+        samples: u64,
+        /// Coefficients of a channel.
+        functions: usize,
+        /// Diameter of the largest cap without samples, degrees.
+        largest_gap: f64,
+        /// What is resolved at the highest degree, `pi / L`, degrees.
+        resolved: f64,
+    },
     /// Something that the solver reports.
     Solver(LsqWarning),
 }
@@ -96,6 +109,11 @@ impl fmt::Display for FitWarning {
                  determine them, the solution of least norm was taken"
             ),
             Self::FactorUnusable { reason } => write!(f, "{reason}; solving without it"),
+            Self::Gap { max_degree, samples, functions, largest_gap, resolved } => write!(
+                f,
+                "degree {max_degree} isn't determined by the samples: {samples} of them for {functions} coefficients, and \
+                 the largest gap between them is {largest_gap:.1} degrees wide, where the degree resolves {resolved:.1}"
+            ),
             Self::Solver(warning) => warning.fmt(f),
         }
     }

@@ -1,11 +1,12 @@
-//! Seconds of a plan, a synthesis and an adjoint: `rates DIRECTIONS DEGREE ACCURACY CHANNELS`.
+//! Seconds of a plan, a synthesis, an adjoint, and of the normal operator by samples and by moments:
+//! `rates DIRECTIONS DEGREE ACCURACY CHANNELS`.
 
 use std::time::Instant;
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
 use spharm_harmonics::index::basis_size;
-use spharm_transform::{Transform, TransformParams};
+use spharm_transform::{MomentOperator, SampleSums, Transform, TransformParams};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<f64> = std::env::args().skip(1).map(|a| a.parse()).collect::<Result<_, _>>()?;
@@ -32,5 +33,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     time("synthesis", &mut || drop(transform.synthesis(x.view())));
     time("adjoint", &mut || drop(transform.adjoint_synthesis(samples.view())));
     time("normal", &mut || drop(transform.normal(x.view(), None)));
+    drop(transform);
+    let sums = || SampleSums::new(&directions, None, samples.view(), max_degree, accuracy);
+    let moments = sums()?.moments;
+    let operator = MomentOperator::new(max_degree, &moments)?;
+    time("sums", &mut || drop(sums()));
+    time("operator", &mut || drop(MomentOperator::new(max_degree, &moments)));
+    time("product", &mut || drop(operator.apply(x.view())));
     Ok(())
 }

@@ -59,6 +59,7 @@ use spharm_harmonics::basis_size;
 use spharm_harmonics::index::{degree_order, first_column};
 
 use crate::TransformError;
+use crate::moments::check;
 use measure::Measure;
 use panel::{Columns, Part, Rows};
 
@@ -87,14 +88,7 @@ impl MomentGram {
     /// - [`TransformError::MomentNotFinite`]: a moment is NaN or infinite.
     /// - [`TransformError::Harmonics`]: 2L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
-        let degree = 2 * max_degree;
-        let expected = basis_size(degree);
-        if moments.len() != expected {
-            return Err(TransformError::MomentCount { degree, expected, found: moments.len() });
-        }
-        if let Some(column) = moments.iter().position(|moment| !moment.is_finite()) {
-            return Err(TransformError::MomentNotFinite { column, found: moments[column] });
-        }
+        check(max_degree, moments)?;
         Ok(Self { measure: Measure::new(max_degree, moments)? })
     }
 

@@ -12,9 +12,9 @@ pub const FINEST: f64 = 1e-13;
 pub const COARSEST: f64 = 1e-3;
 
 /// The smallest grid: it has to have several strips of rows, for several threads.
-const MIN_GRID: usize = 64;
+pub(crate) const MIN_GRID: usize = 64;
 /// The largest oversampling, grid points over the Nyquist number `2 L + 2`.
-const MAX_OVERSAMPLING: f64 = 2.8;
+pub(crate) const MAX_OVERSAMPLING: f64 = 2.8;
 
 /// Grid sizes and kernel width of a transform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,14 +59,18 @@ impl Gridding {
     fn cost(&self, max_degree: usize, directions: usize) -> f64 {
         let (m, l) = (self.grid as f64, max_degree as f64 + 1.0);
         let fourier = m * m.log2() * (l / 2.0 + m / 4.0);
-        let lanes = self.width.next_multiple_of(4) as f64 / 8.0;
-        let point = self.width as f64 * lanes * 0.9 + 12.0 * lanes + 4.0;
-        0.9 * fourier + point * directions as f64
+        0.9 * fourier + point_cost(self.width, 1) * directions as f64
     }
 }
 
+/// Estimated nanoseconds of one thread for spreading a direction's values to a grid in the cache.
+pub(crate) fn point_cost(width: usize, channels: usize) -> f64 {
+    let lanes = width.next_multiple_of(4) as f64 / 8.0;
+    width as f64 * lanes * 0.9 * channels as f64 + 12.0 * lanes + 4.0
+}
+
 /// The expected relative error of a width on a grid: the aliases in both directions, and magnified rounding errors.
-fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
+pub(crate) fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
     if (2 * max_degree + 1) as f64 > 0.9 * grid as f64 {
         return f64::INFINITY;
     }
@@ -74,7 +78,7 @@ fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
 }
 
 /// The smallest multiple of `step`, at least `at_least`, whose prime factors are 2, 3, 5, 7 and those of `step`.
-fn smooth(at_least: usize, step: usize) -> usize {
+pub(crate) fn smooth(at_least: usize, step: usize) -> usize {
     let mut candidate = at_least.max(1).next_multiple_of(step);
     loop {
         let mut rest = candidate;

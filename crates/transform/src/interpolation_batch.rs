@@ -35,10 +35,14 @@ impl Batch {
 
     /// Computes the kernel values of the points at `places`, at most [`BATCH`] of them.
     pub(crate) fn fill(&mut self, layout: Layout, kernel: &Kernel, points: &Points, places: Range<usize>) {
+        self.fill_at(layout, kernel, &points.cells[places.clone()], &points.fractions[places]);
+    }
+
+    /// Computes the kernel values of points in these cells, at most [`BATCH`] of them, at these positions in them.
+    pub(crate) fn fill_at(&mut self, layout: Layout, kernel: &Kernel, cells: &[[u32; 2]], fractions: &[[f64; 2]]) {
         let (mut row_arguments, mut column_arguments) = ([0.0; BATCH], [0.0; BATCH]);
-        let count = places.len();
-        for (i, place) in places.enumerate() {
-            let ([row, column], [row_fraction, column_fraction]) = (points.cells[place], points.fractions[place]);
+        let count = cells.len();
+        for (i, (&[row, column], &[row_fraction, column_fraction])) in cells.iter().zip(fractions).enumerate() {
             let (first, argument) = kernel.place(row, row_fraction);
             (self.rows[i], row_arguments[i]) = (first.wrapping_add_unsigned(layout.margin) as usize, argument);
             let (first, argument) = kernel.place(column, column_fraction);

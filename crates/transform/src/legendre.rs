@@ -81,6 +81,16 @@ impl Legendre {
         self.z.len()
     }
 
+    /// The first ring that counts for order m; a multiple of [`LANES`].
+    pub(crate) fn first_ring(&self, m: usize) -> usize {
+        self.first_ring[m]
+    }
+
+    /// Number of orders, from 0 on, that count on a ring.
+    pub(crate) fn orders(&self, ring: usize) -> usize {
+        self.first_ring.partition_point(|first| *first <= ring)
+    }
+
     /// `alpha` and `s` of order m, from degree m on.
     fn order(&self, m: usize) -> (&[f64], &[f64]) {
         let start = m * (2 * self.max_degree + 3 - m) / 2;

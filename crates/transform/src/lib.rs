@@ -13,15 +13,17 @@
 //! Carron, "Improved cosmic microwave background (de-)lensing using general spherical harmonic transforms", A&A 678
 //! (2023). Adjoint synthesis is the transpose of synthesis step by step.
 //!
-//! A [`MomentGram`] computes the Gram matrix `A^T diag(w) A` from moments of the weights, in a time that doesn't depend
-//! on n.
+//! A [`MomentOperator`] is the normal operator `A^T diag(w) A` from moments of the weights, and a [`MomentGram`] the
+//! matrix itself; what they take doesn't depend on n.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
 //! | [`transform`] | the plan of a transform, and its methods |
+//! | [`moments`] | the normal operator of scattered weighted directions, from their moments |
 //! | [`gram`] | the Gram matrix of scattered weighted directions, from their moments |
+//! | [`accumulator`] | moments and right-hand sides of samples that come in chunks |
 //! | `either` | [`synthesis`]: direct sums or a transform, whichever is faster |
 //! | `gridding` | the choice of grid size and kernel width |
 //! | `legendre` | coefficients to rings and back |
@@ -51,6 +53,7 @@
 //! # Ok::<(), spharm_transform::TransformError>(())
 //! ```
 
+pub mod accumulator;
 mod either;
 mod error;
 mod fourier;
@@ -62,6 +65,7 @@ mod interpolation_batch;
 mod kernel;
 mod lanes;
 mod legendre;
+pub mod moments;
 mod points;
 mod polar_rings;
 mod ring_sums;
@@ -69,8 +73,10 @@ mod ring_table;
 pub mod transform;
 mod workspace;
 
+pub use accumulator::{Accumulated, Accumulator, Occupied, SumsSeconds};
 pub use either::synthesis;
 pub use error::TransformError;
 pub use gram::MomentGram;
 pub use gridding::{COARSEST, FINEST};
+pub use moments::{MomentOperator, SampleSums};
 pub use transform::{SortedWeights, Transform, TransformParams};

@@ -86,7 +86,7 @@ impl Points {
 ///
 /// The angle is measured from the nearest multiple of pi / 2, which is a whole number of cells: its rounding error is
 /// then that of an angle of at most pi / 4, an eighth of that of an angle near 2 pi, which matters at high degrees.
-fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
+pub(crate) fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
     let quarter = (grid / 4) as i64;
     let (quarters, angle) = match (y.abs() <= x.abs(), x > 0.0, y > 0.0) {
         // At the pole any azimuth will do.
@@ -97,10 +97,13 @@ fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
         (false, _, false) => (3, -(x / y).atan()),
     };
     let steps = angle * (grid as f64 / (2.0 * std::f64::consts::PI));
-    let whole = steps.floor();
-    let cell = (quarters * quarter + whole as i64).rem_euclid(grid as i64);
+    // The floor; the oldest processors would have to call for it.
+    let towards_zero = steps as i64;
+    let whole = towards_zero - i64::from((towards_zero as f64) > steps);
+    let cell = quarters * quarter + whole;
+    let cell = if cell < 0 { cell + grid as i64 } else { cell };
     // The fraction of a tiny negative angle rounds to one; the double below one is as near.
-    (cell as u32, (steps - whole).min(1.0 - f64::EPSILON / 2.0))
+    (cell as u32, (steps - whole as f64).min(1.0 - f64::EPSILON / 2.0))
 }
 
 #[cfg(test)]

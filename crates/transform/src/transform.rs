@@ -71,14 +71,22 @@ impl Transform {
     /// - [`TransformError::Harmonics`]: the degree is above twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). (Twice,
     ///   as the [moments of a Gram matrix](crate::gram) go to twice its degree.)
     pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, TransformError> {
+        let gridding = Gridding::choose(params.max_degree, directions.len(), params.accuracy)?;
+        Self::on(gridding, directions.as_slice(), params)
+    }
+
+    /// Plans transforms on a gridding of the caller's choice.
+    pub(crate) fn on(
+        gridding: Gridding,
+        directions: &[[f64; 3]],
+        params: &TransformParams,
+    ) -> Result<Self, TransformError> {
         let max_degree = params.max_degree;
         let recurrence = MonicRecurrence::new(max_degree)?;
-        let gridding = Gridding::choose(max_degree, directions.len(), params.accuracy)?;
         let kernel = Kernel::new(gridding.width, max_degree, gridding.grid, params.accuracy);
         let angles: Vec<[f64; 2]> = (0..gridding.rings.div_ceil(2)).map(|j| ring_angle(j, gridding.rings)).collect();
         let legendre = Legendre::new(&recurrence, &angles, params.accuracy * 1e-4);
-        let points =
-            Points::new(directions.as_slice(), gridding.grid, Layout::new(gridding.grid, gridding.width, 1).strip)?;
+        let points = Points::new(directions, gridding.grid, Layout::new(gridding.grid, gridding.width, 1).strip)?;
         Ok(Self {
             max_degree,
             channels: params.channels.max(1),
@@ -118,6 +126,22 @@ impl Transform {
     /// Returns the number of directions, n.
     pub fn directions(&self) -> usize {
         self.points.len()
+    }
+
+    /// Computes coefficients, (K, c), from a grid with its margins to which the values of c channels have been spread.
+    pub(crate) fn coefficients_of_grid(&self, grid: Vec<f64>, channels: usize) -> Array2<f64> {
+        let layout = self.layout(channels);
+        let complex = Complex64::default();
+        let mut space = Workspace {
+            circles: vec![complex; self.fourier.order_pairs() * channels * self.gridding.grid],
+            spectra: vec![complex; layout.core_rows() * channels * (self.max_degree + 1)],
+            grids: [Vec::new(), grid],
+            samples: Vec::new(),
+            by_order: vec![0.0; (self.max_degree + 1) * (self.max_degree + 2) * channels],
+        };
+        let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
+        self.coefficients_of(layout, &mut space, coefficients.view_mut());
+        coefficients
     }
 
     /// Synthesis, `A x`: returns the samples, (n, c), at the directions of the c functions with the canonical

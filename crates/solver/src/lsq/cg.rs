@@ -22,6 +22,7 @@ use spharm_monitor::{Level, Monitor};
 use super::columns::{combine, dots, norms};
 use super::normal_equations::NormalEquations;
 use super::preconditioner::Preconditioner;
+use super::problem::{Problem, Sampled};
 use crate::SolverError;
 
 /// When to stop.
@@ -70,10 +71,13 @@ pub fn solve(
     params: &CgParams,
     monitor: &dyn Monitor,
 ) -> Result<CgFit, SolverError> {
-    let mut cg = Cg::new(equations, targets)?;
-    let stop = cg.run(equations, preconditioner, params, monitor)?;
-    let (stop, residual) = cg.confirm(stop, equations, targets, preconditioner, params, monitor)?;
+    let problem = Sampled { equations: *equations, targets, moments: None };
+    let mut cg = Cg::new(&problem)?;
+    let stop = cg.run(&problem, preconditioner, params, monitor)?;
+    let (stop, residual) = cg.confirm(stop, &problem, preconditioner, params, monitor)?;
     let optimality = cg.optimality();
+    // Where there are samples there is a residual.
+    let residual = residual.unwrap_or_default();
     Ok(CgFit { solution: cg.x, residual, stop, iterations: cg.iterations, optimality })
 }
 
@@ -103,10 +107,15 @@ pub(crate) struct Cg {
 }
 
 impl Cg {
-    pub(crate) fn new(equations: &NormalEquations<'_>, targets: &Array2<f64>) -> Result<Self, SolverError> {
-        let gradient = equations.adjoint(targets)?;
+    /// Starts from x = 0.
+    pub(crate) fn new(problem: &dyn Problem) -> Result<Self, SolverError> {
+        Ok(Self::from_right_sides(problem.right_sides()?))
+    }
+
+    /// Starts from x = 0 with right-hand sides, (K, c).
+    pub(crate) fn from_right_sides(gradient: Array2<f64>) -> Self {
         let scale = norms(&gradient);
-        Ok(Self { x: Array2::zeros(gradient.dim()), gradient, scale, iterations: 0, condition: 1.0 })
+        Self { x: Array2::zeros(gradient.dim()), gradient, scale, iterations: 0, condition: 1.0 }
     }
 
     /// The largest relative gradient of all columns.
@@ -117,7 +126,7 @@ impl Cg {
     /// Iterates until a stopping rule applies.
     pub(crate) fn run(
         &mut self,
-        equations: &NormalEquations<'_>,
+        problem: &dyn Problem,
         preconditioner: &dyn Preconditioner,
         params: &CgParams,
         monitor: &dyn Monitor,
@@ -134,7 +143,7 @@ impl Cg {
         let (mut since_best, mut lanczos) = (0, Lanczos::new(c));
         for _ in 0..params.max_iterations {
             monitor.check()?;
-            let q = equations.apply(&p)?;
+            let q = problem.product(&p)?;
             let alpha: Vec<f64> = dots(&p, &q).iter().zip(&rz).map(|(pq, rz)| ratio(*rz, *pq)).collect();
             combine(&mut self.x, &ones, &alpha, &p);
             let minus: Vec<f64> = alpha.iter().map(|a| -a).collect();
@@ -166,19 +175,18 @@ impl Cg {
     }
 
     /// Forms the gradient from the samples, and goes on from there where the iteration's own was wrong about having
-    /// converged. Returns how it ended and the residual, (n, c).
+    /// converged. Returns how it ended and the residual, (n, c), where there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
-        equations: &NormalEquations<'_>,
-        targets: &Array2<f64>,
+        problem: &dyn Problem,
         preconditioner: &dyn Preconditioner,
         params: &CgParams,
         monitor: &dyn Monitor,
-    ) -> Result<(Stop, Array2<f64>), SolverError> {
+    ) -> Result<(Stop, Option<Array2<f64>>), SolverError> {
         let mut before = f64::INFINITY;
         loop {
-            let (gradient, residual) = equations.gradient(targets, &self.x)?;
+            let (gradient, residual) = problem.gradient(&self.x)?;
             self.gradient = gradient;
             let optimality = self.optimality();
             if stop != Stop::Converged || optimality <= 1.5 * params.tolerance || optimality > 0.5 * before {
@@ -186,7 +194,7 @@ impl Cg {
             }
             before = optimality;
             let max_iterations = params.max_iterations.saturating_sub(self.iterations);
-            stop = self.run(equations, preconditioner, &CgParams { max_iterations, ..*params }, monitor)?;
+            stop = self.run(problem, preconditioner, &CgParams { max_iterations, ..*params }, monitor)?;
         }
     }
 }

@@ -13,14 +13,17 @@
 //! Cost: some 25 values of lambda, for each one solve with the columns of the target and of the probes by conjugate
 //! gradients.
 
-use ndarray::{Array2, s};
+use ndarray::{Array2, ArrayView2, s};
 use serde::Serialize;
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 
 use super::cg::{Cg, CgParams};
-use super::columns::{norms, scale_rows};
+use super::columns::scale_rows;
+use super::moments::{MomentProblem, Summed};
 use super::normal_equations::NormalEquations;
+use super::preconditioner::Diagonal;
+use super::problem::{Problem, Sampled};
 use crate::SolverError;
 use crate::gram::smoothness_penalty;
 use crate::operator::Operator;
@@ -56,15 +59,102 @@ pub fn choose_smoothness(
     targets: &Array2<f64>,
     monitor: &dyn Monitor,
 ) -> Result<Gcv, SolverError> {
-    let max_degree = operator.max_degree();
-    let weight: f64 = weights.map_or(operator.rows() as f64, |w| w.iter().sum());
-    let even = weight / (4.0 * std::f64::consts::PI);
+    let adjoint = NormalEquations { operator, weights, penalty: None }.adjoint(targets)?;
+    search(&Samples { operator, weights, targets }, adjoint, monitor)
+}
+
+/// Chooses lambda for a problem that is known by its moments; all of its columns share it. Some 25 values cost as much as
+/// some hundred products of [`MomentProblem::operator`].
+///
+/// The monitor gets one stage, `smoothness`, in values of lambda.
+///
+/// # Errors
+///
+/// [`SolverError::Interrupted`].
+pub fn choose_smoothness_by_moments(problem: &MomentProblem, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
+    let adjoint = Summed { problem, penalty: None }.right_sides()?;
+    search(problem, adjoint, monitor)
+}
+
+/// What cross-validation needs to know of a problem.
+trait Validated {
+    fn max_degree(&self) -> usize;
+    /// Rows with weight.
+    fn rows(&self) -> usize;
+    /// Sum of the weights.
+    fn weight(&self) -> f64;
+    /// Runs conjugate gradients with a penalty.
+    fn run(&self, cg: &mut Cg, penalty: &[f64], monitor: &dyn Monitor) -> Result<(), SolverError>;
+    /// `|W^(1/2) (f - A x)|^2` of all columns.
+    fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError>;
+}
+
+const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
+
+struct Samples<'a> {
+    operator: &'a dyn Operator,
+    weights: Option<&'a [f64]>,
+    targets: &'a Array2<f64>,
+}
+
+impl Validated for Samples<'_> {
+    fn max_degree(&self) -> usize {
+        self.operator.max_degree()
+    }
+
+    fn rows(&self) -> usize {
+        self.weights.map_or(self.operator.rows(), |w| w.iter().filter(|w| **w > 0.0).count())
+    }
+
+    fn weight(&self) -> f64 {
+        self.weights.map_or(self.operator.rows() as f64, |w| w.iter().sum())
+    }
+
+    fn run(&self, cg: &mut Cg, penalty: &[f64], monitor: &dyn Monitor) -> Result<(), SolverError> {
+        let equations = NormalEquations { operator: self.operator, weights: self.weights, penalty: Some(penalty) };
+        let problem = Sampled { equations, targets: self.targets, moments: None };
+        cg.run(&problem, &equations.diagonal(), &CG, monitor)?;
+        Ok(())
+    }
+
+    fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError> {
+        let residual = self.targets - &self.operator.apply(x)?;
+        let rows = residual.rows().into_iter().enumerate();
+        Ok(rows.map(|(i, row)| self.weights.map_or(1.0, |w| w[i]) * row.dot(&row)).sum())
+    }
+}
+
+impl Validated for MomentProblem {
+    fn max_degree(&self) -> usize {
+        MomentProblem::max_degree(self)
+    }
+
+    fn rows(&self) -> usize {
+        MomentProblem::rows(self)
+    }
+
+    fn weight(&self) -> f64 {
+        MomentProblem::weight(self)
+    }
+
+    fn run(&self, cg: &mut Cg, penalty: &[f64], monitor: &dyn Monitor) -> Result<(), SolverError> {
+        let preconditioner = Diagonal::new(self.max_degree(), self.weight(), Some(penalty));
+        cg.run(&Summed { problem: self, penalty: Some(penalty) }, &preconditioner, &CG, monitor)?;
+        Ok(())
+    }
+
+    fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError> {
+        Ok(self.residual_squares(&x.to_owned())?.into_iter().sum())
+    }
+}
+
+fn search(problem: &dyn Validated, adjoint: Array2<f64>, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
+    let max_degree = problem.max_degree();
+    let even = problem.weight() / (4.0 * std::f64::consts::PI);
     let top = ((max_degree * (max_degree + 1)) as f64).max(2.0).powi(2);
     // From a penalty that nothing notices, of 1e-6 of the highest degree's diagonal, to one that holds degree 2 down.
     let (low, high) = ((1e-6 * even / top).ln(), (even / 36.0).ln());
-    let adjoint = NormalEquations { operator, weights, penalty: None }.adjoint(targets)?;
-    let probes = probes(max_degree);
-    let mut search = Search { operator, weights, targets, adjoint, monitor, tried: Vec::new(), probes };
+    let mut search = Search { problem, adjoint, monitor, tried: Vec::new(), probes: probes(max_degree) };
     monitor.begin(Stage::counted("smoothness", "values"), (COARSE + FINE) as u64);
     let step = (high - low) / (COARSE - 1) as f64;
     let mut best = (0, f64::INFINITY);
@@ -97,9 +187,7 @@ pub fn choose_smoothness(
 }
 
 struct Search<'a> {
-    operator: &'a dyn Operator,
-    weights: Option<&'a [f64]>,
-    targets: &'a Array2<f64>,
+    problem: &'a dyn Validated,
     /// `A^T W f`, the same for every lambda.
     adjoint: Array2<f64>,
     monitor: &'a dyn Monitor,
@@ -109,27 +197,20 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn gcv(&mut self, lambda: f64) -> Result<f64, SolverError> {
-        let (max_degree, c) = (self.operator.max_degree(), self.targets.ncols());
+        let (max_degree, c) = (self.problem.max_degree(), self.adjoint.ncols());
         let penalty = smoothness_penalty(max_degree, lambda);
-        let equations = NormalEquations { operator: self.operator, weights: self.weights, penalty: Some(&penalty) };
         let roots: Vec<f64> = penalty.iter().map(|p| p.sqrt()).collect();
         let mut probes = self.probes.clone();
         scale_rows(&mut probes, &roots);
         let mut right = Array2::zeros((self.adjoint.nrows(), c + PROBES));
         right.slice_mut(s![.., ..c]).assign(&self.adjoint);
         right.slice_mut(s![.., c..]).assign(&probes);
-        let scale = norms(&right);
-        let mut cg = Cg { x: Array2::zeros(right.dim()), gradient: right, scale, iterations: 0, condition: 1.0 };
-        let params = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
-        cg.run(&equations, &equations.diagonal(), &params, &OnlyCancel(self.monitor))?;
-        let residual = self.targets - &self.operator.apply(cg.x.slice(s![.., ..c]))?;
-        let mut square = 0.0;
-        for (i, row) in residual.rows().into_iter().enumerate() {
-            square += self.weights.map_or(1.0, |w| w[i]) * row.dot(&row);
-        }
+        let mut cg = Cg::from_right_sides(right);
+        self.problem.run(&mut cg, &penalty, &OnlyCancel(self.monitor))?;
+        let square = self.problem.square(cg.x.slice(s![.., ..c]))?;
         let solved = cg.x.slice(s![.., c..]);
         let lost = (&probes * &solved).sum() / PROBES as f64;
-        let n = self.weights.map_or(self.operator.rows(), |w| w.iter().filter(|w| **w > 0.0).count()) as f64;
+        let n = self.problem.rows() as f64;
         let trace = (basis_size(max_degree) as f64 - lost).clamp(0.0, n);
         // More coefficients than samples leave nothing to validate with unless the penalty counts.
         let left = n - trace;

@@ -1,12 +1,12 @@
 //! Refinement with a factor of the normal equations: `x += M g`, `M = (N + mu I)^-1`, with the gradient g formed by the
 //! operator.
 
-use ndarray::Array2;
 use spharm_monitor::{Level, Monitor};
 
 use super::cg::{Cg, CgParams, Stop, relative};
 use super::columns::norms;
 use super::preconditioner::ByFactor;
+use super::problem::Problem;
 use super::solver::{LsqSolver, Solution};
 use crate::SolverError;
 
@@ -23,17 +23,16 @@ impl LsqSolver<'_> {
     pub(super) fn refine(
         &self,
         cg: &mut Cg,
-        targets: &Array2<f64>,
+        problem: &dyn Problem,
         monitor: &dyn Monitor,
     ) -> Result<Solution, SolverError> {
         let factor = self.factor()?;
         let preconditioner = if self.stored.is_some() { "stored-factor" } else { "factor" };
-        let equations = self.equations();
         let tolerance = self.params.tolerance;
         let shifted = self.made.as_ref().is_some_and(|made| made.shift > 0.0);
         if shifted && cg.iterations > 0 {
             // From zero, for the sake of the minimum norm.
-            *cg = Cg::new(&equations, targets)?;
+            *cg = Cg::new(problem)?;
         }
         let (mut stop, mut refinements, mut residual) = (Stop::IterationLimit, 0, None);
         let mut optimality = cg.optimality();
@@ -42,7 +41,7 @@ impl LsqSolver<'_> {
             let mut step = cg.gradient.clone();
             factor.solve(&mut step)?;
             let x = &cg.x + &step;
-            let (gradient, new_residual) = equations.gradient(targets, &x)?;
+            let (gradient, new_residual) = problem.gradient(&x)?;
             let improved = relative(&norms(&gradient), &cg.scale);
             // A step that makes it worse isn't taken.
             if improved >= optimality && improved > tolerance {
@@ -51,7 +50,7 @@ impl LsqSolver<'_> {
             }
             refinements += 1;
             (cg.x, cg.gradient) = (x, gradient);
-            residual = Some(new_residual);
+            residual = new_residual;
             monitor.step(1);
             monitor.note(Level::Status, format_args!("refinement {refinements}, optimality {improved:.1e}"));
             if improved <= tolerance {
@@ -64,22 +63,17 @@ impl LsqSolver<'_> {
             }
             optimality = improved;
         }
-        let mut residual = match residual {
-            Some(residual) => residual,
-            None => {
-                let (gradient, residual) = equations.gradient(targets, &cg.x)?;
-                cg.gradient = gradient;
-                residual
-            }
-        };
+        if refinements == 0 {
+            (cg.gradient, residual) = problem.gradient(&cg.x)?;
+        }
         // A factor with fewer digits than the condition takes is a good preconditioner yet.
         let rest = self.params.max_iterations.saturating_sub(cg.iterations);
         if stop != Stop::Converged && !shifted && cg.optimality() > ROUNDING && rest > 0 {
             let before = (cg.x.clone(), cg.gradient.clone());
             let optimality = cg.optimality();
             let params = CgParams { tolerance, max_iterations: rest, patience: PATIENCE };
-            stop = cg.run(&equations, &ByFactor(factor), &params, monitor)?;
-            let (gradient, formed) = equations.gradient(targets, &cg.x)?;
+            stop = cg.run(problem, &ByFactor(factor), &params, monitor)?;
+            let (gradient, formed) = problem.gradient(&cg.x)?;
             cg.gradient = gradient;
             if cg.optimality() < optimality {
                 residual = formed;

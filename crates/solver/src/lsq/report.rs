@@ -19,9 +19,11 @@ pub struct LsqReport {
     pub preconditioner: &'static str,
     /// Iterations of conjugate gradients.
     pub iterations: usize,
+    /// What the last iterations' products with the normal matrix were formed from: `samples` or `moments`.
+    pub products: &'static str,
     /// Refinements with a factor.
     pub refinements: usize,
-    /// The largest relative gradient of all columns, formed from the samples.
+    /// The largest relative gradient of all columns, formed from the samples where there are some.
     pub optimality: f64,
     /// How it ended.
     pub stop: Stop,
@@ -38,7 +40,7 @@ pub struct LsqReport {
     pub smoothness: f64,
     /// What a user should know about the result.
     pub warnings: Vec<LsqWarning>,
-    /// The residual of each target.
+    /// The residual of each target; empty where the samples aren't at hand.
     pub residuals: Vec<ResidualNorms>,
     /// Wall times.
     pub seconds: LsqSeconds,

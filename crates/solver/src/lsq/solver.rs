@@ -1,23 +1,25 @@
 //! The strategy: conjugate gradients, a factor with refinement, or a shifted factor.
 
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Instant;
 
-use ndarray::{Array2, s};
+use ndarray::Array2;
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::{Monitor, Stage};
+use spharm_transform::MomentOperator;
 
 use super::cg::{Cg, CgParams, Stop};
-use super::columns::norms;
 use super::factor::{MadeFactor, factorise_low_degrees, factorise_shifted};
+use super::moments::{MomentProblem, Summed};
 use super::normal_equations::NormalEquations;
 use super::params::{LsqParams, Strategy};
-use super::preconditioner::{Density, LowDegrees, Preconditioner};
-use super::report::{LsqReport, LsqSeconds, LsqWarning};
+use super::preconditioner::{Density, Diagonal, LowDegrees, Preconditioner};
+use super::problem::{Problem, Sampled};
+use super::report::{LsqReport, LsqWarning};
 use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
 use crate::gram::{GramMatrix, smoothness_penalty};
 use crate::operator::Operator;
-use crate::residual::ResidualNorms;
 use crate::{SolverError, check};
 
 /// Iterations after which a factor is made, where one can be: on samplings that need more, many more are needed.
@@ -50,19 +52,54 @@ pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + S
 /// Checks that the process's limits allow for so many bytes of anonymous memory beyond what it has.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Solves batch after batch on one sampling, and keeps the factor from one to the next.
+/// Makes the normal operator from moments, when iterations are faster with it.
+pub type MakeMoments<'a> = dyn Fn() -> Result<Arc<MomentOperator>, SolverError> + Sync + 'a;
+
+/// What a solver is for.
+#[derive(Clone, Copy)]
+pub(super) enum Source<'a> {
+    Samples(&'a dyn Operator),
+    Moments(&'a MomentProblem),
+}
+
+impl Source<'_> {
+    pub(super) fn max_degree(&self) -> usize {
+        match self {
+            Self::Samples(operator) => operator.max_degree(),
+            Self::Moments(problem) => problem.max_degree(),
+        }
+    }
+
+    pub(super) fn rows(&self) -> usize {
+        match self {
+            Self::Samples(operator) => operator.rows(),
+            Self::Moments(problem) => problem.rows(),
+        }
+    }
+}
+
+/// What is to be solved.
+#[derive(Clone, Copy)]
+pub(super) enum Given<'a> {
+    Targets(&'a dyn Operator, &'a Array2<f64>),
+    Sums(&'a MomentProblem),
+}
+
+/// Solves batch after batch on one sampling, and keeps moments and factor from one to the next.
 pub struct LsqSolver<'a> {
-    pub(super) operator: &'a dyn Operator,
+    pub(super) source: Source<'a>,
     make_gram: Option<&'a MakeGram<'a>>,
+    make_moments: Option<&'a MakeMoments<'a>>,
     check_limits: Option<&'a CheckLimits<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
     /// Diagonal of P, (K), where there is a penalty.
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
+    pub(super) moments: Option<Arc<MomentOperator>>,
     low_degrees: Option<LowDegrees>,
-    warnings: Vec<LsqWarning>,
-    factor_seconds: f64,
+    pub(super) warnings: Vec<LsqWarning>,
+    pub(super) factor_seconds: f64,
 }
 
 /// How a batch was solved.
@@ -72,8 +109,8 @@ pub(super) struct Solution {
     pub(super) preconditioner: &'static str,
     /// Refinements with a factor; `None` where there was none.
     pub(super) refinements: Option<usize>,
-    /// Targets minus synthesis, (n, c).
-    pub(super) residual: Array2<f64>,
+    /// Targets minus synthesis, (n, c), where there are samples.
+    pub(super) residual: Option<Array2<f64>>,
 }
 
 impl<'a> LsqSolver<'a> {
@@ -98,18 +135,29 @@ impl<'a> LsqSolver<'a> {
         {
             return Err(SolverError::Rows { what: "the list of areas", expected, found: areas.len() });
         }
+        Self::of(Source::Samples(operator), make_gram, params)
+    }
+
+    /// Makes a solver for what is known by the source.
+    pub(super) fn of(
+        source: Source<'a>,
+        make_gram: Option<&'a MakeGram<'a>>,
+        params: LsqParams,
+    ) -> Result<Self, SolverError> {
         if !(params.smoothness >= 0.0 && params.smoothness.is_finite()) {
             return Err(SolverError::Smoothness { found: params.smoothness });
         }
-        let penalty = (params.smoothness > 0.0).then(|| smoothness_penalty(operator.max_degree(), params.smoothness));
+        let penalty = (params.smoothness > 0.0).then(|| smoothness_penalty(source.max_degree(), params.smoothness));
         Ok(Self {
-            operator,
+            source,
             make_gram,
+            make_moments: None,
             check_limits: None,
             stored: None,
             params,
             penalty,
             made: None,
+            moments: None,
             low_degrees: None,
             warnings: Vec::new(),
             factor_seconds: 0.0,
@@ -121,6 +169,14 @@ impl<'a> LsqSolver<'a> {
     #[must_use]
     pub fn with_factor(mut self, factor: &'a dyn CholeskyFactor) -> Self {
         self.stored = Some(factor);
+        self
+    }
+
+    /// Lets iterations use the normal operator from moments, of the operator's directions and degree and of the weights
+    /// of the parameters, where they are faster with it.
+    #[must_use]
+    pub fn with_moments(mut self, make: &'a MakeMoments<'a>) -> Self {
+        self.make_moments = Some(make);
         self
     }
 
@@ -148,24 +204,37 @@ impl<'a> LsqSolver<'a> {
         groups: &[Range<usize>],
         monitor: &dyn Monitor,
     ) -> Result<LsqFit, SolverError> {
-        check::targets(targets, self.operator.rows())?;
+        // Solvers of moments are no one's but `solve_moments`'s, which doesn't come here.
+        let Source::Samples(operator) = self.source else { return Err(SolverError::NoGram) };
+        check::targets(targets, operator.rows())?;
+        let (coefficients, residual, report) = self.solve(Given::Targets(operator, targets), groups, monitor)?;
+        Ok(LsqFit { coefficients, residual: residual.unwrap_or_default(), report })
+    }
+
+    /// Solves what is given; returns coefficients, (K, c), the residual, (n, c), where there are samples, and a report.
+    pub(super) fn solve(
+        &mut self,
+        given: Given<'_>,
+        groups: &[Range<usize>],
+        monitor: &dyn Monitor,
+    ) -> Result<(Coefficients, Option<Array2<f64>>, LsqReport), SolverError> {
         let started = Instant::now();
         self.factor_seconds = 0.0;
         self.warnings.clear();
         monitor.begin(FIT, 0);
-        let mut cg = Cg::new(&self.equations(), targets)?;
-        let solution = if self.starts_with_factor(targets.ncols()) {
+        let mut cg = Cg::new(&*self.problem(given))?;
+        let solution = if self.starts_with_factor(cg.x.ncols()) {
             self.make_factor(self.params.strategy == Strategy::Cholesky, monitor)?;
-            self.refine(&mut cg, targets, monitor)?
+            self.refine(&mut cg, &*self.problem(given), monitor)?
         } else {
-            match self.iterate(&mut cg, targets, monitor)? {
+            match self.iterate(&mut cg, given, monitor)? {
                 Some(solution) => solution,
-                None => self.refine(&mut cg, targets, monitor)?,
+                None => self.refine(&mut cg, &*self.problem(given), monitor)?,
             }
         };
         monitor.end();
         let report = self.report(&cg, &solution, groups, started);
-        Ok(LsqFit { coefficients: Coefficients::new(cg.x)?, residual: solution.residual, report })
+        Ok((Coefficients::new(cg.x)?, solution.residual, report))
     }
 
     /// Whether to use a factor from the start.
@@ -184,7 +253,7 @@ impl<'a> LsqSolver<'a> {
     fn iterate(
         &mut self,
         cg: &mut Cg,
-        targets: &Array2<f64>,
+        given: Given<'_>,
         monitor: &dyn Monitor,
     ) -> Result<Option<Solution>, SolverError> {
         if let (Strategy::LowDegreesCg(degree), None) = (self.params.strategy, &self.low_degrees) {
@@ -193,10 +262,10 @@ impl<'a> LsqSolver<'a> {
         let params = self.cg_params();
         let factor_possible = self.params.strategy == Strategy::Auto
             && (self.make_gram.is_some() || self.stored.is_some() || self.made.is_some())
-            && basis_size(self.operator.max_degree()) <= self.operator.rows();
+            && basis_size(self.source.max_degree()) <= self.source.rows();
         let first = if factor_possible { BEFORE_FACTOR.min(params.max_iterations) } else { params.max_iterations };
         let first = CgParams { max_iterations: first, ..params };
-        let mut stop = cg.run(&self.equations(), &*self.preconditioner(), &first, monitor)?;
+        let mut stop = cg.run(&*self.problem(given), &*self.preconditioner(), &first, monitor)?;
         // A limit below that is a limit on all the work: no factor then.
         let more = params.max_iterations - first.max_iterations;
         if stop == Stop::IterationLimit && factor_possible && more > 0 {
@@ -204,10 +273,10 @@ impl<'a> LsqSolver<'a> {
                 return Ok(None);
             }
             let rest = CgParams { max_iterations: more, ..params };
-            stop = cg.run(&self.equations(), &*self.preconditioner(), &rest, monitor)?;
+            stop = cg.run(&*self.problem(given), &*self.preconditioner(), &rest, monitor)?;
         }
         let preconditioner = self.preconditioner();
-        let (stop, residual) = cg.confirm(stop, &self.equations(), targets, &*preconditioner, &params, monitor)?;
+        let (stop, residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
         Ok(Some(Solution { stop, preconditioner: preconditioner.name(), refinements: None, residual }))
     }
 
@@ -234,7 +303,7 @@ impl<'a> LsqSolver<'a> {
             threads: self.params.threads,
             ..FactorParams::default()
         };
-        let size = basis_size(self.operator.max_degree());
+        let size = basis_size(self.source.max_degree());
         if let Err(error) = self.plan_factor(size, &params) {
             if required {
                 return Err(error);
@@ -258,18 +327,28 @@ impl<'a> LsqSolver<'a> {
 
     fn make_low_degrees(&self, degree: usize) -> Result<LowDegrees, SolverError> {
         let make_gram = self.make_gram.ok_or(SolverError::NoGram)?;
-        let degree = degree.min(self.operator.max_degree());
-        factorise_low_degrees(&*make_gram()?, self.penalty.as_deref(), degree, self.equations().diagonal())
+        let degree = degree.min(self.source.max_degree());
+        factorise_low_degrees(&*make_gram()?, self.penalty.as_deref(), degree, self.diagonal())
     }
 
     fn preconditioner(&self) -> Box<dyn Preconditioner + '_> {
-        match (self.params.strategy, &self.params.areas, &self.low_degrees) {
-            (Strategy::DensityCg, Some(areas), _) => {
-                Box::new(Density::new(self.operator, areas, self.params.weights.as_deref()))
+        match (self.params.strategy, self.source, &self.params.areas, &self.low_degrees) {
+            (Strategy::DensityCg, Source::Samples(operator), Some(areas), _) => {
+                Box::new(Density::new(operator, areas, self.params.weights.as_deref()))
             }
-            (Strategy::LowDegreesCg(_), _, Some(low_degrees)) => Box::new(low_degrees),
-            _ => Box::new(self.equations().diagonal()),
+            (Strategy::LowDegreesCg(_), _, _, Some(low_degrees)) => Box::new(low_degrees),
+            _ => Box::new(self.diagonal()),
         }
+    }
+
+    fn diagonal(&self) -> Diagonal {
+        let weight = match self.source {
+            Source::Samples(operator) => {
+                self.params.weights.as_ref().map_or(operator.rows() as f64, |weights| weights.iter().sum())
+            }
+            Source::Moments(problem) => problem.weight(),
+        };
+        Diagonal::new(self.source.max_degree(), weight, self.penalty.as_deref())
     }
 
     fn cg_params(&self) -> CgParams {
@@ -277,68 +356,22 @@ impl<'a> LsqSolver<'a> {
         CgParams { tolerance, max_iterations, patience: PATIENCE }
     }
 
-    pub(super) fn equations(&self) -> NormalEquations<'_> {
-        NormalEquations {
-            operator: self.operator,
-            weights: self.params.weights.as_deref(),
-            penalty: self.penalty.as_deref(),
+    fn problem<'s>(&'s self, given: Given<'s>) -> Box<dyn Problem + 's> {
+        let penalty = self.penalty.as_deref();
+        match given {
+            Given::Targets(operator, targets) => Box::new(Sampled {
+                equations: NormalEquations { operator, weights: self.params.weights.as_deref(), penalty },
+                targets,
+                moments: self.moments.as_deref(),
+            }),
+            Given::Sums(problem) => Box::new(Summed { problem, penalty }),
         }
     }
 
+    /// Rows with weight.
     pub(super) fn rows_with_weight(&self) -> usize {
         let count = |weights: &Vec<f64>| weights.iter().filter(|weight| **weight > 0.0).count();
-        self.params.weights.as_ref().map_or(self.operator.rows(), count)
-    }
-
-    fn report(&mut self, cg: &Cg, solution: &Solution, groups: &[Range<usize>], started: Instant) -> LsqReport {
-        let optimality = cg.optimality();
-        let converged = solution.stop == Stop::Converged && optimality <= 2.0 * self.params.tolerance;
-        let stop = match solution.stop {
-            Stop::Converged if !converged => Stop::Stalled,
-            stop => stop,
-        };
-        let norm = norms(&cg.x).into_iter().fold(0.0, f64::max);
-        let made = self.made.as_ref().filter(|_| solution.refinements.is_some());
-        let shift = made.map_or(0.0, |made| made.shift);
-        let breaks_at = made.and_then(|made| made.breaks_at);
-        let (rows, columns) = (self.rows_with_weight(), cg.x.nrows());
-        if rows < columns && self.penalty.is_none() && shift == 0.0 {
-            self.warnings.push(LsqWarning::Underdetermined { rows, columns, norm });
-        }
-        LsqReport {
-            max_degree: self.operator.max_degree(),
-            rows: self.operator.rows(),
-            channels: cg.x.ncols(),
-            preconditioner: solution.preconditioner,
-            iterations: cg.iterations,
-            refinements: solution.refinements.unwrap_or(0),
-            optimality,
-            stop,
-            condition: self.condition(cg, solution),
-            shift,
-            breaks_at,
-            norm,
-            smoothness: self.params.smoothness,
-            warnings: self.warnings.clone(),
-            residuals: groups
-                .iter()
-                .map(|group| ResidualNorms::of(solution.residual.slice(s![.., group.clone()])))
-                .collect(),
-            seconds: LsqSeconds { factor: self.factor_seconds, total: started.elapsed().as_secs_f64() },
-        }
-    }
-
-    /// Condition number of `W^(1/2) A`, stacked on `P^(1/2)`.
-    fn condition(&self, cg: &Cg, solution: &Solution) -> f64 {
-        let of = |reciprocal: f64| if reciprocal > 0.0 { (1.0 / reciprocal).sqrt() } else { f64::INFINITY };
-        match (self.stored, &self.made) {
-            (Some(factor), _) => of(factor.condition().reciprocal),
-            (None, Some(made)) if made.shift > 0.0 => f64::INFINITY,
-            (None, Some(made)) => of(made.factor.condition().reciprocal),
-            // Preconditioned by more than a number it isn't the matrix's own.
-            (None, None) if solution.preconditioner == "none" && self.penalty.is_none() => cg.condition.sqrt(),
-            (None, None) => f64::NAN,
-        }
+        self.params.weights.as_ref().map_or(self.source.rows(), count)
     }
 }
 

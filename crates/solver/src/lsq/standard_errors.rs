@@ -1,6 +1,6 @@
 //! Standard errors of the coefficients.
 
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView1};
 use spharm_harmonics::basis_size;
 use spharm_monitor::Monitor;
 
@@ -20,7 +20,19 @@ impl LsqSolver<'_> {
         residual: &Array2<f64>,
         monitor: &dyn Monitor,
     ) -> Result<Array2<f64>, SolverError> {
-        let columns = basis_size(self.operator.max_degree());
+        let weight = |i: usize| self.params.weights.as_ref().map_or(1.0, |w| w[i]);
+        let square = |r: ArrayView1<'_, f64>| r.iter().enumerate().map(|(i, r)| weight(i) * r * r).sum();
+        let squares: Vec<f64> = residual.columns().into_iter().map(square).collect();
+        self.standard_errors_of(&squares, monitor)
+    }
+
+    /// Computes the standard errors, (K, c), from the weighted sums of squares of the residual, (c).
+    pub(super) fn standard_errors_of(
+        &mut self,
+        squares: &[f64],
+        monitor: &dyn Monitor,
+    ) -> Result<Array2<f64>, SolverError> {
+        let columns = basis_size(self.source.max_degree());
         let rows = self.rows_with_weight();
         if rows <= columns && self.penalty.is_none() {
             return Err(SolverError::Underdetermined { rows, columns });
@@ -36,12 +48,7 @@ impl LsqSolver<'_> {
         if degrees_of_freedom <= 0.0 {
             return Err(SolverError::Underdetermined { rows, columns });
         }
-        let weight = |i: usize| self.params.weights.as_ref().map_or(1.0, |w| w[i]);
-        let sigma: Vec<f64> = residual
-            .columns()
-            .into_iter()
-            .map(|r| (r.iter().enumerate().map(|(i, r)| weight(i) * r * r).sum::<f64>() / degrees_of_freedom).sqrt())
-            .collect();
-        Ok(Array2::from_shape_fn((columns, residual.ncols()), |(k, c)| sigma[c] * diagonal[k].max(0.0).sqrt()))
+        let sigma: Vec<f64> = squares.iter().map(|square| (square / degrees_of_freedom).sqrt()).collect();
+        Ok(Array2::from_shape_fn((columns, squares.len()), |(k, c)| sigma[c] * diagonal[k].max(0.0).sqrt()))
     }
 }

@@ -2,6 +2,7 @@
 
 mod factors;
 mod gcv;
+mod moments;
 mod preconditioned;
 mod problems;
 mod refusals;

@@ -261,7 +261,7 @@ fn smoothness(job: &Job<'_>, surface: bool, monitor: &dyn Monitor) -> f64 {
     smoothness
 }
 
-fn strategy(preconditioner: Preconditioner) -> Strategy {
+pub(super) fn strategy(preconditioner: Preconditioner) -> Strategy {
     match preconditioner {
         Preconditioner::Auto => Strategy::Auto,
         Preconditioner::None => Strategy::Cg,

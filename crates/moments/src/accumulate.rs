@@ -1,0 +1,269 @@
+//! Moments of tables of samples, in bounded memory.
+//!
+//! A chunk is read while the one before is converted and spread. Memory is that of [`Accumulator`] and three chunks,
+//! whatever the size of the tables.
+
+use std::path::PathBuf;
+use std::sync::PoisonError;
+use std::time::Instant;
+
+use serde::Serialize;
+use spharm_monitor::{Monitor, Stage};
+use spharm_transform::{Accumulated as Found, Accumulator};
+
+use crate::MomentsError;
+use crate::moments::{Moments, Shard, Source};
+use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, open};
+
+const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
+/// Samples of a chunk.
+const CHUNK: usize = 1 << 19;
+
+/// What moments are of, and to which degree.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// The tables, one after the other; `-` is standard input.
+    pub files: Vec<PathBuf>,
+    /// Which of their columns are what.
+    pub columns: Columns,
+    /// Highest degree of fits, L.
+    pub max_degree: usize,
+    /// The part of each table.
+    pub shard: Shard,
+    /// Bytes of memory that may be used; by default what it takes.
+    pub memory: Option<usize>,
+}
+
+impl Request {
+    /// Returns a request for the moments of whole tables, whose values have yet to be named.
+    pub fn new(files: Vec<PathBuf>, max_degree: usize) -> Self {
+        Self { files, columns: Columns::default(), max_degree, shard: Shard::WHOLE, memory: None }
+    }
+}
+
+/// Moments, and what is worth knowing about how they were found.
+#[derive(Debug, Clone)]
+pub struct Accumulated {
+    /// The moments.
+    pub moments: Moments,
+    /// What may be wrong with the samples.
+    pub warnings: Vec<Warning>,
+    /// Wall times.
+    pub seconds: Seconds,
+}
+
+/// What may be wrong with samples.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Warning {
+    /// Longitudes and latitudes that could be angles in radians.
+    #[error("longitudes to {longitude} and latitudes to {latitude}: degrees are expected, these look like radians")]
+    LooksLikeRadians {
+        /// The largest longitude, in absolute value.
+        longitude: f64,
+        /// The largest latitude, in absolute value.
+        latitude: f64,
+    },
+    /// Samples that count for nothing.
+    #[error("{zeros} of {rows} samples have the weight 0")]
+    ZeroWeights {
+        /// How many.
+        zeros: u64,
+        /// Of how many.
+        rows: u64,
+    },
+}
+
+/// Wall time by kind of work. Reading goes on beside the rest.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Seconds {
+    /// Reading and parsing.
+    pub read: f64,
+    /// Checking rows and converting positions.
+    pub convert: f64,
+    /// Placing samples on the grids, and sorting them.
+    pub place: f64,
+    /// Spreading them.
+    pub spread: f64,
+    /// From grids to coefficients.
+    pub transform: f64,
+    /// All of it.
+    pub total: f64,
+}
+
+/// Forms the moments of a shard of tables.
+///
+/// The monitor gets the stage `moments`, in rows where their number is known.
+///
+/// # Errors
+///
+/// [`MomentsError`]: tables that can't be read or lack columns, rows that can't be used, too little memory. Nothing is
+/// returned of tables that are in part good.
+pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulated, MomentsError> {
+    let started = Instant::now();
+    request.shard.check()?;
+    let channels = request.columns.values.len();
+    check_memory(request, channels)?;
+    let mut sums = Accumulator::new(request.max_degree, channels)?;
+    let mut key = Key::new(&request.columns);
+    let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
+    monitor.begin(Stage::counted("moments", "rows"), 0);
+    for path in &request.files {
+        let mut opened = open(path, request.shard)?;
+        let (plan, numbers) = request.columns.plan(path, opened.table.columns())?;
+        opened.table.select(numbers);
+        if let Some(rows) = opened.rows {
+            monitor.begin(Stage::counted("moments", "rows"), rows);
+        }
+        let mut reading = Reading { path, plan: &plan, sums: &mut sums, seconds: &mut seconds, largest: &mut largest };
+        let rows = reading.all(&mut opened, monitor)?;
+        if rows == 0 && request.shard == Shard::WHOLE {
+            return Err(MomentsError::Empty { path: path.clone() });
+        }
+        key.add(path, &opened)?;
+    }
+    monitor.end();
+    sums.spread();
+    seconds.place = sums.seconds().place;
+    seconds.spread = sums.seconds().spread;
+    let spread = Instant::now();
+    let Found { sums, rows, occupied } = sums.finish()?;
+    seconds.transform = spread.elapsed().as_secs_f64();
+    seconds.total = started.elapsed().as_secs_f64();
+    let sources = vec![Source { key: key.finish(), shard: request.shard, rows }];
+    let mut warnings = Vec::new();
+    if sums.count < rows {
+        warnings.push(Warning::ZeroWeights { zeros: rows - sums.count, rows });
+    }
+    let [longitude, latitude] = largest;
+    let small = longitude <= std::f64::consts::TAU && latitude <= std::f64::consts::FRAC_PI_2;
+    if longitude > 0.0 && small && rows >= 10 {
+        warnings.push(Warning::LooksLikeRadians { longitude, latitude });
+    }
+    let moments = Moments { channels: request.columns.values.clone(), sums, rows, occupied, sources };
+    Ok(Accumulated { moments, warnings, seconds })
+}
+
+/// Returns the bytes that moments of tables with these channels take.
+pub fn bytes(max_degree: usize, channels: usize) -> usize {
+    // Rows as they are read, twice, and samples.
+    let row = 8 * (5 + channels);
+    Accumulator::bytes(max_degree, channels) + CHUNK * (3 * row + 8 * (4 + channels))
+}
+
+fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> {
+    let (needed, max_degree) = (bytes(request.max_degree, channels), request.max_degree);
+    match request.memory {
+        Some(budget) if needed > budget => Err(MomentsError::Memory { max_degree, needed, budget }),
+        _ => Ok(()),
+    }
+}
+
+/// Hash of what is read.
+struct Key(blake3::Hasher);
+
+impl Key {
+    fn new(columns: &Columns) -> Self {
+        let mut key = Self(blake3::Hasher::new_derive_key(KEY_CONTEXT));
+        let (kind, names): (u8, &[String]) = match &columns.positions {
+            None => (0, &[]),
+            Some(Positions::Angles(names)) => (1, names),
+            Some(Positions::LonLat(names)) => (2, names),
+            Some(Positions::Vectors(names)) => (3, names),
+        };
+        key.0.update(&[kind]);
+        for list in [names, &columns.values, columns.weight.as_slice()] {
+            key.number(list.len() as u64);
+            list.iter().for_each(|name| key.bytes(name.as_bytes()));
+        }
+        columns.centre.iter().for_each(|x| key.number(x.to_bits()));
+        key
+    }
+
+    fn add(&mut self, path: &std::path::Path, opened: &Opened) -> Result<(), MomentsError> {
+        match &opened.hash {
+            Some(hash) => {
+                let hash = hash.lock().unwrap_or_else(PoisonError::into_inner).finalize();
+                self.bytes(STDIN.as_bytes());
+                self.bytes(hash.as_bytes());
+            }
+            None => {
+                let was = opened.bytes.unwrap_or(0);
+                let now = std::fs::metadata(path).map_err(MomentsError::io(path, "read"))?.len();
+                if now != was {
+                    return Err(MomentsError::Changed { path: path.to_owned(), was, now });
+                }
+                self.bytes(path.file_name().unwrap_or_default().to_string_lossy().as_bytes());
+                self.number(was);
+            }
+        }
+        Ok(())
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.number(bytes.len() as u64);
+        self.0.update(bytes);
+    }
+
+    fn number(&mut self, number: u64) {
+        self.0.update(&number.to_le_bytes());
+    }
+
+    fn finish(self) -> [u8; 32] {
+        *self.0.finalize().as_bytes()
+    }
+}
+
+/// One table's way into the sums.
+struct Reading<'a> {
+    path: &'a PathBuf,
+    plan: &'a Plan,
+    sums: &'a mut Accumulator,
+    seconds: &'a mut Seconds,
+    largest: &'a mut [f64; 2],
+}
+
+impl Reading<'_> {
+    fn all(&mut self, opened: &mut Opened, monitor: &dyn Monitor) -> Result<u64, MomentsError> {
+        let table = &mut opened.table;
+        let (mut rows, mut next, mut chunk) = (Vec::new(), Vec::new(), Chunk::default());
+        let mut before = 0;
+        loop {
+            monitor.check()?;
+            next.clear();
+            let started = Instant::now();
+            // In the caller's threads, of which there may be a single one: neither waits for the other before its end.
+            let (count, done) = rayon::join(
+                || table.read(CHUNK, &mut next).map(|count| (count, started.elapsed().as_secs_f64())),
+                || self.one(&rows, &mut chunk),
+            );
+            let done = done?;
+            if let Some(BadRow { row, column, expected, found }) = done {
+                let row = table.number_of(before + row as u64);
+                return Err(MomentsError::Row { path: self.path.clone(), row, column, expected, found });
+            }
+            let used = (rows.len() / self.plan.columns()) as u64;
+            before += used;
+            monitor.step(used);
+            let (count, seconds) = count?;
+            self.seconds.read += seconds;
+            if count == 0 {
+                break;
+            }
+            std::mem::swap(&mut rows, &mut next);
+        }
+        *self.largest = [self.largest[0].max(chunk.largest[0]), self.largest[1].max(chunk.largest[1])];
+        Ok(before)
+    }
+
+    /// Adds the samples of a chunk of rows.
+    fn one(&mut self, rows: &[f64], chunk: &mut Chunk) -> Result<Option<BadRow>, MomentsError> {
+        let started = Instant::now();
+        if let Err(bad) = self.plan.samples(rows, chunk) {
+            return Ok(Some(bad));
+        }
+        self.seconds.convert += started.elapsed().as_secs_f64();
+        self.sums.add(&chunk.directions, chunk.weights.as_deref(), chunk.values.view())?;
+        Ok(None)
+    }
+}

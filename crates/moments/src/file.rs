@@ -1,0 +1,283 @@
+//! Files of moments; `docs/moments-format.md` is the authority on their bytes.
+
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+use ndarray::Array2;
+use spharm_harmonics::{MAX_DEGREE, basis_size};
+use spharm_surface::io::write_new;
+use spharm_transform::{Occupied, SampleSums};
+
+use crate::MomentsError;
+use crate::moments::{MOST_SHARDS, Moments, Shard, Source};
+
+/// The version that is written, and the only one that is read.
+const VERSION: u32 = 1;
+
+const MAGIC: [u8; 8] = *b"SPHMOMNT";
+/// Real orthonormal harmonics without the Condon-Shortley phase, row `l^2 + l + m`.
+const CONVENTION: u32 = 1;
+
+const VERSION_AT: usize = 8;
+const HEADER_LEN_AT: usize = VERSION_AT + 4;
+const FILE_LEN_AT: usize = HEADER_LEN_AT + 4;
+const CONVENTION_AT: usize = FILE_LEN_AT + 8;
+const DEGREE_AT: usize = CONVENTION_AT + 4;
+const CHANNELS_AT: usize = DEGREE_AT + 4;
+const SOURCES_AT: usize = CHANNELS_AT + 4;
+const NAMES_AT: usize = SOURCES_AT + 4;
+const CELLS_AT: usize = NAMES_AT + 4;
+const ROWS_AT: usize = CELLS_AT + 4;
+const COUNT_AT: usize = ROWS_AT + 8;
+const WEIGHT_AT: usize = COUNT_AT + 8;
+const RESERVED_AT: usize = WEIGHT_AT + 8;
+const HEADER_HASH_AT: usize = 96;
+const HEADER_LEN: usize = HEADER_HASH_AT + HASH;
+const HASH: usize = 32;
+/// Bytes of an entry of the list of sources.
+const SOURCE: usize = 48;
+const MOST_CHANNELS: usize = 1 << 16;
+const MOST_SOURCES: usize = 1 << 24;
+const LONGEST_NAMES: usize = 1 << 24;
+
+impl Moments {
+    /// Writes a file of moments: whole or not at all. A file that is there is only replaced with `overwrite`.
+    ///
+    /// # Errors
+    ///
+    /// [`MomentsError::Output`] where it exists, or can't be written.
+    pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), MomentsError> {
+        Ok(write_new(path, overwrite, |out| self.encode(out))?)
+    }
+
+    /// Reads a file of moments; every byte is checked against the file's hash.
+    ///
+    /// # Errors
+    ///
+    /// [`MomentsError::Io`], [`MomentsError::Corrupt`], [`MomentsError::Version`].
+    pub fn read(path: &Path) -> Result<Self, MomentsError> {
+        // A FIFO would be waited for.
+        if path.exists() && !path.is_file() {
+            return Err(MomentsError::io(path, "read")(io::Error::other("not a regular file")));
+        }
+        let mut file = File::open(path).map_err(MomentsError::io(path, "open"))?;
+        let length = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
+        decode(&mut file, length, path)
+    }
+
+    fn encode(&self, out: &mut dyn Write) -> io::Result<()> {
+        let names = encode_names(&self.channels);
+        let cells = self.occupied.bytes();
+        let sizes = Sizes {
+            max_degree: self.sums.max_degree,
+            channels: self.channels.len(),
+            sources: self.sources.len(),
+            names: names.len(),
+            cells: cells.len(),
+        };
+        let mut header = [0; HEADER_LEN];
+        let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);
+        let u32_of = |value: usize| u32::try_from(value).map_err(io::Error::other);
+        put(0, &MAGIC);
+        put(VERSION_AT, &VERSION.to_le_bytes());
+        put(HEADER_LEN_AT, &u32_of(HEADER_LEN)?.to_le_bytes());
+        put(FILE_LEN_AT, &sizes.file_len().to_le_bytes());
+        put(CONVENTION_AT, &CONVENTION.to_le_bytes());
+        for (at, value) in [
+            (DEGREE_AT, sizes.max_degree),
+            (CHANNELS_AT, sizes.channels),
+            (SOURCES_AT, sizes.sources),
+            (NAMES_AT, sizes.names),
+            (CELLS_AT, sizes.cells),
+        ] {
+            put(at, &u32_of(value)?.to_le_bytes());
+        }
+        put(ROWS_AT, &self.rows.to_le_bytes());
+        put(COUNT_AT, &self.sums.count.to_le_bytes());
+        put(WEIGHT_AT, &self.sums.weight.to_le_bytes());
+        let hash = blake3::hash(&header[..HEADER_HASH_AT]);
+        header[HEADER_HASH_AT..].copy_from_slice(hash.as_bytes());
+        let mut out = Hashing { out, hasher: blake3::Hasher::new() };
+        out.write_all(&header)?;
+        for values in [&self.sums.squares, &self.sums.moments] {
+            out.numbers(values.iter())?;
+        }
+        out.numbers(self.sums.right_sides.iter())?;
+        for Source { key, shard, rows } in &self.sources {
+            out.write_all(key)?;
+            out.write_all(&shard.index.to_le_bytes())?;
+            out.write_all(&shard.of.to_le_bytes())?;
+            out.write_all(&rows.to_le_bytes())?;
+        }
+        out.write_all(&cells)?;
+        out.write_all(&names)?;
+        let hash = out.hasher.finalize();
+        out.out.write_all(hash.as_bytes())
+    }
+}
+
+/// The sizes of what a file holds, from which its length follows.
+struct Sizes {
+    max_degree: usize,
+    channels: usize,
+    sources: usize,
+    names: usize,
+    cells: usize,
+}
+
+impl Sizes {
+    fn numbers(&self) -> usize {
+        self.channels + basis_size(2 * self.max_degree) + basis_size(self.max_degree) * self.channels
+    }
+
+    /// Below 2^60, as all sizes have been held against their bounds.
+    fn file_len(&self) -> u64 {
+        (HEADER_LEN + 8 * self.numbers() + SOURCE * self.sources + self.cells + self.names + HASH) as u64
+    }
+}
+
+/// Passes on bytes, and hashes them.
+struct Hashing<'a> {
+    out: &'a mut dyn Write,
+    hasher: blake3::Hasher,
+}
+
+impl Hashing<'_> {
+    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.hasher.update(bytes);
+        self.out.write_all(bytes)
+    }
+
+    fn numbers<'a>(&mut self, numbers: impl Iterator<Item = &'a f64>) -> io::Result<()> {
+        let mut bytes = Vec::with_capacity(1 << 16);
+        for number in numbers {
+            bytes.extend_from_slice(&number.to_le_bytes());
+            if bytes.len() == 1 << 16 {
+                self.write_all(&bytes)?;
+                bytes.clear();
+            }
+        }
+        self.write_all(&bytes)
+    }
+}
+
+fn encode_names(names: &[String]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for name in names {
+        bytes.extend_from_slice(&(name.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(name.as_bytes());
+    }
+    bytes
+}
+
+fn decode_names(mut bytes: &[u8], count: usize) -> Option<Vec<String>> {
+    let mut names = Vec::new();
+    for _ in 0..count {
+        let (length, rest) = bytes.split_at_checked(4)?;
+        let length = u32::from_le_bytes(length.try_into().ok()?) as usize;
+        let (name, rest) = rest.split_at_checked(length)?;
+        names.push(String::from_utf8(name.to_vec()).ok()?);
+        bytes = rest;
+    }
+    bytes.is_empty().then_some(names)
+}
+
+fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, MomentsError> {
+    let corrupt = |what, expected: &dyn ToString, found: &dyn ToString| {
+        let (path, expected, found) = (path.to_owned(), expected.to_string(), found.to_string());
+        MomentsError::Corrupt { path, what, expected, found }
+    };
+    if length < (HEADER_LEN + HASH) as u64 {
+        return Err(corrupt("length", &format!("at least {} bytes", HEADER_LEN + HASH), &length));
+    }
+    let mut header = [0; HEADER_LEN];
+    input.read_exact(&mut header).map_err(MomentsError::io(path, "read"))?;
+    let u32_at = |at: usize| header[at..at + 4].try_into().map_or(0, u32::from_le_bytes);
+    let u64_at = |at: usize| header[at..at + 8].try_into().map_or(0, u64::from_le_bytes);
+    if header[..8] != MAGIC {
+        return Err(corrupt("magic number", &MAGIC.escape_ascii(), &header[..8].escape_ascii()));
+    }
+    let found = u32_at(VERSION_AT);
+    if found != VERSION {
+        return Err(MomentsError::Version { path: path.to_owned(), expected: VERSION, found });
+    }
+    if blake3::hash(&header[..HEADER_HASH_AT]).as_bytes() != &header[HEADER_HASH_AT..] {
+        return Err(corrupt("header", &"bytes that match its hash", &"other bytes"));
+    }
+    let sizes = Sizes {
+        max_degree: u32_at(DEGREE_AT) as usize,
+        channels: u32_at(CHANNELS_AT) as usize,
+        sources: u32_at(SOURCES_AT) as usize,
+        names: u32_at(NAMES_AT) as usize,
+        cells: u32_at(CELLS_AT) as usize,
+    };
+    for (what, most, found) in [
+        ("degree", MAX_DEGREE, sizes.max_degree),
+        ("channels", MOST_CHANNELS, sizes.channels),
+        ("sources", MOST_SOURCES, sizes.sources),
+        ("names", LONGEST_NAMES, sizes.names),
+        ("cells", 1 << 28, sizes.cells),
+    ] {
+        if found > most {
+            return Err(corrupt(what, &format!("at most {most}"), &found));
+        }
+    }
+    if u32_at(HEADER_LEN_AT) as usize != HEADER_LEN {
+        return Err(corrupt("header length", &HEADER_LEN, &u32_at(HEADER_LEN_AT)));
+    }
+    if u32_at(CONVENTION_AT) != CONVENTION {
+        return Err(corrupt("convention", &CONVENTION, &u32_at(CONVENTION_AT)));
+    }
+    if header[RESERVED_AT..HEADER_HASH_AT].iter().any(|&byte| byte != 0) {
+        return Err(corrupt("reserved bytes", &"zeros", &"other bytes"));
+    }
+    if sizes.file_len() != length || u64_at(FILE_LEN_AT) != length {
+        return Err(corrupt("length", &sizes.file_len(), &length));
+    }
+    // The file is as long as it says, so that as much may be allocated.
+    let mut body = Vec::with_capacity(length as usize - HEADER_LEN);
+    input.read_to_end(&mut body).map_err(MomentsError::io(path, "read"))?;
+    if body.len() != length as usize - HEADER_LEN {
+        return Err(corrupt("length", &length, &(body.len() + HEADER_LEN)));
+    }
+    let (content, hash) = body.split_at(body.len() - HASH);
+    let mut hasher = blake3::Hasher::new();
+    if hasher.update(&header).update(content).finalize().as_bytes() != hash {
+        return Err(corrupt("contents", &"bytes that match their hash", &"other bytes"));
+    }
+    let (numbers, rest) = content.split_at(8 * sizes.numbers());
+    let (sources, rest) = rest.split_at(SOURCE * sizes.sources);
+    let (cells, names) = rest.split_at(sizes.cells);
+    let mut numbers = numbers.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes));
+    let mut take = |count: usize| -> Vec<f64> { numbers.by_ref().take(count).collect() };
+    let (squares, moments) = (take(sizes.channels), take(basis_size(2 * sizes.max_degree)));
+    let columns = basis_size(sizes.max_degree);
+    let right = take(columns * sizes.channels);
+    let right = Array2::from_shape_vec((columns, sizes.channels), right)
+        .map_err(|error| corrupt("right-hand sides", &"a matrix", &error))?;
+    let weight = f64::from_bits(u64_at(WEIGHT_AT));
+    let all = squares.iter().chain(&moments).chain(&right).chain([&weight]);
+    if let Some(value) = all.into_iter().find(|value| !value.is_finite()) {
+        return Err(corrupt("sums", &"finite numbers", value));
+    }
+    let sources = sources.as_chunks::<SOURCE>().0.iter().map(|bytes| {
+        let (mut key, mut index, mut of, mut rows) = ([0; 32], [0; 4], [0; 4], [0; 8]);
+        key.copy_from_slice(&bytes[..32]);
+        index.copy_from_slice(&bytes[32..36]);
+        of.copy_from_slice(&bytes[36..40]);
+        rows.copy_from_slice(&bytes[40..]);
+        let shard = Shard { index: u32::from_le_bytes(index), of: u32::from_le_bytes(of) };
+        let fits = shard.index < shard.of && shard.of <= MOST_SHARDS;
+        fits.then_some(Source { key, shard, rows: u64::from_le_bytes(rows) })
+    });
+    let sources: Option<Vec<Source>> = sources.collect();
+    let sources = sources.ok_or_else(|| corrupt("shard", &"a shard of its number", &"another number"))?;
+    let occupied = Occupied::from_bytes(sizes.max_degree, cells)
+        .ok_or_else(|| corrupt("cells", &"those of the degree", &"another number"))?;
+    let channels = decode_names(names, sizes.channels)
+        .ok_or_else(|| corrupt("names of the channels", &"as many as there are channels", &"others"))?;
+    let (max_degree, count) = (sizes.max_degree, u64_at(COUNT_AT));
+    let sums = SampleSums { max_degree, moments, right_sides: right, squares, weight, count };
+    Ok(Moments { channels, sums, rows: u64_at(ROWS_AT), occupied, sources })
+}

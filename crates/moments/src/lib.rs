@@ -1,0 +1,53 @@
+//! Fits of more samples than fit in memory, or on one machine: their moments, as files that add up.
+//!
+//! A least-squares fit of samples f at directions x with weights w depends on them through the moments of the weights to
+//! degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2` and their number alone. All of these are sums over
+//! the samples, so that they can be formed in one pass over the data, in parts, anywhere: [`accumulate`] reads
+//! tables in chunks, [`Moments::write`] keeps what it found, and [`merge`] adds parts and refuses those that don't
+//! belong together. `docs/moments-format.md` is the authority on the file's bytes.
+//!
+//! # Modules
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`samples`] | tables of samples, a file format a module; columns to directions, weights and values |
+//! | [`mod@accumulate`] | moments of tables, in bounded memory |
+//! | [`moments`] | [`Moments`]: the sums, and what they are of |
+//! | [`merge`](mod@merge) | parts that make a whole |
+//! | `file` | the file format |
+//!
+//! # Example
+//!
+//! ```
+//! use spharm_moments::{Positions, Request, Shard, accumulate, merge, Moments};
+//! use spharm_monitor::Silent;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let table = folder.path().join("heights.csv");
+//! std::fs::write(&table, "lon,lat,height\n0,90,1\n120,-30,2\n240,-30,3\n0,0,2\n")?;
+//! let parts = (0..2).map(|index| {
+//!     let mut request = Request::new(vec![table.clone()], 1);
+//!     request.columns.values = vec!["height".to_owned()];
+//!     request.shard = Shard { index, of: 2 };
+//!     accumulate(&request, &Silent)
+//! });
+//! let parts = parts.map(|part| part.map(|part| part.moments)).collect::<Result<Vec<_>, _>>()?;
+//! let all = merge(parts, false)?;
+//! all.write(&folder.path().join("heights.moments"), false)?;
+//! let all = Moments::read(&folder.path().join("heights.moments"))?;
+//! assert_eq!((all.rows, all.sums.squares[0]), (4, 18.0));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod accumulate;
+mod error;
+mod file;
+pub mod merge;
+pub mod moments;
+pub mod samples;
+
+pub use accumulate::{Accumulated, Request, Warning, accumulate};
+pub use error::MomentsError;
+pub use merge::{merge, merge_named};
+pub use moments::{Moments, Shard, Source};
+pub use samples::{Columns, Positions};

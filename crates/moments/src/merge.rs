@@ -1,0 +1,150 @@
+//! Adding the moments of parts.
+
+use std::collections::BTreeMap;
+
+use crate::moments::{Moments, Shard, Source};
+use crate::{MomentsError, Source as PartSource};
+
+/// Adds the moments of parts, in the order of their samples, whatever order they are given in. With `partial` shards
+/// may be missing.
+///
+/// # Errors
+///
+/// [`MomentsError::Differ`], [`MomentsError::Overlap`], [`MomentsError::Missing`], [`MomentsError::NoParts`]. Parts are
+/// named by their number in the list, from 1.
+pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError> {
+    let names = (1..=parts.len()).map(|number| format!("part {number}")).collect();
+    merge_named(parts.into_iter().map(Ok), names, partial)
+}
+
+/// As [`merge`], for parts that are read one after the other as they are needed, with names for errors. Two parts are in
+/// memory at a time.
+///
+/// # Errors
+///
+/// Those of [`merge`] and of the parts.
+pub fn merge_named(
+    parts: impl IntoIterator<Item = Result<Moments, MomentsError>>,
+    names: Vec<String>,
+    partial: bool,
+) -> Result<Moments, MomentsError> {
+    let mut all: Option<Moments> = None;
+    let mut held: Vec<(PartSource, usize)> = Vec::new();
+    for (number, part) in parts.into_iter().enumerate() {
+        let part = part?;
+        held.extend(part.sources.iter().map(|source| (source.clone(), number)));
+        match &mut all {
+            None => all = Some(part),
+            Some(all) => {
+                same_kind(all, &part, [&names[0], &names[number]])?;
+                add(all, part);
+            }
+        }
+    }
+    let mut all = all.ok_or(MomentsError::NoParts)?;
+    all.sources = joined(held, &names, partial)?;
+    Ok(all)
+}
+
+fn same_kind(first: &Moments, second: &Moments, [a, b]: [&String; 2]) -> Result<(), MomentsError> {
+    let differ = |what, expected: String, found: String| {
+        let (first, second) = (a.clone(), b.clone());
+        Err(MomentsError::Differ { what, first, second, expected, found })
+    };
+    if first.sums.max_degree != second.sums.max_degree {
+        return differ("degrees", first.sums.max_degree.to_string(), second.sums.max_degree.to_string());
+    }
+    if first.channels != second.channels {
+        return differ("channels", first.channels.join(", "), second.channels.join(", "));
+    }
+    Ok(())
+}
+
+fn add(all: &mut Moments, part: Moments) {
+    all.rows += part.rows;
+    all.occupied.merge(&part.occupied);
+    let (all, part) = (&mut all.sums, part.sums);
+    for (sum, value) in all.moments.iter_mut().zip(&part.moments) {
+        *sum += value;
+    }
+    all.right_sides += &part.right_sides;
+    for (sum, value) in all.squares.iter_mut().zip(&part.squares) {
+        *sum += value;
+    }
+    all.count += part.count;
+    all.weight += part.weight;
+}
+
+/// The sources of all parts, those whose shards are all there as a whole.
+fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result<Vec<Source>, MomentsError> {
+    let mut by_key: BTreeMap<[u8; 32], Vec<(Source, usize)>> = BTreeMap::new();
+    for (source, part) in held {
+        by_key.entry(source.key).or_default().push((source, part));
+    }
+    let (mut joined, mut missing) = (Vec::new(), Vec::new());
+    for (key, mut shards) in by_key {
+        // By where they begin; fractions are compared exactly.
+        shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
+        for pair in shards.windows(2) {
+            let [(a, first), (b, second)] = pair else { continue };
+            if end(a.shard).cmp_to(start(b.shard)).is_gt() {
+                let (first, second) = (names[*first].clone(), names[*second].clone());
+                let what = format!("samples of shard {}", shown(b.shard));
+                return Err(MomentsError::Overlap { first, second, what });
+            }
+        }
+        let rows = shards.iter().map(|(source, _)| source.rows).sum();
+        let mut reached = Fraction { above: 0, below: 1 };
+        let before = missing.len();
+        for (source, _) in &shards {
+            gap(reached, start(source.shard), source.shard.of, &mut missing);
+            reached = end(source.shard);
+        }
+        let of = shards.last().map_or(1, |(source, _)| source.shard.of);
+        gap(reached, Fraction { above: 1, below: 1 }, of, &mut missing);
+        if missing.len() == before {
+            joined.push(Source { key, shard: Shard::WHOLE, rows });
+        } else {
+            joined.extend(shards.into_iter().map(|(source, _)| source));
+        }
+    }
+    if missing.is_empty() || partial { Ok(joined) } else { Err(MomentsError::Missing { missing }) }
+}
+
+/// Names what lies between two ends of shards, as shards of `of`.
+fn gap(from: Fraction, to: Fraction, of: u32, missing: &mut Vec<String>) {
+    if !from.cmp_to(to).is_lt() {
+        return;
+    }
+    let first = u64::from(from.above) * u64::from(of) / u64::from(from.below);
+    let last = (u64::from(to.above) * u64::from(of)).div_ceil(u64::from(to.below));
+    missing.push(match last - first {
+        1 => format!("shard {first}/{of}"),
+        _ => format!("shards {first}/{of} to {}/{of}", last - 1),
+    });
+}
+
+fn shown(shard: Shard) -> String {
+    format!("{}/{}", shard.index, shard.of)
+}
+
+#[derive(Clone, Copy)]
+struct Fraction {
+    above: u32,
+    below: u32,
+}
+
+impl Fraction {
+    fn cmp_to(self, other: Self) -> std::cmp::Ordering {
+        let product = |a: u32, b: u32| u64::from(a) * u64::from(b);
+        product(self.above, other.below).cmp(&product(other.above, self.below))
+    }
+}
+
+fn start(shard: Shard) -> Fraction {
+    Fraction { above: shard.index, below: shard.of }
+}
+
+fn end(shard: Shard) -> Fraction {
+    Fraction { above: shard.index + 1, below: shard.of }
+}

@@ -1,0 +1,74 @@
+//! The sums over samples that a fit needs, and what they are of.
+
+use spharm_transform::{Occupied, SampleSums};
+
+use crate::MomentsError;
+
+/// The most shards of a whole.
+pub const MOST_SHARDS: u32 = 1 << 24;
+
+/// A part of the samples: number `index` of `of`, counted from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Shard {
+    /// Its number, from 0.
+    pub index: u32,
+    /// The number of shards.
+    pub of: u32,
+}
+
+impl Shard {
+    /// All samples.
+    pub const WHOLE: Self = Self { index: 0, of: 1 };
+
+    /// Returns the part of `0..count` that belongs to the shard. The shards' parts make up the whole.
+    pub fn range(self, count: u64) -> std::ops::Range<u64> {
+        let at = |index: u32| (u128::from(count) * u128::from(index) / u128::from(self.of)) as u64;
+        at(self.index)..at(self.index + 1)
+    }
+
+    pub(crate) fn check(self) -> Result<(), MomentsError> {
+        let Self { index, of } = self;
+        if index < of && of <= MOST_SHARDS { Ok(()) } else { Err(MomentsError::Shard { index, of }) }
+    }
+}
+
+/// Samples that moments are of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// Hash of what was read: names and sizes of the files, columns.
+    pub key: [u8; 32],
+    /// The part of it.
+    pub shard: Shard,
+    /// Number of samples of the part.
+    pub rows: u64,
+}
+
+/// The sums of a part of the data, or of all of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moments {
+    /// Names of the channels, (c).
+    pub channels: Vec<String>,
+    /// The sums: moments to degree 2L, right-hand sides to degree L, `sum w f^2`, number of samples.
+    pub sums: SampleSums,
+    /// Number of samples, those of weight 0 among them.
+    pub rows: u64,
+    /// Where samples with weight are.
+    pub occupied: Occupied,
+    /// The samples that they are of, sorted by key and shard.
+    pub sources: Vec<Source>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_make_up_the_whole() {
+        for (count, of) in [(0, 3), (1, 7), (100, 7), (u64::MAX, MOST_SHARDS)] {
+            let ranges = |index| Shard { index, of }.range(count);
+            assert_eq!((ranges(0).start, ranges(of - 1).end), (0, count));
+            assert!((1..of.min(50)).all(|index| ranges(index).start == ranges(index - 1).end));
+        }
+        assert!(Shard { index: 3, of: 3 }.check().is_err() && Shard { index: 0, of: 0 }.check().is_err());
+    }
+}

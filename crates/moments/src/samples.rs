@@ -1,0 +1,259 @@
+//! Tables of samples, read in chunks: which columns are positions, weights and values, and what they may hold.
+
+mod csv;
+mod npy;
+mod open;
+mod records;
+mod table;
+
+use ndarray::Array2;
+use rayon::prelude::*;
+use spharm_harmonics::directions::normalise;
+
+use crate::MomentsError;
+pub use crate::samples::open::ENDINGS;
+pub(crate) use crate::samples::open::{Opened, STDIN, open};
+
+/// The value that is a sample's distance from the centre, for positions that are vectors.
+pub const RADIUS: &str = "radius";
+
+/// Columns that say where samples are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Positions {
+    /// Colatitude and azimuth, in radians.
+    Angles([String; 2]),
+    /// Longitude and latitude, in degrees.
+    LonLat([String; 2]),
+    /// x, y and z: unit vectors, or vectors of any length where [`RADIUS`] is a value.
+    Vectors([String; 3]),
+}
+
+impl Positions {
+    /// Returns the positions of columns by their usual names, in any case: x, y, z; lon, lat; theta, phi.
+    pub(crate) fn guess(columns: &[String]) -> Option<Self> {
+        let found = |name: &str| columns.iter().find(|column| column.eq_ignore_ascii_case(name)).cloned();
+        let first = |names: &[&str]| names.iter().find_map(|name| found(name));
+        if let (Some(x), Some(y), Some(z)) = (found("x"), found("y"), found("z")) {
+            return Some(Self::Vectors([x, y, z]));
+        }
+        if let (Some(lon), Some(lat)) = (first(&["lon", "longitude"]), first(&["lat", "latitude"])) {
+            return Some(Self::LonLat([lon, lat]));
+        }
+        Some(Self::Angles([found("theta")?, found("phi")?]))
+    }
+
+    fn names(&self) -> &[String] {
+        match self {
+            Self::Angles(names) | Self::LonLat(names) => names,
+            Self::Vectors(names) => names,
+        }
+    }
+}
+
+/// Which columns of a table are what.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Columns {
+    /// Where samples are; by default the columns x, y, z, or lon, lat, or theta, phi, whichever there are.
+    pub positions: Option<Positions>,
+    /// Values, a channel each; [`RADIUS`] is the distance from the centre.
+    pub values: Vec<String>,
+    /// Weights; by default all are 1.
+    pub weight: Option<String>,
+    /// The centre that vectors begin at; by default the origin.
+    pub centre: [f64; 3],
+}
+
+/// Where the columns are in the rows that a table gives.
+#[derive(Debug, Clone)]
+pub(crate) struct Plan {
+    positions: Positions,
+    /// Place of each value, none for the radius.
+    values: Vec<Option<usize>>,
+    weight: Option<usize>,
+    centre: [f64; 3],
+    /// Names of the columns that are read, in the order of a row.
+    names: Vec<String>,
+}
+
+/// A chunk of samples.
+#[derive(Debug, Default)]
+pub(crate) struct Chunk {
+    pub(crate) directions: Vec<[f64; 3]>,
+    pub(crate) weights: Option<Vec<f64>>,
+    pub(crate) values: Array2<f64>,
+    /// The largest absolute values of the two angles.
+    pub(crate) largest: [f64; 2],
+}
+
+/// A row that can't be used, counted from 0 within its chunk.
+#[derive(Debug)]
+pub(crate) struct BadRow {
+    pub(crate) row: usize,
+    pub(crate) column: String,
+    pub(crate) expected: &'static str,
+    pub(crate) found: String,
+}
+
+impl Columns {
+    /// Settles which columns of a table are read, and returns their numbers, in the order of the rows to come.
+    pub(crate) fn plan(&self, path: &std::path::Path, there: &[String]) -> Result<(Plan, Vec<usize>), MomentsError> {
+        let unclear = |problem| MomentsError::Columns { path: path.to_owned(), problem, there: there.to_vec() };
+        let positions = match &self.positions {
+            Some(positions) => positions.clone(),
+            None => Positions::guess(there).ok_or_else(|| unclear("which columns are the positions isn't clear"))?,
+        };
+        if self.values.is_empty() {
+            return Err(unclear("which columns are the values wasn't said"));
+        }
+        let vectors = matches!(positions, Positions::Vectors(_));
+        if !vectors
+            && (self.values.iter().any(|name| name == RADIUS && !there.contains(name)) || self.centre != [0.0; 3])
+        {
+            return Err(unclear("a radius or a centre goes with positions that are vectors"));
+        }
+        let (mut names, mut numbers) = (Vec::new(), Vec::new());
+        let mut place = |name: &String| -> Result<usize, MomentsError> {
+            if let Some(place) = names.iter().position(|known| known == name) {
+                return Ok(place);
+            }
+            let missing =
+                || MomentsError::NoColumn { path: path.to_owned(), wanted: name.clone(), there: there.to_vec() };
+            numbers.push(there.iter().position(|column| column == name).ok_or_else(missing)?);
+            names.push(name.clone());
+            Ok(names.len() - 1)
+        };
+        // First, and in their order: a row begins with its position.
+        for name in positions.names() {
+            place(name)?;
+        }
+        let is_radius = |name: &String| vectors && name == RADIUS && !there.contains(name);
+        let values = self.values.iter().map(|name| if is_radius(name) { Ok(None) } else { place(name).map(Some) });
+        let values = values.collect::<Result<_, _>>()?;
+        let weight = self.weight.as_ref().map(&mut place).transpose()?;
+        Ok((Plan { positions, values, weight, centre: self.centre, names }, numbers))
+    }
+}
+
+/// Samples that a thread converts at a time.
+const PIECE: usize = 1 << 13;
+
+impl Plan {
+    /// Number of values of a row.
+    pub(crate) fn columns(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Converts rows to samples, and checks them.
+    pub(crate) fn samples(&self, rows: &[f64], chunk: &mut Chunk) -> Result<(), BadRow> {
+        let (columns, channels) = (self.columns(), self.values.len());
+        let n = rows.len() / columns;
+        chunk.directions.resize(n, [0.0; 3]);
+        let mut values = std::mem::take(&mut chunk.values).into_raw_vec_and_offset().0;
+        values.resize(n * channels, 0.0);
+        let mut weights = chunk.weights.take().unwrap_or_default();
+        weights.resize(if self.weight.is_some() { n } else { 0 }, 0.0);
+        // A piece of nothing for each piece of samples, where there are no weights.
+        let piece_of_weights = if self.weight.is_some() { PIECE } else { 0 };
+        let mut rest = &mut weights[..];
+        let mut weight_pieces = Vec::new();
+        for _ in 0..n.div_ceil(PIECE) {
+            let (piece, tail) = rest.split_at_mut(piece_of_weights.min(rest.len()));
+            weight_pieces.push(piece);
+            rest = tail;
+        }
+        let found: Vec<Result<[f64; 2], BadRow>> = chunk
+            .directions
+            .par_chunks_mut(PIECE)
+            .zip(values.par_chunks_mut(PIECE * channels))
+            .zip(weight_pieces)
+            .enumerate()
+            .map(|(piece, ((directions, values), weights))| {
+                let first = piece * PIECE;
+                let rows = &rows[first * columns..(first + directions.len()) * columns];
+                self.piece(rows, directions, values, weights).map_err(|bad| BadRow { row: bad.row + first, ..bad })
+            })
+            .collect();
+        chunk.values = Array2::from_shape_vec((n, channels), values).unwrap_or_default();
+        chunk.weights = self.weight.map(|_| weights);
+        for largest in found {
+            let largest = largest?;
+            chunk.largest = [chunk.largest[0].max(largest[0]), chunk.largest[1].max(largest[1])];
+        }
+        Ok(())
+    }
+
+    fn piece(
+        &self,
+        rows: &[f64],
+        directions: &mut [[f64; 3]],
+        values: &mut [f64],
+        weights: &mut [f64],
+    ) -> Result<[f64; 2], BadRow> {
+        let channels = self.values.len();
+        let needs_unit = !self.values.contains(&None) && self.centre == [0.0; 3];
+        let mut largest = [0.0f64; 2];
+        for (row, (cells, direction)) in rows.chunks_exact(self.columns()).zip(directions).enumerate() {
+            let bad = |column: usize, expected| BadRow {
+                row,
+                column: self.names[column].clone(),
+                expected,
+                found: cells[column].to_string(),
+            };
+            if let Some(column) = cells.iter().position(|cell| !cell.is_finite()) {
+                return Err(bad(column, "a finite number"));
+            }
+            let mut radius = 1.0;
+            *direction = match self.positions {
+                Positions::Angles(_) => {
+                    if !(0.0..=MOST_THETA).contains(&cells[0]) {
+                        return Err(bad(0, "a colatitude from 0 to pi, in radians"));
+                    }
+                    if cells[1].abs() > MOST_PHI {
+                        return Err(bad(1, "an azimuth from -2 pi to 2 pi, in radians"));
+                    }
+                    let ((s, c), (sine, cosine)) = (cells[0].sin_cos(), cells[1].sin_cos());
+                    [s * cosine, s * sine, c]
+                }
+                Positions::LonLat(_) => {
+                    if cells[0].abs() > 360.0 {
+                        return Err(bad(0, "a longitude from -360 to 360, in degrees"));
+                    }
+                    if cells[1].abs() > 90.0 {
+                        return Err(bad(1, "a latitude from -90 to 90, in degrees"));
+                    }
+                    largest = [largest[0].max(cells[0].abs()), largest[1].max(cells[1].abs())];
+                    let ((s, c), (sine, cosine)) = (cells[1].to_radians().sin_cos(), cells[0].to_radians().sin_cos());
+                    [c * cosine, c * sine, s]
+                }
+                Positions::Vectors(_) => {
+                    let vector = [0, 1, 2].map(|i| cells[i] - self.centre[i]);
+                    let Ok((unit, length)) = normalise(vector, row) else {
+                        return Err(bad(0, "a vector that isn't zero"));
+                    };
+                    if needs_unit && (length - 1.0).abs() > UNIT {
+                        let found = format!("length {length}");
+                        return Err(BadRow { found, ..bad(0, "a unit vector; the value radius makes use of lengths") });
+                    }
+                    radius = length;
+                    unit
+                }
+            };
+            for (value, place) in values[row * channels..(row + 1) * channels].iter_mut().zip(&self.values) {
+                *value = place.map_or(radius, |place| cells[place]);
+            }
+            if let Some(place) = self.weight {
+                if cells[place] < 0.0 {
+                    return Err(bad(place, "a weight of at least 0"));
+                }
+                weights[row] = cells[place];
+            }
+        }
+        Ok(largest)
+    }
+}
+
+/// pi, and 2 pi, with room for what single precision makes of them.
+const MOST_THETA: f64 = std::f64::consts::PI + 1e-6;
+const MOST_PHI: f64 = std::f64::consts::TAU + 1e-6;
+/// What vectors may be off from length 1, in single precision and with few digits.
+const UNIT: f64 = 1e-3;

@@ -1,0 +1,272 @@
+//! Tables of text: a row a line, fields between commas, tabs, semicolons or blanks, names of the columns in the first line
+//! where they aren't numbers. Lines that are empty or begin with `#` are skipped.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+use super::table::Table;
+use crate::MomentsError;
+use crate::moments::Shard;
+
+const FORMAT: &str = "table";
+/// Bytes that are read at a time, and then parsed by all threads.
+const BLOCK: usize = 1 << 22;
+/// Bytes of a piece that one thread parses.
+const PIECE: usize = 1 << 16;
+/// The byte-order mark of UTF-8, with which some programs begin.
+const MARK: &[u8] = b"\xef\xbb\xbf";
+/// Longer lines are none of a table.
+const LONGEST_LINE: usize = 1 << 20;
+
+/// A shard of a table of text.
+pub(super) struct Text {
+    path: PathBuf,
+    input: Box<dyn Read + Send>,
+    lines: Lines,
+    /// Bytes that have been read, and not yet parsed.
+    pending: Vec<u8>,
+    /// Rows that have been parsed, and not yet asked for.
+    parsed: Vec<f64>,
+    /// First byte of the shard's rows in the file.
+    start: u64,
+    /// Rows that have been parsed.
+    rows: u64,
+    ended: bool,
+}
+
+/// How lines are rows.
+struct Lines {
+    names: Vec<String>,
+    /// What separates fields; blanks where it is none.
+    separator: Option<u8>,
+    selected: Vec<usize>,
+}
+
+/// Opens a shard of a file: the lines that begin in its part of the bytes.
+pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<Text, MomentsError> {
+    let failed = |error| MomentsError::io(path, "read")(error);
+    let mut input = BufReader::new(file);
+    let (names, separator, header) = head(path, &mut input)?;
+    let Range { start, end } = shard.range(bytes);
+    let start = line_from(&mut input, start.max(header)).map_err(failed)?;
+    let end = if end >= bytes { bytes } else { line_from(&mut input, end.max(header)).map_err(failed)? };
+    input.seek(SeekFrom::Start(start)).map_err(failed)?;
+    let input = Box::new(input.take(end.saturating_sub(start)));
+    Ok(Text::new(path, input, names, separator, start))
+}
+
+/// The first byte, from `from` on, at which a line begins.
+fn line_from(input: &mut BufReader<File>, from: u64) -> io::Result<u64> {
+    if from == 0 {
+        return Ok(0);
+    }
+    input.seek(SeekFrom::Start(from - 1))?;
+    let mut skipped = Vec::new();
+    Ok(from - 1 + input.read_until(b'\n', &mut skipped)? as u64)
+}
+
+/// Takes a table from a stream.
+pub(super) fn of_stream(path: &Path, input: Box<dyn Read + Send>) -> Result<Text, MomentsError> {
+    let mut input = BufReader::new(input);
+    let mut first = Vec::new();
+    let (names, separator, header) = head(path, &mut Kept { input: &mut input, kept: &mut first })?;
+    // Lines that have been read and aren't the header are rows.
+    let rows = first.split_off((header as usize).min(first.len()));
+    Ok(Text::new(path, Box::new(io::Cursor::new(rows).chain(input)), names, separator, header))
+}
+
+/// Keeps what is read through it.
+struct Kept<'a, R> {
+    input: &'a mut R,
+    kept: &'a mut Vec<u8>,
+}
+
+impl<R: BufRead> Read for Kept<'_, R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.input.read(buffer)?;
+        self.kept.extend_from_slice(&buffer[..count]);
+        Ok(count)
+    }
+}
+
+impl<R: BufRead> BufRead for Kept<'_, R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        self.input.fill_buf()
+    }
+
+    fn consume(&mut self, count: usize) {
+        if let Ok(buffer) = self.input.fill_buf() {
+            self.kept.extend_from_slice(&buffer[..count.min(buffer.len())]);
+        }
+        self.input.consume(count);
+    }
+}
+
+/// The names of the columns, the separator, and the bytes before the first row.
+fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>, u64), MomentsError> {
+    let mut at = 0;
+    loop {
+        let mut line = Vec::new();
+        let count = io::Read::take(&mut *input, LONGEST_LINE as u64 + 1).read_until(b'\n', &mut line);
+        let count = count.map_err(MomentsError::io(path, "read"))?;
+        if count == 0 {
+            return Err(MomentsError::Empty { path: path.to_owned() });
+        }
+        if count > LONGEST_LINE {
+            return Err(too_long(path));
+        }
+        let marked = if at == 0 { line.strip_prefix(MARK) } else { None };
+        let (text, mark) = (marked.unwrap_or(&line).trim_ascii(), marked.map_or(0, |_| MARK.len() as u64));
+        if text.is_empty() || text.starts_with(b"#") {
+            at += count as u64;
+            continue;
+        }
+        let separator = [b',', b';', b'\t'].into_iter().find(|separator| text.contains(separator));
+        let words: Vec<&[u8]> = fields(text, separator).collect();
+        if words.iter().all(|word| number(word).is_some()) {
+            return Ok(((0..words.len()).map(|i| i.to_string()).collect(), separator, at + mark));
+        }
+        let name = |word: &&[u8]| String::from_utf8_lossy(word).trim_matches('"').to_owned();
+        return Ok((words.iter().map(name).collect(), separator, at + count as u64));
+    }
+}
+
+fn too_long(path: &Path) -> MomentsError {
+    let expected = format!("lines of at most {LONGEST_LINE} bytes");
+    MomentsError::Malformed { path: path.to_owned(), format: FORMAT, expected, found: "a longer one".to_owned() }
+}
+
+fn fields(line: &[u8], separator: Option<u8>) -> impl Iterator<Item = &[u8]> {
+    line.split(move |&byte| separator.map_or(byte.is_ascii_whitespace(), |separator| byte == separator))
+        .map(<[u8]>::trim_ascii)
+        .filter(move |field| separator.is_some() || !field.is_empty())
+}
+
+/// NaN and infinity are numbers, which are refused later.
+fn number(word: &[u8]) -> Option<f64> {
+    std::str::from_utf8(word).ok()?.parse().ok()
+}
+
+/// A line that is no row: its number among the rows, and what is wrong with it.
+struct BadLine {
+    row: u64,
+    column: String,
+    expected: &'static str,
+    found: String,
+}
+
+impl Text {
+    fn new(path: &Path, input: Box<dyn Read + Send>, names: Vec<String>, separator: Option<u8>, start: u64) -> Self {
+        let (pending, parsed, lines) = (Vec::new(), Vec::new(), Lines { names, separator, selected: Vec::new() });
+        Self { path: path.to_owned(), input, lines, pending, parsed, start, rows: 0, ended: false }
+    }
+
+    /// Reads and parses a block more.
+    fn more(&mut self) -> Result<(), MomentsError> {
+        let before = self.pending.len();
+        let count = self.input.by_ref().take(BLOCK as u64).read_to_end(&mut self.pending);
+        self.ended = count.map_err(MomentsError::io(&self.path, "read"))? == 0;
+        let end = match self.pending.iter().rposition(|&byte| byte == b'\n') {
+            _ if self.ended => self.pending.len(),
+            Some(last) => last + 1,
+            None if before + BLOCK > LONGEST_LINE => return Err(too_long(&self.path)),
+            None => return Ok(()),
+        };
+        let rest = self.pending.split_off(end);
+        let whole = std::mem::replace(&mut self.pending, rest);
+        let mut pieces = Vec::new();
+        let mut left = &whole[..];
+        while !left.is_empty() {
+            let end = left.iter().skip(PIECE).position(|&byte| byte == b'\n').map_or(left.len(), |at| PIECE + at + 1);
+            let (piece, rest) = left.split_at(end);
+            pieces.push(piece);
+            left = rest;
+        }
+        let lines = &self.lines;
+        let found: Vec<(Vec<f64>, Option<BadLine>)> = pieces.into_par_iter().map(|piece| lines.parse(piece)).collect();
+        for (rows, bad) in found {
+            let before = self.rows;
+            self.rows += (rows.len() / self.lines.selected.len().max(1)) as u64;
+            self.parsed.extend(rows);
+            if let Some(BadLine { row, column, expected, found }) = bad {
+                let row = self.number_of(before + row);
+                return Err(MomentsError::Row { path: self.path.clone(), row, column, expected, found });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Lines {
+    /// Parses lines to rows, up to the first bad line.
+    fn parse(&self, lines: &[u8]) -> (Vec<f64>, Option<BadLine>) {
+        let (columns, width) = (self.names.len(), self.selected.len().max(1));
+        let mut rows = Vec::new();
+        let mut cells: Vec<&[u8]> = Vec::new();
+        for line in lines.split(|&byte| byte == b'\n') {
+            let line = line.trim_ascii();
+            if line.is_empty() || line.starts_with(b"#") {
+                continue;
+            }
+            cells.clear();
+            cells.extend(fields(line, self.separator));
+            let row = (rows.len() / width) as u64;
+            if cells.len() != columns {
+                let found = format!("{} fields, the first row or the header has {columns}", cells.len());
+                let bad = BadLine { row, column: "the line".to_owned(), expected: "as many fields as columns", found };
+                return (rows, Some(bad));
+            }
+            for &column in &self.selected {
+                let Some(value) = number(cells[column]) else {
+                    rows.truncate(row as usize * width);
+                    let found = format!("\"{}\"", cells[column].escape_ascii());
+                    let column = self.names[column].clone();
+                    return (rows, Some(BadLine { row, column, expected: "a number", found }));
+                };
+                rows.push(value);
+            }
+        }
+        (rows, None)
+    }
+}
+
+impl Table for Text {
+    fn columns(&self) -> &[String] {
+        &self.lines.names
+    }
+
+    fn select(&mut self, columns: Vec<usize>) {
+        self.lines.selected = columns;
+    }
+
+    fn read(&mut self, most: usize, out: &mut Vec<f64>) -> Result<usize, MomentsError> {
+        let width = self.lines.selected.len().max(1);
+        while self.parsed.len() < most * width && !self.ended {
+            self.more()?;
+        }
+        let count = self.parsed.len().min(most * width);
+        out.extend(self.parsed.drain(..count));
+        Ok(count / width)
+    }
+
+    /// Rows before the shard are counted when somebody wants to know.
+    fn number_of(&self, row: u64) -> u64 {
+        let before = || -> io::Result<u64> {
+            let mut input = BufReader::new(File::open(&self.path)?).take(self.start);
+            let (mut rows, mut line) = (0, Vec::new());
+            while input.read_until(b'\n', &mut line)? > 0 {
+                let text = line.trim_ascii();
+                rows += u64::from(!text.is_empty() && !text.starts_with(b"#"));
+                line.clear();
+            }
+            // The names of the columns are no row.
+            let named = self.lines.names.iter().enumerate().any(|(i, name)| *name != i.to_string());
+            Ok(rows - u64::from(named && rows > 0))
+        };
+        before().unwrap_or(0) + row + 1
+    }
+}

@@ -1,0 +1,91 @@
+//! Tables by the names of their files.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::table::Table;
+use super::{csv, npy};
+use crate::MomentsError;
+use crate::moments::Shard;
+
+/// The name of standard input.
+pub(crate) const STDIN: &str = "-";
+/// Endings of the names of files that are read.
+pub const ENDINGS: [&str; 4] = [".npy", ".csv", ".tsv", ".txt"];
+
+/// A table, and what is known of it before it is read.
+pub(crate) struct Opened {
+    pub(crate) table: Box<dyn Table>,
+    /// Size of the file; none for standard input.
+    pub(crate) bytes: Option<u64>,
+    /// Rows of the shard, where they are known.
+    pub(crate) rows: Option<u64>,
+    /// The hash of standard input, once it has been read.
+    pub(crate) hash: Option<Arc<Mutex<blake3::Hasher>>>,
+}
+
+/// Opens a shard of a table.
+pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
+    if path.as_os_str() == STDIN {
+        return standard_input(path, shard);
+    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let ending = ENDINGS.into_iter().find(|ending| name.ends_with(ending));
+    // A FIFO would be waited for.
+    if path.exists() && !path.is_file() {
+        return Err(MomentsError::io(path, "read")(io::Error::other("not a regular file")));
+    }
+    let file = File::open(path).map_err(MomentsError::io(path, "open"))?;
+    let bytes = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
+    if bytes == 0 {
+        return Err(MomentsError::Empty { path: path.to_owned() });
+    }
+    let (table, rows): (Box<dyn Table>, _) = match ending {
+        Some(".npy") => {
+            let (table, rows) = npy::open(path, file, bytes, shard)?;
+            (Box::new(table), Some(rows))
+        }
+        Some(_) => (Box::new(csv::open(path, file, bytes, shard)?), None),
+        None => return Err(MomentsError::UnknownFormat { path: path.to_owned(), expected: ENDINGS.to_vec() }),
+    };
+    Ok(Opened { table, bytes: Some(bytes), rows, hash: None })
+}
+
+/// Standard input: an array of NumPy's where it begins like one, else text.
+fn standard_input(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
+    if shard != Shard::WHOLE {
+        return Err(MomentsError::ShardOfStream);
+    }
+    let hash = Arc::new(Mutex::new(blake3::Hasher::new()));
+    let mut input = BufReader::with_capacity(1 << 16, Hashed { input: io::stdin(), hash: Arc::clone(&hash) });
+    let mut start = Vec::new();
+    input.by_ref().take(npy::MAGIC.len() as u64).read_to_end(&mut start).map_err(MomentsError::io(path, "read"))?;
+    if start.is_empty() {
+        return Err(MomentsError::Empty { path: path.to_owned() });
+    }
+    let is_array = start == npy::MAGIC;
+    let input: Box<dyn Read + Send> = Box::new(io::Cursor::new(start).chain(input));
+    let (table, rows): (Box<dyn Table>, _) = if is_array {
+        let (table, rows) = npy::of_stream(path, input)?;
+        (Box::new(table), Some(rows))
+    } else {
+        (Box::new(csv::of_stream(path, input)?), None)
+    };
+    Ok(Opened { table, bytes: None, rows, hash: Some(hash) })
+}
+
+/// Hashes what is read through it.
+struct Hashed<R> {
+    input: R,
+    hash: Arc<Mutex<blake3::Hasher>>,
+}
+
+impl<R: Read> Read for Hashed<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.input.read(buffer)?;
+        self.hash.lock().unwrap_or_else(PoisonError::into_inner).update(&buffer[..count]);
+        Ok(count)
+    }
+}

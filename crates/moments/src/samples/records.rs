@@ -1,0 +1,164 @@
+//! Rows of a fixed number of bytes, each field at its place: arrays of NumPy and the vertices of PLY files.
+
+use std::io::{self, Read};
+use std::path::PathBuf;
+
+use super::table::Table;
+use crate::MomentsError;
+
+/// A number's type.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Kind {
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+}
+
+/// A field of a row.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Field {
+    /// First byte.
+    pub(super) at: usize,
+    pub(super) kind: Kind,
+    pub(super) little: bool,
+}
+
+/// Rows of one stream of bytes.
+pub(super) struct Stream {
+    pub(super) input: Box<dyn Read + Send>,
+    /// Bytes of a row.
+    pub(super) row: usize,
+    /// The columns that it has.
+    pub(super) fields: Vec<Field>,
+}
+
+/// A table of rows; its columns may come from several streams side by side.
+pub(super) struct Records {
+    pub(super) path: PathBuf,
+    pub(super) format: &'static str,
+    pub(super) names: Vec<String>,
+    pub(super) streams: Vec<Stream>,
+    /// Rows of the table before the shard.
+    pub(super) before: u64,
+    /// Rows that haven't been read.
+    pub(super) left: u64,
+    /// For each stream the fields that are selected, each with its place in a row of the result.
+    selected: Vec<Vec<(Field, usize)>>,
+    width: usize,
+    buffer: Vec<u8>,
+}
+
+impl Records {
+    pub(super) fn new(
+        path: PathBuf,
+        format: &'static str,
+        names: Vec<String>,
+        streams: Vec<Stream>,
+        rows: std::ops::Range<u64>,
+    ) -> Self {
+        let (before, left) = (rows.start, rows.end - rows.start);
+        let (selected, buffer) = (Vec::new(), Vec::new());
+        Self { path, format, names, streams, before, left, selected, width: 0, buffer }
+    }
+}
+
+impl Table for Records {
+    fn columns(&self) -> &[String] {
+        &self.names
+    }
+
+    fn select(&mut self, columns: Vec<usize>) {
+        self.width = columns.len();
+        let mut first = 0;
+        self.selected.clear();
+        for stream in &self.streams {
+            let own = first..first + stream.fields.len();
+            let places = columns.iter().enumerate().filter(|(_, column)| own.contains(column));
+            self.selected.push(places.map(|(place, column)| (stream.fields[column - first], place)).collect());
+            first = own.end;
+        }
+    }
+
+    fn read(&mut self, most: usize, out: &mut Vec<f64>) -> Result<usize, MomentsError> {
+        let rows = (most as u64).min(self.left) as usize;
+        if rows == 0 {
+            return Ok(0);
+        }
+        let start = out.len();
+        out.resize(start + rows * self.width, 0.0);
+        for (stream, fields) in self.streams.iter_mut().zip(&self.selected) {
+            if fields.is_empty() {
+                continue;
+            }
+            self.buffer.resize(rows * stream.row, 0);
+            stream.input.read_exact(&mut self.buffer).map_err(|error| match error.kind() {
+                io::ErrorKind::UnexpectedEof => MomentsError::Malformed {
+                    path: self.path.clone(),
+                    format: self.format,
+                    expected: format!("{} more rows", self.left),
+                    found: "the end of the file; was it written to while it was read?".to_owned(),
+                },
+                _ => MomentsError::io(&self.path, "read")(error),
+            })?;
+            for (field, place) in fields {
+                decode(&self.buffer, stream.row, *field, out[start + place..].iter_mut().step_by(self.width));
+            }
+        }
+        self.left -= rows as u64;
+        Ok(rows)
+    }
+
+    fn number_of(&self, row: u64) -> u64 {
+        self.before + row + 1
+    }
+}
+
+/// Decodes one field of all rows.
+fn decode<'a>(bytes: &[u8], row: usize, field: Field, out: impl Iterator<Item = &'a mut f64>) {
+    fn each<'a, const N: usize>(
+        bytes: &[u8],
+        row: usize,
+        field: Field,
+        out: impl Iterator<Item = &'a mut f64>,
+        of: impl Fn([u8; N]) -> f64,
+    ) {
+        for (out, row) in out.zip(bytes.chunks_exact(row)) {
+            if let Some(mut number) = row.get(field.at..).and_then(|rest| rest.first_chunk::<N>()).copied() {
+                if !field.little {
+                    number.reverse();
+                }
+                *out = of(number);
+            }
+        }
+    }
+    match field.kind {
+        Kind::I8 => each(bytes, row, field, out, |b| i8::from_le_bytes(b).into()),
+        Kind::U8 => each(bytes, row, field, out, |b| u8::from_le_bytes(b).into()),
+        Kind::I16 => each(bytes, row, field, out, |b| i16::from_le_bytes(b).into()),
+        Kind::U16 => each(bytes, row, field, out, |b| u16::from_le_bytes(b).into()),
+        Kind::I32 => each(bytes, row, field, out, |b| i32::from_le_bytes(b).into()),
+        Kind::U32 => each(bytes, row, field, out, |b| u32::from_le_bytes(b).into()),
+        Kind::I64 => each(bytes, row, field, out, |b| i64::from_le_bytes(b) as f64),
+        Kind::U64 => each(bytes, row, field, out, |b| u64::from_le_bytes(b) as f64),
+        Kind::F32 => each(bytes, row, field, out, |b| f32::from_le_bytes(b).into()),
+        Kind::F64 => each(bytes, row, field, out, f64::from_le_bytes),
+    }
+}

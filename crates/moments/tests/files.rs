@@ -1,0 +1,94 @@
+//! Files of moments: bytes that stay, and damage that is noticed.
+
+use std::path::{Path, PathBuf};
+
+use ndarray::Array2;
+use spharm_moments::{Moments, MomentsError, Shard, Source};
+use spharm_transform::{Occupied, SampleSums};
+
+fn small() -> Moments {
+    let sums = SampleSums {
+        max_degree: 1,
+        moments: (0..9).map(|i| 0.5 * f64::from(i)).collect(),
+        right_sides: Array2::from_shape_fn((4, 2), |(k, c)| k as f64 - c as f64),
+        count: 6,
+        weight: 6.5,
+        squares: vec![1.25, 2.5],
+    };
+    let sources = vec![Source { key: [7; 32], shard: Shard { index: 1, of: 3 }, rows: 7 }];
+    let channels = vec!["height".to_owned(), "h\u{f6}he".to_owned()];
+    Moments { channels, sums, rows: 7, occupied: Occupied::new(1), sources }
+}
+
+fn golden() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/v1.moments")
+}
+
+/// The committed file was written by version 1 of the format.
+#[test]
+fn the_bytes_of_version_1_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.moments");
+    small().write(&path, false).unwrap();
+    let (found, expected) = (std::fs::read(path).unwrap(), std::fs::read(golden()).unwrap());
+    assert_eq!(found, expected);
+    assert_eq!(Moments::read(&golden()).unwrap(), small());
+    // As docs/moments-format.md has them.
+    let u32_at = |at: usize| u32::from_le_bytes(expected[at..at + 4].try_into().unwrap());
+    let u64_at = |at: usize| u64::from_le_bytes(expected[at..at + 8].try_into().unwrap());
+    let f64_at = |at: usize| f64::from_bits(u64_at(at));
+    assert_eq!(&expected[..8], b"SPHMOMNT");
+    assert_eq!((u32_at(8), u32_at(12), u64_at(16)), (1, 128, expected.len() as u64));
+    let cells = Occupied::new(1).bytes().len();
+    assert_eq!([24, 28, 32, 36, 40, 44].map(u32_at), [1, 1, 2, 1, 4 + 6 + 4 + 5, cells as u32]);
+    assert_eq!((u64_at(48), u64_at(56), f64_at(64)), (7, 6, 6.5));
+    assert_eq!(blake3::hash(&expected[..96]).as_bytes(), &expected[96..128]);
+    let numbers = [1.25, 2.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 0.0, -1.0, 1.0, 0.0, 2.0, 1.0, 3.0, 2.0];
+    for (i, number) in numbers.into_iter().enumerate() {
+        assert_eq!(f64_at(128 + 8 * i), number);
+    }
+    let at = 128 + 8 * numbers.len();
+    assert_eq!((&expected[at..at + 32], u32_at(at + 32), u32_at(at + 36), u64_at(at + 40)), (&[7; 32][..], 1, 3, 7));
+    let names = at + 48 + cells;
+    assert_eq!((u32_at(names), &expected[names + 4..names + 10]), (6, &b"height"[..]));
+    let end = expected.len() - 32;
+    assert_eq!(blake3::hash(&expected[..end]).as_bytes(), &expected[end..]);
+}
+
+#[test]
+fn any_byte_that_differs_and_any_length_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("damaged.moments");
+    let whole = std::fs::read(golden()).unwrap();
+    let refused = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let error = Moments::read(&path).unwrap_err();
+        assert!(matches!(error, MomentsError::Corrupt { .. } | MomentsError::Version { .. }), "{error}");
+        assert!(error.to_string().contains("damaged.moments"), "{error}");
+    };
+    for at in 0..whole.len() {
+        for flip in [1, 0x80, 0xff] {
+            let mut bytes = whole.clone();
+            bytes[at] ^= flip;
+            refused(&bytes);
+        }
+    }
+    for length in 0..whole.len() {
+        refused(&whole[..length]);
+    }
+    refused(&[&whole[..], &[0]].concat());
+}
+
+#[test]
+fn files_that_exist_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.moments");
+    std::fs::write(&path, "mine").unwrap();
+    assert!(matches!(small().write(&path, false), Err(MomentsError::Output(_))));
+    assert_eq!(std::fs::read(&path).unwrap(), b"mine");
+    small().write(&path, true).unwrap();
+    assert_eq!(Moments::read(&path).unwrap(), small());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left behind");
+    assert!(matches!(Moments::read(folder.path()), Err(MomentsError::Io { .. })));
+    assert!(matches!(Moments::read(&folder.path().join("none")), Err(MomentsError::Io { .. })));
+}

@@ -1,0 +1,72 @@
+//! The strategy of [`LsqSolver`] on moments alone.
+
+use ndarray::Array2;
+use spharm_harmonics::Coefficients;
+use spharm_monitor::Monitor;
+
+use super::moments::MomentProblem;
+use super::params::LsqParams;
+use super::report::LsqReport;
+use super::solver::{Given, LsqSolver, Source};
+use crate::SolverError;
+use crate::gram::GramMatrix;
+
+/// A fit from moments alone.
+#[derive(Debug, Clone)]
+pub struct MomentFit {
+    /// Canonical coefficients, (K, c).
+    pub coefficients: Coefficients,
+    /// `sum w (f - A x)^2` of each column, (c).
+    pub residual_squares: Vec<f64>,
+    /// How it was solved, and how close it is. It has no residuals, which need the samples.
+    pub report: LsqReport,
+    /// Standard errors of the coefficients, (K, c), where they were asked for.
+    pub standard_errors: Option<Array2<f64>>,
+}
+
+/// Solves a problem that is known by its moments, as [`LsqSolver::fit`] would with the samples; the strategy
+/// [`DensityCg`](super::Strategy::DensityCg), which needs them, is plain conjugate gradients. With `standard_errors`
+/// also those, which take a factor: `K^3 / 3` flops and `4 K^2` bytes.
+///
+/// Weights and areas of `params` don't count: the moments have the weights.
+///
+/// # Errors
+///
+/// [`SolverError::Smoothness`], [`SolverError::Interrupted`]; where a factor is asked for, too small a budget for it; with
+/// standard errors [`SolverError::Underdetermined`]. Not converging is none.
+///
+/// ```
+/// use ndarray::Array2;
+/// use spharm_harmonics::{Directions, synthesis};
+/// use spharm_monitor::Silent;
+/// use spharm_solver::LsqParams;
+/// use spharm_solver::lsq::{MomentProblem, solve_moments};
+/// use spharm_transform::{FINEST, SampleSums};
+///
+/// // Two functions of degree 10, sampled at 600 directions, are found again from sums over the samples.
+/// let directions = Directions::fibonacci(600)?;
+/// let known = Array2::from_shape_fn((121, 2), |(k, c)| ((7 * k + c) as f64).sin());
+/// let samples = synthesis(&directions, known.view())?;
+/// let sums = SampleSums::new(&directions, None, samples.view(), 10, FINEST)?;
+///
+/// let fit = solve_moments(&MomentProblem::new(&sums, 10)?, &LsqParams::default(), false, &Silent)?;
+/// assert!((fit.coefficients.values() - &known).iter().all(|d| d.abs() < 1e-8));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn solve_moments(
+    problem: &MomentProblem,
+    params: &LsqParams,
+    standard_errors: bool,
+    monitor: &dyn Monitor,
+) -> Result<MomentFit, SolverError> {
+    let make_gram = || Ok(Box::new(problem.gram()?) as Box<dyn GramMatrix>);
+    let params = LsqParams { weights: None, areas: None, ..params.clone() };
+    let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params)?;
+    let (coefficients, _, report) = solver.solve(Given::Sums(problem), &[], monitor)?;
+    let residual_squares = problem.residual_squares(coefficients.values())?;
+    let standard_errors = match standard_errors {
+        true => Some(solver.standard_errors_of(&residual_squares, monitor)?),
+        false => None,
+    };
+    Ok(MomentFit { coefficients, residual_squares, report, standard_errors })
+}

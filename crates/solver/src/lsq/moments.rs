@@ -1,0 +1,136 @@
+//! Least squares from sums over the samples alone: whatever their number, and wherever they were added up.
+//!
+//! `N = A^T W A + P` is known from moments ([`MomentOperator`]), `b = A^T W f` and `sum w f^2` are there; so are then the
+//! solution, the weighted sum of squares of its residual,
+//!
+//! ```text
+//! |W^(1/2) (f - A x)|^2 = sum w f^2 - x^T b - x^T (b - A^T W A x),
+//! ```
+//!
+//! cross-validation, and, with the Gram matrix from the same moments, factors and standard errors. The residual at each
+//! sample isn't. Rounding errors of moments are some eps times `sum w`, and no pass over the samples corrects them: where
+//! the condition number of A nears 1e7, digits of the solution are lost.
+
+use std::sync::Arc;
+
+use ndarray::Array2;
+use spharm_harmonics::basis_size;
+use spharm_transform::{MomentGram, MomentOperator, SampleSums};
+
+use super::columns::dots;
+use super::problem::{Problem, penalised_product};
+use crate::SolverError;
+
+/// A least-squares problem to degree L, known by its moments.
+#[derive(Debug, Clone)]
+pub struct MomentProblem {
+    moments: Arc<[f64]>,
+    operator: Arc<MomentOperator>,
+    right_sides: Array2<f64>,
+    squares: Vec<f64>,
+    weight: f64,
+    rows: usize,
+}
+
+impl MomentProblem {
+    /// Makes the problem to degree L = `max_degree`, at most that of the sums.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::Degree`] for a higher degree; [`SolverError::SumsNotFinite`] for sums with a NaN or an infinity,
+    /// [`SolverError::Sums`] for arrays of the wrong size, and [`SolverError::NoSamples`] for sums over no samples; those of [`MomentOperator::new`].
+    pub fn new(sums: &SampleSums, max_degree: usize) -> Result<Self, SolverError> {
+        if max_degree > sums.max_degree {
+            return Err(SolverError::Degree { found: max_degree, max_degree: sums.max_degree });
+        }
+        if sums.count == 0 || sums.weight <= 0.0 {
+            return Err(SolverError::NoSamples { count: sums.count, weight: sums.weight });
+        }
+        let mut values = sums.right_sides.iter().chain(&sums.squares).chain([&sums.weight]);
+        if !values.all(|value| value.is_finite()) {
+            return Err(SolverError::SumsNotFinite);
+        }
+        for (what, expected, found) in [
+            ("the right-hand sides", basis_size(sums.max_degree), sums.right_sides.nrows()),
+            ("the list of squares", sums.right_sides.ncols(), sums.squares.len()),
+        ] {
+            if expected != found {
+                return Err(SolverError::Sums { what, expected, found });
+            }
+        }
+        let right_sides = sums.right_sides.slice(ndarray::s![..basis_size(max_degree), ..]).to_owned();
+        let moments: Arc<[f64]> = sums.moments[..sums.moments.len().min(basis_size(2 * max_degree))].into();
+        let operator = Arc::new(MomentOperator::new(max_degree, &moments)?);
+        let rows = usize::try_from(sums.count).unwrap_or(usize::MAX);
+        Ok(Self { moments, operator, right_sides, squares: sums.squares.clone(), weight: sums.weight, rows })
+    }
+
+    /// Returns the highest degree, L.
+    pub fn max_degree(&self) -> usize {
+        self.operator.max_degree()
+    }
+
+    /// Returns the number of columns of the targets, c.
+    pub fn channels(&self) -> usize {
+        self.right_sides.ncols()
+    }
+
+    /// Returns the number of samples with weight, n.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Returns the sum of the weights.
+    pub fn weight(&self) -> f64 {
+        self.weight
+    }
+
+    /// Returns the normal operator without a penalty.
+    pub fn operator(&self) -> &MomentOperator {
+        &self.operator
+    }
+
+    /// Returns the Gram matrix `A^T W A`, from the same moments.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`MomentGram::new`].
+    pub fn gram(&self) -> Result<MomentGram, SolverError> {
+        Ok(MomentGram::new(self.max_degree(), &self.moments)?)
+    }
+
+    /// Computes `sum w (f - A x)^2` of each column for coefficients x, (K, c); not below zero.
+    ///
+    /// It comes as a difference of sums: its error is some eps times `sum w f^2`.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`MomentOperator::apply`].
+    pub fn residual_squares(&self, x: &Array2<f64>) -> Result<Vec<f64>, SolverError> {
+        let rest = &self.right_sides - &self.operator.apply(x.view())?;
+        let (explained, left) = (dots(x, &self.right_sides), dots(x, &rest));
+        let squares = self.squares.iter().zip(explained).zip(left);
+        Ok(squares.map(|((square, explained), left)| (square - explained - left).max(0.0)).collect())
+    }
+}
+
+/// A problem known by its moments, with a penalty.
+pub(crate) struct Summed<'a> {
+    pub(crate) problem: &'a MomentProblem,
+    /// Diagonal of P, (K).
+    pub(crate) penalty: Option<&'a [f64]>,
+}
+
+impl Problem for Summed<'_> {
+    fn right_sides(&self) -> Result<Array2<f64>, SolverError> {
+        Ok(self.problem.right_sides.clone())
+    }
+
+    fn product(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        penalised_product(&self.problem.operator, self.penalty, x)
+    }
+
+    fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError> {
+        Ok((&self.problem.right_sides - &self.product(x)?, None))
+    }
+}

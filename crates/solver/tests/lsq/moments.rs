@@ -1,0 +1,138 @@
+//! Fits from moments alone, held against the dense solution and against the same fit from the samples.
+
+use ndarray::{Array2, s};
+use spharm_harmonics::basis_size;
+use spharm_monitor::Silent;
+use spharm_solver::lsq::{MomentProblem, choose_smoothness, choose_smoothness_by_moments, solve_moments};
+use spharm_solver::{GramMatrix, LsqParams, LsqSolver, SolverError, Strategy, moment_gram};
+use spharm_transform::{FINEST, SampleSums};
+
+use crate::problems::{
+    Random, Sampling, cap, clustered, dense, even, irregular, matrix, norms, params, solve, transforms, uneven_weights,
+};
+
+fn sums(sampling: &Sampling, weights: Option<&[f64]>, targets: &Array2<f64>, max_degree: usize) -> SampleSums {
+    SampleSums::new(&sampling.directions, weights, targets.view(), max_degree, FINEST).unwrap()
+}
+
+#[test]
+fn moments_give_the_dense_solution_by_every_strategy() {
+    const DEGREE: usize = 9;
+    for (sampling, smoothness) in [(irregular(400, 1), 0.0), (clustered(400), 1e-2), (even(300), 0.0)] {
+        let n = sampling.directions.len();
+        let weights = uneven_weights(n);
+        let targets = Random(2).normals(n, 3);
+        let expected = dense(&matrix(&sampling.directions, DEGREE), &targets, Some(&weights), smoothness);
+        let problem = MomentProblem::new(&sums(&sampling, Some(&weights), &targets, DEGREE), DEGREE).unwrap();
+        assert_eq!((problem.rows(), problem.channels(), problem.max_degree()), (n, 3, DEGREE));
+        for strategy in [Strategy::Auto, Strategy::Cg, Strategy::LowDegreesCg(4), Strategy::Cholesky] {
+            let params = LsqParams { smoothness, ..params(&sampling, strategy) };
+            let fit = solve_moments(&problem, &params, false, &Silent).unwrap();
+            assert!(fit.report.optimality <= 1e-10, "{} {strategy:?}: {:?}", sampling.name, fit.report);
+            assert_eq!((fit.report.products, fit.report.rows), ("moments", n));
+            let off = norms(&(fit.coefficients.values() - &expected.x));
+            for (off, norm) in off.into_iter().zip(norms(&expected.x)) {
+                assert!(off < 1e-8 * norm, "{} {strategy:?}: off by {off:.1e} of {norm:.1e}", sampling.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn residual_and_standard_errors_are_those_of_the_samples() {
+    for (sampling, max_degree, smoothness) in [(irregular(300, 3), 8, 0.0), (clustered(300), 6, 1e-2)] {
+        let n = sampling.directions.len();
+        let mut weights = uneven_weights(n);
+        weights[7] = 0.0;
+        let targets = Random(5).normals(n, 2);
+        let operator = transforms(&sampling.directions, max_degree);
+        let gram = || {
+            let gram = moment_gram(&sampling.directions, Some(&weights), max_degree)?;
+            Ok(Box::new(gram) as Box<dyn GramMatrix>)
+        };
+        let params = LsqParams { smoothness, ..params(&sampling, Strategy::Auto) };
+        let with_weights = LsqParams { weights: Some(weights.clone()), ..params.clone() };
+        let mut solver = LsqSolver::new(&operator, Some(&gram), with_weights).unwrap();
+        let by_samples = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
+        let expected = solver.standard_errors(&by_samples.residual, &Silent).unwrap();
+
+        let problem = MomentProblem::new(&sums(&sampling, Some(&weights), &targets, max_degree), max_degree).unwrap();
+        assert_eq!(problem.rows(), n - 1);
+        let fit = solve_moments(&problem, &params, true, &Silent).unwrap();
+        for c in 0..2 {
+            let column = by_samples.residual.column(c);
+            let square: f64 = column.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+            assert!((fit.residual_squares[c] / square - 1.0).abs() < 1e-9, "{:?} {square}", fit.residual_squares);
+        }
+        let found = fit.standard_errors.unwrap();
+        let off = (&found - &expected).iter().zip(&expected).fold(0.0f64, |most, (off, e)| most.max(off.abs() / e));
+        assert!(off < 1e-8, "{}: {off:.1e}", sampling.name);
+    }
+}
+
+#[test]
+fn cross_validation_finds_the_smoothness_that_the_samples_give() {
+    for (sampling, weights) in [(irregular(500, 4), None), (clustered(500), Some(uneven_weights(500)))] {
+        let a = matrix(&sampling.directions, 10);
+        let mut random = Random(6);
+        let known = Array2::from_shape_fn((basis_size(10), 2), |(k, _)| random.normal() / (1.0 + k as f64));
+        let targets = a.dot(&known) + &(random.normals(500, 2) * 0.05);
+        let operator = transforms(&sampling.directions, 10);
+        let expected = choose_smoothness(&operator, weights.as_deref(), &targets, &Silent).unwrap();
+        let problem = MomentProblem::new(&sums(&sampling, weights.as_deref(), &targets, 10), 10).unwrap();
+        let found = choose_smoothness_by_moments(&problem, &Silent).unwrap();
+        assert!((found.smoothness / expected.smoothness - 1.0).abs() < 1e-6, "{found:?} {expected:?}");
+        for (found, expected) in found.tried.iter().zip(&expected.tried) {
+            assert!((found[1] / expected[1] - 1.0).abs() < 1e-6, "{found:?} {expected:?}");
+        }
+    }
+}
+
+#[test]
+fn a_lower_degree_needs_no_other_sums() {
+    let (sampling, targets) = (irregular(600, 7), Random(8).normals(600, 1));
+    let of = |degree: usize, sums: &SampleSums| {
+        let problem = MomentProblem::new(sums, degree).unwrap();
+        solve_moments(&problem, &LsqParams::default(), false, &Silent).unwrap().coefficients.values().to_owned()
+    };
+    let to_twelve = sums(&sampling, None, &targets, 12);
+    let (found, expected) = (of(7, &to_twelve), of(7, &sums(&sampling, None, &targets, 7)));
+    assert!(norms(&(&found - &expected))[0] < 1e-9 * norms(&expected)[0]);
+    assert!(matches!(MomentProblem::new(&to_twelve, 13), Err(SolverError::Degree { found: 13, max_degree: 12 })));
+}
+
+#[test]
+fn what_the_samples_dont_determine_stays_small_and_is_said() {
+    let sampling = cap(400, 0.5);
+    let targets = Random(9).normals(400, 1);
+    let problem = MomentProblem::new(&sums(&sampling, None, &targets, 14), 14).unwrap();
+    let fit = solve_moments(&problem, &LsqParams::default(), false, &Silent).unwrap();
+    assert!(fit.report.shift > 0.0 && fit.report.condition.is_infinite(), "{:?}", fit.report);
+    let by_samples = solve(&sampling, 14, &targets, LsqParams::default());
+    assert!(fit.report.norm < 10.0 * by_samples.report.norm, "{:?} {:?}", fit.report, by_samples.report);
+    let errors = solve_moments(&problem, &LsqParams::default(), true, &Silent);
+    assert!(matches!(errors, Err(SolverError::Underdetermined { .. })));
+}
+
+#[test]
+fn sums_that_are_none_are_refused() {
+    let (sampling, targets) = (even(100), Random(9).normals(100, 1));
+    let good = sums(&sampling, None, &targets, 3);
+    let of = |change: &dyn Fn(&mut SampleSums)| {
+        let mut sums = good.clone();
+        change(&mut sums);
+        MomentProblem::new(&sums, 3).map(|_| ())
+    };
+    assert!(of(&|_| ()).is_ok());
+    assert!(matches!(of(&|sums| sums.count = 0), Err(SolverError::NoSamples { .. })));
+    assert!(matches!(of(&|sums| sums.weight = 0.0), Err(SolverError::NoSamples { .. })));
+    assert!(matches!(of(&|sums| sums.squares[0] = f64::NAN), Err(SolverError::SumsNotFinite)));
+    assert!(matches!(of(&|sums| sums.right_sides[[2, 0]] = f64::INFINITY), Err(SolverError::SumsNotFinite)));
+    assert!(matches!(of(&|sums| sums.moments[5] = f64::NAN), Err(SolverError::Transform(_))));
+    assert!(matches!(of(&|sums| sums.moments.truncate(48)), Err(SolverError::Transform(_))));
+    let rough = LsqParams { smoothness: -1.0, ..LsqParams::default() };
+    let problem = MomentProblem::new(&good, 3).unwrap();
+    assert!(matches!(solve_moments(&problem, &rough, false, &Silent), Err(SolverError::Smoothness { .. })));
+    let short = SampleSums { right_sides: good.right_sides.slice(s![..9, ..]).to_owned(), ..good.clone() };
+    assert!(matches!(MomentProblem::new(&short, 3), Err(SolverError::Sums { expected: 16, found: 9, .. })));
+}

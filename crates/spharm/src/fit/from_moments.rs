@@ -1,0 +1,196 @@
+//! The full least squares from moments of samples, which need not be at hand.
+
+use ndarray::Array2;
+use serde::Serialize;
+use spharm_harmonics::{Coefficients, basis_size};
+use spharm_model::{Fitted, Provenance, Settings};
+use spharm_moments::Moments;
+use spharm_monitor::{Level, Monitor};
+use spharm_solver::LsqParams;
+use spharm_solver::lsq::{Gcv, LsqReport, LsqWarning, MomentProblem, choose_smoothness_by_moments, solve_moments};
+use spharm_store::Scalar;
+use spharm_surface::Kind;
+use spharm_transform::{MomentGram, MomentOperator};
+
+use super::in_pool;
+use super::lsq::strategy;
+use crate::{Error, FitParams, FitWarning, Model, Smoothness};
+
+/// A fit from moments.
+#[derive(Debug, Clone)]
+pub struct MomentsFit {
+    /// Canonical coefficients, (K, c).
+    pub coefficients: Coefficients,
+    /// Standard error of each coefficient, (K, c), where they were asked for.
+    pub standard_errors: Option<Array2<f64>>,
+    /// How close the model is, and how it was found.
+    pub report: MomentsReport,
+    /// The provenance of a model.
+    provenance: Provenance,
+}
+
+/// What a fit from moments reports.
+#[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
+pub struct MomentsReport {
+    /// Names of the channels, (c).
+    pub channels: Vec<String>,
+    /// Number of samples with weight.
+    pub samples: u64,
+    /// Sum of the weights.
+    pub weight: f64,
+    /// Root of the weighted mean of the squared residual, of each channel, (c), in its unit.
+    pub rms: Vec<f64>,
+    /// The share of `sum w f^2` that the model explains, of each channel, (c).
+    pub explained: Vec<f64>,
+    /// Diameter of the largest cap without samples, degrees; to the resolution of the moments.
+    pub largest_gap: f64,
+    /// What is resolved at the highest degree, `pi / L`, degrees; none at degree 0.
+    pub resolved: Option<f64>,
+    /// The solver's report.
+    pub solver: LsqReport,
+    /// The search for the smoothness, where it was chosen by cross-validation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gcv: Option<Gcv>,
+    /// What may be wrong with it.
+    pub warnings: Vec<FitWarning>,
+}
+
+/// Above this condition of the basis the samples leave some functions of the degree undetermined.
+const UNDETERMINED: f64 = 1e6;
+
+/// Fits the samples that moments are of, to any degree up to that of the moments. Of `params` degree, smoothness, standard
+/// errors, tolerance, iterations, preconditioner, strictness, memory and threads count.
+///
+/// ```
+/// use spharm::moments::{Request, accumulate};
+/// use spharm::{FitParams, Silent, fit_moments};
+///
+/// // f = 1 + sin(latitude) at 200 places.
+/// let folder = tempfile::tempdir()?;
+/// let table = folder.path().join("f.csv");
+/// let rows = (0..200).map(|i| {
+///     let sine = 1.0 - (2.0 * i as f64 + 1.0) / 200.0;
+///     format!("{},{},{}\n", (137.5 * i as f64) % 360.0, sine.asin().to_degrees(), 1.0 + sine)
+/// });
+/// std::fs::write(&table, format!("lon,lat,f\n{}", rows.collect::<String>()))?;
+/// let mut request = Request::new(vec![table], 4);
+/// request.columns.values = vec!["f".to_owned()];
+/// let moments = accumulate(&request, &Silent)?.moments;
+/// let fit = fit_moments(&moments, &FitParams::lsq(2), &Silent)?;
+/// assert!(fit.report.rms[0] < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+///
+/// [`Error::Solver`] for a degree above that of the moments, and for standard errors of what isn't determined;
+/// [`Error::Memory`], [`Error::NotConverged`] where `params` are strict, settings out of range.
+pub fn fit_moments(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result<MomentsFit, Error> {
+    params.check()?;
+    in_pool(params.threads, || solve(moments, params, monitor))
+}
+
+fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result<MomentsFit, Error> {
+    let (max_degree, channels) = (params.max_degree, moments.channels.len());
+    let functions = basis_size(max_degree);
+    let budget = params.memory_budget();
+    let threads = rayon::current_num_threads();
+    // The sums, those of the problem, and the vectors of conjugate gradients.
+    let sums = 8 * (moments.sums.moments.len() + moments.sums.right_sides.len());
+    let held = 2 * sums + 64 * functions * channels + MomentOperator::bytes(max_degree, channels, threads);
+    if held > budget {
+        return Err(Error::Memory { budget, needed: held });
+    }
+    let problem = MomentProblem::new(&moments.sums, max_degree).map_err(Error::from)?;
+    let gcv = match params.smoothness {
+        Smoothness::Auto => Some(choose_smoothness_by_moments(&problem, monitor)?),
+        _ => None,
+    };
+    let smoothness = match (&gcv, params.smoothness) {
+        (Some(gcv), _) => gcv.smoothness,
+        (None, Smoothness::Fixed(smoothness)) => smoothness,
+        _ => 0.0,
+    };
+    let solver = LsqParams {
+        smoothness,
+        strategy: strategy(params.preconditioner),
+        tolerance: params.tolerance,
+        max_iterations: params.max_iterations,
+        memory: budget,
+        held,
+        gram_bytes: MomentGram::bytes(max_degree),
+        ..LsqParams::default()
+    };
+    let found = solve_moments(&problem, &solver, params.standard_errors, monitor).map_err(Error::from)?;
+    let largest_gap = moments.occupied.largest_gap().to_degrees();
+    let resolved = (max_degree > 0).then(|| 180.0 / max_degree as f64);
+    let mut warnings = FitWarning::of_lsq(&found.report, params.tolerance, false);
+    let few = found.report.warnings.iter().any(|warning| matches!(warning, LsqWarning::Underdetermined { .. }));
+    let poor = found.report.shift > 0.0 || few || found.report.condition > UNDETERMINED;
+    if let (true, Some(resolved)) = (poor && smoothness == 0.0, resolved) {
+        let samples = moments.sums.count;
+        warnings.push(FitWarning::Gap { max_degree, samples, functions, largest_gap, resolved });
+    }
+    let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
+    if let (true, Some(missed)) = (params.strict, missed) {
+        return Err(Error::NotConverged(missed.clone()));
+    }
+    let text = format_args!("{} iterations, optimality {:.1e}", found.report.iterations, found.report.optimality);
+    monitor.note(Level::Detail, text);
+    let weight = moments.sums.weight;
+    let rms = found.residual_squares.iter().map(|square| (square / weight).sqrt()).collect();
+    let shares = found.residual_squares.iter().zip(&moments.sums.squares);
+    let explained = shares.map(|(left, all)| if *all > 0.0 { 1.0 - left / all } else { 1.0 }).collect();
+    let provenance = provenance(params, &found.report, missed.is_none());
+    let report = MomentsReport {
+        channels: moments.channels.clone(),
+        samples: moments.sums.count,
+        weight,
+        rms,
+        explained,
+        largest_gap,
+        resolved,
+        solver: found.report,
+        gcv,
+        warnings,
+    };
+    Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
+}
+
+fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Provenance {
+    Provenance {
+        tool: Some("fit".to_owned()),
+        versions: Some(crate::versions()),
+        settings: Some(Settings {
+            method: params.method.name().to_owned(),
+            passes: params.method.passes(),
+            granularity: None,
+            start_degree: None,
+            accelerate: false,
+            weights: "moments".to_owned(),
+            weights_blake3: None,
+            hold_out: None,
+            tolerance: Some(params.tolerance),
+            max_iterations: Some(params.max_iterations),
+            preconditioner: Some(params.preconditioner.to_string()),
+            optimality: Some(report.optimality),
+            converged: Some(converged),
+            smoothness_choice: Some(params.smoothness.name().to_owned()),
+            smoothness: report.smoothness,
+            dtype: Scalar::F64.name().to_owned(),
+        }),
+        ..Provenance::default()
+    }
+}
+
+impl MomentsFit {
+    /// Returns the model: a surface where the channels are x, y and z, else a signal. It has no sampling of its own.
+    #[must_use]
+    pub fn model(&self) -> Model {
+        let surface = matches!(&self.report.channels[..], [x, y, z] if [x, y, z] == ["x", "y", "z"]);
+        let fitted =
+            Fitted { coefficients: self.coefficients.clone(), scheme_key: None, provenance: self.provenance.clone() };
+        Model::without_sphere(fitted, if surface { Kind::Surface } else { Kind::Signal })
+    }
+}

@@ -1,0 +1,106 @@
+//! Blocks of samples, placed on the fine grid and sorted by strips.
+
+use crate::accumulator::griddings::Griddings;
+use crate::points::place;
+
+/// Samples of a block: with their places they fit the L2 cache.
+pub(super) const BLOCK: usize = 1 << 14;
+
+/// A sample's number in its block, and its cell of the fine grid and position in it.
+pub(super) type Place = (u32, [u32; 2], [f64; 2]);
+
+/// Samples of a block, as they come: weights are 1 where there are none, values are (samples, c) row-major.
+#[derive(Clone, Copy)]
+pub(super) struct Samples<'a> {
+    pub(super) directions: &'a [[f64; 3]],
+    pub(super) weights: Option<&'a [f64]>,
+    pub(super) values: &'a [f64],
+}
+
+/// Samples with weight, sorted by the strips of the grids.
+#[derive(Debug)]
+pub(super) struct Block {
+    /// Samples of the block, those without weight among them.
+    pub(super) rows: usize,
+    /// Row and column of the cell of the fine grid.
+    pub(super) cells: Vec<[u32; 2]>,
+    /// Position in the cell along rows and columns, in [0, 1).
+    pub(super) fractions: Vec<[f64; 2]>,
+    /// Weight and weighted values of each sample, (samples, 1 + c) row-major.
+    pub(super) values: Vec<f64>,
+    /// First sample of each strip, and at the end the number of samples.
+    pub(super) first: Vec<u32>,
+    /// Sum of the weights.
+    pub(super) weight: f64,
+    /// `sum w f^2` of each channel.
+    pub(super) squares: Vec<f64>,
+}
+
+impl Block {
+    /// An empty block of samples with these channels.
+    pub(super) fn new(channels: usize) -> Self {
+        let squares = vec![0.0; channels];
+        let (cells, fractions, values, first) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { rows: 0, cells, fractions, values, first, weight: 0.0, squares }
+    }
+
+    /// Places and sorts samples. What the block held before
+    /// is lost, but for its memory.
+    pub(super) fn fill(
+        &mut self,
+        Samples { directions, weights, values }: Samples<'_>,
+        griddings: &Griddings,
+        places: &mut Vec<Place>,
+    ) {
+        let channels = self.squares.len();
+        let (grid, rows) = (griddings.both[0].grid, griddings.rows_together());
+        let weight = |i: usize| weights.map_or(1.0, |weights| weights[i]);
+        let refill = |list: &mut Vec<u32>| {
+            list.clear();
+            list.resize(griddings.strips() + 1, 0);
+        };
+        refill(&mut self.first);
+        (self.rows, self.weight) = (directions.len(), 0.0);
+        self.squares.fill(0.0);
+        places.clear();
+        for (i, &[x, y, z]) in directions.iter().enumerate() {
+            let w = weight(i);
+            if w == 0.0 {
+                continue;
+            }
+            let (row, row_fraction) = place(z, (x * x + y * y).sqrt(), grid);
+            let (column, column_fraction) = place(x, y, grid);
+            self.first[row as usize / rows + 1] += 1;
+            places.push((i as u32, [row, column], [row_fraction, column_fraction]));
+            self.weight += w;
+            for (square, f) in self.squares.iter_mut().zip(&values[i * channels..(i + 1) * channels]) {
+                *square += w * f * f;
+            }
+        }
+        for strip in 1..self.first.len() {
+            self.first[strip] += self.first[strip - 1];
+        }
+        self.cells.resize(places.len(), [0; 2]);
+        self.fractions.resize(places.len(), [0.0; 2]);
+        self.values.resize(places.len() * (1 + channels), 0.0);
+        let mut next = self.first.clone();
+        for &(i, cell, fraction) in places.iter() {
+            let i = i as usize;
+            let next = &mut next[cell[0] as usize / rows];
+            let at = *next as usize;
+            *next += 1;
+            (self.cells[at], self.fractions[at]) = (cell, fraction);
+            let out = &mut self.values[at * (1 + channels)..(at + 1) * (1 + channels)];
+            let w = weight(i);
+            out[0] = w;
+            for (out, f) in out[1..].iter_mut().zip(&values[i * channels..(i + 1) * channels]) {
+                *out = w * f;
+            }
+        }
+    }
+
+    /// Number of samples with weight.
+    pub(super) fn len(&self) -> usize {
+        self.cells.len()
+    }
+}

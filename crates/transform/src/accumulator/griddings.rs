@@ -1,0 +1,91 @@
+//! Two grids for degrees 2L and L, of which the second is every second point of the first, with a kernel of one width.
+
+use crate::FINEST;
+use crate::grid::Layout;
+use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
+use crate::kernel::{Kernel, MAX_WIDTH};
+
+/// Samples that are held before they are spread. Spreading goes over the whole grid, which at high degrees is larger
+/// than any cache.
+pub const SAMPLES_HELD: usize = 1 << 22;
+
+/// The griddings of the weights, degree 2L, and of the weighted values, degree L.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Griddings {
+    pub(super) both: [Gridding; 2],
+}
+
+impl Griddings {
+    /// Chooses the pair that takes least time per sample at the finest accuracy.
+    pub(super) fn choose(max_degree: usize, channels: usize) -> Self {
+        let degrees = [2 * max_degree, max_degree];
+        let rings = degrees.map(|degree| smooth(degree + 1, 1));
+        let of = |width: usize, grid: usize| Self {
+            both: [Gridding { grid, width, rings: rings[0] }, Gridding { grid: grid / 2, width, rings: rings[1] }],
+        };
+        let bandwidth = 4 * max_degree + 2;
+        let largest = (2 * MIN_GRID).max((MAX_OVERSAMPLING * bandwidth as f64) as usize);
+        let mut best: Option<(f64, Self)> = None;
+        let mut next = (bandwidth * 6 / 5).max(2 * MIN_GRID);
+        let mut last = of(MAX_WIDTH, smooth(next, 16));
+        while next <= largest {
+            let grid = smooth(next, 16);
+            next = grid + 16;
+            last = of(MAX_WIDTH, grid);
+            let accurate = |width: usize| {
+                let of_degree = |i: usize| error(width, degrees[i], grid / (i + 1));
+                of_degree(0).max(of_degree(1)) <= FINEST
+            };
+            let Some(width) = (4..=MAX_WIDTH).find(|&width| accurate(width)) else { continue };
+            let cost = cost(width, grid, channels);
+            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                best = Some((cost, of(width, grid)));
+            }
+        }
+        // The widest kernel on the largest grid serves the finest accuracy.
+        best.map_or(last, |(_, best)| best)
+    }
+
+    /// The layouts of both grids: one channel, and as many as there are values.
+    pub(super) fn layouts(&self, channels: usize) -> [Layout; 2] {
+        let [fine, coarse] = self.both;
+        [Layout::new(fine.grid, fine.width, 1), Layout::new(coarse.grid, coarse.width, channels)]
+    }
+
+    /// The kernels of both grids.
+    pub(super) fn kernels(&self, max_degree: usize) -> [Kernel; 2] {
+        let [fine, coarse] = self.both;
+        let kernel = |gridding: Gridding, degree| Kernel::new(gridding.width, degree, gridding.grid, FINEST);
+        [kernel(fine, 2 * max_degree), kernel(coarse, max_degree)]
+    }
+
+    /// Rows of the fine grid that are spread to by one task: a strip of the coarse grid, two of the fine one.
+    pub(super) fn rows_together(&self) -> usize {
+        2 * Layout::new(self.both[0].grid, self.both[0].width, 1).strip
+    }
+
+    /// Number of such tasks.
+    pub(super) fn strips(&self) -> usize {
+        (self.both[0].grid / 2 + 1).div_ceil(self.rows_together())
+    }
+
+    /// Bytes of tables and spectra with which the larger of the grids is turned into coefficients.
+    pub(super) fn spectra_bytes(&self, max_degree: usize, channels: usize) -> usize {
+        let of = |gridding: Gridding, degree: usize, channels: usize| {
+            let orders = degree + 1;
+            let tables = 8 * orders * (orders + gridding.rings / 2 + 8);
+            let circles = 16 * (orders / 2 + 1) * channels * gridding.grid;
+            let spectra = 16 * (gridding.grid / 2 + 1) * channels * orders;
+            tables + circles + spectra + 16 * orders * orders * channels
+        };
+        of(self.both[0], 2 * max_degree, 1).max(of(self.both[1], max_degree, channels))
+    }
+}
+
+/// Estimated nanoseconds of a thread for a sample: its own products, and its share of reading and writing the grids.
+fn cost(width: usize, grid: usize, channels: usize) -> f64 {
+    /// Of a thread, beside another one.
+    const BYTES_PER_NANOSECOND: f64 = 6.0;
+    let cells = (grid * grid) as f64 * (0.5 + channels as f64 / 8.0);
+    point_cost(width, 1) + point_cost(width, channels) + 16.0 * cells / SAMPLES_HELD as f64 / BYTES_PER_NANOSECOND
+}

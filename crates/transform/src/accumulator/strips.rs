@@ -1,0 +1,127 @@
+//! Spreading blocks to both grids, strip by strip.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::accumulator::blocks::Block;
+use crate::accumulator::griddings::Griddings;
+use crate::accumulator::occupied::Occupied;
+use crate::grid::Layout;
+use crate::interpolation_batch::{BATCH, Batch, spread_batch};
+use crate::kernel::Kernel;
+
+/// Columns of the fine grid that samples of a strip are sorted by: with the strip's rows they fit the L1 cache.
+const TILE_COLUMNS: usize = 16;
+
+/// Marks where the samples of all blocks are, and adds them to the grids, in an order that doesn't depend on the number of threads.
+pub(super) fn spread(
+    griddings: &Griddings,
+    channels: usize,
+    kernels: &[Kernel; 2],
+    [fine, coarse]: &mut [Vec<f64>; 2],
+    blocks: &[Block],
+    occupied: &Occupied,
+) {
+    let layouts = griddings.layouts(channels);
+    let heights = [griddings.rows_together(), griddings.rows_together() / 2];
+    // Rows of every second strip don't overlap, so they can go to different threads.
+    for colour in 0..2 {
+        let rows = |i: usize| heights[i] * layouts[i].row();
+        let fine = fine[colour * rows(0)..].chunks_mut(2 * rows(0));
+        let coarse = coarse[colour * rows(1)..].chunks_mut(2 * rows(1));
+        let mut tasks: Vec<_> = fine
+            .zip(coarse)
+            .enumerate()
+            .map(|(i, (fine, coarse))| (2 * i + colour, [fine, coarse]))
+            .filter(|(strip, _)| *strip < griddings.strips())
+            .map(|(strip, grids)| (count(blocks, strip), strip, grids))
+            .filter(|(count, ..)| *count > 0)
+            .collect();
+        // The longest first, so that no thread starts on a long one at the end.
+        tasks.sort_by_key(|(count, ..)| std::cmp::Reverse(*count));
+        tasks.into_par_iter().with_max_len(1).for_each_init(Gathered::default, |gathered, (_, strip, grids)| {
+            gathered.gather(blocks, strip, channels, layouts[0].around);
+            occupied.mark(&gathered.cells, &gathered.fractions, layouts[0].around);
+            let firsts = [strip * heights[0], strip * heights[1]];
+            gathered.spread(layouts, firsts, kernels, grids);
+        });
+    }
+}
+
+fn run(block: &Block, strip: usize) -> Range<usize> {
+    block.first[strip] as usize..block.first[strip + 1] as usize
+}
+
+fn count(blocks: &[Block], strip: usize) -> usize {
+    blocks.iter().map(|block| run(block, strip).len()).sum()
+}
+
+/// The samples of one strip, sorted by tiles of columns.
+#[derive(Default)]
+struct Gathered {
+    cells: Vec<[u32; 2]>,
+    fractions: Vec<[f64; 2]>,
+    weights: Vec<f64>,
+    /// Weighted values, (samples, c) row-major.
+    values: Vec<f64>,
+}
+
+impl Gathered {
+    fn gather(&mut self, blocks: &[Block], strip: usize, channels: usize, around: usize) {
+        let mut next = vec![0usize; around.div_ceil(TILE_COLUMNS) + 1];
+        for block in blocks {
+            for cell in &block.cells[run(block, strip)] {
+                next[cell[1] as usize / TILE_COLUMNS + 1] += 1;
+            }
+        }
+        for tile in 1..next.len() {
+            next[tile] += next[tile - 1];
+        }
+        let count = next[next.len() - 1];
+        self.cells.resize(count, [0; 2]);
+        self.fractions.resize(count, [0.0; 2]);
+        self.weights.resize(count, 0.0);
+        self.values.resize(count * channels, 0.0);
+        for block in blocks {
+            let samples = run(block, strip);
+            let values = block.values[samples.start * (1 + channels)..].chunks_exact(1 + channels);
+            let places = block.cells[samples.clone()].iter().zip(&block.fractions[samples]);
+            for ((cell, fraction), values) in places.zip(values) {
+                let next = &mut next[cell[1] as usize / TILE_COLUMNS];
+                let at = *next;
+                *next += 1;
+                (self.cells[at], self.fractions[at], self.weights[at]) = (*cell, *fraction, values[0]);
+                self.values[at * channels..(at + 1) * channels].copy_from_slice(&values[1..]);
+            }
+        }
+    }
+
+    /// Spreads to rows of the fine grid, and to rows of the coarse one, that begin with row `firsts` of each.
+    fn spread(
+        &mut self,
+        layouts: [Layout; 2],
+        firsts: [usize; 2],
+        kernels: &[Kernel; 2],
+        [fine, coarse]: [&mut [f64]; 2],
+    ) {
+        let channels = layouts[1].channels;
+        let mut batch = Batch::new();
+        for at in (0..self.cells.len()).step_by(BATCH) {
+            let end = self.cells.len().min(at + BATCH);
+            let (cells, fractions) = (&mut self.cells[at..end], &mut self.fractions[at..end]);
+            batch.fill_at(layouts[0], &kernels[0], cells, fractions);
+            spread_batch(layouts[0], fine, firsts[0], &kernels[0], &batch, &self.weights[at..end]);
+            for (cell, fraction) in cells.iter_mut().zip(fractions.iter_mut()) {
+                for (cell, fraction) in cell.iter_mut().zip(fraction) {
+                    // In the cell of twice the size.
+                    *fraction = 0.5 * (f64::from(*cell % 2) + *fraction);
+                    *cell /= 2;
+                }
+            }
+            batch.fill_at(layouts[1], &kernels[1], cells, fractions);
+            let values = &self.values[at * channels..end * channels];
+            spread_batch(layouts[1], coarse, firsts[1], &kernels[1], &batch, values);
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! The normal operator `A^T diag(w) A` of n scattered weighted directions from their moments, at a cost that doesn't
+//! depend on n.
+//!
+//! A product of two harmonics of degrees up to L has degree 2L, so that with the *moments* `s_{lm} = sum_i w_i
+//! S_{lm}(x_i)` to degree 2L and `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for each such product h.
+//! The integrand has degree 4L, which 2L + 1 Gauss-Legendre rings integrate exactly with at least 4L + 1 azimuths each.
+//! So, with `A_g` the basis on that grid and `q_g` its quadrature weights, for every x
+//!
+//! ```text
+//! A^T diag(w) A x = A_g^T D A_g x,   D = diag(q_g S(g))
+//! ```
+//!
+//! Next to the poles, where high orders vanish, rings have fewer azimuths. [`MomentGram`](crate::MomentGram) has the
+//! matrix itself from the same moments. Moments of parts of a sampling add up to those of all of it.
+//!
+//! # Cost
+//!
+//! For a channel `L^3` fused products for Legendre sums, in pairs of rings; and Fourier transforms of some `11 L^2`
+//! points. Memory: see [`MomentOperator::bytes`].
+//!
+//! # Range
+//!
+//! L up to half of what a [`Transform`](crate::Transform) takes. Weights may be negative. Errors are a few eps times
+//! `sum |w|`: on samplings whose normal matrix has a large condition the directions of small eigenvalues lose digits, as
+//! they would with the matrix itself.
+//!
+//! On the circle this is the Toeplitz matrix of H. G. Feichtinger, K. Gröchenig and T. Strohmer, "Efficient numerical
+//! methods in non-uniform sampling theory", Numer. Math. 69 (1995), multiplied by Fourier transforms.
+//!
+//! ```
+//! use ndarray::Array2;
+//! use spharm_transform::MomentOperator;
+//!
+//! // The uniform measure: all moments but the first vanish, and the normal operator is the identity.
+//! let mut moments = vec![0.0; 25]; // to degree 2 L = 4
+//! moments[0] = (4.0 * std::f64::consts::PI).sqrt();
+//! let operator = MomentOperator::new(2, &moments)?;
+//! let x = Array2::from_shape_fn((9, 2), |(k, c)| (k + c) as f64);
+//! assert!((operator.apply(x.view())? - &x).iter().all(|off| off.abs() < 1e-14));
+//! # Ok::<(), spharm_transform::TransformError>(())
+//! ```
+
+mod ring_grid;
+mod sums;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Mutex;
+
+use ndarray::{Array2, ArrayView2, Axis};
+use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
+use spharm_harmonics::basis_size;
+
+use crate::TransformError;
+use ring_grid::{RingGrid, Workspace};
+
+pub use sums::SampleSums;
+
+/// Channels that share Legendre functions and stay in a cache together.
+const CHANNELS: usize = 3;
+
+/// The normal operator `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.
+///
+/// Methods run on the rayon pool that they are called in; results are the same bits on any number of threads. An
+/// operator can be used by several threads at once.
+#[derive(Debug)]
+pub struct MomentOperator {
+    grid: RingGrid,
+    /// `q_g S(g)`, northern rings as real and southern ones as imaginary parts.
+    density: Vec<Complex64>,
+    max_degree: usize,
+    /// Working memory of earlier calls, for later ones.
+    spaces: Mutex<Vec<Workspace>>,
+}
+
+impl MomentOperator {
+    /// Makes the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2`
+    /// values in canonical order.
+    ///
+    /// # Errors
+    ///
+    /// - [`TransformError::MomentCount`]: there aren't `(2L + 1)^2` moments.
+    /// - [`TransformError::MomentNotFinite`]: a moment is NaN or infinite.
+    /// - [`TransformError::Harmonics`]: L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+    pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
+        check(max_degree, moments)?;
+        let (grid, density) = RingGrid::new(max_degree, moments)?;
+        Ok(Self { grid, density, max_degree, spaces: Mutex::default() })
+    }
+
+    /// Returns the most bytes that an operator takes, while it is made or with the working memory of one call on
+    /// `threads` threads with so many channels: about `250 (L + 1)^2`, and `64 (L + 1)^2` for a channel of up to 3 on
+    /// each thread.
+    pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
+        let (orders, rings) = (max_degree + 1, (max_degree + 1).next_multiple_of(8));
+        // alpha, scale and powers, and the points of all pairs.
+        let held = 8 * orders * (orders + 1) + 8 * orders * rings + 16 * rings * (4 * orders + 64);
+        // The same of twice the degree, and its sums.
+        let made = 8 * 2 * orders * (2 * orders + 1) + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
+        let group = if channels < CHANNELS { channels } else { CHANNELS };
+        let groups = channels.div_ceil(CHANNELS);
+        let groups = if groups < threads { groups } else { threads };
+        let called = groups * 2 * group * (2 * 8 * 2 * orders * rings + 4 * orders * (orders + 1));
+        held + if made > called { made } else { called }
+    }
+
+    /// Returns the highest degree, L.
+    pub fn max_degree(&self) -> usize {
+        self.max_degree
+    }
+
+    /// Returns the number of rows and of columns, `K = (L + 1)^2`.
+    pub fn size(&self) -> usize {
+        basis_size(self.max_degree)
+    }
+
+    /// Computes `A^T diag(w) A x`: (K, c) for the coefficients x, (K, c).
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Shape`]: x doesn't have `K = (L + 1)^2` rows.
+    pub fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
+        let (expected, found) = (self.size(), x.nrows());
+        if found != expected {
+            return Err(TransformError::Shape { what: "coefficients", expected, found });
+        }
+        let mut out = Array2::zeros(x.dim());
+        // Groups of channels are independent: with several of them each thread has its own.
+        out.axis_chunks_iter_mut(Axis(1), CHANNELS)
+            .into_par_iter()
+            .zip(x.axis_chunks_iter(Axis(1), CHANNELS).into_par_iter())
+            .with_max_len(1)
+            .for_each(|(out, x)| {
+                let mut space = self.space();
+                self.grid.product(&self.density, x, out, &mut space);
+                self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(space);
+            });
+        Ok(out)
+    }
+
+    fn space(&self) -> Workspace {
+        self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop().unwrap_or_default()
+    }
+}
+
+/// Checks number and values of the moments to twice a degree.
+pub(crate) fn check(max_degree: usize, moments: &[f64]) -> Result<(), TransformError> {
+    let degree = 2 * max_degree;
+    let expected = basis_size(degree);
+    if moments.len() != expected {
+        return Err(TransformError::MomentCount { degree, expected, found: moments.len() });
+    }
+    match moments.iter().position(|moment| !moment.is_finite()) {
+        Some(column) => Err(TransformError::MomentNotFinite { column, found: moments[column] }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,296 @@
+//! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator): coefficients to rings, a product at the grid's
+//! points, and rings to coefficients.
+//!
+//! Rings come in pairs, a northern one and its mirror: the sums over even and over odd `l - m` that
+//! [`Legendre`] gives are their sum and difference. Both are real, so one complex Fourier transform serves a pair: the
+//! northern ring is the real part and the southern one the imaginary part.
+//!
+//! On a ring next to a pole orders above some `m(theta)` are negligible. A product of functions of orders up to a, b and
+//! a with one needs `2 a + b + 1` points to be integrated exactly, so such a ring has fewer points than the equator:
+//! over the sphere a third less.
+
+use std::sync::Arc;
+
+use ndarray::{ArrayView2, ArrayViewMut2};
+use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
+use rustfft::{Fft, FftPlanner};
+use spharm_harmonics::index::{column, degree_order, first_column};
+use spharm_harmonics::rings::MonicRecurrence;
+use spharm_harmonics::{GaussLegendre, gauss_legendre};
+
+use crate::TransformError;
+use crate::gridding::smooth;
+use crate::legendre::{Legendre, Work};
+use crate::ring_table::LANES;
+
+/// Values of `P_{l,m}` below this are zero to all digits of a sum.
+const NEGLIGIBLE: f64 = 1e-18;
+/// A ring's number of points is the next smooth multiple of this: few sizes, which have few plans.
+const STEP: usize = 4;
+
+/// The grid and everything that depends on the degree alone.
+pub(super) struct RingGrid {
+    max_degree: usize,
+    legendre: Legendre,
+    pairs: Vec<RingPair>,
+    /// Complex numbers that a Fourier transform of any pair takes beside its points.
+    scratch: usize,
+}
+
+/// A northern ring and its mirror; the equator is its own.
+struct RingPair {
+    /// Points of each of the two rings.
+    points: usize,
+    /// First of its points among those of all pairs.
+    first: usize,
+    /// Orders that count: all below this.
+    orders: usize,
+    forward: Arc<dyn Fft<f64>>,
+    inverse: Arc<dyn Fft<f64>>,
+}
+
+/// Working memory of a product.
+#[derive(Debug, Default)]
+pub(super) struct Workspace {
+    /// From Legendre sums: for each order the sums over even and then those over odd `l - m`, (pairs of rings, 2 c).
+    by_order: Vec<f64>,
+    /// To Legendre sums: for each run of [`LANES`] pairs and each order, (pair, 4 c), even sums first.
+    by_ring: Vec<f64>,
+    /// Coefficients by order: for each m, (L + 1 - m, 2 c) row-major.
+    coefficients: Vec<f64>,
+}
+
+impl std::fmt::Debug for RingGrid {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let points = self.points();
+        f.debug_struct("RingGrid").field("max_degree", &self.max_degree).field("points", &points).finish()
+    }
+}
+
+impl RingGrid {
+    /// Plans the grid for degree L, and returns it with `q_g S(g)` at its points for the moments of S to degree 2L.
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Harmonics`] where 2L is too high.
+    pub(super) fn new(max_degree: usize, moments: &[f64]) -> Result<(Self, Vec<Complex64>), TransformError> {
+        let rings = gauss_legendre(2 * max_degree + 1);
+        let angles: Vec<[f64; 2]> = (0..=max_degree).map(|j| [rings.cosines[j], rings.sines[j]]).collect();
+        let legendre = Legendre::new(&MonicRecurrence::new(max_degree)?, &angles, NEGLIGIBLE);
+        let twice = Legendre::new(&MonicRecurrence::new(2 * max_degree)?, &angles, NEGLIGIBLE);
+        let mut planner = FftPlanner::new();
+        let mut pairs = Vec::with_capacity(max_degree + 1);
+        let (mut first, mut scratch) = (0, 0);
+        for j in 0..=max_degree {
+            let (orders, of_density) = (legendre.orders(j), twice.orders(j));
+            let points = smooth(2 * (orders - 1) + of_density, STEP);
+            let (forward, inverse) = (planner.plan_fft_forward(points), planner.plan_fft_inverse(points));
+            scratch = scratch.max(forward.get_inplace_scratch_len()).max(inverse.get_inplace_scratch_len());
+            pairs.push(RingPair { points, first, orders, forward, inverse });
+            first += points;
+        }
+        let grid = Self { max_degree, legendre, pairs, scratch };
+        let density = grid.density(&twice, moments, &rings);
+        Ok((grid, density))
+    }
+
+    /// Number of points of all pairs.
+    pub(super) fn points(&self) -> usize {
+        self.pairs.iter().map(|pair| pair.points).sum()
+    }
+
+    /// `q_g S(g)`, northern rings as real and southern ones as imaginary parts.
+    fn density(&self, twice: &Legendre, moments: &[f64], gauss: &GaussLegendre) -> Vec<Complex64> {
+        let (degree, rings) = (2 * self.max_degree, twice.rings());
+        let mut sums = vec![0.0; (degree + 1) * 4 * rings];
+        sums.par_chunks_mut(4 * rings).enumerate().with_max_len(1).for_each_init(Work::new, |work, (m, sums)| {
+            let mut x = Vec::with_capacity(2 * (degree + 1 - m));
+            for (scale, l) in twice.scale(m).iter().zip(m..) {
+                let centre = column(l, 0);
+                x.push(scale * moments[centre + m]);
+                x.push(if m > 0 { scale * moments[centre - m] } else { 0.0 });
+            }
+            let (even, odd) = sums.split_at_mut(2 * rings);
+            twice.synthesis(m, &x, 2, even, odd, work);
+        });
+        let mut density = vec![Complex64::default(); self.points()];
+        self.of_pairs(&mut density).into_par_iter().enumerate().for_each(|(j, points)| {
+            let pair = &self.pairs[j];
+            for m in 0..twice.orders(j) {
+                let at = |column: usize| sums[(4 * m + column) * rings + j];
+                pair.put(m, [at(0), at(1), at(2), at(3)], points);
+            }
+            pair.inverse.process(points);
+            let weight = gauss.weights[j] * std::f64::consts::TAU / pair.points as f64;
+            // The equator counts once.
+            let mirror = if j == self.max_degree { 0.0 } else { weight };
+            points.iter_mut().for_each(|point| *point = Complex64::new(weight * point.re, mirror * point.im));
+        });
+        density
+    }
+
+    /// The parts of each pair of rings.
+    fn of_pairs<'a>(&self, mut points: &'a mut [Complex64]) -> Vec<&'a mut [Complex64]> {
+        let mut parts = Vec::with_capacity(self.pairs.len());
+        for pair in &self.pairs {
+            let (part, rest) = points.split_at_mut(pair.points);
+            parts.push(part);
+            points = rest;
+        }
+        parts
+    }
+
+    /// `A_g^T diag(density) A_g x` for some columns of coefficients.
+    pub(super) fn product(
+        &self,
+        density: &[Complex64],
+        x: ArrayView2<'_, f64>,
+        mut out: ArrayViewMut2<'_, f64>,
+        space: &mut Workspace,
+    ) {
+        let (columns, rings) = (2 * x.ncols(), self.legendre.rings());
+        let orders = self.max_degree + 1;
+        space.by_order.resize(orders * 2 * columns * rings, 0.0);
+        space.by_ring.resize(orders * 2 * columns * rings, 0.0);
+        space.coefficients.resize(orders * (orders + 1) / 2 * columns, 0.0);
+        self.to_rings(x, &mut space.by_order);
+        self.multiply(density, columns, &space.by_order, &mut space.by_ring);
+        self.to_coefficients(columns, &space.by_ring, &mut space.coefficients);
+        let coefficients = &space.coefficients;
+        ndarray::Zip::indexed(out.rows_mut()).par_for_each(|k, mut row| {
+            let (l, order) = degree_order(k);
+            let m = order.unsigned_abs();
+            let at = (self.start(m) + l - m) * columns + usize::from(order < 0);
+            for (channel, value) in row.iter_mut().enumerate() {
+                *value = coefficients[at + 2 * channel];
+            }
+        });
+    }
+
+    /// Index of (m, m) where degrees follow each other order by order.
+    fn start(&self, m: usize) -> usize {
+        m * (2 * self.max_degree + 3 - m) / 2
+    }
+
+    /// Legendre sums of all orders.
+    fn to_rings(&self, x: ArrayView2<'_, f64>, by_order: &mut [f64]) {
+        let (channels, rings) = (x.ncols(), self.legendre.rings());
+        let columns = 2 * channels;
+        let x = x.as_standard_layout();
+        let x = x.as_slice().unwrap_or_default();
+        by_order.par_chunks_mut(2 * columns * rings).enumerate().with_max_len(1).for_each_init(
+            || (vec![0.0; (self.max_degree + 1) * columns], Work::new()),
+            |(scaled, work), (m, sums)| {
+                for ((scaled, scale), l) in scaled.chunks_exact_mut(columns).zip(self.legendre.scale(m)).zip(m..) {
+                    let cosines = (first_column(l) + l + m) * channels;
+                    let sines = (first_column(l) + l - m) * channels;
+                    for channel in 0..channels {
+                        scaled[2 * channel] = scale * x[cosines + channel];
+                        scaled[2 * channel + 1] = if m > 0 { scale * x[sines + channel] } else { 0.0 };
+                    }
+                }
+                let (even, odd) = sums.split_at_mut(columns * rings);
+                self.legendre.synthesis(m, scaled, columns, even, odd, work);
+            },
+        );
+    }
+
+    /// To the points of the rings, times the density, and back to sums for each order.
+    fn multiply(&self, density: &[Complex64], columns: usize, by_order: &[f64], by_ring: &mut [f64]) {
+        let (orders, rings) = (self.max_degree + 1, self.legendre.rings());
+        let most = self.pairs.iter().map(|pair| pair.points).max().unwrap_or(0);
+        by_ring.par_chunks_mut(orders * 2 * columns * LANES).enumerate().with_max_len(1).for_each_init(
+            || (vec![Complex64::default(); most], vec![Complex64::default(); self.scratch]),
+            |(circle, scratch), (run, by_ring)| {
+                for lane in 0..LANES.min(self.pairs.len() - run * LANES) {
+                    let j = run * LANES + lane;
+                    let pair = &self.pairs[j];
+                    let circle = &mut circle[..pair.points];
+                    let density = &density[pair.first..][..pair.points];
+                    for cosine in (0..columns).step_by(2) {
+                        // Where the even sums of cosines and sines are, and the odd ones.
+                        let places = [cosine, cosine + 1, columns + cosine, columns + cosine + 1];
+                        circle.fill(Complex64::default());
+                        for m in 0..pair.orders {
+                            let at = places.map(|column| by_order[(2 * m * columns + column) * rings + j]);
+                            pair.put(m, at, circle);
+                        }
+                        pair.inverse.process_with_scratch(circle, scratch);
+                        for (point, density) in circle.iter_mut().zip(density) {
+                            *point = Complex64::new(point.re * density.re, point.im * density.im);
+                        }
+                        pair.forward.process_with_scratch(circle, scratch);
+                        for m in 0..pair.orders {
+                            for (column, value) in places.into_iter().zip(pair.take(m, circle)) {
+                                by_ring[(2 * m * columns + column) * LANES + lane] = value;
+                            }
+                        }
+                    }
+                }
+            },
+        );
+    }
+
+    /// The transpose of [`to_rings`](Self::to_rings).
+    fn to_coefficients(&self, columns: usize, by_ring: &[f64], coefficients: &mut [f64]) {
+        let (orders, rings) = (self.max_degree + 1, self.legendre.rings());
+        let mut rest = coefficients;
+        let mut parts = Vec::with_capacity(orders);
+        for m in 0..orders {
+            let (part, tail) = rest.split_at_mut((orders - m) * columns);
+            parts.push(part);
+            rest = tail;
+        }
+        parts.into_par_iter().enumerate().with_max_len(1).for_each_init(
+            || (vec![0.0; 2 * columns * rings], Work::new()),
+            |(sums, work), (m, x)| {
+                let first = self.legendre.first_ring(m);
+                for (run, by_ring) in by_ring.chunks_exact(orders * 2 * columns * LANES).enumerate() {
+                    if run * LANES < first {
+                        continue;
+                    }
+                    let lanes = by_ring[2 * m * columns * LANES..][..2 * columns * LANES].chunks_exact(LANES);
+                    for (sums, lanes) in sums.chunks_exact_mut(rings).zip(lanes) {
+                        sums[run * LANES..][..LANES].copy_from_slice(lanes);
+                    }
+                }
+                let (even, odd) = sums.split_at_mut(columns * rings);
+                self.legendre.adjoint(m, even, odd, columns, x, work);
+                for (x, scale) in x.chunks_exact_mut(columns).zip(self.legendre.scale(m)) {
+                    x.iter_mut().for_each(|x| *x *= scale);
+                }
+            },
+        );
+    }
+}
+
+impl RingPair {
+    /// Puts order m into the spectrum of the pair: even and odd sums of cosines and sines, as `[even cosine, even sine,
+    /// odd cosine, odd sine]`.
+    #[inline(always)]
+    fn put(&self, m: usize, [even_cosine, even_sine, odd_cosine, odd_sine]: [f64; 4], spectrum: &mut [Complex64]) {
+        let north = Complex64::new(even_cosine + odd_cosine, -even_sine - odd_sine);
+        let south = Complex64::new(even_cosine - odd_cosine, odd_sine - even_sine);
+        if m == 0 {
+            spectrum[0] = Complex64::new(north.re, south.re);
+        } else {
+            // North plus i south, each with half of its order on either side.
+            spectrum[m] = Complex64::new(0.5 * (north.re - south.im), 0.5 * (north.im + south.re));
+            spectrum[self.points - m] = Complex64::new(0.5 * (north.re + south.im), 0.5 * (south.re - north.im));
+        }
+    }
+
+    /// The transpose of [`put`](Self::put).
+    #[inline(always)]
+    fn take(&self, m: usize, spectrum: &[Complex64]) -> [f64; 4] {
+        if m == 0 {
+            let Complex64 { re: north, im: south } = spectrum[0];
+            return [north + south, 0.0, north - south, 0.0];
+        }
+        let (plus, minus) = (spectrum[m], spectrum[self.points - m]);
+        let north = [0.5 * (plus.re + minus.re), 0.5 * (minus.im - plus.im)];
+        let south = [0.5 * (plus.im + minus.im), 0.5 * (plus.re - minus.re)];
+        [north[0] + south[0], north[1] + south[1], north[0] - south[0], north[1] - south[1]]
+    }
+}

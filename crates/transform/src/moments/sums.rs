@@ -1,0 +1,68 @@
+//! What a least-squares fit needs of its samples.
+
+use ndarray::{Array2, ArrayView2, s};
+use spharm_harmonics::{Directions, basis_size};
+
+use crate::{Transform, TransformError, TransformParams};
+
+/// The sums over samples that determine a least-squares fit to degree L: whatever the number of samples, `(2L + 1)^2 +
+/// c (L + 1)^2` values and a few more. Sums over parts of the samples add up.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SampleSums {
+    /// Highest degree of a fit, L.
+    pub max_degree: usize,
+    /// `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2` values in canonical order.
+    pub moments: Vec<f64>,
+    /// `A^T W f = sum_i w_i f_i S_{lm}(x_i)` to degree L, (K, c).
+    pub right_sides: Array2<f64>,
+    /// `sum_i w_i f_i^2` of each channel, (c).
+    pub squares: Vec<f64>,
+    /// `sum_i w_i`.
+    pub weight: f64,
+    /// Number of samples with a weight other than zero.
+    pub count: u64,
+}
+
+impl SampleSums {
+    /// Computes the sums of samples `values`, (n, c), at `directions`, with weights (n), all one where there are none; to
+    /// the relative accuracy of a [`Transform`].
+    ///
+    /// One pass: samples are sorted and kernels evaluated once for moments and right-hand sides.
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Shape`] for numbers of values or weights other than n; those of [`Transform::new`] to degree
+    /// 2L.
+    pub fn new(
+        directions: &Directions,
+        weights: Option<&[f64]>,
+        values: ArrayView2<'_, f64>,
+        max_degree: usize,
+        accuracy: f64,
+    ) -> Result<Self, TransformError> {
+        let (n, channels) = values.dim();
+        let expect = |what: &'static str, found: usize| match directions.len() {
+            expected if expected == found => Ok(()),
+            expected => Err(TransformError::Shape { what, expected, found }),
+        };
+        expect("samples", n)?;
+        expect("weights", weights.map_or(n, <[f64]>::len))?;
+        let weight = |i: usize| weights.map_or(1.0, |weights| weights[i]);
+        let params = TransformParams { max_degree: 2 * max_degree, accuracy, channels: channels + 1 };
+        let transform = Transform::new(directions, &params)?;
+        let weighted = Array2::from_shape_fn((n, channels + 1), |(i, c)| match c {
+            0 => weight(i),
+            c => weight(i) * values[[i, c - 1]],
+        });
+        let sums = transform.adjoint_synthesis(weighted.view())?;
+        let square = |c: usize| (0..n).map(|i| weight(i) * values[[i, c]].powi(2)).sum();
+        Ok(Self {
+            max_degree,
+            moments: sums.column(0).to_vec(),
+            right_sides: sums.slice(s![..basis_size(max_degree), 1..]).to_owned(),
+            squares: (0..channels).map(square).collect(),
+            weight: (0..n).map(weight).sum(),
+            count: (0..n).filter(|i| weight(*i) != 0.0).count() as u64,
+        })
+    }
+}

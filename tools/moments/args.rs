@@ -1,0 +1,151 @@
+//! Arguments of `moments`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use spharm::moments::{Columns, Positions, Shard};
+use spharm_cli::Common;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES};
+use spharm_cli::size::Size;
+use spharm_cli::threads::Threads;
+
+/// What tables are read, for the help.
+const TABLES: &str = "Tables: .npy (columns of plain arrays are numbered from 0, structured ones have names), .csv, .tsv and \
+                      .txt with or without names in the first line; - is standard input, an array or text.";
+
+/// Sum up samples for fits, in bounded memory, by parts that add up
+///
+/// A fit needs the moments of its samples alone, whose size depends on the degree and not on their number. This reads tables
+/// of samples once, in chunks; fit --moments makes models of any degree up to --max-degree of the result. Parts of the data
+/// can be read anywhere, with --shard, and are added by `spharm moments merge`.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm moments --samples topography.npy --vectors 0 1 2 --values 3 --max-degree 1000 -o topography.moments",
+        "spharm moments --samples scan-*.csv --lonlat lon lat --values height --max-degree 200 --shard 3/16 -o part3.moments",
+        "spharm moments merge part*.moments -o all.moments",
+        "spharm fit --moments all.moments --max-degree 150",
+    ],
+    &[TABLES],
+))]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(super) command: Option<Command>,
+    #[command(flatten)]
+    pub(super) form: Option<Form>,
+    #[command(flatten)]
+    pub(super) common: Common,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Add the moments of parts
+    ///
+    /// Parts must be of one degree and of the same channels, and have no samples in common. Shards of the same tables must
+    /// all be there.
+    Merge(Merge),
+}
+
+#[derive(Debug, Args)]
+pub(super) struct Merge {
+    /// Parts, as `spharm moments` writes them
+    #[arg(value_name = "PART.moments", required = true)]
+    pub(super) parts: Vec<PathBuf>,
+    /// Add the parts that there are, though shards are missing
+    #[arg(long)]
+    pub(super) partial: bool,
+    #[command(flatten)]
+    pub(super) output: Output,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct Form {
+    /// Tables of samples, a row each; - is standard input
+    #[arg(long, value_name = "FILE", num_args = 1.., required = true, help_heading = INPUT)]
+    pub(super) samples: Vec<PathBuf>,
+    #[command(flatten)]
+    positions: PositionArgs,
+    /// Columns of the values, each a channel
+    ///
+    /// With vectors, radius is their length.
+    #[arg(long, value_name = "COLUMN", num_args = 1.., required = true, help_heading = INPUT)]
+    values: Vec<String>,
+    /// Column of the weights [default: all are 1]
+    #[arg(long, value_name = "COLUMN", help_heading = INPUT)]
+    weight: Option<String>,
+    /// Part of each table that is read: number I, from 0, of N
+    #[arg(long, value_name = "I/N", value_parser = shard, default_value = "0/1", help_heading = INPUT)]
+    pub(super) shard: Shard,
+    /// Highest degree of fits, inclusive
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    pub(super) max_degree: usize,
+    #[command(flatten)]
+    pub(super) output: Output,
+    /// Memory that may be used [default: what is needed]
+    #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
+    pub(super) memory: Option<Size>,
+    #[command(flatten)]
+    pub(super) threads: Threads,
+}
+
+/// Where samples are.
+#[derive(Debug, Args)]
+struct PositionArgs {
+    /// Columns of colatitude and azimuth, in radians
+    #[arg(long, value_names = ["THETA", "PHI"], num_args = 2, group = "positions", help_heading = INPUT)]
+    angles: Option<Vec<String>>,
+    /// Columns of longitude and latitude, in degrees
+    #[arg(long, value_names = ["LON", "LAT"], num_args = 2, group = "positions", help_heading = INPUT)]
+    lonlat: Option<Vec<String>>,
+    /// Columns of x, y and z [default: x y z, or lon lat, or theta phi, as there are]
+    ///
+    /// Unit vectors, or vectors of any length with --values radius.
+    #[arg(long, value_names = ["X", "Y", "Z"], num_args = 3, group = "positions", help_heading = INPUT)]
+    vectors: Option<Vec<String>>,
+    /// Centre that vectors begin at [default: 0 0 0]
+    #[arg(long, value_names = ["X", "Y", "Z"], num_args = 3, allow_negative_numbers = true, help_heading = INPUT)]
+    centre: Option<Vec<f64>>,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = OUTPUT)]
+pub(super) struct Output {
+    /// File of moments to write
+    #[arg(short = 'o', long = "output", value_name = "OUT.moments")]
+    pub(super) path: PathBuf,
+    /// Write a report to a JSON file
+    #[arg(long, value_name = "FILE")]
+    pub(super) report: Option<PathBuf>,
+    /// Print the report as JSON in place of a line
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Replace outputs that exist
+    #[arg(long)]
+    pub(super) force: bool,
+}
+
+impl Form {
+    /// The columns that are meant.
+    pub(super) fn columns(&self) -> Columns {
+        let PositionArgs { angles, lonlat, vectors, centre } = &self.positions;
+        // The numbers of values are clap's to check.
+        let positions = match (angles.as_deref(), lonlat.as_deref(), vectors.as_deref()) {
+            (Some([theta, phi]), ..) => Some(Positions::Angles([theta.clone(), phi.clone()])),
+            (_, Some([lon, lat]), _) => Some(Positions::LonLat([lon.clone(), lat.clone()])),
+            (.., Some([x, y, z])) => Some(Positions::Vectors([x.clone(), y.clone(), z.clone()])),
+            _ => None,
+        };
+        let centre = match centre.as_deref() {
+            Some(&[x, y, z]) => [x, y, z],
+            _ => [0.0; 3],
+        };
+        Columns { positions, values: self.values.clone(), weight: self.weight.clone(), centre }
+    }
+}
+
+fn shard(text: &str) -> Result<Shard, String> {
+    let parsed = text.split_once('/').and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)));
+    let shard = parsed.map(|(index, of)| Shard { index, of }).filter(|shard| shard.index < shard.of);
+    shard.ok_or_else(|| "expected I/N with I from 0 to N - 1, such as 0/16".to_owned())
+}
