@@ -116,7 +116,7 @@ impl FileRecord {
 pub struct Settings {
     /// `lsq`, `irf`, `sirf`, `mirf`, `nlsf` or `quadrature`.
     pub method: String,
-    /// What was fitted: `surface` or `vertices`; unknown in models of version 0.1, which are of the vertices.
+    /// What was fitted: `surface`, `vertices`, or `samples` that moments are of; unknown in models of version 0.1, which are of the vertices.
     #[serde(default)]
     pub target: Option<String>,
     /// Passes over the basis.

@@ -7,7 +7,7 @@ mod job;
 mod lsq;
 mod lsq_plan;
 mod quadrature;
-mod rows;
+mod surface;
 
 pub use from_moments::{MomentsFit, MomentsReport, fit_moments};
 pub use lsq_plan::check_memory;

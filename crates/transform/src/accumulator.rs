@@ -119,9 +119,14 @@ impl Accumulator {
 
     /// Returns the most bytes that sums take, their result among them.
     pub fn bytes(max_degree: usize, channels: usize) -> usize {
+        Self::bytes_for(max_degree, channels, SAMPLES_HELD)
+    }
+
+    /// Returns the most bytes that sums take where no more than so many samples are added before they are spread.
+    pub fn bytes_for(max_degree: usize, channels: usize, samples: usize) -> usize {
         let griddings = Griddings::choose(max_degree, channels);
         let [fine, coarse] = griddings.layouts(channels).map(|layout| 8 * layout.len());
-        let held = SAMPLES_HELD * (32 + 8 * channels);
+        let held = samples.min(SAMPLES_HELD) * (32 + 8 * channels);
         let spectra = griddings.spectra_bytes(max_degree, channels);
         fine + coarse + held.max(spectra)
     }

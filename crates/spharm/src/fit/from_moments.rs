@@ -164,6 +164,7 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
         versions: Some(crate::versions()),
         settings: Some(Settings {
             method: params.method.name().to_owned(),
+            target: Some("samples".to_owned()),
             passes: params.method.passes(),
             granularity: None,
             start_degree: None,

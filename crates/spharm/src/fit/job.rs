@@ -64,17 +64,17 @@ impl<'a> Job<'a> {
     }
 
     /// Returns whether the smoothness penalty is the default one of fits of the vertices over a parametrised sphere.
-    pub(crate) fn smooth_by_default(&self, surface: bool) -> bool {
+    pub(crate) fn smooth_by_default(&self) -> bool {
         let Self { params, sphere, .. } = self;
-        params.smoothness == Smoothness::Default && sphere.parametrized && params.method == Method::Lsq && !surface
+        params.smoothness == Smoothness::Default && sphere.parametrized && params.method == Method::Lsq
     }
 
-    /// Returns the smoothness penalty of all targets, where it isn't chosen for each of them.
-    pub(crate) fn smoothness(&self, surface: bool) -> f64 {
+    /// Returns the smoothness penalty of all targets that are fitted at their vertices, where it isn't chosen for each of them.
+    pub(crate) fn smoothness(&self) -> f64 {
         let Self { params, sphere, weights, .. } = self;
         match params.smoothness {
             Smoothness::Fixed(lambda) => lambda,
-            Smoothness::Default if self.smooth_by_default(surface) => {
+            Smoothness::Default if self.smooth_by_default() => {
                 let total = weights.as_ref().map_or(sphere.directions.len() as f64, |weights| weights.iter().sum());
                 defaults::parametrized_smoothness(params.max_degree, total)
             }

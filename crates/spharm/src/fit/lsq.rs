@@ -1,7 +1,6 @@
-//! The full least squares by fast transforms, without a basis.
+//! The full least squares by fast transforms, without a basis, at the vertices.
 
 use std::fmt;
-use std::time::Instant;
 
 use spharm_monitor::{Level, Monitor, Stage};
 use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, choose_smoothness};
@@ -11,13 +10,10 @@ use spharm_solver::{
 };
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
-use spharm_surface::Sphere;
 
 use super::batches::{Batch, Run, Solved};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
-use super::rows::{Rows, Sampling};
-use crate::assess::ModelSurface;
 use crate::machine::{Exceeded, exceeded};
 use crate::report::BatchReport;
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
@@ -26,59 +22,51 @@ use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     run.monitor.begin(Stage::counted("fit", "surfaces"), run.count as u64);
     while let Some(surface) = run.next_is_surface()? {
-        run_on(run, surface)?;
+        if surface {
+            super::surface::run(run)?;
+        } else {
+            run_at_vertices(run)?;
+        }
     }
     run.monitor.end();
     Ok(())
 }
 
-/// Fits targets as long as they are fitted as surfaces, or as long as they aren't.
-fn run_on<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>, surface: bool) -> Result<(), E> {
+/// Fits targets at their vertices as long as they aren't to be fitted as surfaces.
+fn run_at_vertices<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
-    let mark = Instant::now();
     let job = &run.job;
-    let params = job.params;
-    let smoothness = smoothness(job, surface, monitor);
+    let (params, directions) = (job.params, &job.sphere.directions);
+    let smoothness = smoothness(job, monitor);
     let automatic = params.smoothness == Smoothness::Auto;
     // With a smoothness of its own, each target is a batch.
     let most = if automatic { 1 } else { (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1)) };
-    let sampling = surface.then(|| Sampling::new(job)).transpose()?;
-    let (plan, together) = plan(job, sampling.as_ref().map(Sampling::samples), channels, most)?;
-    note_plan(job, sampling.as_ref(), &plan, count, together, monitor);
+    let (plan, together) = plan(job, channels, most)?;
+    note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
-    let rows = &match sampling {
-        Some(sampling) => Rows::surface(job, sampling, &transform)?,
-        None => Rows::vertices(job),
-    };
-    let directions = rows.directions();
     let operator = MatrixFreeOperator::new(directions, &transform).map_err(Error::from)?;
     let mut warnings = Vec::new();
     let spare = plan.budget.saturating_sub(plan.needed(together));
-    let model_surface = if surface && params.surface_distance { model_surface(job, spare)? } else { None };
     let stored = stored_factor(job, smoothness, spare, &mut warnings, monitor)?;
-    let max_degree = params.max_degree;
+    let weights = job.weights.clone();
     let make_gram = || {
-        let gram = moment_gram(directions, rows.weights(), max_degree)?;
+        let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
     let equations = Equations {
         params,
-        rows,
-        sphere: job.sphere,
-        model_surface,
         operator: &operator,
         make_gram: &make_gram,
         stored: stored.as_ref().filter(|_| !automatic),
-        solver: solver_params(job, rows, smoothness, &plan, together)?,
+        solver: solver_params(job, smoothness, &plan, together)?,
         warnings,
-        smooth_by_default: job.smooth_by_default(surface),
+        smooth_by_default: job.smooth_by_default(),
         monitor,
     };
     let readers = plan.readers(together, job.threads);
     // One factor serves all batches, but for a smoothness of each target's own.
     let mut shared = equations.solver(equations.solver.clone())?;
     run.readers = readers;
-    run.seconds.plan += mark.elapsed().as_secs_f64();
     run.each_batch(together * channels, |_, batch| {
         let solved =
             if automatic { equations.choose_and_solve(batch) } else { equations.solve(&mut shared, batch, None) };
@@ -90,10 +78,6 @@ fn run_on<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>, surface: bool
 /// The normal equations that all batches share.
 struct Equations<'a> {
     params: &'a FitParams,
-    rows: &'a Rows<'a>,
-    sphere: &'a Sphere,
-    /// Where surfaces and their models are compared.
-    model_surface: Option<ModelSurface>,
     operator: &'a MatrixFreeOperator,
     make_gram: &'a MakeGram<'a>,
     stored: Option<&'a StoredFactor>,
@@ -115,7 +99,7 @@ impl<'a> Equations<'a> {
 
     /// Fits a target with the smoothness that cross-validation chooses for it.
     fn choose_and_solve(&self, batch: &Batch) -> Result<Solved, Error> {
-        let (targets, weights) = (self.rows.targets(batch), self.solver.weights.as_deref());
+        let (targets, weights) = (batch.side_by_side(), self.solver.weights.as_deref());
         let chosen = choose_smoothness(self.operator, weights, &targets, &Within(self.monitor))?;
         let mut solver = self.solver(LsqParams { smoothness: chosen.smoothness, ..self.solver.clone() })?;
         self.solve(&mut solver, batch, Some(chosen))
@@ -123,7 +107,7 @@ impl<'a> Equations<'a> {
 
     fn solve(&self, solver: &mut LsqSolver<'a>, batch: &Batch, gcv: Option<Gcv>) -> Result<Solved, Error> {
         let within = Within(self.monitor);
-        let fit = solver.fit(&self.rows.targets(batch), &batch.groups, &within)?;
+        let fit = solver.fit(&batch.side_by_side(), &batch.groups, &within)?;
         let standard_errors = match self.params.standard_errors {
             true => Some(solver.standard_errors(&fit.residual, &within)?),
             false => None,
@@ -135,33 +119,20 @@ impl<'a> Equations<'a> {
             return Err(Error::NotConverged(missed.clone()));
         }
         note_solution(&fit.report, self.monitor);
-        let coefficients = fit.coefficients.values();
-        let surface_distances = match &self.model_surface {
-            Some(model) => batch.surface_distances(model, coefficients.view(), self.sphere, self.monitor)?,
-            None => Vec::new(),
-        };
         Ok(Solved {
-            surface_distances,
             coefficients: fit.coefficients.values().to_owned(),
-            sweeps: vec![(false, self.rows.at_vertices(batch, &fit)?)],
+            sweeps: vec![(false, fit.report.residuals.clone())],
             standard_errors,
+            surface_distances: Vec::new(),
             warnings,
             report: BatchReport::LeastSquares { report: fit.report, gcv },
         })
     }
 }
 
-/// Where models of the job are compared with their surfaces, as far as memory allows for it.
-fn model_surface(job: &Job<'_>, spare: usize) -> Result<Option<ModelSurface>, Error> {
-    let max_degree = job.params.max_degree;
-    let level = ModelSurface::level(max_degree, job.sphere.faces.len(), spare);
-    level.map(|level| ModelSurface::new(max_degree, level)).transpose()
-}
-
 /// The memory plan, and the number of targets that are fitted together, at most `most`.
-fn plan(job: &Job<'_>, samples: Option<usize>, channels: usize, most: usize) -> Result<(LsqPlan, usize), Error> {
+fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize), Error> {
     let sizes = Sizes {
-        samples,
         vertices: job.sphere.directions.len(),
         faces: job.sphere.faces.len(),
         max_degree: job.params.max_degree,
@@ -172,18 +143,9 @@ fn plan(job: &Job<'_>, samples: Option<usize>, channels: usize, most: usize) -> 
     Ok((plan, together))
 }
 
-fn note_plan(
-    job: &Job<'_>,
-    sampling: Option<&Sampling>,
-    plan: &LsqPlan,
-    count: usize,
-    together: usize,
-    monitor: &dyn Monitor,
-) {
-    let of =
-        sampling.map_or("vertices".to_owned(), |sampling| format!("{} samples of the surface", sampling.samples()));
+fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monitor: &dyn Monitor) {
     let text = format_args!(
-        "{count} of n = {}, L = {}: least squares at {of}, matrix-free, {together} at a time, {} of {} MiB planned",
+        "{count} of n = {}, L = {}: least squares, matrix-free, {together} at a time, {} of {} MiB planned",
         job.sphere.directions.len(),
         job.params.max_degree,
         plan.needed(together).div_ceil(1 << 20),
@@ -192,7 +154,7 @@ fn note_plan(
     monitor.note(Level::Info, text);
 }
 
-fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
+pub(crate) fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
     let text = format_args!(
         "{} iterations, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
         report.iterations,
@@ -205,17 +167,11 @@ fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
     monitor.note(Level::Detail, text);
 }
 
-fn solver_params(
-    job: &Job<'_>,
-    rows: &Rows<'_>,
-    smoothness: f64,
-    plan: &LsqPlan,
-    together: usize,
-) -> Result<LsqParams, Error> {
+fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize) -> Result<LsqParams, Error> {
     let params = job.params;
     let by_density = matches!(params.preconditioner, Preconditioner::Density);
     Ok(LsqParams {
-        weights: rows.weights().map(<[f64]>::to_vec),
+        weights: job.weights.clone(),
         smoothness,
         strategy: strategy(params.preconditioner),
         areas: by_density.then(|| areas(job)).transpose()?,
@@ -224,13 +180,13 @@ fn solver_params(
         memory: plan.budget,
         held: plan.needed(together),
         // Where these can't be told, the matrix can't be made either.
-        gram_bytes: moment_gram_bytes(rows.directions().len(), params.max_degree).unwrap_or(0),
+        gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         threads: job.threads,
     })
 }
 
 /// A monitor for one of several targets: its stages are shown as the status of the stage that counts targets.
-struct Within<'a>(&'a dyn Monitor);
+pub(crate) struct Within<'a>(pub(crate) &'a dyn Monitor);
 
 impl Monitor for Within<'_> {
     fn begin(&self, stage: Stage, _: u64) {
@@ -247,21 +203,21 @@ impl Monitor for Within<'_> {
 }
 
 /// Whether this process's limits allow for a factor.
-fn allowed(data: usize) -> Result<(), SolverError> {
+pub(crate) fn allowed(data: usize) -> Result<(), SolverError> {
     exceeded(data, 0).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(SolverError::Limit { what, limit, needed }))
 }
 
 /// The penalty of all targets, where it isn't chosen for each.
-fn smoothness(job: &Job<'_>, surface: bool, monitor: &dyn Monitor) -> f64 {
-    let smoothness = job.smoothness(surface);
-    if smoothness > 0.0 && job.smooth_by_default(surface) {
+fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
+    let smoothness = job.smoothness();
+    if smoothness > 0.0 && job.smooth_by_default() {
         let text = format_args!("smoothness {smoothness:.2e} keeps the model from oscillating between the vertices");
         monitor.note(Level::Info, text);
     }
     smoothness
 }
 
-pub(super) fn strategy(preconditioner: Preconditioner) -> Strategy {
+pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
     match preconditioner {
         Preconditioner::Auto => Strategy::Auto,
         Preconditioner::None => Strategy::Cg,

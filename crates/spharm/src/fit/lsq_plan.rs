@@ -5,6 +5,7 @@ use spharm_surface::{Kind, Mesh};
 use spharm_transform::{FINEST, Transform, TransformParams};
 
 use super::job::{held, reading};
+use super::surface::SurfacePlan;
 use crate::{Error, FitParams, Method, defaults};
 
 /// Channels that a transform takes at a time; more are slower, since the caches don't hold them.
@@ -27,8 +28,6 @@ pub(crate) struct LsqPlan {
 /// Sizes of a fit.
 #[derive(Clone, Copy)]
 pub(crate) struct Sizes {
-    /// Samples of the surface, where that is what is fitted.
-    pub(crate) samples: Option<usize>,
     pub(crate) vertices: usize,
     pub(crate) faces: usize,
     pub(crate) max_degree: usize,
@@ -42,17 +41,12 @@ impl LsqPlan {
     ///
     /// [`Error::Memory`] where one target doesn't fit the budget.
     pub(crate) fn new(sizes: Sizes, budget: usize) -> Result<Self, Error> {
-        let Sizes { samples, vertices, faces, max_degree, channels } = sizes;
-        let rows = samples.unwrap_or(vertices);
+        let Sizes { vertices, faces, max_degree, channels } = sizes;
         // Targets and residual, and the samples between; the vectors of conjugate gradients.
-        let each = 8 * channels * (4 * rows + 8 * basis_size(max_degree));
+        let each = 8 * channels * (4 * vertices + 8 * basis_size(max_degree));
         let held = held(vertices, faces, 1, channels, 1);
         let fixed = |at_a_time: usize| -> Result<usize, Error> {
-            let bytes = |rows| Transform::bytes(&transform(max_degree, at_a_time), rows, at_a_time);
-            // Directions and weights of samples, twice while they are made; how each triangle is cut.
-            let sampling =
-                samples.map_or(Ok(0), |samples| bytes(vertices).map(|bytes| bytes + 64 * samples + 40 * faces));
-            Ok(held + bytes(rows)? + sampling?)
+            Ok(held + Transform::bytes(&transform(max_degree, at_a_time), vertices, at_a_time)?)
         };
         let at_a_time = channels.clamp(1, CHANNELS_AT_A_TIME);
         let reading = reading(vertices, faces, channels);
@@ -88,7 +82,7 @@ impl LsqPlan {
 pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) -> Result<usize, Error> {
     /// Of a triangle in the tree that finds those under the grid, its corners and what making it takes.
     const BYTES_PER_TRIANGLE: usize = 250;
-    let Sizes { vertices, faces, max_degree, channels, .. } = sizes;
+    let Sizes { vertices, faces, max_degree, channels } = sizes;
     let grid = 2 * (max_degree + 1) * (max_degree + 1);
     let transform = |n: usize| Transform::bytes(&quadrature_transform(max_degree), n, channels);
     // The grid's directions, weights and samples, twice while these are put in the transform's order; targets, synthesis and
@@ -122,10 +116,11 @@ pub(crate) fn transform(max_degree: usize, channels: usize) -> TransformParams {
 /// [`Error::Memory`] with the least that works.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
     let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
-    // How many samples depends on the map: about these over one with even areas.
-    let samples = params.fits_surface(Kind::Surface, true).then(|| 2 * faces + 8 * basis_size(params.max_degree));
-    let sizes = Sizes { samples, vertices, faces, max_degree: params.max_degree, channels: 3 };
+    let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3 };
     match params.method {
+        Method::Lsq if params.fits_surface(Kind::Surface, true) => {
+            SurfacePlan::new(sizes, params.memory_budget(), 1).map(drop)
+        }
         Method::Lsq => LsqPlan::new(sizes, params.memory_budget()).map(drop),
         Method::Quadrature => quadrature_readers(sizes, params.memory_budget(), 1).map(drop),
         _ => Ok(()),
