@@ -52,12 +52,17 @@
 
 #![forbid(unsafe_code)]
 
+mod angle;
 mod auto;
 mod background;
+mod batch;
+mod blocks;
 mod cald;
 mod conformal;
 mod deform;
+mod density;
 mod descend;
+mod direct;
 mod domain;
 mod embed;
 mod energy;
@@ -66,6 +71,7 @@ mod error;
 mod geometry;
 mod hierarchy;
 mod input;
+mod local;
 mod method;
 mod newton;
 pub mod quality;
