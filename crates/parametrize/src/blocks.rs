@@ -76,6 +76,11 @@ impl Pattern {
         self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
+    /// The vertex itself and its neighbours.
+    pub(crate) fn columns_of(&self, v: u32) -> &[u32] {
+        &self.columns[self.range(v as usize)]
+    }
+
     /// Adds up triangles' numbers: the gradient (two per vertex) and the blocks, each row by row.
     pub(crate) fn sum(&self, local: &[[f64; KEPT]], gradient: &mut [[f64; 2]], blocks: &mut [[f64; 4]]) {
         let mut tasks = Vec::with_capacity(self.rows().div_ceil(ROWS));

@@ -1,8 +1,8 @@
 //! All vertices at once: projected Newton over the whole mesh.
 //!
 //! Unknowns are two per vertex, in a frame of the tangent plane. Each triangle's Hessian has its negative eigenvalues
-//! raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`), and the sum goes to a sparse Cholesky
-//! factorisation (`direct.rs`). Steps are halved until no triangle is flipped and the energy has gone down (Armijo).
+//! raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`), and the sum goes to conjugate gradients with a
+//! two-grid preconditioner (`pcg.rs`), or on small meshes to a Cholesky factorisation. Steps are halved until no triangle is flipped and the energy has gone down (Armijo).
 //! Newton's steps are what low-frequency errors of stiff energies need: sweeps over single vertices take as many rounds
 //! as the mesh is wide.
 //!
@@ -13,10 +13,12 @@ use spharm_monitor::{Interrupted, Monitor};
 
 use crate::batch::{BATCH, Batch, Numbers};
 use crate::blocks::{KEPT, Pattern};
-use crate::direct::Direct;
+use crate::coarse::Coarse;
 use crate::energy::{Energy, Shape, retract, set_areas};
 use crate::geometry::{Vec3, add, norm, orientation, scale};
 use crate::local::{NUMBERS, frame};
+use crate::pcg::System;
+use crate::sparse_cholesky::Symbolic;
 
 /// Triangles, or vertices, per chunk of a sum.
 const CHUNK: usize = 4096;
@@ -26,8 +28,20 @@ pub(crate) struct Newton {
     faces: Vec<[u32; 3]>,
     shapes: Vec<Shape>,
     pattern: Pattern,
-    direct: Direct,
+    solver: Solver,
 }
+
+/// How the linear systems are solved.
+enum Solver {
+    Direct(Symbolic),
+    Iterative(Coarse),
+}
+
+/// Vertices from which on iterations are faster than a factorisation.
+const MANY: usize = 2000;
+
+/// Relative shift of a factored diagonal: turning the whole sphere costs nothing, and the matrix must be definite.
+const SHIFT: f64 = 1e-8;
 
 /// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,8 +65,12 @@ impl Newton {
         monitor: &dyn Monitor,
     ) -> Result<Option<Self>, Interrupted> {
         let pattern = Pattern::new(n, &faces);
-        let direct = Direct::new(&pattern, monitor)?;
-        Ok(direct.map(|direct| Self { faces, shapes, pattern, direct }))
+        let solver = if n < MANY {
+            Symbolic::new(2, &pattern.starts, &pattern.columns, monitor)?.map(Solver::Direct)
+        } else {
+            Coarse::new(&pattern, monitor)?.map(Solver::Iterative)
+        };
+        Ok(solver.map(|solver| Self { faces, shapes, pattern, solver }))
     }
 
     /// Sets the target area of each triangle (sum 4 pi).
@@ -110,6 +128,33 @@ impl Newton {
         local
     }
 
+    /// Newton's direction: minus the inverse of the Hessian times the gradient.
+    fn solve(
+        &self,
+        unit: &[Vec3],
+        mut blocks: Vec<[f64; 4]>,
+        gradient: &[[f64; 2]],
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Vec<[f64; 2]>>, Interrupted> {
+        match &self.solver {
+            Solver::Direct(symbolic) => {
+                for v in 0..unit.len() {
+                    let diagonal = &mut blocks[self.pattern.range(v).start];
+                    [0, 3].into_iter().for_each(|i| diagonal[i] = diagonal[i] * (1.0 + SHIFT) + f64::MIN_POSITIVE);
+                }
+                let factor = symbolic.factor(&self.pattern.starts, &self.pattern.columns, blocks, monitor)?;
+                Ok(factor.map(|factor| {
+                    let mut solution: Vec<[f64; 2]> = gradient.iter().map(|[a, b]| [-a, -b]).collect();
+                    factor.solve(solution.as_flattened_mut());
+                    solution
+                }))
+            }
+            Solver::Iterative(coarse) => {
+                System { pattern: &self.pattern, blocks: &blocks, unit, coarse }.solve(gradient, monitor)
+            }
+        }
+    }
+
     /// One step.
     pub(crate) fn step(&self, energy: Energy, unit: &mut [Vec3], monitor: &dyn Monitor) -> Result<Step, Interrupted> {
         let before = self.value(energy, unit);
@@ -121,7 +166,7 @@ impl Newton {
         monitor.check()?;
         self.pattern.sum(&local, &mut gradient, &mut blocks);
         drop(local);
-        let Some(solution) = self.direct.solve(&self.pattern, &blocks, &gradient, monitor)? else {
+        let Some(solution) = self.solve(unit, blocks, &gradient, monitor)? else {
             return Ok(nothing);
         };
         let along = |(&p, [x, y]): (&Vec3, &[f64; 2])| {
