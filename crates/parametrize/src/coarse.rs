@@ -106,18 +106,18 @@ impl Coarse {
         Ok(symbolic.map(|symbolic| Self { starts, weights, members_of, members, rows, columns, symbolic }))
     }
 
-    /// The factor of the coarse matrix for a map and its Hessian; `None` where that isn't definite.
+    /// The factor of the coarse matrix for a Hessian and the map's [`turns`]; `None` where that isn't definite.
     pub(crate) fn factor(
         &self,
         pattern: &Pattern,
         blocks: &[[f64; 4]],
-        unit: &[Vec3],
+        turns: &[[Vec3; 2]],
         monitor: &dyn Monitor,
     ) -> Result<Option<Factor>, Interrupted> {
         let patches = self.rows.len() - 1;
         let rows: Vec<Vec<[f64; 9]>> = (0..patches)
             .into_par_iter()
-            .map_init(|| vec![NOWHERE; patches], |places, k| self.row(k, places, pattern, blocks, unit))
+            .map_init(|| vec![NOWHERE; patches], |places, k| self.row(k, places, pattern, blocks, turns))
             .collect();
         monitor.check()?;
         let mut values: Vec<[f64; 9]> = rows.concat();
@@ -137,19 +137,19 @@ impl Coarse {
         places: &mut [u32],
         pattern: &Pattern,
         blocks: &[[f64; 4]],
-        unit: &[Vec3],
+        turns: &[[Vec3; 2]],
     ) -> Vec<[f64; 9]> {
         let columns = &self.columns[self.rows[k] as usize..self.rows[k + 1] as usize];
         columns.iter().zip(0..).for_each(|(&l, place)| places[l as usize] = place);
         let mut row = vec![[0.0; 9]; columns.len()];
         for &(v, weight) in &self.members[self.members_of[k] as usize..self.members_of[k + 1] as usize] {
-            let turns = turns(unit[v as usize]).map(|turn| scale(turn, f64::from(weight)));
+            let own = turns[v as usize].map(|turn| scale(turn, f64::from(weight)));
             for at in pattern.range(v as usize) {
                 let w = pattern.columns[at];
                 let [a, b, c, d] = blocks[at];
                 // P_v^T H_vw P_w, 3 x 3.
-                let left = [add(scale(turns[0], a), scale(turns[1], c)), add(scale(turns[0], b), scale(turns[1], d))];
-                let right = self::turns(unit[w as usize]);
+                let left = [add(scale(own[0], a), scale(own[1], c)), add(scale(own[0], b), scale(own[1], d))];
+                let right = turns[w as usize];
                 let mut product = [0.0; 9];
                 for i in 0..3 {
                     for j in 0..3 {
@@ -168,12 +168,12 @@ impl Coarse {
     }
 
     /// Adds the coarse solution for a residual to a vector.
-    pub(crate) fn correct(&self, factor: &Factor, unit: &[Vec3], residual: &[[f64; 2]], x: &mut [[f64; 2]]) {
+    pub(crate) fn correct(&self, factor: &Factor, turns: &[[Vec3; 2]], residual: &[[f64; 2]], x: &mut [[f64; 2]]) {
         let patches = self.rows.len() - 1;
         let gather = |k: usize| {
             let members = &self.members[self.members_of[k] as usize..self.members_of[k + 1] as usize];
             members.iter().fold([0.0; 3], |sum, &(v, weight)| {
-                let ([a, b], [r, s]) = (turns(unit[v as usize]), residual[v as usize]);
+                let ([a, b], [r, s]) = (turns[v as usize], residual[v as usize]);
                 add(sum, scale(add(scale(a, r), scale(b, s)), f64::from(weight)))
             })
         };
@@ -184,7 +184,7 @@ impl Coarse {
             let turn = weights
                 .iter()
                 .fold([0.0; 3], |sum, &(k, weight)| add(sum, scale(solution[k as usize], f64::from(weight))));
-            let [a, b] = turns(unit[v]);
+            let [a, b] = turns[v];
             x[0] += dot(a, turn);
             x[1] += dot(b, turn);
         });
@@ -192,7 +192,7 @@ impl Coarse {
 }
 
 /// The rows of omega -> (omega x p) in the frame of p: u . (omega x p) = omega . (p x u).
-fn turns(p: Vec3) -> [Vec3; 2] {
+pub(crate) fn turns(p: Vec3) -> [Vec3; 2] {
     let [u, w] = frame(p);
     [w, scale(u, -1.0)]
 }

@@ -2,9 +2,9 @@
 //!
 //! Unknowns are two per vertex, in a frame of the tangent plane. Each triangle's Hessian has its negative eigenvalues
 //! raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`), and the sum goes to conjugate gradients with a
-//! two-grid preconditioner (`pcg.rs`), or on small meshes to a Cholesky factorisation. Steps are halved until no triangle is flipped and the energy has gone down (Armijo).
-//! Newton's steps are what low-frequency errors of stiff energies need: sweeps over single vertices take as many rounds
-//! as the mesh is wide.
+//! two-grid preconditioner (`pcg.rs`), or on small meshes to a Cholesky factorisation. Steps are halved until no
+//! triangle is flipped and the energy has gone down (Armijo). Newton's steps are what low-frequency errors of stiff
+//! energies need: sweeps over single vertices take as many rounds as the mesh is wide.
 //!
 //! Sums run over chunks of fixed length in fixed order, so that the number of threads changes no bit.
 
@@ -13,12 +13,12 @@ use spharm_monitor::{Interrupted, Monitor};
 
 use crate::batch::{BATCH, Batch, Numbers};
 use crate::blocks::{KEPT, Pattern};
-use crate::coarse::Coarse;
+use crate::coarse::{Coarse, turns};
 use crate::energy::{Energy, Shape, retract, set_areas};
 use crate::geometry::{Vec3, add, norm, orientation, scale};
 use crate::local::{NUMBERS, frame};
 use crate::pcg::System;
-use crate::sparse_cholesky::Symbolic;
+use crate::sparse_cholesky::{Factor, Symbolic};
 
 /// Triangles, or vertices, per chunk of a sum.
 const CHUNK: usize = 4096;
@@ -34,8 +34,15 @@ pub(crate) struct Newton {
 /// How the linear systems are solved.
 enum Solver {
     Direct(Symbolic),
-    Iterative(Coarse),
+    /// The last factor of the coarse matrix serves until iterations become many.
+    Iterative {
+        coarse: Coarse,
+        factor: Option<Factor>,
+    },
 }
+
+/// Iterations from which on the coarse matrix is factored anew.
+const SLOW: usize = 10;
 
 /// Vertices from which on iterations are faster than a factorisation.
 const MANY: usize = 2000;
@@ -68,7 +75,7 @@ impl Newton {
         let solver = if n < MANY {
             Symbolic::new(2, &pattern.starts, &pattern.columns, monitor)?.map(Solver::Direct)
         } else {
-            Coarse::new(&pattern, monitor)?.map(Solver::Iterative)
+            Coarse::new(&pattern, monitor)?.map(|coarse| Solver::Iterative { coarse, factor: None })
         };
         Ok(solver.map(|solver| Self { faces, shapes, pattern, solver }))
     }
@@ -130,33 +137,52 @@ impl Newton {
 
     /// Newton's direction: minus the inverse of the Hessian times the gradient.
     fn solve(
-        &self,
+        &mut self,
         unit: &[Vec3],
         mut blocks: Vec<[f64; 4]>,
         gradient: &[[f64; 2]],
         monitor: &dyn Monitor,
     ) -> Result<Option<Vec<[f64; 2]>>, Interrupted> {
-        match &self.solver {
+        let pattern = &self.pattern;
+        match &mut self.solver {
             Solver::Direct(symbolic) => {
                 for v in 0..unit.len() {
-                    let diagonal = &mut blocks[self.pattern.range(v).start];
+                    let diagonal = &mut blocks[pattern.range(v).start];
                     [0, 3].into_iter().for_each(|i| diagonal[i] = diagonal[i] * (1.0 + SHIFT) + f64::MIN_POSITIVE);
                 }
-                let factor = symbolic.factor(&self.pattern.starts, &self.pattern.columns, blocks, monitor)?;
+                let factor = symbolic.factor(&pattern.starts, &pattern.columns, blocks, monitor)?;
                 Ok(factor.map(|factor| {
                     let mut solution: Vec<[f64; 2]> = gradient.iter().map(|[a, b]| [-a, -b]).collect();
                     factor.solve(solution.as_flattened_mut());
                     solution
                 }))
             }
-            Solver::Iterative(coarse) => {
-                System { pattern: &self.pattern, blocks: &blocks, unit, coarse }.solve(gradient, monitor)
+            Solver::Iterative { coarse, factor: last } => {
+                let turns: Vec<[Vec3; 2]> = unit.par_iter().map(|&p| turns(p)).collect();
+                let factor = match last.take() {
+                    Some(factor) => factor,
+                    None => match coarse.factor(pattern, &blocks, &turns, monitor)? {
+                        Some(factor) => factor,
+                        None => return Ok(None),
+                    },
+                };
+                let light = blocks.par_iter().map(|block| block.map(|x| x as f32)).collect();
+                drop(blocks);
+                let system = System { pattern, blocks: light, coarse, factor: &factor, turns: &turns };
+                let (solution, iterations) = system.solve(gradient, monitor)?;
+                *last = (iterations < SLOW).then_some(factor);
+                Ok(Some(solution))
             }
         }
     }
 
     /// One step.
-    pub(crate) fn step(&self, energy: Energy, unit: &mut [Vec3], monitor: &dyn Monitor) -> Result<Step, Interrupted> {
+    pub(crate) fn step(
+        &mut self,
+        energy: Energy,
+        unit: &mut [Vec3],
+        monitor: &dyn Monitor,
+    ) -> Result<Step, Interrupted> {
         let before = self.value(energy, unit);
         monitor.check()?;
         let nothing = Step { before, after: before, taken: 0.0 };

@@ -5,6 +5,7 @@
 //! around the vertex is positive by the exact predicate afterwards and the energy is lower, so a map without flips stays
 //! one, whatever the rounding.
 
+use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
 
 use crate::energy::{Energy, Shape, retract, with_density};
@@ -19,6 +20,13 @@ pub(crate) struct Star {
 
 impl Star {
     pub(crate) fn of(hierarchy: &Hierarchy, unit: &[Vec3], v: u32) -> Self {
+        let mut star = Self { spokes: Vec::new() };
+        star.set(hierarchy, unit, v);
+        star
+    }
+
+    /// Takes another vertex's triangles, in the room of those before.
+    fn set(&mut self, hierarchy: &Hierarchy, unit: &[Vec3], v: u32) {
         let spoke = |&f: &u32| {
             let face = hierarchy.faces[f as usize];
             let shape = hierarchy.shapes[f as usize];
@@ -27,7 +35,8 @@ impl Star {
             let cotangents = [0, 1, 2].map(|k| shape.cotangents[turn(k)]);
             ([1, 2].map(|k| unit[face[turn(k)] as usize]), Shape { area: shape.area, cotangents })
         };
-        Self { spokes: hierarchy.around[v as usize].iter().map(spoke).collect() }
+        self.spokes.clear();
+        self.spokes.extend(hierarchy.around[v as usize].iter().map(spoke));
     }
 
     fn value(&self, energy: Energy, x: Vec3) -> f64 {
@@ -142,33 +151,68 @@ impl Star {
     }
 }
 
-/// Vertices of a sweep between which the monitor is asked.
-const CHUNK: usize = 1024;
+/// Vertices that are relaxed at once: no two of a class are neighbours.
+pub(crate) struct Classes(Vec<Vec<u32>>);
 
-/// Relaxes some vertices, one after the other. Returns the longest move.
+impl Classes {
+    /// Colours vertices greedily, in the order given.
+    pub(crate) fn new(hierarchy: &Hierarchy, vertices: &[u32]) -> Self {
+        const NONE: u32 = u32::MAX;
+        let mut colours = vec![NONE; hierarchy.around.len()];
+        // The last vertex that has seen each colour at a neighbour.
+        let mut seen: Vec<u32> = Vec::new();
+        let mut classes: Vec<Vec<u32>> = Vec::new();
+        for &v in vertices {
+            for &f in &hierarchy.around[v as usize] {
+                for w in hierarchy.faces[f as usize] {
+                    if colours[w as usize] != NONE {
+                        seen[colours[w as usize] as usize] = v;
+                    }
+                }
+            }
+            let colour = seen.iter().position(|&last| last != v).unwrap_or(seen.len());
+            if colour == seen.len() {
+                seen.push(NONE);
+                classes.push(Vec::new());
+            }
+            classes[colour].push(v);
+            colours[v as usize] = colour as u32;
+        }
+        Self(classes)
+    }
+}
+
+/// Vertices of a sweep between which the monitor is asked.
+const CHUNK: usize = 1 << 15;
+
+/// Relaxes vertices, class by class. Returns the longest move.
 pub(crate) fn sweep(
     hierarchy: &Hierarchy,
     unit: &mut [Vec3],
-    vertices: &[u32],
+    classes: &Classes,
     energy: Energy,
     monitor: &dyn Monitor,
 ) -> Result<f64, Interrupted> {
     let mut most: f64 = 0.0;
-    for chunk in vertices.chunks(CHUNK) {
+    for chunk in classes.0.iter().flat_map(|class| class.chunks(CHUNK)) {
         monitor.check()?;
-        most = most.max(relax_all(hierarchy, unit, chunk, energy));
+        let relaxed = |star: &mut Star, &v: &u32| {
+            star.set(hierarchy, unit, v);
+            star.relax(energy, unit[v as usize])
+        };
+        let start = || Star { spokes: Vec::new() };
+        let moved: Vec<Vec3> = chunk.par_iter().with_min_len(128).map_init(start, relaxed).collect();
+        for (&v, moved) in chunk.iter().zip(moved) {
+            most = most.max(norm(sub(moved, unit[v as usize])));
+            unit[v as usize] = moved;
+        }
     }
     Ok(most)
 }
 
-/// As [`sweep`], for few vertices.
-pub(crate) fn relax_all(hierarchy: &Hierarchy, unit: &mut [Vec3], vertices: &[u32], energy: Energy) -> f64 {
-    let mut most: f64 = 0.0;
+/// Relaxes a few vertices, one after the other.
+pub(crate) fn relax_all(hierarchy: &Hierarchy, unit: &mut [Vec3], vertices: &[u32], energy: Energy) {
     for &v in vertices {
-        let x = unit[v as usize];
-        let moved = Star::of(hierarchy, unit, v).relax(energy, x);
-        most = most.max(norm(sub(moved, x)));
-        unit[v as usize] = moved;
+        unit[v as usize] = Star::of(hierarchy, unit, v).relax(energy, unit[v as usize]);
     }
-    most
 }
