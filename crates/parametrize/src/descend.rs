@@ -13,7 +13,7 @@ use crate::geometry::{Vec3, solid_angle};
 use crate::hierarchy::Hierarchy;
 use crate::newton::Newton;
 use crate::report::Parametrization;
-use crate::star::sweep;
+use crate::star::{Classes, sweep};
 
 /// The stage in which [`Descent::descend`] counts its steps. Their number isn't known beforehand.
 pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
@@ -29,7 +29,7 @@ pub(crate) struct Descent {
     converged: bool,
     hierarchy: Hierarchy,
     newton: Option<Newton>,
-    order: Vec<u32>,
+    classes: Classes,
 }
 
 impl Descent {
@@ -37,8 +37,9 @@ impl Descent {
     pub(crate) fn start(domain: &Domain, growth: Growth, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, &domain.areas, growth, monitor)?;
         let newton = Newton::new(map.len(), hierarchy.faces.clone(), hierarchy.shapes.clone(), monitor)?;
-        let order = (0..map.len() as u32).collect();
-        Ok(Self { map, iterations, converged: false, hierarchy, newton, order })
+        let order: Vec<u32> = (0..map.len() as u32).collect();
+        let classes = Classes::new(&hierarchy, &order);
+        Ok(Self { map, iterations, converged: false, hierarchy, newton, classes })
     }
 
     /// Descends an energy until a step gains less than `tolerance` of what the energy is above its least value on a
@@ -52,15 +53,15 @@ impl Descent {
     ) -> Result<(), Interrupted> {
         let least = energy.least() * 4.0 * std::f64::consts::PI;
         self.converged = false;
-        sweep(&self.hierarchy, &mut self.map, &self.order, energy, monitor)?;
-        let Some(newton) = &self.newton else { return Ok(()) };
+        sweep(&self.hierarchy, &mut self.map, &self.classes, energy, monitor)?;
+        let Some(newton) = &mut self.newton else { return Ok(()) };
         for _ in 0..steps {
             let step = newton.step(energy, &mut self.map, monitor)?;
             self.iterations += 1;
             monitor.step(1);
             let mut after = step.after;
             if step.taken < BLOCKED {
-                sweep(&self.hierarchy, &mut self.map, &self.order, energy, monitor)?;
+                sweep(&self.hierarchy, &mut self.map, &self.classes, energy, monitor)?;
                 after = newton.value(energy, &self.map);
             }
             if step.before - after <= tolerance * (after - least).abs() {

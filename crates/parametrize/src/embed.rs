@@ -5,6 +5,7 @@
 //! it and its neighbours relax. Each time the mesh has doubled, sweeps and Newton's steps let the whole map settle, so
 //! that large features get their areas while there are few vertices to move.
 
+use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use crate::energy::Energy;
@@ -12,7 +13,7 @@ use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, orientation, unit};
 use crate::hierarchy::Hierarchy;
 use crate::newton::Newton;
-use crate::star::{Star, relax_all, sweep};
+use crate::star::{Classes, Star, relax_all, sweep};
 
 /// How the map is optimised while it grows.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +29,10 @@ pub(crate) struct Growth {
 /// Newton's steps pay from this many vertices on; below, sweeps settle everything.
 const NEWTON_FROM: usize = 100;
 
-/// Vertices between which the monitor is asked and given the progress.
+/// Vertices from which on they come back in groups.
+const GROUPS_FROM: usize = 1000;
+
+/// Vertices between which the monitor is asked.
 const CHUNK: usize = 64;
 
 /// Maps a closed surface of area 4 pi. Returns the map, the number of Newton steps, and the refined hierarchy.
@@ -54,26 +58,68 @@ pub(crate) fn embed(
 
     monitor.begin(Stage::counted("coarse to fine", "vertices"), vertices);
     let mut present: Vec<u32> = corners.to_vec();
-    let mut settled = 4;
     let mut iterations = 0;
-    let mut unreported = 0;
-    while let Some((v, into)) = hierarchy.refine() {
-        insert(&hierarchy, &mut map, v, into, growth.energy)?;
-        present.push(v);
-        unreported += 1;
-        if unreported == CHUNK {
-            monitor.check()?;
-            monitor.step(CHUNK as u64);
-            unreported = 0;
+    while hierarchy.present < n {
+        let count = hierarchy.present.min(n - hierarchy.present);
+        if hierarchy.present < GROUPS_FROM {
+            one_by_one(&mut hierarchy, &mut map, &mut present, count, growth.energy, monitor)?;
+        } else {
+            by_groups(&mut hierarchy, &mut map, &mut present, count, growth.energy, monitor)?;
         }
-        if hierarchy.present >= 2 * settled && hierarchy.present < n {
-            settled = hierarchy.present;
+        if hierarchy.present < n {
             iterations += settle(&hierarchy, &mut map, &present, growth, monitor)?;
         }
     }
-    monitor.step(unreported as u64);
     monitor.end();
     Ok((map, iterations, hierarchy))
+}
+
+/// Puts vertices back one at a time; each and its neighbours relax at once.
+fn one_by_one(
+    hierarchy: &mut Hierarchy,
+    map: &mut [Vec3],
+    present: &mut Vec<u32>,
+    count: usize,
+    energy: Energy,
+    monitor: &dyn Monitor,
+) -> Result<(), ParametrizeError> {
+    for k in 0..count {
+        let Some((v, into)) = hierarchy.refine() else { break };
+        insert(hierarchy, map, v, into, energy)?;
+        present.push(v);
+        if k % CHUNK == 0 {
+            monitor.check()?;
+        }
+        monitor.step(1);
+    }
+    Ok(())
+}
+
+/// Puts vertices back that have no triangle in common, together. Only they relax: the sweeps that follow move all.
+fn by_groups(
+    hierarchy: &mut Hierarchy,
+    map: &mut [Vec3],
+    present: &mut Vec<u32>,
+    count: usize,
+    energy: Energy,
+    monitor: &dyn Monitor,
+) -> Result<(), ParametrizeError> {
+    for group in hierarchy.groups(count) {
+        monitor.check()?;
+        let group = hierarchy.refine_group(group);
+        let place = |&(v, into): &(u32, u32)| {
+            let star = Star::of(hierarchy, map, v);
+            let place = star.place(energy, map[into as usize]);
+            place.map(|x| star.relax(energy, x)).ok_or(ParametrizeError::NoPlace { vertex: v as usize })
+        };
+        let places: Vec<Result<Vec3, ParametrizeError>> = group.par_iter().with_min_len(64).map(place).collect();
+        for (&(v, _), place) in group.iter().zip(places) {
+            map[v as usize] = place?;
+        }
+        present.extend(group.iter().map(|&(v, _)| v));
+        monitor.step(group.len() as u64);
+    }
+    Ok(())
 }
 
 /// Puts a vertex into the kernel of its ring.
@@ -100,9 +146,10 @@ fn settle(
 ) -> Result<usize, Interrupted> {
     let mut order = present.to_vec();
     order.sort_unstable();
+    let classes = Classes::new(hierarchy, &order);
     let rounds = if order.len() < NEWTON_FROM { 20 } else { 2 };
     for _ in 0..rounds {
-        if sweep(hierarchy, map, &order, growth.energy, monitor)? < 1e-4 {
+        if sweep(hierarchy, map, &classes, growth.energy, monitor)? < 1e-4 {
             break;
         }
     }
@@ -118,7 +165,7 @@ fn settle(
     faces.dedup();
     let corners = faces.iter().map(|&f| hierarchy.faces[f as usize].map(|v| index[v as usize])).collect();
     let shapes = faces.iter().map(|&f| hierarchy.shapes[f as usize]).collect();
-    let Some(newton) = Newton::new(order.len(), corners, shapes, monitor)? else { return Ok(0) };
+    let Some(mut newton) = Newton::new(order.len(), corners, shapes, monitor)? else { return Ok(0) };
     let mut level: Vec<Vec3> = order.iter().map(|&v| map[v as usize]).collect();
     let mut taken = 0;
     for _ in 0..growth.steps {

@@ -20,7 +20,8 @@
 //! Each goes to infinity as a triangle loses its area, so that a descent that starts from a map without flips stays one.
 //! Cotangents are scale-free, so a triangle of a coarsened mesh can carry more area than it has.
 
-use crate::geometry::{Vec3, add, cross, dot, norm, scale, sub};
+use crate::density::Density;
+use crate::geometry::{Vec3, add, norm, sub};
 
 /// Least slack in the triangle inequality, in mean edge lengths. Thinner triangles are taken as a little less thin (N.
 /// Sharp and K. Crane, SGP 2020, intrinsic mollification): their cotangents would drown all others.
@@ -94,6 +95,23 @@ pub(crate) enum Energy {
     },
 }
 
+/// Runs an expression with the density of an energy.
+macro_rules! with_density {
+    ($energy:expr, $density:ident => $body:expr) => {
+        match $energy {
+            $crate::energy::Energy::Balanced { area, shape, bound } => {
+                let $density = $crate::density::Balanced { area, shape, bound };
+                $body
+            }
+            $crate::energy::Energy::Stretch { shrink } => {
+                let $density = $crate::density::Stretch { shrink };
+                $body
+            }
+        }
+    };
+}
+pub(crate) use with_density;
+
 impl Energy {
     pub(crate) const CONFORMAL: Self = Self::balanced(0.0, 1.0);
     pub(crate) const STRETCH: Self = Self::Stretch { shrink: 1e-3 };
@@ -108,75 +126,8 @@ impl Energy {
 
     /// F of an isometry.
     pub(crate) fn least(self) -> f64 {
-        self.density(1.0, 1.0)[0]
+        with_density!(self, density => density.at(1.0, 1.0)[0])
     }
-
-    /// F, dF/dq and dF/dr.
-    fn density(self, q: f64, r: f64) -> [f64; 3] {
-        let s = 1.0 / r;
-        match self {
-            Self::Balanced { area, shape, bound } => {
-                // Of shape x + bound x^3 by x = q / r.
-                let x = q * s;
-                let slope = shape + 3.0 * bound * x * x;
-                let value = 0.5 * area * (r + s) + shape * x + bound * x * x * x;
-                [value, slope * s, 0.5 * area * (1.0 - s * s) - slope * x * s]
-            }
-            Self::Stretch { shrink } => [q * s * s + shrink * q, s * s + shrink, -2.0 * q * s * s * s],
-        }
-    }
-
-    /// One triangle's energy; infinite where it is flipped or flat, up to rounding.
-    pub(crate) fn value(self, shape: &Shape, p: [Vec3; 3]) -> f64 {
-        let [a, b, c] = p;
-        let (ab, bc, ca) = (sub(b, a), sub(c, b), sub(a, c));
-        let volume = -dot(a, cross(ab, ca));
-        if volume <= 0.0 {
-            return f64::INFINITY;
-        }
-        let angle = 2.0 * volume.atan2(1.0 + dot(a, b) + dot(b, c) + dot(c, a));
-        let [x, y, z] = shape.cotangents;
-        let q = (x * dot(bc, bc) + y * dot(ca, ca) + z * dot(ab, ab)) / (4.0 * shape.area);
-        shape.area * self.density(q, angle / shape.area)[0]
-    }
-
-    /// One triangle's energy and its gradient by its corners, in space: the caller projects it to the sphere.
-    pub(crate) fn gradient(self, shape: &Shape, p: [Vec3; 3]) -> (f64, [Vec3; 3]) {
-        let [a, b, c] = p;
-        let (ab, bc, ca) = (sub(b, a), sub(c, b), sub(a, c));
-        let volume = -dot(a, cross(ab, ca));
-        if volume <= 0.0 {
-            return (f64::INFINITY, [[0.0; 3]; 3]);
-        }
-        let rest = 1.0 + dot(a, b) + dot(b, c) + dot(c, a);
-        let [x, y, z] = shape.cotangents;
-        let q = (x * dot(bc, bc) + y * dot(ca, ca) + z * dot(ab, ab)) / (4.0 * shape.area);
-        let [f, fq, fr] = self.density(q, 2.0 * volume.atan2(rest) / shape.area);
-
-        // A dq/da = (z (a - b) + y (a - c)) / 2.
-        let half = 0.5 * fq;
-        // dW = 2 (rest d(volume) - volume d(rest)) / (volume^2 + rest^2), d(volume)/da = b x c, d(rest)/da = b + c.
-        let w = 2.0 * fr / (volume * volume + rest * rest);
-        let corner = |normal: Vec3, sum: Vec3, lengths: Vec3| {
-            add(scale(lengths, half), scale(sub(scale(normal, rest), scale(sum, volume)), w))
-        };
-        // b x c = b x (c - b), which keeps the digits of short edges.
-        let gradient = [
-            corner(cross(b, bc), add(b, c), sub(scale(ca, y), scale(ab, z))),
-            corner(cross(c, ca), add(c, a), sub(scale(ab, z), scale(bc, x))),
-            corner(cross(a, ab), add(a, b), sub(scale(bc, x), scale(ca, y))),
-        ];
-        (shape.area * f, gradient)
-    }
-}
-
-/// Two unit vectors that span the plane across p, chosen by p alone.
-pub(crate) fn frame(p: Vec3) -> [Vec3; 2] {
-    let least = (0..3).min_by(|&i, &j| p[i].abs().total_cmp(&p[j].abs())).unwrap_or(0);
-    let mut axis = [0.0; 3];
-    axis[least] = 1.0;
-    let u = crate::geometry::unit(cross(p, axis));
-    [u, cross(p, u)]
 }
 
 /// From p on the sphere along a tangent vector, back onto the sphere.
@@ -187,42 +138,6 @@ pub(crate) fn retract(p: Vec3, tangent: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{solid_angle, unit};
-
-    #[test]
-    fn gradients_are_those_of_the_values() {
-        let corners = [[0.0, 0.0, 0.0], [0.3, 0.05, 0.0], [0.1, 0.25, 0.1]];
-        let shape = Shape::new(corners, 0.04);
-        let p = [unit([1.0, 0.1, 0.0]), unit([1.0, 0.4, 0.1]), unit([1.0, 0.2, 0.5])];
-        assert!(solid_angle(p) > 0.0);
-        for energy in [Energy::bounded(1.0, 0.3, 0.1), Energy::CONFORMAL, Energy::STRETCH] {
-            let (value, gradient) = energy.gradient(&shape, p);
-            assert!((value - energy.value(&shape, p)).abs() < 1e-14 * value);
-            for corner in 0..3 {
-                // Along the sphere: the solid angle's formula is for unit vectors.
-                for tangent in frame(p[corner]) {
-                    let at = |h: f64| {
-                        let mut moved = p;
-                        moved[corner] = retract(p[corner], scale(tangent, h));
-                        energy.value(&shape, moved)
-                    };
-                    let h = 1e-6;
-                    let slope = (at(h) - at(-h)) / (2.0 * h);
-                    assert!((slope - dot(gradient[corner], tangent)).abs() < 1e-7 * (1.0 + slope.abs()), "{energy:?}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn an_isometry_of_a_small_triangle_costs_least() {
-        let size = 1e-3;
-        let p = [unit([1.0, 0.0, 0.0]), unit([1.0, size, 0.0]), unit([1.0, 0.3 * size, size])];
-        let shape = Shape::new(p, solid_angle(p));
-        let energy = Energy::balanced(1.0, 1.0);
-        assert!((energy.value(&shape, p) / shape.area - 2.0).abs() < 1e-5);
-        assert_eq!(energy.value(&shape, [p[1], p[0], p[2]]), f64::INFINITY);
-    }
 
     #[test]
     fn a_line_still_has_finite_cotangents() {

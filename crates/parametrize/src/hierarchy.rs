@@ -15,6 +15,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
 
 use crate::energy::{Shape, least_area};
@@ -22,6 +23,10 @@ use crate::geometry::{Vec3, area, dot, sub};
 
 /// Collapses between which the monitor is asked and given the progress.
 const CHUNK: u64 = 256;
+
+/// Vertices with more triangles stay until they have fewer: to look at one takes time quadratic in their number, and
+/// there always is a vertex of five or fewer that can go.
+const HUB: usize = 64;
 
 /// A triangulated sphere that can be coarsened and refined. Vertices and triangles keep their numbers.
 pub(crate) struct Hierarchy {
@@ -38,7 +43,7 @@ pub(crate) struct Hierarchy {
 }
 
 /// What it takes to undo one.
-struct Collapse {
+pub(crate) struct Collapse {
     vertex: u32,
     into: u32,
     /// The triangles around the vertex as they were, the two that vanish first.
@@ -120,13 +125,10 @@ impl Hierarchy {
     /// and the apex behind it.
     pub(crate) fn coarsen(&mut self, monitor: &dyn Monitor) -> Result<[u32; 4], Interrupted> {
         let mut version = vec![0_u32; self.positions.len()];
-        let mut heap = BinaryHeap::new();
+        let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v, 0)));
+        let all: Vec<_> = (0..self.positions.len() as u32).into_par_iter().filter_map(entry).collect();
+        let mut heap = BinaryHeap::from(all);
         let mut unreported = 0;
-        for v in 0..self.positions.len() as u32 {
-            if let Some((cost, _)) = self.best(v) {
-                heap.push(Reverse(Entry(cost, v, 0)));
-            }
-        }
         while self.present > 4 {
             let Some(Reverse(Entry(_, v, stamp))) = heap.pop() else { break };
             if stamp != version[v as usize] {
@@ -163,6 +165,9 @@ impl Hierarchy {
 
     /// The neighbour that a vertex is best collapsed into, and the cost.
     fn best(&self, v: u32) -> Option<(f64, u32)> {
+        if self.around[v as usize].len() > HUB {
+            return None;
+        }
         let ring = self.ring(v);
         let k = ring.len();
         let mut best: Option<(f64, u32)> = None;
@@ -219,7 +224,11 @@ impl Hierarchy {
 
     /// Puts the vertex that went last back, and returns it and the one it had gone into.
     pub(crate) fn refine(&mut self) -> Option<(u32, u32)> {
-        let Collapse { vertex, into, faces } = self.collapses.pop()?;
+        let collapse = self.collapses.pop()?;
+        Some(self.undo(collapse))
+    }
+
+    fn undo(&mut self, Collapse { vertex, into, faces }: Collapse) -> (u32, u32) {
         for &(f, corners, shape) in &faces {
             self.faces[f as usize] = corners;
             self.shapes[f as usize] = shape;
@@ -232,7 +241,32 @@ impl Hierarchy {
         }
         self.around[vertex as usize] = faces.iter().map(|&(f, _, _)| f).collect();
         self.present += 1;
-        Some((vertex, into))
+        (vertex, into)
+    }
+
+    /// Takes out the last `count` collapses, in groups to be put back one after the other, each by
+    /// [`refine_group`](Self::refine_group). Those of a group have no triangle in common, so their vertices aren't
+    /// neighbours.
+    pub(crate) fn groups(&mut self, count: usize) -> Vec<Vec<Collapse>> {
+        let last = self.collapses.split_off(self.collapses.len() - count.min(self.collapses.len()));
+        // The first group in which a triangle may be touched.
+        let mut free = vec![0_u16; self.faces.len()];
+        let mut groups: Vec<Vec<Collapse>> = Vec::new();
+        for collapse in last.into_iter().rev() {
+            let touched = || collapse.faces.iter().map(|&(f, _, _)| f as usize);
+            let group = touched().map(|f| free[f]).max().unwrap_or(0);
+            touched().for_each(|f| free[f] = group.saturating_add(1));
+            if groups.len() <= usize::from(group) {
+                groups.push(Vec::new());
+            }
+            groups[usize::from(group)].push(collapse);
+        }
+        groups
+    }
+
+    /// Puts the vertices of a group back, and returns each with the one it had gone into.
+    pub(crate) fn refine_group(&mut self, group: Vec<Collapse>) -> Vec<(u32, u32)> {
+        group.into_iter().map(|collapse| self.undo(collapse)).collect()
     }
 }
 

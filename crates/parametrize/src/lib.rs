@@ -52,11 +52,16 @@
 
 #![forbid(unsafe_code)]
 
+mod angle;
 mod auto;
 mod background;
+mod batch;
+mod blocks;
 mod cald;
+mod coarse;
 mod conformal;
 mod deform;
+mod density;
 mod descend;
 mod domain;
 mod embed;
@@ -66,13 +71,16 @@ mod error;
 mod geometry;
 mod hierarchy;
 mod input;
+mod local;
 mod method;
 mod newton;
+mod pcg;
 pub mod quality;
 mod report;
 mod resample;
 mod residual_areas;
 mod self_intersections;
+mod sparse_cholesky;
 mod star;
 mod stretch;
 pub mod volume;

@@ -5,11 +5,13 @@
 //! around the vertex is positive by the exact predicate afterwards and the energy is lower, so a map without flips stays
 //! one, whatever the rounding.
 
+use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
 
-use crate::energy::{Energy, Shape, frame, retract};
+use crate::energy::{Energy, Shape, retract, with_density};
 use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, sub, unit};
 use crate::hierarchy::Hierarchy;
+use crate::local::{corner_derivatives, frame, value};
 
 /// The triangles around a vertex, each as the two other corners and its shape with the vertex first.
 pub(crate) struct Star {
@@ -18,6 +20,13 @@ pub(crate) struct Star {
 
 impl Star {
     pub(crate) fn of(hierarchy: &Hierarchy, unit: &[Vec3], v: u32) -> Self {
+        let mut star = Self { spokes: Vec::new() };
+        star.set(hierarchy, unit, v);
+        star
+    }
+
+    /// Takes another vertex's triangles, in the room of those before.
+    fn set(&mut self, hierarchy: &Hierarchy, unit: &[Vec3], v: u32) {
         let spoke = |&f: &u32| {
             let face = hierarchy.faces[f as usize];
             let shape = hierarchy.shapes[f as usize];
@@ -26,29 +35,18 @@ impl Star {
             let cotangents = [0, 1, 2].map(|k| shape.cotangents[turn(k)]);
             ([1, 2].map(|k| unit[face[turn(k)] as usize]), Shape { area: shape.area, cotangents })
         };
-        Self { spokes: hierarchy.around[v as usize].iter().map(spoke).collect() }
+        self.spokes.clear();
+        self.spokes.extend(hierarchy.around[v as usize].iter().map(spoke));
     }
 
     fn value(&self, energy: Energy, x: Vec3) -> f64 {
-        self.spokes.iter().map(|([a, b], shape)| energy.value(shape, [x, *a, *b])).sum()
-    }
-
-    fn gradient(&self, energy: Energy, x: Vec3) -> Vec3 {
-        self.spokes.iter().fold([0.0; 3], |sum, ([a, b], shape)| add(sum, energy.gradient(shape, [x, *a, *b]).1[0]))
+        let each = |([a, b], shape): &([Vec3; 2], Shape)| with_density!(energy, density => value(density, [x, *a, *b], shape.cotangents, shape.area));
+        self.spokes.iter().map(each).sum()
     }
 
     /// Whether every triangle is positive with the vertex at x, exactly.
     pub(crate) fn is_positive(&self, x: Vec3) -> bool {
         self.spokes.iter().all(|([a, b], _)| orientation([x, *a, *b]) > 0.0)
-    }
-
-    /// The least distance from x to an edge of the ring; steps must be short compared with it.
-    fn clearance(&self, x: Vec3) -> f64 {
-        let height = |([a, b], _): &([Vec3; 2], Shape)| {
-            let normal = cross(*a, sub(*b, *a));
-            dot(normal, sub(x, *a)) / norm(normal)
-        };
-        self.spokes.iter().map(height).fold(f64::INFINITY, f64::min)
     }
 
     /// A place inside the kernel of little energy; `beside` is where the vertex has been until now.
@@ -112,42 +110,28 @@ impl Star {
         best
     }
 
+    /// Value, gradient and Hessian (00, 10, 11) in the frame of x.
+    fn derivatives(&self, energy: Energy, x: Vec3, frame: [Vec3; 2]) -> [f64; 6] {
+        let mut sum = [0.0; 6];
+        for ([a, b], shape) in &self.spokes {
+            let numbers = with_density!(energy, density => {
+                corner_derivatives(density, [x, *a, *b], shape.cotangents, shape.area, frame)
+            });
+            sum.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number);
+        }
+        sum
+    }
+
     /// One step of Newton's method from x, which is inside the kernel; x itself where nothing is to be gained.
     pub(crate) fn relax(&self, energy: Energy, x: Vec3) -> Vec3 {
-        let value = self.value(energy, x);
         let [u, v] = frame(x);
-        let clearance = self.clearance(x);
-        let slope = |at: Vec3| {
-            let g = self.gradient(energy, at);
-            // On the sphere, where the tangent plane is that of `at`.
-            let g = sub(g, scale(at, dot(g, at)));
-            [dot(g, u), dot(g, v)]
-        };
-        let g = slope(x);
-        let size = (g[0] * g[0] + g[1] * g[1]).sqrt();
-        if !size.is_finite() || size == 0.0 || clearance <= 0.0 {
-            return x;
-        }
-        let h = 1e-4 * clearance;
-        let (gu, gv) = (slope(retract(x, scale(u, h))), slope(retract(x, scale(v, h))));
-        let (a, c) = ((gu[0] - g[0]) / h, (gv[1] - g[1]) / h);
-        let b = 0.5 * ((gu[1] - g[1]) + (gv[0] - g[0])) / h;
-        // Eigenvalues made positive: away from saddles as well as towards minima.
-        let (mean, half) = (0.5 * (a + c), (0.25 * (a - c) * (a - c) + b * b).sqrt());
-        let (large, small) = (mean + half, mean - half);
-        let least = 1e-3 * large.abs().max(small.abs()).max(f64::MIN_POSITIVE);
-        let (large, small) = (large.abs().max(least), small.abs().max(least));
-        // First eigenvector, by the better conditioned of two formulas.
-        let e = if (a - c).abs() > 0.0 || b != 0.0 {
-            let angle = 0.5 * (2.0 * b).atan2(a - c);
-            [angle.cos(), angle.sin()]
-        } else {
-            [1.0, 0.0]
-        };
-        let (along, across) = (g[0] * e[0] + g[1] * e[1], -g[0] * e[1] + g[1] * e[0]);
-        let (along, across) = (-along / large, -across / small);
-        let step = [along * e[0] - across * e[1], along * e[1] + across * e[0]];
-        let decrease = step[0] * g[0] + step[1] * g[1];
+        let [value, g0, g1, a, b, c] = self.derivatives(energy, x, [u, v]);
+        // A little of the diagonal, where the Hessian is singular.
+        let shift = 1e-3 * (a + c) + f64::MIN_POSITIVE;
+        let (a, c) = (a + shift, c + shift);
+        let determinant = a * c - b * b;
+        let step = [(b * g1 - c * g0) / determinant, (b * g0 - a * g1) / determinant];
+        let decrease = step[0] * g0 + step[1] * g1;
         let step = add(scale(u, step[0]), scale(v, step[1]));
         let length = norm(step);
         if !(decrease < 0.0 && length.is_finite()) {
@@ -167,33 +151,68 @@ impl Star {
     }
 }
 
-/// Vertices of a sweep between which the monitor is asked.
-const CHUNK: usize = 1024;
+/// Vertices that are relaxed at once: no two of a class are neighbours.
+pub(crate) struct Classes(Vec<Vec<u32>>);
 
-/// Relaxes some vertices, one after the other. Returns the longest move.
+impl Classes {
+    /// Colours vertices greedily, in the order given.
+    pub(crate) fn new(hierarchy: &Hierarchy, vertices: &[u32]) -> Self {
+        const NONE: u32 = u32::MAX;
+        let mut colours = vec![NONE; hierarchy.around.len()];
+        // The last vertex that has seen each colour at a neighbour.
+        let mut seen: Vec<u32> = Vec::new();
+        let mut classes: Vec<Vec<u32>> = Vec::new();
+        for &v in vertices {
+            for &f in &hierarchy.around[v as usize] {
+                for w in hierarchy.faces[f as usize] {
+                    if colours[w as usize] != NONE {
+                        seen[colours[w as usize] as usize] = v;
+                    }
+                }
+            }
+            let colour = seen.iter().position(|&last| last != v).unwrap_or(seen.len());
+            if colour == seen.len() {
+                seen.push(NONE);
+                classes.push(Vec::new());
+            }
+            classes[colour].push(v);
+            colours[v as usize] = colour as u32;
+        }
+        Self(classes)
+    }
+}
+
+/// Vertices of a sweep between which the monitor is asked.
+const CHUNK: usize = 1 << 15;
+
+/// Relaxes vertices, class by class. Returns the longest move.
 pub(crate) fn sweep(
     hierarchy: &Hierarchy,
     unit: &mut [Vec3],
-    vertices: &[u32],
+    classes: &Classes,
     energy: Energy,
     monitor: &dyn Monitor,
 ) -> Result<f64, Interrupted> {
     let mut most: f64 = 0.0;
-    for chunk in vertices.chunks(CHUNK) {
+    for chunk in classes.0.iter().flat_map(|class| class.chunks(CHUNK)) {
         monitor.check()?;
-        most = most.max(relax_all(hierarchy, unit, chunk, energy));
+        let relaxed = |star: &mut Star, &v: &u32| {
+            star.set(hierarchy, unit, v);
+            star.relax(energy, unit[v as usize])
+        };
+        let start = || Star { spokes: Vec::new() };
+        let moved: Vec<Vec3> = chunk.par_iter().with_min_len(128).map_init(start, relaxed).collect();
+        for (&v, moved) in chunk.iter().zip(moved) {
+            most = most.max(norm(sub(moved, unit[v as usize])));
+            unit[v as usize] = moved;
+        }
     }
     Ok(most)
 }
 
-/// As [`sweep`], for few vertices.
-pub(crate) fn relax_all(hierarchy: &Hierarchy, unit: &mut [Vec3], vertices: &[u32], energy: Energy) -> f64 {
-    let mut most: f64 = 0.0;
+/// Relaxes a few vertices, one after the other.
+pub(crate) fn relax_all(hierarchy: &Hierarchy, unit: &mut [Vec3], vertices: &[u32], energy: Energy) {
     for &v in vertices {
-        let x = unit[v as usize];
-        let moved = Star::of(hierarchy, unit, v).relax(energy, x);
-        most = most.max(norm(sub(moved, x)));
-        unit[v as usize] = moved;
+        unit[v as usize] = Star::of(hierarchy, unit, v).relax(energy, unit[v as usize]);
     }
-    most
 }

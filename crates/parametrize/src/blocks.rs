@@ -1,0 +1,124 @@
+//! A symmetric matrix of 2 x 2 blocks, one for each pair of neighbours in a triangulation, and how triangles add to it.
+//!
+//! All of a row is stored, not only what is below the diagonal: rows are independent then, and products with vectors
+//! and sums over triangles run on all cores with the same bits for any number of them.
+
+use rayon::prelude::*;
+
+use crate::local::NUMBERS;
+
+/// Numbers per triangle that are kept: the gradient and the lower triangle of the Hessian.
+pub(crate) const KEPT: usize = NUMBERS - 1;
+
+/// Rows per task.
+const ROWS: usize = 1024;
+
+/// Where each number goes.
+pub(crate) struct Pattern {
+    /// Begin of each row in `columns`, one more than rows.
+    pub(crate) starts: Vec<u32>,
+    /// The row itself first, then its neighbours, ascending.
+    pub(crate) columns: Vec<u32>,
+    /// Begin of each row in `corners`, one more than rows.
+    around: Vec<u32>,
+    /// The corners at a vertex, each as three times the triangle plus the corner.
+    corners: Vec<u32>,
+    /// For each of them, the places in the row of the triangle's two other corners, in order.
+    places: Vec<[u32; 2]>,
+}
+
+impl Pattern {
+    /// The pattern of triangles over vertices 0..n.
+    pub(crate) fn new(n: usize, faces: &[[u32; 3]]) -> Self {
+        let mut around = vec![0_u32; n + 1];
+        faces.iter().flatten().for_each(|&v| around[v as usize + 1] += 1);
+        (0..n).for_each(|v| around[v + 1] += around[v]);
+        let mut next = around.clone();
+        let mut corners = vec![0_u32; 3 * faces.len()];
+        for (f, face) in faces.iter().enumerate() {
+            for (k, &v) in face.iter().enumerate() {
+                corners[next[v as usize] as usize] = (3 * f + k) as u32;
+                next[v as usize] += 1;
+            }
+        }
+        let others = |corner: u32| {
+            let (face, k) = (faces[corner as usize / 3], corner as usize % 3);
+            [face[(k + 1) % 3], face[(k + 2) % 3]]
+        };
+        let mut starts = Vec::with_capacity(n + 1);
+        let mut columns = Vec::with_capacity(n + 3 * faces.len());
+        let mut places = Vec::with_capacity(corners.len());
+        let mut row: Vec<u32> = Vec::new();
+        starts.push(0);
+        for v in 0..n {
+            let corners = &corners[around[v] as usize..around[v + 1] as usize];
+            row.clear();
+            row.extend(corners.iter().flat_map(|&corner| others(corner)));
+            row.sort_unstable();
+            row.dedup();
+            // Each is there.
+            let place = |w: u32| 1 + row.binary_search(&w).unwrap_or(0) as u32;
+            places.extend(corners.iter().map(|&corner| others(corner).map(place)));
+            columns.push(v as u32);
+            columns.extend(&row);
+            starts.push(columns.len() as u32);
+        }
+        Self { starts, columns, around, corners, places }
+    }
+
+    /// Vertices.
+    pub(crate) fn rows(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// The blocks of a row.
+    pub(crate) fn range(&self, row: usize) -> std::ops::Range<usize> {
+        self.starts[row] as usize..self.starts[row + 1] as usize
+    }
+
+    /// The vertex itself and its neighbours.
+    pub(crate) fn columns_of(&self, v: u32) -> &[u32] {
+        &self.columns[self.range(v as usize)]
+    }
+
+    /// Adds up triangles' numbers: the gradient (two per vertex) and the blocks, each row by row.
+    pub(crate) fn sum(&self, local: &[[f64; KEPT]], gradient: &mut [[f64; 2]], blocks: &mut [[f64; 4]]) {
+        let mut tasks = Vec::with_capacity(self.rows().div_ceil(ROWS));
+        let mut rest = blocks;
+        for (chunk, gradient) in gradient.chunks_mut(ROWS).enumerate() {
+            let rows = chunk * ROWS..(chunk * ROWS + gradient.len());
+            let (own, others) = rest.split_at_mut((self.starts[rows.end] - self.starts[rows.start]) as usize);
+            rest = others;
+            tasks.push((rows, gradient, own));
+        }
+        tasks.into_par_iter().for_each(|(rows, gradient, blocks)| {
+            blocks.fill([0.0; 4]);
+            let first = self.starts[rows.start];
+            for (row, slope) in rows.zip(gradient) {
+                *slope = [0.0; 2];
+                let blocks = &mut blocks[(self.starts[row] - first) as usize..(self.starts[row + 1] - first) as usize];
+                let range = self.around[row] as usize..self.around[row + 1] as usize;
+                for (&corner, places) in self.corners[range.clone()].iter().zip(&self.places[range]) {
+                    let (numbers, k) = (&local[corner as usize / 3], corner as usize % 3);
+                    slope[0] += numbers[2 * k];
+                    slope[1] += numbers[2 * k + 1];
+                    add_block(&mut blocks[0], numbers, k, k);
+                    add_block(&mut blocks[places[0] as usize], numbers, k, (k + 1) % 3);
+                    add_block(&mut blocks[places[1] as usize], numbers, k, (k + 2) % 3);
+                }
+            }
+        });
+    }
+}
+
+/// Adds the block of corners i and j of a triangle.
+fn add_block(block: &mut [f64; 4], numbers: &[f64; KEPT], i: usize, j: usize) {
+    let entry = |row: usize, column: usize| {
+        let (high, low) = (row.max(column), row.min(column));
+        numbers[6 + high * (high + 1) / 2 + low]
+    };
+    block[0] += entry(2 * i, 2 * j);
+    block[1] += entry(2 * i, 2 * j + 1);
+    block[2] += entry(2 * i + 1, 2 * j);
+    block[3] += entry(2 * i + 1, 2 * j + 1);
+}

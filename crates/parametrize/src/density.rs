@@ -1,0 +1,49 @@
+//! The energies as functions of q and r (`energy.rs`), with their first and second derivatives.
+
+/// F and its derivatives: F, F_q, F_r, F_qq, F_qr, F_rr.
+pub(crate) trait Density: Copy {
+    fn at(self, q: f64, r: f64) -> [f64; 6];
+}
+
+/// a (r + 1/r) / 2 + b q / r + c (q / r)^3.
+#[derive(Clone, Copy)]
+pub(crate) struct Balanced {
+    pub(crate) area: f64,
+    pub(crate) shape: f64,
+    pub(crate) bound: f64,
+}
+
+impl Density for Balanced {
+    #[inline(always)]
+    fn at(self, q: f64, r: f64) -> [f64; 6] {
+        let s = 1.0 / r;
+        // Of shape x + bound x^3 by x = q / r.
+        let x = q * s;
+        let slope = self.shape + 3.0 * self.bound * x * x;
+        let bend = 6.0 * self.bound * x;
+        let (ss, xs) = (s * s, x * s);
+        [
+            0.5 * self.area * (r + s) + self.shape * x + self.bound * x * x * x,
+            slope * s,
+            0.5 * self.area * (1.0 - ss) - slope * xs,
+            bend * ss,
+            -ss * (bend * x + slope),
+            self.area * ss * s + xs * (bend * xs + 2.0 * slope * s),
+        ]
+    }
+}
+
+/// q / r^2 + `shrink` q.
+#[derive(Clone, Copy)]
+pub(crate) struct Stretch {
+    pub(crate) shrink: f64,
+}
+
+impl Density for Stretch {
+    #[inline(always)]
+    fn at(self, q: f64, r: f64) -> [f64; 6] {
+        let s = 1.0 / r;
+        let ss = s * s;
+        [q * ss + self.shrink * q, ss + self.shrink, -2.0 * q * ss * s, 0.0, -2.0 * ss * s, 6.0 * q * ss * ss]
+    }
+}

@@ -1,0 +1,106 @@
+//! faer's sparse Cholesky for symmetric matrices of small blocks, whose symbolic part serves many matrices.
+//!
+//! O(n^1.5) flops and O(n log n) numbers on a surface of n vertices.
+
+use std::sync::Arc;
+
+use faer::linalg::solvers::Solve;
+use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
+use faer::{MatMut, Side};
+use spharm_monitor::{Interrupted, Monitor};
+
+use crate::background::abandonable;
+
+/// Unknowns from which on a factorisation takes long.
+const LONG: usize = 20_000;
+
+/// The symbolic factorisation of a pattern.
+pub(crate) struct Symbolic {
+    pattern: Arc<SymbolicSparseColMat<usize>>,
+    symbolic: SymbolicLlt<usize>,
+    size: usize,
+}
+
+/// A factor of one matrix.
+pub(crate) struct Factor(Llt<usize, f64>);
+
+impl Symbolic {
+    /// Analyses a symmetric pattern of blocks of `size` rows and columns: the columns of each row, where `starts` has the
+    /// begin of each row, in any order but with the diagonal. Returns `None` where faer can't, which is for want of
+    /// memory.
+    pub(crate) fn new(
+        size: usize,
+        starts: &[u32],
+        columns: &[u32],
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Self>, Interrupted> {
+        let n = starts.len() - 1;
+        let mut begins = Vec::with_capacity(size * n + 1);
+        let mut rows = Vec::with_capacity(size * size * columns.len() / 2 + size * size * n);
+        begins.push(0);
+        for v in 0..n {
+            for k in 0..size {
+                rows.extend(size * v + k..size * (v + 1));
+                for &w in later(starts, columns, v).0 {
+                    if w as usize > v {
+                        rows.extend(size * w as usize..size * (w as usize + 1));
+                    }
+                }
+                begins.push(rows.len());
+            }
+        }
+        let pattern = Arc::new(SymbolicSparseColMat::new_checked(size * n, size * n, begins, None, rows));
+        let theirs = Arc::clone(&pattern);
+        let work = move || SymbolicLlt::try_new(theirs.as_ref().as_ref(), Side::Lower);
+        let symbolic = abandonable(size * n >= LONG, monitor, work)?;
+        Ok(symbolic.ok().map(|symbolic| Self { pattern, symbolic, size }))
+    }
+
+    /// Factors a matrix of that pattern. Blocks are row by row, `N` = `size`^2 numbers each. Returns `None` where it
+    /// isn't definite, by rounding or overflow.
+    pub(crate) fn factor<const N: usize>(
+        &self,
+        starts: &[u32],
+        columns: &[u32],
+        blocks: Vec<[f64; N]>,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Factor>, Interrupted> {
+        let (n, size) = (starts.len() - 1, self.size);
+        let mut values = Vec::with_capacity(self.pattern.row_idx().len());
+        for v in 0..n {
+            let (columns, first) = later(starts, columns, v);
+            let own = columns.iter().position(|&w| w as usize == v).unwrap_or(0);
+            for k in 0..size {
+                // By symmetry a column below the diagonal is a row beyond it.
+                values.extend_from_slice(&blocks[first + own][size * k + k..size * (k + 1)]);
+                for (at, &w) in columns.iter().enumerate() {
+                    if w as usize > v {
+                        values.extend_from_slice(&blocks[first + at][size * k..size * (k + 1)]);
+                    }
+                }
+            }
+        }
+        drop(blocks);
+        let (pattern, symbolic) = (Arc::clone(&self.pattern), self.symbolic.clone());
+        let found = abandonable(size * n >= LONG, monitor, move || {
+            let matrix = SparseColMatRef::new(pattern.as_ref().as_ref(), &values);
+            Llt::try_new_with_symbolic(symbolic, matrix, Side::Lower)
+        })?;
+        Ok(found.ok().map(Factor))
+    }
+}
+
+/// The columns of a row, and the place of the first.
+fn later<'a>(starts: &[u32], columns: &'a [u32], row: usize) -> (&'a [u32], usize) {
+    let first = starts[row] as usize;
+    (&columns[first..starts[row + 1] as usize], first)
+}
+
+impl Factor {
+    /// Solves, in place.
+    pub(crate) fn solve(&self, x: &mut [f64]) {
+        let rows = x.len();
+        self.0.solve_in_place(MatMut::from_column_major_slice_mut(x, rows, 1));
+    }
+}
