@@ -111,6 +111,9 @@ impl Batches {
         let skipped = self.skip.min(batch.num_rows() as u64);
         self.skip -= skipped;
         let count = (batch.num_rows() as u64 - skipped).min(self.left) as usize;
+        if count == 0 {
+            return Ok(true);
+        }
         let batch = batch.slice(skipped as usize, count);
         let (start, width) = (self.pending.len(), self.places.len());
         self.pending.resize(start + count * width, 0.0);
