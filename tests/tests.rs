@@ -10,6 +10,7 @@ mod fit_arguments;
 mod full_least_squares;
 mod inputs;
 mod memory;
+mod moments;
 mod paper;
 mod pipeline;
 mod readme;

@@ -55,8 +55,19 @@ fn names(folder: &Path) -> Vec<String> {
 
 #[test]
 fn every_verb_has_help_with_examples_completions_and_a_manual_page() {
-    let verbs =
-        ["fit", "parametrize", "reconstruct", "compare", "picture", "basis-build", "store", "generate", "paper"];
+    let verbs = [
+        "fit",
+        "parametrize",
+        "reconstruct",
+        "compare",
+        "picture",
+        "moments",
+        "moments",
+        "basis-build",
+        "store",
+        "generate",
+        "paper",
+    ];
     let script = succeed(tool("completions").arg("bash"));
     let folder = tempfile::tempdir().expect("a folder");
     let pages = folder.path().join("new/man");

@@ -10,8 +10,9 @@ use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 
 /// What tables are read, for the help.
-const TABLES: &str = "Tables: .npy (columns of plain arrays are numbered from 0, structured ones have names), .csv, .tsv and \
-                      .txt with or without names in the first line; - is standard input, an array or text.";
+const TABLES: &str = "Tables: .npy and .npz (columns of plain arrays are numbered from 0), .csv, .tsv and .txt (with or \
+                      without names in the first line), .parquet, .arrow, point clouds in .ply and .las; - is standard \
+                      input, a .npy or text.";
 
 /// Sum up samples for fits, in bounded memory, by parts that add up
 ///
@@ -33,7 +34,7 @@ pub(crate) struct Cli {
     #[command(subcommand)]
     pub(super) command: Option<Command>,
     #[command(flatten)]
-    pub(super) form: Option<Form>,
+    pub(super) form: Form,
     #[command(flatten)]
     pub(super) common: Common,
 }
@@ -56,9 +57,10 @@ pub(super) struct Merge {
     #[arg(long)]
     pub(super) partial: bool,
     #[command(flatten)]
-    pub(super) output: Output,
+    pub(super) output: OutputArgs,
 }
 
+/// What is required here isn't where a subcommand follows.
 #[derive(Debug, Args)]
 pub(super) struct Form {
     /// Tables of samples, a row each; - is standard input
@@ -78,10 +80,10 @@ pub(super) struct Form {
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "0/1", help_heading = INPUT)]
     pub(super) shard: Shard,
     /// Highest degree of fits, inclusive
-    #[arg(long, value_name = "L", help_heading = METHOD)]
-    pub(super) max_degree: usize,
+    #[arg(long, value_name = "L", required = true, help_heading = METHOD)]
+    pub(super) max_degree: Option<usize>,
     #[command(flatten)]
-    pub(super) output: Output,
+    pub(super) output: OutputArgs,
     /// Memory that may be used [default: what is needed]
     #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
     pub(super) memory: Option<Size>,
@@ -110,10 +112,10 @@ struct PositionArgs {
 
 #[derive(Debug, Args)]
 #[command(next_help_heading = OUTPUT)]
-pub(super) struct Output {
+pub(super) struct OutputArgs {
     /// File of moments to write
-    #[arg(short = 'o', long = "output", value_name = "OUT.moments")]
-    pub(super) path: PathBuf,
+    #[arg(short, long, value_name = "OUT.moments", required = true)]
+    pub(super) output: Option<PathBuf>,
     /// Write a report to a JSON file
     #[arg(long, value_name = "FILE")]
     pub(super) report: Option<PathBuf>,

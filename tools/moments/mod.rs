@@ -2,6 +2,7 @@
 
 mod args;
 
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -13,24 +14,23 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print, print_json, write_json};
 
 pub(crate) use self::args::Cli;
-use self::args::{Command, Form, Merge, Output};
+use self::args::{Command, Form, Merge, OutputArgs};
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(cli.common.console());
-    match (&cli.command, &cli.form) {
-        (Some(Command::Merge(merge)), _) => add(merge),
-        (None, Some(form)) => form.threads.pool()?.install(|| read(form, &monitor)),
-        (None, None) => Err(Usage::missing("moments needs --samples FILE, or is followed by merge").into()),
+    match &cli.command {
+        Some(Command::Merge(merge)) => add(merge),
+        None => cli.form.threads.pool()?.install(|| read(&cli.form, &monitor)),
     }
 }
 
 fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
-    form.output.check()?;
+    let output = Output::new(&form.output)?;
     let request = Request {
         files: form.samples.clone(),
         columns: form.columns(),
-        max_degree: form.max_degree,
+        max_degree: form.max_degree.ok_or_else(|| Usage::missing("--max-degree is needed"))?,
         shard: form.shard,
         memory: form.memory.map(|size| size.0),
     };
@@ -38,35 +38,31 @@ fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
     for warning in &warnings {
         monitor.console().warn(warning);
     }
-    prepare(&form.output.path)?;
-    moments.write(&form.output.path, form.output.force)?;
-    let mut report = report(&moments, &form.output);
+    let mut report = output.write(&moments)?;
     report["samples"] = json!(form.samples);
     report["shard"] = json!([form.shard.index, form.shard.of]);
     report["warnings"] = json!(warnings.iter().map(ToString::to_string).collect::<Vec<_>>());
     report["seconds"] = json!(seconds);
-    form.output.finish(&moments, &report, seconds.total)
+    output.finish(&moments, &report, seconds.total)
 }
 
 fn add(cli: &Merge) -> Result<()> {
     let started = Instant::now();
-    cli.output.check()?;
+    let output = Output::new(&cli.output)?;
     let names = cli.parts.iter().map(|path| path.display().to_string()).collect();
     let moments = merge_named(cli.parts.iter().map(|path| Moments::read(path)), names, cli.partial)?;
-    prepare(&cli.output.path)?;
-    moments.write(&cli.output.path, cli.output.force)?;
     let seconds = started.elapsed().as_secs_f64();
-    let mut report = report(&moments, &cli.output);
+    let mut report = output.write(&moments)?;
     report["parts"] = json!(cli.parts);
     report["seconds"] = json!({ "total": seconds });
-    cli.output.finish(&moments, &report, seconds)
+    output.finish(&moments, &report, seconds)
 }
 
-fn report(moments: &Moments, output: &Output) -> Value {
+fn report(moments: &Moments, output: &Path) -> Value {
     json!({
         "tool": "moments",
         "versions": spharm::versions(),
-        "output": output.path,
+        "output": output,
         "max_degree": moments.sums.max_degree,
         "channels": moments.channels,
         "rows": moments.rows,
@@ -82,18 +78,33 @@ fn report(moments: &Moments, output: &Output) -> Value {
     })
 }
 
-impl Output {
-    fn check(&self) -> Result<()> {
-        let moments = OutputFile::with_ending(&self.path, "--output", &[".moments"]);
-        let report = self.report.iter().map(|path| OutputFile::new(path, "--report"));
-        check_outputs(std::iter::once(moments).chain(report), self.force)
+/// Where moments and the report on them go.
+struct Output<'a> {
+    args: &'a OutputArgs,
+    path: &'a Path,
+}
+
+impl<'a> Output<'a> {
+    /// Refuses what couldn't be written in the end.
+    fn new(args: &'a OutputArgs) -> Result<Self> {
+        let path = args.output.as_deref().ok_or_else(|| Usage::missing("--output is needed"))?;
+        let moments = OutputFile::with_ending(path, "--output", &[".moments"]);
+        let report = args.report.iter().map(|path| OutputFile::new(path, "--report"));
+        check_outputs(std::iter::once(moments).chain(report), args.force)?;
+        Ok(Self { args, path })
+    }
+
+    fn write(&self, moments: &Moments) -> Result<Value> {
+        prepare(self.path)?;
+        moments.write(self.path, self.args.force)?;
+        Ok(report(moments, self.path))
     }
 
     fn finish(&self, moments: &Moments, report: &Value, seconds: f64) -> Result<()> {
-        if let Some(path) = &self.report {
-            write_json(path, self.force, report)?;
+        if let Some(path) = &self.args.report {
+            write_json(path, self.args.force, report)?;
         }
-        if self.json {
+        if self.args.json {
             return print_json(report);
         }
         let (rows, channels) = (counted(moments.rows as usize, "sample"), counted(moments.channels.len(), "channel"));

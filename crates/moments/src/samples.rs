@@ -1,8 +1,12 @@
 //! Tables of samples, read in chunks: which columns are positions, weights and values, and what they may hold.
 
+mod arrow;
 mod csv;
+mod las;
 mod npy;
+mod npz;
 mod open;
+mod ply;
 mod records;
 mod table;
 

@@ -31,8 +31,8 @@ pub(super) struct Text {
     pending: Vec<u8>,
     /// Rows that have been parsed, and not yet asked for.
     parsed: Vec<f64>,
-    /// First byte of the shard's rows in the file.
-    start: u64,
+    /// Bytes of the file's rows before the shard.
+    before: Range<u64>,
     /// Rows that have been parsed.
     rows: u64,
     ended: bool,
@@ -48,15 +48,37 @@ struct Lines {
 
 /// Opens a shard of a file: the lines that begin in its part of the bytes.
 pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<Text, MomentsError> {
-    let failed = |error| MomentsError::io(path, "read")(error);
     let mut input = BufReader::new(file);
     let (names, separator, header) = head(path, &mut input)?;
-    let Range { start, end } = shard.range(bytes);
-    let start = line_from(&mut input, start.max(header)).map_err(failed)?;
-    let end = if end >= bytes { bytes } else { line_from(&mut input, end.max(header)).map_err(failed)? };
+    shard_of(path, input, header..bytes, Lines { names, separator, selected: Vec::new() }, shard)
+}
+
+/// Opens a shard of rows between bytes of a file, fields between blanks.
+pub(super) fn of_rows(
+    path: &Path,
+    file: File,
+    bytes: Range<u64>,
+    names: Vec<String>,
+    shard: Shard,
+) -> Result<Text, MomentsError> {
+    let lines = Lines { names, separator: None, selected: Vec::new() };
+    shard_of(path, BufReader::new(file), bytes, lines, shard)
+}
+
+fn shard_of(
+    path: &Path,
+    mut input: BufReader<File>,
+    bytes: Range<u64>,
+    lines: Lines,
+    shard: Shard,
+) -> Result<Text, MomentsError> {
+    let failed = |error| MomentsError::io(path, "read")(error);
+    let Range { start, end } = shard.range(bytes.end);
+    let start = line_from(&mut input, start.max(bytes.start)).map_err(failed)?;
+    let end = if end >= bytes.end { end } else { line_from(&mut input, end.max(bytes.start)).map_err(failed)? };
     input.seek(SeekFrom::Start(start)).map_err(failed)?;
     let input = Box::new(input.take(end.saturating_sub(start)));
-    Ok(Text::new(path, input, names, separator, start))
+    Ok(Text::new(path, input, lines, bytes.start..start))
 }
 
 /// The first byte, from `from` on, at which a line begins.
@@ -76,7 +98,8 @@ pub(super) fn of_stream(path: &Path, input: Box<dyn Read + Send>) -> Result<Text
     let (names, separator, header) = head(path, &mut Kept { input: &mut input, kept: &mut first })?;
     // Lines that have been read and aren't the header are rows.
     let rows = first.split_off((header as usize).min(first.len()));
-    Ok(Text::new(path, Box::new(io::Cursor::new(rows).chain(input)), names, separator, header))
+    let lines = Lines { names, separator, selected: Vec::new() };
+    Ok(Text::new(path, Box::new(io::Cursor::new(rows).chain(input)), lines, header..header))
 }
 
 /// Keeps what is read through it.
@@ -160,9 +183,9 @@ struct BadLine {
 }
 
 impl Text {
-    fn new(path: &Path, input: Box<dyn Read + Send>, names: Vec<String>, separator: Option<u8>, start: u64) -> Self {
-        let (pending, parsed, lines) = (Vec::new(), Vec::new(), Lines { names, separator, selected: Vec::new() });
-        Self { path: path.to_owned(), input, lines, pending, parsed, start, rows: 0, ended: false }
+    fn new(path: &Path, input: Box<dyn Read + Send>, lines: Lines, before: Range<u64>) -> Self {
+        let (pending, parsed) = (Vec::new(), Vec::new());
+        Self { path: path.to_owned(), input, lines, pending, parsed, before, rows: 0, ended: false }
     }
 
     /// Reads and parses a block more.
@@ -256,16 +279,19 @@ impl Table for Text {
     /// Rows before the shard are counted when somebody wants to know.
     fn number_of(&self, row: u64) -> u64 {
         let before = || -> io::Result<u64> {
-            let mut input = BufReader::new(File::open(&self.path)?).take(self.start);
+            if self.before.is_empty() {
+                return Ok(0);
+            }
+            let mut file = File::open(&self.path)?;
+            file.seek(SeekFrom::Start(self.before.start))?;
+            let mut input = BufReader::new(file).take(self.before.end - self.before.start);
             let (mut rows, mut line) = (0, Vec::new());
             while input.read_until(b'\n', &mut line)? > 0 {
                 let text = line.trim_ascii();
                 rows += u64::from(!text.is_empty() && !text.starts_with(b"#"));
                 line.clear();
             }
-            // The names of the columns are no row.
-            let named = self.lines.names.iter().enumerate().any(|(i, name)| *name != i.to_string());
-            Ok(rows - u64::from(named && rows > 0))
+            Ok(rows)
         };
         before().unwrap_or(0) + row + 1
     }

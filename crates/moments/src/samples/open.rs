@@ -6,14 +6,15 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::table::Table;
-use super::{csv, npy};
+use super::{arrow, csv, las, npy, npz, ply};
 use crate::MomentsError;
 use crate::moments::Shard;
 
 /// The name of standard input.
 pub(crate) const STDIN: &str = "-";
 /// Endings of the names of files that are read.
-pub const ENDINGS: [&str; 4] = [".npy", ".csv", ".tsv", ".txt"];
+pub const ENDINGS: [&str; 10] =
+    [".npy", ".npz", ".csv", ".tsv", ".txt", ".parquet", ".arrow", ".feather", ".ply", ".las"];
 
 /// A table, and what is known of it before it is read.
 pub(crate) struct Opened {
@@ -42,12 +43,17 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if bytes == 0 {
         return Err(MomentsError::Empty { path: path.to_owned() });
     }
-    let (table, rows): (Box<dyn Table>, _) = match ending {
-        Some(".npy") => {
-            let (table, rows) = npy::open(path, file, bytes, shard)?;
-            (Box::new(table), Some(rows))
-        }
-        Some(_) => (Box::new(csv::open(path, file, bytes, shard)?), None),
+    fn known<T: Table + 'static>((table, rows): (T, u64)) -> (Box<dyn Table>, Option<u64>) {
+        (Box::new(table), Some(rows))
+    }
+    let (table, rows) = match ending {
+        Some(".npy") => known(npy::open(path, file, bytes, shard)?),
+        Some(".npz") => known(npz::open(path, file, shard)?),
+        Some(".parquet") => known(arrow::open_parquet(path, file, shard)?),
+        Some(".arrow" | ".feather") => known(arrow::open_ipc(path, file, shard)?),
+        Some(".las") => known(las::open(path, file, bytes, shard)?),
+        Some(".ply") => ply::open(path, file, bytes, shard)?,
+        Some(_) => (Box::new(csv::open(path, file, bytes, shard)?) as Box<dyn Table>, None),
         None => return Err(MomentsError::UnknownFormat { path: path.to_owned(), expected: ENDINGS.to_vec() }),
     };
     Ok(Opened { table, bytes: Some(bytes), rows, hash: None })

@@ -1,0 +1,97 @@
+//! Archives of NumPy's (`.npz`): arrays side by side, with as many rows each. The column of a vector has its array's name,
+//! the columns of a matrix `name.0`, `name.1`, ..., the fields of a structured array their own names.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use flate2::read::DeflateDecoder;
+use zip::{CompressionMethod, ZipArchive};
+
+use super::npy::{Header, read_header};
+use super::records::{Records, Stream};
+use crate::MomentsError;
+use crate::moments::Shard;
+
+const FORMAT: &str = "NumPy archive";
+const BUFFER: usize = 1 << 18;
+
+/// Where an array is in the archive.
+struct Entry {
+    name: String,
+    start: u64,
+    length: u64,
+    deflated: bool,
+}
+
+/// Opens an archive, and returns the rows of the shard.
+pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u64), MomentsError> {
+    let malformed = |expected: &str, found: String| MomentsError::Malformed {
+        path: path.to_owned(),
+        format: FORMAT,
+        expected: expected.to_owned(),
+        found,
+    };
+    let (mut names, mut streams, mut rows) = (Vec::new(), Vec::new(), None);
+    for entry in entries(file).map_err(|problem| malformed("an archive of arrays", problem))? {
+        let mut input = entry.open(path)?;
+        let header = read_header(path, &mut input)?;
+        if header.fortran {
+            return Err(malformed("arrays in C order", format!("{} in Fortran order", entry.name)));
+        }
+        let expected = *rows.get_or_insert(header.rows);
+        if header.rows != expected {
+            let found = format!("{} rows of {}, {expected} of the array before", header.rows, entry.name);
+            return Err(malformed("arrays with the same number of rows", found));
+        }
+        names.extend(named(&entry.name, &header));
+        // What comes before the shard has to be decompressed, and is dropped.
+        let before = shard.range(header.rows).start * header.row as u64;
+        let skipped = io::copy(&mut input.by_ref().take(before), &mut io::sink());
+        if skipped.map_err(MomentsError::io(path, "read"))? != before {
+            return Err(malformed("as many rows as its header says", format!("fewer of {}", entry.name)));
+        }
+        streams.push(Stream { input, row: header.row, fields: header.fields });
+    }
+    let Some(all) = rows else { return Err(MomentsError::Empty { path: path.to_owned() }) };
+    let rows = shard.range(all);
+    let count = rows.end - rows.start;
+    Ok((Records::new(path.to_owned(), FORMAT, names, streams, rows), count))
+}
+
+fn entries(file: File) -> Result<Vec<Entry>, String> {
+    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| error.to_string())?;
+    let mut found = Vec::new();
+    for index in 0..archive.len() {
+        let file = archive.by_index_raw(index).map_err(|error| error.to_string())?;
+        let name = file.name().map_err(|error| error.to_string())?;
+        let Some(name) = name.strip_suffix(".npy").map(str::to_owned) else { continue };
+        let deflated = match file.compression() {
+            CompressionMethod::Stored => false,
+            CompressionMethod::Deflated => true,
+            other => return Err(format!("{name} is compressed by {other}")),
+        };
+        let start = file.data_start().ok_or_else(|| format!("{name} has no data"))?;
+        found.push(Entry { name, start, length: file.compressed_size(), deflated });
+    }
+    Ok(found)
+}
+
+impl Entry {
+    fn open(&self, path: &Path) -> Result<Box<dyn Read + Send>, MomentsError> {
+        let mut file = File::open(path).map_err(MomentsError::io(path, "open"))?;
+        file.seek(SeekFrom::Start(self.start)).map_err(MomentsError::io(path, "read"))?;
+        let stored = BufReader::with_capacity(BUFFER, file).take(self.length);
+        Ok(if self.deflated { Box::new(DeflateDecoder::new(stored)) } else { Box::new(stored) })
+    }
+}
+
+fn named(array: &str, header: &Header) -> Vec<String> {
+    let several = header.names.len() > 1;
+    let of = |(i, name): (usize, &Option<String>)| match name {
+        Some(name) => name.clone(),
+        None if several => format!("{array}.{i}"),
+        None => array.to_owned(),
+    };
+    header.names.iter().enumerate().map(of).collect()
+}

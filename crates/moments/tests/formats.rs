@@ -1,0 +1,202 @@
+//! The same samples in tables of every format.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Float32Array, Float64Array, Int32Array, RecordBatch, StringArray};
+use spharm_moments::{Moments, Request, Shard, accumulate, merge};
+use spharm_monitor::Silent;
+
+const ROWS: usize = 1_000;
+
+/// x, y, z and f of each sample, in single precision, so that all formats have the same numbers.
+fn rows() -> Vec<[f64; 4]> {
+    let directions = spharm_harmonics::Directions::fibonacci(ROWS).unwrap();
+    let row = |(i, v): (usize, &[f64; 3])| [v[0], v[1], v[2], (i as f64).sin()].map(|x| f64::from(x as f32));
+    directions.as_slice().iter().enumerate().map(row).collect()
+}
+
+fn column(c: usize) -> Vec<f64> {
+    rows().iter().map(|row| row[c]).collect()
+}
+
+fn read(path: &Path, shard: Shard) -> Moments {
+    let mut request = Request::new(vec![path.to_owned()], 8);
+    request.columns.values = vec!["f".to_owned()];
+    request.shard = shard;
+    accumulate(&request, &Silent).unwrap().moments
+}
+
+/// Whole and in shards it is the table of text.
+fn is_the_same(folder: &Path, path: &Path) {
+    let text = folder.join("expected.csv");
+    let lines = rows().iter().fold("x,y,z,f\n".to_owned(), |text, [x, y, z, f]| text + &format!("{x},{y},{z},{f}\n"));
+    std::fs::write(&text, lines).unwrap();
+    let expected = read(&text, Shard::WHOLE);
+    let parts = (0..3).map(|index| read(path, Shard { index, of: 3 })).collect();
+    for found in [read(path, Shard::WHOLE), merge(parts, false).unwrap()] {
+        let sums = [&expected, &found].map(|m| m.sums.moments.iter().chain(&m.sums.right_sides));
+        let [a, b] = sums;
+        let off = a.zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-12 * expected.sums.moments[0], "{}: {off:e}", path.display());
+        assert_eq!(found.rows, ROWS as u64);
+    }
+}
+
+fn npy(descr: &str, shape: &str, values: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n");
+    [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), values].concat()
+}
+
+#[test]
+fn archives_of_numpy() {
+    use std::io::Write;
+    let folder = tempfile::tempdir().unwrap();
+    for method in [zip::CompressionMethod::Stored, zip::CompressionMethod::Deflated] {
+        let path = folder.path().join(format!("{method}.npz"));
+        let mut archive = zip::ZipWriter::new(std::fs::File::create(&path).unwrap());
+        let options = zip::write::SimpleFileOptions::default().compression_method(method);
+        for (c, name) in ["x", "y", "z", "f"].iter().enumerate() {
+            archive.start_file(format!("{name}.npy"), options).unwrap();
+            let values: Vec<u8> = column(c).iter().flat_map(|x| (*x as f32).to_le_bytes()).collect();
+            archive.write_all(&npy("'<f4'", &format!("({ROWS},)"), &values)).unwrap();
+        }
+        archive.finish().unwrap();
+        is_the_same(folder.path(), &path);
+    }
+    let ragged = folder.path().join("ragged.npz");
+    let mut archive = zip::ZipWriter::new(std::fs::File::create(&ragged).unwrap());
+    for (name, rows) in [("x", 2), ("y", 3)] {
+        archive.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default()).unwrap();
+        archive.write_all(&npy("'<u1'", &format!("({rows},)"), &[0, 0, 0][..rows])).unwrap();
+    }
+    archive.finish().unwrap();
+    refused(&ragged, &["ragged.npz", "3 rows of y, 2 of the array before"]);
+}
+
+fn refused(path: &Path, expected: &[&str]) {
+    let mut request = Request::new(vec![path.to_owned()], 8);
+    request.columns.values = vec!["f".to_owned()];
+    let error = accumulate(&request, &Silent).unwrap_err().to_string();
+    assert!(expected.iter().all(|word| error.contains(word)), "{error}");
+}
+
+#[test]
+fn point_clouds_in_ply() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, head: &str, body: Vec<u8>| -> PathBuf {
+        let path = folder.path().join(name);
+        let properties =
+            "property float x\nproperty float y\nproperty uchar red\nproperty float z\nproperty double f\n";
+        let head = format!("ply\n{head}\ncomment made up\nelement vertex {ROWS}\n{properties}");
+        std::fs::write(&path, [head.as_bytes(), &body].concat()).unwrap();
+        path
+    };
+    for (name, order) in [("little.ply", "little"), ("big.ply", "big")] {
+        let mut body = b"element face 1\nproperty list uchar int vertex_indices\nend_header\n".to_vec();
+        for [x, y, z, f] in rows() {
+            let (x, y, z) = (x as f32, y as f32, z as f32);
+            body.extend(match order {
+                "little" => [&x.to_le_bytes()[..], &y.to_le_bytes(), &[7], &z.to_le_bytes(), &f.to_le_bytes()].concat(),
+                _ => [&x.to_be_bytes()[..], &y.to_be_bytes(), &[7], &z.to_be_bytes(), &f.to_be_bytes()].concat(),
+            });
+        }
+        body.extend([3; 13]);
+        is_the_same(folder.path(), &write(name, &format!("format binary_{order}_endian 1.0"), body.clone()));
+        body.truncate(body.len() / 2);
+        let short = write(&format!("short-{name}"), &format!("format binary_{order}_endian 1.0"), body);
+        refused(&short, &["short-", "1000 vertices of 21 bytes", "bytes in all"]);
+    }
+    let lines = rows().iter().fold("end_header\n".to_owned(), |t, [x, y, z, f]| t + &format!("{x} {y} 7 {z} {f}\n"));
+    is_the_same(folder.path(), &write("text.ply", "format ascii 1.0", lines.into_bytes()));
+    refused(
+        &write("none.ply", "format ascii 1.0", b"property list uchar int v\nend_header\n".to_vec()),
+        &["none.ply", "no lists"],
+    );
+}
+
+#[test]
+fn tables_by_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let single = |c: usize| Arc::new(Float32Array::from_iter_values(column(c).iter().map(|x| *x as f32))) as ArrayRef;
+    let names = Arc::new(StringArray::from_iter_values((0..ROWS).map(|i| i.to_string())));
+    let all = RecordBatch::try_from_iter([
+        ("name", names as ArrayRef),
+        ("f", Arc::new(Float64Array::from(column(3)))),
+        ("z", single(2)),
+        ("x", single(0)),
+        ("y", single(1)),
+        ("gaps", Arc::new(Int32Array::from_iter((0..ROWS as i32).map(|i| (i != 5).then_some(i))))),
+    ])
+    .unwrap();
+    let parquet = folder.path().join("a.parquet");
+    let file = std::fs::File::create(&parquet).unwrap();
+    let mut writer = parquet::arrow::ArrowWriter::try_new(file, all.schema(), None).unwrap();
+    let ipc = folder.path().join("a.arrow");
+    let mut arrow =
+        arrow_ipc::writer::FileWriter::try_new(std::fs::File::create(&ipc).unwrap(), &all.schema()).unwrap();
+    // In several batches.
+    for first in (0..ROWS).step_by(300) {
+        let batch = all.slice(first, 300.min(ROWS - first));
+        writer.write(&batch).unwrap();
+        arrow.write(&batch).unwrap();
+    }
+    writer.close().unwrap();
+    arrow.finish().unwrap();
+    for path in [&parquet, &ipc] {
+        is_the_same(folder.path(), path);
+        for (column, expected) in
+            [("gaps", "row 6: gaps: expected a finite number"), ("name", "type Utf8"), ("g", "no column g")]
+        {
+            let mut request = Request::new(vec![path.clone()], 2);
+            request.columns.values = vec![column.to_owned()];
+            let error = accumulate(&request, &Silent).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+        let bytes = std::fs::read(path).unwrap();
+        let half = folder.path().join(format!("half.{}", path.extension().unwrap().display()));
+        std::fs::write(&half, &bytes[..bytes.len() / 2]).unwrap();
+        refused(&half, &["half.", "expected a table of numbers"]);
+    }
+}
+
+#[test]
+fn point_clouds_of_scanners() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.las");
+    let scale = 1e-4;
+    let header = las::raw::Header {
+        point_data_record_length: 20,
+        number_of_point_records: ROWS as u32,
+        offset_to_point_data: 227,
+        x_scale_factor: scale,
+        y_scale_factor: scale,
+        z_scale_factor: scale,
+        x_offset: 100.0,
+        ..Default::default()
+    };
+    let mut bytes = Vec::new();
+    header.write_to(&mut bytes).unwrap();
+    bytes.resize(227, 0);
+    for (i, [x, y, z, _]) in rows().into_iter().enumerate() {
+        for value in [x, y, z] {
+            bytes.extend(((value / scale).round() as i32).to_le_bytes());
+        }
+        bytes.extend((i as u16).to_le_bytes());
+        bytes.extend([0; 6]);
+    }
+    std::fs::write(&path, &bytes).unwrap();
+    let mut request = Request::new(vec![path], 4);
+    request.columns.values = vec!["intensity".to_owned(), "radius".to_owned()];
+    request.columns.centre = [100.0, 0.0, 0.0];
+    let found = accumulate(&request, &Silent).unwrap().moments;
+    let square: f64 = (0..ROWS).map(|i| (i * i) as f64).sum();
+    assert_eq!((found.rows, found.sums.squares[0]), (ROWS as u64, square));
+    assert!((found.sums.squares[1] / ROWS as f64 - 1.0).abs() < 1e-3);
+    let short = folder.path().join("short.las");
+    std::fs::write(&short, &bytes[..bytes.len() - 1]).unwrap();
+    refused(&short, &["short.las", "1000 points of 20 bytes"]);
+    bytes[104] |= 0x80;
+    std::fs::write(&short, &bytes).unwrap();
+    refused(&short, &["short.las", "LAZ"]);
+}
