@@ -4,6 +4,7 @@
 //! its repetitions as JSON and writes what it computed, for whoever checks it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -15,6 +16,7 @@ use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
 use spharm_solver::{
     CholeskyFactor, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, Strategy, moment_gram,
+    moment_operator,
 };
 use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
@@ -56,6 +58,9 @@ enum Command {
         store: Option<PathBuf>,
         #[arg(long)]
         factor: bool,
+        /// Iterates by the samples alone.
+        #[arg(long)]
+        samples: bool,
     },
     /// A fit by the facade, of positions on directions without triangles, from the arrays on.
     Fit { directions: PathBuf, targets: PathBuf, max_degree: usize, repeats: usize },
@@ -96,9 +101,21 @@ fn main() -> Result<()> {
             write_npy(out.with_extension("adjoint.npy"), &back)?;
             println!("{}", serde_json::json!({ "plan": plan, "synthesis": synthesis, "adjoint": adjoint }));
         }
-        Command::Lsq { directions: path, targets, max_degree, accuracy, tolerance, repeats, out, store, factor } => {
+        Command::Lsq {
+            directions: path,
+            targets,
+            max_degree,
+            accuracy,
+            tolerance,
+            repeats,
+            out,
+            store,
+            factor,
+            samples,
+        } => {
             let (directions, targets): (_, Array2<f64>) = (directions(&path)?, read_npy(targets)?);
             let make_gram = || Ok(Box::new(moment_gram(&directions, None, max_degree)?) as Box<dyn GramMatrix>);
+            let make_moments = |accuracy: f64| Ok(Arc::new(moment_operator(&directions, None, max_degree, accuracy)?));
             let key = SchemeKey::of(&directions, Scalar::F64);
             let (seconds, fit) = repeat(repeats, || {
                 let params = TransformParams { max_degree, accuracy, ..Default::default() };
@@ -119,6 +136,9 @@ fn main() -> Result<()> {
                     None => None,
                 };
                 let mut solver = LsqSolver::new(&operator, Some(&make_gram), params)?;
+                if !samples {
+                    solver = solver.with_moments(&make_moments);
+                }
                 if let Some(stored) = &stored {
                     solver = solver.with_factor(stored as &dyn CholeskyFactor);
                 }

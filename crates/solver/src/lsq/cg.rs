@@ -131,6 +131,19 @@ impl Cg {
         params: &CgParams,
         monitor: &dyn Monitor,
     ) -> Result<Stop, SolverError> {
+        self.run_while(problem, preconditioner, params, &mut |_, _| true, monitor)
+    }
+
+    /// Iterates until a stopping rule applies, or `goes_on` says no for the number of iterations of this run and the
+    /// optimality, which counts as the limit of iterations.
+    pub(crate) fn run_while(
+        &mut self,
+        problem: &dyn Problem,
+        preconditioner: &dyn Preconditioner,
+        params: &CgParams,
+        goes_on: &mut dyn FnMut(usize, f64) -> bool,
+        monitor: &dyn Monitor,
+    ) -> Result<Stop, SolverError> {
         let c = self.x.ncols();
         let ones = vec![1.0; c];
         let mut best = self.optimality();
@@ -141,7 +154,7 @@ impl Cg {
         let mut rz = dots(&self.gradient, &z);
         let mut p = z;
         let (mut since_best, mut lanczos) = (0, Lanczos::new(c));
-        for _ in 0..params.max_iterations {
+        for iteration in 1..=params.max_iterations {
             monitor.check()?;
             let q = problem.product(&p)?;
             let alpha: Vec<f64> = dots(&p, &q).iter().zip(&rz).map(|(pq, rz)| ratio(*rz, *pq)).collect();
@@ -163,6 +176,9 @@ impl Cg {
             } else if since_best >= params.patience {
                 self.condition = self.condition.max(lanczos.condition());
                 return Ok(Stop::Stalled);
+            }
+            if !goes_on(iteration, optimality) {
+                break;
             }
             z = preconditioner.apply(&self.gradient)?;
             let before = std::mem::replace(&mut rz, dots(&self.gradient, &z));

@@ -65,6 +65,14 @@ pub enum LsqWarning {
         /// What stood in the way.
         reason: String,
     },
+    /// Moments didn't have the digits that the optimality asks for.
+    #[error(
+        "moments of the sampling lose digits: iterations with them ended at an optimality of {optimality:.1e}; went on with the samples"
+    )]
+    MomentsLoseDigits {
+        /// Where they ended.
+        optimality: f64,
+    },
     /// Fewer vertices with weight than coefficients, without a penalty.
     #[error("{rows} vertices don't determine {columns} coefficients; took the solution of least norm, {norm:.3e}")]
     Underdetermined {

@@ -1,12 +1,13 @@
 //! The full least squares by fast transforms, without a basis.
 
 use std::fmt;
+use std::sync::Arc;
 
 use spharm_monitor::{Level, Monitor, Stage};
-use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, choose_smoothness};
+use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, MakeMoments, choose_smoothness};
 use spharm_solver::{
     GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, SolverError, StoredFactor, Strategy, moment_gram,
-    moment_gram_bytes,
+    moment_gram_bytes, moment_operator, moment_operator_bytes,
 };
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
@@ -39,12 +40,15 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
+    let make_moments =
+        |accuracy: f64| Ok(Arc::new(moment_operator(directions, weights.as_deref(), params.max_degree, accuracy)?));
     let equations = Equations {
         params,
         operator: &operator,
         make_gram: &make_gram,
+        make_moments: &make_moments,
         stored: stored.as_ref().filter(|_| !automatic),
-        solver: solver_params(job, smoothness, &plan, together)?,
+        solver: solver_params(job, smoothness, &plan, together, channels)?,
         warnings,
         smooth_by_default: params.smoothness == Smoothness::Default && job.sphere.parametrized,
         monitor,
@@ -69,6 +73,7 @@ struct Equations<'a> {
     params: &'a FitParams,
     operator: &'a MatrixFreeOperator,
     make_gram: &'a MakeGram<'a>,
+    make_moments: &'a MakeMoments<'a>,
     stored: Option<&'a StoredFactor>,
     solver: LsqParams,
     /// Warnings that hold for every fit.
@@ -79,7 +84,9 @@ struct Equations<'a> {
 
 impl<'a> Equations<'a> {
     fn solver(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
-        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?.with_limits(&allowed);
+        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?
+            .with_limits(&allowed)
+            .with_moments(self.make_moments);
         Ok(match self.stored {
             Some(factor) => solver.with_factor(factor),
             None => solver,
@@ -144,8 +151,9 @@ fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monit
 
 fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
     let text = format_args!(
-        "{} iterations, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
+        "{} iterations by {}, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
         report.iterations,
+        report.products,
         report.refinements,
         report.preconditioner,
         report.optimality,
@@ -155,7 +163,13 @@ fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
     monitor.note(Level::Detail, text);
 }
 
-fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize) -> Result<LsqParams, Error> {
+fn solver_params(
+    job: &Job<'_>,
+    smoothness: f64,
+    plan: &LsqPlan,
+    together: usize,
+    channels: usize,
+) -> Result<LsqParams, Error> {
     let params = job.params;
     let by_density = matches!(params.preconditioner, Preconditioner::Density);
     Ok(LsqParams {
@@ -169,6 +183,14 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         held: plan.needed(together),
         // Where these can't be told, the matrix can't be made either.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
+        // Where these can't be told, moments can't be made either.
+        moment_bytes: moment_operator_bytes(
+            job.sphere.directions.len(),
+            params.max_degree,
+            together * channels,
+            job.threads,
+        )
+        .unwrap_or(usize::MAX),
         threads: job.threads,
     })
 }
