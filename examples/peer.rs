@@ -14,9 +14,9 @@ use ndarray_npy::{read_npy, write_npy};
 use spharm::{FitParams, Kind, Signal, Sphere, Target, fit};
 use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
+use spharm_solver::lsq::moments_pay;
 use spharm_solver::{
     CholeskyFactor, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, Strategy, moment_gram,
-    moment_operator,
 };
 use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
@@ -115,11 +115,13 @@ fn main() -> Result<()> {
         } => {
             let (directions, targets): (_, Array2<f64>) = (directions(&path)?, read_npy(targets)?);
             let make_gram = || Ok(Box::new(moment_gram(&directions, None, max_degree)?) as Box<dyn GramMatrix>);
-            let make_moments = |accuracy: f64| Ok(Arc::new(moment_operator(&directions, None, max_degree, accuracy)?));
             let key = SchemeKey::of(&directions, Scalar::F64);
             let (seconds, fit) = repeat(repeats, || {
                 let params = TransformParams { max_degree, accuracy, ..Default::default() };
-                let operator = MatrixFreeOperator::new(&directions, &params)?;
+                let shared = !samples && moments_pay(directions.len(), max_degree, targets.ncols(), tolerance);
+                let make = if shared { MatrixFreeOperator::with_moments } else { MatrixFreeOperator::new };
+                let operator = make(&directions, &params)?;
+                let make_moments = |accuracy: f64| Ok(Arc::new(operator.moments(&directions, None, accuracy)?));
                 let strategy = if factor { Strategy::Cholesky } else { Strategy::Auto };
                 let params = LsqParams { tolerance, threads: 2, strategy, ..Default::default() };
                 let stored = match &store {

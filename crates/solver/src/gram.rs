@@ -162,32 +162,20 @@ fn moments(
     max_degree: usize,
     accuracy: f64,
 ) -> Result<Vec<f64>, SolverError> {
-    let n = directions.len();
-    let weights = match weights {
-        Some(weights) if weights.len() != n => {
-            return Err(SolverError::Rows { what: "the list of weights", expected: n, found: weights.len() });
-        }
-        Some(weights) => Array2::from_shape_fn((n, 1), |(i, _)| weights[i]),
-        None => Array2::ones((n, 1)),
-    };
+    let weights = weight_column(directions.len(), weights)?;
     let transform = Transform::new(directions, &to_twice(max_degree, accuracy))?;
     Ok(transform.adjoint_synthesis(ArrayView2::from(&weights))?.into_raw_vec_and_offset().0)
 }
 
-/// Returns the most bytes that [`moment_operator`] holds while it works or while its result is applied to so many
-/// channels, its result among them.
-///
-/// # Errors
-///
-/// Those of the transforms, to twice the degree.
-pub fn moment_operator_bytes(
-    directions: usize,
-    max_degree: usize,
-    channels: usize,
-    threads: usize,
-) -> Result<usize, SolverError> {
-    let transform = Transform::bytes(&to_twice(max_degree, FINEST), directions, 1)?;
-    Ok(MomentOperator::bytes(max_degree, channels, threads).max(transform + 8 * directions))
+/// Weights as a column, (n, 1).
+pub(crate) fn weight_column(n: usize, weights: Option<&[f64]>) -> Result<Array2<f64>, SolverError> {
+    match weights {
+        Some(weights) if weights.len() != n => {
+            Err(SolverError::Rows { what: "the list of weights", expected: n, found: weights.len() })
+        }
+        Some(weights) => Ok(Array2::from_shape_fn((n, 1), |(i, _)| weights[i])),
+        None => Ok(Array2::ones((n, 1))),
+    }
 }
 
 /// Returns the most bytes that [`moment_gram`] holds while it works, its result among them.

@@ -80,6 +80,8 @@ mod solver;
 mod standard_errors;
 
 pub use cg::Stop;
+#[cfg(feature = "dense")]
+pub use cost::moments_pay;
 pub use gcv::{Gcv, choose_smoothness, choose_smoothness_by_moments};
 #[cfg(feature = "dense")]
 pub use moment_solver::{MomentFit, solve_moments};

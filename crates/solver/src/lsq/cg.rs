@@ -16,6 +16,8 @@
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
 
+use std::time::Instant;
+
 use ndarray::Array2;
 use spharm_monitor::{Level, Monitor};
 
@@ -104,6 +106,8 @@ pub(crate) struct Cg {
     pub(crate) iterations: usize,
     /// Of N preconditioned, from the iteration's own coefficients; of the column with the largest.
     pub(crate) condition: f64,
+    /// Wall time of the iterations.
+    pub(crate) seconds: f64,
 }
 
 impl Cg {
@@ -115,7 +119,7 @@ impl Cg {
     /// Starts from x = 0 with right-hand sides, (K, c).
     pub(crate) fn from_right_sides(gradient: Array2<f64>) -> Self {
         let scale = norms(&gradient);
-        Self { x: Array2::zeros(gradient.dim()), gradient, scale, iterations: 0, condition: 1.0 }
+        Self { x: Array2::zeros(gradient.dim()), gradient, scale, iterations: 0, condition: 1.0, seconds: 0.0 }
     }
 
     /// The largest relative gradient of all columns.
@@ -137,6 +141,20 @@ impl Cg {
     /// Iterates until a stopping rule applies, or `goes_on` says no for the number of iterations of this run and the
     /// optimality, which counts as the limit of iterations.
     pub(crate) fn run_while(
+        &mut self,
+        problem: &dyn Problem,
+        preconditioner: &dyn Preconditioner,
+        params: &CgParams,
+        goes_on: &mut dyn FnMut(usize, f64) -> bool,
+        monitor: &dyn Monitor,
+    ) -> Result<Stop, SolverError> {
+        let started = Instant::now();
+        let stop = self.steps(problem, preconditioner, params, goes_on, monitor);
+        self.seconds += started.elapsed().as_secs_f64();
+        stop
+    }
+
+    fn steps(
         &mut self,
         problem: &dyn Problem,
         preconditioner: &dyn Preconditioner,

@@ -51,9 +51,20 @@ impl Cost {
         if ratio < 1.0 { 2.0 * tolerance.ln() / ratio.ln() } else { f64::INFINITY }
     }
 
+    /// Whether moments pay within the iterations that are expected.
+    pub(super) fn at_once(&self, tolerance: f64) -> bool {
+        self.paid_after() <= 0.6 * self.expected_iterations(tolerance)
+    }
+
     fn sizes(&self) -> (f64, f64, f64) {
         (self.rows as f64, (self.max_degree + 1) as f64, self.channels as f64)
     }
+}
+
+/// Whether iterations on n = `rows` samples to a tolerance are going to use moments from the start, by a model of costs:
+/// [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time then.
+pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
+    Cost { rows, max_degree, channels }.at_once(tolerance)
 }
 
 #[cfg(test)]

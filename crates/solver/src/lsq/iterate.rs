@@ -1,5 +1,7 @@
 //! Conjugate gradients by samples or by moments, and when to leave them for a factor.
 
+use std::time::Instant;
+
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
 use spharm_transform::FINEST;
@@ -99,15 +101,16 @@ impl LsqSolver<'_> {
         if paid_after > BEFORE_FACTOR as f64 {
             return None;
         }
-        let at_once = paid_after <= 0.6 * cost.expected_iterations(self.params.tolerance);
-        Some(if at_once { 0 } else { paid_after.ceil() as usize })
+        Some(if cost.at_once(self.params.tolerance) { 0 } else { paid_after.ceil() as usize })
     }
 
     fn take_moments(&mut self, monitor: &dyn Monitor) -> Result<(), SolverError> {
         let Some(make) = self.make_moments else { return Ok(()) };
         monitor.note(Level::Status, format_args!("moments"));
         let accuracy = (MOMENT_ACCURACY * self.params.tolerance).clamp(FINEST, COARSEST);
+        let started = Instant::now();
         self.moments = Some(make(accuracy)?);
+        self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(())
     }
 }

@@ -51,6 +51,10 @@ pub struct LsqReport {
 pub struct LsqSeconds {
     /// Gram matrix and its factorisation.
     pub factor: f64,
+    /// Moments of the sampling, and the operator from them.
+    pub moments: f64,
+    /// Iterations of conjugate gradients.
+    pub iterations: f64,
     /// All of it.
     pub total: f64,
 }

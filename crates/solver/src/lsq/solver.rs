@@ -98,6 +98,7 @@ pub struct LsqSolver<'a> {
     pub(super) low_degrees: Option<LowDegrees>,
     pub(super) warnings: Vec<LsqWarning>,
     pub(super) factor_seconds: f64,
+    pub(super) moment_seconds: f64,
 }
 
 /// How a batch was solved.
@@ -159,6 +160,7 @@ impl<'a> LsqSolver<'a> {
             low_degrees: None,
             warnings: Vec::new(),
             factor_seconds: 0.0,
+            moment_seconds: 0.0,
         })
     }
 
@@ -217,7 +219,7 @@ impl<'a> LsqSolver<'a> {
         monitor: &dyn Monitor,
     ) -> Result<(Coefficients, Option<Array2<f64>>, LsqReport), SolverError> {
         let started = Instant::now();
-        self.factor_seconds = 0.0;
+        (self.factor_seconds, self.moment_seconds) = (0.0, 0.0);
         self.warnings.clear();
         monitor.begin(FIT, 0);
         let mut cg = Cg::new(&*self.problem(given))?;

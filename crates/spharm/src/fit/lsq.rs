@@ -4,10 +4,10 @@ use std::fmt;
 use std::sync::Arc;
 
 use spharm_monitor::{Level, Monitor, Stage};
-use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, MakeMoments, choose_smoothness};
+use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
 use spharm_solver::{
     GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, SolverError, StoredFactor, Strategy, moment_gram,
-    moment_gram_bytes, moment_operator, moment_operator_bytes,
+    moment_gram_bytes,
 };
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
@@ -31,7 +31,14 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let (plan, together) = plan(job, channels, most)?;
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
-    let operator = MatrixFreeOperator::new(directions, &transform).map_err(Error::from)?;
+    let n = directions.len();
+    // Where these can't be told, moments can't be made either.
+    let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, together * channels, job.threads);
+    let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
+    let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
+        && moment_bytes <= plan.budget.saturating_sub(plan.needed(together));
+    let make = if shared { MatrixFreeOperator::with_moments } else { MatrixFreeOperator::new };
+    let operator = make(directions, &transform).map_err(Error::from)?;
     let mut warnings = Vec::new();
     let spare = plan.budget.saturating_sub(plan.needed(together));
     let stored = stored_factor(job, smoothness, spare, &mut warnings, monitor)?;
@@ -40,15 +47,14 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
-    let make_moments =
-        |accuracy: f64| Ok(Arc::new(moment_operator(directions, weights.as_deref(), params.max_degree, accuracy)?));
+    let make_moments = |accuracy: f64| Ok(Arc::new(operator.moments(directions, weights.as_deref(), accuracy)?));
     let equations = Equations {
         params,
         operator: &operator,
         make_gram: &make_gram,
         make_moments: &make_moments,
         stored: stored.as_ref().filter(|_| !automatic),
-        solver: solver_params(job, smoothness, &plan, together, channels)?,
+        solver: solver_params(job, smoothness, &plan, together, moment_bytes)?,
         warnings,
         smooth_by_default: params.smoothness == Smoothness::Default && job.sphere.parametrized,
         monitor,
@@ -168,7 +174,7 @@ fn solver_params(
     smoothness: f64,
     plan: &LsqPlan,
     together: usize,
-    channels: usize,
+    moment_bytes: usize,
 ) -> Result<LsqParams, Error> {
     let params = job.params;
     let by_density = matches!(params.preconditioner, Preconditioner::Density);
@@ -183,14 +189,7 @@ fn solver_params(
         held: plan.needed(together),
         // Where these can't be told, the matrix can't be made either.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
-        // Where these can't be told, moments can't be made either.
-        moment_bytes: moment_operator_bytes(
-            job.sphere.directions.len(),
-            params.max_degree,
-            together * channels,
-            job.threads,
-        )
-        .unwrap_or(usize::MAX),
+        moment_bytes,
         threads: job.threads,
     })
 }
