@@ -182,6 +182,52 @@ def lsq(peer, problem, accuracy, tolerance, repeats, *more):
     return statistics.median(ours["seconds"]), alms, ours["report"]
 
 
+def scattered(folder, n, max_degree):
+    """Random directions, and a smooth function with noise on them."""
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(n, 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    problem = Problem(folder, "samples", u, np.zeros((n, 1)), max_degree)
+    x = rng.normal(size=(max_degree + 1) ** 2)
+    x /= 1 + np.floor(np.sqrt(np.arange(x.size)))
+    problem.targets = (problem.synthesis(to_alm(x, max_degree), 1e-12) + 0.1 * rng.normal(size=n))[:, None]
+    np.save(problem.files[1], problem.targets)
+    return problem
+
+
+def samples(peer, folder, sizes):
+    """One channel on random directions, to an optimality of 1e-10."""
+    limits = {(10**6, 100): 0.1, (10**7, 500): 0.1, (10**7, 1000): 0.12}
+    per_iteration = {}
+    for n, max_degree in [(int(float(n)), int(degree)) for n, degree in sizes]:
+        limit = limits.get((n, max_degree))
+        problem = scattered(folder, n, max_degree)
+        repeats = 5 if n * max_degree <= 10**8 else 1
+        mine, theirs = [], []
+        for _ in range(repeats):
+            # In turns, as the load of a machine changes.
+            seconds_mine, alms, report = lsq(peer, problem, 1e-12, 1e-10, 1)
+            mine.append(seconds_mine)
+            if limit is not None:
+                seconds_theirs, found = seconds(lambda: problem.analysis(1e-10, 200), 1)
+                theirs.append(seconds_theirs)
+        _, optimality = problem.judge(alms)
+        spent = report["seconds"]
+        per_iteration[n, max_degree] = spent["iterations"] / report["iterations"]
+        parts = f"moments {spent['moments']:.2f} s, {report['iterations']} iterations {spent['iterations']:.2f} s"
+        print(f"# n = {n:,}, L = {max_degree}: optimality {optimality:.1e}, {parts}", flush=True)
+        assert optimality <= 2e-10, optimality
+        if limit is not None:
+            mine, theirs = statistics.median(mine), statistics.median(theirs)
+            _, reached = problem.judge(found)
+            detail = f"{mine:.3f} s / {theirs:.3f} s; optimality {optimality:.1e}, ducc0's {reached:.1e}"
+            bar(f"random samples, n = {n:,}, L = {max_degree}", limit, mine / theirs, detail)
+    few, many = (10**6, 500), (10**7, 500)
+    if few in per_iteration and many in per_iteration:
+        few, many = per_iteration[few], per_iteration[many]
+        bar("  an iteration at n = 10^7 / at 10^6, L = 500", 1.05, many / few, f"{many:.4f} s / {few:.4f} s")
+
+
 def cortex(peer, folder, repeats):
     problem = load(folder, "cort40962", 100)
     reference = json.loads((DATA / "reference.json").read_text())["cort40962"]["results"]["least-squares L=100"]["msd"]
@@ -196,7 +242,14 @@ def cortex(peer, folder, repeats):
     ours_msd, ours_optimality = problem.judge(alms)
     assert abs(ours_msd / reference - 1) <= 1e-6 and ours_optimality <= 1.5 * optimality, (ours_msd, ours_optimality)
     detail = f"{mine:.4f} s / {theirs:.4f} s; msd {ours_msd / reference - 1:+.1e}, optimality {ours_optimality:.1e}"
-    bar("cort40962, L = 100, least squares", 0.4, mine / theirs, detail)
+    bar("cort40962, L = 100, least squares", 0.2, mine / theirs, detail)
+    many = Problem(folder, "batch", problem.directions, np.tile(problem.targets, (1, 32)), 100)
+    many.targets = problem.targets
+    mine, alms, report = lsq(peer, many, 1e-9, optimality, max(3, repeats // 3))
+    msd, ours_optimality = problem.judge(alms)
+    assert abs(msd / reference - 1) <= 1e-6 and ours_optimality <= 1.5 * optimality, (msd, ours_optimality)
+    detail = f"{mine / 32:.4f} s / {theirs:.4f} s; optimality {ours_optimality:.1e}, by {report['products']}"
+    bar("  each of a batch of 32", 0.08, mine / 32 / theirs, detail)
     stored(peer, folder, problem, reference, theirs, repeats)
 
 
@@ -233,7 +286,7 @@ def head(peer, folder):
     msd, optimality = problem.judge(alms)
     assert abs(msd / reference - 1) <= 1e-4, msd / reference - 1
     detail = f"{mine:.3f} s / {theirs:.3f} s; msd {msd / reference - 1:+.1e}, optimality {optimality:.1e}, {report['preconditioner']}"
-    bar("head27618, L = 100, least squares", 1.0, mine / theirs, detail)
+    bar("head27618, L = 100, least squares", 0.6, mine / theirs, detail)
 
 
 def gram(peer, folder, repeats):
@@ -274,10 +327,12 @@ def large(peer, folder, subdivisions, max_degree):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    names = ["transforms", "gram", "cortex", "head", "large"]
+    names = ["transforms", "gram", "samples", "cortex", "head", "large"]
     parser.add_argument("--only", nargs="*", choices=names, default=names)
     parser.add_argument("--repeats", type=int, default=15)
     parser.add_argument("--large", nargs=2, type=int, default=[10, 1000], metavar=("SUBDIVISIONS", "DEGREE"))
+    sizes = ["1e6,100", "1e6,500", "1e7,500", "1e7,1000"]
+    parser.add_argument("--samples", nargs="*", default=sizes, metavar="N,DEGREE")
     arguments = parser.parse_args()
     peer = Peer()
     print(f"{'bar':<58} {'limit':>6} {'reached':>9}")
@@ -287,6 +342,8 @@ def main():
             transforms(peer, folder, arguments.repeats)
         if "gram" in arguments.only:
             gram(peer, folder, arguments.repeats)
+        if "samples" in arguments.only:
+            samples(peer, folder, [size.split(",") for size in arguments.samples])
         if DATA.is_dir():
             if "cortex" in arguments.only:
                 cortex(peer, folder, arguments.repeats)

@@ -4,6 +4,7 @@
 //! its repetitions as JSON and writes what it computed, for whoever checks it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -13,6 +14,7 @@ use ndarray_npy::{read_npy, write_npy};
 use spharm::{FitParams, Kind, Signal, Sphere, Target, fit};
 use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
+use spharm_solver::lsq::moments_pay;
 use spharm_solver::{
     CholeskyFactor, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, Strategy, moment_gram,
 };
@@ -56,6 +58,9 @@ enum Command {
         store: Option<PathBuf>,
         #[arg(long)]
         factor: bool,
+        /// Iterates by the samples alone.
+        #[arg(long)]
+        samples: bool,
     },
     /// A fit by the facade, of positions on directions without triangles, from the arrays on.
     Fit { directions: PathBuf, targets: PathBuf, max_degree: usize, repeats: usize },
@@ -96,13 +101,27 @@ fn main() -> Result<()> {
             write_npy(out.with_extension("adjoint.npy"), &back)?;
             println!("{}", serde_json::json!({ "plan": plan, "synthesis": synthesis, "adjoint": adjoint }));
         }
-        Command::Lsq { directions: path, targets, max_degree, accuracy, tolerance, repeats, out, store, factor } => {
+        Command::Lsq {
+            directions: path,
+            targets,
+            max_degree,
+            accuracy,
+            tolerance,
+            repeats,
+            out,
+            store,
+            factor,
+            samples,
+        } => {
             let (directions, targets): (_, Array2<f64>) = (directions(&path)?, read_npy(targets)?);
             let make_gram = || Ok(Box::new(moment_gram(&directions, None, max_degree)?) as Box<dyn GramMatrix>);
             let key = SchemeKey::of(&directions, Scalar::F64);
             let (seconds, fit) = repeat(repeats, || {
                 let params = TransformParams { max_degree, accuracy, ..Default::default() };
-                let operator = MatrixFreeOperator::new(&directions, &params)?;
+                let shared = !samples && moments_pay(directions.len(), max_degree, targets.ncols(), tolerance);
+                let make = if shared { MatrixFreeOperator::with_moments } else { MatrixFreeOperator::new };
+                let operator = make(&directions, &params)?;
+                let make_moments = |accuracy: f64| Ok(Arc::new(operator.moments(&directions, None, accuracy)?));
                 let strategy = if factor { Strategy::Cholesky } else { Strategy::Auto };
                 let params = LsqParams { tolerance, threads: 2, strategy, ..Default::default() };
                 let stored = match &store {
@@ -119,6 +138,9 @@ fn main() -> Result<()> {
                     None => None,
                 };
                 let mut solver = LsqSolver::new(&operator, Some(&make_gram), params)?;
+                if !samples {
+                    solver = solver.with_moments(&make_moments);
+                }
                 if let Some(stored) = &stored {
                     solver = solver.with_factor(stored as &dyn CholeskyFactor);
                 }

@@ -13,7 +13,7 @@ use std::ops::{Range, RangeInclusive};
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::index::order_count;
 use spharm_harmonics::{Directions, HarmonicsError, MAX_DEGREE};
-use spharm_transform::{FINEST, MomentGram, Transform, TransformParams};
+use spharm_transform::{FINEST, MomentGram, MomentOperator, Transform, TransformParams};
 
 use crate::SolverError;
 
@@ -138,17 +138,44 @@ pub fn moment_gram(
     weights: Option<&[f64]>,
     max_degree: usize,
 ) -> Result<MomentGram, SolverError> {
-    let transform = Transform::new(directions, &moments(max_degree))?;
-    let n = directions.len();
-    let weights = match weights {
+    Ok(MomentGram::new(max_degree, &moments(directions, weights, max_degree, FINEST)?)?)
+}
+
+/// Computes the normal operator of the harmonics to `max_degree` at weighted directions, from the moments of the sampling
+/// to a relative accuracy. Without weights all are 1; there must be one for each direction otherwise.
+///
+/// # Errors
+///
+/// Those of the transforms, to twice the degree.
+pub fn moment_operator(
+    directions: &Directions,
+    weights: Option<&[f64]>,
+    max_degree: usize,
+    accuracy: f64,
+) -> Result<MomentOperator, SolverError> {
+    Ok(MomentOperator::new(max_degree, &moments(directions, weights, max_degree, accuracy)?)?)
+}
+
+fn moments(
+    directions: &Directions,
+    weights: Option<&[f64]>,
+    max_degree: usize,
+    accuracy: f64,
+) -> Result<Vec<f64>, SolverError> {
+    let weights = weight_column(directions.len(), weights)?;
+    let transform = Transform::new(directions, &to_twice(max_degree, accuracy))?;
+    Ok(transform.adjoint_synthesis(ArrayView2::from(&weights))?.into_raw_vec_and_offset().0)
+}
+
+/// Weights as a column, (n, 1).
+pub(crate) fn weight_column(n: usize, weights: Option<&[f64]>) -> Result<Array2<f64>, SolverError> {
+    match weights {
         Some(weights) if weights.len() != n => {
-            return Err(SolverError::Rows { what: "the list of weights", expected: n, found: weights.len() });
+            Err(SolverError::Rows { what: "the list of weights", expected: n, found: weights.len() })
         }
-        Some(weights) => Array2::from_shape_fn((n, 1), |(i, _)| weights[i]),
-        None => Array2::ones((n, 1)),
-    };
-    let moments = transform.adjoint_synthesis(ArrayView2::from(&weights))?;
-    Ok(MomentGram::new(max_degree, moments.as_slice().unwrap_or_default())?)
+        Some(weights) => Ok(Array2::from_shape_fn((n, 1), |(i, _)| weights[i])),
+        None => Ok(Array2::ones((n, 1))),
+    }
 }
 
 /// Returns the most bytes that [`moment_gram`] holds while it works, its result among them.
@@ -160,11 +187,11 @@ pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, 
     if 2 * max_degree > MAX_DEGREE {
         return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE / 2 }.into());
     }
-    let transform = Transform::bytes(&moments(max_degree), directions, 1)?;
+    let transform = Transform::bytes(&to_twice(max_degree, FINEST), directions, 1)?;
     Ok(transform.max(MomentGram::bytes(max_degree)) + 8 * directions)
 }
 
-/// What moments take: all digits, since the Gram matrix's condition is the square of the basis's.
-fn moments(max_degree: usize) -> TransformParams {
-    TransformParams { max_degree: 2 * max_degree, accuracy: FINEST, channels: 1 }
+/// What moments take. A Gram matrix asks for all digits, since its condition is the square of the basis's.
+fn to_twice(max_degree: usize, accuracy: f64) -> TransformParams {
+    TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 }
 }

@@ -64,7 +64,7 @@ pub use cholesky::{CholeskyFactor, FactorParams, MemoryFactor, StoredFactor};
 #[cfg(feature = "dense")]
 pub use chunked_rows::ChunkedRows;
 pub use error::SolverError;
-pub use gram::{GramMatrix, moment_gram, moment_gram_bytes};
+pub use gram::{GramMatrix, moment_gram, moment_gram_bytes, moment_operator};
 #[cfg(feature = "dense")]
 pub use irf::{IrfFit, IrfParams, IrfPlan, IrfReport, IrfSolver, Method};
 #[cfg(feature = "dense")]

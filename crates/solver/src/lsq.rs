@@ -15,11 +15,15 @@
 //!    From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
 //!    small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
+//! Where the samples are many, products with N in 1 come from moments of the sampling ([`MomentProblem`]), at a cost that
+//! doesn't depend on their number; the gradient is formed from the samples in the end, and the iteration goes on from there
+//! where the optimality asks for it.
+//!
 //! The report says which of these was done, and how close the result is.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `params`, `solver` | [`LsqParams`], [`LsqSolver`]: the strategy |
+//! | `params`, `solver`, `iterate`, `cost` | [`LsqParams`], [`LsqSolver`]: the strategy |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
 //! | `problem` | products and gradients, from samples or from moments |
@@ -52,8 +56,12 @@ mod assess;
 pub mod cg;
 pub(crate) mod columns;
 #[cfg(feature = "dense")]
+mod cost;
+#[cfg(feature = "dense")]
 mod factor;
 pub mod gcv;
+#[cfg(feature = "dense")]
+mod iterate;
 #[cfg(feature = "dense")]
 mod moment_solver;
 mod moments;
@@ -72,6 +80,8 @@ mod solver;
 mod standard_errors;
 
 pub use cg::Stop;
+#[cfg(feature = "dense")]
+pub use cost::moments_pay;
 pub use gcv::{Gcv, choose_smoothness, choose_smoothness_by_moments};
 #[cfg(feature = "dense")]
 pub use moment_solver::{MomentFit, solve_moments};

@@ -9,6 +9,14 @@ pub enum TransformError {
     /// Invalid degree or coefficients.
     #[error(transparent)]
     Harmonics(#[from] HarmonicsError),
+    /// A degree above that of the plan that is to be shared.
+    #[error("degree: expected at most {max}, found {found}")]
+    Degree {
+        /// The requested degree.
+        found: usize,
+        /// The plan's highest degree.
+        max: usize,
+    },
     /// An accuracy out of range.
     #[error("accuracy: expected a value from {min:e} to {max:e}, found {found:e}")]
     Accuracy {

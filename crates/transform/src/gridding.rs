@@ -55,6 +55,11 @@ impl Gridding {
         Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, rings }))
     }
 
+    /// The same grid and kernel width for a lower degree.
+    pub(crate) fn of_degree(&self, max_degree: usize) -> Self {
+        Self { rings: smooth(max_degree + 1, 1), ..*self }
+    }
+
     /// Estimated nanoseconds of one thread per channel; the constants were measured.
     fn cost(&self, max_degree: usize, directions: usize) -> f64 {
         let (m, l) = (self.grid as f64, max_degree as f64 + 1.0);

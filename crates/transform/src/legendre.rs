@@ -22,6 +22,7 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
 use spharm_harmonics::rings::{MonicRecurrence, sine_powers};
 
 use crate::polar_rings::{PolarRings, PolarState};
@@ -53,25 +54,45 @@ impl Legendre {
         let rings = angles.len().next_multiple_of(LANES);
         let mut z: Vec<f64> = angles.iter().map(|[cosine, _]| *cosine).collect();
         let mut power = vec![0.0; rings * (max_degree + 1)];
-        let mut column = vec![0.0; max_degree + 1];
-        for (j, &[cosine, sine]) in angles.iter().enumerate() {
-            sine_powers(cosine, sine, &mut column);
-            for (m, value) in column.iter().enumerate() {
-                power[m * rings + j] = *value;
+        let columns: Vec<Vec<f64>> = angles
+            .par_iter()
+            .map(|&[cosine, sine]| {
+                let mut column = vec![0.0; max_degree + 1];
+                sine_powers(cosine, sine, &mut column);
+                column
+            })
+            .collect();
+        power.par_chunks_mut(rings).enumerate().for_each(|(m, power)| {
+            for (power, column) in power.iter_mut().zip(&columns) {
+                *power = column[m];
             }
-        }
+        });
+        drop(columns);
+        // The first ring that counts for an order counts for all below.
+        let mut first = 0;
         let first_ring: Vec<usize> = (0..=max_degree)
             .map(|m| {
-                let counts = |z: &f64| decay(m, max_degree, *z) < -negligible.ln();
-                let first = z.iter().position(counts).unwrap_or(angles.len());
+                while first < angles.len() && decay(m, max_degree, z[first]) >= -negligible.ln() {
+                    first += 1;
+                }
                 first / LANES * LANES
             })
             .collect();
         let polar = PolarRings::new(recurrence, angles, &first_ring);
         z.resize(rings, 0.0);
-        let (mut alpha, mut scale) = (Vec::new(), Vec::new());
-        for m in 0..=max_degree {
-            recurrence.order(m, &mut alpha, &mut scale);
+        let orders: Vec<(Vec<f64>, Vec<f64>)> = (0..=max_degree)
+            .into_par_iter()
+            .map(|m| {
+                let (mut alpha, mut scale) = (Vec::with_capacity(max_degree + 1 - m), Vec::new());
+                recurrence.order(m, &mut alpha, &mut scale);
+                (alpha, scale)
+            })
+            .collect();
+        let count = (max_degree + 1) * (max_degree + 2) / 2;
+        let (mut alpha, mut scale) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for (of_alpha, of_scale) in orders {
+            alpha.extend_from_slice(&of_alpha);
+            scale.extend_from_slice(&of_scale);
         }
         Self { max_degree, alpha, scale, z, power, first_ring, polar }
     }

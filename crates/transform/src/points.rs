@@ -1,11 +1,17 @@
 //! The directions sorted for interpolation: by strips of the grid's rows, and by columns along a strip.
 
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use rayon::prelude::*;
 
 use crate::TransformError;
 
 /// Columns of a tile; points are sorted by tiles. A tile with the rows of its strip fits the L1 cache.
 const TILE_COLUMNS: usize = 16;
+
+/// Runs that directions are sorted in, and the least length of one.
+const RUNS: usize = 16;
+const LEAST_RUN: usize = 1 << 13;
 
 /// The directions' positions on the grid, sorted. A *place* is an index in sorted order.
 #[derive(Debug)]
@@ -31,33 +37,52 @@ impl Points {
         }
         let tiles = grid.div_ceil(TILE_COLUMNS);
         let strip_count = (grid / 2 + 1).div_ceil(strip_rows);
-        let places: Vec<([u32; 2], [f64; 2])> = directions
-            .par_iter()
-            .map(|&[x, y, z]| {
-                let (row, row_fraction) = place(z, x.hypot(y), grid);
-                let (column, column_fraction) = place(x, y, grid);
-                ([row, column], [row_fraction, column_fraction])
+        let buckets = strip_count * tiles;
+        let bucket = |cell: [u32; 2]| cell[0] as usize / strip_rows * tiles + cell[1] as usize / TILE_COLUMNS;
+        // A stable counting sort by buckets, of runs of directions at once.
+        let run = directions.len().div_ceil(RUNS).max(LEAST_RUN);
+        let mut places = vec![([0u32; 2], [0.0; 2]); directions.len()];
+        let mut counts: Vec<Vec<u32>> = places
+            .par_chunks_mut(run)
+            .zip(directions.par_chunks(run))
+            .map(|(places, directions)| {
+                let mut counts = vec![0u32; buckets];
+                for (out, &[x, y, z]) in places.iter_mut().zip(directions) {
+                    let (row, row_fraction) = place(z, x.hypot(y), grid);
+                    let (column, column_fraction) = place(x, y, grid);
+                    *out = ([row, column], [row_fraction, column_fraction]);
+                    counts[bucket([row, column])] += 1;
+                }
+                counts
             })
             .collect();
-        let bucket = |cell: [u32; 2]| cell[0] as usize / strip_rows * tiles + cell[1] as usize / TILE_COLUMNS;
-        let mut first = vec![0usize; strip_count * tiles + 1];
-        for (cell, _) in &places {
-            first[bucket(*cell) + 1] += 1;
+        // Counts become the first places of each run in each bucket.
+        let (mut next, mut strips) = (0u32, Vec::with_capacity(strip_count + 1));
+        for at in 0..buckets {
+            if at % tiles == 0 {
+                strips.push(next as usize);
+            }
+            for counts in &mut counts {
+                (counts[at], next) = (next, next + counts[at]);
+            }
         }
-        for i in 1..first.len() {
-            first[i] += first[i - 1];
-        }
-        let strips = first.iter().copied().step_by(tiles).collect();
+        strips.push(next as usize);
         let mut rank = vec![0u32; places.len()];
-        let mut order = vec![0u32; places.len()];
-        let mut cells = vec![[0u32; 2]; places.len()];
-        let mut fractions = vec![[0.0; 2]; places.len()];
-        for (i, (cell, fraction)) in places.into_iter().enumerate() {
-            let next = &mut first[bucket(cell)];
-            let at = *next;
-            *next += 1;
-            (rank[i], order[at], cells[at], fractions[at]) = (at as u32, i as u32, cell, fraction);
-        }
+        // Threads write to places of each other's neighbourhood: a relaxed store is a plain one.
+        let order: Vec<AtomicU32> = (0..places.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
+        rank.par_chunks_mut(run).zip(places.par_chunks(run)).zip(&mut counts).enumerate().for_each(
+            |(first, ((rank, places), next))| {
+                for (i, (rank, (cell, _))) in rank.iter_mut().zip(places).enumerate() {
+                    let next = &mut next[bucket(*cell)];
+                    *rank = *next;
+                    order[*next as usize].store((first * run + i) as u32, Ordering::Relaxed);
+                    *next += 1;
+                }
+            },
+        );
+        let order: Vec<u32> = order.into_par_iter().map(AtomicU32::into_inner).collect();
+        let (mut cells, mut fractions) = (Vec::new(), Vec::new());
+        order.par_iter().map(|&i| places[i as usize]).unzip_into_vecs(&mut cells, &mut fractions);
         Ok(Self { rank, order, cells, fractions, strips })
     }
 

@@ -3,7 +3,7 @@
 //! Channels are transformed in groups of [`TransformParams::channels`]. A call takes its working memory from the plan
 //! and leaves it there for the next call.
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
@@ -48,12 +48,13 @@ impl Default for TransformParams {
 #[derive(Debug)]
 pub struct Transform {
     max_degree: usize,
+    accuracy: f64,
     channels: usize,
     gridding: Gridding,
     kernel: Kernel,
     legendre: Legendre,
     fourier: Fourier,
-    points: Points,
+    points: Arc<Points>,
     /// `1 / (2 p_m)`.
     order_factor: Vec<f64>,
     /// Working memory of earlier calls, for later ones: a fresh page costs more than writing to it.
@@ -81,14 +82,35 @@ impl Transform {
         directions: &[[f64; 3]],
         params: &TransformParams,
     ) -> Result<Self, TransformError> {
+        let recurrence = MonicRecurrence::new(params.max_degree)?;
+        let strip = Layout::new(gridding.grid, gridding.width, 1).strip;
+        let points = Arc::new(Points::new(directions, gridding.grid, strip)?);
+        Ok(Self::over(points, gridding, &recurrence, params))
+    }
+
+    /// Plans transforms to another degree for the same directions, which share their sorting and the grid: to a lower
+    /// degree at least as accurate as this one. Where directions are many this costs next to nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`TransformError::Degree`]: the degree is above this plan's.
+    pub fn to_degree(&self, max_degree: usize, channels: usize) -> Result<Self, TransformError> {
+        if max_degree > self.max_degree {
+            return Err(TransformError::Degree { found: max_degree, max: self.max_degree });
+        }
+        let gridding = self.gridding.of_degree(max_degree);
+        let params = TransformParams { max_degree, accuracy: self.accuracy, channels };
+        Ok(Self::over(self.points.clone(), gridding, &MonicRecurrence::new(max_degree)?, &params))
+    }
+
+    fn over(points: Arc<Points>, gridding: Gridding, recurrence: &MonicRecurrence, params: &TransformParams) -> Self {
         let max_degree = params.max_degree;
-        let recurrence = MonicRecurrence::new(max_degree)?;
         let kernel = Kernel::new(gridding.width, max_degree, gridding.grid, params.accuracy);
         let angles: Vec<[f64; 2]> = (0..gridding.rings.div_ceil(2)).map(|j| ring_angle(j, gridding.rings)).collect();
-        let legendre = Legendre::new(&recurrence, &angles, params.accuracy * 1e-4);
-        let points = Points::new(directions, gridding.grid, Layout::new(gridding.grid, gridding.width, 1).strip)?;
-        Ok(Self {
+        let legendre = Legendre::new(recurrence, &angles, params.accuracy * 1e-4);
+        Self {
             max_degree,
+            accuracy: params.accuracy,
             channels: params.channels.max(1),
             fourier: Fourier::new(max_degree, gridding, &kernel),
             order_factor: (0..=max_degree).map(|m| 0.5 / kernel.transform(m, gridding.grid)).collect(),
@@ -97,7 +119,7 @@ impl Transform {
             legendre,
             points,
             spaces: Mutex::default(),
-        })
+        }
     }
 
     /// Returns the bytes that a plan for n = `directions` directions and one call with `channels` channels take

@@ -164,3 +164,23 @@ fn shapes_that_do_not_fit_are_errors() {
     assert!(transform.sorted_weights(&[1.0]).is_err());
     assert_eq!(transform.synthesis(Array2::zeros((16, 0)).view()).unwrap().ncols(), 0);
 }
+
+#[test]
+fn plans_of_a_lower_degree_share_the_directions() {
+    let directions = directions(3000);
+    for (twice, max_degree) in [(40, 20), (128, 64), (31, 31), (16, 0)] {
+        let params = TransformParams { max_degree: twice, accuracy: 1e-11, ..Default::default() };
+        let transform = Transform::new(&directions, &params).unwrap().to_degree(max_degree, 2).unwrap();
+        let x = coefficients(max_degree, 3);
+        let direct = synthesis(&directions, x.view()).unwrap();
+        let samples = transform.synthesis(x.view()).unwrap();
+        let relative = rms(&(&samples - &direct)) / rms(&direct);
+        assert!(relative <= 1e-11, "degree {max_degree} of {twice}: {relative:e}");
+        let back = transform.adjoint_synthesis(direct.view()).unwrap();
+        for c in 0..3 {
+            let (one, other) = (dot(samples.column(c), direct.column(c)), dot(x.column(c), back.column(c)));
+            assert!((one - other).abs() <= 1e-12 * one.abs(), "{one} {other}");
+        }
+        assert!(transform.to_degree(max_degree + 1, 1).is_err());
+    }
+}

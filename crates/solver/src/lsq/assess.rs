@@ -58,7 +58,12 @@ impl LsqSolver<'_> {
             smoothness: self.params.smoothness,
             warnings: self.warnings.clone(),
             residuals: solution.residual.as_ref().map_or_else(Vec::new, of_groups),
-            seconds: LsqSeconds { factor: self.factor_seconds, total: started.elapsed().as_secs_f64() },
+            seconds: LsqSeconds {
+                factor: self.factor_seconds,
+                moments: self.moment_seconds,
+                iterations: cg.seconds,
+                total: started.elapsed().as_secs_f64(),
+            },
         }
     }
 

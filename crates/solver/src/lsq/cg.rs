@@ -16,6 +16,8 @@
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
 
+use std::time::Instant;
+
 use ndarray::Array2;
 use spharm_monitor::{Level, Monitor};
 
@@ -104,6 +106,8 @@ pub(crate) struct Cg {
     pub(crate) iterations: usize,
     /// Of N preconditioned, from the iteration's own coefficients; of the column with the largest.
     pub(crate) condition: f64,
+    /// Wall time of the iterations.
+    pub(crate) seconds: f64,
 }
 
 impl Cg {
@@ -115,7 +119,7 @@ impl Cg {
     /// Starts from x = 0 with right-hand sides, (K, c).
     pub(crate) fn from_right_sides(gradient: Array2<f64>) -> Self {
         let scale = norms(&gradient);
-        Self { x: Array2::zeros(gradient.dim()), gradient, scale, iterations: 0, condition: 1.0 }
+        Self { x: Array2::zeros(gradient.dim()), gradient, scale, iterations: 0, condition: 1.0, seconds: 0.0 }
     }
 
     /// The largest relative gradient of all columns.
@@ -131,6 +135,33 @@ impl Cg {
         params: &CgParams,
         monitor: &dyn Monitor,
     ) -> Result<Stop, SolverError> {
+        self.run_while(problem, preconditioner, params, &mut |_, _| true, monitor)
+    }
+
+    /// Iterates until a stopping rule applies, or `goes_on` says no for the number of iterations of this run and the
+    /// optimality, which counts as the limit of iterations.
+    pub(crate) fn run_while(
+        &mut self,
+        problem: &dyn Problem,
+        preconditioner: &dyn Preconditioner,
+        params: &CgParams,
+        goes_on: &mut dyn FnMut(usize, f64) -> bool,
+        monitor: &dyn Monitor,
+    ) -> Result<Stop, SolverError> {
+        let started = Instant::now();
+        let stop = self.steps(problem, preconditioner, params, goes_on, monitor);
+        self.seconds += started.elapsed().as_secs_f64();
+        stop
+    }
+
+    fn steps(
+        &mut self,
+        problem: &dyn Problem,
+        preconditioner: &dyn Preconditioner,
+        params: &CgParams,
+        goes_on: &mut dyn FnMut(usize, f64) -> bool,
+        monitor: &dyn Monitor,
+    ) -> Result<Stop, SolverError> {
         let c = self.x.ncols();
         let ones = vec![1.0; c];
         let mut best = self.optimality();
@@ -141,7 +172,7 @@ impl Cg {
         let mut rz = dots(&self.gradient, &z);
         let mut p = z;
         let (mut since_best, mut lanczos) = (0, Lanczos::new(c));
-        for _ in 0..params.max_iterations {
+        for iteration in 1..=params.max_iterations {
             monitor.check()?;
             let q = problem.product(&p)?;
             let alpha: Vec<f64> = dots(&p, &q).iter().zip(&rz).map(|(pq, rz)| ratio(*rz, *pq)).collect();
@@ -163,6 +194,9 @@ impl Cg {
             } else if since_best >= params.patience {
                 self.condition = self.condition.max(lanczos.condition());
                 return Ok(Stop::Stalled);
+            }
+            if !goes_on(iteration, optimality) {
+                break;
             }
             z = preconditioner.apply(&self.gradient)?;
             let before = std::mem::replace(&mut rz, dots(&self.gradient, &z));

@@ -38,6 +38,9 @@ pub struct LsqParams {
     pub held: usize,
     /// Bytes of memory that the Gram matrix takes while it is made, for a factor; default 0.
     pub gram_bytes: usize,
+    /// Bytes of memory that the normal operator from moments takes beside what is held, most of them while it is made;
+    /// default 0.
+    pub moment_bytes: usize,
     /// Threads for factors; 0, the default, for those of the rayon pool that the fit is called in.
     pub threads: usize,
 }
@@ -54,6 +57,7 @@ impl Default for LsqParams {
             memory: 2 << 30,
             held: 0,
             gram_bytes: 0,
+            moment_bytes: 0,
             threads: 0,
         }
     }

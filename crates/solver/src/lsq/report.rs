@@ -51,6 +51,10 @@ pub struct LsqReport {
 pub struct LsqSeconds {
     /// Gram matrix and its factorisation.
     pub factor: f64,
+    /// Moments of the sampling, and the operator from them.
+    pub moments: f64,
+    /// Iterations of conjugate gradients.
+    pub iterations: f64,
     /// All of it.
     pub total: f64,
 }
@@ -64,6 +68,14 @@ pub enum LsqWarning {
     NoFactor {
         /// What stood in the way.
         reason: String,
+    },
+    /// Moments didn't have the digits that the optimality asks for.
+    #[error(
+        "moments of the sampling lose digits: iterations with them ended at an optimality of {optimality:.1e}; went on with the samples"
+    )]
+    MomentsLoseDigits {
+        /// Where they ended.
+        optimality: f64,
     },
     /// Fewer vertices with weight than coefficients, without a penalty.
     #[error("{rows} vertices don't determine {columns} coefficients; took the solution of least norm, {norm:.3e}")]

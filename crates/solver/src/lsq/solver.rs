@@ -22,8 +22,6 @@ use crate::gram::{GramMatrix, smoothness_penalty};
 use crate::operator::Operator;
 use crate::{SolverError, check};
 
-/// Iterations after which a factor is made, where one can be: on samplings that need more, many more are needed.
-const BEFORE_FACTOR: usize = 60;
 /// Iterations without the optimality halving after which to give up.
 const PATIENCE: usize = 250;
 /// Above this reciprocal condition number few iterations are needed, and for few columns they are faster than reading a
@@ -52,8 +50,8 @@ pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + S
 /// Checks that the process's limits allow for so many bytes of anonymous memory beyond what it has.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Makes the normal operator from moments, when iterations are faster with it.
-pub type MakeMoments<'a> = dyn Fn() -> Result<Arc<MomentOperator>, SolverError> + Sync + 'a;
+/// Makes the normal operator from moments of a relative accuracy, when iterations are faster with it.
+pub type MakeMoments<'a> = dyn Fn(f64) -> Result<Arc<MomentOperator>, SolverError> + Sync + 'a;
 
 /// What a solver is for.
 #[derive(Clone, Copy)]
@@ -88,8 +86,8 @@ pub(super) enum Given<'a> {
 /// Solves batch after batch on one sampling, and keeps moments and factor from one to the next.
 pub struct LsqSolver<'a> {
     pub(super) source: Source<'a>,
-    make_gram: Option<&'a MakeGram<'a>>,
-    make_moments: Option<&'a MakeMoments<'a>>,
+    pub(super) make_gram: Option<&'a MakeGram<'a>>,
+    pub(super) make_moments: Option<&'a MakeMoments<'a>>,
     check_limits: Option<&'a CheckLimits<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
@@ -97,9 +95,10 @@ pub struct LsqSolver<'a> {
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
     pub(super) moments: Option<Arc<MomentOperator>>,
-    low_degrees: Option<LowDegrees>,
+    pub(super) low_degrees: Option<LowDegrees>,
     pub(super) warnings: Vec<LsqWarning>,
     pub(super) factor_seconds: f64,
+    pub(super) moment_seconds: f64,
 }
 
 /// How a batch was solved.
@@ -161,6 +160,7 @@ impl<'a> LsqSolver<'a> {
             low_degrees: None,
             warnings: Vec::new(),
             factor_seconds: 0.0,
+            moment_seconds: 0.0,
         })
     }
 
@@ -219,7 +219,7 @@ impl<'a> LsqSolver<'a> {
         monitor: &dyn Monitor,
     ) -> Result<(Coefficients, Option<Array2<f64>>, LsqReport), SolverError> {
         let started = Instant::now();
-        self.factor_seconds = 0.0;
+        (self.factor_seconds, self.moment_seconds) = (0.0, 0.0);
         self.warnings.clear();
         monitor.begin(FIT, 0);
         let mut cg = Cg::new(&*self.problem(given))?;
@@ -248,38 +248,6 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Runs conjugate gradients with the selected preconditioner until they end, or until a factor has been made because
-    /// they are slow: then there is no solution yet.
-    fn iterate(
-        &mut self,
-        cg: &mut Cg,
-        given: Given<'_>,
-        monitor: &dyn Monitor,
-    ) -> Result<Option<Solution>, SolverError> {
-        if let (Strategy::LowDegreesCg(degree), None) = (self.params.strategy, &self.low_degrees) {
-            self.low_degrees = Some(self.make_low_degrees(degree)?);
-        }
-        let params = self.cg_params();
-        let factor_possible = self.params.strategy == Strategy::Auto
-            && (self.make_gram.is_some() || self.stored.is_some() || self.made.is_some())
-            && basis_size(self.source.max_degree()) <= self.source.rows();
-        let first = if factor_possible { BEFORE_FACTOR.min(params.max_iterations) } else { params.max_iterations };
-        let first = CgParams { max_iterations: first, ..params };
-        let mut stop = cg.run(&*self.problem(given), &*self.preconditioner(), &first, monitor)?;
-        // A limit below that is a limit on all the work: no factor then.
-        let more = params.max_iterations - first.max_iterations;
-        if stop == Stop::IterationLimit && factor_possible && more > 0 {
-            if self.make_factor(false, monitor)? {
-                return Ok(None);
-            }
-            let rest = CgParams { max_iterations: more, ..params };
-            stop = cg.run(&*self.problem(given), &*self.preconditioner(), &rest, monitor)?;
-        }
-        let preconditioner = self.preconditioner();
-        let (stop, residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
-        Ok(Some(Solution { stop, preconditioner: preconditioner.name(), refinements: None, residual }))
-    }
-
     /// The factor to solve with: the stored one, else the one that was made.
     pub(super) fn factor(&self) -> Result<&dyn CholeskyFactor, SolverError> {
         match (self.stored, &self.made) {
@@ -297,9 +265,10 @@ impl<'a> LsqSolver<'a> {
         }
         let Some(make_gram) = self.make_gram else { return Err(SolverError::NoGram) };
         let started = Instant::now();
+        let held_by_moments = if self.moments.is_some() { self.params.moment_bytes } else { 0 };
         let params = FactorParams {
             memory: self.params.memory,
-            held: self.params.held + self.params.gram_bytes,
+            held: self.params.held + self.params.gram_bytes + held_by_moments,
             threads: self.params.threads,
             ..FactorParams::default()
         };
@@ -325,13 +294,13 @@ impl<'a> LsqSolver<'a> {
         self.check_limits.map_or(Ok(()), |check| check(plan.memory - self.params.held + plan.reserved))
     }
 
-    fn make_low_degrees(&self, degree: usize) -> Result<LowDegrees, SolverError> {
+    pub(super) fn make_low_degrees(&self, degree: usize) -> Result<LowDegrees, SolverError> {
         let make_gram = self.make_gram.ok_or(SolverError::NoGram)?;
         let degree = degree.min(self.source.max_degree());
         factorise_low_degrees(&*make_gram()?, self.penalty.as_deref(), degree, self.diagonal())
     }
 
-    fn preconditioner(&self) -> Box<dyn Preconditioner + '_> {
+    pub(super) fn preconditioner(&self) -> Box<dyn Preconditioner + '_> {
         match (self.params.strategy, self.source, &self.params.areas, &self.low_degrees) {
             (Strategy::DensityCg, Source::Samples(operator), Some(areas), _) => {
                 Box::new(Density::new(operator, areas, self.params.weights.as_deref()))
@@ -351,12 +320,12 @@ impl<'a> LsqSolver<'a> {
         Diagonal::new(self.source.max_degree(), weight, self.penalty.as_deref())
     }
 
-    fn cg_params(&self) -> CgParams {
+    pub(super) fn cg_params(&self) -> CgParams {
         let LsqParams { tolerance, max_iterations, .. } = self.params;
         CgParams { tolerance, max_iterations, patience: PATIENCE }
     }
 
-    fn problem<'s>(&'s self, given: Given<'s>) -> Box<dyn Problem + 's> {
+    pub(super) fn problem<'s>(&'s self, given: Given<'s>) -> Box<dyn Problem + 's> {
         let penalty = self.penalty.as_deref();
         match given {
             Given::Targets(operator, targets) => Box::new(Sampled {

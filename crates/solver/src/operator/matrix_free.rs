@@ -2,15 +2,18 @@
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::{Directions, basis_size};
-use spharm_transform::{Transform, TransformParams};
+use spharm_transform::{MomentOperator, Transform, TransformParams};
 
 use super::Operator;
 use crate::SolverError;
+use crate::gram::{moment_operator, weight_column};
 
 /// A basis at scattered directions by [`Transform`]; to the accuracy that it was made for.
 #[derive(Debug)]
 pub struct MatrixFreeOperator {
     transform: Transform,
+    /// To twice the degree at the same directions, for moments.
+    twice: Option<Transform>,
 }
 
 impl MatrixFreeOperator {
@@ -20,7 +23,58 @@ impl MatrixFreeOperator {
     ///
     /// Those of [`Transform::new`].
     pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, SolverError> {
-        Ok(Self { transform: Transform::new(directions, params)? })
+        Ok(Self { transform: Transform::new(directions, params)?, twice: None })
+    }
+
+    /// Plans transforms for `directions` that share their sorting with those which [`moments`](Self::moments) take.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Transform::new`] to twice the degree.
+    pub fn with_moments(directions: &Directions, params: &TransformParams) -> Result<Self, SolverError> {
+        let TransformParams { max_degree, accuracy, channels } = *params;
+        let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 };
+        let twice = Transform::new(directions, &twice)?;
+        Ok(Self { transform: twice.to_degree(max_degree, channels)?, twice: Some(twice) })
+    }
+
+    /// Returns the bytes that [`with_moments`](Self::with_moments) takes beyond [`new`](Self::new), with a call of so
+    /// many channels, and the normal operator from moments on `threads` threads.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Transform::bytes`].
+    pub fn moment_bytes(
+        params: &TransformParams,
+        directions: usize,
+        channels: usize,
+        threads: usize,
+    ) -> Result<usize, SolverError> {
+        let TransformParams { max_degree, accuracy, channels: group } = *params;
+        let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: group };
+        // Grids of twice the size for the channels of a group, and those of the weights.
+        let grids = Transform::bytes(&twice, directions, channels.min(group) + 1)?;
+        Ok(grids + MomentOperator::bytes(max_degree, channels, threads))
+    }
+
+    /// Computes the normal operator from moments at `directions`, those of this operator, with weights (n), all one where
+    /// there are none; to a relative accuracy, or to that of the shared transforms.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::Rows`] for other numbers of weights; those of [`MomentOperator::new`].
+    pub fn moments(
+        &self,
+        directions: &Directions,
+        weights: Option<&[f64]>,
+        accuracy: f64,
+    ) -> Result<MomentOperator, SolverError> {
+        let Some(twice) = &self.twice else {
+            return moment_operator(directions, weights, self.max_degree(), accuracy);
+        };
+        let weights = weight_column(self.rows(), weights)?;
+        let moments = twice.adjoint_synthesis(weights.view())?.into_raw_vec_and_offset().0;
+        Ok(MomentOperator::new(self.max_degree(), &moments)?)
     }
 
     /// Returns the transform.

@@ -1,10 +1,13 @@
 //! Fits from moments alone, held against the dense solution and against the same fit from the samples.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use ndarray::{Array2, s};
 use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
 use spharm_solver::lsq::{MomentProblem, choose_smoothness, choose_smoothness_by_moments, solve_moments};
-use spharm_solver::{GramMatrix, LsqParams, LsqSolver, SolverError, Strategy, moment_gram};
+use spharm_solver::{GramMatrix, LsqFit, LsqParams, LsqSolver, SolverError, Strategy, moment_gram, moment_operator};
 use spharm_transform::{FINEST, SampleSums};
 
 use crate::problems::{
@@ -135,4 +138,67 @@ fn sums_that_are_none_are_refused() {
     assert!(matches!(solve_moments(&problem, &rough, false, &Silent), Err(SolverError::Smoothness { .. })));
     let short = SampleSums { right_sides: good.right_sides.slice(s![..9, ..]).to_owned(), ..good.clone() };
     assert!(matches!(MomentProblem::new(&short, 3), Err(SolverError::Sums { expected: 16, found: 9, .. })));
+}
+
+/// Fits with moments beside the samples, of weights that may not be those of the fit.
+fn fit_with_moments(
+    sampling: &Sampling,
+    targets: &Array2<f64>,
+    of_moments: Option<&[f64]>,
+    params: LsqParams,
+) -> ([LsqFit; 2], usize) {
+    const DEGREE: usize = 8;
+    let operator = transforms(&sampling.directions, DEGREE);
+    let made = AtomicUsize::new(0);
+    let moments = |accuracy: f64| {
+        made.fetch_add(1, Ordering::Relaxed);
+        Ok(Arc::new(moment_operator(&sampling.directions, of_moments, DEGREE, accuracy)?))
+    };
+    let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&moments);
+    let columns = 0..targets.ncols();
+    let fits = [(); 2].map(|()| solver.fit(targets, std::slice::from_ref(&columns), &Silent).unwrap());
+    (fits, made.into_inner())
+}
+
+#[test]
+fn iterations_take_moments_of_many_samples_once_and_give_the_dense_solution() {
+    for (sampling, smoothness) in [(irregular(6000, 10), 0.0), (clustered(6000), 1e-2)] {
+        let weights = uneven_weights(6000);
+        let targets = Random(11).normals(6000, 2);
+        let expected = dense(&matrix(&sampling.directions, 8), &targets, Some(&weights), smoothness);
+        for strategy in [Strategy::Auto, Strategy::Cg, Strategy::DensityCg] {
+            let params = LsqParams { smoothness, weights: Some(weights.clone()), ..params(&sampling, strategy) };
+            let ([fit, _], made) = fit_with_moments(&sampling, &targets, Some(&weights), params);
+            expected.meets(&fit, fit.report.optimality, sampling.name);
+            assert!(fit.report.optimality <= 1.5e-10 && fit.report.warnings.is_empty(), "{:?}", fit.report);
+            // The density's preconditioner goes through the samples anyhow.
+            let by_moments = strategy != Strategy::DensityCg;
+            assert_eq!((made, fit.report.products == "moments"), (usize::from(by_moments), by_moments));
+        }
+    }
+}
+
+#[test]
+fn moments_that_lose_digits_give_way_to_the_samples() {
+    let sampling = irregular(6000, 12);
+    let targets = Random(13).normals(6000, 1);
+    let expected = dense(&matrix(&sampling.directions, 8), &targets, None, 0.0);
+    // Of other weights: the solution by these moments is none.
+    let others: Vec<f64> = (0..6000).map(|i| if i % 3 == 0 { 0.1 } else { 0.3 }).collect();
+    let (fits, made) = fit_with_moments(&sampling, &targets, Some(&others), params(&sampling, Strategy::Auto));
+    for (fit, warnings) in fits.iter().zip([1, 0]) {
+        expected.meets(fit, fit.report.optimality, "others");
+        assert_eq!((fit.report.products, fit.report.warnings.len()), ("samples", warnings), "{:?}", fit.report);
+        assert!(fit.report.optimality <= 1.5e-10, "{:?}", fit.report);
+    }
+    assert_eq!(made, 1, "not again for the next batch");
+}
+
+#[test]
+fn moments_that_dont_fit_the_memory_are_not_made() {
+    let sampling = irregular(6000, 14);
+    let targets = Random(15).normals(6000, 1);
+    let params = LsqParams { memory: 1 << 20, held: 1 << 19, moment_bytes: 1 << 20, ..params(&sampling, Strategy::Cg) };
+    let ([fit, _], made) = fit_with_moments(&sampling, &targets, None, params);
+    assert_eq!((made, fit.report.products), (0, "samples"));
 }

@@ -1,9 +1,10 @@
 //! The full least squares by fast transforms, without a basis, at the vertices.
 
 use std::fmt;
+use std::sync::Arc;
 
 use spharm_monitor::{Level, Monitor, Stage};
-use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, choose_smoothness};
+use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
 use spharm_solver::{
     GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, SolverError, StoredFactor, Strategy, moment_gram,
     moment_gram_bytes,
@@ -44,7 +45,14 @@ fn run_at_vertices<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> R
     let (plan, together) = plan(job, channels, most)?;
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
-    let operator = MatrixFreeOperator::new(directions, &transform).map_err(Error::from)?;
+    let n = directions.len();
+    // Where these can't be told, moments can't be made either.
+    let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, together * channels, job.threads);
+    let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
+    let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
+        && moment_bytes <= plan.budget.saturating_sub(plan.needed(together));
+    let make = if shared { MatrixFreeOperator::with_moments } else { MatrixFreeOperator::new };
+    let operator = make(directions, &transform).map_err(Error::from)?;
     let mut warnings = Vec::new();
     let spare = plan.budget.saturating_sub(plan.needed(together));
     let stored = stored_factor(job, smoothness, spare, &mut warnings, monitor)?;
@@ -53,12 +61,14 @@ fn run_at_vertices<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> R
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
+    let make_moments = |accuracy: f64| Ok(Arc::new(operator.moments(directions, weights.as_deref(), accuracy)?));
     let equations = Equations {
         params,
         operator: &operator,
         make_gram: &make_gram,
+        make_moments: &make_moments,
         stored: stored.as_ref().filter(|_| !automatic),
-        solver: solver_params(job, smoothness, &plan, together)?,
+        solver: solver_params(job, smoothness, &plan, together, moment_bytes)?,
         warnings,
         smooth_by_default: job.smooth_by_default(),
         monitor,
@@ -80,6 +90,7 @@ struct Equations<'a> {
     params: &'a FitParams,
     operator: &'a MatrixFreeOperator,
     make_gram: &'a MakeGram<'a>,
+    make_moments: &'a MakeMoments<'a>,
     stored: Option<&'a StoredFactor>,
     solver: LsqParams,
     /// Warnings that hold for every fit.
@@ -90,7 +101,9 @@ struct Equations<'a> {
 
 impl<'a> Equations<'a> {
     fn solver(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
-        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?.with_limits(&allowed);
+        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?
+            .with_limits(&allowed)
+            .with_moments(self.make_moments);
         Ok(match self.stored {
             Some(factor) => solver.with_factor(factor),
             None => solver,
@@ -156,8 +169,9 @@ fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monit
 
 pub(crate) fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
     let text = format_args!(
-        "{} iterations, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
+        "{} iterations by {}, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
         report.iterations,
+        report.products,
         report.refinements,
         report.preconditioner,
         report.optimality,
@@ -167,7 +181,13 @@ pub(crate) fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
     monitor.note(Level::Detail, text);
 }
 
-fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize) -> Result<LsqParams, Error> {
+fn solver_params(
+    job: &Job<'_>,
+    smoothness: f64,
+    plan: &LsqPlan,
+    together: usize,
+    moment_bytes: usize,
+) -> Result<LsqParams, Error> {
     let params = job.params;
     let by_density = matches!(params.preconditioner, Preconditioner::Density);
     Ok(LsqParams {
@@ -181,6 +201,7 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         held: plan.needed(together),
         // Where these can't be told, the matrix can't be made either.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
+        moment_bytes,
         threads: job.threads,
     })
 }

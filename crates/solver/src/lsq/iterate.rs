@@ -1,0 +1,140 @@
+//! Conjugate gradients by samples or by moments, and when to leave them for a factor.
+
+use std::time::Instant;
+
+use spharm_harmonics::basis_size;
+use spharm_monitor::{Level, Monitor};
+use spharm_transform::FINEST;
+
+use super::cg::{Cg, CgParams, Stop};
+use super::cost::Cost;
+use super::params::Strategy;
+use super::report::LsqWarning;
+use super::solver::{Given, LsqSolver, Solution};
+use crate::SolverError;
+
+/// Iterations after which a factor is made, where one can be, unless few more are expected to be needed: on samplings
+/// that need more, many more are needed.
+const BEFORE_FACTOR: usize = 60;
+/// Iterations over which progress is measured.
+const STRETCH: usize = 30;
+/// Share of a factor's cost that the iterations which seem to be left may take: they tend to be more than it seems.
+const SHARE: f64 = 0.2;
+/// Accuracy of moments relative to the optimality: what they lack is made up for by a refinement.
+const MOMENT_ACCURACY: f64 = 0.1;
+/// The coarsest moments that are any cheaper.
+const COARSEST: f64 = 1e-8;
+
+impl LsqSolver<'_> {
+    /// Runs conjugate gradients with the selected preconditioner until they end, or until a factor has been made because
+    /// they are slow: then there is no solution yet.
+    pub(super) fn iterate(
+        &mut self,
+        cg: &mut Cg,
+        given: Given<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Solution>, SolverError> {
+        if let (Strategy::LowDegreesCg(degree), None) = (self.params.strategy, &self.low_degrees) {
+            self.low_degrees = Some(self.make_low_degrees(degree)?);
+        }
+        let params = self.cg_params();
+        let cost = Cost { rows: self.source.rows(), max_degree: self.source.max_degree(), channels: cg.x.ncols() };
+        let factor_possible = self.params.strategy == Strategy::Auto
+            && (self.make_gram.is_some() || self.stored.is_some() || self.made.is_some())
+            && basis_size(self.source.max_degree()) <= self.source.rows();
+        let mut stop = Stop::IterationLimit;
+        if let Given::Targets(..) = given
+            && let Some(first) = self.before_moments(&cost)
+        {
+            let first = CgParams { max_iterations: first.min(params.max_iterations), ..params };
+            if first.max_iterations > 0 {
+                stop = cg.run(&*self.problem(given), &*self.preconditioner(), &first, monitor)?;
+            }
+            if stop == Stop::IterationLimit && cg.iterations < params.max_iterations {
+                self.take_moments(monitor)?;
+            }
+        }
+        let left = |cg: &Cg| CgParams { max_iterations: params.max_iterations - cg.iterations, ..params };
+        if stop == Stop::IterationLimit {
+            let by_moments = self.moments.is_some() || matches!(given, Given::Sums(_));
+            let mut goes_on = Progress {
+                tolerance: params.tolerance,
+                allowed: if by_moments { SHARE * cost.factor() / cost.by_moments() } else { 0.0 },
+                before: f64::INFINITY,
+            };
+            let mut goes_on = |iteration, optimality| !factor_possible || goes_on.may_go_on(iteration, optimality);
+            stop = cg.run_while(&*self.problem(given), &*self.preconditioner(), &left(cg), &mut goes_on, monitor)?;
+        }
+        // The user's limit is a limit on all the work: no factor then.
+        if stop == Stop::IterationLimit && factor_possible && cg.iterations < params.max_iterations {
+            if self.make_factor(false, monitor)? {
+                return Ok(None);
+            }
+            stop = cg.run(&*self.problem(given), &*self.preconditioner(), &left(cg), monitor)?;
+        }
+        let preconditioner = self.preconditioner();
+        let (mut stop, mut residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
+        let name = preconditioner.name();
+        drop(preconditioner);
+        if stop == Stop::Converged && cg.optimality() > 1.5 * params.tolerance && self.moments.is_some() {
+            self.warnings.push(LsqWarning::MomentsLoseDigits { optimality: cg.optimality() });
+            (self.moments, self.make_moments) = (None, None);
+            stop = cg.run(&*self.problem(given), &*self.preconditioner(), &left(cg), monitor)?;
+            (stop, residual) = cg.confirm(stop, &*self.problem(given), &*self.preconditioner(), &params, monitor)?;
+        }
+        Ok(Some(Solution { stop, preconditioner: name, refinements: None, residual }))
+    }
+
+    /// How many iterations to make by the samples before moments are made; `None` where they are not to be made, or are
+    /// there. Where as many iterations are expected as moments take to pay they are made at once, else when iterations
+    /// have taken as long as moments would have.
+    fn before_moments(&self, cost: &Cost) -> Option<usize> {
+        let room = self.params.memory.saturating_sub(self.params.held);
+        if self.make_moments.is_none() || self.moments.is_some() || self.params.moment_bytes > room {
+            return None;
+        }
+        if matches!(self.params.strategy, Strategy::DensityCg) {
+            // Its preconditioner goes through the samples anyhow.
+            return None;
+        }
+        let paid_after = cost.paid_after();
+        if paid_after > BEFORE_FACTOR as f64 {
+            return None;
+        }
+        Some(if cost.at_once(self.params.tolerance) { 0 } else { paid_after.ceil() as usize })
+    }
+
+    fn take_moments(&mut self, monitor: &dyn Monitor) -> Result<(), SolverError> {
+        let Some(make) = self.make_moments else { return Ok(()) };
+        monitor.note(Level::Status, format_args!("moments"));
+        let accuracy = (MOMENT_ACCURACY * self.params.tolerance).clamp(FINEST, COARSEST);
+        let started = Instant::now();
+        self.moments = Some(make(accuracy)?);
+        self.moment_seconds = started.elapsed().as_secs_f64();
+        Ok(())
+    }
+}
+
+/// How fast an iteration gets on.
+struct Progress {
+    tolerance: f64,
+    /// Iterations that may seem to be left when a factor could be made instead.
+    allowed: f64,
+    before: f64,
+}
+
+impl Progress {
+    /// Whether to go on after so many iterations of a run.
+    fn may_go_on(&mut self, iteration: usize, optimality: f64) -> bool {
+        if !iteration.is_multiple_of(STRETCH) {
+            return true;
+        }
+        let gained = (self.before / optimality).ln();
+        self.before = optimality;
+        if iteration < BEFORE_FACTOR {
+            return true;
+        }
+        let left = STRETCH as f64 * (optimality / self.tolerance).ln() / gained;
+        gained > 0.0 && left <= self.allowed
+    }
+}
