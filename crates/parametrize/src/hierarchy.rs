@@ -250,16 +250,16 @@ impl Hierarchy {
     pub(crate) fn groups(&mut self, count: usize) -> Vec<Vec<Collapse>> {
         let last = self.collapses.split_off(self.collapses.len() - count.min(self.collapses.len()));
         // The first group in which a triangle may be touched.
-        let mut free = vec![0_u16; self.faces.len()];
+        let mut free = vec![0_u32; self.faces.len()];
         let mut groups: Vec<Vec<Collapse>> = Vec::new();
         for collapse in last.into_iter().rev() {
             let touched = || collapse.faces.iter().map(|&(f, _, _)| f as usize);
             let group = touched().map(|f| free[f]).max().unwrap_or(0);
-            touched().for_each(|f| free[f] = group.saturating_add(1));
-            if groups.len() <= usize::from(group) {
+            touched().for_each(|f| free[f] = group + 1);
+            if groups.len() <= group as usize {
                 groups.push(Vec::new());
             }
-            groups[usize::from(group)].push(collapse);
+            groups[group as usize].push(collapse);
         }
         groups
     }
@@ -313,5 +313,31 @@ mod tests {
         }
         assert_eq!(levels, mesh.vertices.len() - 4);
         assert_eq!(hierarchy.faces, mesh.faces);
+    }
+
+    #[test]
+    fn hubs_wait_until_they_have_fewer_triangles_and_groups_lead_back_to_the_start() {
+        // A double pyramid: two vertices of 300 triangles each.
+        let sides = 300_u32;
+        let round = |k: u32| f64::from(k) * std::f64::consts::TAU / f64::from(sides);
+        let mut vertices: Vec<Vec3> = (0..sides).map(|k| [round(k).cos(), round(k).sin(), 0.0]).collect();
+        vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
+        let next = |k: u32| (k + 1) % sides;
+        let faces: Vec<[u32; 3]> = (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect();
+        let mut hierarchy = Hierarchy::new(&vertices, &faces, &vec![0.02; faces.len()]);
+        assert!(hierarchy.best(sides).is_none() && hierarchy.best(0).is_some());
+        hierarchy.coarsen(&Silent).unwrap();
+        assert_eq!(hierarchy.present, 4);
+        for count in [50, 1000] {
+            for group in hierarchy.groups(count) {
+                let back = hierarchy.refine_group(group);
+                for &(v, _) in &back {
+                    assert!(back.iter().all(|&(w, _)| v == w || !hierarchy.is_neighbour(v, w)));
+                }
+            }
+            assert_eq!(Topology::of(&present(&hierarchy)).genus(), Some(0));
+        }
+        assert_eq!(hierarchy.present, vertices.len());
+        assert_eq!(hierarchy.faces, faces);
     }
 }
