@@ -10,7 +10,7 @@
 //! out over the triangles that take its place, so each coarse mesh carries the whole surface's area where it belongs: a
 //! map that equalises areas has the area of an arm before it has the arm.
 //!
-//! O(n log n): a heap of vertices by cost, stale entries left in it and passed over.
+//! O(n log n): a heap of vertices by cost, which is looked at again when a vertex comes to the top.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -52,7 +52,7 @@ pub(crate) struct Collapse {
 
 /// Finite costs, ordered; ties by vertex.
 #[derive(PartialEq)]
-struct Entry(f64, u32, u32);
+struct Entry(f64, u32);
 
 impl Eq for Entry {}
 
@@ -64,7 +64,7 @@ impl PartialOrd for Entry {
 
 impl Ord for Entry {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0).then(self.1.cmp(&other.1)).then(self.2.cmp(&other.2))
+        self.0.total_cmp(&other.0).then(self.1.cmp(&other.1))
     }
 }
 
@@ -124,18 +124,23 @@ impl Hierarchy {
     /// Collapses vertices, a step of the monitor each, down to a tetrahedron. Returns its four vertices, as a triangle
     /// and the apex behind it.
     pub(crate) fn coarsen(&mut self, monitor: &dyn Monitor) -> Result<[u32; 4], Interrupted> {
-        let mut version = vec![0_u32; self.positions.len()];
-        let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v, 0)));
+        let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v)));
         let all: Vec<_> = (0..self.positions.len() as u32).into_par_iter().filter_map(entry).collect();
+        let mut is_queued = vec![false; self.positions.len()];
+        all.iter().for_each(|Reverse(Entry(_, v))| is_queued[*v as usize] = true);
         let mut heap = BinaryHeap::from(all);
         let mut unreported = 0;
         while self.present > 4 {
-            let Some(Reverse(Entry(_, v, stamp))) = heap.pop() else { break };
-            if stamp != version[v as usize] {
+            let Some(Reverse(Entry(queued, v))) = heap.pop() else { break };
+            // Costs grow as neighbours go, so they are looked at again only here.
+            let Some((cost, u)) = self.best(v) else {
+                is_queued[v as usize] = false;
+                continue;
+            };
+            if cost > queued {
+                heap.push(Reverse(Entry(cost, v)));
                 continue;
             }
-            // The ring hasn't changed since, but whether its vertices have other common neighbours may have.
-            let Some((_, u)) = self.best(v) else { continue };
             let ring: Vec<u32> = self.ring(v).iter().map(|&(w, _)| w).collect();
             self.collapse(v, u);
             unreported += 1;
@@ -144,11 +149,14 @@ impl Hierarchy {
                 monitor.step(CHUNK);
                 unreported = 0;
             }
-            version[v as usize] = u32::MAX;
+            // What couldn't go before may now.
             for w in ring {
-                version[w as usize] += 1;
+                if is_queued[w as usize] {
+                    continue;
+                }
                 if let Some((cost, _)) = self.best(w) {
-                    heap.push(Reverse(Entry(cost, w, version[w as usize])));
+                    heap.push(Reverse(Entry(cost, w)));
+                    is_queued[w as usize] = true;
                 }
             }
         }
