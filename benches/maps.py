@@ -26,7 +26,7 @@ LAYOUT = "{:<8} {:>8} {:>9} {:>9} {:>9} {:>6} {:>9} {:>8} {:>8}"
 
 def run(program, *arguments):
     """Runs a verb; returns seconds of processors and the most memory in bytes."""
-    process = subprocess.Popen([program, *map(str, arguments), "-q"])
+    process = subprocess.Popen([program, *map(str, arguments), "-q"], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     # Popen needn't wait for what is gone.
     process.returncode = os.waitstatus_to_exitcode(status)

@@ -42,7 +42,7 @@ impl Descent {
         Ok(Self { map, iterations, converged: false, hierarchy, newton, classes })
     }
 
-    /// Descends an energy until a step gains less than `tolerance` of what the energy is above its least value on a
+    /// Descends an energy until a step would gain less than `tolerance` of what the energy is above its least value on a
     /// smooth surface, or `steps` steps are done.
     pub(crate) fn descend(
         &mut self,
@@ -64,7 +64,7 @@ impl Descent {
                 sweep(&self.hierarchy, &mut self.map, &self.classes, energy, monitor)?;
                 after = newton.value(energy, &self.map);
             }
-            if step.before - after <= tolerance * (after - least).abs() {
+            if step.left(step.before - after) <= tolerance * (after - least).abs() {
                 self.converged = true;
                 break;
             }

@@ -171,7 +171,7 @@ fn settle(
     for _ in 0..growth.steps {
         let step = newton.step(growth.energy, &mut level, monitor)?;
         taken += 1;
-        if step.before - step.after < 1e-3 * step.before {
+        if step.left(step.before - step.after) < 1e-3 * step.before {
             break;
         }
     }

@@ -10,7 +10,7 @@
 //! out over the triangles that take its place, so each coarse mesh carries the whole surface's area where it belongs: a
 //! map that equalises areas has the area of an arm before it has the arm.
 //!
-//! O(n log n): a heap of vertices by cost, stale entries left in it and passed over.
+//! O(n log n): a heap of vertices by cost, which is looked at again when a vertex comes to the top.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -52,7 +52,7 @@ pub(crate) struct Collapse {
 
 /// Finite costs, ordered; ties by vertex.
 #[derive(PartialEq)]
-struct Entry(f64, u32, u32);
+struct Entry(f64, u32);
 
 impl Eq for Entry {}
 
@@ -64,7 +64,7 @@ impl PartialOrd for Entry {
 
 impl Ord for Entry {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0).then(self.1.cmp(&other.1)).then(self.2.cmp(&other.2))
+        self.0.total_cmp(&other.0).then(self.1.cmp(&other.1))
     }
 }
 
@@ -124,18 +124,23 @@ impl Hierarchy {
     /// Collapses vertices, a step of the monitor each, down to a tetrahedron. Returns its four vertices, as a triangle
     /// and the apex behind it.
     pub(crate) fn coarsen(&mut self, monitor: &dyn Monitor) -> Result<[u32; 4], Interrupted> {
-        let mut version = vec![0_u32; self.positions.len()];
-        let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v, 0)));
+        let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v)));
         let all: Vec<_> = (0..self.positions.len() as u32).into_par_iter().filter_map(entry).collect();
+        let mut is_queued = vec![false; self.positions.len()];
+        all.iter().for_each(|Reverse(Entry(_, v))| is_queued[*v as usize] = true);
         let mut heap = BinaryHeap::from(all);
         let mut unreported = 0;
         while self.present > 4 {
-            let Some(Reverse(Entry(_, v, stamp))) = heap.pop() else { break };
-            if stamp != version[v as usize] {
+            let Some(Reverse(Entry(queued, v))) = heap.pop() else { break };
+            // Costs grow as neighbours go, so they are looked at again only here.
+            let Some((cost, u)) = self.best(v) else {
+                is_queued[v as usize] = false;
+                continue;
+            };
+            if cost > queued {
+                heap.push(Reverse(Entry(cost, v)));
                 continue;
             }
-            // The ring hasn't changed since, but whether its vertices have other common neighbours may have.
-            let Some((_, u)) = self.best(v) else { continue };
             let ring: Vec<u32> = self.ring(v).iter().map(|&(w, _)| w).collect();
             self.collapse(v, u);
             unreported += 1;
@@ -144,11 +149,14 @@ impl Hierarchy {
                 monitor.step(CHUNK);
                 unreported = 0;
             }
-            version[v as usize] = u32::MAX;
+            // What couldn't go before may now.
             for w in ring {
-                version[w as usize] += 1;
+                if is_queued[w as usize] {
+                    continue;
+                }
                 if let Some((cost, _)) = self.best(w) {
-                    heap.push(Reverse(Entry(cost, w, version[w as usize])));
+                    heap.push(Reverse(Entry(cost, w)));
+                    is_queued[w as usize] = true;
                 }
             }
         }
@@ -250,16 +258,16 @@ impl Hierarchy {
     pub(crate) fn groups(&mut self, count: usize) -> Vec<Vec<Collapse>> {
         let last = self.collapses.split_off(self.collapses.len() - count.min(self.collapses.len()));
         // The first group in which a triangle may be touched.
-        let mut free = vec![0_u16; self.faces.len()];
+        let mut free = vec![0_u32; self.faces.len()];
         let mut groups: Vec<Vec<Collapse>> = Vec::new();
         for collapse in last.into_iter().rev() {
             let touched = || collapse.faces.iter().map(|&(f, _, _)| f as usize);
             let group = touched().map(|f| free[f]).max().unwrap_or(0);
-            touched().for_each(|f| free[f] = group.saturating_add(1));
-            if groups.len() <= usize::from(group) {
+            touched().for_each(|f| free[f] = group + 1);
+            if groups.len() <= group as usize {
                 groups.push(Vec::new());
             }
-            groups[usize::from(group)].push(collapse);
+            groups[group as usize].push(collapse);
         }
         groups
     }
@@ -313,5 +321,31 @@ mod tests {
         }
         assert_eq!(levels, mesh.vertices.len() - 4);
         assert_eq!(hierarchy.faces, mesh.faces);
+    }
+
+    #[test]
+    fn hubs_wait_until_they_have_fewer_triangles_and_groups_lead_back_to_the_start() {
+        // A double pyramid: two vertices of 300 triangles each.
+        let sides = 300_u32;
+        let round = |k: u32| f64::from(k) * std::f64::consts::TAU / f64::from(sides);
+        let mut vertices: Vec<Vec3> = (0..sides).map(|k| [round(k).cos(), round(k).sin(), 0.0]).collect();
+        vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
+        let next = |k: u32| (k + 1) % sides;
+        let faces: Vec<[u32; 3]> = (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect();
+        let mut hierarchy = Hierarchy::new(&vertices, &faces, &vec![0.02; faces.len()]);
+        assert!(hierarchy.best(sides).is_none() && hierarchy.best(0).is_some());
+        hierarchy.coarsen(&Silent).unwrap();
+        assert_eq!(hierarchy.present, 4);
+        for count in [50, 1000] {
+            for group in hierarchy.groups(count) {
+                let back = hierarchy.refine_group(group);
+                for &(v, _) in &back {
+                    assert!(back.iter().all(|&(w, _)| v == w || !hierarchy.is_neighbour(v, w)));
+                }
+            }
+            assert_eq!(Topology::of(&present(&hierarchy)).genus(), Some(0));
+        }
+        assert_eq!(hierarchy.present, vertices.len());
+        assert_eq!(hierarchy.faces, faces);
     }
 }
