@@ -75,7 +75,7 @@ impl Transform {
         let max_degree = params.max_degree;
         let recurrence = MonicRecurrence::new(max_degree)?;
         let gridding = Gridding::choose(max_degree, directions.len(), params.accuracy)?;
-        let strip = Layout::new(gridding.grid, gridding.width, 1).strip;
+        let strip = Layout::new(gridding.grid, gridding.reach, 1).strip;
         let points = Arc::new(Points::new(directions.as_slice(), gridding.grid, strip)?);
         Ok(Self::on(points, gridding, &recurrence, params))
     }
@@ -90,7 +90,7 @@ impl Transform {
         if max_degree > self.max_degree {
             return Err(TransformError::Degree { found: max_degree, max: self.max_degree });
         }
-        let gridding = self.gridding.of_degree(max_degree);
+        let gridding = self.gridding.of_degree(max_degree, self.accuracy);
         let params = TransformParams { max_degree, accuracy: self.accuracy, channels };
         Ok(Self::on(self.points.clone(), gridding, &MonicRecurrence::new(max_degree)?, &params))
     }
@@ -123,7 +123,7 @@ impl Transform {
     pub fn bytes(params: &TransformParams, directions: usize, channels: usize) -> Result<usize, TransformError> {
         let gridding = Gridding::choose(params.max_degree, directions, params.accuracy)?;
         let group = channels.min(params.channels.max(1));
-        let layout = Layout::new(gridding.grid, gridding.width, group);
+        let layout = Layout::new(gridding.grid, gridding.reach, group);
         let (degrees, core) = (params.max_degree + 1, layout.core_rows());
         let tables = 8 * degrees * (degrees + gridding.rings / 2 + 8);
         let circles = 16 * (degrees / 2 + 1) * group * gridding.grid;
@@ -236,7 +236,7 @@ impl Transform {
     }
 
     fn layout(&self, channels: usize) -> Layout {
-        Layout::new(self.gridding.grid, self.gridding.width, channels)
+        Layout::new(self.gridding.grid, self.gridding.reach, channels)
     }
 
     /// Calls `work` for each group of channels with working memory of the right size.
