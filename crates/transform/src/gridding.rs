@@ -23,6 +23,8 @@ pub(crate) struct Gridding {
     pub(crate) grid: usize,
     /// Grid points under the kernel in each direction, w.
     pub(crate) width: usize,
+    /// The width that strips of the grid are laid out for, at least w: that of the plan which sorted the directions.
+    pub(crate) reach: usize,
     /// Rings from pole to pole on which Legendre functions are summed, N; 2 N points around a great circle.
     pub(crate) rings: usize,
 }
@@ -48,16 +50,17 @@ impl Gridding {
             .filter_map(|width| {
                 // The error falls as the grid grows.
                 let found = grids.partition_point(|&grid| error(width, max_degree, grid) > accuracy);
-                grids.get(found).map(|&grid| Self { grid, width, rings })
+                grids.get(found).map(|&grid| Self { grid, width, reach: width, rings })
             })
             .min_by(|a, b| a.cost(max_degree, directions).total_cmp(&b.cost(max_degree, directions)));
         // The widest kernel on the largest grid serves the finest accuracy.
-        Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, rings }))
+        Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, reach: MAX_WIDTH, rings }))
     }
 
-    /// The same grid and kernel width for a lower degree.
-    pub(crate) fn of_degree(&self, max_degree: usize) -> Self {
-        Self { rings: smooth(max_degree + 1, 1), ..*self }
+    /// The same grid for a lower degree, for which it is finer and a narrower kernel enough.
+    pub(crate) fn of_degree(&self, max_degree: usize, accuracy: f64) -> Self {
+        let width = (4..self.width).find(|&width| error(width, max_degree, self.grid) <= accuracy);
+        Self { width: width.unwrap_or(self.width), rings: smooth(max_degree + 1, 1), ..*self }
     }
 
     /// Estimated nanoseconds of one thread per channel; the constants were measured.

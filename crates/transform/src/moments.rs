@@ -89,9 +89,9 @@ impl MomentOperator {
         Ok(Self { grid, density, max_degree, spaces: Mutex::default() })
     }
 
-    /// Returns the most bytes that an operator takes, while it is made or with the working memory of one call on
-    /// `threads` threads with so many channels: about `250 (L + 1)^2`, and `64 (L + 1)^2` for a channel of up to 3 on
-    /// each thread.
+    /// Returns the most bytes that an operator takes, while it is made or with the working memory of calls with so many
+    /// channels on `threads` threads: about `190 (L + 1)^2` while it is made, then `80 (L + 1)^2` and for each channel,
+    /// of up to 3 on each thread, `72 (L + 1)^2`.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
         let (orders, rings) = (max_degree + 1, (max_degree + 1).next_multiple_of(8));
         // alpha, scale and powers, and the points of all pairs.

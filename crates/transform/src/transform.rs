@@ -83,7 +83,7 @@ impl Transform {
         params: &TransformParams,
     ) -> Result<Self, TransformError> {
         let recurrence = MonicRecurrence::new(params.max_degree)?;
-        let strip = Layout::new(gridding.grid, gridding.width, 1).strip;
+        let strip = Layout::new(gridding.grid, gridding.reach, 1).strip;
         let points = Arc::new(Points::new(directions, gridding.grid, strip)?);
         Ok(Self::over(points, gridding, &recurrence, params))
     }
@@ -98,7 +98,7 @@ impl Transform {
         if max_degree > self.max_degree {
             return Err(TransformError::Degree { found: max_degree, max: self.max_degree });
         }
-        let gridding = self.gridding.of_degree(max_degree);
+        let gridding = self.gridding.of_degree(max_degree, self.accuracy);
         let params = TransformParams { max_degree, accuracy: self.accuracy, channels };
         Ok(Self::over(self.points.clone(), gridding, &MonicRecurrence::new(max_degree)?, &params))
     }
@@ -131,7 +131,7 @@ impl Transform {
     pub fn bytes(params: &TransformParams, directions: usize, channels: usize) -> Result<usize, TransformError> {
         let gridding = Gridding::choose(params.max_degree, directions, params.accuracy)?;
         let group = channels.min(params.channels.max(1));
-        let layout = Layout::new(gridding.grid, gridding.width, group);
+        let layout = Layout::new(gridding.grid, gridding.reach, group);
         let (degrees, core) = (params.max_degree + 1, layout.core_rows());
         let tables = 8 * degrees * (degrees + gridding.rings / 2 + 8);
         let circles = 16 * (degrees / 2 + 1) * group * gridding.grid;
@@ -260,7 +260,7 @@ impl Transform {
     }
 
     fn layout(&self, channels: usize) -> Layout {
-        Layout::new(self.gridding.grid, self.gridding.width, channels)
+        Layout::new(self.gridding.grid, self.gridding.reach, channels)
     }
 
     /// Calls `work` for each group of channels with working memory of the right size.

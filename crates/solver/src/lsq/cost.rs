@@ -61,10 +61,11 @@ impl Cost {
     }
 }
 
-/// Whether iterations on n = `rows` samples to a tolerance are going to use moments from the start, by a model of costs:
-/// [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time then.
+/// Whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model of costs:
+/// where iterations on n = `rows` samples to a tolerance are going to use moments from the start, and the samples are so
+/// many that the larger grid, which the degrees share, costs less than sorting them twice.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
-    Cost { rows, max_degree, channels }.at_once(tolerance)
+    rows >= 8 * max_degree * max_degree && Cost { rows, max_degree, channels }.at_once(tolerance)
 }
 
 #[cfg(test)]

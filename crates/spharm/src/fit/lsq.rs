@@ -1,7 +1,7 @@
 //! The full least squares by fast transforms, without a basis, at the vertices.
 
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use spharm_monitor::{Level, Monitor, Stage};
 use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
@@ -50,18 +50,30 @@ fn run_at_vertices<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> R
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, together * channels, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
     let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
-        && moment_bytes <= plan.budget.saturating_sub(plan.needed(together));
+        && moment_bytes <= plan.spare(together);
     let make = if shared { MatrixFreeOperator::with_moments } else { MatrixFreeOperator::new };
     let operator = make(directions, &transform).map_err(Error::from)?;
     let mut warnings = Vec::new();
-    let spare = plan.budget.saturating_sub(plan.needed(together));
+    // What the solver may take for moments isn't there for anything else.
+    let of_moments = if moment_bytes <= plan.spare(together) { moment_bytes } else { 0 };
+    let spare = plan.spare(together) - of_moments;
     let stored = stored_factor(job, smoothness, spare, &mut warnings, monitor)?;
     let weights = job.weights.clone();
     let make_gram = || {
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
-    let make_moments = |accuracy: f64| Ok(Arc::new(operator.moments(directions, weights.as_deref(), accuracy)?));
+    // The same for each target's own solver.
+    let moments = Mutex::new(None);
+    let make_moments = |accuracy: f64| {
+        let mut moments = moments.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(made) = &*moments {
+            return Ok(Arc::clone(made));
+        }
+        let made = Arc::new(operator.moments(directions, weights.as_deref(), accuracy)?);
+        *moments = Some(made.clone());
+        Ok(made)
+    };
     let equations = Equations {
         params,
         operator: &operator,
@@ -73,7 +85,7 @@ fn run_at_vertices<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> R
         smooth_by_default: job.smooth_by_default(),
         monitor,
     };
-    let readers = plan.readers(together, job.threads);
+    let readers = plan.readers(together, of_moments, job.threads);
     // One factor serves all batches, but for a smoothness of each target's own.
     let mut shared = equations.solver(equations.solver.clone())?;
     run.readers = readers;

@@ -66,9 +66,15 @@ impl LsqPlan {
         self.fixed + together * self.each
     }
 
-    /// How many of the threads may read a target at a time while so many are fitted together.
-    pub(crate) fn readers(&self, together: usize, threads: usize) -> usize {
-        let more = self.budget.saturating_sub(self.needed(together)) / self.reading.max(1);
+    /// Bytes of the budget that so many targets together leave.
+    pub(crate) fn spare(&self, together: usize) -> usize {
+        self.budget.saturating_sub(self.needed(together))
+    }
+
+    /// How many of the threads may read a target at a time while so many are fitted together, and `taken` bytes are taken
+    /// for moments.
+    pub(crate) fn readers(&self, together: usize, taken: usize, threads: usize) -> usize {
+        let more = self.spare(together).saturating_sub(taken) / self.reading.max(1);
         (1 + more).min(threads)
     }
 }

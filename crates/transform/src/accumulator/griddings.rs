@@ -20,8 +20,9 @@ impl Griddings {
     pub(super) fn choose(max_degree: usize, channels: usize) -> Self {
         let degrees = [2 * max_degree, max_degree];
         let rings = degrees.map(|degree| smooth(degree + 1, 1));
-        let of = |width: usize, grid: usize| Self {
-            both: [Gridding { grid, width, rings: rings[0] }, Gridding { grid: grid / 2, width, rings: rings[1] }],
+        let of = |width: usize, grid: usize| {
+            let one = |grid: usize, rings: usize| Gridding { grid, width, reach: width, rings };
+            Self { both: [one(grid, rings[0]), one(grid / 2, rings[1])] }
         };
         let bandwidth = 4 * max_degree + 2;
         let largest = (2 * MIN_GRID).max((MAX_OVERSAMPLING * bandwidth as f64) as usize);
