@@ -1,23 +1,26 @@
 //! Fitting: one target, or many over one sphere in bounded memory.
 
 mod batches;
+mod check;
 mod from_moments;
 mod irf;
 mod job;
 mod lsq;
 mod lsq_plan;
 mod quadrature;
+mod shared;
 mod surface;
+mod surface_plan;
 
+pub use check::check_memory;
 pub use from_moments::{MomentsFit, MomentsReport, fit_moments};
-pub use lsq_plan::check_memory;
 pub use quadrature::Quadrature;
 
 use std::borrow::Cow;
 
 use ndarray::Array2;
 use spharm_harmonics::Coefficients;
-use spharm_monitor::{Monitor, Silent};
+use spharm_monitor::{Monitor, Silent, Stage};
 use spharm_surface::{Mesh, Signal, Sphere, SurfaceError, Target};
 
 use crate::report::{FitReport, ManyReport};
@@ -127,12 +130,26 @@ pub fn fit_many<T: Send, E: From<Error> + Send>(
         let (scheme, scalar) = (job.key, job.scalar);
         let mut run = Run::new(job, count, read, done, monitor)?;
         match params.method {
-            Method::Lsq => lsq::run(&mut run)?,
+            Method::Lsq => run_lsq(&mut run)?,
             Method::Quadrature => quadrature::run(&mut run)?,
             _ => irf::run(&mut run)?,
         }
         Ok((run.results, ManyReport { scheme, scalar, batches: run.batches, seconds: run.seconds }))
     })
+}
+
+/// Fits all targets: those that are fitted as surfaces, and those at the vertices.
+fn run_lsq<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
+    run.monitor.begin(Stage::counted("fit", "surfaces"), run.count as u64);
+    while let Some(surface) = run.next_is_surface()? {
+        if surface {
+            surface::run(run)?;
+        } else {
+            lsq::run(run)?;
+        }
+    }
+    run.monitor.end();
+    Ok(())
 }
 
 /// Runs work in a rayon pool of so many threads: in the caller's own where it has that many or none are asked for.

@@ -103,6 +103,7 @@ mod error;
 pub mod factor;
 pub mod files;
 pub mod fit;
+mod fit_to;
 pub mod machine;
 pub mod model;
 mod origin;
@@ -117,8 +118,9 @@ pub use error::Error;
 pub use fit::{
     Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_memory, fit, fit_many, fit_moments, fit_with,
 };
+pub use fit_to::FitTo;
 pub use model::versions;
-pub use params::{FitParams, FitTo, Method, Preconditioner, Smoothness, Weights};
+pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 

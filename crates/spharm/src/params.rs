@@ -6,11 +6,10 @@ use std::str::FromStr;
 
 use spharm_harmonics::MAX_DEGREE;
 use spharm_store::{Scalar, WeightsHash};
-use spharm_surface::Kind;
 use spharm_surface::io::read_signal;
 
 use crate::machine::available_memory;
-use crate::{Error, defaults};
+use crate::{Error, FitTo, defaults};
 
 /// How the coefficients are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -140,44 +139,6 @@ impl FromStr for Smoothness {
         }
         let lambda = text.parse().ok().filter(|lambda: &f64| *lambda >= 0.0 && lambda.is_finite());
         lambda.map(Self::Fixed).ok_or_else(|| "expected a number from 0, or auto".to_owned())
-    }
-}
-
-/// What of a mesh the full least squares fits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum FitTo {
-    /// The surface, for meshes over a sphere with triangles; the vertices for signals, and with what is of the vertices: a
-    /// store, vertices held out, standard errors, a smoothness by cross-validation, the density as preconditioner.
-    #[default]
-    Default,
-    /// The surface: the integral over the sphere of the squared distance, by samples of all triangles that are as dense as
-    /// the degree needs. Signals are linear on each triangle.
-    Surface,
-    /// The vertices alone, as in the paper.
-    Vertices,
-}
-
-impl FitTo {
-    /// Returns its name in lower case, as models record it.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Default => "default",
-            Self::Surface => "surface",
-            Self::Vertices => "vertices",
-        }
-    }
-}
-
-impl FromStr for FitTo {
-    type Err = String;
-
-    /// Parses `surface` and `vertices`.
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "surface" => Ok(Self::Surface),
-            "vertices" => Ok(Self::Vertices),
-            _ => Err("expected surface or vertices".to_owned()),
-        }
     }
 }
 
@@ -357,27 +318,6 @@ impl FitParams {
             (None, Some(_)) => defaults::MEMORY_OVER_A_STORE,
             (None, None) => available_memory() / 2,
         }
-    }
-
-    /// Returns whether a target of this kind is fitted as a surface, over a sphere with triangles or without.
-    pub fn fits_surface(&self, kind: Kind, triangles: bool) -> bool {
-        match (self.method, self.target) {
-            (Method::Lsq, FitTo::Surface) => true,
-            (Method::Lsq, FitTo::Default) => kind == Kind::Surface && triangles && self.of_the_vertices().is_none(),
-            _ => false,
-        }
-    }
-
-    /// A setting that only has a meaning for a fit of the vertices.
-    fn of_the_vertices(&self) -> Option<&'static str> {
-        let settings = [
-            (self.store.is_some(), "store"),
-            (self.hold_out.is_some(), "hold_out"),
-            (self.standard_errors, "standard_errors"),
-            (self.smoothness == Smoothness::Auto, "smoothness auto"),
-            (self.preconditioner == Preconditioner::Density, "preconditioner density"),
-        ];
-        settings.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
     }
 
     /// Checks what can be checked without a sphere.

@@ -12,7 +12,6 @@ use spharm_harmonics::Directions;
 use spharm_harmonics::index::{basis_size, first_column};
 use spharm_harmonics::rings::MonicRecurrence;
 
-use crate::TransformError;
 use crate::fourier::{Fourier, RingPair};
 use crate::grid::Layout;
 use crate::gridding::Gridding;
@@ -21,25 +20,7 @@ use crate::kernel::Kernel;
 use crate::legendre::Legendre;
 use crate::points::Points;
 use crate::workspace::{ThreadWorkspace, Workspace};
-
-/// Degree, accuracy and memory use of a [`Transform`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TransformParams {
-    /// Highest degree, L, inclusive; at most twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Default 0.
-    pub max_degree: usize,
-    /// Relative accuracy: the root mean square error of the samples, or of the coefficients, divided by their root mean
-    /// square. From [`FINEST`](crate::FINEST) (1e-13) to [`COARSEST`](crate::COARSEST) (1e-3); default 1e-12.
-    pub accuracy: f64,
-    /// Number of channels transformed together, at least 1; default 3. Channels of a group share the evaluation of
-    /// Legendre functions and kernels; memory grows with their number.
-    pub channels: usize,
-}
-
-impl Default for TransformParams {
-    fn default() -> Self {
-        Self { max_degree: 0, accuracy: 1e-12, channels: 3 }
-    }
-}
+use crate::{TransformError, TransformParams};
 
 /// A plan for transforms between coefficients to one degree and samples at one list of directions.
 ///

@@ -13,7 +13,7 @@ use spharm_surface::Kind;
 use spharm_transform::{MomentGram, MomentOperator};
 
 use super::in_pool;
-use super::lsq::strategy;
+use super::shared::strategy;
 use crate::{Error, FitParams, FitWarning, Model, Smoothness};
 
 /// A fit from moments.

@@ -1,13 +1,11 @@
 //! The full least squares by fast transforms, without a basis, at the vertices.
 
-use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use spharm_monitor::{Level, Monitor, Stage};
-use spharm_solver::lsq::{Gcv, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
+use spharm_monitor::{Level, Monitor};
+use spharm_solver::lsq::{Gcv, MakeGram, MakeMoments, choose_smoothness, moments_pay};
 use spharm_solver::{
-    GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, SolverError, StoredFactor, Strategy, moment_gram,
-    moment_gram_bytes,
+    GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, moment_gram, moment_gram_bytes,
 };
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
@@ -15,26 +13,12 @@ use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 use super::batches::{Batch, Run, Solved};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
-use crate::machine::{Exceeded, exceeded};
+use super::shared::{Within, allowed, note_solution, strategy};
 use crate::report::BatchReport;
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
-/// Fits all targets: those that are fitted as surfaces, and those at the vertices.
-pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
-    run.monitor.begin(Stage::counted("fit", "surfaces"), run.count as u64);
-    while let Some(surface) = run.next_is_surface()? {
-        if surface {
-            super::surface::run(run)?;
-        } else {
-            run_at_vertices(run)?;
-        }
-    }
-    run.monitor.end();
-    Ok(())
-}
-
 /// Fits targets at their vertices as long as they aren't to be fitted as surfaces.
-fn run_at_vertices<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
+pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let job = &run.job;
     let (params, directions) = (job.params, &job.sphere.directions);
@@ -179,20 +163,6 @@ fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monit
     monitor.note(Level::Info, text);
 }
 
-pub(crate) fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
-    let text = format_args!(
-        "{} iterations by {}, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
-        report.iterations,
-        report.products,
-        report.refinements,
-        report.preconditioner,
-        report.optimality,
-        report.condition,
-        report.seconds.total
-    );
-    monitor.note(Level::Detail, text);
-}
-
 fn solver_params(
     job: &Job<'_>,
     smoothness: f64,
@@ -218,28 +188,6 @@ fn solver_params(
     })
 }
 
-/// A monitor for one of several targets: its stages are shown as the status of the stage that counts targets.
-pub(crate) struct Within<'a>(pub(crate) &'a dyn Monitor);
-
-impl Monitor for Within<'_> {
-    fn begin(&self, stage: Stage, _: u64) {
-        self.0.note(Level::Status, format_args!("{}", stage.name));
-    }
-
-    fn note(&self, level: Level, text: fmt::Arguments<'_>) {
-        self.0.note(level, text);
-    }
-
-    fn cancelled(&self) -> bool {
-        self.0.cancelled()
-    }
-}
-
-/// Whether this process's limits allow for a factor.
-pub(crate) fn allowed(data: usize) -> Result<(), SolverError> {
-    exceeded(data, 0).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(SolverError::Limit { what, limit, needed }))
-}
-
 /// The penalty of all targets, where it isn't chosen for each.
 fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     let smoothness = job.smoothness();
@@ -248,16 +196,6 @@ fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
         monitor.note(Level::Info, text);
     }
     smoothness
-}
-
-pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
-    match preconditioner {
-        Preconditioner::Auto => Strategy::Auto,
-        Preconditioner::None => Strategy::Cg,
-        Preconditioner::Density => Strategy::DensityCg,
-        Preconditioner::LowDegrees(degree) => Strategy::LowDegreesCg(degree),
-        Preconditioner::Factor => Strategy::Cholesky,
-    }
 }
 
 fn areas(job: &Job<'_>) -> Result<Vec<f64>, Error> {

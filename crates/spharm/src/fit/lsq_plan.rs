@@ -1,12 +1,10 @@
 //! The memory that fits by transforms take: a full least squares beside a factor, and quadrature.
 
 use spharm_harmonics::basis_size;
-use spharm_surface::{Kind, Mesh};
 use spharm_transform::{FINEST, Transform, TransformParams};
 
 use super::job::{held, reading};
-use super::surface::SurfacePlan;
-use crate::{Error, FitParams, Method, defaults};
+use crate::{Error, defaults};
 
 /// Channels that a transform takes at a time; more are slower, since the caches don't hold them.
 const CHANNELS_AT_A_TIME: usize = 3;
@@ -110,25 +108,4 @@ pub(crate) fn quadrature_transform(max_degree: usize) -> TransformParams {
 /// The settings of the transform of a fit.
 pub(crate) fn transform(max_degree: usize, channels: usize) -> TransformParams {
     TransformParams { max_degree, accuracy: defaults::TRANSFORM_ACCURACY, channels }
-}
-
-/// Checks that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is
-/// made.
-///
-/// The plan of a fit over a store depends on the store, so those methods are checked when the fit starts.
-///
-/// # Errors
-///
-/// [`Error::Memory`] with the least that works.
-pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
-    let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
-    let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3 };
-    match params.method {
-        Method::Lsq if params.fits_surface(Kind::Surface, true) => {
-            SurfacePlan::new(sizes, params.memory_budget(), 1).map(drop)
-        }
-        Method::Lsq => LsqPlan::new(sizes, params.memory_budget()).map(drop),
-        Method::Quadrature => quadrature_readers(sizes, params.memory_budget(), 1).map(drop),
-        _ => Ok(()),
-    }
 }

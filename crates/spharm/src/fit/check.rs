@@ -1,0 +1,28 @@
+//! Whether the memory suffices, told before a surface is mapped to the sphere.
+
+use spharm_surface::{Kind, Mesh};
+
+use super::lsq_plan::{LsqPlan, Sizes, quadrature_readers};
+use super::surface_plan::SurfacePlan;
+use crate::{Error, FitParams, Method};
+
+/// Checks that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is
+/// made.
+///
+/// The plan of a fit over a store depends on the store, so those methods are checked when the fit starts.
+///
+/// # Errors
+///
+/// [`Error::Memory`] with the least that works.
+pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
+    let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
+    let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3 };
+    match params.method {
+        Method::Lsq if params.fits_surface(Kind::Surface, true) => {
+            SurfacePlan::new(sizes, params.memory_budget(), 1).map(drop)
+        }
+        Method::Lsq => LsqPlan::new(sizes, params.memory_budget()).map(drop),
+        Method::Quadrature => quadrature_readers(sizes, params.memory_budget(), 1).map(drop),
+        _ => Ok(()),
+    }
+}

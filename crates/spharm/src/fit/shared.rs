@@ -1,0 +1,56 @@
+//! What the full least squares at vertices, over surfaces and from moments share.
+
+use std::fmt;
+
+use spharm_monitor::{Level, Monitor, Stage};
+use spharm_solver::lsq::LsqReport;
+use spharm_solver::{SolverError, Strategy};
+
+use crate::Preconditioner;
+use crate::machine::{Exceeded, exceeded};
+
+/// A monitor for one of several targets: its stages are shown as the status of the stage that counts targets.
+pub(crate) struct Within<'a>(pub(crate) &'a dyn Monitor);
+
+impl Monitor for Within<'_> {
+    fn begin(&self, stage: Stage, _: u64) {
+        self.0.note(Level::Status, format_args!("{}", stage.name));
+    }
+
+    fn note(&self, level: Level, text: fmt::Arguments<'_>) {
+        self.0.note(level, text);
+    }
+
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+}
+
+/// Whether this process's limits allow for a factor.
+pub(crate) fn allowed(data: usize) -> Result<(), SolverError> {
+    exceeded(data, 0).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(SolverError::Limit { what, limit, needed }))
+}
+
+pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
+    match preconditioner {
+        Preconditioner::Auto => Strategy::Auto,
+        Preconditioner::None => Strategy::Cg,
+        Preconditioner::Density => Strategy::DensityCg,
+        Preconditioner::LowDegrees(degree) => Strategy::LowDegreesCg(degree),
+        Preconditioner::Factor => Strategy::Cholesky,
+    }
+}
+
+pub(crate) fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
+    let text = format_args!(
+        "{} iterations by {}, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
+        report.iterations,
+        report.products,
+        report.refinements,
+        report.preconditioner,
+        report.optimality,
+        report.condition,
+        report.seconds.total
+    );
+    monitor.note(Level::Detail, text);
+}
