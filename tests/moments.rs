@@ -64,7 +64,7 @@ impl Survey {
     }
 
     fn model(&self, name: &str) -> Model {
-        Model::read(&self.path(name)).expect("a model")
+        Model::read(self.path(name)).expect("a model")
     }
 }
 
