@@ -169,7 +169,7 @@ fn bad_input_is_refused_and_nothing_is_left_behind() {
     let table = Survey::table();
     let write = |name: &str, bytes: &[u8]| std::fs::write(survey.path(name), bytes).expect("a file");
     let moments = std::fs::read(survey.path("good.moments")).expect("a file");
-    write("nan.csv", table.replacen("2.", "nan", 1).as_bytes());
+    write("nan.csv", (table.clone() + "1,2,nan,1\n").as_bytes());
     write("empty.csv", b"");
     write("ragged.csv", (table.clone() + "1,2,3\n").as_bytes());
     write("truncated.moments", &moments[..moments.len() - 1]);
@@ -233,7 +233,8 @@ fn a_degree_that_the_samples_do_not_determine_is_said_with_the_gap() {
     assert!(said.contains("isn't determined by the samples") && said.contains("resolves 15.0"), "{said}");
     let report = json(&String::from_utf8_lossy(&output.stdout));
     let gap = report["fit"]["largest_gap"].as_f64().expect("a number");
-    assert!((gap - 220.0).abs() < 8.0, "{gap}");
+    // To three cells of 180 / 26 degrees.
+    assert!((gap - 220.0).abs() < 21.0, "{gap}");
     // As many coefficients as samples, or more, leave no standard errors.
     let few: String = table.lines().take(50).map(|row| format!("{row}\n")).collect();
     std::fs::write(survey.path("few.csv"), few).expect("a table");

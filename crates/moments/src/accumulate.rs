@@ -3,7 +3,9 @@
 //! A chunk is read while the one before is converted and spread. Memory is that of [`Accumulator`] and three chunks,
 //! whatever the size of the tables.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
 use std::time::Instant;
 
@@ -16,6 +18,8 @@ use crate::moments::{Moments, Shard, Source};
 use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, open};
 
 const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
+/// Bytes of either end of a file that its key depends on.
+const END: u64 = 1 << 16;
 /// Samples of a chunk.
 const CHUNK: usize = 1 << 19;
 
@@ -180,7 +184,7 @@ impl Key {
         key
     }
 
-    fn add(&mut self, path: &std::path::Path, opened: &Opened) -> Result<(), MomentsError> {
+    fn add(&mut self, path: &Path, opened: &Opened) -> Result<(), MomentsError> {
         match &opened.hash {
             Some(hash) => {
                 let hash = hash.lock().unwrap_or_else(PoisonError::into_inner).finalize();
@@ -195,7 +199,20 @@ impl Key {
                 }
                 self.bytes(path.file_name().unwrap_or_default().to_string_lossy().as_bytes());
                 self.number(was);
+                self.ends(path, was).map_err(MomentsError::io(path, "read"))?;
             }
+        }
+        Ok(())
+    }
+
+    /// The first and last bytes of a file, which tell files of one name and size apart.
+    fn ends(&mut self, path: &Path, size: u64) -> io::Result<()> {
+        let mut file = File::open(path)?;
+        for start in [0, size.saturating_sub(END)] {
+            let mut bytes = Vec::new();
+            file.seek(SeekFrom::Start(start))?;
+            file.by_ref().take(END).read_to_end(&mut bytes)?;
+            self.bytes(&bytes);
         }
         Ok(())
     }

@@ -174,7 +174,7 @@ pub enum MomentsError {
     #[error(transparent)]
     Output(#[from] SurfaceError),
     /// The computation was asked to stop.
-    #[error(transparent)]
+    #[error("{0}")]
     Interrupted(#[from] Interrupted),
 }
 

@@ -5,8 +5,7 @@ use std::collections::BTreeMap;
 use crate::moments::{Moments, Shard, Source};
 use crate::{MomentsError, Source as PartSource};
 
-/// Adds the moments of parts, in the order of their samples, whatever order they are given in. With `partial` shards
-/// may be missing.
+/// Adds the moments of parts; to rounding, their order doesn't matter. With `partial` shards may be missing.
 ///
 /// # Errors
 ///

@@ -35,7 +35,7 @@ impl Shard {
 /// Samples that moments are of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Hash of what was read: names and sizes of the files, columns.
+    /// Hash of what was read: columns; names, sizes, first and last bytes of the files.
     pub key: [u8; 32],
     /// The part of it.
     pub shard: Shard,

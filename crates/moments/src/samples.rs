@@ -126,6 +126,10 @@ impl Columns {
             names.push(name.clone());
             Ok(names.len() - 1)
         };
+        let named = positions.names();
+        if (1..named.len()).any(|i| named[..i].contains(&named[i])) {
+            return Err(unclear("a column is named twice as a position"));
+        }
         // First, and in their order: a row begins with its position.
         for name in positions.names() {
             place(name)?;

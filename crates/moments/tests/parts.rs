@@ -86,8 +86,10 @@ fn what_does_not_belong_together_is_refused() {
 fn parts_of_different_tables_add_up() {
     let folder = tempfile::tempdir().unwrap();
     let path = table(folder.path());
-    let copy = folder.path().join("more.csv");
-    std::fs::copy(&path, &copy).unwrap();
+    // Of the same name and size.
+    let copy = folder.path().join("more").join("samples.csv");
+    std::fs::create_dir(copy.parent().unwrap()).unwrap();
+    std::fs::write(&copy, std::fs::read_to_string(&path).unwrap().replace(",3\n", ",2\n")).unwrap();
     let all = merge(vec![part(&path, 0, 1), part(&copy, 0, 1)], false).unwrap();
     assert_eq!((all.sources.len(), all.rows), (2, 10_000));
     let mut both = request(&path, Shard::WHOLE);
@@ -95,4 +97,5 @@ fn parts_of_different_tables_add_up() {
     let both = accumulate(&both, &Silent).unwrap().moments;
     assert_eq!(both.rows, 10_000);
     assert!((both.sums.squares[0] / all.sums.squares[0] - 1.0).abs() < 1e-14);
+    assert!(merge(vec![part(&path, 0, 1), part(&path, 0, 1)], false).is_err());
 }

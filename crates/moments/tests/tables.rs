@@ -166,6 +166,9 @@ fn columns_that_are_missing_are_named_with_those_there() {
     refused(&request(&path, &["hight"]), &["a.csv", "no column hight", "lon, lat, height"]);
     refused(&request(&path, &[]), &["a.csv", "the values", "lon, lat, height"]);
     refused(&request(&path, &["radius"]), &["a.csv", "radius"]);
+    let mut twice = request(&path, &["height"]);
+    twice.columns.positions = Some(Positions::LonLat(["lon", "lon"].map(str::to_owned)));
+    refused(&twice, &["a.csv", "twice"]);
     let path = folder.file("b.csv", "1,2,3\n");
     refused(&request(&path, &["2"]), &["b.csv", "positions", "0, 1, 2"]);
 }

@@ -11,7 +11,7 @@
 //! grids; when enough of them have come, all samples of a strip are spread together.
 //!
 //! Memory: the grids, `4 M^2 + c M^2` bytes for M points around and c channels, with M from 2.4 to 5.6 times 2L, and
-//! [`SAMPLES_HELD`] samples of `32 + 8 c` bytes; at the end spectra of some `16 L M` bytes. At L = 1,000 that is some
+//! up to 8 million samples of `32 + 8 c` bytes; at the end spectra of some `16 L M` bytes. At L = 1,000 that is some
 //! 1 GB. Results are the same bits on any number of threads.
 
 mod blocks;
@@ -26,7 +26,6 @@ use rayon::prelude::*;
 
 use crate::accumulator::blocks::{BLOCK, Block, Samples};
 use crate::accumulator::griddings::Griddings;
-pub use crate::accumulator::griddings::SAMPLES_HELD;
 pub use crate::accumulator::occupied::Occupied;
 use crate::kernel::Kernel;
 use crate::{FINEST, SampleSums, Transform, TransformError, TransformParams};
@@ -57,7 +56,9 @@ pub struct Accumulator {
     /// Blocks that haven't been spread yet, and after them those that can be filled.
     blocks: Vec<Block>,
     full: usize,
+    /// Samples in them, and how many there may be.
     held: usize,
+    most_held: usize,
     count: u64,
     rows: u64,
     weight: f64,
@@ -104,6 +105,7 @@ impl Accumulator {
             channels,
             kernels: griddings.kernels(max_degree),
             grids: [vec![0.0; fine.len()], vec![0.0; coarse.len()]],
+            most_held: griddings.held(channels),
             griddings,
             blocks: Vec::new(),
             full: 0,
@@ -119,14 +121,9 @@ impl Accumulator {
 
     /// Returns the most bytes that sums take, their result among them.
     pub fn bytes(max_degree: usize, channels: usize) -> usize {
-        Self::bytes_for(max_degree, channels, SAMPLES_HELD)
-    }
-
-    /// Returns the most bytes that sums take where no more than so many samples are added before they are spread.
-    pub fn bytes_for(max_degree: usize, channels: usize, samples: usize) -> usize {
         let griddings = Griddings::choose(max_degree, channels);
         let [fine, coarse] = griddings.layouts(channels).map(|layout| 8 * layout.len());
-        let held = samples.min(SAMPLES_HELD) * (32 + 8 * channels);
+        let held = griddings.held(channels) * (32 + 8 * channels);
         let spectra = griddings.spectra_bytes(max_degree, channels);
         fine + coarse + held.max(spectra)
     }
@@ -164,7 +161,7 @@ impl Accumulator {
         // As many blocks at a time as may still be held.
         let mut at = 0;
         while at < starts.len() {
-            let most = (SAMPLES_HELD - self.held).div_ceil(BLOCK);
+            let most = (self.most_held - self.held).div_ceil(BLOCK);
             let some = &starts[at..starts.len().min(at + most)];
             let (griddings, channels) = (&self.griddings, self.channels);
             let started = Instant::now();
@@ -190,7 +187,7 @@ impl Accumulator {
             }
             self.seconds.place += started.elapsed().as_secs_f64();
             at += some.len();
-            if self.held >= SAMPLES_HELD {
+            if self.held >= self.most_held {
                 self.spread();
             }
         }

@@ -154,7 +154,6 @@ impl<'a> Fitter<'a> {
                 values.slice_mut(s![.., group]).assign(&self.sampling.interpolate(target, triangles.clone()));
             }
             sums.add(directions.as_slice(), Some(&weights), values.view())?;
-            sums.spread();
         }
         let mut sums = sums.finish()?.sums;
         let vertices = self.sphere.directions.len() as f64;

@@ -39,7 +39,7 @@ impl SurfacePlan {
         let columns = together * channels;
         // How each triangle is cut; places, directions, weights and values of a run's samples.
         let sampling = 40 * faces + RUN * (64 + 8 * columns);
-        let sums = Accumulator::bytes_for(max_degree, columns, 2 * RUN);
+        let sums = Accumulator::bytes(max_degree, columns);
         // Moments and right-hand sides, twice; the vectors of conjugate gradients.
         let solving = 16 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
         let operator = MomentOperator::bytes(max_degree, columns, rayon::current_num_threads());

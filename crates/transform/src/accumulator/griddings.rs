@@ -5,9 +5,10 @@ use crate::grid::Layout;
 use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
 use crate::kernel::{Kernel, MAX_WIDTH};
 
-/// Samples that are held before they are spread. Spreading goes over the whole grid, which at high degrees is larger
-/// than any cache.
-pub const SAMPLES_HELD: usize = 1 << 22;
+/// Samples that are held before they are spread: one for eight points of the grids, over all of which spreading goes, within
+/// these bounds.
+const FEWEST_HELD: usize = 1 << 16;
+const MOST_HELD: usize = 1 << 23;
 
 /// The griddings of the weights, degree 2L, and of the weighted values, degree L.
 #[derive(Debug, Clone, Copy)]
@@ -60,6 +61,11 @@ impl Griddings {
         [kernel(fine, 2 * max_degree), kernel(coarse, max_degree)]
     }
 
+    /// Samples that are held before they are spread.
+    pub(super) fn held(&self, channels: usize) -> usize {
+        (points(self.both[0].grid, channels) / 8).clamp(FEWEST_HELD, MOST_HELD)
+    }
+
     /// Rows of the fine grid that are spread to by one task: a strip of the coarse grid, two of the fine one.
     pub(super) fn rows_together(&self) -> usize {
         2 * Layout::new(self.both[0].grid, self.both[0].width, 1).strip
@@ -83,10 +89,16 @@ impl Griddings {
     }
 }
 
+/// Points of both grids, channel by channel, where the fine one has `grid` points around.
+fn points(grid: usize, channels: usize) -> usize {
+    grid * grid / 2 + channels * grid * grid / 8
+}
+
 /// Estimated nanoseconds of a thread for a sample: its own products, and its share of reading and writing the grids.
 fn cost(width: usize, grid: usize, channels: usize) -> f64 {
     /// Of a thread, beside another one.
     const BYTES_PER_NANOSECOND: f64 = 6.0;
-    let cells = (grid * grid) as f64 * (0.5 + channels as f64 / 8.0);
-    point_cost(width, 1) + point_cost(width, channels) + 16.0 * cells / SAMPLES_HELD as f64 / BYTES_PER_NANOSECOND
+    // Finer grids could be paid for by more samples that are held, which takes memory twice.
+    let traffic = 16.0 * points(grid, channels) as f64 / (MOST_HELD / 2) as f64;
+    point_cost(width, 1) + point_cost(width, channels) + traffic / BYTES_PER_NANOSECOND
 }

