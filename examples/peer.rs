@@ -158,7 +158,7 @@ fn main() -> Result<()> {
                 Ok(array.into_raw_vec_and_offset().0.as_chunks().0.to_vec())
             };
             let (directions, targets) = (rows(&directions)?, rows(&targets)?);
-            let before = spharm_cli::machine::memory().peak_resident;
+            let before = spharm::machine::process_status("VmRSS:");
             let (seconds, _) = repeat(repeats, || {
                 let sphere = Sphere::from_directions(Directions::from_vertices(&directions)?);
                 let signal = Signal::new(targets.as_flattened().to_vec(), targets.len(), 3);

@@ -120,7 +120,7 @@ pub(super) struct MethodArgs {
     #[arg(long)]
     pub(super) accelerate: bool,
     /// Last degree of the first block, s (sirf, mirf) [default: 0]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", hide_short_help = true)]
     pub(super) start_degree: Option<usize>,
     /// Smoothness penalty (lsq) [default: 0]
     ///

@@ -163,7 +163,7 @@ fn rows_that_cannot_be_used_are_named() {
 fn columns_that_are_missing_are_named_with_those_there() {
     let folder = Folder::new();
     let path = folder.file("a.csv", "lon,lat,height\n1,2,3\n");
-    refused(&request(&path, &["hight"]), &["a.csv", "no column hight", "lon, lat, height"]);
+    refused(&request(&path, &["altitude"]), &["a.csv", "no column altitude", "lon, lat, height"]);
     refused(&request(&path, &[]), &["a.csv", "the values", "lon, lat, height"]);
     refused(&request(&path, &["radius"]), &["a.csv", "radius"]);
     let mut twice = request(&path, &["height"]);
