@@ -17,7 +17,7 @@ from ._transform import Transform
 
 
 class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Turns surfaces with corresponding vertices into rows of coefficients.
+    """Turns surfaces with corresponding vertices into rows of coefficients: their least squares at the vertices.
 
     Parameters
     ----------
@@ -84,6 +84,9 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             X,
             self.sphere_,
             self.max_degree,
+            # A row is its coefficients' values at the vertices, and comes back as it was.
+            target="vertices",
+            surface_distance=False,
             smoothness=self.smoothness,
             weights=self.weights,
             threads=self.threads,

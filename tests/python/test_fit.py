@@ -32,7 +32,7 @@ def test_a_surface_is_fitted_between_its_vertices(study: Study) -> None:
     distance = model.report["surface_distance"]
     assert 0 < distance["rms"] < distance["percentile95"] < distance["hausdorff"]
     compared = sp.compare(surface, model.surface(6), surface_distance=True).surface
-    assert compared["rms"] == pytest.approx(distance["rms_raw"], rel=0.1)
+    assert compared is not None and compared["rms"] == pytest.approx(distance["rms_raw"], rel=0.1)
     vertices = sp.fit(surface, sphere, 20, target="vertices")
     assert "surface_distance" not in vertices.report and vertices.report["msd"] < model.report["msd"]
     assert "surface_distance" not in sp.fit(surface, sphere, 20, surface_distance=False).report

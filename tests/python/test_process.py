@@ -39,7 +39,7 @@ def _works(folder: Path) -> dict[str, Callable[[], Any]]:
     rough = np.random.default_rng(0).normal(size=(20_000, 3))
     store = sp.Store(folder / "store")
     return {
-        "fit": lambda: sp.fit(rough, rough, 80, tolerance=1e-14),
+        "fit": lambda: sp.fit(rough, rough, 120, tolerance=1e-14),
         "parametrize": lambda: sp.parametrize(surface),
         "basis": lambda: store.build(sphere, 60),
         "factor": lambda: store.factor(rough, 70),

@@ -164,6 +164,12 @@ pub enum MomentsError {
         /// The shards that no part has.
         missing: Vec<String>,
     },
+    /// A table of Parquet, Arrow or LAS, in a program that was built without them.
+    #[error("{}: this build doesn't read Parquet, Arrow and LAS; the program that cargo installs does, and all read .npy and .csv", .path.display())]
+    LeftOut {
+        /// The file.
+        path: PathBuf,
+    },
     /// No parts at all.
     #[error("no parts to add")]
     NoParts,

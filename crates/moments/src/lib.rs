@@ -2,8 +2,8 @@
 //!
 //! A least-squares fit of samples f at directions x with weights w depends on them through the moments of the weights to
 //! degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2` and their number alone. All of these are sums over
-//! the samples, so that they can be formed in one pass over the data, in parts, anywhere: [`accumulate`] reads
-//! tables in chunks, [`Moments::write`] keeps what it found, and [`merge`] adds parts and refuses those that don't
+//! the samples, so that they can be formed in one pass over the data, in parts, anywhere: [`accumulate()`] reads
+//! tables in chunks, [`Moments::write`] keeps what it found, and [`merge()`] adds parts and refuses those that don't
 //! belong together. `docs/moments-format.md` is the authority on the file's bytes.
 //!
 //! # Modules
@@ -13,7 +13,7 @@
 //! | [`samples`] | tables of samples, a file format a module; columns to directions, weights and values |
 //! | [`mod@accumulate`] | moments of tables, in bounded memory |
 //! | [`moments`] | [`Moments`]: the sums, and what they are of |
-//! | [`merge`](mod@merge) | parts that make a whole |
+//! | [`merge()`](mod@merge) | parts that make a whole |
 //! | `file` | the file format |
 //!
 //! # Example

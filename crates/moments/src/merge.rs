@@ -16,12 +16,12 @@ pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError
     merge_named(parts.into_iter().map(Ok), names, partial)
 }
 
-/// As [`merge`], for parts that are read one after the other as they are needed, with names for errors. Two parts are in
+/// As [`merge()`], for parts that are read one after the other as they are needed, with names for errors. Two parts are in
 /// memory at a time.
 ///
 /// # Errors
 ///
-/// Those of [`merge`] and of the parts.
+/// Those of [`merge()`] and of the parts.
 pub fn merge_named(
     parts: impl IntoIterator<Item = Result<Moments, MomentsError>>,
     names: Vec<String>,

@@ -1,7 +1,9 @@
 //! Tables of samples, read in chunks: which columns are positions, weights and values, and what they may hold.
 
+#[cfg(feature = "tables")]
 mod arrow;
 mod csv;
+#[cfg(feature = "tables")]
 mod las;
 mod npy;
 mod npz;

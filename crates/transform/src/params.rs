@@ -1,6 +1,6 @@
 //! What a transform is planned for.
 
-/// Degree, accuracy and memory use of a [`Transform`].
+/// Degree, accuracy and memory use of a [`Transform`](crate::Transform).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TransformParams {
     /// Highest degree, L, inclusive; at most twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Default 0.

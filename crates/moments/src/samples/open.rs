@@ -6,7 +6,9 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::table::Table;
-use super::{arrow, csv, las, npy, npz, ply};
+#[cfg(feature = "tables")]
+use super::{arrow, las};
+use super::{csv, npy, npz, ply};
 use crate::MomentsError;
 use crate::moments::Shard;
 
@@ -49,8 +51,15 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     let (table, rows) = match ending {
         Some(".npy") => known(npy::open(path, file, bytes, shard)?),
         Some(".npz") => known(npz::open(path, file, shard)?),
+        #[cfg(feature = "tables")]
         Some(".parquet") => known(arrow::open_parquet(path, file, shard)?),
+        #[cfg(feature = "tables")]
         Some(".arrow" | ".feather") => known(arrow::open_ipc(path, file, shard)?),
+        #[cfg(not(feature = "tables"))]
+        Some(".parquet" | ".arrow" | ".feather" | ".las") => {
+            return Err(MomentsError::LeftOut { path: path.to_owned() });
+        }
+        #[cfg(feature = "tables")]
         Some(".las") => known(las::open(path, file, bytes, shard)?),
         Some(".ply") => ply::open(path, file, bytes, shard)?,
         Some(_) => (Box::new(csv::open(path, file, bytes, shard)?) as Box<dyn Table>, None),
