@@ -8,10 +8,10 @@
 //!
 //! | module | contents |
 //! |---|---|
+//! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`error`] | [`ShapeError`] |
 
-#![forbid(unsafe_code)]
-
 pub mod error;
+pub mod stats;
 
 pub use error::ShapeError;

@@ -1,0 +1,175 @@
+//! Tests of groups and of covariates at every vertex, with family-wise and false-discovery control.
+//!
+//! A study has n subjects and a measurement of d components at each of V vertices of a common sampling: a displacement
+//! along the mean's normal (d = 1), a displacement in space (d = 3), thickness. At each vertex the linear model
+//!
+//! ```text
+//! Y = X B + E,   X (n, p), B (p, d),   H0: c^T B = 0
+//! ```
+//!
+//! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. Two groups are the design with a
+//! column for each and the contrast (1, -1): the pooled t test.
+//!
+//! # Modules
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`design`] | [`Design`], [`Contrast`]: the model and what is asked of it |
+//! | [`linear`] | statistics, p values, effects and their confidence at each vertex |
+//! | [`welch`] | two groups of unequal variance |
+//! | [`permutation`] | family-wise p values by the largest statistic of relabelled studies |
+//! | [`arrangements`] | relabellings, all of them or random ones |
+//! | [`fdr`] | false-discovery rate |
+//! | [`distributions`] | tails of t and F |
+//!
+//! # Example
+//!
+//! ```
+//! use ndarray::Array2;
+//! use spharm_monitor::Silent;
+//! use spharm_shape::stats::{Contrast, Design, PermutationParams, TestParams, test};
+//!
+//! // Five subjects against five at two vertices; they differ at the second one.
+//! let values = Array2::from_shape_fn((10, 2), |(i, v)| (i as f64 * 1.7).sin() + if v == 1 && i < 5 { 9.0 } else { 0.0 });
+//! let design = Design::groups(&[5, 5])?;
+//! let found = test(values.view(), 1, &design, &Contrast::difference(2, 0, 1), &TestParams::default(), &Silent)?;
+//! let family_wise = found.family_wise.as_ref().unwrap();
+//! assert_eq!(family_wise.relabellings, 252);
+//! assert!(family_wise.p[0] > 0.3 && (family_wise.p[1] - 2.0 / 252.0).abs() < 1e-12);
+//! # Ok::<(), spharm_shape::ShapeError>(())
+//! ```
+
+pub mod arrangements;
+pub mod design;
+pub mod distributions;
+pub mod fdr;
+pub mod linear;
+pub mod permutation;
+mod projection;
+#[cfg(test)]
+mod tests;
+pub mod welch;
+
+use ndarray::ArrayView2;
+use spharm_monitor::Monitor;
+
+use crate::ShapeError;
+
+pub use design::{Contrast, Design};
+pub use linear::{Effect, Statistic};
+pub use permutation::{FamilyWise, PermutationParams};
+
+/// What a test computes.
+#[derive(Debug, Clone)]
+pub struct TestParams {
+    /// Relabellings for family-wise p values; none without. Default: 10,000 at seed 0.
+    pub permutations: Option<PermutationParams>,
+    /// Welch's t in place of the pooled one, for two groups and d = 1. Default: no.
+    pub welch: bool,
+    /// The coverage of confidence intervals of the effect, in (0, 1). Default: 0.95.
+    pub confidence: f64,
+    /// The level at which vertices are called significant, in (0, 1): for warnings alone. Default: 0.05.
+    pub level: f64,
+}
+
+impl Default for TestParams {
+    fn default() -> Self {
+        Self { permutations: Some(PermutationParams::default()), welch: false, confidence: 0.95, level: 0.05 }
+    }
+}
+
+/// What a test finds at each of V vertices.
+#[derive(Debug, Clone)]
+pub struct Test {
+    /// Which statistic, with its degrees of freedom.
+    pub kind: Statistic,
+    /// t (signed), F or `T^2`, (V).
+    pub statistic: Vec<f64>,
+    /// Two-sided p values of the distribution, uncorrected, (V).
+    pub p: Vec<f64>,
+    /// False-discovery rates of Benjamini and Hochberg, from `p`, (V).
+    pub q: Vec<f64>,
+    /// Family-wise p values, where relabellings were asked for.
+    pub family_wise: Option<FamilyWise>,
+    /// The contrast's estimate, its error and size; where the contrast has one row.
+    pub effect: Option<Effect>,
+    /// What to keep in mind.
+    pub warnings: Vec<TestWarning>,
+}
+
+/// What to keep in mind about a test.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TestWarning {
+    /// All subjects agree at some vertices, or their components depend on each other there.
+    #[error("{vertices} of {of} vertices have no variance: their statistic is 0 and their p is 1")]
+    NoVariance {
+        /// Number of such vertices.
+        vertices: usize,
+        /// Number of all.
+        of: usize,
+    },
+    /// Relabellings are so few that none can be significant.
+    #[error(
+        "the smallest p that {relabellings} relabellings can give is {floor:.2e}, above the level {level}: no vertex can be \
+         significant; {}",
+        if *.exact { "more subjects are needed" } else { "more relabellings are needed" }
+    )]
+    Floor {
+        /// The smallest p.
+        floor: f64,
+        /// Number of relabellings.
+        relabellings: usize,
+        /// The level asked for.
+        level: f64,
+        /// Whether these are all relabellings.
+        exact: bool,
+    },
+}
+
+/// Tests a contrast at each vertex: `values` is (n, V d), the d components of a vertex side by side.
+///
+/// # Errors
+///
+/// [`ShapeError::Subjects`] for values of other subjects than the design's, or too few of them for the statistic,
+/// [`ShapeError::NotFinite`], [`ShapeError::Contrast`] for a contrast that isn't of the design's columns or not estimable,
+/// [`ShapeError::NotTwoGroups`] for Welch's t of anything else, and [`ShapeError::Interrupted`].
+pub fn test(
+    values: ArrayView2<'_, f64>,
+    components: usize,
+    design: &Design,
+    contrast: &Contrast,
+    params: &TestParams,
+    monitor: &dyn Monitor,
+) -> Result<Test, ShapeError> {
+    linear::check(values, components, design, contrast, params)?;
+    let model = projection::Projection::new(design, contrast)?;
+    let (kind, statistic, p, effect) = if params.welch {
+        welch::statistics(values, design, contrast, params.confidence)?
+    } else {
+        linear::statistics(values, components, contrast, &model, params.confidence)?
+    };
+    let mut warnings = Vec::new();
+    let flat = statistic.iter().filter(|value| value.is_nan()).count();
+    let of = statistic.len();
+    let known = |values: Vec<f64>, other: f64| -> Vec<f64> {
+        values.into_iter().map(|value| if value.is_nan() { other } else { value }).collect()
+    };
+    let (statistic, p) = (known(statistic, 0.0), known(p, 1.0));
+    if flat > 0 {
+        warnings.push(TestWarning::NoVariance { vertices: flat, of });
+    }
+    let family_wise = match &params.permutations {
+        Some(asked) => {
+            let found = permutation::family_wise(values, components, design, &model, params.welch, asked, monitor)?;
+            if found.floor > params.level {
+                let FamilyWise { floor, relabellings, exact, .. } = found;
+                warnings.push(TestWarning::Floor { floor, relabellings, level: params.level, exact });
+            }
+            Some(found)
+        }
+        None => None,
+    };
+    let q = fdr::benjamini_hochberg(&p);
+    Ok(Test { kind, statistic, p, q, family_wise, effect, warnings })
+}

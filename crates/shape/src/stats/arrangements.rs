@@ -1,0 +1,191 @@
+//! Relabellings of a study: all of them where there are few, else random ones.
+//!
+//! Subjects whose rows of the design are equal can be exchanged without changing anything, so that only arrangements of
+//! the distinct rows count: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. Tests of a mean
+//! change signs instead: `2^n` of them. Random relabelling b is drawn from stream b of ChaCha8 with the seed, so that it
+//! doesn't depend on threads.
+
+use ndarray::ArrayView2;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+/// Relabellings of n subjects.
+#[derive(Debug, Clone)]
+pub(crate) struct Arrangements {
+    /// The distinct row that each subject has.
+    classes: Vec<u32>,
+    /// A subject with each distinct row.
+    representatives: Vec<u32>,
+    signs: bool,
+    seed: u64,
+    /// Number of relabellings, the labels as they are being the first.
+    pub(crate) count: usize,
+    /// Whether these are all.
+    pub(crate) exact: bool,
+}
+
+/// One relabelling: for each subject the one whose row of the design it gets, and the sign.
+pub(crate) type Relabelling = Vec<(u32, f64)>;
+
+impl Arrangements {
+    /// All relabellings of the rows of (n, p) where there are at most `exact_up_to`, else `random` random ones and the
+    /// labels as they are.
+    pub(crate) fn new(rows: ArrayView2<'_, f64>, signs: bool, random: usize, exact_up_to: usize, seed: u64) -> Self {
+        let mut representatives: Vec<u32> = Vec::new();
+        let mut classes = Vec::with_capacity(rows.nrows());
+        for (i, row) in rows.rows().into_iter().enumerate() {
+            let same = |other: &u32| {
+                let other = rows.row(*other as usize);
+                row.iter().zip(other).all(|(a, b)| (a - b).abs() <= 1e-12)
+            };
+            let class = representatives.iter().position(same).unwrap_or_else(|| {
+                representatives.push(i as u32);
+                representatives.len() - 1
+            });
+            classes.push(class as u32);
+        }
+        let all = if signs { power_of_two(rows.nrows()) } else { multinomial(&classes, representatives.len()) };
+        let exact = all.is_some_and(|all| all <= exact_up_to as u64);
+        let count = if exact { all.unwrap_or_default() as usize } else { random + 1 };
+        Self { classes, representatives, signs, seed, count, exact }
+    }
+
+    /// Relabellings `from..to` of the count.
+    pub(crate) fn range(&self, from: usize, to: usize) -> Vec<Relabelling> {
+        if self.signs {
+            return (from..to).map(|index| self.with_signs(index)).collect();
+        }
+        let identity: Relabelling = (0..self.classes.len()).map(|i| (i as u32, 1.0)).collect();
+        if !self.exact {
+            return (from..to).map(|index| if index == 0 { identity.clone() } else { self.shuffled(index) }).collect();
+        }
+        // In lexicographic order from the first one on; where a run begins it is stepped to.
+        let mut classes = self.classes.clone();
+        classes.sort_unstable();
+        let mut found = Vec::with_capacity(to - from);
+        for index in 0..to {
+            if index >= from {
+                found.push(classes.iter().map(|class| (self.representatives[*class as usize], 1.0)).collect());
+            }
+            if !next(&mut classes) {
+                break;
+            }
+        }
+        found
+    }
+
+    fn shuffled(&self, index: usize) -> Relabelling {
+        let mut random = self.stream(index);
+        let mut order: Vec<u32> = (0..self.classes.len() as u32).collect();
+        for last in (1..order.len()).rev() {
+            order.swap(last, below(&mut random, last as u64 + 1) as usize);
+        }
+        order.into_iter().map(|i| (i, 1.0)).collect()
+    }
+
+    fn with_signs(&self, index: usize) -> Relabelling {
+        let n = self.classes.len();
+        let sign = |negative: bool| if negative { -1.0 } else { 1.0 };
+        if self.exact || index == 0 {
+            return (0..n).map(|i| (i as u32, sign(i < 64 && index >> i & 1 == 1))).collect();
+        }
+        let mut random = self.stream(index);
+        (0..n).map(|i| (i as u32, sign(random.next_u32() & 1 == 1))).collect()
+    }
+
+    fn stream(&self, index: usize) -> ChaCha8Rng {
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        random.set_stream(index as u64);
+        random
+    }
+}
+
+/// A number below `bound`, each equally likely.
+fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
+    // Numbers of the last, incomplete round are drawn again.
+    let limit = u64::MAX - u64::MAX % bound;
+    loop {
+        let drawn = random.next_u64();
+        if drawn < limit {
+            return drawn % bound;
+        }
+    }
+}
+
+/// The next arrangement in lexicographic order; false after the last one.
+fn next(values: &mut [u32]) -> bool {
+    let Some(pivot) = (1..values.len()).rev().find(|&i| values[i - 1] < values[i]) else { return false };
+    let Some(larger) = (pivot..values.len()).rev().find(|&i| values[i] > values[pivot - 1]) else { return false };
+    values.swap(pivot - 1, larger);
+    values[pivot..].reverse();
+    true
+}
+
+/// `n! / (k_1! k_2! ...)`, where it is a u64.
+fn multinomial(classes: &[u32], distinct: usize) -> Option<u64> {
+    let mut all = 1u64;
+    let mut placed = 0u64;
+    for class in 0..distinct as u32 {
+        for among in 1..=classes.iter().filter(|of| **of == class).count() as u64 {
+            placed += 1;
+            // A product of binomials: whole at each step.
+            all = u64::try_from(u128::from(all) * u128::from(placed) / u128::from(among)).ok()?;
+        }
+    }
+    Some(all)
+}
+
+fn power_of_two(n: usize) -> Option<u64> {
+    1u64.checked_shl(n as u32).filter(|_| n < 63)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array2;
+    use std::collections::HashSet;
+
+    fn rows(classes: &[u32]) -> Array2<f64> {
+        Array2::from_shape_fn((classes.len(), 1), |(i, _)| f64::from(classes[i]))
+    }
+
+    #[test]
+    fn all_relabellings_of_groups_are_there_once() {
+        for classes in [vec![0, 0, 1, 1, 1], vec![0, 1, 2, 1], vec![1, 0, 1, 0, 2, 2]] {
+            let all = Arrangements::new(rows(&classes).view(), false, 10, 20_000, 0);
+            let labels = |relabelling: &Relabelling| -> Vec<u32> {
+                relabelling.iter().map(|(i, _)| classes[*i as usize]).collect()
+            };
+            let found: HashSet<Vec<u32>> = all.range(0, all.count).iter().map(labels).collect();
+            assert!(all.exact && found.len() == all.count && found.contains(&classes));
+            let parts: Vec<_> = all.range(0, 3).into_iter().chain(all.range(3, all.count)).collect();
+            assert_eq!(parts, all.range(0, all.count));
+        }
+        let ten = Arrangements::new(rows(&[0, 0, 0, 0, 0, 1, 1, 1, 1, 1]).view(), false, 10, 20_000, 0);
+        assert_eq!(ten.count, 252);
+    }
+
+    #[test]
+    fn random_relabellings_are_even_and_the_same_for_a_seed() {
+        let classes: Vec<u32> = (0..40).collect();
+        let random = Arrangements::new(rows(&classes).view(), false, 4_000, 20_000, 7);
+        assert!(!random.exact && random.count == 4_001);
+        let found = random.range(0, 4_001);
+        assert!(found[0].iter().enumerate().all(|(i, (of, _))| i as u32 == *of));
+        assert_eq!(found[100..200], random.range(100, 200)[..]);
+        // Subject 0 comes to each of 40 places some 100 times: 5 standard deviations are 50.
+        let mut places = [0; 40];
+        found[1..].iter().for_each(|order| places[order.iter().position(|(of, _)| *of == 0).unwrap()] += 1);
+        assert!(places.iter().all(|&count| (50..150).contains(&count)), "{places:?}");
+    }
+
+    #[test]
+    fn signs_are_all_or_random() {
+        let ones = Array2::ones((5, 1));
+        let all = Arrangements::new(ones.view(), true, 10, 20_000, 0);
+        let distinct: HashSet<String> = all.range(0, 32).iter().map(|signs| format!("{signs:?}")).collect();
+        assert_eq!((all.count, distinct.len()), (32, 32));
+        let many = Arrangements::new(Array2::ones((70, 1)).view(), true, 10, 20_000, 0);
+        assert!(!many.exact && many.range(0, 1)[0].iter().all(|(_, sign)| *sign == 1.0));
+    }
+}

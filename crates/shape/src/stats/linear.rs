@@ -1,0 +1,275 @@
+//! The linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence.
+//!
+//! With the orthonormal bases of [`projection`](super::projection), b = Q_E^T Y and T = |residual of the reduced model|^2,
+//! the errors' sum of squares is `W = T - b^T b`, on v = n - p degrees of freedom, and
+//!
+//! - d = 1, one row: `t = b / sqrt(W / v)`;
+//! - d = 1, q rows: `F = (|b|^2 / q) / (W / v)` on (q, v);
+//! - d > 1, one row: `T^2 = v b W^-1 b^T`, of which `(v - d + 1) / (v d) T^2` is F on (d, v - d + 1): T. W. Anderson, "An
+//!   Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2.
+//!
+//! Two groups are the two-sample tests; of the mean alone, the one-sample tests. Cost: 2 n V d (p + 2) flops.
+
+use ndarray::{Array2, ArrayView2, Axis};
+use rayon::prelude::*;
+
+use super::TestParams;
+use super::design::{Contrast, Design};
+use super::distributions::{p_of_f, p_of_t, quantile_of_t};
+use super::projection::{Projection, without};
+use crate::ShapeError;
+
+/// The statistic of a test.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Statistic {
+    /// Student's t.
+    T {
+        /// Degrees of freedom; of Welch's t those of the vertex where they are least.
+        freedom: f64,
+    },
+    /// Fisher's F.
+    F {
+        /// Rows of the contrast.
+        between: f64,
+        /// Degrees of freedom of the errors.
+        within: f64,
+    },
+    /// Hotelling's `T^2`.
+    TSquared {
+        /// Components at a vertex, d.
+        components: usize,
+        /// Degrees of freedom of the errors.
+        freedom: f64,
+    },
+}
+
+/// The estimate of a contrast of one row, `c^T B`, in the measurement's unit.
+#[derive(Debug, Clone)]
+pub struct Effect {
+    /// The estimate, (V, d).
+    pub estimate: Array2<f64>,
+    /// Its standard error, (V, d).
+    pub standard_error: Array2<f64>,
+    /// Half the width of its confidence interval, (V, d).
+    pub margin: Array2<f64>,
+    /// The estimate over the errors' standard deviation: for two groups Cohen's d; for d > 1 Mahalanobis' distance, (V).
+    /// NaN where there is no variance.
+    pub size: Vec<f64>,
+}
+
+pub(crate) fn check(
+    values: ArrayView2<'_, f64>,
+    components: usize,
+    design: &Design,
+    contrast: &Contrast,
+    params: &TestParams,
+) -> Result<(), ShapeError> {
+    let (n, columns) = values.dim();
+    let p = design.matrix().ncols();
+    if n != design.subjects() {
+        return Err(ShapeError::Subjects { what: "the values", expected: design.subjects(), found: n });
+    }
+    if components == 0 || columns == 0 || !columns.is_multiple_of(components) {
+        return Err(ShapeError::Components { columns, components });
+    }
+    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+        return Err(ShapeError::NotFinite { what: "the values", row: at / columns, column: at % columns });
+    }
+    let (rows, weights) = contrast.weights.dim();
+    if weights != p || rows == 0 || rows > p {
+        return Err(ShapeError::Contrast {
+            expected: "rows with a weight for each column of the design, no more rows than columns",
+            found: format!("{rows} rows of {weights} weights for {p} columns"),
+        });
+    }
+    if !contrast.weights.iter().all(|weight| weight.is_finite()) {
+        return Err(ShapeError::Contrast { expected: "finite weights", found: "NaN or infinity".to_owned() });
+    }
+    if rows > 1 && components > 1 {
+        return Err(ShapeError::Contrast {
+            expected: "one row, for values of several components",
+            found: format!("{rows} rows"),
+        });
+    }
+    // Hotelling's T^2 needs v - d + 1 > 0.
+    let least = p + components;
+    if n < least {
+        return Err(ShapeError::Subjects { what: "the values", expected: least, found: n });
+    }
+    for (what, found) in [("confidence", params.confidence), ("level", params.level)] {
+        if !(found > 0.0 && found < 1.0) {
+            return Err(ShapeError::Share { what, found });
+        }
+    }
+    Ok(())
+}
+
+pub(crate) type Found = (Statistic, Vec<f64>, Vec<f64>, Option<Effect>);
+
+/// Statistics and p values, NaN where there is no variance.
+pub(crate) fn statistics(
+    values: ArrayView2<'_, f64>,
+    components: usize,
+    contrast: &Contrast,
+    model: &Projection,
+    confidence: f64,
+) -> Result<Found, ShapeError> {
+    let reduced = model.residual(values);
+    let along = model.effect.t().dot(&reduced); // (q, V d)
+    let errors = without(model.effect.view(), reduced);
+    let (freedom, rows) = (model.freedom as f64, contrast.weights.nrows());
+    debug_assert_eq!(rows, along.nrows());
+    let vertices = values.ncols() / components;
+    // The largest value of each column says below which sum of squares there are but rounding errors.
+    let floor = floors(values);
+    if components == 1 {
+        let squares = column_squares(errors.view());
+        let variance = |v: usize| if squares[v] > floor[v] { squares[v] / freedom } else { f64::NAN };
+        let (kind, statistic, p): (_, Vec<f64>, Vec<f64>) = if rows == 1 {
+            let t: Vec<f64> = (0..vertices).map(|v| along[[0, v]] / variance(v).sqrt()).collect();
+            let p = t.par_iter().map(|t| p_of_t(*t, freedom)).collect();
+            (Statistic::T { freedom }, t, p)
+        } else {
+            let between = rows as f64;
+            let sum = |v: usize| along.column(v).iter().map(|b| b * b).sum::<f64>();
+            let f: Vec<f64> = (0..vertices).map(|v| sum(v) / between / variance(v)).collect();
+            let p = f.par_iter().map(|f| p_of_f(*f, between, freedom)).collect();
+            (Statistic::F { between, within: freedom }, f, p)
+        };
+        let effect = (rows == 1).then(|| effect(model, &along, &squares, &floor, components, confidence, None));
+        return Ok((kind, statistic, p, effect));
+    }
+    let d = components as f64;
+    let quotients: Vec<f64> = (0..vertices)
+        .into_par_iter()
+        .map(|v| {
+            let columns = v * components..(v + 1) * components;
+            let block = errors.slice(ndarray::s![.., columns.clone()]);
+            let mut scatter = Small::gram(block);
+            let b: Vec<f64> = columns.clone().map(|column| along[[0, column]]).collect();
+            let floor = columns.map(|column| floor[column]).fold(0.0, f64::max);
+            if scatter.factorise(floor) { scatter.quotient(&b) } else { f64::NAN }
+        })
+        .collect();
+    let statistic: Vec<f64> = quotients.iter().map(|quotient| freedom * quotient).collect();
+    let within = freedom - d + 1.0;
+    let p = statistic.par_iter().map(|t2| p_of_f(t2 * within / (freedom * d), d, within)).collect();
+    let sizes = quotients.iter().map(|quotient| model.scale * (freedom * quotient).sqrt()).collect();
+    let squares = column_squares(errors.view());
+    let effect = effect(model, &along, &squares, &floor, components, confidence, Some(sizes));
+    Ok((Statistic::TSquared { components, freedom }, statistic, p, Some(effect)))
+}
+
+fn effect(
+    model: &Projection,
+    along: &Array2<f64>,
+    squares: &[f64],
+    floor: &[f64],
+    components: usize,
+    confidence: f64,
+    sizes: Option<Vec<f64>>,
+) -> Effect {
+    let freedom = model.freedom as f64;
+    let vertices = squares.len() / components;
+    let shape = |values: Vec<f64>| Array2::from_shape_vec((vertices, components), values).unwrap_or_default();
+    let estimate = shape(along.row(0).iter().map(|b| model.scale * b).collect());
+    let standard_error = shape(squares.iter().map(|square| model.scale * (square / freedom).sqrt()).collect());
+    let margin = standard_error.mapv(|error| quantile_of_t(confidence, freedom) * error);
+    let deviation = |v: usize| if squares[v] > floor[v] { (squares[v] / freedom).sqrt() } else { f64::NAN };
+    let size = sizes.unwrap_or_else(|| (0..vertices).map(|v| estimate[[v, 0]] / deviation(v)).collect());
+    Effect { estimate, standard_error, margin, size }
+}
+
+/// Sums of squares of the columns.
+pub(crate) fn column_squares(values: ArrayView2<'_, f64>) -> Vec<f64> {
+    let mut sums = vec![0.0; values.ncols()];
+    for row in values.axis_iter(Axis(0)) {
+        sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value * value);
+    }
+    sums
+}
+
+/// Sums of squares that rounding errors of the columns' values may leave.
+pub(crate) fn floors(values: ArrayView2<'_, f64>) -> Vec<f64> {
+    let n = values.nrows() as f64;
+    column_squares(values).into_iter().map(|sum| sum * n * (8.0 * f64::EPSILON).powi(2)).collect()
+}
+
+/// A symmetric matrix of a few rows.
+pub(crate) struct Small {
+    size: usize,
+    values: Vec<f64>,
+}
+
+impl Small {
+    /// `B^T B` of (n, d) values.
+    pub(crate) fn gram(block: ArrayView2<'_, f64>) -> Self {
+        let size = block.ncols();
+        let mut values = vec![0.0; size * size];
+        for row in block.rows() {
+            for i in 0..size {
+                for j in 0..=i {
+                    values[i * size + j] += row[i] * row[j];
+                }
+            }
+        }
+        Self { size, values }
+    }
+
+    /// The unit matrix without `sum g g^T`.
+    pub(crate) fn unit_without<'g>(size: usize, vectors: impl Iterator<Item = &'g [f64]>) -> Self {
+        let mut values = vec![0.0; size * size];
+        (0..size).for_each(|i| values[i * size + i] = 1.0);
+        for g in vectors {
+            for i in 0..size {
+                for j in 0..=i {
+                    values[i * size + j] -= g[i] * g[j];
+                }
+            }
+        }
+        Self { size, values }
+    }
+
+    /// Replaces the lower triangle by its Cholesky factor; false where a pivot is no more than rounding errors, or than
+    /// `floor`.
+    pub(crate) fn factorise(&mut self, floor: f64) -> bool {
+        let d = self.size;
+        let largest = (0..d).map(|i| self.values[i * d + i]).fold(0.0, f64::max);
+        for i in 0..d {
+            for j in 0..=i {
+                let mut sum = self.values[i * d + j];
+                for k in 0..j {
+                    sum -= self.values[i * d + k] * self.values[j * d + k];
+                }
+                if i == j {
+                    if !(sum > floor && sum > 1e-13 * largest) {
+                        return false;
+                    }
+                    self.values[i * d + i] = sum.sqrt();
+                } else {
+                    self.values[i * d + j] = sum / self.values[j * d + j];
+                }
+            }
+        }
+        true
+    }
+
+    /// `b M^-1 b^T`, by the factor.
+    pub(crate) fn quotient(&self, b: &[f64]) -> f64 {
+        let mut b = b.to_vec();
+        self.whiten(&mut b);
+        b.iter().map(|value| value * value).sum()
+    }
+
+    /// `b <- L^-1 b`.
+    pub(crate) fn whiten(&self, b: &mut [f64]) {
+        let d = self.size;
+        for i in 0..d {
+            for k in 0..i {
+                b[i] -= self.values[i * d + k] * b[k];
+            }
+            b[i] /= self.values[i * d + i];
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! The part of a design that a contrast asks for, and the rest of it.
+//!
+//! With `X = Q R` the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, `R^T U = C^T`. So the columns of `W = Q U` span what
+//! the contrast adds to the model, and what is orthogonal to them in X's span is the reduced model of the null hypothesis:
+//! the partition of G. M. Ridgway (in A. M. Winkler et al., "Permutation inference for the general linear model",
+//! NeuroImage 92 (2014), appendix A), by orthogonal bases in place of normal equations.
+
+use ndarray::{Array2, ArrayView2, concatenate, s};
+
+use super::design::{Contrast, Design, orthonormalise};
+use crate::ShapeError;
+
+/// Orthonormal bases of the two parts, and of the errors' degrees of freedom.
+#[derive(Debug, Clone)]
+pub(crate) struct Projection {
+    /// What the contrast tests, (n, q).
+    pub(crate) effect: Array2<f64>,
+    /// The reduced model, (n, p - q).
+    pub(crate) nuisance: Array2<f64>,
+    /// `|W|` for q = 1: the contrast's estimate over its part along `effect`.
+    pub(crate) scale: f64,
+    /// Degrees of freedom of the errors, n - p.
+    pub(crate) freedom: usize,
+}
+
+impl Projection {
+    pub(crate) fn new(design: &Design, contrast: &Contrast) -> Result<Self, ShapeError> {
+        let x = design.matrix();
+        let (n, p) = x.dim();
+        let (q, _) = orthonormalise(x);
+        let r = q.t().dot(&x);
+        // Forward substitution of R^T U = C^T.
+        let mut u = contrast.weights.t().to_owned();
+        for row in 0..p {
+            for above in 0..row {
+                let share = r[[above, row]];
+                let known = u.row(above).to_owned();
+                u.row_mut(row).scaled_add(-share, &known);
+            }
+            let pivot = r[[row, row]];
+            u.row_mut(row).mapv_inplace(|value| value / pivot);
+        }
+        let w = q.dot(&u);
+        let scale = w.iter().map(|value| value * value).sum::<f64>().sqrt();
+        let (effect, dependent) = orthonormalise(w.view());
+        if let Some(row) = dependent {
+            let found = format!("row {} is zero or depends on those before it", row + 1);
+            return Err(ShapeError::Contrast { expected: "independent rows", found });
+        }
+        let both = concatenate![ndarray::Axis(1), effect, q];
+        let (both, _) = orthonormalise(both.view());
+        let nuisance = both.slice(s![.., effect.ncols()..p]).to_owned();
+        Ok(Self { effect, nuisance, scale, freedom: n - p })
+    }
+
+    /// Takes the reduced model off: `(I - Q_Z Q_Z^T) Y`, (n, V d).
+    pub(crate) fn residual(&self, values: ArrayView2<'_, f64>) -> Array2<f64> {
+        without(self.nuisance.view(), values.to_owned())
+    }
+
+    /// Whether the reduced model is at most a constant: errors then have the same mean, and relabelling keeps it.
+    pub(crate) fn constant_nuisance(&self) -> bool {
+        match self.nuisance.ncols() {
+            0 => true,
+            1 => constant(self.nuisance.view()),
+            _ => false,
+        }
+    }
+
+    /// Whether the test is of the mean itself, which relabelling doesn't change.
+    pub(crate) fn of_the_mean(&self) -> bool {
+        self.nuisance.ncols() == 0 && self.effect.ncols() == 1 && constant(self.effect.view())
+    }
+}
+
+/// Takes the part along the columns of an orthonormal basis off.
+pub(crate) fn without(basis: ArrayView2<'_, f64>, mut values: Array2<f64>) -> Array2<f64> {
+    if basis.ncols() > 0 {
+        let along = basis.t().dot(&values);
+        values -= &basis.dot(&along);
+    }
+    values
+}
+
+fn constant(column: ArrayView2<'_, f64>) -> bool {
+    let first = column[[0, 0]];
+    column.iter().all(|value| (value - first).abs() < 1e-12)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_estimate_is_that_of_the_normal_equations() {
+        let age = Array2::from_shape_fn((9, 1), |(i, _)| ((3 * i * i) as f64).sin());
+        let design = Design::groups(&[4, 5]).unwrap().with_covariates(age.view(), &[]).unwrap();
+        let contrast = Contrast::row(&[1.0, -1.0, 0.5]);
+        let found = Projection::new(&design, &contrast).unwrap();
+        // The contrast's estimate of values that the model explains is that of their coefficients.
+        let coefficients = ndarray::array![[2.0], [-1.0], [4.0]];
+        let y = design.matrix().dot(&coefficients);
+        let estimate = found.scale * found.effect.t().dot(&y)[[0, 0]];
+        assert!((estimate - 5.0).abs() < 1e-12, "{estimate}");
+        assert_eq!((found.nuisance.ncols(), found.freedom), (2, 6));
+        let gram = found.nuisance.t().dot(&found.effect);
+        assert!(gram.iter().all(|value| value.abs() < 1e-14));
+    }
+
+    #[test]
+    fn dependent_rows_are_refused() {
+        let design = Design::groups(&[4, 5]).unwrap();
+        let twice = Contrast { weights: ndarray::array![[1.0, -1.0], [-2.0, 2.0]] };
+        assert!(Projection::new(&design, &twice).is_err());
+        assert!(Projection::new(&design, &Contrast::row(&[0.0, 0.0])).is_err());
+    }
+}
