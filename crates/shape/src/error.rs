@@ -67,6 +67,35 @@ pub enum ShapeError {
         /// Its value.
         found: f64,
     },
+    /// A group of too few models.
+    #[error("group: expected {expected} models or more, found {found}")]
+    Group {
+        /// Number of models it has to have.
+        expected: usize,
+        /// Number of models it has.
+        found: usize,
+    },
+    /// Models of different degrees where they have to be the same.
+    #[error("model {}: expected {expected} coefficients a coordinate, as the first one has, found {found}", .index + 1)]
+    Degrees {
+        /// Index of the model.
+        index: usize,
+        /// Number of coefficients of the others, K.
+        expected: usize,
+        /// Its number.
+        found: usize,
+    },
+    /// A mode that isn't there.
+    #[error("mode {found}: there are {modes} modes")]
+    Mode {
+        /// Its number, from 1.
+        found: usize,
+        /// Number of modes.
+        modes: usize,
+    },
+    /// A singular value decomposition that doesn't converge.
+    #[error("the singular value decomposition of the group did not converge")]
+    NoDecomposition,
     /// A number of relabellings of zero.
     #[error("relabellings: expected at least 1, found 0")]
     NoRelabellings,

@@ -8,10 +8,12 @@
 //!
 //! | module | contents |
 //! |---|---|
+//! | [`pca`] | mean and modes of a group, and their quality |
 //! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`error`] | [`ShapeError`] |
 
 pub mod error;
+pub mod pca;
 pub mod stats;
 
 pub use error::ShapeError;

@@ -38,7 +38,7 @@ pub(crate) fn statistics(
     }
     let (groups, weight) = groups(design, contrast)?;
     let floor = floors(values);
-    let rows: Vec<_> = (0..values.ncols())
+    let rows: Vec<Vertex> = (0..values.ncols())
         .into_par_iter()
         .map(|v| {
             let of = |group: usize| {
@@ -51,27 +51,37 @@ pub(crate) fn statistics(
             let difference = m1 - m2;
             let pooled = ((s1 + s2) / (n1 + n2 - 2.0)).sqrt();
             let t = difference / error;
-            (
-                weight * difference,
-                weight.abs() * error,
-                weight.signum() * t,
+            Vertex {
+                estimate: weight * difference,
+                error: weight.abs() * error,
+                t: weight.signum() * t,
                 freedom,
-                p_of_t(t, freedom),
-                weight * difference / pooled,
-            )
+                p: p_of_t(t, freedom),
+                size: if error.is_nan() { f64::NAN } else { weight * difference / pooled },
+            }
         })
         .collect();
-    let column = |pick: fn(&(f64, f64, f64, f64, f64, f64)) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
+    let column = |pick: fn(&Vertex) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
     let table = |values: Vec<f64>| Array2::from_shape_vec((rows.len(), 1), values).unwrap_or_default();
-    let least = rows.iter().map(|row| row.3).fold(f64::INFINITY, f64::min);
+    let least = rows.iter().map(|row| row.freedom).fold(f64::INFINITY, f64::min);
     let zero = |value: f64| if value.is_nan() { 0.0 } else { value };
     let effect = Effect {
-        estimate: table(column(|row| row.0)),
-        standard_error: table(rows.iter().map(|row| zero(row.1)).collect()),
-        margin: table(rows.iter().map(|row| zero(row.1 * quantile_of_t(confidence, row.3))).collect()),
-        size: rows.iter().map(|row| if row.1.is_nan() { f64::NAN } else { row.5 }).collect(),
+        estimate: table(column(|row| row.estimate)),
+        standard_error: table(rows.iter().map(|row| zero(row.error)).collect()),
+        margin: table(rows.iter().map(|row| zero(row.error * quantile_of_t(confidence, row.freedom))).collect()),
+        size: column(|row| row.size),
     };
-    Ok((Statistic::T { freedom: least }, column(|row| row.2), column(|row| row.4), Some(effect)))
+    Ok((Statistic::T { freedom: least }, column(|row| row.t), column(|row| row.p), Some(effect)))
+}
+
+/// What is found at a vertex; NaN where there is no variance.
+struct Vertex {
+    estimate: f64,
+    error: f64,
+    t: f64,
+    freedom: f64,
+    p: f64,
+    size: f64,
 }
 
 /// Number, mean, and sum of squares about the mean, in two rounds.
