@@ -8,7 +8,7 @@ use spharm_monitor::Interrupted;
 pub enum ShapeError {
     /// A value that is NaN or infinite.
     #[error("{what}: expected finite values, found NaN or infinity in row {}, column {}", .row + 1, .column + 1)]
-    NotFinite {
+    NotFiniteValue {
         /// What has it.
         what: &'static str,
         /// Its row, from 0.

@@ -39,7 +39,7 @@ impl Modes {
     /// # Errors
     ///
     /// [`ShapeError::Group`] for fewer models, [`ShapeError::Degrees`] for models of different degrees or of none but row
-    /// 0, [`ShapeError::NotFinite`], [`ShapeError::NoDecomposition`].
+    /// 0, [`ShapeError::NotFiniteValue`], [`ShapeError::NoDecomposition`].
     pub fn new(group: &[ArrayView2<'_, f64>], most: usize) -> Result<Self, ShapeError> {
         let n = group.len();
         if n < 3 {
@@ -51,7 +51,7 @@ impl Modes {
                 return Err(ShapeError::Degrees { index, expected: rows.max(4), found: model.nrows() });
             }
             if let Some(at) = model.iter().position(|value| !value.is_finite()) {
-                return Err(ShapeError::NotFinite { what: "a model", row: at / columns, column: at % columns });
+                return Err(ShapeError::NotFiniteValue { what: "a model", row: at / columns, column: at % columns });
             }
         }
         let mut mean = Array2::zeros((rows, columns));
@@ -63,7 +63,7 @@ impl Modes {
         for model in group {
             let rest = &model.slice(s![1.., ..]) - &mean.slice(s![1.., ..]);
             largest = rest.iter().fold(largest, |most, value| most.max(value.abs()));
-            centred.extend(rest.iter());
+            centred.extend(rest.iter().copied());
         }
         let unit = if largest > 0.0 { largest } else { 1.0 };
         centred.iter_mut().for_each(|value| *value /= unit);
@@ -98,13 +98,13 @@ impl Modes {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Mode`] for more numbers than modes; [`ShapeError::NotFinite`].
+    /// [`ShapeError::Mode`] for more numbers than modes; [`ShapeError::NotFiniteValue`].
     pub fn shape(&self, deviations: &[f64]) -> Result<Array2<f64>, ShapeError> {
         if deviations.len() > self.count() {
             return Err(ShapeError::Mode { found: deviations.len(), modes: self.count() });
         }
         if let Some(row) = deviations.iter().position(|z| !z.is_finite()) {
-            return Err(ShapeError::NotFinite { what: "standard deviations along modes", row, column: 0 });
+            return Err(ShapeError::NotFiniteValue { what: "standard deviations along modes", row, column: 0 });
         }
         let along: Array1<f64> =
             deviations.iter().zip(&self.variances).map(|(z, variance)| z * variance.sqrt()).collect();
@@ -119,13 +119,13 @@ impl Modes {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Degrees`] for a model of another degree, [`ShapeError::NotFinite`].
+    /// [`ShapeError::Degrees`] for a model of another degree, [`ShapeError::NotFiniteValue`].
     pub fn project(&self, model: ArrayView2<'_, f64>) -> Result<(Vec<f64>, f64), ShapeError> {
         if model.dim() != self.mean.dim() {
             return Err(ShapeError::Degrees { index: 0, expected: self.mean.nrows(), found: model.nrows() });
         }
         if let Some(at) = model.iter().position(|value| !value.is_finite()) {
-            return Err(ShapeError::NotFinite {
+            return Err(ShapeError::NotFiniteValue {
                 what: "the model",
                 row: at / model.ncols(),
                 column: at % model.ncols(),

@@ -132,7 +132,7 @@ pub enum TestWarning {
 /// # Errors
 ///
 /// [`ShapeError::Subjects`] for values of other subjects than the design's, or too few of them for the statistic,
-/// [`ShapeError::NotFinite`], [`ShapeError::Contrast`] for a contrast that isn't of the design's columns or not estimable,
+/// [`ShapeError::NotFiniteValue`], [`ShapeError::Contrast`] for a contrast that isn't of the design's columns or not estimable,
 /// [`ShapeError::NotTwoGroups`] for Welch's t of anything else, and [`ShapeError::Interrupted`].
 pub fn test(
     values: ArrayView2<'_, f64>,

@@ -19,12 +19,12 @@ impl Design {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFinite`], [`ShapeError::Rank`] for a column that depends on those before it, and
+    /// [`ShapeError::NotFiniteValue`], [`ShapeError::Rank`] for a column that depends on those before it, and
     /// [`ShapeError::Subjects`] where there are no more rows than columns.
     pub fn new(matrix: Array2<f64>, names: Vec<String>) -> Result<Self, ShapeError> {
         let (n, p) = matrix.dim();
         if let Some(at) = matrix.iter().position(|value| !value.is_finite()) {
-            return Err(ShapeError::NotFinite { what: "the design", row: at / p, column: at % p });
+            return Err(ShapeError::NotFiniteValue { what: "the design", row: at / p, column: at % p });
         }
         if n <= p {
             return Err(ShapeError::Subjects { what: "the design", expected: p + 1, found: n });

@@ -74,7 +74,7 @@ pub(crate) fn check(
         return Err(ShapeError::Components { columns, components });
     }
     if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-        return Err(ShapeError::NotFinite { what: "the values", row: at / columns, column: at % columns });
+        return Err(ShapeError::NotFiniteValue { what: "the values", row: at / columns, column: at % columns });
     }
     let (rows, weights) = contrast.weights.dim();
     if weights != p || rows == 0 || rows > p {

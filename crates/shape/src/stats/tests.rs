@@ -260,7 +260,7 @@ fn few_subjects_are_warned_of_and_bad_input_is_refused() {
     assert!(matches!(refused(&y, 1, &Contrast::column(3, 0), &params), ShapeError::Contrast { .. }));
     let mut bad = y.clone();
     bad[[4, 2]] = f64::NAN;
-    assert!(matches!(refused(&bad, 1, &contrast, &params), ShapeError::NotFinite { row: 4, column: 2, .. }));
+    assert!(matches!(refused(&bad, 1, &contrast, &params), ShapeError::NotFiniteValue { row: 4, column: 2, .. }));
     let wide = noise(6, 5, 1);
     assert!(matches!(refused(&wide, 5, &contrast, &params), ShapeError::Subjects { expected: 7, .. }));
     let welch = TestParams { welch: true, ..TestParams::default() };
