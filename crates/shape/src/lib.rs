@@ -8,10 +8,34 @@
 //!
 //! | module | contents |
 //! |---|---|
+//! | [`derivatives`] | the operators L_x, L_y, L_z, each degree to itself |
+//! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
+//! | [`measures`] | area, volume, centroid |
+//! | [`heat`] | smoothing by the heat kernel |
+//! | [`mod@descriptors`] | power and singular values of each degree, which rotations don't change |
+//! | [`retrieval`] | the nearest models of a library |
+//! | [`mod@extent`] | whether coefficients are those of a surface |
+//! | [`mod@singular_values`] | of matrices of few columns, to full accuracy |
 //! | [`error`] | [`ShapeError`] |
 
 #![forbid(unsafe_code)]
 
+pub mod derivatives;
+pub mod descriptors;
 pub mod error;
+pub mod extent;
+pub mod geometry;
+pub mod heat;
+pub mod measures;
+pub mod retrieval;
+pub mod singular_values;
 
+pub use derivatives::rotational_derivatives;
+pub use descriptors::{Descriptors, descriptors};
 pub use error::ShapeError;
+pub use extent::{Extent, extent};
+pub use geometry::{LocalGeometry, local_geometry, tangent_frame};
+pub use heat::HeatKernel;
+pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
+pub use retrieval::{Library, Match};
+pub use singular_values::singular_values;
