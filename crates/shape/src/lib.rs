@@ -14,6 +14,8 @@
 //! | [`heat`] | smoothing by the heat kernel |
 //! | [`mod@descriptors`] | power and singular values of each degree, which rotations don't change |
 //! | [`retrieval`] | the nearest models of a library |
+//! | [`levels`] | coarser levels within a distance |
+//! | [`even`] | directions that spread vertices evenly over the surface |
 //! | [`mod@extent`] | whether coefficients are those of a surface |
 //! | [`mod@singular_values`] | of matrices of few columns, to full accuracy |
 //! | [`error`] | [`ShapeError`] |
@@ -23,9 +25,11 @@
 pub mod derivatives;
 pub mod descriptors;
 pub mod error;
+pub mod even;
 pub mod extent;
 pub mod geometry;
 pub mod heat;
+pub mod levels;
 pub mod measures;
 pub mod retrieval;
 pub mod singular_values;
@@ -33,9 +37,11 @@ pub mod singular_values;
 pub use derivatives::rotational_derivatives;
 pub use descriptors::{Descriptors, descriptors};
 pub use error::ShapeError;
+pub use even::{EvenSphere, area_spread, even_sphere};
 pub use extent::{Extent, extent};
 pub use geometry::{LocalGeometry, local_geometry, tangent_frame};
 pub use heat::HeatKernel;
+pub use levels::{degree_within, tails};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
 pub use retrieval::{Library, Match};
 pub use singular_values::singular_values;
