@@ -14,6 +14,7 @@ mod paper;
 mod parametrize;
 mod picture;
 mod reconstruct;
+mod shape;
 mod store;
 
 use std::ffi::OsString;
@@ -36,6 +37,7 @@ enum Verb {
     Parametrize(parametrize::Cli),
     Reconstruct(reconstruct::Cli),
     Compare(compare::Cli),
+    Shape(shape::Cli),
     Moments(moments::Cli),
     Picture(picture::Cli),
     BasisBuild(basis_build::Cli),
@@ -54,6 +56,7 @@ impl Verb {
             Self::Parametrize(cli) => parametrize::run(cli),
             Self::Reconstruct(cli) => reconstruct::run(cli),
             Self::Compare(cli) => compare::run(cli),
+            Self::Shape(cli) => shape::run(cli),
             Self::Moments(cli) => moments::run(cli),
             Self::Picture(cli) => picture::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),

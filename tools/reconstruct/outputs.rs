@@ -3,9 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use spharm_cli::inputs::stem;
 use spharm_cli::output::{OutputFile, check_outputs};
-use spharm_cli::paths::expand;
+use spharm_cli::paths::{expand, model_name, with_ending};
 use spharm_surface::io::Output;
 
 use super::args::Cli;
@@ -45,7 +44,7 @@ pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
         models.into_iter().map(|model| Item { model, target: target() }).collect()
     } else {
         let target = |model: &Path| {
-            let path = cli.output.join(name(model));
+            let path = cli.output.join(model_name(model));
             match &cli.format {
                 Some(format) => Target::File(with_ending(&path, format)),
                 None => Target::Stem(path),
@@ -61,19 +60,4 @@ pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
         )?;
     }
     Ok(items)
-}
-
-/// `models/lh.pial.spharm.npz` is `lh.pial`.
-fn name(model: &Path) -> String {
-    let name = stem(model);
-    let name = name.strip_suffix(".npz").unwrap_or(&name);
-    name.strip_suffix(".spharm").unwrap_or(name).to_owned()
-}
-
-/// Adds an ending to a name that may have dots of its own.
-fn with_ending(path: &Path, ending: &str) -> PathBuf {
-    let mut path = path.as_os_str().to_owned();
-    path.push(".");
-    path.push(ending.trim_start_matches('.'));
-    PathBuf::from(path)
 }

@@ -7,7 +7,8 @@ mod fit;
 
 use std::io;
 
-use spharm::{Error, ModelError, MomentsError};
+use spharm::shape::even::NO_TRIANGLES;
+use spharm::{Error, ModelError, MomentsError, ShapeError};
 use spharm_parametrize::ParametrizeError;
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
@@ -30,6 +31,7 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
         };
         let moments = || cause.downcast_ref().and_then(of_moments);
         let model = || cause.downcast_ref().and_then(of_model);
+        let shape = || cause.downcast_ref().and_then(of_shape);
         let refusal = || cause.downcast_ref().map(fit::of_refusal);
         surface
             .or_else(store)
@@ -38,6 +40,7 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
             .or_else(fit)
             .or_else(model)
             .or_else(moments)
+            .or_else(shape)
             .or_else(refusal)
     })
 }
@@ -171,6 +174,19 @@ fn of_model(error: &ModelError) -> Option<String> {
     match error {
         ModelError::NoSphere => Some("--icosphere N or --sphere gives one".to_owned()),
         ModelError::Surface(error) => of_surface(error),
+        _ => None,
+    }
+}
+
+fn of_shape(error: &ShapeError) -> Option<String> {
+    match error {
+        ShapeError::NotASurface { .. } => Some("spharm shape smooth and describe take signals, too".to_owned()),
+        ShapeError::NoExtent { .. } => {
+            Some("`spharm reconstruct` shows it; fit the surface again, to degree 1 or more".to_owned())
+        }
+        ShapeError::Setting { name: NO_TRIANGLES, .. } => {
+            Some("--icosphere N or a --sphere that is a mesh has triangles".to_owned())
+        }
         _ => None,
     }
 }

@@ -17,7 +17,7 @@
 //! | [`names`] | names of outputs, from each input's path alone |
 //! | [`values`] | numbers in arguments |
 //! | [`usage`] | arguments that exclude each other |
-//! | [`paths`] | lists and folders of inputs |
+//! | [`paths`] | lists and folders of inputs, names of models |
 //! | [`output`] | checks of output files; results to stdout, reports to files |
 //! | [`machine`] | peak memory, versions |
 

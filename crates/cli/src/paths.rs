@@ -1,10 +1,10 @@
-//! Several inputs in one argument: lists and folders.
+//! Several inputs in one argument, lists and folders; names of what is made of them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-use crate::inputs::expand_lists;
+use crate::inputs::{expand_lists, stem};
 
 /// Replaces each `@LIST` by the paths that the file names and each folder by the files in it whose names end in `ending`,
 /// sorted by name.
@@ -31,4 +31,19 @@ pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
         expanded.extend(files);
     }
     Ok(expanded)
+}
+
+/// Returns the name of a model without folder and endings: `models/lh.pial.spharm.npz` is `lh.pial`.
+pub fn model_name(model: &Path) -> String {
+    let name = stem(model);
+    let name = name.strip_suffix(".npz").unwrap_or(&name);
+    name.strip_suffix(".spharm").unwrap_or(name).to_owned()
+}
+
+/// Adds an ending, with or without its dot, to a name that may have dots of its own.
+pub fn with_ending(path: &Path, ending: &str) -> PathBuf {
+    let mut path = path.as_os_str().to_owned();
+    path.push(".");
+    path.push(ending.trim_start_matches('.'));
+    PathBuf::from(path)
 }

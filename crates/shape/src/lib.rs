@@ -8,12 +8,46 @@
 //!
 //! | module | contents |
 //! |---|---|
+//! | [`derivatives`] | the operators L_x, L_y, L_z, each degree to itself |
+//! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
+//! | [`measures`] | area, volume, centroid |
+//! | [`heat`] | smoothing by the heat kernel |
+//! | [`mod@descriptors`] | power and singular values of each degree, which rotations don't change |
+//! | [`retrieval`] | the nearest models of a library |
+//! | [`levels`] | coarser levels within a distance |
+//! | [`even`] | directions that spread vertices evenly over the surface |
+//! | [`mod@extent`] | whether coefficients are those of a surface |
+//! | [`mod@singular_values`] | of matrices of few columns, to full accuracy |
+//! | [`field`] | what a group measures at the vertices of a sampling |
 //! | [`pca`] | mean and modes of a group, and their quality |
 //! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`error`] | [`ShapeError`] |
 
+pub mod derivatives;
+pub mod descriptors;
 pub mod error;
+pub mod even;
+pub mod extent;
+pub mod field;
+pub mod geometry;
+pub mod heat;
+pub mod levels;
+pub mod measures;
 pub mod pca;
+pub mod retrieval;
+pub mod singular_values;
 pub mod stats;
 
+pub use derivatives::rotational_derivatives;
+pub use descriptors::{Descriptors, descriptors};
 pub use error::ShapeError;
+pub use even::{EvenSphere, area_spread, even_sphere};
+pub use extent::{Extent, extent};
+pub use field::{Field, Measurement, measure_group};
+pub use geometry::{LocalGeometry, local_geometry, tangent_frame};
+pub use heat::HeatKernel;
+pub use levels::{degree_within, tails};
+pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
+pub use pca::Modes;
+pub use retrieval::{Library, Match, Metric};
+pub use singular_values::singular_values;

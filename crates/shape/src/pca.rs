@@ -76,14 +76,14 @@ impl Modes {
         let total_variance = singular.iter().map(|value| of(*value)).sum();
         let count = most.min(n - 1).min(dimension);
         let (mut modes, mut scores) = (Array2::zeros((count, dimension)), Array2::zeros((n, count)));
-        for k in 0..count {
+        for (k, &size) in singular.iter().enumerate().take(count) {
             let column = decomposed.U().col(k);
             let peak =
                 column.iter().copied().fold(0.0_f64, |most, value| if value.abs() > most.abs() { value } else { most });
             let sign = if peak < 0.0 { -1.0 } else { 1.0 };
             modes.row_mut(k).iter_mut().zip(column.iter()).for_each(|(mode, u)| *mode = sign * u * SPHERE.sqrt());
             let right = decomposed.V().col(k);
-            scores.column_mut(k).iter_mut().zip(right.iter()).for_each(|(score, v)| *score = sign * v * singular[k]);
+            scores.column_mut(k).iter_mut().zip(right.iter()).for_each(|(score, v)| *score = sign * v * size);
         }
         let variances = singular[..count].iter().map(|value| of(*value)).collect();
         Ok(Self { mean, modes, variances, scores, total_variance })

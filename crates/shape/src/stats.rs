@@ -15,6 +15,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`design`] | [`Design`], [`Contrast`]: the model and what is asked of it |
+//! | [`study`] | designs from tables of subjects |
 //! | [`linear`] | statistics, p values, effects and their confidence at each vertex |
 //! | [`welch`] | two groups of unequal variance |
 //! | [`permutation`] | family-wise p values by the largest statistic of relabelled studies |
@@ -46,6 +47,7 @@ pub mod fdr;
 pub mod linear;
 pub mod permutation;
 mod projection;
+pub mod study;
 #[cfg(test)]
 mod tests;
 pub mod welch;
@@ -58,6 +60,7 @@ use crate::ShapeError;
 pub use design::{Contrast, Design};
 pub use linear::{Effect, Statistic};
 pub use permutation::{FamilyWise, PermutationParams};
+pub use study::{Column, Question, question};
 
 /// What a test computes.
 #[derive(Debug, Clone)]

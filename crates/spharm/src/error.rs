@@ -6,6 +6,7 @@ use spharm_harmonics::HarmonicsError;
 use spharm_model::ModelError;
 use spharm_monitor::Interrupted;
 use spharm_parametrize::ParametrizeError;
+use spharm_shape::ShapeError;
 use spharm_solver::SolverError;
 use spharm_store::StoreError;
 use spharm_surface::SurfaceError;
@@ -39,6 +40,9 @@ pub enum Error {
     /// A model, or a file that one is made from.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// Shapes that can't be analysed.
+    #[error("{0}")]
+    Shape(#[from] ShapeError),
     /// A setting that isn't one of its values, or doesn't go with another.
     #[error("{what} needs {expected}, found {found}")]
     Setting {
@@ -136,6 +140,7 @@ impl Error {
         matches!(
             self,
             Self::Interrupted(_)
+                | Self::Shape(ShapeError::Interrupted(_))
                 | Self::Surface(SurfaceError::Interrupted(_))
                 | Self::Parametrize(ParametrizeError::Interrupted(_))
                 | Self::Solver(SolverError::Interrupted(_) | SolverError::Store(StoreError::Interrupted(_)))

@@ -69,6 +69,7 @@
 //! | [`store`] | `spharm-store` | basis stores: [`store::build`], [`store::catalog`] |
 //! | [`io`], [`generate`], [`metrics`] | `spharm-surface` | files, example surfaces, distances between surfaces |
 //! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
+//! | [`shape`] | `spharm-shape` | shape analysis on models: geometry, smoothing, descriptors, retrieval, levels |
 //! | [`moments`] | `spharm-moments` | moments of tables of samples, beyond memory and machine |
 //! | [`transform`] | `spharm-transform` | fast synthesis and its adjoint |
 //! | [`harmonics`] | `spharm-harmonics` | the harmonics, [`Directions`], [`Coefficients`] |
@@ -126,6 +127,7 @@ pub use warning::FitWarning;
 
 pub use spharm_harmonics as harmonics;
 pub use spharm_moments as moments;
+pub use spharm_shape as shape;
 pub use spharm_solver as solver;
 pub use spharm_store as store;
 pub use spharm_transform as transform;
@@ -135,6 +137,7 @@ pub use spharm_model::{FileRecord, Model, ModelError, Versions};
 pub use spharm_moments::{Moments, MomentsError};
 pub use spharm_monitor::{Interrupted, Level, Monitor, Silent, Stage, Unit};
 pub use spharm_parametrize::ParametrizeError;
+pub use spharm_shape::ShapeError;
 pub use spharm_solver::SolverError;
 pub use spharm_store::{Scalar, StoreError};
 pub use spharm_surface::{

@@ -1,5 +1,8 @@
 //! From a fit to a model, with how it was made.
 
+use serde_json::Value;
+use spharm_harmonics::Coefficients;
+use spharm_model::Model;
 pub use spharm_model::{CONVENTION, Distances, Fitted, Provenance, Settings, Versions};
 use spharm_store::format::VERSION as STORE_FORMAT;
 
@@ -12,6 +15,27 @@ pub fn versions() -> Versions {
         store_format: STORE_FORMAT,
         platform: (std::env::consts::OS.to_owned(), std::env::consts::ARCH.to_owned()),
     }
+}
+
+/// The field of a provenance that lists what was done to a model's coefficients after the fit, first to last.
+pub const TRANSFORM: &str = "transform";
+
+/// Returns a model of other coefficients made from those of `source`, over the same sphere.
+///
+/// `transform` says what was done; it is added to the provenance's list [`TRANSFORM`]. Settings and distances, which are the
+/// fit's, are left out, so that nobody takes the model for that of a fit.
+#[must_use]
+pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, transform: Value) -> Model {
+    let mut model = Model { coefficients, ..source.clone() };
+    let provenance = &mut model.provenance;
+    provenance.tool = Some(tool.to_owned());
+    provenance.versions = Some(versions());
+    (provenance.settings, provenance.distances) = (None, None);
+    match provenance.other.get_mut(TRANSFORM) {
+        Some(Value::Array(steps)) => steps.push(transform),
+        _ => drop(provenance.other.insert(TRANSFORM.to_owned(), Value::Array(vec![transform]))),
+    }
+    model
 }
 
 impl From<Fit> for Fitted {

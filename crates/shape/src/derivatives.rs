@@ -1,0 +1,126 @@
+//! Derivatives by rotation: the operators L_x, L_y, L_z, which map each degree to itself.
+//!
+//! ```text
+//! (L_k f)(u) = <e_k x u, grad f(u)>,    L f = u x grad f,    grad f = -u x L f
+//! ```
+//!
+//! `L_k f` is what an infinitesimal rotation of the directions about axis k changes, so it stays within a degree, and with it
+//! the gradient of a sum of harmonics is found by synthesis alone, without angles, whose derivatives are singular at the
+//! poles. On the complex coefficients c of a degree (D. A. Varshalovich et al., Quantum Theory of Angular Momentum (1988),
+//! section 5.8; `L = i` times theirs), with `p = sqrt((l - m + 1)(l + m))`, `q = sqrt((l + m + 1)(l - m))`:
+//!
+//! ```text
+//! (L_x c)_m = i/2 (p c_{m-1} + q c_{m+1}),   (L_y c)_m = 1/2 (p c_{m-1} - q c_{m+1}),   (L_z c)_m = i m c_m
+//! ```
+//!
+//! Here they are written out for the real coefficients. The operators are antisymmetric, `[L_x, L_y] = -L_z` and so on
+//! cyclically, and `L_x^2 + L_y^2 + L_z^2` is the Laplacian, `-l (l + 1)`. Cost: some 20 flops a coefficient.
+
+use ndarray::{Array2, ArrayView2};
+use spharm_harmonics::HarmonicsError;
+use spharm_harmonics::index::{column, max_degree_of};
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// Returns the canonical coefficients, (K, c) each, of `L_x f`, `L_y f` and `L_z f`, for those of f, (K, c).
+///
+/// # Errors
+///
+/// [`NotABasisSize`](HarmonicsError::NotABasisSize): K isn't `(L + 1)^2`.
+pub fn rotational_derivatives(coefficients: ArrayView2<'_, f64>) -> Result<[Array2<f64>; 3], HarmonicsError> {
+    let (rows, channels) = coefficients.dim();
+    let max_degree = max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;
+    let mut out: [Array2<f64>; 3] = std::array::from_fn(|_| Array2::zeros((rows, channels)));
+    for l in 0..=max_degree {
+        for c in 0..channels {
+            // Beyond the orders of the degree there is nothing; order 0 counts sqrt2 among the cosines, and has no sine.
+            let cosine = |m: usize| match m {
+                0 => coefficients[[column(l, 0), c]] * std::f64::consts::SQRT_2,
+                _ if m > l => 0.0,
+                _ => coefficients[[column(l, m as isize), c]],
+            };
+            let sine = |m: usize| if m == 0 || m > l { 0.0 } else { coefficients[[column(l, -(m as isize)), c]] };
+            let step = ((l * (l + 1)) as f64).sqrt() * FRAC_1_SQRT_2;
+            let centre = column(l, 0);
+            if l > 0 {
+                out[0][[centre, c]] = -step * sine(1);
+                out[1][[centre, c]] = step * cosine(1);
+            }
+            for m in 1..=l {
+                let down = 0.5 * (((l - m + 1) * (l + m)) as f64).sqrt();
+                let up = 0.5 * (((l + m + 1) * (l - m)) as f64).sqrt();
+                let (plus, minus) = (centre + m, centre - m);
+                out[0][[plus, c]] = -(down * sine(m - 1) + up * sine(m + 1));
+                out[0][[minus, c]] = down * cosine(m - 1) + up * cosine(m + 1);
+                out[1][[plus, c]] = -(down * cosine(m - 1) - up * cosine(m + 1));
+                out[1][[minus, c]] = -(down * sine(m - 1) - up * sine(m + 1));
+                out[2][[plus, c]] = m as f64 * sine(m);
+                out[2][[minus, c]] = -(m as f64) * cosine(m);
+            }
+        }
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_harmonics::index::{basis_size, degree_order};
+    use spharm_harmonics::{Directions, synthesis};
+    use spharm_surface::geometry::{Vec3, cross};
+
+    fn sample(max_degree: usize) -> Array2<f64> {
+        Array2::from_shape_fn((basis_size(max_degree), 2), |(k, c)| ((k * 7 + c * 3) as f64 * 0.37).sin())
+    }
+
+    fn values(a: &Array2<f64>, at: &[Vec3]) -> Array2<f64> {
+        synthesis(&Directions::from_vertices(at).unwrap(), a.view()).unwrap()
+    }
+
+    /// `exp(t [axis])` by central differences of the turned directions, also at the poles.
+    #[test]
+    fn they_are_differences_of_turned_directions() {
+        let a = sample(7);
+        let derivatives = rotational_derivatives(a.view()).unwrap();
+        let at = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8], [-0.48, 0.64, 0.6], [0.0, -1.0, 0.0]];
+        for axis in 0..3 {
+            let e: Vec3 = std::array::from_fn(|k| f64::from(u8::from(k == axis)));
+            let turned = |angle: f64| -> Vec<Vec3> {
+                let turn = |u: &Vec3| {
+                    let (v, along) = (cross(e, *u), u[axis]);
+                    std::array::from_fn(|k| {
+                        angle.cos() * u[k] + angle.sin() * v[k] + (1.0 - angle.cos()) * along * e[k]
+                    })
+                };
+                at.iter().map(turn).collect()
+            };
+            let step = 1e-3;
+            // Fourth order: the error is some 7^5 step^4 / 30.
+            let difference = |h: f64| (values(&a, &turned(h)) - values(&a, &turned(-h))) / (2.0 * h);
+            let expected = (difference(step) * 4.0 - difference(2.0 * step)) / 3.0;
+            let found = values(&derivatives[axis], &at);
+            let off = (&found - &expected).iter().fold(0.0f64, |most, d| most.max(d.abs()));
+            assert!(off < 1e-8, "axis {axis}: {off:e}");
+        }
+    }
+
+    #[test]
+    fn their_squares_are_the_laplacian_and_they_commute_as_rotations_do() {
+        let a = sample(40);
+        let l = |a: &Array2<f64>| rotational_derivatives(a.view()).unwrap();
+        let [x, y, z] = l(&a);
+        let laplacian = &l(&x)[0] + &l(&y)[1] + &l(&z)[2];
+        let commutator = &l(&y)[0] - &l(&x)[1] + &z;
+        for ((k, c), value) in laplacian.indexed_iter() {
+            let degree = degree_order(k).0 as f64;
+            let scale = 1e-15 * (1.0 + degree * degree) * 8.0;
+            assert!((value + degree * (degree + 1.0) * a[[k, c]]).abs() < scale, "{k} {value}");
+            assert!(commutator[[k, c]].abs() < scale, "{k} {}", commutator[[k, c]]);
+        }
+    }
+
+    #[test]
+    fn other_numbers_of_rows_are_refused() {
+        let error = rotational_derivatives(Array2::zeros((5, 3)).view()).unwrap_err();
+        assert_eq!(error, HarmonicsError::NotABasisSize { rows: 5 });
+    }
+}

@@ -1,0 +1,225 @@
+//! Directions at which a surface's vertices are spread evenly over its area.
+//!
+//! An icosphere's vertices are even on the sphere; on the surface they are sparse where the area element `|N|`
+//! ([`geometry`](crate::geometry)) is large. J. Moser's flow ("On the volume elements on a manifold", Trans. Amer. Math. Soc.
+//! 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990)) carries the even density 1
+//! into the density `rho = |N| / mean`, with no search:
+//!
+//! ```text
+//! laplacian(psi) = rho - 1,    rho_t = 1 + t (rho - 1),    u' = -grad psi(u) / rho_t(u),    t from 0 to 1
+//! ```
+//!
+//! since then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and `-grad psi = u x L psi`,
+//! so a step is a synthesis. The density is taken to degree 2L and at least 16, but no further than the mesh can resolve, and
+//! smoothed by a heat kernel that leaves 5 % of its highest degree, so that cutting it off makes no ripples; it is kept above
+//! [`LEAST_DENSITY`]. Fourth-order Runge-Kutta steps.
+//!
+//! Cost: four syntheses of four functions a step at n directions, and the analysis of |N| on a grid of four times as many
+//! rings as the density's degree.
+
+use ndarray::Array2;
+use rayon::prelude::*;
+use spharm_harmonics::index::{basis_size, degree_order};
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_monitor::{Monitor, Stage};
+use spharm_surface::geometry::{Vec3, add, cross, dot, face_normal, orientation, scale, unit};
+use spharm_surface::{Mesh, Sphere};
+use spharm_transform::{Transform, TransformParams, synthesis};
+
+use crate::derivatives::rotational_derivatives;
+use crate::error::ShapeError;
+use crate::extent::extent;
+use crate::geometry::side_by_side;
+use crate::heat::HeatKernel;
+use crate::measures::{Columns, Grid};
+
+/// Least density that directions are thinned out to, in parts of the mean.
+pub const LEAST_DENSITY: f64 = 0.02;
+/// What [`ShapeError::Setting`] calls the triangles that a sphere doesn't have.
+pub const NO_TRIANGLES: &str = "the number of triangles of the sphere";
+/// What the heat kernel leaves of the density's highest degree.
+const LEFT: f64 = 0.05;
+
+/// A sphere whose directions were relocated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EvenSphere {
+    /// The directions, with the triangles of the sphere that was given.
+    pub sphere: Sphere,
+    /// Standard deviation over mean of the surface's triangles' areas, before.
+    pub before: f64,
+    /// The same, after.
+    pub after: f64,
+    /// Triangles of the sphere that were turned over; the surface folds there. 0 unless the mesh is too coarse for the
+    /// changes of the area element.
+    pub folded: usize,
+}
+
+/// Returns a sphere's directions relocated so that the surface with the canonical coefficients `coefficients`, (K, 3), has
+/// triangles of about the same area over it.
+///
+/// `steps` is the number of steps of the flow; 16 are plenty.
+///
+/// # Errors
+///
+/// Those of [`extent`](crate::extent::extent); [`ShapeError::Setting`] where the sphere has no triangles or there are no
+/// steps; [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+pub fn even_sphere(
+    coefficients: &Coefficients,
+    sphere: &Sphere,
+    steps: usize,
+    monitor: &dyn Monitor,
+) -> Result<EvenSphere, ShapeError> {
+    extent(coefficients)?;
+    if sphere.faces.is_empty() || steps == 0 {
+        let name = if steps == 0 { "the number of steps" } else { NO_TRIANGLES };
+        return Err(ShapeError::Setting { name, expected: "at least one is needed", found: "0".to_owned() });
+    }
+    let flow = Flow::new(coefficients, sphere.directions.len(), monitor)?;
+    let mut at = sphere.directions.as_slice().to_vec();
+    monitor.begin(Stage::counted("relocation", "steps"), steps as u64);
+    let step = 1.0 / steps as f64;
+    for k in 0..steps {
+        monitor.check()?;
+        at = flow.step(&at, k as f64 * step, step)?;
+        monitor.step(1);
+    }
+    monitor.end();
+    let folded = sphere.faces.iter().filter(|face| orientation(face.map(|v| at[v as usize])) <= 0.0).count();
+    let directions = Directions::from_vertices(&at)?;
+    let spread = |directions: &Directions| -> Result<f64, ShapeError> {
+        let samples = synthesis(directions, coefficients.values().view())?;
+        let vertices = samples.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+        Ok(area_spread(&Mesh::new(vertices, sphere.faces.clone())))
+    };
+    let (before, after) = (spread(&sphere.directions)?, spread(&directions)?);
+    let anatomical_structure = sphere.anatomical_structure.clone();
+    let sphere = Sphere { faces: sphere.faces.clone(), anatomical_structure, ..Sphere::from_directions(directions) };
+    Ok(EvenSphere { sphere, before, after, folded })
+}
+
+/// Returns the standard deviation of the areas of a mesh's triangles, over their mean; 0 without area.
+#[must_use]
+pub fn area_spread(mesh: &Mesh) -> f64 {
+    let area = |face: &[u32; 3]| {
+        let normal = face_normal(face.map(|v| mesh.vertices[v as usize]));
+        0.5 * dot(normal, normal).sqrt()
+    };
+    let areas: Vec<f64> = mesh.faces.iter().map(area).collect();
+    let mean = areas.iter().sum::<f64>() / areas.len() as f64;
+    let variance = areas.iter().map(|area| (area - mean) * (area - mean)).sum::<f64>() / areas.len() as f64;
+    if mean > 0.0 { variance.sqrt() / mean } else { 0.0 }
+}
+
+/// Coefficients of the density and of `L_k psi`, side by side.
+struct Flow(Array2<f64>);
+
+impl Flow {
+    fn new(coefficients: &Coefficients, vertices: usize, monitor: &dyn Monitor) -> Result<Self, ShapeError> {
+        // Harmonics of degree B have some B^2 extrema; a mesh of n vertices resolves a quarter of n of them.
+        let resolved = ((vertices as f64).sqrt() / 2.0) as usize;
+        let degree = (2 * coefficients.max_degree()).max(16).min(resolved.max(2));
+        let mut density = analysis(coefficients, degree, monitor)?;
+        let mean = density[[0, 0]];
+        let highest = (degree * (degree + 1)) as f64;
+        let heat = HeatKernel::after(-LEFT.ln() / highest)?;
+        let scale = (4.0 * std::f64::consts::PI).sqrt() / mean;
+        let mut potential = Array2::zeros(density.raw_dim());
+        for (row, value) in density.column_mut(0).iter_mut().enumerate() {
+            let l = degree_order(row).0;
+            *value *= scale * heat.factor(l);
+            potential[[row, 0]] = if l == 0 { 0.0 } else { -*value / (l * (l + 1)) as f64 };
+        }
+        let [x, y, z] = rotational_derivatives(potential.view())?;
+        Ok(Self(side_by_side(&[density, x, y, z])))
+    }
+
+    /// `-grad psi / rho_t` at directions of any length.
+    fn velocity(&self, at: &[Vec3], t: f64) -> Result<Vec<Vec3>, ShapeError> {
+        let directions = Directions::from_vertices(at)?;
+        let samples = synthesis(&directions, self.0.view())?;
+        let rows = samples.axis_iter(ndarray::Axis(0)).into_par_iter().zip(directions.as_slice());
+        Ok(rows
+            .map(|(row, &u)| {
+                let density = 1.0 + t * (row[0].max(LEAST_DENSITY) - 1.0);
+                scale(cross(u, [row[1], row[2], row[3]]), 1.0 / density)
+            })
+            .collect())
+    }
+
+    fn step(&self, at: &[Vec3], t: f64, h: f64) -> Result<Vec<Vec3>, ShapeError> {
+        let along = |velocity: &[Vec3], h: f64| -> Vec<Vec3> {
+            at.iter().zip(velocity).map(|(u, v)| add(*u, scale(*v, h))).collect()
+        };
+        let k1 = self.velocity(at, t)?;
+        let k2 = self.velocity(&along(&k1, 0.5 * h), t + 0.5 * h)?;
+        let k3 = self.velocity(&along(&k2, 0.5 * h), t + 0.5 * h)?;
+        let k4 = self.velocity(&along(&k3, h), t + h)?;
+        let sum = |i: usize| add(add(k1[i], k4[i]), scale(add(k2[i], k3[i]), 2.0));
+        Ok(at.iter().enumerate().map(|(i, u)| unit(add(*u, scale(sum(i), h / 6.0)))).collect())
+    }
+}
+
+/// Coefficients of |N| to a degree, (K, 1), on a grid of four times as many rings.
+fn analysis(coefficients: &Coefficients, degree: usize, monitor: &dyn Monitor) -> Result<Array2<f64>, ShapeError> {
+    let grid = Grid::new(4 * degree.max(4));
+    let columns = Columns::new(coefficients)?;
+    let mut density = Array2::zeros((basis_size(degree), 1));
+    for run in grid.runs(coefficients.max_degree()) {
+        monitor.check()?;
+        let directions = grid.directions(run.clone());
+        let points = columns.at(directions.clone())?;
+        let weights = run.flat_map(|ring| std::iter::repeat_n(grid.weight(ring), grid.around()));
+        let samples: Vec<f64> = points.iter().zip(weights).map(|([_, n], w)| w * dot(*n, *n).sqrt()).collect();
+        let samples = Array2::from_shape_fn((samples.len(), 1), |(i, _)| samples[i]);
+        let params = TransformParams { max_degree: degree, channels: 1, ..TransformParams::default() };
+        let transform = Transform::new(&Directions::from_unit_vectors(directions)?, &params)?;
+        density += &transform.adjoint_synthesis(samples.view())?;
+    }
+    Ok(density)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_monitor::Silent;
+
+    /// An ellipsoid of semi-axes 4, 1, 1 with a bend.
+    fn banana() -> Coefficients {
+        let mut values = Array2::zeros((9, 3));
+        (values[[3, 0]], values[[1, 1]], values[[2, 2]], values[[8, 2]]) = (8.0, 2.0, 2.0, 1.0);
+        Coefficients::new(values).unwrap()
+    }
+
+    #[test]
+    fn triangles_of_a_long_surface_become_even() {
+        let sphere = Sphere::icosphere(4);
+        let plain = Mesh::new(sphere.directions.as_slice().to_vec(), sphere.faces.clone());
+        let found = even_sphere(&banana(), &sphere, 16, &Silent).unwrap();
+        assert_eq!(found.folded, 0);
+        // The icosphere's own triangles differ by that much, and are carried along.
+        let (before, after, own) = (found.before, found.after, area_spread(&plain));
+        assert!(before > 0.3 && after < 1.2 * own, "{before} {after} {own}");
+        assert_eq!(found.sphere.faces, sphere.faces);
+    }
+
+    #[test]
+    fn an_even_surface_stays_as_it_is() {
+        let mut values = Array2::zeros((4, 3));
+        (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (2.0, 2.0, 2.0);
+        let ball = Coefficients::new(values).unwrap();
+        let sphere = Sphere::icosphere(2);
+        let found = even_sphere(&ball, &sphere, 4, &Silent).unwrap();
+        for (a, b) in found.sphere.directions.as_slice().iter().zip(sphere.directions.as_slice()) {
+            assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-11));
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_relocated_is_refused() {
+        let points = Sphere::from_directions(Sphere::icosphere(1).directions);
+        assert!(matches!(even_sphere(&banana(), &points, 4, &Silent), Err(ShapeError::Setting { .. })));
+        assert!(matches!(even_sphere(&banana(), &Sphere::icosphere(1), 0, &Silent), Err(ShapeError::Setting { .. })));
+        let stop = std::sync::atomic::AtomicBool::new(true);
+        assert!(matches!(even_sphere(&banana(), &Sphere::icosphere(1), 4, &stop), Err(ShapeError::Interrupted(_))));
+    }
+}

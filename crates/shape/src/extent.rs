@@ -1,0 +1,83 @@
+//! Whether coefficients are those of a surface: checked before anything is computed from them.
+
+use ndarray::{Axis, Slice};
+use spharm_harmonics::Coefficients;
+
+use crate::error::ShapeError;
+use crate::singular_values::singular_values;
+
+/// Singular values below this part of the largest are rounding.
+const NEGLIGIBLE: f64 = 1e-12;
+
+/// In how many directions a model extends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// In three, as a closed surface does.
+    Solid,
+    /// In a plane: a surface folded flat, of volume 0.
+    Flat,
+}
+
+/// Refuses coefficients that aren't those of a surface, and says whether it is flat.
+///
+/// # Errors
+///
+/// - [`ShapeError::NotASurface`]: there aren't 3 channels.
+/// - [`ShapeError::NotFinite`]: a coefficient is NaN or infinite.
+/// - [`ShapeError::NoExtent`]: the model is a point (as every one of degree 0) or lies on a line.
+pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
+    let channels = coefficients.channels();
+    if channels != 3 {
+        return Err(ShapeError::NotASurface { channels });
+    }
+    finite(coefficients)?;
+    let shape = coefficients.values().slice_axis(Axis(0), Slice::from(1..));
+    let values = singular_values(shape);
+    let rank = values.iter().filter(|value| **value > NEGLIGIBLE * values[0]).count();
+    match rank {
+        0 => Err(ShapeError::NoExtent { found: "a point", rank }),
+        1 => Err(ShapeError::NoExtent { found: "a line", rank }),
+        2 => Ok(Extent::Flat),
+        _ => Ok(Extent::Solid),
+    }
+}
+
+/// Refuses coefficients that are NaN or infinite.
+///
+/// # Errors
+///
+/// [`ShapeError::NotFinite`] with the first of them.
+pub fn finite(coefficients: &Coefficients) -> Result<(), ShapeError> {
+    let mut values = coefficients.values().indexed_iter();
+    match values.find(|(_, value)| !value.is_finite()) {
+        Some(((row, channel), &value)) => Err(ShapeError::NotFinite { row, channel, value }),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array2;
+
+    fn of(values: Array2<f64>) -> Result<Extent, ShapeError> {
+        extent(&Coefficients::new(values).unwrap())
+    }
+
+    #[test]
+    fn what_is_no_surface_is_refused() {
+        let mut values = Array2::zeros((9, 3));
+        values[[0, 0]] = 3.0;
+        assert!(matches!(of(values.clone()), Err(ShapeError::NoExtent { rank: 0, .. })));
+        assert!(matches!(of(Array2::ones((1, 3))), Err(ShapeError::NoExtent { rank: 0, .. })));
+        (values[[1, 0]], values[[5, 0]]) = (1.0, 2.0);
+        assert!(matches!(of(values.clone()), Err(ShapeError::NoExtent { rank: 1, .. })));
+        values[[3, 1]] = 1e-3;
+        assert_eq!(of(values.clone()).unwrap(), Extent::Flat);
+        values[[2, 2]] = 1e-3;
+        assert_eq!(of(values.clone()).unwrap(), Extent::Solid);
+        values[[8, 1]] = f64::NAN;
+        assert!(matches!(of(values), Err(ShapeError::NotFinite { row: 8, channel: 1, .. })));
+        assert!(matches!(of(Array2::zeros((4, 2))), Err(ShapeError::NotASurface { channels: 2 })));
+    }
+}

@@ -1,0 +1,147 @@
+//! What a group of models measures at the vertices of a common sampling, as tests take it.
+
+use ndarray::{Array2, s};
+use spharm_harmonics::{Coefficients, Directions, index::basis_size};
+use spharm_monitor::{Monitor, Stage};
+use spharm_transform::{FINEST, Transform, TransformParams};
+
+use crate::{ShapeError, local_geometry};
+
+/// What is measured of a model at a vertex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Measurement {
+    /// Displacement from the group's mean along the mean's outward normal: one component, in the unit of length.
+    Normal,
+    /// Position: three components.
+    Position,
+    /// The value of a function: one component.
+    Value,
+}
+
+/// Measurements of n models at V vertices.
+#[derive(Debug, Clone)]
+pub struct Field {
+    /// Values, (n, V d), the d components of a vertex side by side.
+    pub values: Array2<f64>,
+    /// Components at a vertex, d.
+    pub components: usize,
+    /// Mean of the models.
+    pub mean: Coefficients,
+}
+
+/// Evaluates models at directions. Models are of the degree of the first one or of higher ones, of which the degrees up to
+/// that are used. Memory: `8 n V d` bytes and a transform's.
+///
+/// # Errors
+///
+/// [`ShapeError::Group`] for no models, [`ShapeError::Differ`] for another number of channels than the measurement takes or
+/// a lower degree than the first one's, [`ShapeError::NotFinite`], [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+pub fn measure_group(
+    group: &[Coefficients],
+    directions: &Directions,
+    measurement: Measurement,
+    monitor: &dyn Monitor,
+) -> Result<Field, ShapeError> {
+    let Some(first) = group.first() else { return Err(ShapeError::Group { expected: 1, found: 0 }) };
+    let degree = first.max_degree();
+    let channels = if measurement == Measurement::Value { 1 } else { 3 };
+    for model in group {
+        let values = model.values();
+        if values.ncols() != channels {
+            return Err(ShapeError::Differ { what: "channels", expected: channels, found: values.ncols() });
+        }
+        if model.max_degree() < degree {
+            return Err(ShapeError::Differ { what: "degree", expected: degree, found: model.max_degree() });
+        }
+        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+            let (row, channel) = (at / channels, at % channels);
+            return Err(ShapeError::NotFinite { row, channel, value: values[[row, channel]] });
+        }
+    }
+    let mut mean = Array2::zeros((basis_size(degree), channels));
+    group.iter().for_each(|model| mean += &model.up_to(degree));
+    mean /= group.len() as f64;
+    let mean = Coefficients::new(mean)?;
+    let components = if measurement == Measurement::Position { 3 } else { 1 };
+    let mut values = Array2::zeros((group.len(), directions.len() * components));
+    let normals = match measurement {
+        Measurement::Normal => {
+            let points = local_geometry(&mean, directions, monitor)?;
+            // Outwards, whichever way the surface is parametrised.
+            let volume: f64 = points.iter().map(|p| p.area_element * dot(p.position, p.normal)).sum();
+            let centre = mean.values().row(0).mapv(|value| value / (4.0 * std::f64::consts::PI).sqrt());
+            let flux: f64 =
+                points.iter().map(|p| p.area_element * dot([centre[0], centre[1], centre[2]], p.normal)).sum();
+            let sign = if volume < flux { -1.0 } else { 1.0 };
+            Some(points.into_iter().map(|p| p.normal.map(|n| sign * n)).collect::<Vec<_>>())
+        }
+        _ => None,
+    };
+    let params = TransformParams { max_degree: degree, accuracy: FINEST, channels };
+    let transform = Transform::new(directions, &params)?;
+    monitor.begin(Stage::counted("evaluate", "models"), group.len() as u64);
+    for (model, mut row) in group.iter().zip(values.rows_mut()) {
+        monitor.check()?;
+        let found = match &normals {
+            Some(_) => transform.synthesis((&model.up_to(degree) - mean.values()).view())?,
+            None => transform.synthesis(model.up_to(degree))?,
+        };
+        match &normals {
+            Some(normals) => {
+                for ((value, found), normal) in row.iter_mut().zip(found.rows()).zip(normals) {
+                    *value = found[0] * normal[0] + found[1] * normal[1] + found[2] * normal[2];
+                }
+            }
+            None => row.iter_mut().zip(found.slice(s![.., ..]).iter()).for_each(|(value, found)| *value = *found),
+        }
+        monitor.step(1);
+    }
+    monitor.end();
+    Ok(Field { values, components, mean })
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_monitor::Silent;
+
+    fn sphere(radius: f64, turned: bool) -> Coefficients {
+        let mut values = Array2::zeros((9, 3));
+        let size = radius * (4.0 * std::f64::consts::PI / 3.0).sqrt();
+        let sign = if turned { -1.0 } else { 1.0 };
+        (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (sign * size, size, size);
+        values[[0, 1]] = 40.0;
+        Coefficients::new(values).unwrap()
+    }
+
+    #[test]
+    fn displacements_of_spheres_are_their_radii() {
+        let directions = Directions::fibonacci(60).unwrap();
+        for turned in [false, true] {
+            let group = [sphere(1.0, turned), sphere(2.0, turned), sphere(6.0, turned)];
+            let found = measure_group(&group, &directions, Measurement::Normal, &Silent).unwrap();
+            for (row, off) in found.values.rows().into_iter().zip([-2.0, -1.0, 3.0]) {
+                assert!(row.iter().all(|value| (value - off).abs() < 1e-12), "{turned} {row}");
+            }
+            let positions = measure_group(&group, &directions, Measurement::Position, &Silent).unwrap();
+            assert_eq!((positions.values.ncols(), positions.components), (180, 3));
+            let centre = 40.0 / (4.0 * std::f64::consts::PI).sqrt();
+            let y = positions.values[[2, 3 * 7 + 1]] - centre;
+            assert!((y - 6.0 * directions.as_slice()[7][1]).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn models_that_do_not_fit_are_refused() {
+        let directions = Directions::fibonacci(10).unwrap();
+        let scalar = Coefficients::new(Array2::ones((4, 1))).unwrap();
+        let measure = |group: &[Coefficients]| measure_group(group, &directions, Measurement::Normal, &Silent);
+        assert!(measure(&[]).is_err() && measure(&[scalar]).is_err());
+        let low = Coefficients::new(Array2::ones((4, 3))).unwrap();
+        assert!(matches!(measure(&[sphere(1.0, false), low]), Err(ShapeError::Differ { what: "degree", .. })));
+    }
+}

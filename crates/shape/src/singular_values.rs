@@ -1,0 +1,79 @@
+//! Singular values of matrices of few columns, to full relative accuracy.
+//!
+//! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal; their lengths are the singular
+//! values. Unlike the eigenvalues of `A^T A`, whose square roots lose half of the digits, small singular values keep theirs
+//! (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13 (1992)). Cost: some 6 n c^2 flops a sweep, 4 to 6 sweeps for
+//! three columns.
+
+use ndarray::ArrayView2;
+
+/// More are never needed; a matrix of three columns takes 4 to 6.
+const MOST_SWEEPS: usize = 60;
+
+/// Returns the singular values of a matrix, (n, c), largest first, (c); those beyond its rank are 0 to rounding.
+#[must_use]
+pub fn singular_values(matrix: ArrayView2<'_, f64>) -> Vec<f64> {
+    let mut columns: Vec<Vec<f64>> = matrix.columns().into_iter().map(|column| column.to_vec()).collect();
+    // So that no square overflows or underflows.
+    let largest = matrix.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+    if largest == 0.0 || !largest.is_finite() {
+        return vec![if largest == 0.0 { 0.0 } else { f64::NAN }; columns.len()];
+    }
+    columns.iter_mut().flatten().for_each(|value| *value /= largest);
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    for _ in 0..MOST_SWEEPS {
+        let mut turned = false;
+        for first in 0..columns.len() {
+            for second in first + 1..columns.len() {
+                let (left, right) = columns.split_at_mut(second);
+                let (a, b) = (&mut left[first], &mut right[0]);
+                let (aa, bb, ab) = (dot(a, a), dot(b, b), dot(a, b));
+                if ab.abs() <= f64::EPSILON * (aa * bb).sqrt() {
+                    continue;
+                }
+                turned = true;
+                let zeta = (bb - aa) / (2.0 * ab);
+                let tangent = zeta.signum() / (zeta.abs() + zeta.hypot(1.0));
+                let cosine = 1.0 / tangent.hypot(1.0);
+                let sine = cosine * tangent;
+                for (a, b) in a.iter_mut().zip(b) {
+                    (*a, *b) = (cosine * *a - sine * *b, sine * *a + cosine * *b);
+                }
+            }
+        }
+        if !turned {
+            break;
+        }
+    }
+    let mut values: Vec<f64> = columns.iter().map(|column| largest * dot(column, column).sqrt()).collect();
+    values.sort_by(|a, b| b.total_cmp(a));
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::{Array2, array};
+
+    #[test]
+    fn values_of_a_graded_matrix_keep_their_digits() {
+        // Orthogonal columns of length 2 times a diagonal, times a rotation.
+        let q = array![[1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, -1.0]];
+        let known = [3.0, 2e-5, 5e-11];
+        let turn = array![[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
+        let matrix = (q * array![1.5, 1e-5, 2.5e-11]).dot(&turn);
+        for (found, known) in singular_values(matrix.view()).into_iter().zip(known) {
+            // The product itself is rounded, to some eps of the largest value.
+            assert!((found - known).abs() < 4e-16 * 3.0, "{found:e} {known:e}");
+        }
+        let scaled = matrix.mapv(|value| value * 1e200);
+        assert!((singular_values(scaled.view())[0] / 3e200 - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn zeros_and_wide_matrices_have_values_too() {
+        assert_eq!(singular_values(Array2::zeros((3, 2)).view()), [0.0, 0.0]);
+        let wide = singular_values(array![[3.0, 4.0, 0.0]].view());
+        assert!((wide[0] - 5.0).abs() < 1e-15 && wide[1] < 1e-15 && wide[2] < 1e-15, "{wide:?}");
+    }
+}

@@ -1,0 +1,169 @@
+//! Designs from what is known of the subjects: a column to test, and covariates to account for.
+
+use std::collections::BTreeSet;
+
+use ndarray::Array2;
+
+use super::design::{Contrast, Design};
+use crate::ShapeError;
+
+/// What a table's column has for each subject.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Column {
+    /// A number: age, volume.
+    Numbers(Vec<f64>),
+    /// A level: group, sex, site.
+    Levels(Vec<String>),
+}
+
+impl Column {
+    /// Takes the cells of a column: numbers where all of them are finite numbers, else levels.
+    ///
+    /// ```
+    /// use spharm_shape::stats::Column;
+    /// assert_eq!(Column::of(["1", " 2.5"]), Column::Numbers(vec![1.0, 2.5]));
+    /// assert_eq!(Column::of(["1", "n/a"]), Column::Levels(vec!["1".into(), "n/a".into()]));
+    /// ```
+    pub fn of<'a>(cells: impl IntoIterator<Item = &'a str>) -> Self {
+        let cells: Vec<&str> = cells.into_iter().map(str::trim).collect();
+        let number = |cell: &&str| cell.parse::<f64>().ok().filter(|number| number.is_finite());
+        let numbers: Option<Vec<f64>> = cells.iter().map(number).collect();
+        numbers.map_or_else(|| Self::Levels(cells.into_iter().map(str::to_owned).collect()), Self::Numbers)
+    }
+
+    /// Returns the number of subjects, n.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Numbers(numbers) => numbers.len(),
+            Self::Levels(levels) => levels.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A design, what to test of it, and what that means.
+#[derive(Debug, Clone)]
+pub struct Question {
+    /// The design: the effect's columns first.
+    pub design: Design,
+    /// The contrast.
+    pub contrast: Contrast,
+    /// In words: "control - patient", "slope of age".
+    pub meaning: String,
+    /// Subjects of each level, where the effect has levels.
+    pub levels: Vec<(String, usize)>,
+}
+
+/// Makes the design and the contrast of an effect, given its name, with covariates: the slope of a number, the difference
+/// of two levels (the first less the second), or any difference between more levels. Levels are in the order of `order`,
+/// else sorted. Covariates are taken about their mean, one column for each level but the first.
+///
+/// # Errors
+///
+/// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an order
+/// that doesn't have all levels; those of [`Design`].
+pub fn question(
+    (name, effect): (&str, &Column),
+    order: &[String],
+    covariates: &[(String, Column)],
+) -> Result<Question, ShapeError> {
+    let n = effect.len();
+    if let Some((_, other)) = covariates.iter().find(|(_, column)| column.len() != n) {
+        return Err(ShapeError::Subjects { what: "covariates", expected: n, found: other.len() });
+    }
+    let (mut columns, mut names): (Vec<Vec<f64>>, Vec<String>) = (Vec::new(), Vec::new());
+    for (name, column) in covariates {
+        match column {
+            Column::Numbers(numbers) => {
+                columns.push(numbers.clone());
+                names.push(name.clone());
+            }
+            Column::Levels(of) => {
+                for level in distinct(of).into_iter().skip(1) {
+                    columns.push(of.iter().map(|other| f64::from(*other == level)).collect());
+                    names.push(format!("{name} {level}"));
+                }
+            }
+        }
+    }
+    let (base, effects, meaning, levels) = match effect {
+        Column::Numbers(numbers) => {
+            columns.insert(0, numbers.clone());
+            names.insert(0, name.to_owned());
+            (Design::new(Array2::ones((n, 1)), vec!["mean".to_owned()])?, None, format!("slope of {name}"), Vec::new())
+        }
+        Column::Levels(of) => {
+            let found = distinct(of);
+            let asked: BTreeSet<&String> = order.iter().collect();
+            if found.len() < 2 || !order.is_empty() && asked.into_iter().ne(found.iter()) {
+                return Err(ShapeError::Levels { column: name.to_owned(), found, order: order.to_vec() });
+            }
+            let found = if order.is_empty() { found } else { order.to_vec() };
+            let matrix = Array2::from_shape_fn((n, found.len()), |(i, level)| f64::from(of[i] == found[level]));
+            let meaning = match &found[..] {
+                [first, second] => format!("{first} - {second}"),
+                _ => format!("any difference between {}", found.join(", ")),
+            };
+            let counts = found.iter().map(|level| (level.clone(), of.iter().filter(|other| *other == level).count()));
+            (Design::new(matrix, found.clone())?, Some(found.len()), meaning, counts.collect())
+        }
+    };
+    let table = Array2::from_shape_fn((n, columns.len()), |(i, column)| columns[column][i]);
+    let design = if columns.is_empty() { base } else { base.with_covariates(table.view(), &names)? };
+    let all = design.matrix().ncols();
+    let contrast = match effects {
+        None => Contrast::column(all, 1),
+        Some(levels) => Contrast {
+            weights: Array2::from_shape_fn((levels - 1, all), |(row, column)| {
+                f64::from(column == row) - f64::from(column == row + 1)
+            }),
+        },
+    };
+    Ok(Question { design, contrast, meaning, levels })
+}
+
+fn distinct(levels: &[String]) -> Vec<String> {
+    levels.iter().collect::<BTreeSet<_>>().into_iter().cloned().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn levels(of: &str) -> Column {
+        Column::of(of.split(' '))
+    }
+
+    #[test]
+    fn effects_and_covariates_become_columns() {
+        let group = levels("b a a b b a");
+        let covariates = [("age".to_owned(), levels("1 2 3 4 5 9")), ("site".to_owned(), levels("x y z x z y"))];
+        let found = question(("group", &group), &[], &covariates).unwrap();
+        assert_eq!(found.design.names(), ["a", "b", "age", "site y", "site z"]);
+        assert_eq!(found.contrast.weights, ndarray::array![[1.0, -1.0, 0.0, 0.0, 0.0]]);
+        assert_eq!((found.meaning.as_str(), found.levels[1].1), ("a - b", 3));
+        assert_eq!(found.design.matrix().column(2).sum(), 0.0);
+        let order = ["b".to_owned(), "a".to_owned()];
+        assert_eq!(question(("group", &group), &order, &[]).unwrap().meaning, "b - a");
+        let slope = question(("age", &covariates[0].1), &[], &[("group".to_owned(), group)]).unwrap();
+        assert_eq!(slope.design.names(), ["mean", "age", "group b"]);
+        assert_eq!(slope.contrast.weights, ndarray::array![[0.0, 1.0, 0.0]]);
+        let three = question(("site", &covariates[1].1), &[], &[]).unwrap();
+        assert_eq!(three.contrast.weights, ndarray::array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]);
+    }
+
+    #[test]
+    fn columns_that_say_nothing_are_refused() {
+        assert!(matches!(question(("group", &levels("a a a")), &[], &[]), Err(ShapeError::Levels { .. })));
+        let order = ["a".to_owned(), "c".to_owned()];
+        assert!(matches!(question(("group", &levels("a b a")), &order, &[]), Err(ShapeError::Levels { .. })));
+        let short = [("age".to_owned(), levels("1 2"))];
+        assert!(matches!(question(("group", &levels("a b a")), &[], &short), Err(ShapeError::Subjects { .. })));
+        let same = [("sex".to_owned(), levels("m f m f"))];
+        assert!(matches!(question(("group", &levels("a b a b")), &[], &same), Err(ShapeError::Rank { .. })));
+    }
+}

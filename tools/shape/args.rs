@@ -1,0 +1,124 @@
+//! Arguments that the subcommands of `shape` share, and reading the models that they name.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use rayon::prelude::*;
+use spharm::{Coefficients, Monitor, Stage};
+use spharm_cli::console::Console;
+use spharm_cli::help::{INPUT, METHOD, OUTPUT, RESOURCES};
+use spharm_cli::inputs::read_sphere;
+use spharm_cli::paths::expand;
+use spharm_cli::threads::Threads;
+use spharm_model::Model;
+use spharm_surface::Sphere;
+
+/// The models that a subcommand works on.
+#[derive(Debug, Args)]
+pub(super) struct Models {
+    /// Models, as `spharm fit` writes them
+    ///
+    /// Files, folders, whose .npz files are taken, or @LIST with a path a line.
+    #[arg(value_name = "MODEL.spharm.npz", required = true, help_heading = INPUT)]
+    pub(super) models: Vec<PathBuf>,
+}
+
+impl Models {
+    /// The files that are meant.
+    pub(super) fn paths(&self) -> Result<Vec<PathBuf>> {
+        expand(&self.models, ".npz")
+    }
+
+    /// Whether they are one file, named as such.
+    pub(super) fn single(&self, paths: &[PathBuf]) -> bool {
+        paths.len() == 1 && paths == self.models
+    }
+}
+
+/// Where a report on the work goes, and whether files are replaced.
+#[derive(Debug, Args)]
+#[command(next_help_heading = OUTPUT)]
+pub(super) struct ReportArgs {
+    /// Write a report to a JSON file
+    #[arg(long, value_name = "FILE")]
+    pub(super) report: Option<PathBuf>,
+    /// Print the report as JSON in place of the table
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Replace outputs that exist
+    #[arg(long)]
+    pub(super) force: bool,
+}
+
+/// Threads.
+#[derive(Debug, Args)]
+#[command(next_help_heading = RESOURCES)]
+pub(super) struct Resources {
+    #[command(flatten)]
+    pub(super) threads: Threads,
+}
+
+/// Where models are evaluated; by default each on its own sphere.
+#[derive(Debug, Args)]
+#[group(multiple = false)]
+pub(super) struct Sampling {
+    /// Evaluate at the vertices of a sphere mesh [default: the model's own]
+    #[arg(long, value_name = "SPHERE", help_heading = METHOD)]
+    pub(super) sphere: Option<PathBuf>,
+    /// Evaluate at the vertices of an icosphere
+    ///
+    /// Of N subdivisions: 10 4^N + 2 vertices.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10), help_heading = METHOD)]
+    pub(super) icosphere: Option<u32>,
+}
+
+impl Sampling {
+    /// The sphere that all models are evaluated on, unless each has its own.
+    pub(super) fn shared(&self, console: &Console) -> Result<Option<Sphere>> {
+        match (&self.sphere, self.icosphere) {
+            (Some(path), _) => Ok(Some(read_sphere(path, false, console)?)),
+            (None, Some(subdivisions)) => Ok(Some(Sphere::icosphere(subdivisions))),
+            (None, None) => Ok(None),
+        }
+    }
+}
+
+/// The sphere that a model is evaluated on: the shared one, or its own.
+pub(super) fn sphere_of<'a>(shared: Option<&'a Sphere>, model: &'a Model, path: &Path) -> Result<&'a Sphere> {
+    match shared {
+        Some(sphere) => Ok(sphere),
+        None => model.own_sphere().with_context(|| path.display().to_string()),
+    }
+}
+
+/// The coefficients of a model to a degree, to its own where none is given.
+pub(super) fn to_degree(model: &Model, path: &Path, degree: Option<usize>) -> Result<Coefficients> {
+    let highest = model.coefficients.max_degree();
+    match degree {
+        Some(degree) if degree > highest => {
+            bail!("{}: the model goes to degree {highest}, --max-degree {degree} is above it", path.display())
+        }
+        Some(degree) => Ok(Coefficients::new(model.coefficients.up_to(degree).to_owned())?),
+        None => Ok(model.coefficients.clone()),
+    }
+}
+
+/// Reads many models and takes from each what is needed of it, on all threads, in their order.
+pub(super) fn read_all<T: Send>(
+    paths: &[PathBuf],
+    monitor: &dyn Monitor,
+    take: impl Fn(&Model, &Path) -> Result<T> + Sync,
+) -> Result<Vec<T>> {
+    monitor.begin(Stage::counted("read", "models"), paths.len() as u64);
+    let one = |path: &PathBuf| {
+        monitor.check()?;
+        let taken = take(&Model::read(path)?, path)?;
+        monitor.step(1);
+        Ok(taken)
+    };
+    // All of them before the first error is looked for, so that it is always the same one.
+    let results: Vec<Result<T>> = paths.par_iter().map(one).collect();
+    monitor.end();
+    results.into_iter().collect()
+}

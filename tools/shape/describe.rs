@@ -1,0 +1,128 @@
+//! `shape describe`: descriptors that rotations don't change, as a table.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::{Args, ValueEnum};
+use serde_json::json;
+use spharm::shape::{Descriptors, descriptors};
+use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, print};
+use spharm_model::Model;
+
+use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
+use super::outputs::{check, csv, finish, number, write_text};
+
+/// Describe models by numbers that rotations don't change
+///
+/// A row a model: its size (root mean square distance from its mean position), the power of each degree and the singular values
+/// of each degree's coefficients. Rotations, reflections and translations of the surface, and rotations of its sphere, change
+/// none of them; they depend on the parameterisation. Without --output the table is printed.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape describe @group.txt -o descriptors.csv",
+        "spharm shape describe models --max-degree 12 --unit-size --only power",
+    ],
+    &[],
+))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    models: Models,
+    /// Highest degree [default: the lowest of the models']
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    max_degree: Option<usize>,
+    /// Scale models to size 1
+    #[arg(long, help_heading = METHOD)]
+    unit_size: bool,
+    /// Write one kind alone
+    #[arg(long, value_enum, value_name = "KIND", help_heading = METHOD)]
+    only: Option<Kind>,
+    /// Table to write
+    #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    Power,
+    SingularValues,
+}
+
+/// Descriptors of a model to a degree, to its own where none is given.
+pub(super) fn of(model: &Model, path: &Path, degree: Option<usize>) -> Result<Descriptors> {
+    let coefficients = to_degree(model, path, degree)?;
+    descriptors(&coefficients).with_context(|| path.display().to_string())
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let paths = cli.models.paths()?;
+    check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
+    let pool = cli.resources.threads.pool()?;
+    let found = pool.install(|| read_all(&paths, monitor, |model, path| of(model, path, cli.max_degree)))?;
+    let degree = found.iter().map(Descriptors::max_degree).min().unwrap_or(0);
+    let highest = found.iter().map(Descriptors::max_degree).max().unwrap_or(0);
+    let mut warnings = Vec::new();
+    if highest > degree {
+        warnings.push(format!(
+            "the models go to degrees from {degree} to {highest}; the table has the degrees up to {degree}"
+        ));
+        warnings.iter().for_each(|warning| monitor.console().warn(warning));
+    }
+    let channels = found.first().map_or(0, |first| first.channels);
+    if let Some(other) = found.iter().position(|model| model.channels != channels) {
+        anyhow::bail!(
+            "{}: a model of {} channels, {} has {channels}",
+            paths[other].display(),
+            found[other].channels,
+            paths[0].display()
+        );
+    }
+    let row = |(model, path): (&Descriptors, &PathBuf)| -> Vec<String> {
+        let (model, size) = (model.up_to(degree), model.size());
+        let model = if cli.unit_size { model.unit_size() } else { model };
+        let power = model.power.iter().filter(|_| cli.only != Some(Kind::SingularValues));
+        let values = model.singular_values.iter().filter(|_| cli.only != Some(Kind::Power));
+        let numbers = std::iter::once(size).chain(power.chain(values).copied()).map(number);
+        std::iter::once(path.display().to_string()).chain(numbers).collect()
+    };
+    let rows: Vec<Vec<String>> = found.iter().zip(&paths).map(row).collect();
+    let header = header(degree, channels, cli.only);
+    let names: Vec<&str> = header.iter().map(String::as_str).collect();
+    let text = csv(&names, rows.iter().map(Vec::as_slice));
+    let Some(path) = &cli.output else {
+        return print(text.trim_end());
+    };
+    write_text(path, cli.report.force, &text)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let report = json!({
+        "output": path,
+        "models": paths.len(),
+        "degree": degree,
+        "channels": channels,
+        "unit_size": cli.unit_size,
+        "warnings": warnings,
+        "seconds": seconds,
+    });
+    let line = format!("{}: {} models, degree {degree}, {seconds:.2} s", path.display(), paths.len());
+    finish("describe", &report, &[vec![line]], &cli.report)
+}
+
+fn header(degree: usize, channels: usize, only: Option<Kind>) -> Vec<String> {
+    let mut names = vec!["model".to_owned(), "size".to_owned()];
+    if only != Some(Kind::SingularValues) {
+        names.extend((1..=degree).map(|l| format!("power_{l}")));
+    }
+    if only != Some(Kind::Power) {
+        names.extend((1..=degree).flat_map(|l| (1..=channels).map(move |k| format!("singular_value_{l}_{k}"))));
+    }
+    names
+}

@@ -1,0 +1,132 @@
+//! `shape match`: the nearest models of a library.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::{Args, ValueEnum};
+use serde_json::json;
+use spharm::shape::{Descriptors, Library, Metric};
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::OutputFile;
+use spharm_cli::paths::expand;
+
+use super::args::{Models, ReportArgs, Resources, read_all};
+use super::describe::of;
+use super::outputs::{check, csv, finish, number, write_text};
+
+/// Find the models that are nearest to one
+///
+/// By the singular values of each degree, which don't depend on pose. The distance is never above the root mean square distance
+/// of the surfaces however they are rotated, mirrored and moved, in their unit; 0 doesn't mean that they are the same, as
+/// mirrored surfaces are 0 apart.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape match bunny.spharm.npz --among models --top 5",
+        "spharm shape match left.spharm.npz right.spharm.npz --among @group.txt --unit-size -o nearest.csv",
+    ],
+    &[],
+))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    queries: Models,
+    /// Models to search: files, folders or @LIST
+    #[arg(long, value_name = "MODEL", num_args = 1.., required = true, help_heading = INPUT)]
+    among: Vec<PathBuf>,
+    /// How many are shown
+    #[arg(long, value_name = "N", default_value_t = 5, help_heading = METHOD)]
+    top: usize,
+    /// Highest degree that is compared [default: the lowest of the models']
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    max_degree: Option<usize>,
+    /// Compare models scaled to size 1
+    #[arg(long, help_heading = METHOD)]
+    unit_size: bool,
+    /// What models are ordered by
+    ///
+    /// standardized divides each number by its standard deviation over the models that are searched, so that small, high
+    /// degrees count as much as low ones.
+    #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
+    metric: By,
+    /// Table to write
+    #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum By {
+    Distance,
+    Standardized,
+}
+
+const COLUMNS: [&str; 5] = ["query", "rank", "model", "distance", "score"];
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let (queries, among) = (cli.queries.paths()?, expand(&cli.among, ".npz")?);
+    check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
+    let pool = cli.resources.threads.pool()?;
+    let read =
+        |paths: &[PathBuf]| pool.install(|| read_all(paths, monitor, |model, path| of(model, path, cli.max_degree)));
+    let started = Instant::now();
+    let (of_queries, of_library) = (read(&queries)?, read(&among)?);
+    let reading = started.elapsed().as_secs_f64();
+    // To the lowest degree of all: one query of a lower degree than the library lowers it.
+    let degree = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).min().unwrap_or(0);
+    let highest = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).max().unwrap_or(0);
+    let mut warnings = Vec::new();
+    if highest > degree {
+        warnings
+            .push(format!("the models go to degrees from {degree} to {highest}; they are compared to degree {degree}"));
+        warnings.iter().for_each(|warning| monitor.console().warn(warning));
+    }
+    let of_library: Vec<Descriptors> = of_library.iter().map(|model| model.up_to(degree)).collect();
+    let library = Library::new(&of_library, cli.unit_size)?;
+    let started = Instant::now();
+    let mut rows = vec![COLUMNS.map(str::to_owned).to_vec()];
+    let mut cells = Vec::new();
+    let mut reports = Vec::new();
+    let metric = if cli.metric == By::Distance { Metric::Distance } else { Metric::Standardized };
+    for (path, query) in queries.iter().zip(&of_queries) {
+        let found =
+            pool.install(|| library.nearest(query, cli.top, metric)).with_context(|| path.display().to_string())?;
+        for (rank, found) in found.iter().enumerate() {
+            let of = |number: fn(f64) -> String| {
+                let model = among[found.index].display().to_string();
+                vec![
+                    path.display().to_string(),
+                    (rank + 1).to_string(),
+                    model,
+                    number(found.bound),
+                    number(found.score),
+                ]
+            };
+            rows.push(of(|value| format!("{value:.6}")));
+            cells.push(of(number));
+        }
+        let matches = found
+            .iter()
+            .map(|found| json!({ "model": among[found.index], "distance": found.bound, "score": found.score }));
+        reports.push(json!({ "query": path, "matches": matches.collect::<Vec<_>>() }));
+    }
+    let searching = started.elapsed().as_secs_f64();
+    if let Some(path) = &cli.output {
+        write_text(path, cli.report.force, &csv(&COLUMNS, cells.iter().map(Vec::as_slice)))?;
+    }
+    let report = json!({
+        "degree": degree,
+        "unit_size": cli.unit_size,
+        "metric": if cli.metric == By::Distance { "distance" } else { "standardized" },
+        "models": among.len(),
+        "queries": reports,
+        "warnings": warnings,
+        "seconds": { "read": reading, "search": searching },
+    });
+    finish("match", &report, &rows, &cli.report)
+}

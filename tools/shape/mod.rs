@@ -1,0 +1,62 @@
+//! `shape`: what is done with models. A file for each subcommand, with its arguments, the calls of the library and what it
+//! prints; `args` has the arguments that they share, `outputs` where their results go.
+//!
+//! A new subcommand is a file here, a variant of [`Command`] and a line in [`run`].
+
+mod args;
+mod describe;
+mod maps;
+mod matching;
+mod measure;
+mod outputs;
+mod remesh;
+mod smooth;
+
+use anyhow::Result;
+use clap::{Args, Subcommand};
+use spharm_cli::Common;
+use spharm_cli::help;
+use spharm_cli::monitor::ConsoleMonitor;
+
+/// Analyse models: measure, smooth, describe, match, remesh
+///
+/// All of it is computed from the coefficients. Models are files, folders, whose .npz files are taken, or @LIST with a path a
+/// line.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape measure models --maps maps --icosphere 6",
+        "spharm shape smooth bunny.spharm.npz --fwhm 5 -o smooth.spharm.npz",
+        "spharm shape describe @group.txt -o descriptors.csv",
+        "spharm shape match bunny.spharm.npz --among @group.txt --top 5",
+        "spharm shape remesh bunny.spharm.npz --tolerance 0.1 --icosphere 5 --even -o bunny.ply",
+    ],
+    &[],
+))]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Measure(measure::Cli),
+    Smooth(smooth::Cli),
+    Describe(describe::Cli),
+    Match(matching::Cli),
+    Remesh(remesh::Cli),
+}
+
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
+    let monitor = ConsoleMonitor::new(cli.common.console());
+    match &cli.command {
+        Command::Measure(cli) => measure::run(cli, &monitor),
+        Command::Smooth(cli) => smooth::run(cli, &monitor),
+        Command::Describe(cli) => describe::run(cli, &monitor),
+        Command::Match(cli) => matching::run(cli, &monitor),
+        Command::Remesh(cli) => remesh::run(cli, &monitor),
+    }
+}

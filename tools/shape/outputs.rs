@@ -1,0 +1,89 @@
+//! Where results go: one file for one model, a folder for several; tables and reports.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use serde_json::{Value, json};
+use spharm_cli::Usage;
+use spharm_cli::machine::memory;
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print, print_json, table, write_json};
+use spharm_cli::paths::{model_name, with_ending};
+use spharm_surface::io::{to_write_mesh, write_new};
+
+use super::args::{Models, ReportArgs};
+
+/// The output of each model: the file that was named for a single one, else `NAME.ENDING` in that folder.
+pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending: &str) -> Result<Vec<PathBuf>> {
+    if models.single(paths) && !output.is_dir() {
+        return Ok(vec![output.to_owned()]);
+    }
+    let name = output.to_string_lossy();
+    if !output.is_dir() && (name.ends_with(".npz") || to_write_mesh(output).is_ok()) {
+        return Err(Usage::conflict("--output is the name of a folder where several files are written").into());
+    }
+    Ok(paths.iter().map(|path| with_ending(&output.join(model_name(path)), ending)).collect())
+}
+
+/// Refuses what couldn't be written in the end.
+pub(super) fn check<'a>(files: impl IntoIterator<Item = OutputFile<'a>>, report: &'a ReportArgs) -> Result<()> {
+    let of_report = report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
+    check_outputs(files.into_iter().chain(of_report), report.force)
+}
+
+/// Writes and prints a report; `rows` are the table for people, its first row the names of the columns.
+pub(super) fn finish(subcommand: &str, report: &Value, rows: &[Vec<String>], args: &ReportArgs) -> Result<()> {
+    let mut whole = json!({
+        "tool": format!("shape {subcommand}"),
+        "versions": spharm::versions(),
+        "memory": memory(),
+    });
+    if let (Some(whole), Some(report)) = (whole.as_object_mut(), report.as_object()) {
+        whole.extend(report.clone());
+    }
+    if let Some(path) = &args.report {
+        write_json(path, args.force, &whole)?;
+    }
+    if args.json { print_json(&whole) } else { print(&table(rows)) }
+}
+
+/// Text of a CSV table; [`number`] makes cells of numbers.
+pub(super) fn csv<'a>(header: &[&str], rows: impl IntoIterator<Item = &'a [String]>) -> String {
+    let line = |cells: Vec<Cow<'_, str>>| cells.join(",") + "\n";
+    let mut text = line(header.iter().map(|name| quoted(name)).collect());
+    rows.into_iter().for_each(|row| text += &line(row.iter().map(|cell| quoted(cell)).collect()));
+    text
+}
+
+/// A number with all its digits.
+pub(super) fn number(value: f64) -> String {
+    format!("{value:?}")
+}
+
+/// Writes a text whole or not at all.
+pub(super) fn write_text(path: &Path, force: bool, text: &str) -> Result<()> {
+    prepare(path)?;
+    write_new(path, force, |out| out.write_all(text.as_bytes()))?;
+    Ok(())
+}
+
+/// RFC 4180.
+fn quoted(cell: &str) -> Cow<'_, str> {
+    if cell.contains([',', '"', '\n', '\r']) {
+        Cow::Owned(format!("\"{}\"", cell.replace('"', "\"\"")))
+    } else {
+        Cow::Borrowed(cell)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_quoted_where_they_have_to_be() {
+        let rows = [vec!["a,\"b\".npz".to_owned(), number(0.1)], vec!["c".to_owned(), number(1e-300)]];
+        let text = csv(&["model", "a"], rows.iter().map(Vec::as_slice));
+        assert_eq!(text, "model,a\n\"a,\"\"b\"\".npz\",0.1\nc,1e-300\n");
+    }
+}

@@ -1,0 +1,195 @@
+//! `shape remesh`: models as meshes, to a degree, within a distance, by levels, evenly in area.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use serde_json::{Value, json};
+use spharm::shape::{EvenSphere, area_spread, degree_within, even_sphere, extent, tails};
+use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::{model_name, with_ending};
+use spharm_model::Model;
+use spharm_surface::Sphere;
+use spharm_surface::io::{Output, WriteOptions, write_mesh};
+
+use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
+use super::outputs::{check, finish, outputs};
+
+/// Steps of the relocation: its error is far below what a mesh can show.
+const STEPS: usize = 16;
+
+/// Make meshes of models: within a distance, by levels, evenly in area
+///
+/// Leaving out the degrees above one moves the surface by a root mean square distance that is known exactly. --tolerance takes
+/// the lowest degree within one, --levels writes a file for each degree, all over the same triangles. --even relocates the
+/// vertices so that they are spread evenly over the surface's area.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape remesh bunny.spharm.npz --tolerance 0.1 --icosphere 5 -o bunny.ply",
+        "spharm shape remesh bunny.spharm.npz --levels 5,10,20 --icosphere 5 --even -o levels --format ply",
+    ],
+    &[help::MESHES],
+))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    models: Models,
+    #[command(flatten)]
+    degree: Degree,
+    #[command(flatten)]
+    sampling: Sampling,
+    /// Spread the vertices evenly over the surface's area
+    #[arg(long, help_heading = METHOD)]
+    even: bool,
+    /// Mesh to write; for several models or levels a folder
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
+    output: PathBuf,
+    /// Format of the files in a folder
+    #[arg(long, value_name = "ENDING", default_value = "surf.gii", help_heading = OUTPUT)]
+    format: String,
+    /// Write 64-bit positions where the format has a choice
+    #[arg(long, help_heading = OUTPUT)]
+    double: bool,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+#[derive(Debug, Args)]
+#[group(multiple = false)]
+struct Degree {
+    /// Highest degree to use [default: the model's]
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    max_degree: Option<usize>,
+    /// Lowest degree within a root mean square distance of the model, in its unit
+    #[arg(long, value_name = "D", help_heading = METHOD)]
+    tolerance: Option<f64>,
+    /// Degrees, a file for each
+    #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
+    levels: Option<Vec<usize>>,
+}
+
+impl Degree {
+    /// The degrees that a model is evaluated to.
+    fn of(&self, model: &Model, path: &Path) -> Result<Vec<usize>> {
+        let highest = model.coefficients.max_degree();
+        if let Some(tolerance) = self.tolerance {
+            let within = degree_within(&model.coefficients, tolerance);
+            // A surface has degree 1 at least.
+            return Ok(vec![within.with_context(|| path.display().to_string())?.0.max(1)]);
+        }
+        let (degrees, flag) = match (&self.levels, self.max_degree) {
+            (Some(levels), _) => (levels.clone(), "--levels"),
+            (None, degree) => (vec![degree.unwrap_or(highest)], "--max-degree"),
+        };
+        match degrees.iter().find(|degree| **degree > highest) {
+            Some(degree) => {
+                bail!("{}: the model goes to degree {highest}, {flag} {degree} is above it", path.display())
+            }
+            None => Ok(degrees),
+        }
+    }
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let paths = cli.models.paths()?;
+    let targets = targets(cli, &paths)?;
+    let files = targets.iter().flatten().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
+    check(files, &cli.report)?;
+    let shared = cli.sampling.shared(monitor.console())?;
+    let pool = cli.resources.threads.pool()?;
+    let mut reports = Vec::new();
+    let mut rows = vec![["mesh", "vertices", "degree", "distance", "spread of areas"].map(str::to_owned).to_vec()];
+    for (path, targets) in paths.iter().zip(&targets) {
+        let written = pool.install(|| one(cli, path, targets, shared.as_ref(), monitor))?;
+        for report in written {
+            let number = |field: &str| report[field].as_f64().unwrap_or(0.0);
+            rows.push(vec![
+                report["output"].as_str().unwrap_or_default().to_owned(),
+                report["vertices"].to_string(),
+                report["degree"].to_string(),
+                format!("{:.3e}", number("distance")),
+                format!("{:.3}", number("area_spread")),
+            ]);
+            reports.push(report);
+        }
+    }
+    finish("remesh", &json!({ "even": cli.even, "meshes": reports }), &rows, &cli.report)
+}
+
+/// The files of each model: one for each level.
+fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
+    let Some(levels) = &cli.degree.levels else {
+        let each = outputs(&cli.models, paths, &cli.output, &cli.format)?;
+        return Ok(each.into_iter().map(|path| vec![path]).collect());
+    };
+    let file = |path: &PathBuf, level: &usize| {
+        let stem = cli.output.join(format!("{}.degree{level}", model_name(path)));
+        with_ending(&stem, &cli.format)
+    };
+    Ok(paths.iter().map(|path| levels.iter().map(|level| file(path, level)).collect()).collect())
+}
+
+fn one(
+    cli: &Cli,
+    path: &Path,
+    targets: &[PathBuf],
+    shared: Option<&Sphere>,
+    monitor: &ConsoleMonitor,
+) -> Result<Vec<Value>> {
+    let started = Instant::now();
+    let named = || path.display().to_string();
+    let model = Model::read(path)?;
+    extent(&model.coefficients).with_context(named)?;
+    let degrees = cli.degree.of(&model, path)?;
+    let tails = tails(&model.coefficients).with_context(named)?;
+    let sphere = sphere_of(shared, &model, path)?;
+    // The triangles are those of the highest degree, so that levels have them in common.
+    let even = if cli.even { Some(relocated(&model, path, &degrees, sphere, monitor)?) } else { None };
+    let sphere = even.as_ref().map_or(sphere, |even| &even.sphere);
+    let options = WriteOptions { overwrite: cli.report.force, double: cli.double };
+    let mut reports = Vec::new();
+    for (degree, target) in degrees.into_iter().zip(targets) {
+        let mesh = model.reconstruct(sphere, degree).with_context(named)?;
+        prepare(target)?;
+        write_mesh(target, &mesh, &options)?;
+        reports.push(json!({
+            "model": path,
+            "output": target,
+            "vertices": mesh.vertices.len(),
+            "degree": degree,
+            "distance": tails[degree],
+            "area_spread": area_spread(&mesh),
+            "area_spread_before": even.as_ref().map(|even| even.before),
+            "folded": even.as_ref().map(|even| even.folded),
+            "seconds": started.elapsed().as_secs_f64(),
+        }));
+    }
+    Ok(reports)
+}
+
+fn relocated(
+    model: &Model,
+    path: &Path,
+    degrees: &[usize],
+    sphere: &Sphere,
+    monitor: &ConsoleMonitor,
+) -> Result<EvenSphere> {
+    let named = || path.display().to_string();
+    let coefficients = to_degree(model, path, degrees.iter().copied().max())?;
+    let even = even_sphere(&coefficients, sphere, STEPS, monitor).with_context(named)?;
+    if even.folded > 0 {
+        let folded = even.folded;
+        monitor.console().warn(format!(
+            "{}: {folded} triangles are turned over by --even; the mesh is too coarse for this surface, choose a finer \
+             --icosphere",
+            path.display()
+        ));
+    }
+    Ok(even)
+}

@@ -1,0 +1,90 @@
+//! `shape smooth`: the heat kernel.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use serde_json::json;
+use spharm::model::transformed;
+use spharm::shape::HeatKernel;
+use spharm::shape::extent::finite;
+use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+use spharm_model::Model;
+
+use super::args::{Models, ReportArgs};
+use super::outputs::{check, finish, outputs};
+
+/// Smooth models by the heat kernel
+///
+/// Degree l is multiplied by exp(-l (l + 1) s). The width is an angle on the sphere, FWHM = 4 sqrt(s ln 2) rad; on the surface
+/// it is about FWHM sqrt(area / 4 pi), more where the map to the sphere is squeezed. Surfaces and signals.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape smooth bunny.spharm.npz --fwhm 5 -o smooth.spharm.npz",
+        "spharm shape smooth thickness --s 0.001 -o smoothed",
+    ],
+    &[],
+))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    models: Models,
+    #[command(flatten)]
+    width: Width,
+    /// Model to write; for several models a folder
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
+    output: PathBuf,
+    #[command(flatten)]
+    report: ReportArgs,
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct Width {
+    /// Full width at half maximum, in degrees of arc
+    #[arg(long, value_name = "DEG", help_heading = METHOD)]
+    fwhm: Option<f64>,
+    /// Time of diffusion, s
+    #[arg(long = "s", value_name = "S", help_heading = METHOD)]
+    time: Option<f64>,
+}
+
+impl Width {
+    fn kernel(&self) -> Result<HeatKernel> {
+        match self.fwhm {
+            Some(degrees) => HeatKernel::of_width(degrees.to_radians()).context("--fwhm"),
+            None => HeatKernel::after(self.time.unwrap_or(0.0)).context("--s"),
+        }
+    }
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let paths = cli.models.paths()?;
+    let kernel = cli.width.kernel()?;
+    let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
+    check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
+    let fwhm = kernel.width().to_degrees();
+    let transform = json!({ "heat_kernel": { "s": kernel.time(), "fwhm_degrees": fwhm } });
+    let mut models = Vec::new();
+    let mut rows = vec![["model", "degree", "left of the highest degree"].map(str::to_owned).to_vec()];
+    for (path, target) in paths.iter().zip(&targets) {
+        spharm::Monitor::check(monitor)?;
+        let model = Model::read(path)?;
+        finite(&model.coefficients).with_context(|| path.display().to_string())?;
+        let coefficients = kernel.smooth(&model.coefficients)?;
+        let degree = coefficients.max_degree();
+        prepare(target)?;
+        transformed(&model, coefficients, "shape smooth", transform.clone()).write_with(target, cli.report.force)?;
+        let left = kernel.factor(degree);
+        rows.push(vec![target.display().to_string(), degree.to_string(), format!("{left:.3e}")]);
+        models.push(json!({ "model": path, "output": target, "degree": degree, "left": left }));
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    let report = json!({ "s": kernel.time(), "fwhm_degrees": fwhm, "models": models, "seconds": seconds });
+    finish("smooth", &report, &rows, &cli.report)
+}
