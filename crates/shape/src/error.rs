@@ -83,14 +83,6 @@ pub enum ShapeError {
         /// Its value.
         found: f64,
     },
-    /// A group of too few models.
-    #[error("group: expected {expected} models or more, found {found}")]
-    Group {
-        /// Number of models it has to have.
-        expected: usize,
-        /// Number of models it has.
-        found: usize,
-    },
     /// Models of different degrees where they have to be the same.
     #[error("model {}: expected {expected} coefficients a coordinate, as the first one has, found {found}", .index + 1)]
     Degrees {
@@ -118,11 +110,11 @@ pub enum ShapeError {
     /// Stopped by the monitor.
     #[error("{0}")]
     Interrupted(#[from] Interrupted),
-    /// A model of a signal, where a surface is needed.
-    #[error("expected a surface, whose coefficients have 3 columns, found a signal of {channels} channels")]
-    NotASurface {
-        /// Channels found.
-        channels: usize,
+    /// Something else was given for a rotation.
+    #[error("not a rotation: {problem}")]
+    NotARotation {
+        /// What is wrong.
+        problem: String,
     },
     /// A coefficient that is NaN or infinite.
     #[error("coefficient {row} of channel {channel} is {value}; it must be finite")]
@@ -143,6 +135,20 @@ pub enum ShapeError {
         found: &'static str,
         /// Rank of the coefficients without degree 0.
         rank: usize,
+    },
+    /// Coefficients of a signal where a surface is needed.
+    #[error("expected a surface, whose coefficients have 3 columns, found a signal of {channels} channels")]
+    NotASurface {
+        /// Channels found.
+        channels: usize,
+    },
+    /// Two arrays that should have the same shape.
+    #[error("expected coefficients of {} rows and {} columns, found {} rows and {} columns", .expected.0, .expected.1, .found.0, .found.1)]
+    OtherSize {
+        /// Rows and columns expected.
+        expected: (usize, usize),
+        /// Rows and columns found.
+        found: (usize, usize),
     },
     /// A setting out of its range.
     #[error("{name} is {found}; {expected}")]
@@ -170,4 +176,20 @@ pub enum ShapeError {
     /// A transform that can't be made.
     #[error("{0}")]
     Transform(#[from] TransformError),
+    /// A group that is too small for what was asked.
+    #[error("the group has {found} members, at least {least} are needed")]
+    TooFewMembers {
+        /// Members found.
+        found: usize,
+        /// Members needed.
+        least: usize,
+    },
+    /// An error in one member of a group.
+    #[error("member {index}: {source}")]
+    Member {
+        /// Its place in the group, counted from 0.
+        index: usize,
+        /// What is wrong.
+        source: Box<ShapeError>,
+    },
 }

@@ -34,7 +34,7 @@ pub struct Field {
 ///
 /// # Errors
 ///
-/// [`ShapeError::Group`] for no models, [`ShapeError::Differ`] for another number of channels than the measurement takes or
+/// [`ShapeError::TooFewMembers`] for no models, [`ShapeError::Differ`] for another number of channels than the measurement takes or
 /// a lower degree than the first one's, [`ShapeError::NotFinite`], [`ShapeError::Transform`], [`ShapeError::Interrupted`].
 pub fn measure_group(
     group: &[Coefficients],
@@ -42,7 +42,7 @@ pub fn measure_group(
     measurement: Measurement,
     monitor: &dyn Monitor,
 ) -> Result<Field, ShapeError> {
-    let Some(first) = group.first() else { return Err(ShapeError::Group { expected: 1, found: 0 }) };
+    let Some(first) = group.first() else { return Err(ShapeError::TooFewMembers { found: 0, least: 1 }) };
     let degree = first.max_degree();
     let channels = if measurement == Measurement::Value { 1 } else { 3 };
     for model in group {

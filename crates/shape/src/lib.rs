@@ -8,6 +8,12 @@
 //!
 //! | module | contents |
 //! |---|---|
+//! | [`rotation`] | rotations from angles, axes, quaternions and matrices |
+//! | [`rotate`] | coefficients rotated in their parameters |
+//! | [`transform`] | surfaces and models moved in space and in their parameters |
+//! | [`mod@align`] | one surface brought to another, by a search of all rotations of both spaces |
+//! | [`foe`] | the frame of the first-order ellipsoid |
+//! | [`mod@procrustes`] | a group of surfaces brought together, and its mean |
 //! | [`derivatives`] | the operators L_x, L_y, L_z, each degree to itself |
 //! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
 //! | [`measures`] | area, volume, centroid |
@@ -22,32 +28,65 @@
 //! | [`pca`] | mean and modes of a group, and their quality |
 //! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`error`] | [`ShapeError`] |
+//! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2, sums with its rows, and the half turn made of them |
+//! | `generators` | infinitesimal rotations |
+//! | `matrix3` | 3 x 3 matrices |
+//! | `kabsch` | 3 x 3 singular values, and the best rotation of space |
+//! | `so3_grid`, `refine`, `pair` | all rotations of a grid; one of them refined; both together |
+//! | `group` | a group while it is brought together |
+//! | `templates` | the members that a group's alignment starts from |
 
+pub mod align;
 pub mod derivatives;
 pub mod descriptors;
 pub mod error;
 pub mod even;
 pub mod extent;
 pub mod field;
+pub mod foe;
+mod generators;
 pub mod geometry;
+mod group;
+mod half_turn;
 pub mod heat;
+mod kabsch;
 pub mod levels;
+mod matrix3;
 pub mod measures;
+mod pair;
 pub mod pca;
+pub mod procrustes;
+mod procrustes_report;
+mod quarter;
+mod refine;
 pub mod retrieval;
+pub mod rotate;
+pub mod rotation;
+mod row_sums;
+#[cfg(test)]
+mod samples;
 pub mod singular_values;
+mod so3_grid;
 pub mod stats;
+mod templates;
+pub mod transform;
 
+pub use align::{AlignParams, AlignReport, AlignWarning, Alignment, Method, align};
 pub use derivatives::rotational_derivatives;
 pub use descriptors::{Descriptors, descriptors};
 pub use error::ShapeError;
 pub use even::{EvenSphere, area_spread, even_sphere};
 pub use extent::{Extent, extent};
 pub use field::{Field, Measurement, measure_group};
+pub use foe::EllipsoidFrame;
 pub use geometry::{LocalGeometry, local_geometry, tangent_frame};
 pub use heat::HeatKernel;
 pub use levels::{degree_within, tails};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
 pub use pca::Modes;
+pub use procrustes::{Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd, procrustes};
 pub use retrieval::{Library, Match, Metric};
+pub use rotate::rotate_parameters;
+pub use rotation::Rotation;
 pub use singular_values::singular_values;
+pub use transform::{Similarity, Transform, rmsd, transform_object};

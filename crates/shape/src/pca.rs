@@ -38,12 +38,12 @@ impl Modes {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Group`] for fewer models, [`ShapeError::Degrees`] for models of different degrees or of none but row
+    /// [`ShapeError::TooFewMembers`] for fewer models, [`ShapeError::Degrees`] for models of different degrees or of none but row
     /// 0, [`ShapeError::NotFiniteValue`], [`ShapeError::NoDecomposition`].
     pub fn new(group: &[ArrayView2<'_, f64>], most: usize) -> Result<Self, ShapeError> {
         let n = group.len();
         if n < 3 {
-            return Err(ShapeError::Group { expected: 3, found: n });
+            return Err(ShapeError::TooFewMembers { found: n, least: 3 });
         }
         let (rows, columns) = group[0].dim();
         for (index, model) in group.iter().enumerate() {
@@ -206,7 +206,7 @@ mod tests {
     fn groups_that_are_none_are_refused() {
         let (group, other) = (group(3), Array2::zeros((9, 3)));
         let views: Vec<_> = group.iter().map(|member| member.view()).collect();
-        assert!(matches!(Modes::new(&views[..2], 1).unwrap_err(), ShapeError::Group { expected: 3, found: 2 }));
+        assert!(matches!(Modes::new(&views[..2], 1).unwrap_err(), ShapeError::TooFewMembers { found: 2, least: 3 }));
         let mixed = [views[0], other.view(), views[1]];
         assert!(matches!(Modes::new(&mixed, 1).unwrap_err(), ShapeError::Degrees { index: 1, .. }));
         let modes = Modes::new(&views, 1).unwrap();

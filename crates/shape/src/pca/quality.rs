@@ -81,7 +81,7 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
     let (n, m) = scores.dim();
     let others: Vec<usize> = (0..n).filter(|i| *i != member).collect();
     let others = scores.select(Axis(0), &others);
-    let mean = others.mean_axis(Axis(0)).ok_or(ShapeError::Group { expected: 3, found: n })?;
+    let mean = others.mean_axis(Axis(0)).ok_or(ShapeError::TooFewMembers { found: n, least: 3 })?;
     let centred = (&others - &mean).as_standard_layout().into_owned();
     let slice = centred.as_slice().ok_or(ShapeError::NoDecomposition)?;
     let decomposed =

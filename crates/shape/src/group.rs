@@ -1,0 +1,107 @@
+//! The members of a group while it is brought together, and their mean.
+
+use crate::half_turn::Workspace;
+use crate::pair::{Plan, Unit};
+use crate::refine::{Fit, Target};
+use crate::rotation::Rotation;
+use crate::transform::SQRT_4_PI;
+
+/// How a member was brought to the mean.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pose {
+    pub(crate) fit: Fit,
+    pub(crate) antipodal: bool,
+}
+
+/// A member in its pose.
+#[derive(Debug, Clone)]
+pub(crate) struct Member {
+    pub(crate) pose: Pose,
+    /// (K, 3), row 0 zero.
+    pub(crate) rows: Vec<[f64; 3]>,
+}
+
+impl Member {
+    /// Puts a surface of norm 1 into a pose, times `size`.
+    pub(crate) fn new(unit: &Unit, size: f64, pose: Pose, plan: Option<&Plan>) -> Self {
+        let other = pose.antipodal.then(|| unit.antipodal());
+        let from = &other.as_ref().unwrap_or(unit).rows;
+        let mut rows = from.clone();
+        if let Some(plan) = plan.filter(|_| pose.fit.rotation != Rotation::IDENTITY) {
+            plan.rotator.rotate(from, &pose.fit.rotation, &mut rows, &mut Workspace::default());
+        }
+        for row in &mut rows {
+            let x = *row;
+            *row = pose.fit.orthogonal.map(|q| size * (q[0] * x[0] + q[1] * x[1] + q[2] * x[2]));
+        }
+        Self { pose, rows }
+    }
+}
+
+/// A group in its poses.
+#[derive(Debug)]
+pub(crate) struct Round {
+    pub(crate) members: Vec<Member>,
+    /// (K, 3).
+    pub(crate) mean: Vec<[f64; 3]>,
+    /// Root mean square distance from the mean.
+    pub(crate) spread: f64,
+}
+
+impl Round {
+    /// The mean, scaled to norm 1; zero if it is.
+    pub(crate) fn target(&self) -> Target {
+        let norm = self.norm();
+        let scale = if norm > 0.0 { 1.0 / norm } else { 0.0 };
+        Target::new(self.mean.iter().map(|row| row.map(|v| v * scale)).collect())
+    }
+
+    fn norm(&self) -> f64 {
+        self.mean.as_flattened().iter().map(|v| v * v).sum::<f64>().sqrt()
+    }
+
+    /// Root mean square distance of the mean from its centre.
+    pub(crate) fn size(&self) -> f64 {
+        self.norm() / SQRT_4_PI
+    }
+
+    /// The distance from the mean of a member of a size whose unit comes as near to the mean's as `distance`.
+    pub(crate) fn rmsd_of(&self, distance: f64, size: f64) -> f64 {
+        let norm = self.norm();
+        (norm - size).hypot((norm * size).sqrt() * distance) / SQRT_4_PI
+    }
+
+    /// Distances of the members from the mean.
+    pub(crate) fn distances(&self) -> Vec<f64> {
+        self.members.iter().map(|member| square(&member.rows, &self.mean).sqrt() / SQRT_4_PI).collect()
+    }
+
+    /// The most that a member has moved since another round, relative to the mean's size.
+    pub(crate) fn moved_from(&self, other: &Self) -> f64 {
+        let moved = self.members.iter().zip(&other.members).map(|(a, b)| square(&a.rows, &b.rows).sqrt());
+        moved.fold(0.0, f64::max) / self.norm().max(f64::MIN_POSITIVE)
+    }
+}
+
+/// The mean of the members' rows, added in their order.
+pub(crate) fn mean_of(members: &[Member]) -> Vec<[f64; 3]> {
+    let mut mean = vec![[0.0; 3]; members.first().map_or(0, |member| member.rows.len())];
+    for member in members {
+        for (mean, row) in mean.as_flattened_mut().iter_mut().zip(member.rows.as_flattened()) {
+            *mean += row;
+        }
+    }
+    let count = members.len() as f64;
+    mean.as_flattened_mut().iter_mut().for_each(|v| *v /= count);
+    mean
+}
+
+/// The root mean square distance of the members from a mean.
+pub(crate) fn spread_of(members: &[Member], mean: &[[f64; 3]]) -> f64 {
+    let total: f64 = members.iter().map(|member| square(&member.rows, mean)).sum();
+    (total / members.len() as f64).sqrt() / SQRT_4_PI
+}
+
+fn square(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
+    a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b) * (a - b)).sum()
+}

@@ -1,0 +1,84 @@
+//! The half turn J about (y + z)/sqrt2 in one degree, by which any rotation is made of turns about z.
+//!
+//! D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations of atomic orbitals in
+//! space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, with J real, symmetric and `J^2 = 1`. From the
+//! [quarter](crate::quarter) of d^l(pi/2), with `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, `s_i = (-1)^floor(i/2)`, c_0 = 1
+//! and else sqrt2, and one more minus where i and k are odd,
+//!
+//! ```text
+//! i + l even: cos'_i = sum over k with i + k even of w_{ik} cos_k,   sin'_i = - sum over i + k odd of w_{ik} cos_k
+//! i + l odd:  sin'_i = sum over k with i + k even of w_{ik} sin_k,   cos'_i =   sum over i + k odd of w_{ik} sin_k
+//! ```
+//!
+//! so that a row i reads either cosines or sines. W rows of one parity are made together, a lane each, and their values
+//! are used at once and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, hidden rows aside, and O(l) memory.
+//! Making use of the quarter's symmetry would spare half of the recurrence, but stores sums once for every few products.
+
+use crate::quarter::{Quarter, rows, steps};
+use crate::row_sums::{WIDTH, row_sums};
+
+/// Coefficients of a degree by order, and what J needs beside them.
+#[derive(Debug, Default)]
+pub(crate) struct Workspace {
+    /// (l + 1, columns): the coefficients of cos(k phi) and of sin(k phi); sin_0 is zero.
+    pub(crate) cos: Vec<f64>,
+    pub(crate) sin: Vec<f64>,
+    /// By parity of i: what its rows read, (steps, columns), t = l - k ascending, zeros after l.
+    inputs: [Vec<f64>; 2],
+    /// By parity of i and parity of t: (columns, rows).
+    sums: [[Vec<f64>; 2]; 2],
+}
+
+impl Workspace {
+    /// Makes room for a degree.
+    pub(crate) fn resize(&mut self, degree: usize, columns: usize) {
+        for values in [&mut self.cos, &mut self.sin] {
+            values.clear();
+            values.resize((degree + 1) * columns, 0.0);
+        }
+        for parity in 0..2 {
+            self.inputs[parity].clear();
+            self.inputs[parity].resize(steps(degree) * columns, 0.0);
+            for sums in &mut self.sums[parity] {
+                sums.clear();
+                sums.resize(rows(degree, parity, WIDTH) * columns, 0.0);
+            }
+        }
+    }
+
+    /// Applies J to `cos` and `sin`, of one to three columns.
+    pub(crate) fn half_turn(&mut self, quarter: &Quarter, columns: usize) {
+        let l = quarter.degree;
+        for k in 0..=l {
+            let factor = scale(k);
+            for c in 0..columns {
+                let (from, to) = (k * columns + c, (l - k) * columns + c);
+                self.inputs[l % 2][to] = factor * self.cos[from];
+                self.inputs[1 - l % 2][to] = factor * self.sin[from];
+            }
+        }
+        for (parity, (inputs, sums)) in self.inputs.iter().zip(&mut self.sums).enumerate() {
+            row_sums(quarter, parity, columns, inputs, sums);
+        }
+        for i in 0..=l {
+            let (p, count) = (i % 2, rows(l, i % 2, WIDTH));
+            // Sums over t of parity 0 are those over k of the parity of l.
+            let reads_cos = p == l % 2;
+            let [same, other] = if reads_cos { [0, 1] } else { [1, 0] };
+            let same_sign = if p == 1 { -scale(i) } else { scale(i) };
+            for c in 0..columns {
+                let at = c * count + i / 2;
+                let (same, other) = (same_sign * self.sums[p][same][at], scale(i) * self.sums[p][other][at]);
+                let (cos, sin) = if reads_cos { (same, -other) } else { (other, same) };
+                self.cos[i * columns + c] = cos;
+                self.sin[i * columns + c] = if i == 0 { 0.0 } else { sin };
+            }
+        }
+    }
+}
+
+/// `s_i c_i`.
+fn scale(i: usize) -> f64 {
+    let c = if i == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
+    if i % 4 < 2 { c } else { -c }
+}

@@ -1,0 +1,175 @@
+//! The singular values of 3 x 3 matrices, and the rotation that fits two sets of vectors best.
+//!
+//! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976): of all rotations
+//! Q, `tr Q^T M` with `M = sum g_i f_i^T` is largest at `Q = U diag(1, 1, d) V^T`, where `M = U S V^T` and d = det(U V^T);
+//! with reflections allowed, at `U V^T`. The largest value is `s_1 + s_2 + d s_3`, d there the sign of det M.
+//!
+//! The singular value decomposition is by one-sided Jacobi rotations: a dozen of them bring a matrix to rounding, with
+//! small singular values as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1992).
+
+use crate::matrix3::{IDENTITY, Matrix3, cross, determinant, dot, product, transposed};
+
+/// `M = U diag(values) V^T`, U and V orthogonal, the values descending and not negative.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Svd {
+    pub(crate) u: Matrix3,
+    pub(crate) values: [f64; 3],
+    pub(crate) v: Matrix3,
+}
+
+/// Sweeps of three rotations each; four are enough for any matrix that was tried.
+const SWEEPS: usize = 12;
+
+/// Decomposes a finite matrix.
+pub(crate) fn svd(matrix: &Matrix3) -> Svd {
+    // Columns are rows here. A power of two takes away the scale, so that squares don't overflow.
+    let largest = matrix.iter().flatten().fold(0.0_f64, |largest, v| largest.max(v.abs()));
+    let scale = if largest > 0.0 { largest.log2().floor().exp2() } else { 1.0 };
+    let scale = if scale.is_normal() { scale } else { 1.0 };
+    let mut columns = transposed(&matrix.map(|row| row.map(|v| v / scale)));
+    let mut v = IDENTITY;
+    for _ in 0..SWEEPS {
+        let mut turned = false;
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let (a, b, c) =
+                (dot(&columns[p], &columns[p]), dot(&columns[q], &columns[q]), dot(&columns[p], &columns[q]));
+            if c.abs() <= f64::EPSILON * (a * b).sqrt() {
+                continue;
+            }
+            turned = true;
+            let zeta = (b - a) / (2.0 * c);
+            let t = zeta.signum() / (zeta.abs() + (1.0 + zeta * zeta).sqrt());
+            let cos = 1.0 / (1.0 + t * t).sqrt();
+            for rows in [&mut columns, &mut v] {
+                let (x, y) = (rows[p], rows[q]);
+                rows[p] = std::array::from_fn(|i| cos * (x[i] - t * y[i]));
+                rows[q] = std::array::from_fn(|i| cos * (t * x[i] + y[i]));
+            }
+        }
+        if !turned {
+            break;
+        }
+    }
+    let lengths = columns.map(|column| dot(&column, &column).sqrt());
+    let mut order = [0, 1, 2];
+    order.sort_by(|&i, &j| lengths[j].total_cmp(&lengths[i]));
+    let values = order.map(|i| lengths[i]);
+    let u = complete(order.map(|i| columns[i]), values);
+    Svd { u: transposed(&u), values: values.map(|value| value * scale), v: transposed(&order.map(|i| v[i])) }
+}
+
+/// Unit vectors of three orthogonal ones of given descending lengths; where a length is zero, whatever makes the basis.
+fn complete(vectors: Matrix3, lengths: [f64; 3]) -> Matrix3 {
+    let unit = |i: usize| vectors[i].map(|v| v / lengths[i]);
+    let negligible = |i: usize| lengths[i] <= f64::EPSILON * f64::EPSILON * lengths[0] || lengths[i] == 0.0;
+    if negligible(0) {
+        return IDENTITY;
+    }
+    let first = unit(0);
+    let second = if negligible(1) {
+        // The axis that first has least of, without its part along first.
+        let least = (0..3).fold(0, |least, i| if first[i].abs() < first[least].abs() { i } else { least });
+        let rest: [f64; 3] = std::array::from_fn(|i| (if i == least { 1.0 } else { 0.0 }) - first[least] * first[i]);
+        let length = dot(&rest, &rest).sqrt();
+        rest.map(|v| v / length)
+    } else {
+        unit(1)
+    };
+    let third = if negligible(2) { cross(&first, &second) } else { unit(2) };
+    [first, second, third]
+}
+
+/// Returns `U diag(1, 1, d) V^T` of a matrix, the rotation for which tr Q^T M is largest; with `mirror` the reflection,
+/// if that fits better.
+pub(crate) fn kabsch(matrix: &Matrix3, mirror: bool) -> Matrix3 {
+    let Svd { u, values: _, v } = svd(matrix);
+    let sign = if mirror { 1.0 } else { determinant(&product(&u, &transposed(&v))).signum() };
+    let turned = u.map(|row| [row[0], row[1], sign * row[2]]);
+    product(&turned, &transposed(&v))
+}
+
+/// Returns the largest tr Q^T M over rotations Q, or over all orthogonal Q: `s_1 + s_2 +- s_3`.
+///
+/// From the invariants of `M^T M` and Newton's iteration, a tenth of what the decomposition takes: for searches, with an
+/// error of some 1e-8 of `s_1` where singular values agree.
+pub(crate) fn best_trace(m: &Matrix3, mirror: bool) -> f64 {
+    // The largest root of x^4 - 2 e1 x^2 - 8 d x + e1^2 - 4 e2, with e1 = |M|^2, e2 the sum of squared minors, d = det M
+    // (B. Horn, J. Opt. Soc. Am. A 4, 1987, as D. Theobald, Acta Cryst. A61, 2005, writes it).
+    let e1: f64 = m.iter().flatten().map(|v| v * v).sum();
+    if e1 == 0.0 {
+        return 0.0;
+    }
+    let rows = [cross(&m[1], &m[2]), cross(&m[2], &m[0]), cross(&m[0], &m[1])];
+    let e2: f64 = rows.iter().flatten().map(|v| v * v).sum();
+    let d = dot(&m[0], &rows[0]);
+    let d = if mirror { d.abs() } else { d };
+    let constant = e1 * e1 - 4.0 * e2;
+    // s_1 + s_2 + s_3 <= sqrt(3) |M|: Newton's iteration comes down from there monotonically.
+    let mut x = (3.0 * e1).sqrt();
+    for _ in 0..60 {
+        let square = x * x;
+        let value = (square - 2.0 * e1) * square - 8.0 * d * x + constant;
+        let slope = 4.0 * (square - e1) * x - 8.0 * d;
+        if slope <= 0.0 {
+            break;
+        }
+        let step = value / slope;
+        x -= step;
+        if step.abs() <= 1e-11 * x {
+            break;
+        }
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rotation::Rotation;
+    use proptest::prelude::*;
+
+    fn check(m: &Matrix3) {
+        let Svd { u, values, v } = svd(m);
+        let size = m.iter().flatten().fold(0.0_f64, |size, x| size.max(x.abs()));
+        let scaled = u.map(|row| std::array::from_fn(|j| row[j] * values[j]));
+        let back = product(&scaled, &transposed(&v));
+        for (i, j) in (0..9).map(|n| (n / 3, n % 3)) {
+            assert!((back[i][j] - m[i][j]).abs() <= 1e-14 * size, "{m:?}: {back:?}");
+            for side in [&u, &v] {
+                let gram = product(&transposed(side), side);
+                assert!((gram[i][j] - if i == j { 1.0 } else { 0.0 }).abs() < 1e-13, "{m:?}: {side:?}");
+            }
+        }
+        assert!(values[0] >= values[1] && values[1] >= values[2] && values[2] >= 0.0);
+    }
+
+    #[test]
+    fn matrices_of_low_rank_and_extreme_size_are_decomposed() {
+        let zero = [[0.0; 3]; 3];
+        let one = [[1.0, 2.0, -1.0], [2.0, 4.0, -2.0], [0.0; 3]];
+        let axis = [[0.0; 3], [0.0, 0.0, -7.0], [0.0; 3]];
+        for m in [zero, one, axis, IDENTITY, one.map(|row| row.map(|x| x * 1e-200)), [[1e200; 3]; 3]] {
+            check(&m);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn decompositions_give_the_matrix_back(m in prop::array::uniform9(-1.0..1.0)) {
+            check(&[[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]);
+        }
+
+        /// Both forms of the best trace agree, and no rotation does better.
+        #[test]
+        fn no_rotation_beats_kabschs(m in prop::array::uniform9(-1.0..1.0), r in prop::array::uniform3(0.0..1.0)) {
+            let m = [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]];
+            let trace = |q: &Matrix3| -> f64 { (0..3).map(|i| dot(&q[i], &m[i])).sum() };
+            for mirror in [false, true] {
+                let q = kabsch(&m, mirror);
+                prop_assert!(mirror || determinant(&q) > 0.0);
+                prop_assert!((trace(&q) - best_trace(&m, mirror)).abs() < 1e-7);
+                prop_assert!(trace(&Rotation::uniform(r).matrix()) <= trace(&q) + 1e-12);
+            }
+        }
+    }
+}

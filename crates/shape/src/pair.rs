@@ -1,0 +1,142 @@
+//! The joint search over both rotations of a pair of surfaces.
+//!
+//! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given R is
+//! closed form ([`kabsch`](crate::kabsch)), so that one [grid](crate::so3_grid) of R searches both rotations; its best
+//! local maxima are [refined](mod@crate::refine), and so are the four rotations that give both surfaces'
+//! [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be nearly alike. Where mirror images are allowed, Q may be a reflection, and f(-u) is
+//! searched beside f(u).
+
+use rayon::prelude::*;
+use spharm_harmonics::Coefficients;
+
+use crate::foe::common_axes;
+use crate::half_turn::Workspace;
+use crate::kabsch::svd;
+use crate::matrix3::determinant;
+use crate::refine::{Fit, Target, distance, outer, refine};
+use crate::rotate::Rotator;
+use crate::rotation::Rotation;
+use crate::so3_grid::So3Grid;
+
+/// A surface without row 0, scaled to norm 1.
+#[derive(Debug, Clone)]
+pub(crate) struct Unit {
+    /// (K, 3).
+    pub(crate) rows: Vec<[f64; 3]>,
+    /// What it was divided by; zero for a surface that is a point.
+    pub(crate) norm: f64,
+}
+
+impl Unit {
+    /// Takes the degrees up to `degree` of finite coefficients of three columns.
+    pub(crate) fn new(coefficients: &Coefficients, degree: usize) -> Self {
+        let rows = coefficients.up_to(degree);
+        let mut rows: Vec<[f64; 3]> = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+        rows[0] = [0.0; 3];
+        // Scaled twice, so that squares neither overflow nor underflow.
+        let largest = rows.as_flattened().iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
+        let total = coefficients.values().iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
+        if largest <= 1e-14 * total {
+            rows.iter_mut().for_each(|row| *row = [0.0; 3]);
+            return Self { rows, norm: 0.0 };
+        }
+        rows.as_flattened_mut().iter_mut().for_each(|v| *v /= largest);
+        let length = rows.as_flattened().iter().map(|v| v * v).sum::<f64>().sqrt();
+        rows.as_flattened_mut().iter_mut().for_each(|v| *v /= length);
+        Self { rows, norm: largest * length }
+    }
+
+    /// -f(u).
+    pub(crate) fn negative(&self) -> Self {
+        let rows = self.rows.iter().map(|row| row.map(|v| -v)).collect();
+        Self { rows, norm: self.norm }
+    }
+
+    /// f(-u).
+    pub(crate) fn antipodal(&self) -> Self {
+        let mut other = self.clone();
+        for (k, row) in other.rows.iter_mut().enumerate() {
+            if k.isqrt() % 2 == 1 {
+                *row = row.map(|v| -v);
+            }
+        }
+        other
+    }
+}
+
+/// What a search found.
+#[derive(Debug, Clone)]
+pub(crate) struct Found {
+    pub(crate) fit: Fit,
+    pub(crate) antipodal: bool,
+    /// |Q R f - g| where each start ended, the best start of the grid first.
+    pub(crate) ends: Vec<f64>,
+}
+
+/// What searches of one degree share: `12 (L+1)^2 + 32/3 B^4` bytes.
+pub(crate) struct Plan {
+    pub(crate) rotator: Rotator,
+    grid: So3Grid,
+    starts: usize,
+}
+
+impl Plan {
+    pub(crate) fn new(max_degree: usize, bandwidth: usize, starts: usize) -> Self {
+        Self { rotator: Rotator::new(max_degree), grid: So3Grid::new(bandwidth), starts }
+    }
+
+    /// Searches all rotations of a surface of norm 1.
+    pub(crate) fn search(&self, f: &Unit, target: &Target, mirror: bool) -> Found {
+        let mut starts = self.starts_of(f, target, mirror, false);
+        let other = mirror.then(|| f.antipodal());
+        if let Some(other) = &other {
+            starts.extend(self.starts_of(other, target, mirror, true));
+            starts.sort_by(|a, b| b.1.total_cmp(&a.1));
+            starts.truncate(self.starts);
+        }
+        let ellipsoids =
+            |f: &Unit, antipodal| common_axes(&f.rows, &target.rows).into_iter().map(move |r| (r, 0.0, antipodal));
+        starts.extend(ellipsoids(f, false));
+        starts.extend(other.iter().flat_map(|other| ellipsoids(other, true)));
+        let make = Workspace::default;
+        let fits: Vec<Fit> = starts
+            .par_iter()
+            .map_init(make, |workspace, &(rotation, _, antipodal)| {
+                let f = if antipodal { other.as_ref().unwrap_or(f) } else { f };
+                refine(&self.rotator, &f.rows, target, rotation, mirror, workspace)
+            })
+            .collect();
+        let ends = fits.iter().map(|fit| fit.distance).collect();
+        let best = (0..fits.len()).min_by(|&a, &b| fits[a].distance.total_cmp(&fits[b].distance));
+        match best {
+            Some(best) => Found { fit: fits[best], antipodal: starts[best].2, ends },
+            None => Found { fit: self.continued(f, target, Rotation::IDENTITY, mirror), antipodal: false, ends },
+        }
+    }
+
+    fn starts_of(&self, f: &Unit, target: &Target, mirror: bool, antipodal: bool) -> Vec<(Rotation, f64, bool)> {
+        let peaks = self.grid.peaks(&f.rows, &target.rows, mirror, self.starts);
+        peaks.into_iter().map(|peak| (peak.rotation, peak.score, antipodal)).collect()
+    }
+
+    /// Refines one rotation.
+    pub(crate) fn continued(&self, f: &Unit, target: &Target, start: Rotation, mirror: bool) -> Fit {
+        refine(&self.rotator, &f.rows, target, start, mirror, &mut Workspace::default())
+    }
+}
+
+/// The best Q alone.
+pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
+    let correlation = outer(g, f);
+    let values = svd(&correlation).values;
+    let orthogonal = crate::kabsch::kabsch(&correlation, mirror);
+    let sign = if determinant(&correlation) < 0.0 { -1.0 } else { 1.0 };
+    Fit {
+        rotation: Rotation::IDENTITY,
+        orthogonal,
+        distance: distance(f, &orthogonal, g),
+        // Only Q was searched for, and its singular values say enough.
+        stiffness: 1.0,
+        singular_values: [values[0], values[1], sign * values[2]],
+    }
+}

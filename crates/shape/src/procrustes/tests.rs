@@ -1,0 +1,141 @@
+use proptest::prelude::*;
+use spharm_monitor::Silent;
+
+use super::*;
+use crate::samples::{apart, blob, ellipsoid, hippocampi, pose, posed, reflected, some_pose};
+
+fn together(members: &[Coefficients]) -> Procrustes {
+    procrustes(members, &ProcrustesParams::default(), &Silent).unwrap()
+}
+
+fn perturbed(n: usize, amount: f64) -> Coefficients {
+    let mut values = blob(5, 2).values().clone();
+    values.iter_mut().enumerate().for_each(|(k, v)| *v += amount * ((k * (n + 3)) as f64 * 0.91).sin());
+    Coefficients::new(values).unwrap()
+}
+
+#[test]
+fn hippocampi_spread_less_than_by_shrec() {
+    let (Some(surfaces), Some(registered)) = (hippocampi("foe"), hippocampi("shrec")) else { return };
+    let posed: Vec<_> = surfaces.iter().enumerate().map(|(n, surface)| posed(surface, &some_pose(n))).collect();
+    let found = together(&posed);
+    // SPHARM-MAT's registration reaches 2.1064.
+    assert!(found.report.spread_after <= 2.0840, "{:?}", found.report);
+    assert_eq!(found.report.ends.len(), 5);
+    let spread = |members: &[Coefficients]| {
+        let units: Vec<Unit> = members.iter().map(|member| Unit::new(member, 12)).collect();
+        let still = Pose { fit: nothing_to_turn(), antipodal: false };
+        let members: Vec<Member> = units.iter().map(|unit| Member::new(unit, unit.norm, still, None)).collect();
+        spread_of(&members, &mean_of(&members))
+    };
+    assert!((spread(&registered) - 2.1064).abs() < 1e-4);
+    // The transforms do what the report says.
+    let moved: Vec<Coefficients> =
+        posed.iter().zip(&found.transforms).map(|(surface, t)| t.apply(surface, &Silent).unwrap()).collect();
+    assert!((spread(&moved) - found.report.spread_after).abs() < 1e-9);
+    let given = together(&surfaces);
+    assert!((given.report.spread_after - found.report.spread_after).abs() < 1e-9);
+    assert!(apart(&given.mean, &found.mean) < 1e-6, "{:e}", apart(&given.mean, &found.mean));
+}
+
+#[test]
+fn copies_in_any_pose_are_one_surface() {
+    let members: Vec<_> = (0..4).map(|n| posed(&blob(6, 3), &some_pose(n))).collect();
+    let found = together(&members);
+    assert!(found.report.spread_after < 1e-11 && found.report.spread_before > 1.0, "{:?}", found.report);
+    let frame = EllipsoidFrame::of(&found.mean).unwrap();
+    assert!(frame.rotation.angle() < 1e-6 && frame.object.angle() < 1e-6, "{frame:?}");
+    for (member, transform) in members.iter().zip(&found.transforms) {
+        assert!(apart(&found.mean, &transform.apply(member, &Silent).unwrap()) < 1e-10);
+    }
+}
+
+#[test]
+fn sizes_are_taken_away_if_asked_for() {
+    let sized = |n: usize| {
+        let mut transform = some_pose(n);
+        transform.similarity.scale = 0.5 + n as f64;
+        posed(&blob(5, 3), &transform)
+    };
+    let members: Vec<_> = (0..3).map(sized).collect();
+    let mut params = ProcrustesParams::default();
+    assert!(procrustes(&members, &params, &Silent).unwrap().report.spread_after > 0.1);
+    params.align.scale = true;
+    assert!(procrustes(&members, &params, &Silent).unwrap().report.spread_after < 1e-11);
+}
+
+#[test]
+fn a_mirrored_member_is_said() {
+    let mut members: Vec<_> = (0..4).map(|n| posed(&perturbed(n, 0.02), &some_pose(n))).collect();
+    assert_eq!(together(&members).report.warnings, []);
+    let both = Transform { antipodal: true, ..some_pose(9) };
+    members[2] = posed(&reflected(&perturbed(2, 0.02)), &both);
+    let found = together(&members);
+    assert!(matches!(found.report.warnings[..], [ProcrustesWarning::Mirrored { member: 2, .. }]), "{:?}", found.report);
+    let mut params = ProcrustesParams::default();
+    params.align.mirror = true;
+    let mirrored = procrustes(&members, &params, &Silent).unwrap();
+    assert!(mirrored.report.spread_after < 0.5 * found.report.spread_after);
+    let mirrors = mirrored.transforms.iter().map(|t| t.similarity.mirrors()).filter(|&mirrors| mirrors).count();
+    assert!(mirrors == 1 || mirrors == 3, "{mirrors}");
+}
+
+#[test]
+fn fixed_parameters_stay() {
+    let still = |n: usize| Transform { rotation: Rotation::IDENTITY, ..some_pose(n) };
+    let members: Vec<_> = (0..5).map(|n| posed(&perturbed(n, 0.05), &still(n))).collect();
+    let mut params = ProcrustesParams::default();
+    params.align.method = Method::FixedParameters;
+    let found = procrustes(&members, &params, &Silent).unwrap();
+    assert!(found.transforms.iter().all(|t| t.rotation == Rotation::IDENTITY));
+    let unposed: Vec<_> = (0..5).map(|n| perturbed(n, 0.05)).collect();
+    let same = procrustes(&unposed, &params, &Silent).unwrap();
+    assert!((same.report.spread_after - found.report.spread_after).abs() < 1e-9);
+    assert!(found.report.spread_after < 0.5, "{:?}", found.report);
+}
+
+#[test]
+fn large_groups_start_from_five_and_threads_dont_change_bits() {
+    let members: Vec<_> = (0..22).map(|n| posed(&perturbed(n, 0.05), &some_pose(n))).collect();
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| together(&members))
+    };
+    let found = with(1);
+    assert_eq!(found.report.ends.len(), 5);
+    assert_eq!(found, with(3));
+}
+
+#[test]
+fn bad_groups_are_refused_or_said() {
+    let two = [blob(3, 1), blob(3, 2)];
+    let found = procrustes(&two, &ProcrustesParams::default(), &Silent);
+    assert!(matches!(found, Err(ShapeError::TooFewMembers { found: 2, least: 3 })), "{found:?}");
+    let signal = Coefficients::new(Array2::zeros((16, 1))).unwrap();
+    let found = procrustes(&[blob(3, 1), signal, blob(3, 2)], &ProcrustesParams::default(), &Silent);
+    assert!(matches!(found, Err(ShapeError::Member { index: 1, .. })), "{found:?}");
+    let mixed = [blob(5, 1), posed(&blob(4, 1), &some_pose(2)), blob(6, 1)];
+    let found = together(&mixed);
+    assert_eq!((found.report.degree, found.mean.max_degree()), (4, 4));
+    assert!(found.report.warnings.contains(&ProcrustesWarning::DegreesDiffer { lowest: 4, highest: 6 }));
+    let round = together(&[0.9, 1.0, 1.1].map(|z| ellipsoid([2.0, 2.0, z])));
+    assert!(round.report.warnings.iter().any(|w| matches!(w, ProcrustesWarning::NearlyRound { .. })), "{round:?}");
+    let points = [(); 3].map(|()| Coefficients::new(Array2::ones((9, 3))).unwrap());
+    let points = together(&points);
+    assert_eq!(points.report.spread_after, 0.0);
+    assert!(points.mean.values().iter().all(|v| v.is_finite()));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(4))]
+
+    /// The group in other poses has the same mean.
+    #[test]
+    fn poses_dont_matter(numbers in prop::collection::vec(prop::array::uniform6(0.0..1.0), 4)) {
+        let members: Vec<_> = (0..4).map(|n| perturbed(n, 0.1)).collect();
+        let moved: Vec<_> = members.iter().zip(numbers).map(|(m, numbers)| posed(m, &pose(numbers))).collect();
+        let (plain, other) = (together(&members), together(&moved));
+        prop_assert!((plain.report.spread_after - other.report.spread_after).abs() < 1e-9);
+        prop_assert!(apart(&plain.mean, &other.mean) < 1e-6);
+    }
+}

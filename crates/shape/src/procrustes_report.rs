@@ -1,0 +1,135 @@
+//! Settings and results of a group's alignment.
+
+use std::fmt;
+
+use spharm_harmonics::Coefficients;
+
+use crate::align::{AlignParams, AlignWarning};
+use crate::transform::Transform;
+
+/// Settings of a group's alignment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProcrustesParams {
+    /// How a surface is brought to another: [`Method::Joint`](crate::Method::Joint) or [`Method::FixedParameters`](crate::Method::FixedParameters). By default 3 starts are
+    /// refined in each search, as every surface is searched several times.
+    pub align: AlignParams,
+    /// Templates to start from; by default every member of up to 20, and 5 members of larger groups.
+    pub templates: Option<usize>,
+    /// A start ends when the spread falls by less than this, relative to itself; 1e-7 by default. The best start goes on
+    /// until surfaces move by less than 1e-10 of their size.
+    pub tolerance: f64,
+    /// Rounds of a start, at most; 100 by default.
+    pub max_rounds: usize,
+}
+
+impl Default for ProcrustesParams {
+    fn default() -> Self {
+        Self {
+            align: AlignParams { starts: 3, ..Default::default() },
+            templates: None,
+            tolerance: 1e-7,
+            max_rounds: 100,
+        }
+    }
+}
+
+/// Something to know about a group's alignment.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum ProcrustesWarning {
+    /// Members have different degrees; those up to the lowest were compared.
+    DegreesDiffer {
+        /// The lowest one.
+        lowest: usize,
+        /// The highest one.
+        highest: usize,
+    },
+    /// A member is much nearer to the mean as its mirror image: it may be of the other side.
+    Mirrored {
+        /// The member, counted from 0.
+        member: usize,
+        /// Its distance from the mean.
+        rmsd: f64,
+        /// That of its mirror image.
+        mirrored: f64,
+    },
+    /// Something to know about how one member was brought to the mean.
+    Member {
+        /// The member, counted from 0.
+        member: usize,
+        /// What.
+        warning: AlignWarning,
+    },
+    /// The mean's first-order ellipsoid is nearly round: the group's pose has little meaning.
+    NearlyRound {
+        /// The ratio of its neighbouring axes.
+        ratio: f64,
+    },
+    /// The rounds were used up.
+    NotConverged {
+        /// The last relative change of the spread.
+        change: f64,
+    },
+}
+
+impl fmt::Display for ProcrustesWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::DegreesDiffer { lowest, highest } => {
+                write!(f, "the members have degrees {lowest} to {highest}; degrees up to {lowest} were compared")
+            }
+            Self::Mirrored { member, rmsd, mirrored } => write!(
+                f,
+                "member {member} is {rmsd:.4} from the mean, and its mirror image {mirrored:.4}: it may be of the other side"
+            ),
+            Self::Member { member, warning } => write!(f, "member {member}: {warning}"),
+            Self::NearlyRound { ratio } => write!(
+                f,
+                "the mean's first-order ellipsoid has axes alike, with a ratio of {ratio:.3}: the group's pose has little \
+                 meaning"
+            ),
+            Self::NotConverged { change } => {
+                write!(f, "the rounds were used up while the spread still fell by {change:.1e} of itself")
+            }
+        }
+    }
+}
+
+/// Where a start ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TemplateEnd {
+    /// The member that all were brought to first.
+    pub template: usize,
+    /// The spread that was reached.
+    pub spread: f64,
+    /// Rounds that it took.
+    pub rounds: usize,
+}
+
+/// What an alignment of a group did.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProcrustesReport {
+    /// Highest degree compared.
+    pub degree: usize,
+    /// Root mean square distance of the members from their mean, in their unit: after centring alone, and at the end.
+    pub spread_before: f64,
+    /// See `spread_before`.
+    pub spread_after: f64,
+    /// Distance of each member from the mean.
+    pub rmsd: Vec<f64>,
+    /// Where each start ended.
+    pub ends: Vec<TemplateEnd>,
+    /// What to know.
+    pub warnings: Vec<ProcrustesWarning>,
+}
+
+/// A group that was brought together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Procrustes {
+    /// What brings each member to the mean, at all its degrees.
+    pub transforms: Vec<Transform>,
+    /// The mean, (K, 3) of the highest degree compared, centred.
+    pub mean: Coefficients,
+    /// What was done.
+    pub report: ProcrustesReport,
+}

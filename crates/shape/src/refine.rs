@@ -1,0 +1,249 @@
+//! Two surfaces brought together from a rotation near the best one.
+//!
+//! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is made largest over the rotations R of the parameters
+//! and Q of space. Q follows from R in closed form ([`kabsch`](crate::kabsch)). Around (R, Q), for turns w and v,
+//!
+//! ```text
+//! phi(w, v) = -<g, exp(v x) Q exp(-w.L) R f>
+//! ```
+//!
+//! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [generators](crate::generators):
+//! `O(K)`. The steps are Newton's, with Levenberg's damping in the metric of Gauss and Newton (the squared lengths of the
+//! six directions): their matrix is Newton's where g = Q R f, and keeps far steps short. Convergence is quadratic also
+//! where the surfaces differ.
+
+use crate::generators::generators;
+use crate::half_turn::Workspace;
+use crate::kabsch::{kabsch, svd};
+use crate::matrix3::{Matrix3, determinant, dot, product, transposed};
+use crate::rotate::Rotator;
+use crate::rotation::Rotation;
+
+/// A surface that others are brought to.
+#[derive(Debug)]
+pub(crate) struct Target {
+    /// (K, 3), row 0 zero, norm 1.
+    pub(crate) rows: Vec<[f64; 3]>,
+    generators: [Vec<[f64; 3]>; 3],
+}
+
+impl Target {
+    pub(crate) fn new(rows: Vec<[f64; 3]>) -> Self {
+        Self { generators: generators(&rows), rows }
+    }
+}
+
+/// Where a search has ended.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Fit {
+    /// R.
+    pub(crate) rotation: Rotation,
+    /// Q, a reflection only if that was allowed.
+    pub(crate) orthogonal: Matrix3,
+    /// |Q R f - g|.
+    pub(crate) distance: f64,
+    /// The smallest second derivative over all directions, relative to their squared lengths; about zero where the two
+    /// surfaces can be turned without a change.
+    pub(crate) stiffness: f64,
+    /// The singular values of `sum g (R f)^T`, the last with the sign of the determinant.
+    pub(crate) singular_values: [f64; 3],
+}
+
+/// Steps at most; a dozen are usual.
+const STEPS: usize = 60;
+/// A step below this, in radians, is the last one: the next would be of its square.
+const LAST: f64 = 1e-9;
+
+/// A rotation, what it makes of f, and how near that is.
+struct State {
+    rotation: Rotation,
+    rows: Vec<[f64; 3]>,
+    correlation: Matrix3,
+    orthogonal: Matrix3,
+    distance: f64,
+}
+
+/// Refines a rotation of `f`, (K, 3) of norm 1 and row 0 zero.
+pub(crate) fn refine(
+    rotator: &Rotator,
+    f: &[[f64; 3]],
+    target: &Target,
+    start: Rotation,
+    mirror: bool,
+    workspace: &mut Workspace,
+) -> Fit {
+    let mut at = |rotation: Rotation| {
+        let mut rows = vec![[0.0; 3]; f.len()];
+        rotator.rotate(f, &rotation, &mut rows, workspace);
+        let correlation = outer(&target.rows, &rows);
+        let orthogonal = kabsch(&correlation, mirror);
+        let distance = distance(&rows, &orthogonal, &target.rows);
+        State { rotation, rows, correlation, orthogonal, distance }
+    };
+    let mut state = at(start);
+    let mut damping = 0.0;
+    let mut model = Model::of(&state, target);
+    for _ in 0..STEPS {
+        let mut next = None;
+        let mut size = 0.0;
+        for _ in 0..16 {
+            if let Some(step) = model.step(damping) {
+                size = step.iter().map(|v| v * v).sum::<f64>().sqrt();
+                let trial = at(Rotation::exponential([step[0], step[1], step[2]]) * state.rotation);
+                // Next to the end only rounding decides.
+                if trial.distance < state.distance || size < LAST {
+                    next = Some(trial);
+                    break;
+                }
+            }
+            damping = (damping * 8.0_f64).max(1e-4);
+        }
+        let Some(next) = next else { break };
+        let better = next.distance <= state.distance;
+        if better {
+            state = next;
+        }
+        if !better || size < LAST {
+            break;
+        }
+        damping = if damping > 1e-6 { damping / 10.0 } else { 0.0 };
+        model = Model::of(&state, target);
+    }
+    let values = svd(&state.correlation).values;
+    let sign = if determinant(&state.correlation) < 0.0 { -1.0 } else { 1.0 };
+    Fit {
+        rotation: state.rotation,
+        orthogonal: state.orthogonal,
+        distance: state.distance,
+        stiffness: Model::of(&state, target).stiffness(),
+        singular_values: [values[0], values[1], sign * values[2]],
+    }
+}
+
+/// |Q f - g|.
+pub(crate) fn distance(f: &[[f64; 3]], orthogonal: &Matrix3, g: &[[f64; 3]]) -> f64 {
+    let square = |(f, g): (&[f64; 3], &[f64; 3])| -> f64 {
+        (0..3).map(|i| dot(&orthogonal[i], f) - g[i]).map(|difference| difference * difference).sum()
+    };
+    f.iter().zip(g).map(square).sum::<f64>().sqrt()
+}
+
+/// The sum over rows of g f^T.
+pub(crate) fn outer(g: &[[f64; 3]], f: &[[f64; 3]]) -> Matrix3 {
+    let mut sum = [[0.0; 3]; 3];
+    for (g, f) in g.iter().zip(f) {
+        for i in 0..3 {
+            for j in 0..3 {
+                sum[i][j] += g[i] * f[j];
+            }
+        }
+    }
+    sum
+}
+
+/// phi to second order, in the variables (w, v).
+#[derive(Debug)]
+struct Model {
+    gradient: [f64; 6],
+    hessian: [[f64; 6]; 6],
+    /// Squared lengths of the six directions.
+    metric: [f64; 6],
+}
+
+impl Model {
+    fn of(state: &State, target: &Target) -> Self {
+        let q = &state.orthogonal;
+        let trace = |m: &Matrix3| -> f64 { (0..3).map(|i| dot(&q[i], &m[i])).sum() };
+        let own = generators(&state.rows);
+        let mut model = Self { gradient: [0.0; 6], hessian: [[0.0; 6]; 6], metric: [0.0; 6] };
+        // N = sum g (Q R f)^T, symmetric as Q is the best one.
+        let n = product(&state.correlation, &transposed(q));
+        let total = n[0][0] + n[1][1] + n[2][2];
+        let norms: [f64; 3] = std::array::from_fn(|c| state.rows.iter().map(|row| dot(&q[c], row).powi(2)).sum());
+        for i in 0..3 {
+            let along = outer(&target.rows, &own[i]);
+            model.gradient[i] = trace(&along);
+            model.metric[i] = own[i].iter().map(|row| dot(row, row)).sum();
+            model.metric[3 + i] = norms.iter().sum::<f64>() - norms[i];
+            let p = product(&along, &transposed(q));
+            for j in 0..3 {
+                let both = trace(&outer(&target.generators[i], &own[j])) / 2.0;
+                model.hessian[i][j] += both;
+                model.hessian[j][i] += both;
+                model.hessian[3 + i][3 + j] = if i == j { total } else { 0.0 } - (n[i][j] + n[j][i]) / 2.0;
+                // <g, e_j x y> = g_k y_i - g_i y_k of the next axes i and k.
+                let (next, last) = ((j + 1) % 3, (j + 2) % 3);
+                let mixed = p[last][next] - p[next][last];
+                (model.hessian[i][3 + j], model.hessian[3 + j][i]) = (mixed, mixed);
+            }
+        }
+        for j in 0..3 {
+            let (next, last) = ((j + 1) % 3, (j + 2) % 3);
+            model.gradient[3 + j] = -(n[last][next] - n[next][last]);
+        }
+        model
+    }
+
+    /// The step to the minimum, damped; none if there is none.
+    fn step(&self, damping: f64) -> Option<[f64; 6]> {
+        // Directions that change nothing have to be passable.
+        let floor = 1e-14 * self.metric.iter().sum::<f64>() + f64::MIN_POSITIVE;
+        let mut l = self.hessian;
+        for (i, row) in l.iter_mut().enumerate() {
+            row[i] += (damping + 1e-12) * self.metric[i] + floor;
+        }
+        for j in 0..6 {
+            for k in 0..j {
+                for i in j..6 {
+                    l[i][j] -= l[i][k] * l[j][k];
+                }
+            }
+            if l[j][j] <= 0.0 {
+                return None;
+            }
+            let root = l[j][j].sqrt();
+            for row in &mut l[j..] {
+                row[j] /= root;
+            }
+        }
+        let mut x = self.gradient.map(|v| -v);
+        for i in 0..6 {
+            x[i] = (x[i] - (0..i).map(|k| l[i][k] * x[k]).sum::<f64>()) / l[i][i];
+        }
+        for i in (0..6).rev() {
+            x[i] = (x[i] - (i + 1..6).map(|k| l[k][i] * x[k]).sum::<f64>()) / l[i][i];
+        }
+        Some(x)
+    }
+
+    /// The smallest eigenvalue of the second derivatives in units of the metric, by Jacobi's rotations.
+    fn stiffness(&self) -> f64 {
+        let largest = self.metric.iter().fold(0.0_f64, |largest, &v| largest.max(v));
+        if largest == 0.0 {
+            return 0.0;
+        }
+        let unit = self.metric.map(|v| v.max(1e-12 * largest).sqrt());
+        let mut a: [[f64; 6]; 6] =
+            std::array::from_fn(|i| std::array::from_fn(|j| self.hessian[i][j] / (unit[i] * unit[j])));
+        for _ in 0..30 {
+            for p in 0..5 {
+                for q in p + 1..6 {
+                    if a[p][q].abs() < 1e-300 {
+                        continue;
+                    }
+                    let zeta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+                    let t = zeta.signum() / (zeta.abs() + (1.0 + zeta * zeta).sqrt());
+                    let c = 1.0 / (1.0 + t * t).sqrt();
+                    let s = t * c;
+                    for row in &mut a {
+                        (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
+                    }
+                    let (x, y) = (a[p], a[q]);
+                    a[p] = std::array::from_fn(|k| c * x[k] - s * y[k]);
+                    a[q] = std::array::from_fn(|k| s * x[k] + c * y[k]);
+                }
+            }
+        }
+        (0..6).map(|i| a[i][i]).fold(f64::INFINITY, f64::min)
+    }
+}

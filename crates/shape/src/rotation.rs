@@ -1,0 +1,288 @@
+//! Rotations of space: what users give, and what coefficients are turned by.
+//!
+//! A rotation R moves the point u to R u. In Euler angles `R = Rz(al) Ry(be) Rz(ga)`, all in radians, with al and ga in
+//! (-pi, pi] and be in [0, pi]: first a turn about z by ga, then about y by be, then about z by al. A matrix that mirrors
+//! is refused, never mended: nothing here is a reflection.
+
+use std::ops::Mul;
+
+use spharm_harmonics::double_double::DoubleDouble;
+
+use crate::error::ShapeError;
+use crate::kabsch::kabsch;
+pub use crate::matrix3::Matrix3;
+use crate::matrix3::{IDENTITY, determinant, product, transposed};
+
+/// How far `R^T R` may be from the identity, in any element, in what is taken for a rotation.
+pub const ORTHOGONALITY_TOLERANCE: f64 = 1e-6;
+
+/// A rotation of space: an orthogonal matrix of determinant 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rotation {
+    matrix: Matrix3,
+}
+
+impl Default for Rotation {
+    fn default() -> Self {
+        Self::IDENTITY
+    }
+}
+
+impl Rotation {
+    /// No rotation.
+    pub const IDENTITY: Self = Self { matrix: IDENTITY };
+
+    /// Takes a matrix by rows, and makes it the nearest orthogonal one, as a matrix from a file has few digits.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::NotARotation`]: an element that isn't finite, `R^T R` farther than [`ORTHOGONALITY_TOLERANCE`] from
+    /// the identity, or a reflection.
+    pub fn from_matrix(matrix: Matrix3) -> Result<Self, ShapeError> {
+        let refuse = |problem: String| Err(ShapeError::NotARotation { problem });
+        if matrix.iter().flatten().any(|v| !v.is_finite()) {
+            return refuse("an element isn't finite".to_owned());
+        }
+        let gram = product(&transposed(&matrix), &matrix);
+        let off = |i: usize, j: usize| (gram[i][j] - if i == j { 1.0 } else { 0.0 }).abs();
+        let worst = (0..9).map(|n| off(n / 3, n % 3)).fold(0.0, f64::max);
+        if worst > ORTHOGONALITY_TOLERANCE {
+            return refuse(format!(
+                "its columns aren't orthonormal: R^T R is {worst:.2e} from the identity, at most \
+                 {ORTHOGONALITY_TOLERANCE:e} is allowed"
+            ));
+        }
+        if determinant(&matrix) < 0.0 {
+            return refuse("it has determinant -1: it is a reflection".to_owned());
+        }
+        Ok(Self { matrix: kabsch(&matrix, false) })
+    }
+
+    /// Takes a matrix that is orthogonal to rounding by the way it was computed.
+    pub(crate) const fn of_orthogonal(matrix: Matrix3) -> Self {
+        Self { matrix }
+    }
+
+    /// `Rz(alpha) Ry(beta) Rz(gamma)`, in radians.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::NotARotation`]: an angle that isn't finite.
+    pub fn from_euler(alpha: f64, beta: f64, gamma: f64) -> Result<Self, ShapeError> {
+        if ![alpha, beta, gamma].iter().all(|angle| angle.is_finite()) {
+            let problem = format!("the Euler angles {alpha}, {beta}, {gamma} aren't all finite");
+            return Err(ShapeError::NotARotation { problem });
+        }
+        let z = |t: f64| Self { matrix: [[t.cos(), -t.sin(), 0.0], [t.sin(), t.cos(), 0.0], [0.0, 0.0, 1.0]] };
+        let (s, c) = beta.sin_cos();
+        let y = Self { matrix: [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]] };
+        Ok(z(alpha) * y * z(gamma))
+    }
+
+    /// A turn about an axis of any length but zero, by an angle in radians, counter-clockwise seen from its tip.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::NotARotation`]: an axis of length zero, or something that isn't finite.
+    pub fn from_axis_angle(axis: [f64; 3], angle: f64) -> Result<Self, ShapeError> {
+        // Scaled first, so that no square overflows or underflows.
+        let largest = axis.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
+        if !(axis.iter().all(|v| v.is_finite()) && angle.is_finite() && largest > 0.0) {
+            let problem = format!("the axis {axis:?} with the angle {angle} says no rotation");
+            return Err(ShapeError::NotARotation { problem });
+        }
+        let axis = axis.map(|v| v / largest);
+        let (s, c) = (angle / 2.0).sin_cos();
+        let length = axis.iter().map(|v| v * v).sum::<f64>().sqrt();
+        Self::from_quaternion([c, s * axis[0] / length, s * axis[1] / length, s * axis[2] / length])
+    }
+
+    /// Takes a quaternion (w, x, y, z) of any length but zero.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::NotARotation`]: a quaternion of length zero, or one that isn't finite.
+    pub fn from_quaternion(quaternion: [f64; 4]) -> Result<Self, ShapeError> {
+        let largest = quaternion.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
+        if !(quaternion.iter().all(|v| v.is_finite()) && largest > 0.0) {
+            let problem = format!("the quaternion {quaternion:?} says no rotation");
+            return Err(ShapeError::NotARotation { problem });
+        }
+        let q = quaternion.map(|v| v / largest);
+        let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let [w, x, y, z] = q.map(|v| v / length);
+        Ok(Self::of_orthogonal([
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]))
+    }
+
+    /// A rotation of the uniform distribution, from three numbers in [0, 1). After K. Shoemake, "Uniform random
+    /// rotations", Graphics Gems III (1992).
+    #[must_use]
+    pub fn uniform(numbers: [f64; 3]) -> Self {
+        let [a, b, c] = numbers.map(|v| if v.is_finite() { v } else { 0.0 });
+        let (r, s) = ((1.0 - a).max(0.0).sqrt(), a.max(0.0).sqrt());
+        let (b, c) = (std::f64::consts::TAU * b, std::f64::consts::TAU * c);
+        Self::from_quaternion([s * c.cos(), r * b.sin(), r * b.cos(), s * c.sin()]).unwrap_or_default()
+    }
+
+    /// Returns the turn by the rotation vector w: about w, by its length in radians.
+    pub(crate) fn exponential(w: [f64; 3]) -> Self {
+        let angle = w.iter().map(|v| v * v).sum::<f64>().sqrt();
+        // sin(t/2)/t without a division by zero.
+        let half = if angle < 1e-8 { 0.5 } else { (angle / 2.0).sin() / angle };
+        let quaternion = [(angle / 2.0).cos(), half * w[0], half * w[1], half * w[2]];
+        Self::from_quaternion(quaternion).unwrap_or_default()
+    }
+
+    /// Returns the matrix, by rows.
+    #[must_use]
+    pub fn matrix(&self) -> Matrix3 {
+        self.matrix
+    }
+
+    /// Returns the inverse, the transpose.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        Self { matrix: transposed(&self.matrix) }
+    }
+
+    /// Returns R u.
+    #[must_use]
+    pub fn apply(&self, u: [f64; 3]) -> [f64; 3] {
+        self.matrix.map(|row| row[0] * u[0] + row[1] * u[1] + row[2] * u[2])
+    }
+
+    /// Returns the angle of the turn, in [0, pi].
+    #[must_use]
+    pub fn angle(&self) -> f64 {
+        let r = &self.matrix;
+        let sine = [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]];
+        sine.iter().map(|v| v * v).sum::<f64>().sqrt().atan2(r[0][0] + r[1][1] + r[2][2] - 1.0)
+    }
+
+    /// Returns the Euler angles al, be, ga, in radians. At be = 0 and pi only al + ga or al - ga is defined; al is 0
+    /// where the matrix has no part of it.
+    #[must_use]
+    pub fn euler(&self) -> [f64; 3] {
+        self.turns().map(|turn| turn.sin.value().atan2(turn.cos.value()))
+    }
+
+    /// The turns by al, be and ga. ga is read from what is left of R after Rz(al), so that the product is R to rounding
+    /// however small be is.
+    pub(crate) fn turns(&self) -> [Turn; 3] {
+        let exact = self.matrix.map(|row| row.map(Number::new));
+        let alpha = Turn::of(exact[0][2], exact[1][2]);
+        let along = |column: usize| alpha.cos * exact[0][column] + alpha.sin * exact[1][column];
+        let across = |column: usize| alpha.cos * exact[1][column] - alpha.sin * exact[0][column];
+        [alpha, Turn::of(exact[2][2], along(2)), Turn::of(across(1), across(0))]
+    }
+}
+
+/// Applies the right one first.
+impl Mul for Rotation {
+    type Output = Self;
+
+    fn mul(self, right: Self) -> Self {
+        Self { matrix: product(&self.matrix, &right.matrix) }
+    }
+}
+
+type Number = DoubleDouble<false>;
+
+/// Cosine and sine of an angle, in double-double: their m-th powers are then right to one rounding, where `cos(m t)` of a
+/// rounded angle is off by m of them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Turn {
+    cos: Number,
+    sin: Number,
+}
+
+impl Turn {
+    /// The turn to the direction (x, y); none for zero.
+    fn of(x: Number, y: Number) -> Self {
+        let length = (x * x + y * y).sqrt();
+        if length.hi < 1e-150 {
+            return Self { cos: Number::new(1.0), sin: Number::ZERO };
+        }
+        Self { cos: x / length, sin: y / length }
+    }
+
+    /// Returns (cos(m t), sin(m t)) for m = 0..=L.
+    pub(crate) fn multiples(self, max_degree: usize) -> Vec<[f64; 2]> {
+        let (mut cos, mut sin) = (Number::new(1.0), Number::ZERO);
+        let multiples = (0..=max_degree).map(|_| {
+            let now = [cos.value(), sin.value()];
+            (cos, sin) = (cos * self.cos - sin * self.sin, cos * self.sin + sin * self.cos);
+            now
+        });
+        multiples.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn apart(a: &Rotation, b: &Rotation) -> f64 {
+        (*a * b.inverse()).angle()
+    }
+
+    #[test]
+    fn all_ways_to_say_a_rotation_agree() {
+        let turn = Rotation::from_axis_angle([0.0, 0.0, 3.0], 0.7).unwrap();
+        let half = 0.35_f64;
+        for other in [
+            Rotation::from_euler(0.7, 0.0, 0.0),
+            Rotation::from_quaternion([2.0 * half.cos(), 0.0, 0.0, 2.0 * half.sin()]),
+            Rotation::from_matrix([
+                [0.7_f64.cos(), -0.7_f64.sin(), 0.0],
+                [0.7_f64.sin(), 0.7_f64.cos(), 0.0],
+                [0.0, 0.0, 1.0],
+            ]),
+        ] {
+            assert!(apart(&turn, &other.unwrap()) < 1e-15);
+        }
+        let [x, y, _] = turn.apply([1.0, 0.0, 0.0]);
+        assert!((x - 0.7_f64.cos()).abs() < 1e-15 && (y - 0.7_f64.sin()).abs() < 1e-15);
+        assert!((turn.angle() - 0.7).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_is_no_rotation_is_refused() {
+        let mirror = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let sheared = [[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        for (matrix, said) in [(mirror, "reflection"), (sheared, "orthonormal"), ([[f64::NAN; 3]; 3], "finite")] {
+            let error = Rotation::from_matrix(matrix).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+        assert!(Rotation::from_axis_angle([0.0; 3], 1.0).is_err());
+        assert!(Rotation::from_quaternion([0.0; 4]).is_err() && Rotation::from_euler(0.0, f64::INFINITY, 0.0).is_err());
+    }
+
+    #[test]
+    fn a_matrix_of_few_digits_becomes_orthogonal() {
+        let rounded =
+            Rotation::from_euler(0.3, 1.2, -2.0).unwrap().matrix().map(|row| row.map(|v| (v * 1e7).round() / 1e7));
+        let gram = Rotation::from_matrix(rounded).unwrap();
+        let off = product(&gram.inverse().matrix(), &gram.matrix());
+        assert!((0..9).all(|n| (off[n / 3][n % 3] - if n % 4 == 0 { 1.0 } else { 0.0 }).abs() < 1e-15));
+    }
+
+    proptest! {
+        /// Also next to beta = 0 and pi, where alpha and gamma alone mean nothing.
+        #[test]
+        fn euler_angles_give_the_rotation_back(a in -3.1..3.1, b in 0.0..3.1, c in -3.1..3.1, small in 0i32..18) {
+            let near = 10.0_f64.powi(-small);
+            for beta in [b, near, std::f64::consts::PI - near] {
+                let rotation = Rotation::from_euler(a, beta, c).unwrap();
+                let [x, y, z] = rotation.euler();
+                prop_assert!((0.0..=std::f64::consts::PI).contains(&y));
+                prop_assert!(apart(&Rotation::from_euler(x, y, z).unwrap(), &rotation) < 1e-14);
+            }
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! The members of a group that its alignment starts from.
+//!
+//! A generalised Procrustes analysis has local optima, and where it ends depends on the member that all are brought to
+//! first. Up to [`ALL`] members each of them is tried; beyond that the medoid, whose distances from the others have the
+//! smallest sum after one alignment, and four more that are spread evenly over the order of those sums. The choice doesn't
+//! depend on the order of the members, but for the one that they are aligned to for it.
+
+use rayon::prelude::*;
+
+/// Groups of up to so many members start from each of them.
+pub(crate) const ALL: usize = 20;
+/// Starts of larger groups.
+const FEW: usize = 5;
+
+/// Returns the members to start from: all of a small group, else the medoid and some more. `aligned` are the surfaces
+/// after one alignment, (members, K, 3); it is only asked for in large groups.
+pub(crate) fn templates<E>(
+    members: usize,
+    most: Option<usize>,
+    aligned: impl FnOnce() -> Result<Vec<Vec<[f64; 3]>>, E>,
+) -> Result<Vec<usize>, E> {
+    let wanted = most.unwrap_or(if members <= ALL { members } else { FEW }).clamp(1, members);
+    if wanted == members {
+        return Ok((0..members).collect());
+    }
+    let aligned = aligned()?;
+    let sum = |a: &Vec<[f64; 3]>| -> f64 { aligned.iter().map(|b| separation(a, b)).sum() };
+    let sums: Vec<f64> = aligned.par_iter().map(sum).collect();
+    let mut order: Vec<usize> = (0..members).collect();
+    order.sort_by(|&a, &b| sums[a].total_cmp(&sums[b]).then(a.cmp(&b)));
+    // Evenly over the ranks, the medoid first; the last ones are outliers, and left out.
+    Ok((0..wanted).map(|n| order[n * members / wanted]).collect())
+}
+
+fn separation(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
+    let square: f64 = a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b) * (a - b)).sum();
+    square.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_medoid_is_first_in_a_large_group() {
+        // Points on a line at 0, 1, 4, 9, ...: the median has the smallest sum of distances.
+        let aligned = || Ok::<_, ()>((0..25).map(|i| vec![[(i * i) as f64, 0.0, 0.0]]).collect());
+        let found = templates(25, None, aligned).unwrap();
+        assert_eq!((found[0], found.len()), (12, FEW));
+        assert_eq!(templates(7, None, || Err("unused")), Ok((0..7).collect()));
+        assert_eq!(templates(7, Some(1), || Ok::<_, ()>(vec![vec![[0.0; 3]]; 7])).unwrap().len(), 1);
+    }
+}

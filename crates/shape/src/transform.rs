@@ -1,0 +1,224 @@
+//! Rotations of a surface in its parameters and in space, translation and scale.
+//!
+//! A rotation Q of space moves a surface, `f'(u) = Q f(u)`: every row of its coefficients is multiplied by Q^T from the
+//! right, **row 0 as well**, and a translation t adds `sqrt(4 pi) t` to row 0, which is the surface's mean times
+//! sqrt(4 pi). A rotation R of the parameters leaves the surface where it is ([`rotate`](crate::rotate)).
+
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_model::Model;
+use spharm_monitor::Monitor;
+use spharm_surface::Kind;
+
+use crate::error::ShapeError;
+use crate::matrix3::{Matrix3, determinant};
+use crate::rotate::{check_finite, check_surface, rotate_parameters};
+use crate::rotation::Rotation;
+
+/// sqrt(4 pi): row 0 of a constant 1.
+pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
+
+/// A similarity of space: `x -> scale Q x + translation`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Similarity {
+    /// Q, by rows: a rotation, or a reflection where one was asked for.
+    pub orthogonal: Matrix3,
+    /// The factor.
+    pub scale: f64,
+    /// What is added, in the surface's unit.
+    pub translation: [f64; 3],
+}
+
+impl Default for Similarity {
+    fn default() -> Self {
+        Self { orthogonal: Rotation::IDENTITY.matrix(), scale: 1.0, translation: [0.0; 3] }
+    }
+}
+
+impl Similarity {
+    /// Returns the similarity that rotates.
+    #[must_use]
+    pub fn rotation(rotation: &Rotation) -> Self {
+        Self { orthogonal: rotation.matrix(), ..Self::default() }
+    }
+
+    /// Whether it mirrors.
+    #[must_use]
+    pub fn mirrors(&self) -> bool {
+        determinant(&self.orthogonal) < 0.0
+    }
+
+    /// Returns scale Q x + translation.
+    #[must_use]
+    pub fn apply(&self, x: [f64; 3]) -> [f64; 3] {
+        let Self { orthogonal: q, scale, translation } = self;
+        std::array::from_fn(|i| scale * (q[i][0] * x[0] + q[i][1] * x[1] + q[i][2] * x[2]) + translation[i])
+    }
+}
+
+/// What is done to a surface: `f'(u) = scale Q f(R^T u) + translation`, or with f(-R^T u) where `antipodal`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Transform {
+    /// R, of the parameters.
+    pub rotation: Rotation,
+    /// Whether each direction is replaced by its opposite first, which mirrors the sphere. A surface that is mirrored in
+    /// space keeps its outside outside only if its sphere is mirrored too.
+    pub antipodal: bool,
+    /// What is done in space, after that.
+    pub similarity: Similarity,
+}
+
+impl Transform {
+    /// Returns the transformed coefficients of a surface, (K, 3).
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::NotFinite`], [`ShapeError::NotASurface`], [`ShapeError::Interrupted`].
+    pub fn apply(&self, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<Coefficients, ShapeError> {
+        check_surface(coefficients)?;
+        let turned = turn(coefficients, &self.rotation, self.antipodal, monitor)?;
+        transform_object(&turned, &self.similarity)
+    }
+
+    /// Transforms a model. Its sphere turns with the parameters, so that a reconstruction has each vertex where it was on
+    /// the surface; it is then another sampling, without a key in a basis store. A model of a signal can be rotated in
+    /// its parameters but not in space.
+    ///
+    /// The provenance says it: `transform` is a list, with `{"parameters": R, "antipodal": false, "object": Q, "scale": s,
+    /// "translation": t}` for each call, the matrices by rows.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::NotFinite`]; [`ShapeError::NotASurface`] for a signal that is to be moved; [`ShapeError::Interrupted`].
+    pub fn apply_model(&self, model: &Model, monitor: &dyn Monitor) -> Result<Model, ShapeError> {
+        let moves = self.similarity != Similarity::default();
+        if moves && model.kind() != Kind::Surface {
+            return Err(ShapeError::NotASurface { channels: model.coefficients.channels() });
+        }
+        let mut model = model.clone();
+        if self.rotation != Rotation::IDENTITY || self.antipodal {
+            model.coefficients = turn(&model.coefficients, &self.rotation, self.antipodal, monitor)?;
+            if let Some(sphere) = &mut model.sphere {
+                let sign = if self.antipodal { -1.0 } else { 1.0 };
+                let turned = sphere.directions.as_slice().iter().map(|&u| self.rotation.apply(u).map(|v| sign * v));
+                sphere.directions = Directions::from_vertices(&turned.collect::<Vec<_>>())?;
+                sphere.path = None;
+                if self.antipodal {
+                    sphere.faces.iter_mut().for_each(|face| face.swap(1, 2));
+                }
+            }
+            model.scheme_key = None;
+        }
+        if moves {
+            model.coefficients = transform_object(&model.coefficients, &self.similarity)?;
+        }
+        check_finite(&model.coefficients)?;
+        let step = serde_json::json!({
+            "parameters": self.rotation.matrix(),
+            "antipodal": self.antipodal,
+            "object": self.similarity.orthogonal,
+            "scale": self.similarity.scale,
+            "translation": self.similarity.translation,
+        });
+        let done = model.provenance.other.entry("transform").or_insert_with(|| serde_json::json!([]));
+        match done {
+            serde_json::Value::Array(steps) => steps.push(step),
+            // Another program's field of that name is kept as the first step.
+            other => *other = serde_json::json!([other.take(), step]),
+        }
+        Ok(model)
+    }
+}
+
+/// Moves a surface, (K, 3): `f'(u) = scale Q f(u) + translation`.
+///
+/// # Errors
+///
+/// [`ShapeError::NotFinite`], [`ShapeError::NotASurface`].
+pub fn transform_object(coefficients: &Coefficients, similarity: &Similarity) -> Result<Coefficients, ShapeError> {
+    check_surface(coefficients)?;
+    let mut values = coefficients.values().clone();
+    let linear = Similarity { translation: [0.0; 3], ..*similarity };
+    for mut row in values.rows_mut() {
+        let moved = linear.apply([row[0], row[1], row[2]]);
+        row.iter_mut().zip(moved).for_each(|(value, moved)| *value = moved);
+    }
+    for (value, translation) in values.row_mut(0).iter_mut().zip(similarity.translation) {
+        *value += SQRT_4_PI * translation;
+    }
+    let moved = Coefficients::new(values)?;
+    check_finite(&moved)?;
+    Ok(moved)
+}
+
+fn turn(
+    coefficients: &Coefficients,
+    rotation: &Rotation,
+    antipodal: bool,
+    monitor: &dyn Monitor,
+) -> Result<Coefficients, ShapeError> {
+    let turned = rotate_parameters(coefficients, rotation, monitor)?;
+    if !antipodal {
+        return Ok(turned);
+    }
+    // S_lm(-u) = (-1)^l S_lm(u).
+    let mut values = turned.values().clone();
+    for (k, mut row) in values.rows_mut().into_iter().enumerate() {
+        if k.isqrt() % 2 == 1 {
+            row.mapv_inplace(|v| -v);
+        }
+    }
+    Ok(Coefficients::new(values)?)
+}
+
+/// Root mean square distance of two surfaces of the same degree over the sphere: `|a - b| / sqrt(4 pi)`, in their unit.
+///
+/// # Errors
+///
+/// [`ShapeError::OtherSize`].
+pub fn rmsd(a: &Coefficients, b: &Coefficients) -> Result<f64, ShapeError> {
+    let (found, expected) = (b.values().dim(), a.values().dim());
+    if found != expected {
+        return Err(ShapeError::OtherSize { expected, found });
+    }
+    let square: f64 = a.values().iter().zip(b.values()).map(|(a, b)| (a - b) * (a - b)).sum();
+    Ok(square.sqrt() / SQRT_4_PI)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::{blob, some_pose};
+    use spharm_monitor::Silent;
+    use spharm_surface::Sphere;
+
+    /// Vertices of the reconstruction are those of the original, moved; faces look outside.
+    #[test]
+    fn a_models_vertices_move_with_it() {
+        let model = Model::new(Sphere::icosphere(2), blob(6, 1), Kind::Surface);
+        let before = model.reconstruct(model.own_sphere().unwrap(), 6).unwrap();
+        for antipodal in [false, true] {
+            let transform = Transform { antipodal, ..some_pose(3) };
+            let moved = transform.apply_model(&model, &Silent).unwrap();
+            let after = moved.reconstruct(moved.own_sphere().unwrap(), 6).unwrap();
+            for (before, after) in before.vertices.iter().zip(&after.vertices) {
+                let expected = transform.similarity.apply(*before);
+                assert!((0..3).all(|i| (expected[i] - after[i]).abs() < 1e-12), "{expected:?} {after:?}");
+            }
+            let sphere = moved.own_sphere().unwrap();
+            let corners = sphere.faces[0].map(|i| sphere.directions.as_slice()[i as usize]);
+            assert!(determinant(&corners) > 0.0);
+            assert_eq!(moved.provenance.other["transform"][0]["antipodal"], antipodal);
+            assert_eq!(moved.scheme_key, None);
+        }
+    }
+
+    #[test]
+    fn a_signal_turns_but_doesnt_move() {
+        let signal = Coefficients::new(ndarray::Array2::ones((9, 3))).unwrap();
+        let signal = Model::without_sphere(signal, Kind::Signal);
+        let turn = Transform { rotation: some_pose(1).rotation, ..Transform::default() };
+        assert!(turn.apply_model(&signal, &Silent).is_ok());
+        let found = some_pose(1).apply_model(&signal, &Silent);
+        assert!(matches!(found, Err(ShapeError::NotASurface { channels: 3 })), "{found:?}");
+    }
+}
