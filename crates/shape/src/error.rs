@@ -8,10 +8,10 @@ use spharm_monitor::Interrupted;
 #[non_exhaustive]
 pub enum ShapeError {
     /// Stopped by the monitor.
-    #[error(transparent)]
+    #[error("{0}")]
     Interrupted(#[from] Interrupted),
     /// Directions or coefficients that the harmonics refuse.
-    #[error(transparent)]
+    #[error("{0}")]
     Harmonics(#[from] HarmonicsError),
     /// Something else was given for a rotation.
     #[error("not a rotation: {problem}")]
@@ -35,13 +35,15 @@ pub enum ShapeError {
         /// Channels found.
         channels: usize,
     },
-    /// Two arrays that should have the same shape.
-    #[error("expected coefficients of {} rows and {} columns, found {} rows and {} columns", .expected.0, .expected.1, .found.0, .found.1)]
-    OtherSize {
-        /// Rows and columns expected.
-        expected: (usize, usize),
-        /// Rows and columns found.
-        found: (usize, usize),
+    /// Models that don't have the same shape.
+    #[error("{what}: expected {expected}, found {found}")]
+    Differ {
+        /// What differs.
+        what: &'static str,
+        /// What the others have.
+        expected: usize,
+        /// What this one has.
+        found: usize,
     },
     /// A setting out of its range.
     #[error("{name} is {found}; {expected}")]
