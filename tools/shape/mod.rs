@@ -3,14 +3,22 @@
 //!
 //! A new subcommand is a file here, a variant of [`Command`] and a line in [`run`].
 
+mod align;
 mod args;
 mod describe;
+mod groups;
 mod maps;
 mod matching;
+mod mean;
 mod measure;
 mod outputs;
+mod pca;
 mod remesh;
+mod rotate;
+mod sample;
 mod smooth;
+mod table;
+mod test;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
@@ -18,7 +26,7 @@ use spharm_cli::Common;
 use spharm_cli::help;
 use spharm_cli::monitor::ConsoleMonitor;
 
-/// Analyse models: measure, smooth, describe, match, remesh
+/// Analyse models: align, average, test, measure, smooth, match
 ///
 /// All of it is computed from the coefficients. Models are files, folders, whose .npz files are taken, or @LIST with a path a
 /// line.
@@ -47,6 +55,12 @@ enum Command {
     Describe(describe::Cli),
     Match(matching::Cli),
     Remesh(remesh::Cli),
+    Rotate(rotate::Cli),
+    Align(align::Cli),
+    Mean(mean::Cli),
+    Pca(pca::Cli),
+    Sample(sample::Cli),
+    Test(test::Cli),
 }
 
 /// Runs the verb.
@@ -58,5 +72,11 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Describe(cli) => describe::run(cli, &monitor),
         Command::Match(cli) => matching::run(cli, &monitor),
         Command::Remesh(cli) => remesh::run(cli, &monitor),
+        Command::Rotate(cli) => rotate::run(cli, &monitor),
+        Command::Align(cli) => align::run(cli, &monitor),
+        Command::Mean(cli) => mean::run(cli, &monitor),
+        Command::Pca(cli) => pca::run(cli, &monitor),
+        Command::Sample(cli) => sample::run(cli, &monitor),
+        Command::Test(cli) => test::run(cli, &monitor),
     }
 }

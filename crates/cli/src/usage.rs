@@ -21,6 +21,11 @@ impl Usage {
         Self { kind: ErrorKind::MissingRequiredArgument, message: message.into() }
     }
 
+    /// An argument with a value that it can't have.
+    pub fn invalid(message: impl Into<String>) -> Self {
+        Self { kind: ErrorKind::ValueValidation, message: message.into() }
+    }
+
     /// The error as clap would show it for `command`.
     pub(crate) fn of(&self, mut command: clap::Command) -> clap::Error {
         command.error(self.kind, &self.message)

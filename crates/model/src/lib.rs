@@ -23,6 +23,7 @@
 //! | [`Model`] | the model; evaluation on any sphere, to any degree |
 //! | [`provenance`] | input, sphere and settings |
 //! | [`geometry`] | where a surface lies in its volume, kept from the input to the reconstruction |
+//! | [`arrays`] | archives of named matrices: groups of models |
 //! | [`csv`] | the paper's complex coefficients as a table |
 //! | `npz`, `npy` | NumPy's formats |
 //!
@@ -49,6 +50,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod arrays;
 pub mod csv;
 mod error;
 mod evaluate;

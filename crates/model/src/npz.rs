@@ -54,7 +54,7 @@ pub(crate) fn write(model: &Model, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-fn write_all<const N: usize>(out: &mut dyn Write, values: impl Iterator<Item = [u8; N]>) -> io::Result<()> {
+pub(crate) fn write_all<const N: usize>(out: &mut dyn Write, values: impl Iterator<Item = [u8; N]>) -> io::Result<()> {
     let mut out = io::BufWriter::with_capacity(1 << 16, out);
     for value in values {
         out.write_all(&value)?;
@@ -64,20 +64,20 @@ fn write_all<const N: usize>(out: &mut dyn Write, values: impl Iterator<Item = [
 
 /// Reads a model from an archive; `path` is for messages.
 pub(crate) fn read(path: &Path, input: impl Read + Seek) -> Result<Model, ModelError> {
-    let zip = ZipArchive::new(input).map_err(|error| invalid(path, error))?;
-    Archive { path, zip }.read()
+    let mut zip = ZipArchive::new(input).map_err(|error| invalid(path, error))?;
+    Archive { path, zip: &mut zip }.read()
 }
 
 fn invalid(path: &Path, problem: impl ToString) -> ModelError {
     ModelError::Invalid { path: path.to_owned(), problem: problem.to_string() }
 }
 
-struct Archive<'p, R> {
-    path: &'p Path,
-    zip: ZipArchive<R>,
+pub(crate) struct Archive<'p, R> {
+    pub(crate) path: &'p Path,
+    pub(crate) zip: R,
 }
 
-impl<R: Read + Seek> Archive<'_, R> {
+impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
     fn read(mut self) -> Result<Model, ModelError> {
         let path = self.path;
         let coefficients = self
@@ -135,7 +135,7 @@ impl<R: Read + Seek> Archive<'_, R> {
     }
 
     /// Reads an array where there is one of that name.
-    fn array<T>(
+    pub(crate) fn array<T>(
         &mut self,
         name: &str,
         convert: impl FnOnce(&Array) -> Result<T, String>,

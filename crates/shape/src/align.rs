@@ -1,7 +1,7 @@
 //! One surface brought to another.
 //!
 //! The moving surface f is turned in its parameters and in space, moved, and scaled if asked, so that its root mean square
-//! distance over the sphere from the target g, [`rmsd`](crate::rmsd), is smallest. By default both rotations are
+//! distance over the sphere from the target g, [`rmsd`], is smallest. By default both rotations are
 //! searched together (P. Kostelec and D. Rockmore 2008 for the grid, W. Kabsch 1976 inside it):
 //!
 //! ```text
@@ -15,7 +15,31 @@
 //!
 //! A mirror image is never matched unless `mirror` asks for it.
 //!
+//! A pair takes 2 ms of CPU time at degree 12 and 10 ms at degree 60.
+//!
 //! Memory: beside the coefficients, `12 (L+1)^2 + 32/3 B^4` bytes, and `240 (L+1)^2` for each start under way.
+//!
+//! ```
+//! use ndarray::Array2;
+//! use spharm_harmonics::Coefficients;
+//! use spharm_monitor::Silent;
+//! use spharm_shape::{AlignParams, Rotation, Similarity, Transform, align};
+//!
+//! // An ellipsoid with a bump, and the same in another pose.
+//! let mut values = Array2::zeros((9, 3));
+//! (values[[3, 0]], values[[1, 1]], values[[2, 2]], values[[5, 0]]) = (9.0, 6.0, 4.0, 1.0);
+//! let surface = Coefficients::new(values)?;
+//! let pose = Transform {
+//!     rotation: Rotation::from_euler(0.3, 1.2, -0.5)?,
+//!     similarity: Similarity::rotation(&Rotation::from_axis_angle([1.0, 2.0, 0.0], 2.0)?),
+//!     ..Transform::default()
+//! };
+//! let moving = pose.apply(&surface, &Silent)?;
+//!
+//! let aligned = align(&moving, &surface, &AlignParams::default(), &Silent)?;
+//! assert!(aligned.report.rmsd_before > 1.0 && aligned.report.rmsd_after < 1e-12);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use std::fmt;
 
@@ -152,7 +176,7 @@ pub struct AlignReport {
     /// The same after the alignment.
     pub rmsd_after: f64,
     /// What the refinement of each start reached, without scale: those of the grid, the best first, and four between the
-    /// axes of ellipsoids. One value for other methods.
+    /// axes of ellipsoids; above degree 40 only starts that differ at degree 20. One value for other methods.
     pub ends: Vec<f64>,
     /// Whether the moving surface was mirrored in space.
     pub mirrored: bool,
@@ -201,7 +225,8 @@ pub fn align(
     } else {
         match &plan {
             Some(plan) => {
-                let found = plan.search(&f, &Target::new(g.rows.clone()), params.mirror);
+                let found = plan.search(&f, &Target::new(g.rows.clone()), params.mirror, monitor);
+                monitor.check()?;
                 (found.fit, found.antipodal, found.ends)
             }
             None if params.method == Method::FixedParameters => {

@@ -142,13 +142,15 @@ pub enum ShapeError {
         /// Channels found.
         channels: usize,
     },
-    /// Two arrays that should have the same shape.
-    #[error("expected coefficients of {} rows and {} columns, found {} rows and {} columns", .expected.0, .expected.1, .found.0, .found.1)]
-    OtherSize {
-        /// Rows and columns expected.
-        expected: (usize, usize),
-        /// Rows and columns found.
-        found: (usize, usize),
+    /// Models that don't have the same shape.
+    #[error("{what}: expected {expected}, found {found}")]
+    Differ {
+        /// What differs.
+        what: &'static str,
+        /// What the others have.
+        expected: usize,
+        /// What this one has.
+        found: usize,
     },
     /// A setting out of its range.
     #[error("{name} is {found}; {expected}")]
@@ -159,16 +161,6 @@ pub enum ShapeError {
         found: String,
         /// What it has to be.
         expected: &'static str,
-    },
-    /// Models, or descriptors, that don't have the same shape.
-    #[error("{what}: expected {expected}, found {found}")]
-    Differ {
-        /// What differs.
-        what: &'static str,
-        /// What the others have.
-        expected: usize,
-        /// What this one has.
-        found: usize,
     },
     /// Directions or coefficients that are refused.
     #[error("{0}")]

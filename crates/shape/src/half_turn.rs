@@ -12,7 +12,7 @@
 //!
 //! so that a row i reads either cosines or sines. W rows of one parity are made together, a lane each, and their values
 //! are used at once and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, hidden rows aside, and O(l) memory.
-//! Making use of the quarter's symmetry would spare half of the recurrence, but stores sums once for every few products.
+//! Making use of the quarter's symmetry would spare half of the recurrence, but load and store sums for every few products.
 
 use crate::quarter::{Quarter, rows, steps};
 use crate::row_sums::{WIDTH, row_sums};

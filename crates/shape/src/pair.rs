@@ -7,7 +7,8 @@
 //! searched beside f(u).
 
 use rayon::prelude::*;
-use spharm_harmonics::Coefficients;
+use spharm_harmonics::{Coefficients, basis_size};
+use spharm_monitor::Monitor;
 
 use crate::foe::common_axes;
 use crate::half_turn::Workspace;
@@ -16,7 +17,7 @@ use crate::matrix3::determinant;
 use crate::refine::{Fit, Target, distance, outer, refine};
 use crate::rotate::Rotator;
 use crate::rotation::Rotation;
-use crate::so3_grid::So3Grid;
+use crate::so3_grid::{Peak, So3Grid};
 
 /// A surface without row 0, scaled to norm 1.
 #[derive(Debug, Clone)]
@@ -69,7 +70,7 @@ impl Unit {
 pub(crate) struct Found {
     pub(crate) fit: Fit,
     pub(crate) antipodal: bool,
-    /// |Q R f - g| where each start ended, the best start of the grid first.
+    /// |Q R f - g| where the starts ended, the best start of the grid first.
     pub(crate) ends: Vec<f64>,
 }
 
@@ -86,43 +87,87 @@ impl Plan {
     }
 
     /// Searches all rotations of a surface of norm 1.
-    pub(crate) fn search(&self, f: &Unit, target: &Target, mirror: bool) -> Found {
+    pub(crate) fn search(&self, f: &Unit, target: &Target, mirror: bool, monitor: &dyn Monitor) -> Found {
         let mut starts = self.starts_of(f, target, mirror, false);
         let other = mirror.then(|| f.antipodal());
         if let Some(other) = &other {
             starts.extend(self.starts_of(other, target, mirror, true));
-            starts.sort_by(|a, b| b.1.total_cmp(&a.1));
+            starts.sort_by(|a, b| b.score.total_cmp(&a.score));
             starts.truncate(self.starts);
         }
-        let ellipsoids =
-            |f: &Unit, antipodal| common_axes(&f.rows, &target.rows).into_iter().map(move |r| (r, 0.0, antipodal));
+        let ellipsoids = |f: &Unit, antipodal| {
+            let rotations = common_axes(&f.rows, &target.rows).into_iter();
+            rotations.map(move |rotation| Start { rotation, score: 0.0, antipodal })
+        };
         starts.extend(ellipsoids(f, false));
         starts.extend(other.iter().flat_map(|other| ellipsoids(other, true)));
-        let make = Workspace::default;
-        let fits: Vec<Fit> = starts
-            .par_iter()
-            .map_init(make, |workspace, &(rotation, _, antipodal)| {
-                let f = if antipodal { other.as_ref().unwrap_or(f) } else { f };
-                refine(&self.rotator, &f.rows, target, rotation, mirror, workspace)
-            })
-            .collect();
+        let refined = |starts: &[Start], target: &Target| -> Vec<Fit> {
+            let fits = starts.par_iter().map_init(Workspace::default, |workspace, start| {
+                let f = if start.antipodal { other.as_ref().unwrap_or(f) } else { f };
+                let f = &f.rows[..target.rows.len()];
+                refine(&self.rotator, f, target, start.rotation, mirror, workspace, monitor)
+            });
+            fits.collect()
+        };
+        if target.rows.len() > basis_size(2 * COARSE) {
+            let coarse = refined(&starts, &Target::new(target.rows[..basis_size(COARSE)].to_vec()));
+            starts = distinct(&coarse, &starts);
+        }
+        let fits = refined(&starts, target);
         let ends = fits.iter().map(|fit| fit.distance).collect();
         let best = (0..fits.len()).min_by(|&a, &b| fits[a].distance.total_cmp(&fits[b].distance));
         match best {
-            Some(best) => Found { fit: fits[best], antipodal: starts[best].2, ends },
-            None => Found { fit: self.continued(f, target, Rotation::IDENTITY, mirror), antipodal: false, ends },
+            Some(best) => Found { fit: fits[best], antipodal: starts[best].antipodal, ends },
+            None => {
+                Found { fit: self.continued(f, target, Rotation::IDENTITY, mirror, monitor), antipodal: false, ends }
+            }
         }
     }
 
-    fn starts_of(&self, f: &Unit, target: &Target, mirror: bool, antipodal: bool) -> Vec<(Rotation, f64, bool)> {
-        let peaks = self.grid.peaks(&f.rows, &target.rows, mirror, self.starts);
-        peaks.into_iter().map(|peak| (peak.rotation, peak.score, antipodal)).collect()
+    fn starts_of(&self, f: &Unit, target: &Target, mirror: bool, antipodal: bool) -> Vec<Start> {
+        let peaks = self.grid.peaks(&f.rows, &target.rows, mirror, self.starts).into_iter();
+        peaks.map(|Peak { rotation, score }| Start { rotation, score, antipodal }).collect()
     }
 
     /// Refines one rotation.
-    pub(crate) fn continued(&self, f: &Unit, target: &Target, start: Rotation, mirror: bool) -> Fit {
-        refine(&self.rotator, &f.rows, target, start, mirror, &mut Workspace::default())
+    pub(crate) fn continued(
+        &self,
+        f: &Unit,
+        target: &Target,
+        start: Rotation,
+        mirror: bool,
+        monitor: &dyn Monitor,
+    ) -> Fit {
+        refine(&self.rotator, &f.rows, target, start, mirror, &mut Workspace::default(), monitor)
     }
+}
+
+/// A rotation to refine.
+#[derive(Debug, Clone, Copy)]
+struct Start {
+    rotation: Rotation,
+    score: f64,
+    antipodal: bool,
+}
+
+/// Surfaces of more than twice this degree are refined to it first, and then only from the places where that ends: starts
+/// often end in the same ones.
+const COARSE: usize = 20;
+
+/// The different places where starts ended, in the order of the starts.
+fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
+    let mut kept: Vec<(Start, f64)> = Vec::new();
+    for (fit, start) in fits.iter().zip(starts) {
+        let same = |(other, distance): &(Start, f64)| {
+            other.antipodal == start.antipodal
+                && (distance - fit.distance).abs() < 1e-8
+                && (other.rotation.inverse() * fit.rotation).angle() < 1e-3
+        };
+        if !kept.iter().any(same) {
+            kept.push((Start { rotation: fit.rotation, ..*start }, fit.distance));
+        }
+    }
+    kept.into_iter().map(|(start, _)| start).collect()
 }
 
 /// The best Q alone.

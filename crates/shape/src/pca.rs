@@ -8,6 +8,7 @@
 //!
 //! Cost: a singular value decomposition of (3 (K - 1), n), some `12 K n^2` flops; memory twice the group's coefficients.
 
+pub mod file;
 pub mod quality;
 
 use faer::MatRef;
@@ -87,6 +88,14 @@ impl Modes {
         }
         let variances = singular[..count].iter().map(|value| of(*value)).collect();
         Ok(Self { mean, modes, variances, scores, total_variance })
+    }
+
+    /// Keeps the first modes, at most `count`.
+    pub fn truncate(&mut self, count: usize) {
+        let count = count.min(self.count());
+        self.variances.truncate(count);
+        self.modes = self.modes.slice(s![..count, ..]).to_owned();
+        self.scores = self.scores.slice(s![.., ..count]).to_owned();
     }
 
     /// Returns the number of modes, m.

@@ -10,14 +10,14 @@
 //! The mean of a group has no pose of its own. At the end all are turned together so that the mean is in the
 //! [frame](crate::foe) of its first-order ellipsoid: a group in any other poses then gives the same result.
 //!
-//! Memory: `48 n (L+1)^2` bytes for n surfaces of degree L beside those given, 43 MB for 1,000 surfaces of degree 29, and
+//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L beside those given, 86 MB for 1,000 surfaces of degree 29, and
 //! as in [`align`](mod@crate::align) for each thread. Surfaces are aligned on all threads; sums are made in the order of the
 //! members, so that the result doesn't depend on the number of threads.
 
 use ndarray::Array2;
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
-use spharm_monitor::{Monitor, Stage};
+use spharm_monitor::{Monitor, OnlyCancel, Stage};
 
 use crate::align::{Method, nothing_to_turn, undetermined};
 use crate::error::ShapeError;
@@ -134,8 +134,9 @@ impl<'a> Group<'a> {
         let members: Result<Vec<Member>, ShapeError> = (0..self.units.len())
             .into_par_iter()
             .map(|index| {
+                let pose = pose(index);
                 self.monitor.check()?;
-                let member = Member::new(&self.units[index], self.sizes[index], pose(index), self.plan.as_ref());
+                let member = Member::new(&self.units[index], self.sizes[index], pose, self.plan.as_ref());
                 self.monitor.step(1);
                 Ok(member)
             })
@@ -152,7 +153,7 @@ impl<'a> Group<'a> {
         }
         match &self.plan {
             Some(plan) => {
-                let found = plan.search(unit, target, mirror);
+                let found = plan.search(unit, target, mirror, &OnlyCancel(self.monitor));
                 Pose { fit: found.fit, antipodal: found.antipodal }
             }
             None => Pose { fit: object_only(&unit.rows, &target.rows, mirror), antipodal: false },
@@ -170,7 +171,7 @@ impl<'a> Group<'a> {
             };
             let other = now.antipodal.then(|| self.units[index].antipodal());
             let unit = other.as_ref().unwrap_or(&self.units[index]);
-            let fit = plan.continued(unit, &target, now.fit.rotation, mirror);
+            let fit = plan.continued(unit, &target, now.fit.rotation, mirror, &OnlyCancel(self.monitor));
             let continued = Pose { fit, antipodal: now.antipodal };
             let searched = anew.then(|| self.searched(index, &target, mirror));
             // A search that ends in the same place doesn't move the member.
@@ -236,7 +237,10 @@ impl<'a> Group<'a> {
     fn mirrored_distance(&self, index: usize, target: &Target) -> f64 {
         let unit = &self.units[index];
         match &self.plan {
-            Some(plan) => plan.search(&unit.antipodal().negative(), target, false).fit.distance,
+            Some(plan) => {
+                let image = unit.antipodal().negative();
+                plan.search(&image, target, false, &OnlyCancel(self.monitor)).fit.distance
+            }
             None => object_only(&unit.negative().rows, &target.rows, false).distance,
         }
     }
@@ -259,7 +263,7 @@ impl<'a> Group<'a> {
         if frame.ratio() < LEAST_RATIO {
             warnings.push(ProcrustesWarning::NearlyRound { ratio: frame.ratio() });
         }
-        let mean = frame.transform().apply(&mean, &spharm_monitor::OnlyCancel(self.monitor))?;
+        let mean = frame.transform().apply(&mean, &OnlyCancel(self.monitor))?;
         let transforms = round.members.iter().enumerate().map(|(index, member)| {
             let norm = self.units[index].norm;
             let orthogonal = product(&frame.object.matrix(), &member.pose.fit.orthogonal);

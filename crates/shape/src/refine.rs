@@ -12,6 +12,8 @@
 //! six directions): their matrix is Newton's where g = Q R f, and keeps far steps short. Convergence is quadratic also
 //! where the surfaces differ.
 
+use spharm_monitor::Monitor;
+
 use crate::generators::generators;
 use crate::half_turn::Workspace;
 use crate::kabsch::{kabsch, svd};
@@ -63,7 +65,7 @@ struct State {
     distance: f64,
 }
 
-/// Refines a rotation of `f`, (K, 3) of norm 1 and row 0 zero.
+/// Refines a rotation of `f`, (K, 3) of norm 1 and row 0 zero. Ends early if the monitor says so; whoever called asks it.
 pub(crate) fn refine(
     rotator: &Rotator,
     f: &[[f64; 3]],
@@ -71,6 +73,7 @@ pub(crate) fn refine(
     start: Rotation,
     mirror: bool,
     workspace: &mut Workspace,
+    monitor: &dyn Monitor,
 ) -> Fit {
     let mut at = |rotation: Rotation| {
         let mut rows = vec![[0.0; 3]; f.len()];
@@ -84,6 +87,9 @@ pub(crate) fn refine(
     let mut damping = 0.0;
     let mut model = Model::of(&state, target);
     for _ in 0..STEPS {
+        if monitor.cancelled() {
+            break;
+        }
         let mut next = None;
         let mut size = 0.0;
         for _ in 0..16 {

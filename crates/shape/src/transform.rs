@@ -79,12 +79,23 @@ impl Transform {
         transform_object(&turned, &self.similarity)
     }
 
+    /// Returns `{"parameters": R, "antipodal": false, "object": Q, "scale": s, "translation": t}`, the matrices by rows.
+    #[must_use]
+    pub fn to_json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "parameters": self.rotation.matrix(),
+            "antipodal": self.antipodal,
+            "object": self.similarity.orthogonal,
+            "scale": self.similarity.scale,
+            "translation": self.similarity.translation,
+        })
+    }
+
     /// Transforms a model. Its sphere turns with the parameters, so that a reconstruction has each vertex where it was on
     /// the surface; it is then another sampling, without a key in a basis store. A model of a signal can be rotated in
     /// its parameters but not in space.
     ///
-    /// The provenance says it: `transform` is a list, with `{"parameters": R, "antipodal": false, "object": Q, "scale": s,
-    /// "translation": t}` for each call, the matrices by rows.
+    /// The provenance says it: `transform` is a list, with [`to_json`](Self::to_json) of each call.
     ///
     /// # Errors
     ///
@@ -112,13 +123,7 @@ impl Transform {
             model.coefficients = transform_object(&model.coefficients, &self.similarity)?;
         }
         check_finite(&model.coefficients)?;
-        let step = serde_json::json!({
-            "parameters": self.rotation.matrix(),
-            "antipodal": self.antipodal,
-            "object": self.similarity.orthogonal,
-            "scale": self.similarity.scale,
-            "translation": self.similarity.translation,
-        });
+        let step = self.to_json();
         let done = model.provenance.other.entry("transform").or_insert_with(|| serde_json::json!([]));
         match done {
             serde_json::Value::Array(steps) => steps.push(step),
@@ -174,14 +179,22 @@ fn turn(
 ///
 /// # Errors
 ///
-/// [`ShapeError::OtherSize`].
+/// [`ShapeError::Differ`].
 pub fn rmsd(a: &Coefficients, b: &Coefficients) -> Result<f64, ShapeError> {
-    let (found, expected) = (b.values().dim(), a.values().dim());
-    if found != expected {
-        return Err(ShapeError::OtherSize { expected, found });
+    let ((rows, columns), (other_rows, other_columns)) = (a.values().dim(), b.values().dim());
+    for (what, expected, found) in [("coefficients", rows, other_rows), ("channels", columns, other_columns)] {
+        if found != expected {
+            return Err(ShapeError::Differ { what, expected, found });
+        }
     }
-    let square: f64 = a.values().iter().zip(b.values()).map(|(a, b)| (a - b) * (a - b)).sum();
-    Ok(square.sqrt() / SQRT_4_PI)
+    let differences = || a.values().iter().zip(b.values()).map(|(a, b)| (a - b).abs());
+    // Scaled, so that squares neither overflow nor underflow.
+    let largest = differences().fold(0.0, f64::max);
+    if largest == 0.0 {
+        return Ok(0.0);
+    }
+    let square: f64 = differences().map(|difference| (difference / largest).powi(2)).sum();
+    Ok(square.sqrt() * largest / SQRT_4_PI)
 }
 
 #[cfg(test)]

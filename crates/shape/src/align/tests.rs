@@ -53,6 +53,18 @@ fn optima_a_half_turn_apart_are_told_apart() {
     }
 }
 
+/// High degrees are refined to a lower one first.
+#[test]
+fn high_degrees_find_the_same_from_any_pose() {
+    let (f, g) = (blob(45, 3), blob(45, 4));
+    let many = AlignParams { bandwidth: Some(12), starts: 20, ..Default::default() };
+    let best = aligned(&f, &g, &many).report.rmsd_after;
+    for n in 0..2 {
+        let found = aligned(&posed(&f, &some_pose(n)), &g, &AlignParams::default()).report;
+        assert!((found.rmsd_after - best).abs() < 1e-9, "{n}: {best} {:?}", found.ends);
+    }
+}
+
 #[test]
 fn a_rotated_copy_comes_back() {
     for n in 0..5 {

@@ -1,0 +1,114 @@
+//! NumPy archives of named matrices and texts: what is computed of groups of models.
+
+use std::fs::File;
+use std::io::{BufReader, Write};
+use std::path::{Path, PathBuf};
+
+use ndarray::{Array2, ArrayView2};
+use spharm_surface::io::write_new;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+use crate::error::ModelError;
+use crate::npy::{Array, write_header, write_text};
+use crate::npz::{Archive, write_all};
+
+/// What an archive has under a name.
+#[derive(Debug, Clone, Copy)]
+pub enum Entry<'a> {
+    /// A matrix of f64.
+    Matrix(ArrayView2<'a, f64>),
+    /// A text.
+    Text(&'a str),
+}
+
+/// Writes an archive, whole or not at all; replaces a file that is there if `overwrite`.
+///
+/// # Errors
+///
+/// Those of [`write_new`].
+pub fn write_arrays(path: &Path, overwrite: bool, entries: &[(&str, Entry<'_>)]) -> Result<(), ModelError> {
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
+    write_new(path, overwrite, |out| {
+        let mut zip = ZipWriter::new_stream(out);
+        for (name, entry) in entries {
+            zip.start_file(format!("{name}.npy"), options).map_err(std::io::Error::other)?;
+            match entry {
+                Entry::Matrix(matrix) => {
+                    write_header(&mut zip, "<f8", &format!("({}, {})", matrix.nrows(), matrix.ncols()))?;
+                    write_all(&mut zip, matrix.iter().map(|value| value.to_le_bytes()))?;
+                }
+                Entry::Text(text) => write_text(&mut zip, text)?,
+            }
+        }
+        zip.finish().map_err(std::io::Error::other)?.flush()
+    })?;
+    Ok(())
+}
+
+/// An archive that is read.
+pub struct Arrays {
+    path: PathBuf,
+    zip: ZipArchive<BufReader<File>>,
+}
+
+impl Arrays {
+    /// Opens an archive.
+    ///
+    /// # Errors
+    ///
+    /// [`Open`](ModelError::Open), [`Invalid`](ModelError::Invalid).
+    pub fn open(path: &Path) -> Result<Self, ModelError> {
+        let open = |source| ModelError::Open { path: path.to_owned(), source };
+        if !std::fs::metadata(path).map_err(open)?.is_file() {
+            return Err(ModelError::Invalid { path: path.to_owned(), problem: "it is not a regular file".to_owned() });
+        }
+        let zip = ZipArchive::new(BufReader::new(File::open(path).map_err(open)?));
+        let zip = zip.map_err(|error| ModelError::Invalid { path: path.to_owned(), problem: error.to_string() })?;
+        Ok(Self { path: path.to_owned(), zip })
+    }
+
+    /// Reads a matrix; a vector is one of a single column.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`](ModelError::Invalid) also where there is none of that name.
+    pub fn matrix(&mut self, name: &str) -> Result<Array2<f64>, ModelError> {
+        self.array(name, Array::matrix)
+    }
+
+    /// Reads a text.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`](ModelError::Invalid) also where there is none of that name.
+    pub fn text(&mut self, name: &str) -> Result<String, ModelError> {
+        self.array(name, Array::text)
+    }
+
+    fn array<T>(&mut self, name: &str, convert: impl FnOnce(&Array) -> Result<T, String>) -> Result<T, ModelError> {
+        let found = Archive { path: &self.path, zip: &mut self.zip }.array(name, convert)?;
+        let problem = || format!("it has no array `{name}`");
+        found.ok_or_else(|| ModelError::Invalid { path: self.path.clone(), problem: problem() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn matrices_and_texts_return() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("group.npz");
+        let matrix = Array2::from_shape_fn((3, 2), |(i, j)| (i as f64).exp() * (j as f64 - 0.3));
+        let entries = [("scores", Entry::Matrix(matrix.view())), ("kind", Entry::Text("modes"))];
+        write_arrays(&path, false, &entries).unwrap();
+        assert!(write_arrays(&path, false, &entries).is_err());
+        let mut read = Arrays::open(&path).unwrap();
+        assert_eq!((read.matrix("scores").unwrap(), read.text("kind").unwrap()), (matrix, "modes".to_owned()));
+        assert!(read.matrix("kind").is_err() && read.text("other").is_err());
+        std::fs::write(&path, b"PK").unwrap();
+        assert!(Arrays::open(&path).is_err() && Arrays::open(folder.path()).is_err());
+    }
+}

@@ -1,0 +1,282 @@
+//! `shape align`: models brought to a target, or a group brought together.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use spharm::shape::{AlignParams, AlignReport, Method, ProcrustesParams, Transform, align, procrustes};
+use spharm::{Coefficients, Kind, Model, Silent};
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare, write_json};
+
+use super::args::{Models, ReportArgs, Resources};
+use super::outputs::{check, finish, outputs};
+
+/// Align models of surfaces: to one of them, or a group to its mean
+///
+/// Finds the rotations of space and of the parameters that bring surfaces nearest to each other, by a search of all of
+/// them: the pose that a model comes in doesn't count. With --group the group is brought to its mean (generalised Procrustes
+/// analysis), which ends centred at the origin in the frame of its first-order ellipsoid. Mirror images aren't matched
+/// without --mirror.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape align moved.spharm.npz --to template.spharm.npz -o aligned.spharm.npz",
+        "spharm shape align @group.txt --group -o aligned --transforms transforms.json",
+        "spharm shape align left right --group --mirror --scale -o aligned",
+        "spharm shape align cortices --group --method fixed -o aligned",
+    ],
+    &[
+        "Methods: joint searches both rotations; fixed keeps the parameters, where vertices correspond already (cortical \
+         spheres); foe turns both into the frames of their first-order ellipsoids, for comparison with other programs.",
+    ],
+))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    models: Models,
+    #[command(flatten)]
+    target: Target,
+    /// How surfaces are brought together
+    #[arg(long, value_enum, default_value_t = How::Joint, help_heading = METHOD)]
+    method: How,
+    /// Scale models to the target's size, or all to the group's
+    #[arg(long, help_heading = METHOD)]
+    scale: bool,
+    /// Also match mirror images
+    #[arg(long, help_heading = METHOD)]
+    mirror: bool,
+    /// Highest degree to compare [default: the lowest of the models']
+    ///
+    /// All degrees are transformed.
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    degree: Option<usize>,
+    /// Local optima of the search that are refined [default: 6, 3 for a group]
+    #[arg(long, value_name = "N", help_heading = METHOD)]
+    starts: Option<usize>,
+    /// Members that a group's alignment starts from [default: all of up to 20, else 5]
+    #[arg(long, value_name = "N", requires = "group", help_heading = METHOD)]
+    templates: Option<usize>,
+    /// Model to write; for several models a folder
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
+    output: PathBuf,
+    /// Mean of the group to write
+    #[arg(long, value_name = "OUT.spharm.npz", requires = "group", help_heading = OUTPUT)]
+    mean: Option<PathBuf>,
+    /// Transforms to write
+    #[arg(long, value_name = "OUT.json", help_heading = OUTPUT)]
+    transforms: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct Target {
+    /// Align each model to this one
+    #[arg(long, value_name = "MODEL", help_heading = INPUT)]
+    to: Option<PathBuf>,
+    /// Align the models to each other
+    #[arg(long, help_heading = METHOD)]
+    group: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum How {
+    Joint,
+    Fixed,
+    Foe,
+}
+
+/// What came of the models: their transforms, and distances from the target, or from the mean, before and after.
+struct Found {
+    transforms: Vec<Transform>,
+    distances: Vec<[f64; 2]>,
+    warnings: Vec<String>,
+    summary: Value,
+    mean: Option<Coefficients>,
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let paths = cli.models.paths()?;
+    let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
+    let models_out = targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"]));
+    let mean_out = cli.mean.iter().map(|path| OutputFile::with_ending(path, "--mean", &[".npz"]));
+    let json_out = cli.transforms.iter().map(|path| OutputFile::new(path, "--transforms"));
+    check(models_out.chain(mean_out).chain(json_out), &cli.report)?;
+    let params = AlignParams {
+        method: match cli.method {
+            How::Joint => Method::Joint,
+            How::Fixed => Method::FixedParameters,
+            How::Foe => Method::FirstOrderEllipsoid,
+        },
+        max_degree: cli.degree,
+        scale: cli.scale,
+        mirror: cli.mirror,
+        ..AlignParams::default()
+    };
+    let pool = cli.resources.threads.pool()?;
+    let models: Vec<Model> = pool.install(|| {
+        super::args::read_all(&paths, monitor, |model, path| {
+            if model.kind() != Kind::Surface {
+                bail!("{}: expected a model of a surface, found a signal", path.display());
+            }
+            Ok(model.clone())
+        })
+    })?;
+    let found = pool.install(|| match &cli.target.to {
+        Some(target) => to_target(cli, &models, &Model::read(target)?, target, &params, monitor),
+        None => together(cli, &models, &params, monitor),
+    })?;
+    found.warnings.iter().for_each(|warning| monitor.console().warn(warning));
+    for ((model, transform), target) in models.iter().zip(&found.transforms).zip(&targets) {
+        spharm::Monitor::check(monitor)?;
+        let mut moved = pool.install(|| transform.apply_model(model, monitor))?;
+        moved.provenance.tool = Some("shape align".to_owned());
+        moved.provenance.versions = Some(spharm::versions());
+        prepare(target)?;
+        moved.write_with(target, cli.report.force)?;
+    }
+    if let (Some(path), Some(mean)) = (&cli.mean, &found.mean) {
+        let mut model = Model::without_sphere(mean.clone(), Kind::Surface);
+        model.provenance.tool = Some("shape align".to_owned());
+        model.provenance.versions = Some(spharm::versions());
+        prepare(path)?;
+        model.write_with(path, cli.report.force)?;
+    }
+    let each: Vec<Value> = paths
+        .iter()
+        .zip(&targets)
+        .zip(found.transforms.iter().zip(&found.distances))
+        .map(|((path, target), (transform, [before, after]))| {
+            json!({
+                "model": path,
+                "output": target,
+                "rmsd_before": before,
+                "rmsd_after": after,
+                "parameters": transform.rotation.matrix(),
+                "antipodal": transform.antipodal,
+                "object": transform.similarity.orthogonal,
+                "scale": transform.similarity.scale,
+                "translation": transform.similarity.translation,
+            })
+        })
+        .collect();
+    if let Some(path) = &cli.transforms {
+        prepare(path)?;
+        write_json(path, cli.report.force, &json!(each))?;
+    }
+    let mut report = json!({
+        "models": each,
+        "method": cli.method.to_possible_value().map(|value| value.get_name().to_owned()),
+        "warnings": found.warnings,
+        "seconds": started.elapsed().as_secs_f64(),
+    });
+    if let (Some(report), Some(summary)) = (report.as_object_mut(), found.summary.as_object()) {
+        report.extend(summary.clone());
+    }
+    let names =
+        if cli.target.group { ["model", "from the mean, before", "after"] } else { ["model", "rmsd before", "after"] };
+    let mut rows = vec![names.map(str::to_owned).to_vec()];
+    for (target, [before, after]) in targets.iter().zip(&found.distances) {
+        rows.push(vec![target.display().to_string(), format!("{before:.6}"), format!("{after:.6}")]);
+    }
+    if let (Some(before), Some(after)) =
+        (found.summary["spread_before"].as_f64(), found.summary["spread_after"].as_f64())
+    {
+        rows.push(vec!["spread".to_owned(), format!("{before:.6}"), format!("{after:.6}")]);
+    }
+    finish("align", &report, &rows, &cli.report)
+}
+
+fn to_target(
+    cli: &Cli,
+    models: &[Model],
+    target: &Model,
+    path: &std::path::Path,
+    params: &AlignParams,
+    monitor: &ConsoleMonitor,
+) -> Result<Found> {
+    let params = AlignParams { starts: cli.starts.unwrap_or(params.starts), ..params.clone() };
+    let paths = cli.models.paths()?;
+    spharm::Monitor::begin(monitor, spharm::Stage::counted("align", "models"), models.len() as u64);
+    let one = |(model, from): (&Model, &PathBuf)| -> Result<AlignReport> {
+        spharm::Monitor::check(monitor)?;
+        let found = align(&model.coefficients, &target.coefficients, &params, &Silent);
+        spharm::Monitor::step(monitor, 1);
+        Ok(found.with_context(|| format!("{} to {}", from.display(), path.display()))?.report)
+    };
+    // All of them before the first error is looked for, so that it is always the same one.
+    let reports: Vec<Result<AlignReport>> = models.par_iter().zip(&paths).map(one).collect();
+    spharm::Monitor::end(monitor);
+    let reports = reports.into_iter().collect::<Result<Vec<_>>>()?;
+    let warning = |(report, path): (&AlignReport, &PathBuf)| -> Vec<String> {
+        report.warnings.iter().map(|warning| format!("{}: {warning}", path.display())).collect()
+    };
+    Ok(Found {
+        transforms: reports.iter().map(|report| report.transform).collect(),
+        distances: reports.iter().map(|report| [report.rmsd_before, report.rmsd_after]).collect(),
+        warnings: reports.iter().zip(&paths).flat_map(warning).collect(),
+        summary: json!({
+            "to": path,
+            "degree": reports.first().map(|report| report.degree),
+            "ends": reports.iter().map(|report| &report.ends).collect::<Vec<_>>(),
+        }),
+        mean: None,
+    })
+}
+
+fn together(cli: &Cli, models: &[Model], params: &AlignParams, monitor: &ConsoleMonitor) -> Result<Found> {
+    let default = ProcrustesParams::default();
+    let align = AlignParams { starts: cli.starts.unwrap_or(default.align.starts), ..params.clone() };
+    let params = ProcrustesParams { align, templates: cli.templates, ..default };
+    let members: Vec<Coefficients> = models.iter().map(|model| model.coefficients.clone()).collect();
+    let found = procrustes(&members, &params, monitor)?;
+    let report = &found.report;
+    let ends: Vec<Value> = report
+        .ends
+        .iter()
+        .map(|end| json!({ "template": end.template, "spread": end.spread, "rounds": end.rounds }))
+        .collect();
+    let before = distances_from_mean(&members, report.degree)?;
+    Ok(Found {
+        transforms: found.transforms.clone(),
+        distances: before.into_iter().zip(&report.rmsd).map(|(before, after)| [before, *after]).collect(),
+        warnings: report.warnings.iter().map(ToString::to_string).collect(),
+        summary: json!({
+            "degree": report.degree,
+            "spread_before": report.spread_before,
+            "spread_after": report.spread_after,
+            "templates": ends,
+            "mean": cli.mean,
+        }),
+        mean: Some(found.mean),
+    })
+}
+
+/// Distances of centred surfaces from their mean as they are given.
+fn distances_from_mean(members: &[Coefficients], degree: usize) -> Result<Vec<f64>> {
+    let centred: Vec<ndarray::Array2<f64>> = members
+        .iter()
+        .map(|member| {
+            let mut values = member.up_to(degree).to_owned();
+            values.row_mut(0).fill(0.0);
+            values
+        })
+        .collect();
+    let mut mean = ndarray::Array2::zeros(centred[0].dim());
+    centred.iter().for_each(|values| mean += values);
+    mean /= centred.len() as f64;
+    let distance = |values: &ndarray::Array2<f64>| {
+        let square: f64 = values.iter().zip(&mean).map(|(value, mean)| (value - mean).powi(2)).sum();
+        (square / (4.0 * std::f64::consts::PI)).sqrt()
+    };
+    Ok(centred.iter().map(distance).collect())
+}

@@ -1,0 +1,57 @@
+//! Groups of models: reading them to one degree, and saying so where that leaves degrees out.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use spharm::{Coefficients, Kind, Monitor};
+use spharm_cli::console::Console;
+use spharm_cli::paths::model_name;
+
+use super::args::read_all;
+
+/// A group of models of one degree.
+pub(super) struct Group {
+    /// Names of the members: their files' without endings.
+    pub(super) names: Vec<String>,
+    pub(super) members: Vec<Coefficients>,
+    pub(super) degree: usize,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Reads a group of surfaces or of signals to `degree`, else to the lowest degree of its members.
+pub(super) fn read_group(
+    paths: &[PathBuf],
+    kind: Kind,
+    degree: Option<usize>,
+    monitor: &dyn Monitor,
+    console: &Console,
+) -> Result<Group> {
+    let read = |model: &spharm::Model, path: &Path| {
+        let (found, channels) = (model.kind(), model.coefficients.channels());
+        if found != kind || kind == Kind::Signal && channels != 1 {
+            let expected = if kind == Kind::Surface { "a surface" } else { "a signal of one channel" };
+            let found = if found == Kind::Surface { "a surface".to_owned() } else { format!("a signal of {channels}") };
+            bail!("{}: expected a model of {expected}, found {found}", path.display());
+        }
+        Ok(model.coefficients.clone())
+    };
+    let members = read_all(paths, monitor, read)?;
+    let degrees = members.iter().map(Coefficients::max_degree);
+    let (lowest, highest) = (degrees.clone().min().unwrap_or(0), degrees.max().unwrap_or(0));
+    let mut warnings = Vec::new();
+    if let Some(asked) = degree
+        && asked > lowest
+    {
+        bail!("the models go to degrees from {lowest} to {highest}, --max-degree {asked} is above the lowest one");
+    }
+    if degree.is_none() && highest > lowest {
+        warnings
+            .push(format!("the models go to degrees from {lowest} to {highest}; the degrees up to {lowest} are used"));
+        warnings.iter().for_each(|warning| console.warn(warning));
+    }
+    let degree = degree.unwrap_or(lowest);
+    let members: Result<_, _> =
+        members.iter().map(|member| Coefficients::new(member.up_to(degree).to_owned())).collect();
+    let names = paths.iter().map(|path| model_name(path)).collect();
+    Ok(Group { names, members: members?, degree, warnings })
+}

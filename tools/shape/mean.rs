@@ -1,0 +1,78 @@
+//! `shape mean`: the mean of a group.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use clap::Args;
+use ndarray::Array2;
+use serde_json::json;
+use spharm::shape::rmsd;
+use spharm::{Coefficients, Kind, Model};
+use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+
+use super::args::{Models, ReportArgs, Resources};
+use super::groups::read_group;
+use super::outputs::{check, finish};
+
+/// Average models of surfaces
+///
+/// The mean of the coefficients. Surfaces have to correspond: by `spharm shape align --group`, or by spheres that share
+/// their parameters, as cortical surfaces' do. Prints each model's distance from the mean.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(&["spharm shape mean aligned -o mean.spharm.npz"], &[]))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    models: Models,
+    /// Highest degree [default: the lowest of the models']
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    max_degree: Option<usize>,
+    /// Model to write
+    #[arg(short, long, value_name = "OUT.spharm.npz", help_heading = OUTPUT)]
+    output: PathBuf,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let paths = cli.models.paths()?;
+    if paths.len() < 2 {
+        bail!("a mean is of 2 models or more, found {}", paths.len());
+    }
+    check([OutputFile::with_ending(&cli.output, "--output", &[".npz"])], &cli.report)?;
+    let read = || read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console());
+    let group = cli.resources.threads.pool()?.install(read)?;
+    let mut mean = Array2::zeros(group.members[0].values().dim());
+    group.members.iter().for_each(|member| mean += member.values());
+    mean /= group.members.len() as f64;
+    let mean = Coefficients::new(mean)?;
+    let distances: Vec<f64> = group.members.iter().map(|member| rmsd(member, &mean)).collect::<Result<_, _>>()?;
+    let mut model = Model::without_sphere(mean, Kind::Surface);
+    model.provenance.tool = Some("shape mean".to_owned());
+    model.provenance.versions = Some(spharm::versions());
+    model.provenance.other.insert("members".to_owned(), json!(group.names));
+    prepare(&cli.output)?;
+    model.write_with(&cli.output, cli.report.force)?;
+    let mut rows = vec![["model", "distance from the mean"].map(str::to_owned).to_vec()];
+    rows.extend(
+        group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), format!("{distance:.6}")]),
+    );
+    let spread = (distances.iter().map(|distance| distance * distance).sum::<f64>() / distances.len() as f64).sqrt();
+    rows.push(vec!["root mean square".to_owned(), format!("{spread:.6}")]);
+    let report = json!({
+        "output": cli.output,
+        "models": paths,
+        "degree": group.degree,
+        "distances": distances,
+        "spread": spread,
+        "warnings": group.warnings,
+        "seconds": started.elapsed().as_secs_f64(),
+    });
+    finish("mean", &report, &rows, &cli.report)
+}

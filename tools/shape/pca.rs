@@ -1,0 +1,127 @@
+//! `shape pca`: modes of variation.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Result;
+use clap::Args;
+use ndarray::ArrayView2;
+use serde_json::json;
+use spharm::Kind;
+use spharm::shape::Modes;
+use spharm::shape::pca::file::ShapeModel;
+use spharm::shape::pca::quality::{Quality, quality};
+use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+
+use super::args::{Models, ReportArgs, Resources};
+use super::groups::read_group;
+use super::outputs::{check, csv, finish, number, write_text};
+
+/// Compute a group's modes of variation: principal components
+///
+/// Of models that correspond, as those of `spharm shape align --group`; their place in space doesn't count. Writes a shape
+/// model: mean, modes, variances and the members' scores. `spharm shape sample` makes shapes of it.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape pca aligned -o group.shape-model.npz",
+        "spharm shape pca @group.txt --modes 10 --quality --scores scores.csv -o group.shape-model.npz",
+    ],
+    &[
+        "Generalisation is the mean distance of a member from the model of the others, specificity that of a random shape \
+         from the nearest member, in the surfaces' unit, with 1, 2, ... modes.",
+    ],
+))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    models: Models,
+    /// Highest degree [default: the lowest of the models']
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    max_degree: Option<usize>,
+    /// Most modes to write [default: all, one fewer than models]
+    #[arg(long, value_name = "N", help_heading = METHOD)]
+    modes: Option<usize>,
+    /// Measure generalisation and specificity
+    #[arg(long, help_heading = METHOD)]
+    quality: bool,
+    /// Random shapes for the specificity
+    #[arg(long, value_name = "N", default_value_t = 2000, requires = "quality", help_heading = METHOD)]
+    samples: usize,
+    /// Seed of the random shapes
+    #[arg(long, value_name = "SEED", default_value_t = 0, requires = "quality", help_heading = METHOD)]
+    seed: u64,
+    /// Shape model to write
+    #[arg(short, long, value_name = "OUT.shape-model.npz", help_heading = OUTPUT)]
+    output: PathBuf,
+    /// Table of the members' scores to write
+    #[arg(long, value_name = "OUT.csv", help_heading = OUTPUT)]
+    scores: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let paths = cli.models.paths()?;
+    let table = cli.scores.iter().map(|path| OutputFile::with_ending(path, "--scores", &[".csv"]));
+    check(table.chain([OutputFile::with_ending(&cli.output, "--output", &[".npz"])]), &cli.report)?;
+    let (group, mut modes, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
+        let group = read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console())?;
+        let members: Vec<ArrayView2<'_, f64>> = group.members.iter().map(|member| member.values().view()).collect();
+        let modes = Modes::new(&members, usize::MAX)?;
+        let found = cli.quality.then(|| quality(&modes, cli.samples, cli.seed, monitor)).transpose()?;
+        Ok((group, modes, found))
+    })?;
+    modes.truncate(cli.modes.unwrap_or(usize::MAX));
+    let provenance = json!({ "tool": "shape pca", "versions": spharm::versions(), "degree": group.degree });
+    let file = ShapeModel { modes, members: group.names, provenance: provenance.to_string() };
+    prepare(&cli.output)?;
+    file.write(&cli.output, cli.report.force)?;
+    if let Some(path) = &cli.scores {
+        let header: Vec<String> =
+            std::iter::once("model".to_owned()).chain((1..=file.modes.count()).map(|k| format!("mode_{k}"))).collect();
+        let row = |(name, scores): (&String, ndarray::ArrayView1<'_, f64>)| -> Vec<String> {
+            std::iter::once(name.clone()).chain(scores.iter().map(|score| number(*score))).collect()
+        };
+        let rows: Vec<Vec<String>> = file.members.iter().zip(file.modes.scores.rows()).map(row).collect();
+        let names: Vec<&str> = header.iter().map(String::as_str).collect();
+        write_text(path, cli.report.force, &csv(&names, rows.iter().map(Vec::as_slice)))?;
+    }
+    let report = json!({
+        "output": cli.output,
+        "scores": cli.scores,
+        "models": paths,
+        "degree": group.degree,
+        "modes": file.modes.count(),
+        "total_variance": file.modes.total_variance,
+        "variances": file.modes.variances,
+        "compactness": file.modes.compactness(),
+        "generalisation": found.as_ref().map(|found| &found.generalisation),
+        "specificity": found.as_ref().map(|found| &found.specificity),
+        "warnings": group.warnings,
+        "seconds": started.elapsed().as_secs_f64(),
+    });
+    finish("pca", &report, &rows(&file.modes, found.as_ref()), &cli.report)
+}
+
+fn rows(modes: &Modes, quality: Option<&Quality>) -> Vec<Vec<String>> {
+    let mut names = vec!["mode", "standard deviation", "of the variance"];
+    if quality.is_some() {
+        names.extend(["generalisation", "specificity"]);
+    }
+    let mut rows = vec![names.into_iter().map(str::to_owned).collect()];
+    // The report has all of them.
+    for (k, share) in modes.compactness().into_iter().enumerate().take(20) {
+        let deviation = modes.variances[k].sqrt();
+        let mut row = vec![(k + 1).to_string(), format!("{deviation:.6}"), format!("{:.1} %", 100.0 * share)];
+        row.extend(quality.map(|found| format!("{:.6}", found.generalisation[k])));
+        row.extend(quality.map(|found| format!("{:.6}", found.specificity[k])));
+        rows.push(row);
+    }
+    rows
+}

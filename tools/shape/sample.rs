@@ -1,0 +1,100 @@
+//! `shape sample`: shapes of a shape model.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use serde_json::json;
+use spharm::shape::pca::file::ShapeModel;
+use spharm::shape::pca::quality::normal;
+use spharm::{Coefficients, Kind, Model};
+use spharm_cli::Usage;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+
+use super::args::ReportArgs;
+use super::outputs::{check, finish};
+
+/// Make shapes of a shape model: along its modes, or random ones
+///
+/// --mode 1=2 is the shape two standard deviations along the first mode. Without --mode, --random N makes N shapes whose
+/// scores are normally distributed with the modes' variances.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape sample group.shape-model.npz --mode 1=-3 -o minus3.spharm.npz",
+        "spharm shape sample group.shape-model.npz --mode 1=2 --mode 3=-1 -o shape.spharm.npz",
+        "spharm shape sample group.shape-model.npz --random 100 --seed 1 -o shapes",
+    ],
+    &[],
+))]
+pub(super) struct Cli {
+    /// Shape model, as `spharm shape pca` writes it
+    #[arg(value_name = "MODEL.shape-model.npz", help_heading = INPUT)]
+    model: PathBuf,
+    /// Standard deviations along a mode, counted from 1
+    #[arg(long, value_name = "MODE=SD", value_parser = mode, allow_hyphen_values = true, help_heading = METHOD)]
+    mode: Vec<(usize, f64)>,
+    /// Number of random shapes, written to a folder
+    #[arg(long, value_name = "N", conflicts_with = "mode", help_heading = METHOD)]
+    random: Option<usize>,
+    /// Seed of random shapes
+    #[arg(long, value_name = "SEED", default_value_t = 0, requires = "random", help_heading = METHOD)]
+    seed: u64,
+    /// Model to write; with --random a folder
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
+    output: PathBuf,
+    #[command(flatten)]
+    report: ReportArgs,
+}
+
+fn mode(text: &str) -> Result<(usize, f64), String> {
+    let (mode, deviations) = text.split_once('=').ok_or("expected MODE=SD, such as 1=2")?;
+    let mode = mode.trim().parse().ok().filter(|mode| *mode > 0).ok_or("modes are counted from 1")?;
+    let deviations = deviations.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    Ok((mode, deviations.ok_or("standard deviations are a number")?))
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, _: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let file = ShapeModel::read(&cli.model)?;
+    let modes = &file.modes;
+    let shapes: Vec<(PathBuf, Vec<f64>)> = match cli.random {
+        Some(0) => return Err(Usage::invalid("--random 0 makes no shapes").into()),
+        Some(count) => {
+            let digits = (count - 1).to_string().len();
+            let path = |index: usize| cli.output.join(format!("shape{index:0digits$}.spharm.npz"));
+            (0..count).map(|index| (path(index), normal(cli.seed, index as u64, modes.count()))).collect()
+        }
+        None => {
+            let mut deviations = vec![0.0; cli.mode.iter().map(|(mode, _)| *mode).max().unwrap_or(0)];
+            cli.mode.iter().for_each(|(mode, number)| deviations[mode - 1] += number);
+            vec![(cli.output.clone(), deviations)]
+        }
+    };
+    check(shapes.iter().map(|(path, _)| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
+    for (path, deviations) in &shapes {
+        let shape = modes.shape(deviations).with_context(|| cli.model.display().to_string())?;
+        let mut model = Model::without_sphere(Coefficients::new(shape)?, Kind::Surface);
+        model.provenance.tool = Some("shape sample".to_owned());
+        model.provenance.versions = Some(spharm::versions());
+        model.provenance.other.insert("standard_deviations".to_owned(), json!(deviations));
+        prepare(path)?;
+        model.write_with(path, cli.report.force)?;
+    }
+    let report = json!({
+        "model": cli.model,
+        "outputs": shapes.iter().map(|(path, _)| path).collect::<Vec<_>>(),
+        "standard_deviations": shapes.iter().map(|(_, deviations)| deviations).collect::<Vec<_>>(),
+        "seed": cli.random.map(|_| cli.seed),
+        "seconds": started.elapsed().as_secs_f64(),
+    });
+    let line = match cli.random {
+        Some(count) => format!("{}: {count} shapes of seed {}", cli.output.display(), cli.seed),
+        None => cli.output.display().to_string(),
+    };
+    finish("sample", &report, &[vec![line]], &cli.report)
+}

@@ -1,0 +1,104 @@
+//! Tables of subjects: CSV, or TSV by its ending.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use spharm::shape::stats::Column;
+
+/// A table with a header.
+pub(super) struct Table {
+    path: PathBuf,
+    header: Vec<String>,
+    rows: Vec<Vec<String>>,
+}
+
+/// Most bytes of a table, far above any study's.
+const LARGEST: u64 = 64 << 20;
+
+impl Table {
+    /// Reads a table: RFC 4180 with commas, or tabs where the name ends in .tsv; with or without a byte-order mark.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let named = || path.display().to_string();
+        let size = std::fs::metadata(path).with_context(named)?.len();
+        if size > LARGEST {
+            bail!("{}: expected a table of at most {LARGEST} bytes, found {size}", path.display());
+        }
+        let bytes = std::fs::read(path).with_context(named)?;
+        let text = std::str::from_utf8(&bytes);
+        let text = text.with_context(|| format!("{}: expected UTF-8 text", path.display()))?;
+        let text = text.trim_start_matches('\u{feff}');
+        let tabs = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("tsv"));
+        let mut reader = csv::ReaderBuilder::new()
+            .delimiter(if tabs { b'\t' } else { b',' })
+            .trim(csv::Trim::All)
+            .from_reader(text.as_bytes());
+        let header: Vec<String> = reader.headers().with_context(named)?.iter().map(str::to_owned).collect();
+        if let Some(twice) = header.iter().enumerate().find(|(at, name)| header[..*at].contains(name)) {
+            bail!("{}: column {:?} is there twice", path.display(), twice.1);
+        }
+        let rows: Result<Vec<Vec<String>>, csv::Error> =
+            reader.records().map(|record| Ok(record?.iter().map(str::to_owned).collect())).collect();
+        let rows = rows.with_context(named)?;
+        if rows.is_empty() {
+            bail!("{}: the table has no rows", path.display());
+        }
+        Ok(Self { path: path.to_owned(), header, rows })
+    }
+
+    fn cells(&self, name: &str) -> Result<Vec<&str>> {
+        let Some(column) = self.header.iter().position(|other| other == name) else {
+            bail!("{}: there is no column {name:?}; there are {}", self.path.display(), self.header.join(", "));
+        };
+        let cells: Vec<&str> = self.rows.iter().map(|row| row[column].as_str()).collect();
+        if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
+            bail!("{}: row {}: column {name:?} is empty; leave the subject out", self.path.display(), row + 1);
+        }
+        Ok(cells)
+    }
+
+    /// A column of numbers or levels.
+    pub(super) fn column(&self, name: &str) -> Result<Column> {
+        Ok(Column::of(self.cells(name)?))
+    }
+
+    /// A column of paths, relative to the table.
+    pub(super) fn paths(&self, name: &str) -> Result<Vec<PathBuf>> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let cells = self.cells(name)?;
+        if let Some(row) = (1..cells.len()).find(|row| cells[..*row].contains(&cells[*row])) {
+            bail!("{}: row {}: {:?} is in an earlier row, too", self.path.display(), row + 1, cells[row]);
+        }
+        Ok(cells.into_iter().map(|cell| folder.join(cell)).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(name: &str, text: &[u8]) -> Result<Table> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join(name);
+        std::fs::write(&path, text)?;
+        Table::read(&path)
+    }
+
+    #[test]
+    fn commas_tabs_marks_and_quotes() {
+        let found = table("a.csv", "\u{feff}model,age\r\n\"a,b.npz\", 31\r\nc.npz,2.5\r\n".as_bytes()).unwrap();
+        assert_eq!(found.column("age").unwrap(), Column::Numbers(vec![31.0, 2.5]));
+        assert!(found.paths("model").unwrap()[0].ends_with("a,b.npz"));
+        let found = table("a.tsv", b"model\tgroup\nx\tpatient\ny\tcontrol\n").unwrap();
+        assert_eq!(found.column("group").unwrap(), Column::Levels(vec!["patient".into(), "control".into()]));
+    }
+
+    #[test]
+    fn tables_that_are_none_are_refused() {
+        for text in ["model,age\n", "model,model\na,b\n", "model,age\na\n", ""] {
+            assert!(table("a.csv", text.as_bytes()).is_err(), "{text:?}");
+        }
+        assert!(table("a.csv", b"model\n\xff\n").is_err());
+        let found = table("a.csv", b"model,age\na,\na,3\n").unwrap();
+        assert!(found.column("age").is_err() && found.column("sex").is_err() && found.paths("model").is_err());
+    }
+}
