@@ -233,15 +233,16 @@ impl<'a> Group<'a> {
         Ok(warnings?.into_iter().flatten().collect())
     }
 
-    /// How near a member's mirror image comes: -f(-u), whose outside is outside, or -f(u) where parameters are fixed.
+    /// How near a member's mirror images come: -f(-u), whose outside is outside, and -f(u), which is inside out.
     fn mirrored_distance(&self, index: usize, target: &Target) -> f64 {
-        let unit = &self.units[index];
+        let inside_out = self.units[index].negative();
         match &self.plan {
             Some(plan) => {
-                let image = unit.antipodal().negative();
-                plan.search(&image, target, false, &OnlyCancel(self.monitor)).fit.distance
+                let images = [inside_out.antipodal(), inside_out];
+                let search = |image| plan.search(image, target, false, &OnlyCancel(self.monitor)).fit.distance;
+                images.iter().map(search).fold(f64::INFINITY, f64::min)
             }
-            None => object_only(&unit.negative().rows, &target.rows, false).distance,
+            None => object_only(&inside_out.rows, &target.rows, false).distance,
         }
     }
 

@@ -44,7 +44,8 @@ pub enum ProcrustesWarning {
         /// The highest one.
         highest: usize,
     },
-    /// A member is much nearer to the mean as its mirror image: it may be of the other side.
+    /// A member is much nearer to the mean as its mirror image: it may be of the other side. Where shapes hardly differ from
+    /// their mirror images, as hippocampi do, a mirrored member isn't noticed.
     Mirrored {
         /// The member, counted from 0.
         member: usize,

@@ -95,7 +95,8 @@ impl Transform {
     /// the surface; it is then another sampling, without a key in a basis store. A model of a signal can be rotated in
     /// its parameters but not in space.
     ///
-    /// The provenance says it: `transform` is a list, with [`to_json`](Self::to_json) of each call.
+    /// The provenance says it: `transform` is a list, with [`to_json`](Self::to_json) of each call. Settings and distances of
+    /// the fit are left out, as is, for a surface that was moved, its place in a volume: they are those of another model.
     ///
     /// # Errors
     ///
@@ -123,8 +124,14 @@ impl Transform {
             model.coefficients = transform_object(&model.coefficients, &self.similarity)?;
         }
         check_finite(&model.coefficients)?;
+        let provenance = &mut model.provenance;
+        (provenance.settings, provenance.distances) = (None, None);
+        if moves {
+            provenance.geometry = None;
+            provenance.scale = provenance.scale.map(|scale| scale * self.similarity.scale);
+        }
         let step = self.to_json();
-        let done = model.provenance.other.entry("transform").or_insert_with(|| serde_json::json!([]));
+        let done = provenance.other.entry("transform").or_insert_with(|| serde_json::json!([]));
         match done {
             serde_json::Value::Array(steps) => steps.push(step),
             // Another program's field of that name is kept as the first step.

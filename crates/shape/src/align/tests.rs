@@ -100,6 +100,17 @@ fn a_mirror_image_is_matched_only_if_asked_for() {
 }
 
 #[test]
+fn a_hippocampus_isnt_its_reflection() {
+    let Some(surfaces) = hippocampi("foe") else { return };
+    // Its sphere is mirrored with it.
+    let image = posed(&reflected(&surfaces[0]), &Transform { antipodal: true, ..some_pose(8) });
+    let proper = aligned(&image, &surfaces[0], &AlignParams::default()).report.rmsd_after;
+    assert!((proper - 2.2486).abs() < 1e-4, "{proper}");
+    let mirror = AlignParams { mirror: true, ..Default::default() };
+    assert!(aligned(&image, &surfaces[0], &mirror).report.rmsd_after < 1e-11);
+}
+
+#[test]
 fn fixed_parameters_leave_the_sphere_alone() {
     let (surface, mut transform) = (blob(8, 2), some_pose(3));
     transform.rotation = Rotation::IDENTITY;
