@@ -15,6 +15,7 @@ orthonormal harmonics without the Condon-Shortley phase, row ``l**2 + l + m``. `
 """
 
 from . import _load, convert, errors  # noqa: F401  (first, for the kernels)
+from . import shape
 from ._compare import Distances, compare
 from ._core import __version__
 from ._fit import fit, fit_many, solve
@@ -73,6 +74,7 @@ __all__ = [
     "read_signal",
     "read_surface",
     "resample",
+    "shape",
     "solve",
     "write_signal",
     "write_surface",

@@ -28,6 +28,13 @@ __all__ = [
     "read_surface",
     "read_values",
     "resample",
+    "shape_describe",
+    "shape_even",
+    "shape_geometry",
+    "shape_match",
+    "shape_measure",
+    "shape_smooth",
+    "shape_tails",
     "store_build",
     "store_factor",
     "store_schemes",
@@ -163,6 +170,39 @@ def surface_distance(
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> tuple[str, _Floats]: ...
+def shape_measure(
+    model: Model, degree: int, *, tolerance: float, threads: int | None = None, progress: _Progress | None = None
+) -> tuple[str, list[str]]: ...
+def shape_geometry(
+    model: Model,
+    directions: _Floats | None,
+    degree: int,
+    *,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[_Floats, _Floats, _Floats]: ...
+def shape_smooth(model: Model, *, time: float | None, width: float) -> Model: ...
+def shape_describe(model: Model) -> tuple[_Floats, _Floats]: ...
+def shape_match(
+    query: Model,
+    among: Sequence[Model],
+    *,
+    count: int,
+    unit_size: bool,
+    standardized: bool,
+    threads: int | None = None,
+) -> list[tuple[int, float, float]]: ...
+def shape_tails(model: Model) -> _Floats: ...
+def shape_even(
+    model: Model,
+    sphere: _Floats,
+    faces: _Triangles,
+    degree: int,
+    *,
+    steps: int,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[_Floats, float, float, int]: ...
 def store_build(
     store: str,
     sphere: _Floats,

@@ -13,6 +13,7 @@
 //! | `surfaces` | reading, writing, mapping, resampling, comparing |
 //! | `fitting` | fits, one and many |
 //! | `models` | models: evaluation and files |
+//! | `shapes` | shape analysis on models |
 //! | `transforms` | synthesis, its adjoint, and the least squares over them |
 //! | `stores` | basis stores |
 
@@ -21,6 +22,7 @@ mod errors;
 mod fitting;
 mod models;
 mod run;
+mod shapes;
 mod stores;
 mod surfaces;
 mod transforms;
@@ -44,6 +46,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(fitting::fit, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit_many, module)?)?;
     surfaces::register(module)?;
+    shapes::register(module)?;
     stores::register(module)?;
     Ok(())
 }

@@ -61,7 +61,7 @@ pub struct EvenSphere {
 ///
 /// # Errors
 ///
-/// Those of [`extent`](crate::extent::extent); [`ShapeError::Setting`] where the sphere has no triangles or there are no
+/// Those of [`extent`]; [`ShapeError::Setting`] where the sphere has no triangles or there are no
 /// steps; [`ShapeError::Transform`], [`ShapeError::Interrupted`].
 pub fn even_sphere(
     coefficients: &Coefficients,

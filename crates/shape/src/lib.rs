@@ -35,6 +35,28 @@
 //! | `so3_grid`, `refine`, `pair` | all rotations of a grid; one of them refined; both together |
 //! | `group` | a group while it is brought together |
 //! | `templates` | the members that a group's alignment starts from |
+//!
+//! # Example
+//!
+//! ```
+//! use ndarray::Array2;
+//! use spharm_harmonics::{Coefficients, Directions};
+//! use spharm_monitor::Silent;
+//! use spharm_shape::{MeasureParams, local_geometry, measure};
+//!
+//! // x, y and z of degree 1: an ellipsoid of semi-axes 3, 2 and 1.
+//! let unit = (4.0 * std::f64::consts::PI / 3.0).sqrt();
+//! let mut values = Array2::zeros((4, 3));
+//! (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (3.0 * unit, 2.0 * unit, unit);
+//! let ellipsoid = Coefficients::new(values)?;
+//!
+//! let found = measure(&ellipsoid, &MeasureParams::default(), &Silent)?;
+//! assert!((found.volume - 8.0 * std::f64::consts::PI).abs() < 1e-12);
+//! let pole = Directions::from_vertices(&[[0.0, 0.0, 1.0]])?;
+//! let [point] = local_geometry(&ellipsoid, &pole, &Silent)?[..] else { unreachable!() };
+//! assert!((point.gaussian_curvature() - 1.0 / 36.0).abs() < 1e-14);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod align;
 pub mod derivatives;

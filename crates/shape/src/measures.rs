@@ -121,7 +121,7 @@ impl fmt::Display for MeasureWarning {
 ///
 /// # Errors
 ///
-/// Those of [`extent`](crate::extent::extent), [`ShapeError::Setting`], [`ShapeError::Transform`],
+/// Those of [`extent`], [`ShapeError::Setting`], [`ShapeError::Transform`],
 /// [`ShapeError::Interrupted`].
 pub fn measure(
     coefficients: &Coefficients,

@@ -1,7 +1,7 @@
 //! Retrieval: the models of a library that are nearest to one.
 //!
-//! A [`Library`] holds the singular values of its models ([`descriptors`](crate::descriptors)), whose distance from those of
-//! the query bounds the distance of the aligned surfaces from below. [`Library::nearest`] orders by that bound alone;
+//! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)), whose distance from those of
+//! the query bounds the distance of the aligned surfaces from below. [`Library::nearest`] orders by that bound;
 //! [`Library::refined`] has candidates aligned, in the order of their bounds, until the bound of the next one is no better
 //! than what has been found: if the alignment finds the best rotation, the result is that of aligning every model, for the
 //! cost of a few.

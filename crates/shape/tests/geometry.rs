@@ -308,3 +308,20 @@ fn a_hippocampus_has_its_area_and_volume() {
     assert!((found.volume / 2_818.137_615_800_1 - 1.0).abs() < 1e-12, "{found:?}");
     assert!((found.area / 1_477.653_35 - 1.0).abs() < 1e-7, "{found:?}");
 }
+
+/// At many directions and high degrees synthesis goes by transforms; at few by direct sums.
+#[test]
+fn transforms_and_direct_sums_give_the_same_geometry() {
+    let coefficients = bumpy(48);
+    let many = Directions::fibonacci(3_000).expect("directions");
+    let few = Directions::from_unit_vectors(many.as_slice()[..100].to_vec()).expect("directions");
+    let many = local_geometry(&coefficients, &many, &Silent).expect("a surface");
+    let few = local_geometry(&coefficients, &few, &Silent).expect("a surface");
+    for (a, b) in many.iter().zip(&few) {
+        let off = sub(a.normal, b.normal);
+        assert!(dot(off, off).sqrt() < 1e-10, "{a:?} {b:?}");
+        let scale_of = 1.0 + b.curvedness();
+        assert!((a.mean_curvature() - b.mean_curvature()).abs() < 1e-10 * scale_of, "{a:?} {b:?}");
+        assert!((a.gaussian_curvature() - b.gaussian_curvature()).abs() < 1e-10 * scale_of.powi(2), "{a:?} {b:?}");
+    }
+}

@@ -1,0 +1,320 @@
+"""Shape analysis on models, from their coefficients alone: what ``spharm shape`` computes.
+
+>>> import spharm_rs as sp
+>>> surface, sphere = sp.example_surface(4)
+>>> model = sp.fit(surface, sphere, 15)
+>>> measures = sp.shape.measure(model)
+>>> curvature = sp.shape.geometry(model).mean_curvature
+>>> smooth = sp.shape.smooth(model, fwhm=10)
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any, Sequence
+
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._model import Model, sphere_arrays
+from ._progress import Progress, callback
+from ._surface import Surface
+from .errors import SpharmWarning
+
+__all__ = ["Geometry", "Match", "Measures", "describe", "even", "geometry", "measure", "nearest", "smooth", "tails"]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Area, volume and centroid of a model, in its unit.
+
+    Attributes
+    ----------
+    area, volume : float
+    centroid : tuple of float
+        Centre of mass of the inside.
+    sphericity : float
+        ``(36 pi volume**2)**(1/3) / area``: 1 for a sphere, less for all else.
+    area_change : float
+        Relative change of the area from the last grid but one.
+    squeezed : float
+        Part of the sphere where the area element is below a thousandth of its mean.
+    inwards : bool
+        Whether the normals of the parameterisation point inwards.
+    """
+
+    area: float
+    volume: float
+    centroid: tuple[float, float, float]
+    sphericity: float
+    area_change: float
+    squeezed: float
+    inwards: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The geometry of a surface at n directions; curvatures are positive on a sphere.
+
+    Attributes
+    ----------
+    positions, normals : ndarray of float, (n, 3)
+    area_element, mean_curvature, gaussian_curvature, shape_index, curvedness : ndarray of float, (n,)
+    principal_curvatures : ndarray of float, (n, 2)
+        The larger first.
+    """
+
+    positions: Floats
+    normals: Floats
+    area_element: Floats
+    mean_curvature: Floats
+    gaussian_curvature: Floats
+    principal_curvatures: Floats
+    shape_index: Floats
+    curvedness: Floats
+
+
+@dataclass(frozen=True)
+class Match:
+    """A model that was found.
+
+    Attributes
+    ----------
+    index : int
+        Its place among those searched.
+    distance : float
+        Distance of the singular values, in the models' unit.
+    score : float
+        What the models were ordered by.
+    """
+
+    index: int
+    distance: float
+    score: float
+
+
+def _model(what: str, model: Any) -> _core.Model:
+    if not isinstance(model, Model):
+        raise ValueError(f"{what}: expected a Model, found {model!r}")
+    return model._inner
+
+
+def _degree(model: Model, degree: int | None) -> int:
+    return model.max_degree if degree is None else _arrays.whole("degree", degree)
+
+
+def measure(
+    model: Model,
+    *,
+    degree: int | None = None,
+    tolerance: float = 1e-7,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Measures:
+    """Measures area, volume and centroid.
+
+    Parameters
+    ----------
+    model : Model
+        Of a surface.
+    degree : int, optional
+        Highest degree; by default all.
+    tolerance : float
+        Relative change of the area from one grid to the next finer one that is small enough. Volume and centroid are exact.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Measures
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> coefficients = np.zeros((4, 3))
+    >>> coefficients[3, 0] = coefficients[1, 1] = coefficients[2, 2] = (4 * np.pi / 3) ** 0.5
+    >>> round(sp.shape.measure(sp.Model(coefficients)).volume, 12) == round(4 * np.pi / 3, 12)
+    True
+    """
+    text, found = _core.shape_measure(
+        _model("model", model),
+        _degree(model, degree),
+        tolerance=float(tolerance),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    for warning in found:
+        warnings.warn(warning, SpharmWarning, stacklevel=2)
+    figures = json.loads(text)
+    figures["centroid"] = tuple(figures["centroid"])
+    return Measures(**figures)
+
+
+def geometry(
+    model: Model,
+    at: ArrayLike | None = None,
+    *,
+    degree: int | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Geometry:
+    """Computes normals and curvatures, exact from the coefficients and at the poles, too.
+
+    Parameters
+    ----------
+    model : Model
+        Of a surface.
+    at : array_like of float, (n, 3), optional
+        Vectors of any length but zero; by default those it was fitted at.
+    degree : int, optional
+        Highest degree; by default all.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Geometry
+        Along the parameterisation: of a model over a mirrored sphere (`Measures.inwards`) normals point inwards.
+    """
+    positions, normals, columns = _core.shape_geometry(
+        _model("model", model),
+        None if at is None else _arrays.positions("at", at),
+        _degree(model, degree),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    element, mean, gaussian, _, _, index, curvedness = columns.T
+    return Geometry(positions, normals, element, mean, gaussian, columns[:, 3:5], index, curvedness)
+
+
+def smooth(model: Model, *, fwhm: float | None = None, s: float | None = None) -> Model:
+    """Smooths a surface or a signal by the heat kernel: degree l is multiplied by ``exp(-l (l + 1) s)``.
+
+    Parameters
+    ----------
+    model : Model
+    fwhm : float
+        Full width at half maximum, in degrees of arc on the sphere: ``4 sqrt(s ln 2)`` radians.
+    s : float
+        The time of diffusion, in place of a width.
+
+    Returns
+    -------
+    Model
+    """
+    if (fwhm is None) == (s is None):
+        raise ValueError("fwhm, s: expected one of them")
+    time, width = (None, math.radians(fwhm)) if fwhm is not None else (float(s or 0.0), 0.0)
+    return Model._of(_core.shape_smooth(_model("model", model), time=time, width=width))
+
+
+def describe(model: Model) -> tuple[Floats, Floats]:
+    """Describes a model by numbers that rotations, reflections and translations don't change.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    power : ndarray of float, (L,)
+        Mean square over the sphere of what each degree from 1 on adds.
+    singular_values : ndarray of float, (L, c)
+        Singular values of each degree's coefficients over ``sqrt(4 pi)``, largest first; their squares sum to the power.
+    """
+    return _core.shape_describe(_model("model", model))
+
+
+def nearest(
+    query: Model,
+    among: Sequence[Model],
+    count: int = 5,
+    *,
+    unit_size: bool = False,
+    standardized: bool = False,
+    threads: int | None = None,
+) -> list[Match]:
+    """Finds the models whose singular values are nearest to those of one, in whatever pose.
+
+    Parameters
+    ----------
+    query : Model
+    among : sequence of Model
+        Compared to the lowest degree of all.
+    count : int
+        How many are returned.
+    unit_size : bool
+        Compare models scaled to size 1.
+    standardized : bool
+        Divide each number by its standard deviation over ``among``.
+    threads : int, optional
+
+    Returns
+    -------
+    list of Match
+        Nearest first. The distance is at most the root mean square distance of the surfaces in the best pose.
+    """
+    found = _core.shape_match(
+        _model("query", query),
+        [_model("among", model) for model in among],
+        count=_arrays.whole("count", count),
+        unit_size=bool(unit_size),
+        standardized=bool(standardized),
+        threads=_arrays.threads(threads),
+    )
+    return [Match(*match) for match in found]
+
+
+def tails(model: Model) -> Floats:
+    """Returns the root mean square distance of a model from its degrees 0 to d, for each d: (L + 1,), exact by Parseval."""
+    return _core.shape_tails(_model("model", model))
+
+
+def even(
+    model: Model,
+    at: Any = 5,
+    *,
+    degree: int | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Surface:
+    """Relocates a sphere's vertices so that the surface's triangles over it have about the same area.
+
+    Parameters
+    ----------
+    model : Model
+        Of a surface.
+    at : int, Surface or what `as_surface` takes
+        Level of an icosphere, or a sphere.
+    degree : int, optional
+        Highest degree of the surface; by default all.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Surface
+        The sphere; ``model.surface(even(model))`` is the mesh.
+    """
+    from ._surface import icosphere, named_icosphere
+
+    sphere = icosphere(at) if isinstance(at, int) and not isinstance(at, bool) else named_icosphere(at)
+    vertices, faces, _ = sphere_arrays(sphere)
+    if faces is None:
+        raise ValueError("at: expected a sphere with triangles")
+    directions, _, _, folded = _core.shape_even(
+        _model("model", model),
+        vertices,
+        faces,
+        _degree(model, degree),
+        steps=16,
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    if folded:
+        warnings.warn(f"{folded} triangles are turned over; a finer sphere has room for this surface", SpharmWarning, stacklevel=2)
+    return Surface(directions, faces)
