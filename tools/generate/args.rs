@@ -6,7 +6,7 @@ use clap::Args;
 use spharm_cli::Common;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 
-/// Write a folded surface and its sphere, for trying things out
+/// Write a folded surface and its sphere, or a study of two groups, for trying things out
 ///
 /// A smooth map bends an icosphere into a closed surface with folds like those of a cortex, about 140 mm long and not
 /// star-shaped. Vertex i of the surface belongs to vertex i of the sphere. The same arguments give the same bits.
@@ -15,6 +15,7 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
     &[
         "spharm generate --surface cortex.surf.gii --sphere sphere.surf.gii",
         "spharm generate --variant 1 --subdivisions 4 --surface small.ply",
+        "spharm generate --study meshes --subjects 12 --bump 2",
     ],
     &[help::MESHES],
 ))]
@@ -35,8 +36,19 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) surface: Option<PathBuf>,
     /// Sphere to write
-    #[arg(long, value_name = "OUT", required_unless_present = "surface", help_heading = OUTPUT)]
+    #[arg(long, value_name = "OUT", required_unless_present_any = ["surface", "study"], help_heading = OUTPUT)]
     pub(super) sphere: Option<PathBuf>,
+    /// Folder to write the meshes of a study to, with study.csv
+    ///
+    /// Subjects of two groups, a and b, bodies of 40 mm in random poses, without spheres; those of b have a bump.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["surface", "sphere", "subdivisions"], help_heading = OUTPUT)]
+    pub(super) study: Option<PathBuf>,
+    /// Subjects of a study, half of them in each group
+    #[arg(long, value_name = "N", default_value_t = 12, requires = "study", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]
+    pub(super) subjects: u64,
+    /// Height of the bump, in mm
+    #[arg(long, value_name = "MM", default_value_t = 2.0, requires = "study", help_heading = METHOD)]
+    pub(super) bump: f64,
     /// Write 64-bit positions where the format has a choice
     #[arg(long, help_heading = OUTPUT)]
     pub(super) double: bool,

@@ -2,15 +2,20 @@
 
 mod args;
 
-use anyhow::Result;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
 use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
-use spharm_surface::generate::{Cortex, cortex};
-use spharm_surface::io::{Output, WriteOptions, write_mesh};
+use spharm_surface::generate::{Cortex, Study, cortex};
+use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 pub(crate) use self::args::Cli;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
+    if let Some(folder) = &cli.study {
+        return study(cli, folder);
+    }
     let outputs = [(&cli.surface, "--surface"), (&cli.sphere, "--sphere")];
     let file = |path, flag| OutputFile::holding(path, flag, Output::OrderedMesh);
     let named = outputs.iter().filter_map(|(path, flag)| path.as_deref().map(|path| file(path, flag)));
@@ -25,4 +30,33 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Writes the meshes of a study and its table.
+fn study(cli: &Cli, folder: &Path) -> Result<()> {
+    if !cli.bump.is_finite() {
+        bail!("--bump is {}; it must be finite", cli.bump);
+    }
+    let study = Study { seed: cli.variant, bump: cli.bump, ..Study::default() };
+    let half = cli.subjects.div_ceil(2);
+    let digits = cli.subjects.to_string().len().max(2);
+    let subject = |number: u64| {
+        let second = number >= half;
+        let (group, index) = if second { ("b", number - half) } else { ("a", number) };
+        (format!("{group}{:0digits$}", index + 1), group, index, second)
+    };
+    let subjects: Vec<_> = (0..cli.subjects).map(subject).collect();
+    let meshes: Vec<PathBuf> = subjects.iter().map(|(name, ..)| folder.join(format!("{name}.ply"))).collect();
+    let table = folder.join("study.csv");
+    let files = meshes.iter().map(|path| OutputFile::holding(path, "--study", Output::OrderedMesh));
+    check_outputs(files.chain([OutputFile::new(&table, "--study")]), cli.force)?;
+    prepare(&table)?;
+    let mut text = "subject,mesh,group\n".to_owned();
+    for ((name, group, index, second), path) in subjects.iter().zip(&meshes) {
+        let options = WriteOptions { overwrite: cli.force, double: cli.double };
+        write_mesh(path, &study.subject(*index, *second), &options)?;
+        text += &format!("{name},{name}.ply,{group}\n");
+    }
+    write_new(&table, cli.force, |out| out.write_all(text.as_bytes()))?;
+    print(&format!("{}: {} meshes, study.csv", folder.display(), meshes.len()))
 }

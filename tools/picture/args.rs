@@ -35,6 +35,15 @@ pub(crate) struct Cli {
     /// the first surface. The scale's label says which.
     #[arg(long, help_heading = OUTPUT)]
     pub(super) error: bool,
+    /// One more panel for each: the first surface coloured by values on its vertices
+    ///
+    /// Files of one value a vertex, such as the maps of `spharm shape measure` and `test`. Colours are symmetric about 0
+    /// where values have both signs, else from the least to the largest; --range says otherwise.
+    #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
+    pub(super) map: Vec<PathBuf>,
+    /// Values that get the first and the last colour of the maps
+    #[arg(long, value_name = "LOW,HIGH", requires = "map", allow_hyphen_values = true, value_parser = range, help_heading = OUTPUT)]
+    pub(super) range: Option<(f64, f64)>,
     /// Text beneath each panel, in order [default: the files' names]
     #[arg(long, value_name = "TEXT", help_heading = OUTPUT)]
     pub(super) caption: Vec<String>,
@@ -61,6 +70,14 @@ pub(crate) struct Cli {
     pub(super) force: bool,
     #[command(flatten)]
     pub(super) common: Common,
+}
+
+fn range(text: &str) -> Result<(f64, f64), String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|number| number.trim().parse().ok()).collect();
+    match numbers[..] {
+        [low, high] if low < high && low.is_finite() && high.is_finite() => Ok((low, high)),
+        _ => Err("expected two numbers, LOW,HIGH, the lower one first".to_owned()),
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]

@@ -12,7 +12,7 @@ use spharm_harmonics::Directions;
 use spharm_parametrize::quality::log_area_ratios;
 use spharm_render::{Paint, Panel, Settings, fit_into, render, symmetric_range, write_png};
 use spharm_surface::Mesh;
-use spharm_surface::io::{WriteOptions, read_mesh};
+use spharm_surface::io::{WriteOptions, read_mesh, read_signal};
 use spharm_surface::metrics::{correspond, distances_to_surface, vertex_distances};
 
 pub(crate) use self::args::Cli;
@@ -45,6 +45,13 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         let paint = Paint::Scalar { values: &ratios, range: symmetric_range(&ratios), label: "log area ratio" };
         panels.insert(1, Panel { paint, ..Panel::new(&sphere, "sphere") });
     }
+    let maps = cli.map.iter().map(|path| read_map(path, &meshes[0])).collect::<Result<Vec<_>>>()?;
+    let labels: Vec<String> = cli.map.iter().map(|path| stem(path)).collect();
+    for (values, label) in maps.iter().zip(&labels) {
+        let range = cli.range.unwrap_or_else(|| range_of(values));
+        let paint = Paint::Scalar { values, range, label };
+        panels.push(Panel { paint, ..Panel::new(&meshes[0], label) });
+    }
     panels.iter_mut().zip(&cli.caption).for_each(|(panel, caption)| panel.caption = caption);
     let size = usize::from(cli.size);
     let view = cli.view.view();
@@ -52,6 +59,33 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     prepare(&cli.output)?;
     write_png(&cli.output, &render(&panels, &settings)?, &WriteOptions { overwrite: cli.force, double: false })?;
     print(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
+}
+
+/// Values on a surface's vertices.
+fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
+    let signal = read_signal(path)?;
+    let (vertices, found) = (surface.vertices.len(), (signal.vertices, signal.channels));
+    if found != (vertices, 1) {
+        bail!(
+            "{}: expected one value for each of {vertices} vertices, found {} for each of {}",
+            path.display(),
+            counted(found.1, "value"),
+            found.0
+        );
+    }
+    match signal.values.iter().position(|value| !value.is_finite()) {
+        Some(vertex) => bail!("{}: vertex {vertex} has no finite value", path.display()),
+        None => Ok(signal.values),
+    }
+}
+
+/// A range about 0 for values of both signs, else from the least to the largest.
+fn range_of(values: &[f64]) -> (f64, f64) {
+    let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
+    if low < 0.0 && high > 0.0 {
+        return symmetric_range(values);
+    }
+    if low < high { (low, high) } else { (low, low + f64::MIN_POSITIVE.max(low.abs())) }
 }
 
 /// The sphere of a surface, with radius 1.

@@ -11,6 +11,7 @@ mod maps;
 mod matching;
 mod mean;
 mod measure;
+mod morph;
 mod outputs;
 mod pca;
 mod remesh;
@@ -60,6 +61,7 @@ enum Command {
     Mean(mean::Cli),
     Pca(pca::Cli),
     Sample(sample::Cli),
+    Morph(morph::Cli),
     Test(test::Cli),
 }
 
@@ -77,6 +79,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Mean(cli) => mean::run(cli, &monitor),
         Command::Pca(cli) => pca::run(cli, &monitor),
         Command::Sample(cli) => sample::run(cli, &monitor),
+        Command::Morph(cli) => morph::run(cli, &monitor),
         Command::Test(cli) => test::run(cli, &monitor),
     }
 }

@@ -18,6 +18,7 @@
 
 #![forbid(unsafe_code)]
 
+mod animation;
 mod camera;
 mod error;
 mod image;
@@ -28,6 +29,7 @@ mod text;
 use spharm_surface::Mesh;
 use spharm_surface::metrics::{colors, viridis};
 
+pub use animation::{render_frames, write_gif};
 use camera::Camera;
 pub use camera::View;
 pub use error::RenderError;

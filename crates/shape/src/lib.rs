@@ -24,6 +24,7 @@
 //! | [`even`] | directions that spread vertices evenly over the surface |
 //! | [`mod@extent`] | whether coefficients are those of a surface |
 //! | [`mod@singular_values`] | of matrices of few columns, to full accuracy |
+//! | [`morph`] | shapes between two surfaces |
 //! | [`field`] | what a group measures at the vertices of a sampling |
 //! | [`pca`] | mean and modes of a group, and their quality |
 //! | [`stats`] | tests of groups and covariates at every vertex |
@@ -75,6 +76,7 @@ mod kabsch;
 pub mod levels;
 mod matrix3;
 pub mod measures;
+pub mod morph;
 mod pair;
 pub mod pca;
 pub mod procrustes;

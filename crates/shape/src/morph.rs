@@ -1,0 +1,187 @@
+//! Shapes between two surfaces.
+//!
+//! The moving surface is first [aligned](mod@crate::align): its coefficients become `T a` with a rotation R of the
+//! parameters and a similarity of space. Between the two the shape is interpolated linearly, `(1 - t) T a + t b`, without row
+//! 0, and the pose, where it is to be kept, along the shortest path: the object's rotation at a constant angular speed (K.
+//! Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), scale and place linearly. So a surface that is
+//! only moved isn't deformed on its way. Where surfaces don't correspond well, the volume half way is small: see
+//! [`volume_ratio`].
+
+use spharm_harmonics::Coefficients;
+use spharm_monitor::Monitor;
+
+use crate::align::{AlignParams, Alignment, align};
+use crate::matrix3::transposed;
+use crate::transform::{SQRT_4_PI, Similarity, transform_object};
+use crate::{MeasureParams, Rotation, ShapeError, measure};
+
+/// Below this share of the smaller end's volume the one half way says that the surfaces don't correspond.
+pub const LEAST_VOLUME: f64 = 0.8;
+
+/// A path between two surfaces of one degree.
+#[derive(Debug, Clone)]
+pub struct Morph {
+    /// The first surface in the second one's parameters and pose.
+    start: Coefficients,
+    end: Coefficients,
+    /// From the first surface's pose to the second one's: what the alignment did in space.
+    pose: Similarity,
+    /// How the surfaces were aligned.
+    pub alignment: Alignment,
+    keep_pose: bool,
+}
+
+impl Morph {
+    /// Aligns `from` to `to` and makes the path between them, at the lower degree of the two. With `keep_pose` it begins
+    /// where `from` lies in space; else all of it is in the pose of `to`.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`align()`]; [`ShapeError::Setting`] for a mirrored alignment whose pose is to be kept, between which there
+    /// is no rotation.
+    pub fn new(
+        from: &Coefficients,
+        to: &Coefficients,
+        params: &AlignParams,
+        keep_pose: bool,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, ShapeError> {
+        let alignment = align(from, to, params, monitor)?;
+        let pose = alignment.report.transform.similarity;
+        if keep_pose && pose.mirrors() {
+            return Err(ShapeError::Setting {
+                name: "the pose of a mirrored surface",
+                found: "to be kept".to_owned(),
+                expected: "there is no rotation from a surface to its mirror image; morph in the target's pose",
+            });
+        }
+        let degree = alignment.coefficients.max_degree().min(to.max_degree());
+        let cut = |surface: &Coefficients| Coefficients::new(surface.up_to(degree).to_owned());
+        Ok(Self { start: cut(&alignment.coefficients)?, end: cut(to)?, pose, alignment, keep_pose })
+    }
+
+    /// Returns the surface at time t: 0 is the first one, 1 the second one.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Setting`] for a t that isn't finite.
+    pub fn at(&self, t: f64) -> Result<Coefficients, ShapeError> {
+        if !t.is_finite() {
+            let found = t.to_string();
+            return Err(ShapeError::Setting { name: "the time of a morph", found, expected: "it must be finite" });
+        }
+        let shape = Coefficients::new(self.start.values() * (1.0 - t) + self.end.values() * t)?;
+        if !self.keep_pose {
+            return Ok(shape);
+        }
+        // About the shape's own place: x -> Q(t)^T (x - c) s(t) + c'(t).
+        let rotation = Rotation::from_matrix(self.pose.orthogonal)?;
+        let part = portion(&rotation, 1.0 - t)?;
+        let scale = self.pose.scale.powf(1.0 - t);
+        let centre =
+            |surface: &Coefficients| -> [f64; 3] { std::array::from_fn(|k| surface.values()[[0, k]] / SQRT_4_PI) };
+        let (first, second, here) = (centre(&self.start), centre(&self.end), centre(&shape));
+        // Where the first surface was before the alignment.
+        let back = transposed(&self.pose.orthogonal);
+        let before: [f64; 3] = {
+            let moved: [f64; 3] = std::array::from_fn(|k| (first[k] - self.pose.translation[k]) / self.pose.scale);
+            std::array::from_fn(|i| (0..3).map(|j| back[i][j] * moved[j]).sum())
+        };
+        let place: [f64; 3] = std::array::from_fn(|k| (1.0 - t) * before[k] + t * second[k]);
+        let orthogonal = transposed(&part.matrix());
+        let turned: [f64; 3] = std::array::from_fn(|i| (0..3).map(|j| orthogonal[i][j] * here[j]).sum::<f64>() / scale);
+        let translation = std::array::from_fn(|k| place[k] - turned[k]);
+        transform_object(&shape, &Similarity { orthogonal, scale: 1.0 / scale, translation })
+    }
+}
+
+/// The part `share` of a rotation: about its axis, by that share of its angle.
+fn portion(rotation: &Rotation, share: f64) -> Result<Rotation, ShapeError> {
+    let m = rotation.matrix();
+    let angle = rotation.angle();
+    let axis = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]];
+    let length = axis.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if length > 1e-6 {
+        return Rotation::from_axis_angle(axis, share * angle);
+    }
+    if angle < 1.0 {
+        return Ok(Rotation::IDENTITY);
+    }
+    // A half turn: 1 + R is twice the projection to the axis.
+    let plus: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] + f64::from(i == j)));
+    let longest = (0..3).max_by(|&a, &b| plus[a][a].total_cmp(&plus[b][b])).unwrap_or(0);
+    Rotation::from_axis_angle(plus[longest], share * angle)
+}
+
+/// Returns the volume half way over the smaller one of the ends'. Below [`LEAST_VOLUME`] the surfaces don't correspond.
+///
+/// # Errors
+///
+/// Those of [`measure`].
+pub fn volume_ratio(morph: &Morph, monitor: &dyn Monitor) -> Result<f64, ShapeError> {
+    let volume =
+        |surface: &Coefficients| Ok::<_, ShapeError>(measure(surface, &MeasureParams::default(), monitor)?.volume);
+    let middle = Coefficients::new((morph.start.values() + morph.end.values()) * 0.5)?;
+    let least = volume(&morph.start)?.abs().min(volume(&morph.end)?.abs());
+    Ok(volume(&middle)?.abs() / least)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix3::product;
+    use crate::{Transform, rmsd};
+    use ndarray::Array2;
+    use spharm_monitor::Silent;
+
+    fn body(degree: usize, seed: f64) -> Coefficients {
+        let count = (degree + 1) * (degree + 1);
+        let mut values = Array2::from_shape_fn((count, 3), |(k, c)| {
+            let l = (k as f64).sqrt().floor();
+            0.4 * ((seed + 7.3 * k as f64 + 1.9 * c as f64).sin()) / (1.0 + l * l)
+        });
+        (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 5.0, 3.0);
+        Coefficients::new(values).unwrap()
+    }
+
+    #[test]
+    fn ends_are_the_surfaces_and_a_moved_one_keeps_its_shape() {
+        let from = body(6, 0.0);
+        let rotation = Rotation::from_axis_angle([1.0, 2.0, -0.5], 1.1).unwrap();
+        let moved = Transform {
+            rotation: Rotation::from_euler(0.3, 1.2, -2.0).unwrap(),
+            antipodal: false,
+            similarity: Similarity { orthogonal: rotation.matrix(), scale: 2.0, translation: [5.0, -3.0, 1.0] },
+        };
+        let to = moved.apply(&from, &Silent).unwrap();
+        let params = AlignParams { scale: true, ..AlignParams::default() };
+        let morph = Morph::new(&from, &to, &params, true, &Silent).unwrap();
+        assert!(rmsd(&morph.at(1.0).unwrap(), &to).unwrap() < 1e-9);
+        let volume = |surface: &Coefficients| measure(surface, &MeasureParams::default(), &Silent).unwrap().volume;
+        let (first, half) = (morph.at(0.0).unwrap(), morph.at(0.5).unwrap());
+        assert!((volume(&first) / volume(&from) - 1.0).abs() < 1e-9);
+        // Scale goes from 1 to 2: its root half way.
+        assert!((volume(&half) / volume(&from) - 8f64.sqrt()).abs() < 1e-8);
+        let place = |surface: &Coefficients| [0, 1, 2].map(|k| surface.values()[[0, k]]);
+        for k in 0..3 {
+            assert!((place(&first)[k] - from.values()[[0, k]]).abs() < 1e-9);
+            let middle = 0.5 * (place(&first)[k] + to.values()[[0, k]]);
+            assert!((place(&half)[k] - middle).abs() < 1e-9);
+        }
+        // In the pose of the second one it rests.
+        let still = Morph::new(&from, &to, &params, false, &Silent).unwrap();
+        assert!(rmsd(&still.at(0.3).unwrap(), &to).unwrap() < 1e-9);
+        assert!((volume_ratio(&still, &Silent).unwrap() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn portions_of_a_rotation_compose() {
+        let half_turn = Rotation::from_axis_angle([0.0, 1.0, 1.0], std::f64::consts::PI).unwrap();
+        let other = Rotation::from_axis_angle([1.0, -2.0, 0.5], 2.5).unwrap();
+        for rotation in [half_turn, other, Rotation::IDENTITY] {
+            let (a, b) = (portion(&rotation, 0.3).unwrap(), portion(&rotation, 0.7).unwrap());
+            let (found, expected) = (product(&a.matrix(), &b.matrix()), rotation.matrix());
+            assert!((0..9).all(|k| (found[k / 3][k % 3] - expected[k / 3][k % 3]).abs() < 1e-12));
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! `shape morph`: shapes between two models.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use serde_json::json;
+use spharm::shape::AlignParams;
+use spharm::shape::morph::{LEAST_VOLUME, Morph, volume_ratio};
+use spharm::{Kind, Model, Sphere};
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+use spharm_render::{Settings, View, render_frames, write_gif};
+use spharm_surface::Mesh;
+use spharm_surface::io::{Output, WriteOptions, write_mesh};
+
+use super::args::{ReportArgs, Resources};
+use super::outputs::{check, finish};
+
+/// Make the shapes between two models
+///
+/// The first one is aligned to the second one; then shapes are interpolated linearly. With --keep-pose the path begins
+/// where the first one lies in space, and turns on its way; else all shapes are in the second one's pose.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape morph a.spharm.npz b.spharm.npz --steps 11 -o path",
+        "spharm shape morph a.spharm.npz b.spharm.npz --steps 31 --animation morph.gif -o path --format spharm.npz",
+    ],
+    &[help::MESHES],
+))]
+pub(super) struct Cli {
+    /// First model
+    #[arg(value_name = "FROM.spharm.npz", help_heading = INPUT)]
+    from: PathBuf,
+    /// Last model
+    #[arg(value_name = "TO.spharm.npz", help_heading = INPUT)]
+    to: PathBuf,
+    /// Shapes, both ends included
+    #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u16).range(2..=1000), help_heading = METHOD)]
+    steps: u16,
+    /// Begin in the first model's pose
+    #[arg(long, help_heading = METHOD)]
+    keep_pose: bool,
+    /// Also match the mirror image
+    #[arg(long, help_heading = METHOD)]
+    mirror: bool,
+    /// Subdivisions of the icosphere that meshes are evaluated on
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]
+    icosphere: u32,
+    /// Folder to write to
+    #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
+    output: PathBuf,
+    /// Ending of the files: of a mesh, or spharm.npz for models
+    #[arg(long, value_name = "ENDING", default_value = "ply", help_heading = OUTPUT)]
+    format: String,
+    /// Animation to write
+    #[arg(long, value_name = "OUT.gif", help_heading = OUTPUT)]
+    animation: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+/// Pixels of the animation's sides, and hundredths of a second that a shape is shown.
+const SIDE: usize = 360;
+const DELAY: u16 = 8;
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let format = cli.format.trim_start_matches('.');
+    let as_models = format == "spharm.npz";
+    let last = usize::from(cli.steps) - 1;
+    let digits = last.to_string().len();
+    let files: Vec<PathBuf> = (0..=last).map(|step| cli.output.join(format!("step{step:0digits$}.{format}"))).collect();
+    let kind = |path| match as_models {
+        true => OutputFile::with_ending(path, "--format", &[".npz"]),
+        false => OutputFile::holding(path, "--format", Output::Mesh),
+    };
+    let animation = cli.animation.iter().map(|path| OutputFile::with_ending(path, "--animation", &[".gif"]));
+    check(files.iter().map(|path| kind(path.as_path())).chain(animation), &cli.report)?;
+    let (from, to) = (Model::read(&cli.from)?, Model::read(&cli.to)?);
+    let params = AlignParams { mirror: cli.mirror, scale: false, ..AlignParams::default() };
+    let pool = cli.resources.threads.pool()?;
+    let (morph, ratio) = pool.install(|| -> Result<_> {
+        let morph = Morph::new(&from.coefficients, &to.coefficients, &params, cli.keep_pose, monitor);
+        let morph = morph.with_context(|| format!("{} to {}", cli.from.display(), cli.to.display()))?;
+        let ratio = volume_ratio(&morph, monitor)?;
+        Ok((morph, ratio))
+    })?;
+    let mut warnings: Vec<String> = morph.alignment.report.warnings.iter().map(ToString::to_string).collect();
+    if ratio < LEAST_VOLUME {
+        warnings.push(format!(
+            "half way the volume is {ratio:.2} of the smaller end's: the surfaces don't correspond, and shapes between them \
+             mean little"
+        ));
+    }
+    warnings.iter().for_each(|warning| monitor.console().warn(warning));
+    let options = WriteOptions { overwrite: cli.report.force, double: false };
+    let sphere = Sphere::icosphere(cli.icosphere);
+    let mut meshes: Vec<Mesh> = Vec::new();
+    for (step, path) in files.iter().enumerate() {
+        spharm::Monitor::check(monitor)?;
+        let mut model = Model::without_sphere(morph.at(step as f64 / last as f64)?, Kind::Surface);
+        model.provenance.tool = Some("shape morph".to_owned());
+        model.provenance.versions = Some(spharm::versions());
+        let mesh = pool.install(|| model.reconstruct(&sphere, model.coefficients.max_degree()))?;
+        prepare(path)?;
+        if as_models {
+            model.write_with(path, cli.report.force)?;
+        } else {
+            write_mesh(path, &mesh, &options)?;
+        }
+        meshes.push(mesh);
+    }
+    if let Some(path) = &cli.animation {
+        let settings = Settings { width: SIDE, height: SIDE, view: View::CORNER, ..Settings::default() };
+        let mut frames = pool.install(|| render_frames(&meshes, &settings))?;
+        // There and back.
+        let back: Vec<_> = frames.iter().rev().skip(1).take(last.saturating_sub(1)).cloned().collect();
+        frames.extend(back);
+        prepare(path)?;
+        write_gif(path, &frames, DELAY, &options)?;
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    let after = morph.alignment.report.rmsd_after;
+    let report = json!({
+        "from": cli.from,
+        "to": cli.to,
+        "outputs": files,
+        "animation": cli.animation,
+        "rmsd": after,
+        "volume_ratio": ratio,
+        "warnings": warnings,
+        "seconds": seconds,
+    });
+    let line = format!(
+        "{}: {} shapes; distance of the ends {after:.6}; volume half way {ratio:.3} of the smaller end's",
+        cli.output.display(),
+        files.len()
+    );
+    finish("morph", &report, &[vec![line]], &cli.report)
+}
