@@ -18,10 +18,12 @@
 //! | [`even`] | directions that spread vertices evenly over the surface |
 //! | [`mod@extent`] | whether coefficients are those of a surface |
 //! | [`mod@singular_values`] | of matrices of few columns, to full accuracy |
+//! | [`codec`] | compressed models, and back |
 //! | [`error`] | [`ShapeError`] |
 
 #![forbid(unsafe_code)]
 
+pub mod codec;
 pub mod derivatives;
 pub mod descriptors;
 pub mod error;
