@@ -15,6 +15,7 @@ mod paper;
 mod pipeline;
 mod readme;
 mod reruns;
+mod shape;
 mod store;
 mod surface_target;
 mod verbs;

@@ -62,7 +62,7 @@ fn every_verb_has_help_with_examples_completions_and_a_manual_page() {
         "compare",
         "picture",
         "moments",
-        "moments",
+        "shape",
         "basis-build",
         "store",
         "generate",

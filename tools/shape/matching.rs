@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde_json::json;
-use spharm::shape::{Descriptors, Library};
+use spharm::shape::{Descriptors, Library, Metric};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
@@ -44,6 +44,12 @@ pub(super) struct Cli {
     /// Compare models scaled to size 1
     #[arg(long, help_heading = METHOD)]
     unit_size: bool,
+    /// What models are ordered by
+    ///
+    /// standardized divides each number by its standard deviation over the models that are searched, so that small, high
+    /// degrees count as much as low ones.
+    #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
+    metric: By,
     /// Table to write
     #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
@@ -53,7 +59,13 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-const COLUMNS: [&str; 4] = ["query", "rank", "model", "distance"];
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum By {
+    Distance,
+    Standardized,
+}
+
+const COLUMNS: [&str; 5] = ["query", "rank", "model", "distance", "score"];
 
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
@@ -80,17 +92,27 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut rows = vec![COLUMNS.map(str::to_owned).to_vec()];
     let mut cells = Vec::new();
     let mut reports = Vec::new();
+    let metric = if cli.metric == By::Distance { Metric::Distance } else { Metric::Standardized };
     for (path, query) in queries.iter().zip(&of_queries) {
-        let found = pool.install(|| library.nearest(query, cli.top)).with_context(|| path.display().to_string())?;
+        let found =
+            pool.install(|| library.nearest(query, cli.top, metric)).with_context(|| path.display().to_string())?;
         for (rank, found) in found.iter().enumerate() {
-            let of = |distance| {
+            let of = |number: fn(f64) -> String| {
                 let model = among[found.index].display().to_string();
-                vec![path.display().to_string(), (rank + 1).to_string(), model, distance]
+                vec![
+                    path.display().to_string(),
+                    (rank + 1).to_string(),
+                    model,
+                    number(found.bound),
+                    number(found.score),
+                ]
             };
-            rows.push(of(format!("{:.6}", found.bound)));
-            cells.push(of(number(found.bound)));
+            rows.push(of(|value| format!("{value:.6}")));
+            cells.push(of(number));
         }
-        let matches = found.iter().map(|found| json!({ "model": among[found.index], "distance": found.bound }));
+        let matches = found
+            .iter()
+            .map(|found| json!({ "model": among[found.index], "distance": found.bound, "score": found.score }));
         reports.push(json!({ "query": path, "matches": matches.collect::<Vec<_>>() }));
     }
     let searching = started.elapsed().as_secs_f64();
@@ -100,6 +122,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let report = json!({
         "degree": degree,
         "unit_size": cli.unit_size,
+        "metric": if cli.metric == By::Distance { "distance" } else { "standardized" },
         "models": among.len(),
         "queries": reports,
         "warnings": warnings,

@@ -66,7 +66,7 @@ struct Degree {
     #[arg(long, value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Lowest degree within a root mean square distance of the model, in its unit
-    #[arg(long, value_name = "D", help_heading = METHOD)]
+    #[arg(long, value_name = "D", allow_negative_numbers = true, help_heading = METHOD)]
     tolerance: Option<f64>,
     /// Degrees, a file for each
     #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]

@@ -45,10 +45,10 @@ pub(super) struct Cli {
 #[group(required = true, multiple = false)]
 struct Width {
     /// Full width at half maximum, in degrees of arc
-    #[arg(long, value_name = "DEG", help_heading = METHOD)]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, help_heading = METHOD)]
     fwhm: Option<f64>,
     /// Time of diffusion, s
-    #[arg(long = "s", value_name = "S", help_heading = METHOD)]
+    #[arg(long = "s", value_name = "S", allow_negative_numbers = true, help_heading = METHOD)]
     time: Option<f64>,
 }
 

@@ -7,6 +7,7 @@ mod fit;
 
 use std::io;
 
+use spharm::shape::even::NO_TRIANGLES;
 use spharm::{Error, ModelError, MomentsError, ShapeError};
 use spharm_parametrize::ParametrizeError;
 use spharm_solver::SolverError;
@@ -183,7 +184,7 @@ fn of_shape(error: &ShapeError) -> Option<String> {
         ShapeError::NoExtent { .. } => {
             Some("`spharm reconstruct` shows it; fit the surface again, to degree 1 or more".to_owned())
         }
-        ShapeError::Setting { what: "triangles of the sphere", .. } => {
+        ShapeError::Setting { name: NO_TRIANGLES, .. } => {
             Some("--icosphere N or a --sphere that is a mesh has triangles".to_owned())
         }
         _ => None,

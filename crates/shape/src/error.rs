@@ -12,20 +12,20 @@ pub enum ShapeError {
     #[error("{0}")]
     Interrupted(#[from] Interrupted),
     /// A model of a signal, where a surface is needed.
-    #[error("expected a model of a surface, with the 3 channels x, y and z, found one of {channels} channels")]
+    #[error("expected a surface, whose coefficients have 3 columns, found a signal of {channels} channels")]
     NotASurface {
-        /// Channels of the model.
+        /// Channels found.
         channels: usize,
     },
     /// A coefficient that is NaN or infinite.
-    #[error("coefficient {row} of channel {channel} is {found}; it must be finite")]
+    #[error("coefficient {row} of channel {channel} is {value}; it must be finite")]
     NotFinite {
         /// Row of the coefficients, `l^2 + l + m`.
         row: usize,
         /// Channel, counted from 0.
         channel: usize,
         /// The value.
-        found: f64,
+        value: f64,
     },
     /// A model that is no surface: a point, or a curve on a line.
     #[error(
@@ -38,14 +38,14 @@ pub enum ShapeError {
         rank: usize,
     },
     /// A setting out of its range.
-    #[error("{what}: expected {expected}, found {found}")]
+    #[error("{name} is {found}; {expected}")]
     Setting {
-        /// The setting.
-        what: &'static str,
-        /// What it may be.
-        expected: &'static str,
-        /// What it is.
+        /// What it is called.
+        name: &'static str,
+        /// Its value.
         found: String,
+        /// What it has to be.
+        expected: &'static str,
     },
     /// Models, or descriptors, that don't have the same shape.
     #[error("{what}: expected {expected}, found {found}")]

@@ -35,6 +35,8 @@ use crate::measures::{Columns, Grid};
 
 /// Least density that directions are thinned out to, in parts of the mean.
 pub const LEAST_DENSITY: f64 = 0.02;
+/// What [`ShapeError::Setting`] calls the triangles that a sphere doesn't have.
+pub const NO_TRIANGLES: &str = "the number of triangles of the sphere";
 /// What the heat kernel leaves of the density's highest degree.
 const LEFT: f64 = 0.05;
 
@@ -69,8 +71,8 @@ pub fn even_sphere(
 ) -> Result<EvenSphere, ShapeError> {
     extent(coefficients)?;
     if sphere.faces.is_empty() || steps == 0 {
-        let (what, found) = if steps == 0 { ("steps of the flow", "0") } else { ("triangles of the sphere", "none") };
-        return Err(ShapeError::Setting { what, expected: "at least one", found: found.to_owned() });
+        let name = if steps == 0 { "the number of steps" } else { NO_TRIANGLES };
+        return Err(ShapeError::Setting { name, expected: "at least one is needed", found: "0".to_owned() });
     }
     let flow = Flow::new(coefficients, sphere.directions.len(), monitor)?;
     let mut at = sphere.directions.as_slice().to_vec();

@@ -50,7 +50,7 @@ pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
 pub fn finite(coefficients: &Coefficients) -> Result<(), ShapeError> {
     let mut values = coefficients.values().indexed_iter();
     match values.find(|(_, value)| !value.is_finite()) {
-        Some(((row, channel), &found)) => Err(ShapeError::NotFinite { row, channel, found }),
+        Some(((row, channel), &value)) => Err(ShapeError::NotFinite { row, channel, value }),
         None => Ok(()),
     }
 }

@@ -33,8 +33,8 @@ impl HeatKernel {
     /// [`ShapeError::Setting`]: s is negative or not finite.
     pub fn after(time: f64) -> Result<Self, ShapeError> {
         if !(time >= 0.0 && time.is_finite()) {
-            let (what, expected) = ("time of diffusion, s", "a finite number from 0");
-            return Err(ShapeError::Setting { what, expected, found: time.to_string() });
+            let (name, expected) = ("the time of diffusion", "it must be finite and not negative");
+            return Err(ShapeError::Setting { name, expected, found: time.to_string() });
         }
         Ok(Self { time })
     }
@@ -46,8 +46,8 @@ impl HeatKernel {
     /// [`ShapeError::Setting`]: the width is negative or not finite.
     pub fn of_width(fwhm: f64) -> Result<Self, ShapeError> {
         if !(fwhm >= 0.0 && fwhm.is_finite()) {
-            let (what, expected) = ("full width at half maximum", "a finite angle from 0");
-            return Err(ShapeError::Setting { what, expected, found: fwhm.to_string() });
+            let (name, expected) = ("the full width at half maximum", "it must be finite and not negative");
+            return Err(ShapeError::Setting { name, expected, found: fwhm.to_string() });
         }
         Ok(Self { time: fwhm * fwhm / (16.0 * LN_2) })
     }

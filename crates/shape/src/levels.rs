@@ -43,8 +43,8 @@ pub fn tails(coefficients: &Coefficients) -> Result<Vec<f64>, ShapeError> {
 /// [`ShapeError::NotFinite`]; [`ShapeError::Setting`] for a tolerance that is negative or NaN.
 pub fn degree_within(coefficients: &Coefficients, tolerance: f64) -> Result<(usize, f64), ShapeError> {
     if tolerance.is_nan() || tolerance < 0.0 {
-        let (what, expected) = ("tolerance", "a distance from 0");
-        return Err(ShapeError::Setting { what, expected, found: tolerance.to_string() });
+        let (name, expected) = ("the tolerance", "it must be a distance from 0");
+        return Err(ShapeError::Setting { name, expected, found: tolerance.to_string() });
     }
     let tails = tails(coefficients)?;
     let degree = tails.iter().position(|tail| *tail <= tolerance).unwrap_or(tails.len() - 1);

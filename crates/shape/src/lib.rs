@@ -45,5 +45,5 @@ pub use geometry::{LocalGeometry, local_geometry, tangent_frame};
 pub use heat::HeatKernel;
 pub use levels::{degree_within, tails};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
-pub use retrieval::{Library, Match};
+pub use retrieval::{Library, Match, Metric};
 pub use singular_values::singular_values;

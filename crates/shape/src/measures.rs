@@ -130,8 +130,8 @@ pub fn measure(
 ) -> Result<Measures, ShapeError> {
     let MeasureParams { tolerance, most_rings } = *params;
     if !(tolerance > 0.0 && tolerance.is_finite()) {
-        let (what, expected) = ("tolerance of the area", "a number above 0");
-        return Err(ShapeError::Setting { what, expected, found: tolerance.to_string() });
+        let (name, expected) = ("the tolerance of the area", "it must be a finite number above 0");
+        return Err(ShapeError::Setting { name, expected, found: tolerance.to_string() });
     }
     let flat = extent(coefficients)? == Extent::Flat;
     let columns = Columns::new(coefficients)?;
