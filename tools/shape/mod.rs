@@ -4,7 +4,9 @@
 //! A new subcommand is a file here, a variant of [`Command`] and a line in [`run`].
 
 mod args;
+mod compress;
 mod describe;
+mod expand;
 mod maps;
 mod matching;
 mod measure;
@@ -18,7 +20,7 @@ use spharm_cli::Common;
 use spharm_cli::help;
 use spharm_cli::monitor::ConsoleMonitor;
 
-/// Analyse models: measure, smooth, describe, match, remesh
+/// Analyse models: measure, smooth, describe, match, remesh, compress
 ///
 /// All of it is computed from the coefficients. Models are files, folders, whose .npz files are taken, or @LIST with a path a
 /// line.
@@ -30,6 +32,7 @@ use spharm_cli::monitor::ConsoleMonitor;
         "spharm shape describe @group.txt -o descriptors.csv",
         "spharm shape match bunny.spharm.npz --among @group.txt --top 5",
         "spharm shape remesh bunny.spharm.npz --tolerance 0.1 --icosphere 5 --even -o bunny.ply",
+        "spharm shape compress models --tolerance 1e-3 -o compressed",
     ],
     &[],
 ))]
@@ -47,6 +50,8 @@ enum Command {
     Describe(describe::Cli),
     Match(matching::Cli),
     Remesh(remesh::Cli),
+    Compress(compress::Cli),
+    Expand(expand::Cli),
 }
 
 /// Runs the verb.
@@ -58,5 +63,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Describe(cli) => describe::run(cli, &monitor),
         Command::Match(cli) => matching::run(cli, &monitor),
         Command::Remesh(cli) => remesh::run(cli, &monitor),
+        Command::Compress(cli) => compress::run(cli, &monitor),
+        Command::Expand(cli) => expand::run(cli, &monitor),
     }
 }

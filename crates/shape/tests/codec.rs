@@ -86,11 +86,12 @@ fn what_is_known_of_a_model_is_kept_where_it_is_to_be() {
     let file = compress(&model, &params, &Silent).unwrap();
     let found = expand(&file.bytes, &WHOLE).unwrap().model;
     assert_eq!(found.scheme_key, model.scheme_key);
-    let compressed = found.provenance.other.get("compressed").expect("what was done");
-    assert_eq!(compressed["bytes"], file.bytes.len());
-    assert_eq!(compressed["step"].as_f64(), Some(file.step * file.scale));
+    let done = &found.provenance.other["transform"][0]["compressed"];
+    assert_eq!(done["bytes"], file.bytes.len());
+    assert_eq!(done["step"].as_f64(), Some(file.step * file.scale));
     let mut provenance = found.provenance.clone();
     provenance.other.clear();
+    assert_eq!(provenance.tool.take().as_deref(), Some("shape compress"));
     assert_eq!(provenance, model.provenance);
 
     params.provenance = false;
@@ -179,11 +180,11 @@ fn models_of_next_to_nothing_come_back() {
     let found = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
     assert!((found.values()[[0, 0]] + 70.0).abs() < 1e-4);
     // A signal of zeros to a high degree: the file would be too short for so many coefficients.
-    let zeros = Coefficients::new(Array2::zeros((basis_size(1999), 1))).unwrap();
+    let zeros = Coefficients::new(Array2::zeros((basis_size(1999), 2))).unwrap();
     let file = compressed(&Model::without_sphere(zeros, Kind::Signal), Target::Step(1.0));
     let found = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
     assert_eq!(found.max_degree(), file.max_degree);
-    assert!(file.max_degree > 1000 && file.max_degree < 1999, "{}", file.max_degree);
+    assert!(file.max_degree > 500 && file.max_degree < 1999, "{}", file.max_degree);
 }
 
 #[test]
@@ -302,7 +303,7 @@ proptest! {
         let file = compressed(&model, Target::Step(f64::exp2(log)));
         let found = expand(&file.bytes, &WHOLE).unwrap().model;
         prop_assert_eq!(found.coefficients.max_degree(), degree);
-        let step = &found.provenance.other["compressed"]["step"];
+        let step = &found.provenance.other["transform"][0]["compressed"]["step"];
         for channel in 0..channels {
             let step = step.get(channel).unwrap_or(step).as_f64().unwrap();
             let columns = [&model, &found].map(|model| model.coefficients.values().column(channel).to_vec());

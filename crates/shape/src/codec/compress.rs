@@ -1,7 +1,7 @@
 //! Compressing.
 
 use serde_json::{Map, Value};
-use spharm_model::Model;
+use spharm_model::{Model, Provenance};
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use spharm_surface::Kind;
 
@@ -207,15 +207,17 @@ impl Trials<'_> {
     }
 }
 
-/// What expanding finds again: JSON.
+/// What expanding finds again: JSON. How the fit was made and how near it came isn't true of the compressed model.
 fn metadata(model: &Model) -> Result<String, CodecError> {
     let parameter = |error: serde_json::Error| CodecError::Parameter {
         what: "provenance of the model",
         expected: "what JSON can say".to_owned(),
         found: error.to_string(),
     };
-    let mut object =
-        Map::from_iter([("provenance".to_owned(), serde_json::to_value(&model.provenance).map_err(parameter)?)]);
+    let tool = Some("shape compress".to_owned());
+    let provenance = Provenance { tool, settings: None, distances: None, ..model.provenance.clone() };
+    let value = serde_json::to_value(provenance).map_err(parameter)?;
+    let mut object = Map::from_iter([("provenance".to_owned(), value)]);
     if let Some(key) = &model.scheme_key {
         object.insert("scheme_key".to_owned(), Value::from(key.as_str()));
     }

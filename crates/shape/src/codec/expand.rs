@@ -1,6 +1,6 @@
 //! Expanding.
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_model::{Fitted, Model, Provenance};
 use spharm_surface::Kind;
@@ -10,6 +10,9 @@ use super::container::{Head, Parsed};
 use super::error::CodecError;
 use super::quantizer::Quantised;
 use super::stream::Stream;
+
+/// Where a provenance lists what was done to a model.
+const TRANSFORM: &str = "transform";
 
 /// What to expand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -49,8 +52,9 @@ impl Level {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Expanded {
-    /// The model, without a sphere. Its provenance is that of the model that was compressed, where the file has it, with
-    /// `compressed` beside: the version of the format, bytes, and steps in the model's unit.
+    /// The model, without a sphere. Its provenance is that of the model that was compressed, where the file has it, but for
+    /// the settings and the distances of the fit; `transform` lists `compressed`: the version of the format, bytes, and
+    /// steps in the model's unit.
     pub model: Model,
     /// Where the file may be cut off.
     pub levels: Vec<Level>,
@@ -130,12 +134,11 @@ fn restore(head: &Head, quantised: &Quantised, bytes: usize) -> Result<Model, Co
         None => (Provenance::default(), None),
     };
     let steps = if head.surface || head.channels == 1 { Value::from(head.steps[0]) } else { head.steps.clone().into() };
-    let compressed = Map::from_iter([
-        ("format".to_owned(), Value::from(super::VERSION)),
-        ("bytes".to_owned(), Value::from(bytes)),
-        ("step".to_owned(), steps),
-    ]);
-    provenance.other.insert("compressed".to_owned(), Value::Object(compressed));
+    let compressed = json!({ "compressed": { "format": super::VERSION, "bytes": bytes, "step": steps } });
+    match provenance.other.get_mut(TRANSFORM) {
+        Some(Value::Array(done)) => done.push(compressed),
+        _ => drop(provenance.other.insert(TRANSFORM.to_owned(), Value::Array(vec![compressed]))),
+    }
     let kind = if head.surface { Kind::Surface } else { Kind::Signal };
     Ok(Model::without_sphere(Fitted { coefficients, scheme_key, provenance }, kind))
 }
