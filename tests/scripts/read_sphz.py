@@ -67,7 +67,7 @@ def read_head(data):
     head["L"] = fields.varint("L", 0, 2000)
     head["c"] = fields.varint("c", 1, 65536)
     check(head["c"] == 3 or not head["surface"], "channels of a surface")
-    check((head["L"] + 1) ** 2 * head["c"] <= 2**20 + 2**15 * len(data), "number of coefficients")
+    check((head["L"] + 1) ** 2 * head["c"] <= 2**28, "number of coefficients")
     head["T"] = fields.varint("T", 0, head["L"])
     head["g"] = fields.varint("g", 0, 20)
     head["r"] = np.frombuffer(fields.take(2, "r"), "i1").astype(int)
@@ -81,6 +81,9 @@ def read_head(data):
         size = fields.varint("length of a segment", 0, 2**32 - 1)
         head["segments"].append((degree, size, fields.unsigned("checksum of a segment")))
     check(degree == head["T"], "degree of the last segment")
+    whole = length + sum(size for _, size, _ in head["segments"])
+    zeros = ((head["L"] + 1) ** 2 - (head["T"] + 1) ** 2) * head["c"]
+    check(zeros <= 2**20 + 2**10 * whole, "number of coefficients")
     head["text"] = None
     if flags & 2:
         size = fields.varint("length of the text", 0, 2**24)

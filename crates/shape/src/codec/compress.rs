@@ -8,7 +8,7 @@ use spharm_surface::Kind;
 use crate::extent::{Extent, extent, finite};
 
 use super::arithmetic::Encoder;
-use super::container::{Head, MOST_CHANNELS, MOST_GUESS, Segment, plausible};
+use super::container::{Head, MOST_CHANNELS, MOST_GUESS, MOST_VALUES, Segment, plausible};
 use super::distance::Reference;
 use super::error::CodecError;
 use super::expand::Level;
@@ -41,7 +41,7 @@ pub struct CompressParams {
     /// Degrees at whose end the file may be cut off, beside the last; those that the file doesn't reach are left out. By
     /// default 1, 3, 7, 15, 31 and so on, as far as there are 256 bytes between them.
     pub levels: Option<Vec<usize>>,
-    /// Whether the file has the model's provenance and scheme key, some hundred bytes; default true.
+    /// Whether the file has the model's provenance and scheme key, about 500 bytes; default true.
     pub provenance: bool,
 }
 
@@ -130,6 +130,7 @@ fn check(model: &Model, params: &CompressParams) -> Result<(), CodecError> {
     for (what, most, found) in [
         ("channels of the model", MOST_CHANNELS, channels),
         ("highest degree of the model", spharm_harmonics::MAX_DEGREE, model.coefficients.max_degree()),
+        ("coefficients of the model", MOST_VALUES, model.coefficients.values().len()),
     ] {
         if found > most {
             return Err(CodecError::TooLarge { what, most, found });
@@ -287,7 +288,7 @@ impl Writer<'_> {
             segments: segments.collect(),
         };
         let mut file = head.write()?;
-        while !plausible(head.max_degree, channels, file.len() + bytes.len()) && head.max_degree > top {
+        while !plausible(head.max_degree, top, channels, file.len() + bytes.len()) && head.max_degree > top {
             head.max_degree -= 1;
             file = head.write()?;
         }

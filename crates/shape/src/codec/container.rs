@@ -27,9 +27,10 @@ const METADATA: u8 = 2;
 pub(super) const MOST_CHANNELS: usize = 1 << 16;
 /// Most bytes of the metadata before they are deflated.
 const MOST_METADATA: usize = 1 << 24;
-/// Coefficients that a file may declare however short it is, and for each of its bytes. A decision takes 1/2840 of a bit
-/// at least, so that no stream has more.
-const MOST_VALUES: [u64; 2] = [1 << 20, 1 << 15];
+/// Most coefficients: 2 GiB.
+pub(super) const MOST_VALUES: usize = 1 << 28;
+/// Zeros above the stream's degrees that a file may declare however short it is, and for each of its bytes.
+const MOST_ZEROS: [usize; 2] = [1 << 20, 1 << 10];
 /// The largest exponent of the guess for degree 1.
 pub(super) const MOST_GUESS: u32 = 20;
 
@@ -67,10 +68,11 @@ pub(super) struct Parsed {
     pub(super) length: usize,
 }
 
-/// Returns whether a file of so many bytes may declare so many coefficients.
-pub(super) fn plausible(max_degree: usize, channels: usize, bytes: usize) -> bool {
-    let most = MOST_VALUES[1].saturating_mul(bytes as u64).saturating_add(MOST_VALUES[0]);
-    (basis_size(max_degree) as u64).saturating_mul(channels as u64) <= most
+/// Returns whether a file of so many bytes may declare coefficients up to a degree where its stream ends at `top`.
+pub(super) fn plausible(max_degree: usize, top: usize, channels: usize, bytes: usize) -> bool {
+    let values = |degree: usize| basis_size(degree).saturating_mul(channels);
+    let zeros = values(max_degree) - values(top);
+    values(max_degree) <= MOST_VALUES && zeros <= MOST_ZEROS[1].saturating_mul(bytes).saturating_add(MOST_ZEROS[0])
 }
 
 impl Head {
@@ -139,7 +141,7 @@ impl Head {
             return Err(CodecError::damaged("checksum of the head", format!("{expected:08x}"), format!("{found:08x}")));
         }
         let mut fields = Fields { rest: &head[FIELDS_AT..], flags: fixed[FLAGS_AT] };
-        let head = fields.head(bytes.len())?;
+        let head = fields.head(length)?;
         Ok(Parsed { head, length })
     }
 }
@@ -151,7 +153,7 @@ struct Fields<'a> {
 }
 
 impl Fields<'_> {
-    fn head(&mut self, file: usize) -> Result<Head, CodecError> {
+    fn head(&mut self, length: usize) -> Result<Head, CodecError> {
         if self.flags & !(SURFACE | METADATA) != 0 {
             return Err(CodecError::damaged("flags", "0 to 3", self.flags));
         }
@@ -160,13 +162,6 @@ impl Fields<'_> {
         let channels = self.number("number of channels", 1, MOST_CHANNELS)?;
         if surface && channels != 3 {
             return Err(CodecError::damaged("channels of a surface", 3, channels));
-        }
-        if !plausible(max_degree, channels, file) {
-            return Err(CodecError::damaged(
-                "number of coefficients",
-                format!("no more than {file} bytes may have"),
-                basis_size(max_degree).saturating_mul(channels),
-            ));
         }
         let top = self.number("highest degree of the stream", 0, max_degree)?;
         let guess = self.number("guess for degree 1", 0, MOST_GUESS as usize)? as u32;
@@ -185,6 +180,14 @@ impl Fields<'_> {
             first.push((number >> 1) as i64 ^ -((number & 1) as i64));
         }
         let segments = self.segments(top)?;
+        let file = segments.iter().fold(length, |file, segment| file.saturating_add(segment.length));
+        if !plausible(max_degree, top, channels, file) {
+            return Err(CodecError::damaged(
+                "number of coefficients",
+                format!("no more than {file} bytes may have"),
+                basis_size(max_degree).saturating_mul(channels),
+            ));
+        }
         let metadata = (self.flags & METADATA != 0).then(|| self.metadata()).transpose()?;
         if !self.rest.is_empty() {
             return Err(CodecError::damaged("head", "no more bytes", self.rest.len()));
