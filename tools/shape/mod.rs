@@ -5,7 +5,9 @@
 
 mod align;
 mod args;
+mod compress;
 mod describe;
+mod expand;
 mod groups;
 mod maps;
 mod matching;
@@ -27,18 +29,20 @@ use spharm_cli::Common;
 use spharm_cli::help;
 use spharm_cli::monitor::ConsoleMonitor;
 
-/// Analyse models: align, average, test, measure, smooth, match
+/// Analyse models: align, average, test, measure, smooth, match, compress
 ///
 /// All of it is computed from the coefficients. Models are files, folders, whose .npz files are taken, or @LIST with a path a
 /// line.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
+        "spharm shape align models --group -o aligned --mean mean.spharm.npz",
+        "spharm shape pca aligned -o group.shape-model.npz",
+        "spharm shape test --a @patients.txt --b @controls.txt -o test",
         "spharm shape measure models --maps maps --icosphere 6",
-        "spharm shape smooth bunny.spharm.npz --fwhm 5 -o smooth.spharm.npz",
-        "spharm shape describe @group.txt -o descriptors.csv",
         "spharm shape match bunny.spharm.npz --among @group.txt --top 5",
         "spharm shape remesh bunny.spharm.npz --tolerance 0.1 --icosphere 5 --even -o bunny.ply",
+        "spharm shape compress models --tolerance 1e-3 -o compressed",
     ],
     &[],
 ))]
@@ -63,6 +67,8 @@ enum Command {
     Sample(sample::Cli),
     Morph(morph::Cli),
     Test(test::Cli),
+    Compress(compress::Cli),
+    Expand(expand::Cli),
 }
 
 /// Runs the verb.
@@ -81,5 +87,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Sample(cli) => sample::run(cli, &monitor),
         Command::Morph(cli) => morph::run(cli, &monitor),
         Command::Test(cli) => test::run(cli, &monitor),
+        Command::Compress(cli) => compress::run(cli, &monitor),
+        Command::Expand(cli) => expand::run(cli, &monitor),
     }
 }

@@ -19,7 +19,9 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
         return Ok(vec![output.to_owned()]);
     }
     let name = output.to_string_lossy();
-    if !output.is_dir() && (name.ends_with(".npz") || to_write_mesh(output).is_ok()) {
+    if !output.is_dir()
+        && ([".npz", ".sphz"].iter().any(|ending| name.ends_with(ending)) || to_write_mesh(output).is_ok())
+    {
         return Err(Usage::conflict("--output is the name of a folder where several files are written").into());
     }
     Ok(paths.iter().map(|path| with_ending(&output.join(model_name(path)), ending)).collect())

@@ -28,6 +28,7 @@
 //! | [`field`] | what a group measures at the vertices of a sampling |
 //! | [`pca`] | mean and modes of a group, and their quality |
 //! | [`stats`] | tests of groups and covariates at every vertex |
+//! | [`codec`] | compressed models, and back |
 //! | [`error`] | [`ShapeError`] |
 //! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2, sums with its rows, and the half turn made of them |
 //! | `generators` | infinitesimal rotations |
@@ -60,6 +61,7 @@
 //! ```
 
 pub mod align;
+pub mod codec;
 pub mod derivatives;
 pub mod descriptors;
 pub mod error;

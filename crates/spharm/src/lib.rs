@@ -69,7 +69,7 @@
 //! | [`store`] | `spharm-store` | basis stores: [`store::build`], [`store::catalog`] |
 //! | [`io`], [`generate`], [`metrics`] | `spharm-surface` | files, example surfaces, distances between surfaces |
 //! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
-//! | [`shape`] | `spharm-shape` | shape analysis on models: geometry, smoothing, descriptors, retrieval, levels |
+//! | [`shape`] | `spharm-shape` | shape analysis on models: geometry, smoothing, descriptors, retrieval, levels, compression |
 //! | [`moments`] | `spharm-moments` | moments of tables of samples, beyond memory and machine |
 //! | [`transform`] | `spharm-transform` | fast synthesis and its adjoint |
 //! | [`harmonics`] | `spharm-harmonics` | the harmonics, [`Directions`], [`Coefficients`] |

@@ -1,0 +1,301 @@
+//! Compressing.
+
+use serde_json::{Map, Value};
+use spharm_model::{Model, Provenance};
+use spharm_monitor::{Monitor, OnlyCancel, Stage};
+use spharm_surface::Kind;
+
+use crate::extent::{Extent, extent, finite};
+
+use super::arithmetic::Encoder;
+use super::container::{Head, MOST_CHANNELS, MOST_GUESS, MOST_VALUES, Segment, plausible};
+use super::distance::Reference;
+use super::error::CodecError;
+use super::expand::Level;
+use super::quantizer::Quantised;
+use super::search::{Trial, search};
+use super::stream::Stream;
+
+/// Bytes of a level that nobody asked for, at least: its checksum is next to nothing then.
+const LEAST_LEVEL: usize = 256;
+
+/// What decides on the step. Relative lengths are for a surface whose bounding box is scaled to volume 1; for a signal they
+/// are fractions of each channel's standard deviation over the sphere.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Target {
+    /// The root mean square distance between the model's surface and the compressed one's, both ways, is at most this, and
+    /// hardly more than 2 % below: a relative length, 1e-8 to 1. For a signal, the root mean square error.
+    Tolerance(f64),
+    /// The file has at most so many bytes, and is less than 0.5 % below where that can be had.
+    Bytes(usize),
+    /// The step itself, a relative length, 1e-12 to 1.
+    Step(f64),
+}
+
+/// How to compress.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CompressParams {
+    /// What decides on the step.
+    pub target: Target,
+    /// Degrees at whose end the file may be cut off, beside the last; those that the file doesn't reach are left out. By
+    /// default 1, 3, 7, 15, 31 and so on, as far as there are 256 bytes between them.
+    pub levels: Option<Vec<usize>>,
+    /// Whether the file has the model's provenance and scheme key, about 500 bytes; default true.
+    pub provenance: bool,
+}
+
+impl CompressParams {
+    /// Returns the parameters for a target, with defaults for everything else.
+    #[must_use]
+    pub fn new(target: Target) -> Self {
+        Self { target, levels: None, provenance: true }
+    }
+}
+
+/// A compressed model.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Compressed {
+    /// The file.
+    pub bytes: Vec<u8>,
+    /// Root mean square distance of the compressed model from the model, see [`Target::Tolerance`].
+    pub distance: f64,
+    /// The step, a relative length.
+    pub step: f64,
+    /// Cube root of the volume of the bounding box of the model's surface, in the model's unit; 1 for a signal.
+    pub scale: f64,
+    /// Bytes of the head, which has the provenance.
+    pub head: usize,
+    /// Where the file may be cut off; the last is the whole file.
+    pub levels: Vec<Level>,
+    /// Highest degree of the compressed model: the model's, but for files that would be too small for it.
+    pub max_degree: usize,
+}
+
+/// Compresses a model.
+///
+/// Its sphere isn't kept, nor are the number and the order of the vertices that it was fitted to: the expanded model is
+/// evaluated on any sphere. See the [module](super).
+///
+/// # Errors
+///
+/// [`Parameter`](CodecError::Parameter), [`Shape`](CodecError::Shape), [`Flat`](CodecError::Flat),
+/// [`TooLarge`](CodecError::TooLarge), [`TooFine`](CodecError::TooFine), [`TooFewBytes`](CodecError::TooFewBytes),
+/// [`Interrupted`](CodecError::Interrupted).
+pub fn compress(model: &Model, params: &CompressParams, monitor: &dyn Monitor) -> Result<Compressed, CodecError> {
+    check(model, params)?;
+    let surface = model.kind() == Kind::Surface;
+    let reference = Reference::new(&model.coefficients, surface)?;
+    let writer = Writer {
+        model,
+        surface,
+        scales: reference.scales(),
+        metadata: params.provenance.then(|| metadata(model)).transpose()?,
+        levels: params.levels.as_deref(),
+    };
+    let trials = Trials { writer: &writer, reference: &reference, monitor };
+    monitor.begin(Stage::counted("compress", "trials"), 0);
+    let step = match params.target {
+        Target::Step(step) => step,
+        Target::Tolerance(tolerance) => trials.within(tolerance)?,
+        Target::Bytes(bytes) => trials.of_size(bytes)?,
+    };
+    monitor.check()?;
+    let quantised = writer.quantise(step)?;
+    let file = writer.write(&quantised)?;
+    let distance = reference.distance(&quantised.coefficients(), &OnlyCancel(monitor))?;
+    monitor.end();
+    let scale = if surface { writer.scales[0] } else { 1.0 };
+    Ok(Compressed { distance, step, scale, ..file })
+}
+
+fn check(model: &Model, params: &CompressParams) -> Result<(), CodecError> {
+    let wrong =
+        |what, expected: &str, found: String| Err(CodecError::Parameter { what, expected: expected.to_owned(), found });
+    match params.target {
+        Target::Tolerance(tolerance) if !(1e-8..=1.0).contains(&tolerance) => {
+            return wrong("tolerance", "1e-8 to 1", tolerance.to_string());
+        }
+        Target::Step(step) if !(1e-12..=1.0).contains(&step) => {
+            return wrong("step", "1e-12 to 1", step.to_string());
+        }
+        Target::Bytes(0) => return wrong("bytes", "1 or more", "0".to_owned()),
+        _ => {}
+    }
+    let channels = model.coefficients.channels();
+    if channels == 0 {
+        return wrong("channels of the model", "1 or more", channels.to_string());
+    }
+    for (what, most, found) in [
+        ("channels of the model", MOST_CHANNELS, channels),
+        ("highest degree of the model", spharm_harmonics::MAX_DEGREE, model.coefficients.max_degree()),
+        ("coefficients of the model", MOST_VALUES, model.coefficients.values().len()),
+    ] {
+        if found > most {
+            return Err(CodecError::TooLarge { what, most, found });
+        }
+    }
+    finite(&model.coefficients)?;
+    if model.kind() == Kind::Surface && extent(&model.coefficients)? == Extent::Flat {
+        return Err(CodecError::Flat);
+    }
+    Ok(())
+}
+
+/// Looks for the step of a target.
+struct Trials<'a> {
+    writer: &'a Writer<'a>,
+    reference: &'a Reference<'a>,
+    monitor: &'a dyn Monitor,
+}
+
+impl Trials<'_> {
+    fn search(
+        &self,
+        start: f64,
+        rising: bool,
+        near: f64,
+        excess: impl Fn(f64) -> Result<f64, CodecError>,
+    ) -> Result<Option<f64>, CodecError> {
+        search(start, rising, near, |step| {
+            self.monitor.check()?;
+            self.monitor.step(1);
+            Ok(Trial { excess: excess(step)?, result: step })
+        })
+    }
+
+    /// The coarsest step with a distance of at most `tolerance`.
+    fn within(&self, tolerance: f64) -> Result<f64, CodecError> {
+        /// The estimate is corrected so often at most; twice does for most.
+        const ROUNDS: usize = 8;
+        let (mut start, mut aim, mut best) = (0.2 * tolerance, tolerance, None);
+        for _ in 0..ROUNDS {
+            let excess =
+                |step: f64| Ok((self.reference.estimate(&self.writer.quantise(step)?.coefficients())? / aim).ln());
+            let Some(step) = self.search(start, true, 0.003, excess)? else { break };
+            let quantised = self.writer.quantise(step)?.coefficients();
+            let distance = self.reference.distance(&quantised, &OnlyCancel(self.monitor))?;
+            if distance <= tolerance {
+                best = Some(best.map_or(step, |best: f64| best.max(step)));
+                if distance >= 0.98 * tolerance {
+                    break;
+                }
+            }
+            // Halved where the compressed surface is a point.
+            aim *= if distance.is_finite() && distance > 0.0 { 0.993 * tolerance / distance } else { 0.5 };
+            start = step;
+        }
+        best.ok_or_else(|| CodecError::Parameter {
+            what: "tolerance",
+            expected: "one that some step keeps".to_owned(),
+            found: tolerance.to_string(),
+        })
+    }
+
+    /// The finest step with a file of at most so many bytes.
+    fn of_size(&self, bytes: usize) -> Result<f64, CodecError> {
+        let excess = |step: f64| match self.writer.quantise(step) {
+            Ok(quantised) => Ok((self.writer.write(&quantised)?.bytes.len() as f64 / bytes as f64).ln()),
+            Err(CodecError::TooFine { .. }) => Ok(f64::INFINITY),
+            Err(error) => Err(error),
+        };
+        if let Some(step) = self.search(1e-3, false, 0.005, excess)? {
+            return Ok(step);
+        }
+        let coarsest = self.writer.write(&self.writer.quantise(1e9)?)?;
+        Err(CodecError::TooFewBytes { wanted: bytes, least: coarsest.bytes.len(), of_which: coarsest.head })
+    }
+}
+
+/// What expanding finds again: JSON. How the fit was made and how near it came isn't true of the compressed model.
+fn metadata(model: &Model) -> Result<String, CodecError> {
+    let parameter = |error: serde_json::Error| CodecError::Parameter {
+        what: "provenance of the model",
+        expected: "what JSON can say".to_owned(),
+        found: error.to_string(),
+    };
+    let tool = Some("shape compress".to_owned());
+    let provenance = Provenance { tool, settings: None, distances: None, ..model.provenance.clone() };
+    let value = serde_json::to_value(provenance).map_err(parameter)?;
+    let mut object = Map::from_iter([("provenance".to_owned(), value)]);
+    if let Some(key) = &model.scheme_key {
+        object.insert("scheme_key".to_owned(), Value::from(key.as_str()));
+    }
+    Ok(Value::Object(object).to_string())
+}
+
+/// Makes files of one model.
+struct Writer<'a> {
+    model: &'a Model,
+    surface: bool,
+    scales: Vec<f64>,
+    metadata: Option<String>,
+    levels: Option<&'a [usize]>,
+}
+
+impl Writer<'_> {
+    /// Quantises with a relative step.
+    fn quantise(&self, step: f64) -> Result<Quantised, CodecError> {
+        let steps = self.scales.iter().map(|scale| scale * step).collect();
+        Quantised::new(self.model.coefficients.values().view(), steps)
+    }
+
+    /// Makes a file; its distance, step and scale are to be filled in.
+    fn write(&self, quantised: &Quantised) -> Result<Compressed, CodecError> {
+        let channels = quantised.first.len();
+        let top = quantised.top();
+        let first: f64 = quantised.values.iter().take(4 * channels).map(|value| f64::from(value.unsigned_abs())).sum();
+        let mean = first / (3 * channels) as f64;
+        let guess = mean.max(1.0).log2().round().min(f64::from(MOST_GUESS)) as u32;
+        let (mut stream, mut encoder) = (Stream::new(channels, guess), Encoder::new());
+        let mut values = quantised.values.clone();
+        let mut ends = Vec::new();
+        for degree in 1..=top {
+            // Writing doesn't end.
+            let _ = stream.degree(&mut values, &mut encoder);
+            let last = ends.last().map_or(0, |&(_, end)| end);
+            let wanted = match self.levels {
+                Some(levels) => levels.contains(&degree),
+                None => (degree + 1).is_power_of_two() && encoder.reach() >= last + LEAST_LEVEL,
+            };
+            if wanted && degree < top {
+                ends.push((degree, encoder.reach()));
+            }
+        }
+        let bytes = encoder.finish();
+        // Degrees that are next to nothing may take no byte more.
+        ends.retain(|&(_, end)| end < bytes.len());
+        if top > 0 {
+            ends.push((top, bytes.len()));
+        }
+        let mut start = 0;
+        let segments = ends.iter().map(|&(degree, end)| {
+            let part = &bytes[start..end];
+            start += part.len();
+            Segment { degree, length: part.len(), crc: crc32c::crc32c(part) }
+        });
+        let mut head = Head {
+            surface: self.surface,
+            max_degree: self.model.coefficients.max_degree(),
+            channels,
+            top,
+            guess,
+            shifts: quantised.shifts,
+            steps: quantised.steps.clone(),
+            first: quantised.first.clone(),
+            metadata: self.metadata.clone(),
+            segments: segments.collect(),
+        };
+        let mut file = head.write()?;
+        while !plausible(head.max_degree, top, channels, file.len() + bytes.len()) && head.max_degree > top {
+            head.max_degree -= 1;
+            file = head.write()?;
+        }
+        let length = file.len();
+        let levels = Level::all(&head, length);
+        file.extend(bytes);
+        let (distance, step, scale) = (f64::NAN, f64::NAN, f64::NAN);
+        Ok(Compressed { bytes: file, distance, step, scale, head: length, levels, max_degree: head.max_degree })
+    }
+}

@@ -1,0 +1,183 @@
+//! What is known about the size of a coefficient before it is coded: the contexts of its estimates.
+//!
+//! Coefficients of a smooth surface shrink with the degree, about alike for all orders and channels; around that they keep
+//! company: where one is large, so are those of the same order one and two degrees below, of neighbouring orders, and of
+//! the other channels. Six expected magnitudes are made of these, in 256ths of a step, each a mean with weights of what
+//! is coded already, drawn towards the running mean of the degree. Magnitudes count as 2^20 at most.
+
+use spharm_harmonics::index::column;
+
+use super::mixing::ESTIMATES;
+
+/// Fixed point of the expected magnitudes.
+pub(super) const UNIT: u64 = 256;
+
+/// Classes of expected magnitudes: four an octave.
+pub(super) const CLASSES: usize = 48;
+
+/// A magnitude above this counts as this.
+const LARGEST: u32 = 1 << 20;
+
+/// Returns the class of an expected magnitude.
+pub(super) fn class(expected: u64) -> usize {
+    let class = match expected.checked_ilog2() {
+        None | Some(0 | 1) => expected,
+        Some(log) => 4 * (u64::from(log) - 1) + (expected >> (log - 2) & 3),
+    };
+    (class as usize).min(CLASSES - 1)
+}
+
+/// Returns the smallest expected magnitude of a class.
+pub(super) fn bound(class: usize) -> u64 {
+    if class < 4 { class as u64 } else { (4 + (class as u64 & 3)) << (class / 4 - 1) }
+}
+
+/// A sum of magnitudes with weights in eighths.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    magnitudes: u64,
+    weights: u64,
+}
+
+impl Sum {
+    fn add(&mut self, weight: u64, magnitude: u64) {
+        self.magnitudes += weight * magnitude;
+        self.weights += weight;
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self { magnitudes: self.magnitudes + other.magnitudes, weights: self.weights + other.weights }
+    }
+
+    /// The mean, with so much weight on a guess.
+    fn mean(self, weight: u64, guess: u64) -> u64 {
+        (UNIT * self.magnitudes + weight * guess) / (self.weights + weight)
+    }
+}
+
+/// Follows the coefficients of one model in the order in which they are coded.
+pub(super) struct Contexts {
+    channels: usize,
+    degree: usize,
+    /// Mean magnitudes of the last two degrees; of a degree that isn't there, the header's guess.
+    means: [u64; 2],
+    /// Mean magnitudes of each channel at the degree before.
+    channel_means: Vec<u64>,
+    /// Sums of magnitudes of this degree: of each channel, and of all.
+    channel_sums: Vec<u64>,
+    sum: u64,
+    /// Coefficients of this degree that are coded, of all channels.
+    count: u64,
+}
+
+impl Contexts {
+    /// Starts before degree 1, whose mean magnitude is guessed.
+    pub(super) fn new(channels: usize, guess: u64) -> Self {
+        let guess = UNIT * guess;
+        Self {
+            channels,
+            degree: 1,
+            means: [guess; 2],
+            channel_means: vec![guess; channels],
+            channel_sums: vec![0; channels],
+            sum: 0,
+            count: 0,
+        }
+    }
+
+    /// Ends a degree.
+    pub(super) fn next_degree(&mut self) {
+        let orders = 2 * self.degree as u64 + 1;
+        let mean = UNIT * self.sum / (orders * self.channels as u64);
+        // Degree 1 has none before it but the guess, which says nothing of it.
+        self.means = [mean, if self.degree == 1 { mean } else { self.means[0] }];
+        for (mean, sum) in self.channel_means.iter_mut().zip(&mut self.channel_sums) {
+            *mean = UNIT * *sum / orders;
+            *sum = 0;
+        }
+        (self.sum, self.count, self.degree) = (0, 0, self.degree + 1);
+    }
+
+    /// Takes over a magnitude that has been coded.
+    pub(super) fn push(&mut self, channel: usize, magnitude: u32) {
+        let magnitude = u64::from(magnitude.min(LARGEST));
+        self.sum += magnitude;
+        self.channel_sums[channel] += magnitude;
+        self.count += 1;
+    }
+
+    /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in 256ths. `values` are all
+    /// coefficients, (K, c), of which those up to this one are coded.
+    pub(super) fn expected(&self, values: &[i32], m: isize, channel: usize) -> [u64; ESTIMATES] {
+        let (l, k) = (self.degree, m.unsigned_abs());
+        let at = |degree: usize, order: isize, channel: usize| {
+            u64::from(values[column(degree, order) * self.channels + channel].unsigned_abs().min(LARGEST))
+        };
+        let both =
+            |degree: usize, order: usize| at(degree, order as isize, channel) + at(degree, -(order as isize), channel);
+        let (mut beside, mut below, mut others) = (Sum::default(), Sum::default(), Sum::default());
+        // Both orders of a pair are counted, the order 0 twice.
+        let pair = |sum: &mut Sum, weight: u64, magnitudes: u64| {
+            sum.magnitudes += weight * magnitudes;
+            sum.weights += 2 * weight;
+        };
+        for (distance, weight) in [(1, 8), (2, 5)] {
+            if k >= distance {
+                pair(&mut beside, weight, both(l, k - distance));
+            }
+        }
+        if m < 0 {
+            beside.add(7, at(l, k as isize, channel));
+        }
+        // Before order 0 lies order -1, which is of the pair 1.
+        for (order, near) in [(k.abs_diff(1), false), (k, true), (k + 1, false)] {
+            if order < l {
+                pair(&mut below, if near { 4 } else { 3 }, both(l - 1, order));
+            }
+            if order + 1 < l {
+                pair(&mut below, 3, both(l - 2, order));
+            }
+        }
+        for other in channel.saturating_sub(2)..self.channels.min(channel + 3) {
+            if other == channel {
+                continue;
+            }
+            if other < channel {
+                others.add(6, at(l, m, other));
+            } else if m < 0 {
+                others.add(4, at(l, k as isize, other));
+            }
+            if k < l {
+                pair(&mut others, 2, at(l - 1, k as isize, other) + at(l - 1, -(k as isize), other));
+            }
+        }
+        let before = (5 * self.means[0] + 3 * self.means[1]) / 8;
+        let degree = (24 * before + UNIT * self.sum) / (24 + self.count);
+        let own = (30 * self.channel_means[channel] + UNIT * self.channel_sums[channel])
+            / (30 + self.count / self.channels as u64);
+        [
+            beside.and(below).and(others).mean(19, degree),
+            degree,
+            beside.and(below).mean(19, degree),
+            below.mean(32, degree),
+            others.mean(32, degree),
+            own,
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn classes_are_four_an_octave_without_gaps() {
+        let mut last = 0;
+        for expected in 0..100_000 {
+            let class = class(expected);
+            assert!(class == last || class == last + 1);
+            last = class;
+            assert!(bound(class) <= expected && (class + 1 == CLASSES || expected < bound(class + 1)), "{expected}");
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! Expanding.
+
+use serde_json::{Map, Value, json};
+use spharm_harmonics::{Coefficients, basis_size};
+use spharm_model::{Fitted, Model, Provenance};
+use spharm_surface::Kind;
+
+use super::arithmetic::Decoder;
+use super::container::{Head, Parsed};
+use super::error::CodecError;
+use super::quantizer::Quantised;
+use super::stream::Stream;
+
+/// Where a provenance lists what was done to a model.
+const TRANSFORM: &str = "transform";
+
+/// What to expand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ExpandParams {
+    /// Highest degree of the model; all degrees where there is none, or where it is above the file's.
+    pub max_degree: Option<usize>,
+    /// Whether the bytes may be the beginning of a file: what it has of whole levels is expanded. Default false: a file
+    /// that is cut off is an error.
+    pub prefix: bool,
+}
+
+/// A place where a file may be cut off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Level {
+    /// Highest degree of the model that the bytes before hold.
+    pub degree: usize,
+    /// Bytes before.
+    pub bytes: usize,
+}
+
+impl Level {
+    pub(super) fn all(head: &Head, length: usize) -> Vec<Self> {
+        let mut bytes = length;
+        let each = head.segments.iter().map(|segment| {
+            bytes += segment.length;
+            Self { degree: segment.degree, bytes }
+        });
+        let levels: Vec<Self> = each.collect();
+        // The whole file holds all degrees: those behind the stream are zeros.
+        let whole = Self { degree: head.max_degree, bytes };
+        levels.iter().rev().skip(1).rev().copied().chain([whole]).collect()
+    }
+}
+
+/// An expanded model.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Expanded {
+    /// The model, without a sphere. Its provenance is that of the model that was compressed, where the file has it, but for
+    /// the settings and the distances of the fit; `transform` lists `compressed`: the version of the format, bytes, and
+    /// steps in the model's unit.
+    pub model: Model,
+    /// Where the file may be cut off.
+    pub levels: Vec<Level>,
+    /// Bytes of the file that were used.
+    pub bytes: usize,
+}
+
+/// Expands a file, or the beginning of one.
+///
+/// Every byte that is used is checked first. Memory grows with what the stream holds, not with what the head says.
+///
+/// # Errors
+///
+/// [`Magic`](CodecError::Magic), [`Version`](CodecError::Version), [`Damaged`](CodecError::Damaged),
+/// [`CutOff`](CodecError::CutOff).
+pub fn expand(bytes: &[u8], params: &ExpandParams) -> Result<Expanded, CodecError> {
+    let Parsed { head, length } = Head::read(bytes)?;
+    let levels = Level::all(&head, length);
+    let whole = levels.last().map_or(length, |level| level.bytes);
+    let there = levels.iter().rfind(|level| level.bytes <= bytes.len()).copied();
+    if bytes.len() > whole {
+        return Err(CodecError::damaged("length", format!("{whole} bytes"), bytes.len()));
+    }
+    let found = bytes.len();
+    let level = match there {
+        Some(level) if params.prefix || level.bytes == whole => level,
+        Some(level) => return Err(CodecError::CutOff { expected: whole, found, level: Some(level.degree) }),
+        None => {
+            let expected = if params.prefix { levels.first().map_or(whole, |level| level.bytes) } else { whole };
+            return Err(CodecError::CutOff { expected, found, level: None });
+        }
+    };
+    let stream = checked(&head, &bytes[length..level.bytes])?;
+    let degree = level.degree.min(params.max_degree.unwrap_or(usize::MAX));
+    let quantised = read(&head, stream, degree)?;
+    let model = restore(&head, &quantised, level.bytes)?;
+    Ok(Expanded { model, levels, bytes: level.bytes })
+}
+
+/// Holds the stream's segments against their checksums.
+fn checked<'a>(head: &Head, stream: &'a [u8]) -> Result<&'a [u8], CodecError> {
+    let mut rest = stream;
+    for segment in &head.segments {
+        let Some((part, after)) = rest.split_at_checked(segment.length) else { break };
+        let found = crc32c::crc32c(part);
+        if found != segment.crc {
+            let (expected, found) = (format!("{:08x}", segment.crc), format!("{found:08x}"));
+            return Err(CodecError::damaged("checksum of a level", expected, found));
+        }
+        rest = after;
+    }
+    Ok(stream)
+}
+
+/// Reads the quantised coefficients up to a degree.
+fn read(head: &Head, bytes: &[u8], degree: usize) -> Result<Quantised, CodecError> {
+    let (mut stream, mut decoder) = (Stream::new(head.channels, head.guess), Decoder::new(bytes));
+    let mut values = vec![0; head.channels];
+    for l in 1..=degree.min(head.top) {
+        values.resize(basis_size(l) * head.channels, 0);
+        let ended = |_| CodecError::damaged("stream", format!("degrees up to {}", head.top), format!("its end at {l}"));
+        stream.degree(&mut values, &mut decoder).map_err(ended)?;
+    }
+    values.resize(basis_size(degree) * head.channels, 0);
+    Ok(Quantised { steps: head.steps.clone(), first: head.first.clone(), shifts: head.shifts, values })
+}
+
+fn restore(head: &Head, quantised: &Quantised, bytes: usize) -> Result<Model, CodecError> {
+    let values = quantised.coefficients();
+    if let Some(value) = values.iter().find(|value| !value.is_finite()) {
+        return Err(CodecError::damaged("coefficients", "finite numbers", value));
+    }
+    let coefficients = Coefficients::new(values)
+        .map_err(|error| CodecError::damaged("number of coefficients", "those of some degree", error))?;
+    let (mut provenance, scheme_key) = match &head.metadata {
+        Some(text) => described(text)?,
+        None => (Provenance::default(), None),
+    };
+    let steps = if head.surface || head.channels == 1 { Value::from(head.steps[0]) } else { head.steps.clone().into() };
+    let compressed = json!({ "compressed": { "format": super::VERSION, "bytes": bytes, "step": steps } });
+    match provenance.other.get_mut(TRANSFORM) {
+        Some(Value::Array(done)) => done.push(compressed),
+        _ => drop(provenance.other.insert(TRANSFORM.to_owned(), Value::Array(vec![compressed]))),
+    }
+    let kind = if head.surface { Kind::Surface } else { Kind::Signal };
+    Ok(Model::without_sphere(Fitted { coefficients, scheme_key, provenance }, kind))
+}
+
+fn described(text: &str) -> Result<(Provenance, Option<String>), CodecError> {
+    let wrong = |error: serde_json::Error| CodecError::damaged("provenance", "JSON", error);
+    let object: Map<String, Value> = serde_json::from_str(text).map_err(wrong)?;
+    let provenance = object.get("provenance").map(|value| Provenance::parse(&value.to_string())).unwrap_or_default();
+    Ok((provenance, object.get("scheme_key").and_then(Value::as_str).map(str::to_owned)))
+}

@@ -1,0 +1,150 @@
+//! The probability of a decision, from several adaptive estimates of it, all in integers.
+//!
+//! Each estimate is a probability that moves towards what has been seen in its context, by 1 / (n + 8) after n times.
+//! Logistic mixing (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005) adds up
+//! `ln(p / (1 - p))` of the estimates with weights that descend the gradient of the coding cost.
+//!
+//! Encoder and decoder have to agree in every bit, on any machine and in any language. So nothing is in floating point: an
+//! estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds down.
+//! `docs/sphz-format.md` has all of it.
+
+/// Estimates for each decision.
+pub(super) const ESTIMATES: usize = 6;
+
+/// 1 for an estimate.
+const WHOLE: i64 = 1 << 22;
+
+/// Largest magnitude of a logarithm: 8 in 256ths, less one.
+const FARTHEST: i64 = 2047;
+
+/// 65,536 / (1 + exp(-k / 2)) for k from -16 to 16, rounded.
+const LOGISTIC: [i64; 33] = [
+    22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11955, 17625, 24743, 32768, 40793, 47911, 53581,
+    57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
+];
+
+/// Returns the probability, in 65,536ths, of a logarithm in 256ths: linear between the 33 knots.
+fn squash(logarithm: i64) -> i64 {
+    let at = logarithm.clamp(-FARTHEST, FARTHEST) + 2048;
+    let (knot, part) = ((at >> 7) as usize, at & 127);
+    (LOGISTIC[knot] * (128 - part) + LOGISTIC[knot + 1] * part) >> 7
+}
+
+/// Returns, for the upper 12 bits of a probability, the smallest logarithm whose probability isn't below their middle.
+fn stretches() -> Vec<i16> {
+    let mut logarithm = -FARTHEST;
+    let entry = |i: i64| {
+        while logarithm < FARTHEST && squash(logarithm) < 16 * i + 8 {
+            logarithm += 1;
+        }
+        logarithm as i16
+    };
+    (0..4096).map(entry).collect()
+}
+
+/// What has been seen in a context.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Estimate {
+    /// Probability of 1, in 2^22ths.
+    one: u32,
+    /// How often it was used, up to [`MOST_SEEN`].
+    seen: u32,
+}
+
+/// From then on an estimate forgets at a constant rate.
+const MOST_SEEN: u32 = 250;
+
+impl Estimate {
+    /// Returns the estimate `numerator / denominator`, held between 1/256 and 63/64.
+    pub(super) fn new(numerator: u64, denominator: u64) -> Self {
+        let one = ((numerator << 22) / denominator).clamp(1 << 14, (1 << 22) - (1 << 16));
+        Self { one: one as u32, seen: 0 }
+    }
+
+    /// Moves the estimate, once the decision is known.
+    pub(super) fn update(&mut self, bit: bool) {
+        let target = if bit { WHOLE } else { 0 };
+        let rate = 65_536 / (i64::from(self.seen) + 8);
+        let one = i64::from(self.one) + (((target - i64::from(self.one)) * rate) >> 16);
+        self.one = one.clamp(1 << 10, WHOLE - (1 << 10)) as u32;
+        self.seen = MOST_SEEN.min(self.seen + 1);
+    }
+}
+
+/// Weights of the estimates for one kind of decision, in 65,536ths.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weights([i64; ESTIMATES]);
+
+impl Weights {
+    /// 0.15 each: the estimates see much the same, so the sum is less than 1.
+    pub(super) fn new() -> Self {
+        Self([9830; ESTIMATES])
+    }
+}
+
+/// The logarithms of one decision's estimates, kept for the update.
+pub(super) struct Mixer {
+    stretches: Vec<i16>,
+    logarithms: [i64; ESTIMATES],
+    one: i64,
+}
+
+impl Mixer {
+    pub(super) fn new() -> Self {
+        Self { stretches: stretches(), logarithms: [0; ESTIMATES], one: 0 }
+    }
+
+    /// Returns the probability of 1, in 65,536ths, from 16 to 65,520.
+    pub(super) fn mix(&mut self, estimates: [&Estimate; ESTIMATES], weights: &Weights) -> u32 {
+        let mut sum = 0;
+        for ((logarithm, estimate), weight) in self.logarithms.iter_mut().zip(estimates).zip(weights.0) {
+            *logarithm = i64::from(self.stretches[(estimate.one >> 10) as usize]);
+            sum += weight * *logarithm;
+        }
+        self.one = squash(sum >> 16).clamp(16, 65_520);
+        self.one as u32
+    }
+
+    /// Moves the weights, once the decision is known.
+    pub(super) fn update(&self, bit: bool, weights: &mut Weights) {
+        let error = if bit { 65_536 - self.one } else { -self.one };
+        for (weight, logarithm) in weights.0.iter_mut().zip(self.logarithms) {
+            *weight = (*weight + ((error * logarithm + 32_768) >> 16)).clamp(-(1 << 20), 1 << 20);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_are_what_their_formulas_say() {
+        for (at, &value) in LOGISTIC.iter().enumerate() {
+            let exact = 65_536.0 / (1.0 + (-(at as f64 - 16.0) / 2.0).exp());
+            assert_eq!(value, exact.round() as i64);
+        }
+        for (i, &found) in stretches().iter().enumerate() {
+            let middle = 16 * i as i64 + 8;
+            let expected = (-FARTHEST..=FARTHEST).find(|&s| squash(s) >= middle).unwrap_or(FARTHEST);
+            assert_eq!(i64::from(found), expected);
+            let exact = (middle as f64 / (65_536.0 - middle as f64)).ln() * 256.0;
+            assert!((expected as f64 - exact).abs() < 20.0 || exact.abs() > 1900.0, "{i} {expected} {exact}");
+        }
+    }
+
+    #[test]
+    fn estimates_and_weights_learn() {
+        let mut mixer = Mixer::new();
+        let mut estimates = [Estimate::new(1, 2); ESTIMATES];
+        let mut weights = Weights::new();
+        let mut one = 0;
+        for i in 0..2000 {
+            one = mixer.mix(estimates.each_ref(), &weights);
+            let bit = i % 10 == 0;
+            mixer.update(bit, &mut weights);
+            estimates.iter_mut().for_each(|estimate| estimate.update(bit));
+        }
+        assert!((f64::from(one) / 65_536.0 - 0.1).abs() < 0.03, "{one}");
+    }
+}

@@ -1,0 +1,122 @@
+//! From coefficients to whole numbers of steps and back.
+//!
+//! Harmonics are orthonormal, so an error of a coefficient counts the same at any degree and order, and one step for all
+//! of them is best for the mean square. Magnitudes are rounded at 0.62 in place of 0.5 (a dead zone around 0, and a lean
+//! towards it), as a smaller magnitude takes fewer bits (Sullivan, "Efficient scalar quantization of exponential and
+//! Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). What stands for the magnitudes 1, and 2
+//! and more, is the mean of what was rounded to them.
+//!
+//! Degree 0, where a surface lies, is rounded to the nearest, and has as many digits as it needs.
+
+use ndarray::{Array2, ArrayView2};
+
+use super::error::CodecError;
+use super::stream::LARGEST;
+
+/// What is added before rounding down.
+const ROUNDING: f64 = 0.38;
+
+/// Above this f64 doesn't count by ones.
+const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
+
+/// Quantised coefficients.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Quantised {
+    /// Steps of the channels, above 0; one for all channels of a surface.
+    pub(super) steps: Vec<f64>,
+    /// Degree 0, a number for each channel.
+    pub(super) first: Vec<i64>,
+    /// By how much the magnitudes 1, and 2 and more, stand for less, in 256ths of a step.
+    pub(super) shifts: [i8; 2],
+    /// All rows, (K, c); those of degree 0 are 0.
+    pub(super) values: Vec<i32>,
+}
+
+impl Quantised {
+    /// Quantises finite coefficients, (K, c), with a step for each channel or one for all.
+    pub(super) fn new(coefficients: ArrayView2<'_, f64>, steps: Vec<f64>) -> Result<Self, CodecError> {
+        let channels = coefficients.ncols();
+        let step = |channel: usize| steps[channel % steps.len()];
+        let too_fine = |channel: usize, value: f64, most: f64| CodecError::TooFine { step: step(channel), value, most };
+        let mut first = Vec::with_capacity(channels);
+        for (channel, &value) in coefficients.row(0).iter().enumerate() {
+            let count = (value / step(channel)).round();
+            if count.abs() > MOST_AT_DEGREE_0 {
+                return Err(too_fine(channel, value, MOST_AT_DEGREE_0));
+            }
+            first.push(count as i64);
+        }
+        let mut values = vec![0; coefficients.len()];
+        let mut means = [(0.0, 0u64); 2];
+        for (at, &value) in coefficients.iter().enumerate().skip(channels) {
+            let exact = value.abs() / step(at % channels);
+            let count = (exact + ROUNDING).floor();
+            if count > f64::from(LARGEST) {
+                return Err(too_fine(at % channels, value, f64::from(LARGEST)));
+            }
+            if count > 0.0 {
+                let (sum, number) = &mut means[usize::from(count > 1.0)];
+                *sum += count - exact;
+                *number += 1;
+                values[at] = if value < 0.0 { -count } else { count } as i32;
+            }
+        }
+        let shifts = means.map(|(sum, number)| (256.0 * sum / number.max(1) as f64).round() as i8);
+        Ok(Self { steps, first, shifts, values })
+    }
+
+    /// Returns the highest degree that isn't all zeros.
+    pub(super) fn top(&self) -> usize {
+        let last = self.values.iter().rposition(|&value| value != 0);
+        last.map_or(0, |last| (last / self.first.len()).isqrt())
+    }
+
+    /// Returns the coefficients that these stand for, (K, c).
+    pub(super) fn coefficients(&self) -> Array2<f64> {
+        let channels = self.first.len();
+        let step = |channel: usize| self.steps[channel % self.steps.len()];
+        let lean = self.shifts.map(|shift| f64::from(shift) / 256.0);
+        Array2::from_shape_fn((self.values.len() / channels, channels), |(row, channel)| match row {
+            0 => self.first[channel] as f64 * step(channel),
+            _ => {
+                let value = self.values[row * channels + channel];
+                let magnitude = match value.unsigned_abs() {
+                    0 => 0.0,
+                    1 => 1.0 - lean[0],
+                    more => f64::from(more) - lean[1],
+                };
+                f64::from(value.signum()) * magnitude * step(channel)
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// No coefficient is further off than 0.62 of a step and what stands for its magnitude.
+        #[test]
+        fn nothing_is_far_off(values in prop::collection::vec(-1e3..1e3f64, 18), step in 0.01..100.0f64) {
+            let given = Array2::from_shape_vec((9, 2), values).unwrap();
+            let found = Quantised::new(given.view(), vec![step]).unwrap().coefficients();
+            for (a, b) in given.iter().zip(&found) {
+                prop_assert!((a - b).abs() <= 1.13 * step, "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_too_fine_is_said() {
+        let mut given = Array2::from_elem((4, 1), 1.0);
+        let error = Quantised::new(given.view(), vec![1e-10]).unwrap_err();
+        assert!(matches!(error, CodecError::TooFine { value: 1.0, .. }), "{error}");
+        given.fill(0.0);
+        given[[0, 0]] = 1.0;
+        let found = Quantised::new(given.view(), vec![1e-10]).unwrap();
+        assert_eq!((found.first.as_slice(), found.top()), (&[10_000_000_000][..], 0));
+        assert!(Quantised::new(given.view(), vec![1e-17]).is_err());
+    }
+}

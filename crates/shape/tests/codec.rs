@@ -1,0 +1,384 @@
+//! Compressed models: round trips, targets, levels, the golden files, and what bad input gets.
+
+use std::path::{Path, PathBuf};
+
+use ndarray::Array2;
+use proptest::prelude::*;
+use spharm_harmonics::Coefficients;
+use spharm_harmonics::index::{basis_size, degree_order};
+use spharm_model::Model;
+use spharm_monitor::Silent;
+use spharm_shape::ShapeError;
+use spharm_shape::codec::{CodecError, CompressParams, Compressed, ExpandParams, Target, compress, expand};
+use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
+use spharm_surface::{Kind, Sphere};
+
+/// Whole files, all degrees.
+const WHOLE: ExpandParams = ExpandParams { max_degree: None, prefix: false };
+/// Beginnings of files.
+const PREFIX: ExpandParams = ExpandParams { max_degree: None, prefix: true };
+
+/// Numbers from 0 to 1.
+fn random(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / (1u64 << 31) as f64
+    }
+}
+
+/// A bumpy ellipsoid of some 20 units, away from the origin; or as many signals.
+fn model(max_degree: usize, channels: usize, kind: Kind, seed: u64) -> Model {
+    let mut random = random(seed);
+    let mut values = Array2::from_shape_fn((basis_size(max_degree), channels), |(row, _)| {
+        let degree = degree_order(row).0.max(1) as f64;
+        6.0 * (random() - 0.5) * degree.powf(-2.5)
+    });
+    for (row, channel) in [(3, 0), (1, 1), (2, 2)] {
+        if max_degree > 0 && channel < channels {
+            values[[row, channel]] += 10.0;
+        }
+    }
+    values.row_mut(0).fill(-70.0);
+    let mut model = Model::without_sphere(Coefficients::new(values).unwrap(), kind);
+    model.provenance.anatomical_structure_primary = Some("CortexLeft".to_owned());
+    model.provenance.scale = Some(1.0 / 3.0);
+    model.scheme_key = Some("ab".repeat(32));
+    model
+}
+
+fn surface(max_degree: usize) -> Model {
+    model(max_degree, 3, Kind::Surface, 1)
+}
+
+fn compressed(model: &Model, target: Target) -> Compressed {
+    compress(model, &CompressParams::new(target), &Silent).unwrap()
+}
+
+/// Root mean square error over the sphere.
+fn error(a: &Coefficients, b: &Coefficients) -> f64 {
+    let square: f64 = a.values().iter().zip(b.values()).map(|(a, b)| (a - b).powi(2)).sum();
+    (square / (4.0 * std::f64::consts::PI)).sqrt()
+}
+
+#[test]
+fn a_surface_comes_back_within_its_tolerance() {
+    let model = surface(20);
+    for tolerance in [1e-2, 1e-3, 1e-5] {
+        let file = compressed(&model, Target::Tolerance(tolerance));
+        assert!((0.9 * tolerance..=tolerance).contains(&file.distance), "{tolerance} {}", file.distance);
+        let expanded = expand(&file.bytes, &WHOLE).unwrap();
+        // Measured anew, on a finer icosphere and with more points.
+        let on = |model: &Model| model.reconstruct(&Sphere::icosphere(6), 20).unwrap();
+        let params = SurfaceDistanceParams { samples: 200_000 };
+        let distance = surface_distance(&on(&model), &on(&expanded.model), &params, &Silent).unwrap();
+        let relative = distance.rms / distance.scale;
+        assert!((0.88 * tolerance..=1.03 * tolerance).contains(&relative), "{tolerance} {relative}");
+        assert_eq!(expanded.model.coefficients.max_degree(), 20);
+        assert_eq!((expanded.bytes, expanded.model.sphere), (file.bytes.len(), None));
+    }
+}
+
+#[test]
+fn what_is_known_of_a_model_is_kept_where_it_is_to_be() {
+    let model = surface(4);
+    let mut params = CompressParams::new(Target::Step(1e-3));
+    let file = compress(&model, &params, &Silent).unwrap();
+    let found = expand(&file.bytes, &WHOLE).unwrap().model;
+    assert_eq!(found.scheme_key, model.scheme_key);
+    let done = &found.provenance.other["transform"][0]["compressed"];
+    assert_eq!(done["bytes"], file.bytes.len());
+    assert_eq!(done["step"].as_f64(), Some(file.step * file.scale));
+    let mut provenance = found.provenance.clone();
+    provenance.other.clear();
+    assert_eq!(provenance.tool.take().as_deref(), Some("shape compress"));
+    assert_eq!(provenance, model.provenance);
+
+    params.provenance = false;
+    let bare = compress(&model, &params, &Silent).unwrap();
+    assert!(bare.bytes.len() + 100 < file.bytes.len());
+    let found = expand(&bare.bytes, &WHOLE).unwrap().model;
+    assert_eq!((&found.scheme_key, found.provenance.scale), (&None, None));
+    assert_eq!(found.kind(), Kind::Surface);
+}
+
+#[test]
+fn a_file_has_at_most_the_bytes_asked_for() {
+    let model = surface(20);
+    for bytes in [600, 1000, 2000] {
+        let file = compressed(&model, Target::Bytes(bytes));
+        assert!((bytes - bytes / 50..=bytes).contains(&file.bytes.len()), "{bytes} {}", file.bytes.len());
+    }
+    let error = compress(&model, &CompressParams::new(Target::Bytes(50)), &Silent).unwrap_err();
+    assert!(matches!(error, CodecError::TooFewBytes { wanted: 50, .. }), "{error}");
+}
+
+#[test]
+fn a_beginning_is_a_coarser_model() {
+    let model = surface(24);
+    let params = CompressParams { levels: Some(vec![1, 5, 10, 99]), ..CompressParams::new(Target::Step(1e-4)) };
+    let file = compress(&model, &params, &Silent).unwrap();
+    let degrees: Vec<usize> = file.levels.iter().map(|level| level.degree).collect();
+    assert_eq!(degrees, [1, 5, 10, 24]);
+    let whole = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
+    for cut in file.head..file.bytes.len() {
+        let beginning = &file.bytes[..cut];
+        let level = file.levels.iter().rfind(|level| level.bytes <= cut);
+        let refused = expand(beginning, &WHOLE).unwrap_err();
+        assert!(matches!(refused, CodecError::CutOff { level: found, .. } if found == level.map(|level| level.degree)));
+        match (expand(beginning, &PREFIX), level) {
+            (Ok(found), Some(level)) => {
+                assert_eq!((found.model.coefficients.max_degree(), found.bytes), (level.degree, level.bytes));
+                assert_eq!(found.model.coefficients.values(), whole.up_to(level.degree));
+            }
+            (Err(CodecError::CutOff { expected, found, level: None }), None) => {
+                assert_eq!((expected, found), (file.levels[0].bytes, cut));
+            }
+            (found, _) => panic!("{cut}: {found:?}"),
+        }
+    }
+    for degree in 0..=30 {
+        let params = ExpandParams { max_degree: Some(degree), prefix: false };
+        let found = expand(&file.bytes, &params).unwrap().model.coefficients;
+        assert_eq!(found.values(), whole.up_to(degree.min(24)));
+    }
+}
+
+#[test]
+fn signals_are_compressed_by_their_spread() {
+    let mut model = model(16, 5, Kind::Signal, 3);
+    let mut values = model.coefficients.values().clone();
+    // A signal in other units, a constant one, and nothing.
+    values.column_mut(1).mapv_inplace(|value| 1e9 * value);
+    values.column_mut(3).iter_mut().skip(1).for_each(|value| *value = 0.0);
+    values.column_mut(4).fill(0.0);
+    model.coefficients = Coefficients::new(values).unwrap();
+    let file = compressed(&model, Target::Tolerance(1e-3));
+    assert!((0.9e-3..=1e-3).contains(&file.distance), "{}", file.distance);
+    let found = expand(&file.bytes, &WHOLE).unwrap().model;
+    assert_eq!(found.kind(), Kind::Signal);
+    for (channel, limit) in [(0, 0.02), (1, 2e7), (2, 0.02), (3, 0.1), (4, 0.0)] {
+        let one = |model: &Coefficients| {
+            let column = model.values().column(channel).to_vec();
+            Coefficients::new(Array2::from_shape_vec((column.len(), 1), column).unwrap()).unwrap()
+        };
+        let found = error(&one(&model.coefficients), &one(&found.coefficients));
+        assert!(found <= limit, "{channel} {found}");
+    }
+}
+
+#[test]
+fn models_of_next_to_nothing_come_back() {
+    // Degree 0 alone is a point: no surface, but a signal.
+    let point = model(0, 3, Kind::Surface, 1);
+    assert!(matches!(
+        compress(&point, &CompressParams::new(Target::Step(1e-3)), &Silent),
+        Err(CodecError::Shape(ShapeError::NoExtent { .. }))
+    ));
+    let constant = model(0, 1, Kind::Signal, 1);
+    let file = compressed(&constant, Target::Tolerance(1e-6));
+    let found = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
+    assert!((found.values()[[0, 0]] + 70.0).abs() < 1e-4);
+    // A signal of zeros to a high degree: the file would be too short for so many coefficients.
+    let zeros = Coefficients::new(Array2::zeros((basis_size(1999), 2))).unwrap();
+    let file = compressed(&Model::without_sphere(zeros, Kind::Signal), Target::Step(1.0));
+    let found = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
+    assert_eq!(found.max_degree(), file.max_degree);
+    assert!(file.max_degree > 500 && file.max_degree < 1999, "{}", file.max_degree);
+}
+
+#[test]
+fn what_cant_be_compressed_is_refused() {
+    let mut broken = surface(2);
+    let mut values = broken.coefficients.values().clone();
+    values[[5, 1]] = f64::NAN;
+    broken.coefficients = Coefficients::new(values).unwrap();
+    let error = compress(&broken, &CompressParams::new(Target::Step(1e-3)), &Silent).unwrap_err();
+    assert!(matches!(error, CodecError::Shape(ShapeError::NotFinite { row: 5, channel: 1, .. })), "{error}");
+    let mut flat = surface(3);
+    let mut values = flat.coefficients.values().clone();
+    values.column_mut(1).assign(&flat.coefficients.values().column(0));
+    flat.coefficients = Coefficients::new(values).unwrap();
+    let error = compress(&flat, &CompressParams::new(Target::Step(1e-3)), &Silent).unwrap_err();
+    assert!(matches!(error, CodecError::Flat), "{error}");
+    for target in [Target::Tolerance(0.0), Target::Tolerance(f64::NAN), Target::Step(-1.0), Target::Bytes(0)] {
+        let error = compress(&surface(2), &CompressParams::new(target), &Silent).unwrap_err();
+        assert!(matches!(error, CodecError::Parameter { .. }), "{error}");
+    }
+    let error = compress(&surface(2), &CompressParams::new(Target::Step(1e-12)), &Silent).unwrap_err();
+    assert!(matches!(error, CodecError::TooFine { .. }), "{error}");
+}
+
+/// Puts the right checksum at the end of a head that was changed.
+fn forge(file: &Compressed, change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
+    let mut head = file.bytes[..file.head - 4].to_vec();
+    change(&mut head);
+    let length = (head.len() + 4) as u32;
+    head[6..10].copy_from_slice(&length.to_le_bytes());
+    let crc = crc32c::crc32c(&head);
+    head.extend(crc.to_le_bytes());
+    head.extend(&file.bytes[file.head..]);
+    head
+}
+
+#[test]
+fn hostile_heads_are_refused() {
+    let file = compress(
+        &surface(6),
+        &CompressParams { provenance: false, ..CompressParams::new(Target::Step(1e-3)) },
+        &Silent,
+    )
+    .unwrap();
+    assert!(expand(&forge(&file, |_| {}), &WHOLE).is_ok());
+    let varint = |number: u64| {
+        let mut bytes: Vec<u8> = (0..9).map(|i| (number >> (7 * i)) as u8 | 128).collect();
+        bytes.push((number >> 63) as u8);
+        bytes
+    };
+    let refuse = |what: &str, bytes: Vec<u8>| match expand(&bytes, &PREFIX) {
+        Err(error) => assert!(error.to_string().contains(what), "{what}: {error}"),
+        Ok(_) => panic!("{what}"),
+    };
+    // L, c, T and g are one byte each.
+    for (at, what) in [(10, "highest degree"), (11, "channels"), (12, "of the stream"), (13, "guess")] {
+        for number in [u64::MAX, 1 << 40, 1 << 32, 2001, 65_537] {
+            refuse(what, forge(&file, |head| drop(head.splice(at..=at, varint(number)))));
+        }
+    }
+    refuse("number of coefficients", forge(&file, |head| drop(head.splice(10..11, [0xd0, 0x0f]))));
+    refuse("flags", forge(&file, |head| head[5] = 7));
+    refuse("step", forge(&file, |head| head[16..24].copy_from_slice(&f64::NAN.to_le_bytes())));
+    refuse("step", forge(&file, |head| head[16..24].copy_from_slice(&(-1.0f64).to_le_bytes())));
+    refuse("finite", forge(&file, |head| head[16..24].copy_from_slice(&f64::MAX.to_le_bytes())));
+    refuse("no more bytes", forge(&file, |head| head.push(0)));
+    refuse("bytes", forge(&file, |head| head.truncate(20)));
+    refuse(
+        "zlib",
+        forge(&file, |head| {
+            head[5] = 3;
+            head.extend([5, 1, 2, 3]);
+        }),
+    );
+    let mut version = file.bytes.clone();
+    version[4] = 2;
+    assert!(matches!(expand(&version, &WHOLE), Err(CodecError::Version { expected: 1, found: 2 })));
+    let text = expand(b"PK\x03\x04 a NumPy archive", &WHOLE).unwrap_err();
+    assert!(matches!(text, CodecError::Magic { .. }), "{text}");
+    assert!(matches!(expand(b"", &PREFIX), Err(CodecError::Magic { .. })));
+    let mut longer = file.bytes.clone();
+    longer.push(0);
+    refuse("length", longer);
+}
+
+/// A stream that ends at once, under a head that declares a large one.
+#[test]
+fn a_stream_that_ends_early_is_refused() {
+    let file = compress(
+        &surface(6),
+        &CompressParams { provenance: false, levels: Some(vec![]), ..CompressParams::new(Target::Step(1e-4)) },
+        &Silent,
+    )
+    .unwrap();
+    let stream = [0xff, 0xff];
+    let mut bytes = forge(&file, |head| {
+        let segment = head.len() - 7;
+        assert_eq!(head[segment], 6, "the degree of the only segment, a varint of two bytes, a checksum");
+        head.truncate(segment + 1);
+        head.push(stream.len() as u8);
+        head.extend(crc32c::crc32c(&stream).to_le_bytes());
+    });
+    bytes.truncate(bytes.len() - (file.bytes.len() - file.head));
+    bytes.extend(stream);
+    let error = expand(&bytes, &WHOLE).unwrap_err();
+    assert!(error.to_string().contains("stream"), "{error}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// What is expanded is what was quantised: 0.62 of a step off, and half a step more for what magnitudes stand for.
+    #[test]
+    fn any_model_comes_back(degree in 1..9usize, channels in 1..5usize, seed: u64, log in -20.0..0.0f64) {
+        let model = model(degree, channels, Kind::Signal, seed);
+        let file = compressed(&model, Target::Step(f64::exp2(log)));
+        let found = expand(&file.bytes, &WHOLE).unwrap().model;
+        prop_assert_eq!(found.coefficients.max_degree(), degree);
+        let step = &found.provenance.other["transform"][0]["compressed"]["step"];
+        for channel in 0..channels {
+            let step = step.get(channel).unwrap_or(step).as_f64().unwrap();
+            let columns = [&model, &found].map(|model| model.coefficients.values().column(channel).to_vec());
+            for (a, b) in columns[0].iter().zip(&columns[1]) {
+                prop_assert!((a - b).abs() <= 1.13 * step, "{} {} {}", a, b, step);
+            }
+        }
+    }
+
+    /// Any damage is an error.
+    #[test]
+    fn damage_is_an_error(at in 0.0..1.0f64, flip in 1..=255u8, cut in 0.0..1.0f64, prefix: bool) {
+        let model = surface(7);
+        let file = compress(&model, &CompressParams { levels: Some(vec![2, 4]), ..CompressParams::new(Target::Step(1e-3)) }, &Silent).unwrap();
+        let params = if prefix { PREFIX } else { WHOLE };
+        let mut bytes = file.bytes.clone();
+        bytes[(at * file.bytes.len() as f64) as usize] ^= flip;
+        prop_assert!(expand(&bytes, &params).is_err());
+        bytes.truncate((cut * file.bytes.len() as f64) as usize);
+        if let Ok(found) = expand(&bytes, &params) {
+            // Cut off before the damage.
+            let whole = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
+            let degree = found.model.coefficients.max_degree();
+            prop_assert!(prefix);
+            prop_assert_eq!(found.model.coefficients.values(), whole.up_to(degree));
+        }
+    }
+
+    /// Anything behind a sound head and checksum is read without a panic.
+    #[test]
+    fn any_stream_is_read_without_a_panic(stream in prop::collection::vec(any::<u8>(), 0..300)) {
+        let mut head = file_head(40, stream.len(), crc32c::crc32c(&stream));
+        head.extend(&stream);
+        if let Ok(found) = expand(&head, &WHOLE) {
+            prop_assert!(found.model.coefficients.values().iter().all(|value| value.is_finite()));
+        }
+    }
+
+    /// Nor does any text behind the magic do harm.
+    #[test]
+    fn any_fields_are_read_without_a_panic(fields in prop::collection::vec(any::<u8>(), 0..80), flags in 0..4u8) {
+        let mut head = b"\x89SPZ\x01".to_vec();
+        head.push(flags);
+        head.extend((14 + fields.len() as u32).to_le_bytes());
+        head.extend(&fields);
+        head.extend(crc32c::crc32c(&head).to_le_bytes());
+        let _ = expand(&head, &PREFIX);
+    }
+}
+
+/// The head of a surface with one segment.
+fn file_head(degree: u8, length: usize, crc: u32) -> Vec<u8> {
+    let mut head = b"\x89SPZ\x01\x01\0\0\0\0".to_vec();
+    head.extend([degree, 3, degree, 3, 0, 0]);
+    head.extend(1.0f64.to_le_bytes());
+    head.extend([0, 0, 0, 1, degree]);
+    head.extend([length as u8 & 127 | 128, (length >> 7) as u8]);
+    head.extend(crc.to_le_bytes());
+    let end = (head.len() + 4) as u32;
+    head[6..10].copy_from_slice(&end.to_le_bytes());
+    head.extend(crc32c::crc32c(&head).to_le_bytes());
+    head
+}
+
+fn golden(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/sphz-v1").join(name)
+}
+
+#[test]
+fn golden_files_are_read_forever() {
+    for (name, degrees) in [("surface", vec![3, 7, 15]), ("signal", vec![8])] {
+        let bytes = std::fs::read(golden(&format!("{name}.sphz"))).unwrap();
+        let expected = Model::read(golden(&format!("{name}.spharm.npz"))).unwrap();
+        let found = expand(&bytes, &WHOLE).unwrap();
+        assert_eq!(found.model, expected, "{name}");
+        assert_eq!(found.levels.iter().map(|level| level.degree).collect::<Vec<_>>(), degrees);
+    }
+}

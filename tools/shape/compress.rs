@@ -1,0 +1,148 @@
+//! `shape compress`: models as few bytes.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use serde_json::{Value, json};
+use spharm::shape::codec::{CompressParams, Target, VERSION, compress};
+use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+use spharm_model::Model;
+use spharm_surface::io::write_new;
+
+use super::args::{Models, ReportArgs, Resources};
+use super::outputs::{check, finish, outputs};
+
+/// Compress models, to a distance or to a size
+///
+/// Coefficients are rounded to multiples of a step and coded; `spharm shape expand` makes models of the files again. A step is
+/// chosen by the root mean square distance between the model's surface and the compressed one's, both ways, where the
+/// bounding box's volume is 1; or by the bytes of the file; or given. For signals distance and step are fractions of each
+/// channel's standard deviation over the sphere.
+///
+/// What is lost: digits, as far as that distance; and the model's sphere, with the number, the order and the triangles of the
+/// vertices. The expanded model is evaluated on any sphere, `spharm reconstruct --icosphere N`, but not at the vertices that it
+/// was fitted to, unless their sphere is given. Where these have to be kept, compress the mesh itself.
+///
+/// The beginning of a file is a coarser model: `spharm shape expand --prefix`.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape compress bunny.spharm.npz --tolerance 1e-3 -o bunny.sphz",
+        "spharm shape compress models --bytes 4000 --bare -o compressed",
+        "spharm shape expand bunny.sphz -o bunny.spharm.npz",
+    ],
+    &[],
+))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    models: Models,
+    #[command(flatten)]
+    target: TargetArgs,
+    /// Degrees at whose end files may be cut off [default: 1, 3, 7, 15, ...]
+    ///
+    /// By default as far as there are 256 bytes between them.
+    #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
+    levels: Option<Vec<usize>>,
+    /// Leave out provenance and scheme key, about 500 bytes
+    #[arg(long, help_heading = METHOD)]
+    bare: bool,
+    /// File to write; for several models a folder
+    #[arg(short, long, value_name = "OUT.sphz", help_heading = OUTPUT)]
+    output: PathBuf,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct TargetArgs {
+    /// Root mean square distance of the surfaces, bounding box scaled to volume 1
+    #[arg(long, value_name = "D", help_heading = METHOD)]
+    tolerance: Option<f64>,
+    /// Most bytes of each file
+    #[arg(long, value_name = "N", help_heading = METHOD)]
+    bytes: Option<usize>,
+    /// Step of the coefficients, bounding box scaled to volume 1
+    #[arg(long, value_name = "S", help_heading = METHOD)]
+    step: Option<f64>,
+}
+
+impl TargetArgs {
+    fn target(&self) -> Target {
+        match (self.tolerance, self.bytes) {
+            (Some(tolerance), _) => Target::Tolerance(tolerance),
+            (None, Some(bytes)) => Target::Bytes(bytes),
+            (None, None) => Target::Step(self.step.unwrap_or(0.0)),
+        }
+    }
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let paths = cli.models.paths()?;
+    let targets = outputs(&cli.models, &paths, &cli.output, "sphz")?;
+    check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".sphz"])), &cli.report)?;
+    let pool = cli.resources.threads.pool()?;
+    let mut params = CompressParams::new(cli.target.target());
+    params.levels.clone_from(&cli.levels);
+    params.provenance = !cli.bare;
+    let mut reports = Vec::new();
+    let mut rows = vec![["file", "bytes", "distance", "step", "degree"].map(str::to_owned).to_vec()];
+    for (path, target) in paths.iter().zip(&targets) {
+        spharm::Monitor::check(monitor)?;
+        let (row, report) = pool.install(|| one(path, target, &params, cli.report.force, monitor))?;
+        rows.push(row);
+        reports.push(report);
+    }
+    finish("compress", &json!({ "format": VERSION, "files": reports }), &rows, &cli.report)
+}
+
+fn one(
+    path: &Path,
+    target: &Path,
+    params: &CompressParams,
+    force: bool,
+    monitor: &ConsoleMonitor,
+) -> Result<(Vec<String>, Value)> {
+    let started = Instant::now();
+    let model = Model::read(path)?;
+    let file = compress(&model, params, monitor).with_context(|| path.display().to_string())?;
+    prepare(target)?;
+    write_new(target, force, |out| out.write_all(&file.bytes))?;
+    let degree = model.coefficients.max_degree();
+    if file.max_degree < degree {
+        monitor.console().warn(format!(
+            "{}: the degrees above {} are zeros and too many for so small a file; they are left out",
+            path.display(),
+            file.max_degree
+        ));
+    }
+    let levels: Vec<Value> =
+        file.levels.iter().map(|level| json!({ "degree": level.degree, "bytes": level.bytes })).collect();
+    let row = vec![
+        target.display().to_string(),
+        file.bytes.len().to_string(),
+        format!("{:.3e}", file.distance),
+        format!("{:.3e}", file.step),
+        file.max_degree.to_string(),
+    ];
+    let report = json!({
+        "model": path,
+        "output": target,
+        "bytes": file.bytes.len(),
+        "head_bytes": file.head,
+        "distance": file.distance,
+        "step": file.step,
+        "scale": file.scale,
+        "degree": file.max_degree,
+        "levels": levels,
+        "seconds": started.elapsed().as_secs_f64(),
+    });
+    Ok((row, report))
+}

@@ -1,0 +1,118 @@
+//! `shape expand`: compressed models back to models.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use serde_json::{Value, json};
+use spharm::shape::codec::{ExpandParams, expand};
+use spharm_cli::Usage;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::with_ending;
+
+use super::args::ReportArgs;
+use super::outputs::{check, finish};
+
+/// No compressed model is larger: it has 96 MB of coefficients of degree 2,000 at most, times channels.
+const MOST_BYTES: u64 = 1 << 30;
+
+/// Make models of compressed ones
+///
+/// The models have no sphere: evaluate them with `spharm reconstruct --icosphere N`, or on any sphere.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape expand bunny.sphz -o bunny.spharm.npz",
+        "spharm shape expand compressed --max-degree 20 -o coarse",
+        "head -c 800 bunny.sphz > beginning.sphz; spharm shape expand beginning.sphz --prefix -o coarse.spharm.npz",
+    ],
+    &[],
+))]
+pub(super) struct Cli {
+    /// Compressed models, as `spharm shape compress` writes them
+    ///
+    /// Files, folders, whose .sphz files are taken, or @LIST with a path a line.
+    #[arg(value_name = "FILE.sphz", required = true, help_heading = INPUT)]
+    files: Vec<PathBuf>,
+    /// Highest degree to expand [default: the model's]
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    max_degree: Option<usize>,
+    /// Take the beginning of a file: the coarser model that it holds
+    #[arg(long, help_heading = METHOD)]
+    prefix: bool,
+    /// Model to write; for several files a folder
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
+    output: PathBuf,
+    #[command(flatten)]
+    report: ReportArgs,
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let paths = spharm_cli::paths::expand(&cli.files, ".sphz")?;
+    let targets = targets(cli, &paths)?;
+    check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
+    let mut reports = Vec::new();
+    let mut rows = vec![["model", "degree", "channels", "bytes used"].map(str::to_owned).to_vec()];
+    for (path, target) in paths.iter().zip(&targets) {
+        spharm::Monitor::check(monitor)?;
+        let report = one(cli, path, target)?;
+        let cell = |field: &str| report[field].to_string();
+        rows.push(vec![target.display().to_string(), cell("degree"), cell("channels"), cell("bytes")]);
+        reports.push(report);
+    }
+    finish("expand", &json!({ "models": reports }), &rows, &cli.report)
+}
+
+fn one(cli: &Cli, path: &Path, target: &Path) -> Result<Value> {
+    let named = || path.display().to_string();
+    let bytes = read(path)?;
+    let params = ExpandParams { max_degree: cli.max_degree, prefix: cli.prefix };
+    let expanded = expand(&bytes, &params).with_context(named)?;
+    let degree = expanded.model.coefficients.max_degree();
+    if let Some(wanted) = cli.max_degree
+        && degree < wanted
+    {
+        bail!("{}: the model goes to degree {degree}, --max-degree {wanted} is above it", path.display());
+    }
+    prepare(target)?;
+    expanded.model.write_with(target, cli.report.force)?;
+    let channels = expanded.model.coefficients.channels();
+    Ok(json!({ "file": path, "output": target, "degree": degree, "channels": channels, "bytes": expanded.bytes }))
+}
+
+/// The bytes of a regular file.
+fn read(path: &Path) -> Result<Vec<u8>> {
+    let named = || format!("{}: cannot read the file", path.display());
+    // A FIFO would be waited for.
+    if path.exists() && !path.is_file() {
+        bail!("{}: not a regular file", path.display());
+    }
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).with_context(named)?;
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes).with_context(named)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        bail!("{}: not a compressed model: it has more than {MOST_BYTES} bytes", path.display());
+    }
+    Ok(bytes)
+}
+
+/// The model of each file: the one that was named for a single file, else `NAME.spharm.npz` in that folder.
+fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let output = &cli.output;
+    if paths.len() == 1 && paths == cli.files && !output.is_dir() {
+        return Ok(vec![output.clone()]);
+    }
+    if !output.is_dir() && output.to_string_lossy().ends_with(".npz") {
+        return Err(Usage::conflict("--output is the name of a folder where several files are written").into());
+    }
+    let name = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let stem = output.join(name.strip_suffix(".sphz").unwrap_or(&name));
+        with_ending(&stem, "spharm.npz")
+    };
+    Ok(paths.iter().map(name).collect())
+}
