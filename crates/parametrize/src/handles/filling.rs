@@ -1,6 +1,7 @@
 //! Both sides of a cut, filled.
 
 use spharm_monitor::{Interrupted, Monitor};
+use spharm_surface::nearest::TriangleTree;
 
 use super::disc::Disc;
 use super::fair::Fairing;
@@ -20,6 +21,8 @@ pub(super) struct Rim<'a> {
     pub(super) places: &'a [Vec3],
     /// Unit normals of the surface there, on the side that its triangles wind about.
     pub(super) normals: &'a [Vec3],
+    /// The surface before it was cut.
+    pub(super) surface: &'a TriangleTree,
 }
 
 /// The two sides' fillings.
@@ -44,12 +47,11 @@ impl Rim<'_> {
         let flat = fairing.flat(self.places);
         let inwards: Vec<Vec3> = disc.at_ring(&flat).iter().zip(self.places).map(|(p, q)| unit(sub(*p, *q))).collect();
         let beyond = self.beyond(&inwards);
-        let kind = self.kind(&lengths, &inwards);
+        let (kind, steps) = (self.kind(&lengths, &inwards), fairing.steps(&flat));
         let mut filling = Filling { vertices: Vec::new(), faces: Vec::new(), kind, area: 0.0 };
         // The loop's left cap faces the other way, so its filling leads on against the right one's.
         for (rim, sign) in [(self.right, 1.0), (self.left, -1.0)] {
-            let along: Vec<Vec3> = beyond.iter().map(|&along| scale(along, sign)).collect();
-            let positions = fairing.smooth(&flat, &along);
+            let positions = fairing.smooth(&flat, &self.outside(&beyond, &steps, sign));
             let new = first + filling.vertices.len() as u32;
             let vertex = |v: u32| rim.get(v as usize).copied().unwrap_or_else(|| new + v - count as u32);
             for &triangle in &disc.triangles {
@@ -85,6 +87,18 @@ impl Rim<'_> {
             beyond = smoothed.collect();
         }
         beyond
+    }
+
+    /// Two rings of points of the surface, one and two steps from the loop, on its right with a `sign` of 1, else on its left.
+    fn outside(&self, beyond: &[Vec3], steps: &[f64], sign: f64) -> Vec<Vec3> {
+        let ring = |number: f64| {
+            let points = self.places.iter().zip(beyond).zip(steps);
+            points.map(move |((&place, &beyond), step)| {
+                let point = sub(place, scale(beyond, sign * number * step));
+                self.surface.nearest(point).map_or(point, |nearest| nearest.point)
+            })
+        };
+        ring(1.0).chain(ring(2.0)).collect()
     }
 
     fn kind(&self, lengths: &[f64], inwards: &[Vec3]) -> Kind {

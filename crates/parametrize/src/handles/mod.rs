@@ -25,6 +25,7 @@ pub use report::{CutLoop, CutSurface, HandlesReport, Kind};
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Silent};
+use spharm_surface::nearest::TriangleTree;
 use spharm_surface::topology::{Topology, is_outward};
 use spharm_surface::{Mesh, Seam};
 
@@ -66,7 +67,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     let mut cut = Mesh::new(complex.positions.clone(), complex.own_triangles().collect());
     cut.meta.clone_from(&surface.meta);
     let (normals, outward) = (normals(surface), is_outward(surface));
-    for (found, filling) in cuts.iter().zip(fillings(&complex, &normals, &cuts, monitor)?) {
+    for (found, filling) in cuts.iter().zip(fillings(&complex, surface, &normals, &cuts, monitor)?) {
         let (rim, first) = (right_rim(&complex, &found.rims), cut.vertices.len() as u32);
         let sum = rim.iter().fold([0.0; 3], |sum, &v| add(sum, complex.positions[v as usize]));
         report.loops.push(CutLoop {
@@ -106,16 +107,18 @@ fn left_over(problems: String) -> ParametrizeError {
 /// The fillings of all cuts, each over new vertices from the number of the complex's on.
 fn fillings(
     complex: &Complex,
+    surface: &Mesh,
     normals: &[Vec3],
     cuts: &[Cut],
     monitor: &dyn Monitor,
 ) -> Result<Vec<Filling>, Interrupted> {
+    let tree = TriangleTree::new(surface);
     let filled = cuts.par_iter().map(|cut| {
         monitor.check()?;
         let (right, left) = (right_rim(complex, &cut.rims), left_rim(complex, &cut.rims));
         let places: Vec<Vec3> = right.iter().map(|&v| complex.positions[v as usize]).collect();
         let normals: Vec<Vec3> = right.iter().map(|&v| normals[complex.own[v as usize] as usize]).collect();
-        let rim = Rim { right: &right, left: &left, places: &places, normals: &normals };
+        let rim = Rim { right: &right, left: &left, places: &places, normals: &normals, surface: &tree };
         rim.fill(complex.vertices() as u32, monitor)
     });
     filled.collect()
