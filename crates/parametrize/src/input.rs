@@ -14,8 +14,6 @@ use crate::method::Source;
 use crate::volume::VolumeSurface;
 
 /// A surface from a file.
-// Few of these exist at a time.
-#[expect(clippy::large_enum_variant)]
 #[derive(Clone, Debug)]
 pub enum Input {
     /// A mesh.

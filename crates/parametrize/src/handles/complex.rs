@@ -168,8 +168,8 @@ impl Complex {
         let faces = self.first.len() as u32;
         self.first.extend([left, right]);
         // The left cap's half-edges run against the loop, the right one's along it.
-        for i in 0..count {
-            let copy = self.to(edges[i]);
+        for (i, &edge) in edges.iter().enumerate() {
+            let copy = self.to(edge);
             self.from.push(copy);
             self.next.push(left + before(i) as u32);
             self.previous.push(left + ((i + 1) % count) as u32);
