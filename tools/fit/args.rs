@@ -80,7 +80,7 @@ pub(super) struct Input {
     ///
     /// The fit is of the cut surface, which is written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that
     /// reconstruct gives the surface back as it was.
-    #[arg(long, conflicts_with = "sphere")]
+    #[arg(long, conflicts_with = "sphere", hide_short_help = true)]
     pub(super) cut_handles: bool,
     /// Folder of the basis store
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
