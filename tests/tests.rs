@@ -9,6 +9,7 @@ mod facade;
 mod first_users;
 mod fit_arguments;
 mod full_least_squares;
+mod handles;
 mod inputs;
 mod memory;
 mod moments;

@@ -56,7 +56,7 @@ pub(super) struct Input {
     #[arg(
         long,
         value_name = "ALL.moments",
-        conflicts_with_all = ["surface", "sphere", "label", "fix", "method", "hold_out", "dtype", "verify", "skip_existing"]
+        conflicts_with_all = ["surface", "sphere", "label", "fix", "cut_handles", "method", "hold_out", "dtype", "verify", "skip_existing"]
     )]
     pub(super) moments: Option<PathBuf>,
     /// Sphere of the surfaces [default: each is mapped to one of its own]
@@ -76,6 +76,12 @@ pub(super) struct Input {
     /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
+    /// Cut meshes that have handles along short loops, and fill both sides
+    ///
+    /// The fit is of the cut surface, which is written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that
+    /// reconstruct gives the surface back as it was.
+    #[arg(long, conflicts_with = "sphere", hide_short_help = true)]
+    pub(super) cut_handles: bool,
     /// Folder of the basis store
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
     pub(super) store: Option<PathBuf>,

@@ -64,6 +64,8 @@ pub(super) fn items(
             cli.output.stderr.then(|| files.standard_errors()),
             sphere.is_none().then(|| files.sphere()),
             label.map(|_| files.surface()),
+            // A mesh without handles has none, and is finished all the same.
+            (cli.input.cut_handles && !cli.output.skip_existing).then(|| files.cut_surface()),
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
         let request = Request { input: &record, sphere, params, output: &files.model, beside: &beside, if_exists };

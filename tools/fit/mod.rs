@@ -9,7 +9,7 @@ mod settings;
 use anyhow::{Context, Result};
 use spharm::files::MadeOf;
 use spharm::parametrize::Input;
-use spharm::parametrize::volume::{Repair, VolumeSurface};
+use spharm::parametrize::volume::VolumeSurface;
 use spharm::{Fit, ManyReport, Sphere, Target, files, fit_many};
 use spharm_cli::inputs::{read_sphere, read_target};
 use spharm_cli::machine::raise_file_limit;
@@ -31,7 +31,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs(cli.output.report.iter().map(|path| OutputFile::new(path, "--report")), cli.output.force)?;
     let sphere = cli.input.sphere.as_deref().map(|path| read_sphere(path, cli.input.strict, console)).transpose()?;
     let started = call.started.elapsed().as_secs_f64();
-    let mut reader = SurfaceReader::new(cli.input.fix);
+    let mut reader = SurfaceReader::new(cli.input.fix, cli.input.cut_handles);
     let (items, skipped) = items(cli, &params, sphere.as_ref(), &mut reader, &monitor)?;
     if !skipped.is_empty() {
         let there = if skipped.len() == 1 { "exists and is" } else { "exist and are" };
@@ -45,7 +45,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     cli.resources.threads.pool()?.install(|| match &sphere {
         Some(sphere) => {
             let read = |number: usize| read_target(&items[number].input, sphere, cli.input.strict, console);
-            let (fitted, report) = fit_on(&call, sphere, &items, None, &read)?;
+            let (fitted, report) = fit_on(&call, sphere, &items, MadeOf::default(), &read)?;
             call.finish(fitted, vec![report], [started, 0.0])
         }
         None => each_on_its_own(&call, &items, &mut reader),
@@ -64,7 +64,8 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item], reader: &mut SurfaceReader) 
     for item in items {
         let found = map(call, item, reader)?;
         let report = found.parametrized.map.report.clone();
-        let mapped = Mapped { sphere: item.files.sphere(), repair: found.repair, report };
+        let handles = found.handles.clone();
+        let mapped = Mapped { sphere: item.files.sphere(), repair: found.repair, handles, report };
         mapping += mapped.report.seconds;
         let (mut one, report) = fit_mapped(call, item, &found).inspect_err(|_| found.remove())?;
         one.iter_mut().for_each(|fitted| fitted.parametrization = Some(mapped.clone()));
@@ -75,9 +76,10 @@ fn each_on_its_own(call: &Call<'_>, items: &[Item], reader: &mut SurfaceReader) 
 }
 
 fn fit_mapped(call: &Call<'_>, item: &Item, found: &files::Mapped) -> Result<(Vec<Fitted>, ManyReport)> {
-    let (found, repair) = (&found.parametrized, found.repair.as_ref());
+    let made_of = MadeOf { input: None, repair: found.repair.as_ref(), handles: found.handles.as_ref() };
+    let found = &found.parametrized;
     let target = Target::from_mesh(&found.map.surface, &found.sphere)?;
-    fit_on(call, &found.sphere, std::slice::from_ref(item), repair, &|_| Ok(target.clone()))
+    fit_on(call, &found.sphere, std::slice::from_ref(item), made_of, &|_| Ok(target.clone()))
 }
 
 /// Maps one surface to the sphere.
@@ -86,6 +88,9 @@ fn map(call: &Call<'_>, item: &Item, reader: &mut SurfaceReader) -> Result<files
     let surface = reader.read(&item.input, item.record.label, call.monitor)?;
     if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &surface {
         call.monitor.console().warn(format!("{}: {repair}", item.record));
+    }
+    if let Some(handles) = surface.handles() {
+        call.monitor.console().warn(format!("{}: {handles}", item.record));
     }
     let reuse = call.cli.output.skip_existing;
     let found = item.files.map(&surface, &item.record, call.params, reuse, item.replace, call.monitor);
@@ -103,18 +108,18 @@ fn map(call: &Call<'_>, item: &Item, reader: &mut SurfaceReader) -> Result<files
     Ok(found)
 }
 
-/// Fits surfaces on a sphere and writes their models. `repair` is what was changed in the label that they are of.
+/// Fits surfaces on a sphere and writes their models. `made_of` is what was changed in what they are of.
 fn fit_on(
     call: &Call<'_>,
     sphere: &Sphere,
     items: &[Item],
-    repair: Option<&Repair>,
+    made_of: MadeOf<'_>,
     read: &(dyn Fn(usize) -> Result<Target> + Sync),
 ) -> Result<(Vec<Fitted>, ManyReport)> {
     let done = |number: usize, fit: Fit| -> Result<Fitted> {
         let item = &items[number];
         call.warn_of(item, &fit);
-        let made_of = MadeOf { input: Some(&item.record), repair };
+        let made_of = MadeOf { input: Some(&item.record), ..made_of };
         item.files.write(sphere, &fit, &made_of, call.cli.output.coefficients_csv, item.replace)?;
         Ok(Fitted::new(item, fit.report))
     };

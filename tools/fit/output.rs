@@ -9,6 +9,7 @@ use anyhow::Result;
 use serde::Serialize;
 use serde_json::json;
 use spharm::assess::SurfaceDistances;
+use spharm::parametrize::HandlesReport;
 use spharm::parametrize::volume::Repair;
 use spharm::{BatchReport, Fit, FitParams, FitReport, FitWarning, ManyReport, Seconds};
 use spharm_cli::advice;
@@ -87,6 +88,9 @@ pub(super) struct Mapped {
     /// What `--fix` changed in the label, if anything.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) repair: Option<Repair>,
+    /// What `--cut-handles` cut, if anything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) handles: Option<HandlesReport>,
     #[serde(flatten)]
     pub(super) report: spharm::parametrize::Report,
 }

@@ -19,6 +19,7 @@ use spharm_parametrize::Sampling;
     &[
         "spharm parametrize --surface bunny.ply -o bunny.sphere.surf.gii",
         "spharm parametrize --surface cells.nii.gz --label all --fix -o spheres",
+        "spharm parametrize --surface torus.ply --cut-handles -o torus.sphere.surf.gii",
         "spharm parametrize --surface s*.ply --resample-to icosphere:6 -o spheres --surface-output surfaces",
     ],
     &[help::MESHES, help::VOLUMES],
@@ -37,6 +38,13 @@ pub(crate) struct Cli {
     /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
+    /// Cut meshes that have handles along short loops, and fill both sides
+    ///
+    /// The map is then of the cut surface, which goes to --surface-output: the input's vertices and triangles in their order,
+    /// copies of the vertices on the seams, and the fillings. Models over the sphere lead back to the surface as it was, if
+    /// the sphere is a GIfTI file: it keeps where the seams are.
+    #[arg(long, help_heading = INPUT)]
+    pub(super) cut_handles: bool,
     /// Method of parameterisation
     #[arg(long, value_enum, default_value_t = MethodName::Auto, help_heading = METHOD)]
     pub(super) method: MethodName,
@@ -74,7 +82,7 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Surface to write, whose triangles are those of the sphere; for several a folder
     ///
-    /// Needed where it isn't the input's: for volumes, for deform and with --resample-to. Its default is then next to the
+    /// Needed where it isn't the input's: for volumes, for deform, with --resample-to and with --cut-handles. Its default is then next to the
     /// sphere: NAME.surf.gii for NAME.sphere.surf.gii.
     #[arg(long, value_name = "MESH", help_heading = OUTPUT)]
     pub(super) surface_output: Option<PathBuf>,

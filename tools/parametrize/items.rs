@@ -28,6 +28,12 @@ impl Item {
             None => self.input.display().to_string(),
         }
     }
+
+    /// Whether the sphere's file keeps metadata, as GIfTI does.
+    pub(super) fn keeps_metadata(&self) -> bool {
+        let name = self.sphere.to_string_lossy().to_lowercase();
+        name.trim_end_matches(".gz").ends_with(".gii")
+    }
 }
 
 /// Returns the surfaces with their files; refuses what doesn't go together and what would be overwritten.
@@ -89,6 +95,7 @@ fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
         (MethodName::Deform, _) => Some("deform makes"),
         (_, Some(_)) => Some("--resample-to makes"),
         _ if is_volume(input) => Some("a volume gets"),
+        _ if cli.cut_handles => Some("--cut-handles makes"),
         _ => None,
     }
 }

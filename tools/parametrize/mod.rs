@@ -13,6 +13,7 @@ use spharm_parametrize::volume::VolumeSurface;
 use spharm_parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
 };
+use spharm_surface::Seam;
 use spharm_surface::io::{WriteOptions, to_write_mesh, write_mesh};
 
 pub(crate) use self::args::Cli;
@@ -24,7 +25,7 @@ use self::output::{Written, described};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let monitor = ConsoleMonitor::new(console);
-    let mut reader = SurfaceReader::new(cli.fix);
+    let mut reader = SurfaceReader::new(cli.fix, cli.cut_handles);
     let items = items(cli, &mut reader, &monitor)?;
     let pool = cli.threads.pool()?;
     let mut written = Vec::new();
@@ -61,7 +62,21 @@ fn one(
     if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &input {
         console.warn(format_args!("{}: {repair}", item.name()));
     }
-    let found = parametrize(cli, &input, monitor).with_context(|| item.name())?;
+    if let Some(handles) = input.handles() {
+        console.warn(format_args!("{}: {handles}", item.name()));
+    }
+    let mut found = parametrize(cli, &input, monitor).with_context(|| item.name())?;
+    if let Input::Cut(cut) = &input {
+        cut.mark(&mut found.sphere);
+        if Seam::of(&found.sphere.meta).is_none() {
+            console.warn("the seams aren't those of the new sampling: its models lead back to the cut surface");
+        } else if !item.keeps_metadata() {
+            console.warn(format_args!(
+                "{}: this format doesn't keep the seams, so that models over it lead back to the cut surface; write .surf.gii",
+                item.sphere.display()
+            ));
+        }
+    }
     found.report.warnings.iter().for_each(|warning| console.warn(format_args!("{}: {warning}", item.name())));
     found.report.notes.iter().for_each(|note| console.note(note));
 

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use spharm_cli::output::{counted, table};
+use spharm_parametrize::handles::{CutLoop, HandlesReport};
 use spharm_parametrize::volume::{Repair, VolumeSurface};
 use spharm_parametrize::{Input, Parametrization, Quality, Report, Resampling};
 
@@ -20,6 +21,9 @@ pub(super) struct Written {
     report: Report,
     #[serde(skip_serializing_if = "Option::is_none")]
     volume: Option<Label>,
+    /// What was cut by `--cut-handles`, if anything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    handles: Option<HandlesReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     distance: Option<Distance>,
 }
@@ -34,13 +38,18 @@ impl Written {
             version: env!("CARGO_PKG_VERSION"),
             report: found.report,
             volume: if let Input::Label(found) = input { Some(found.into()) } else { None },
+            handles: input.handles().cloned(),
             distance: found.resampling.map(Distance::from),
         }
     }
 
     /// The table, under a line that says what was done.
     pub(super) fn table(&self) -> String {
-        summary(&self.output, &self.report)
+        let summary = summary(&self.output, &self.report);
+        match &self.handles {
+            Some(handles) => format!("{summary}\n{}", cuts(handles)),
+            None => summary,
+        }
     }
 }
 
@@ -93,11 +102,31 @@ impl From<Resampling> for Distance {
 pub(super) fn described(input: &Input) -> String {
     match input {
         Input::Mesh(mesh) => format!("{} vertices, {} triangles", mesh.vertices.len(), mesh.faces.len()),
+        Input::Cut(cut) => {
+            let (vertices, faces) = (cut.surface.vertices.len(), cut.surface.faces.len());
+            format!("{vertices} vertices, {faces} triangles once its handles are cut and filled")
+        }
         Input::Label(VolumeSurface { quads, label, voxels, .. }) => {
             let (vertices, faces) = (quads.vertices.len(), quads.quads.len());
             format!("label {label}, {}; {vertices} vertices, {faces} quadrangles", counted(*voxels, "voxel"))
         }
     }
+}
+
+/// A row for each loop that was cut, at most [`MOST_ROWS`]; the JSON report has all.
+fn cuts(handles: &HandlesReport) -> String {
+    const MOST_ROWS: usize = 12;
+    let head = ["cut", "length", "vertices", "area added", "at"].map(str::to_owned).to_vec();
+    let row = |cut: &CutLoop| {
+        let [x, y, z] = cut.centre;
+        let number = |value: f64| format!("{value:.4e}");
+        let at = format!("{x:.4} {y:.4} {z:.4}");
+        vec![cut.kind.to_string(), number(cut.length), cut.vertices.to_string(), number(cut.area_added), at]
+    };
+    let rows: Vec<Vec<String>> = std::iter::once(head).chain(handles.loops.iter().take(MOST_ROWS).map(row)).collect();
+    let more = handles.loops.len().saturating_sub(MOST_ROWS);
+    let more = if more > 0 { format!("\nand {more} more, in the report") } else { String::new() };
+    format!("{handles}\n{}{more}", table(&rows))
 }
 
 fn summary(output: &str, report: &Report) -> String {

@@ -68,6 +68,9 @@ pub(super) struct Sampling {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=12), help_heading = METHOD)]
     pub(super) icosphere: Option<u32>,
     /// Evaluate at the vertices that were fitted; the default
+    ///
+    /// Of a surface whose handles were cut (--cut-handles), the fillings are left out and the seams welded, so that it has its
+    /// handles again. With --sphere and the sphere of the cut surface it comes as it was cut.
     #[arg(long, help_heading = METHOD)]
     pub(super) original: bool,
 }

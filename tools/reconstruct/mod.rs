@@ -13,7 +13,8 @@ use spharm_cli::output::{prepare, print};
 use spharm_cli::size::Size;
 use spharm_model::Model;
 use spharm_surface::io::{Output, WriteOptions, check_output, write_mesh, write_signal};
-use spharm_surface::{Kind, Sphere};
+use spharm_surface::metrics::bounding_box_scale;
+use spharm_surface::{Kind, Mesh, Seam, Sphere, Welded};
 
 pub(crate) use self::args::Cli;
 use self::outputs::{Item, items};
@@ -73,7 +74,7 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
         Some(sphere) => sphere,
         None => model.own_sphere().with_context(named)?,
     };
-    let vertices = sphere.directions.len();
+    let mut vertices = sphere.directions.len();
     check_memory(cli, vertices, model.coefficients.channels(), console)?;
     console.detail(format!("{}: {vertices} vertices, degree {degree}", named()));
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
@@ -88,7 +89,11 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
                 sampling.display()
             );
         }
-        let mesh = model.reconstruct(sphere, degree).with_context(named)?;
+        let mesh = match shared {
+            Some(sphere) => model.reconstruct(sphere, degree).with_context(named)?,
+            None => original(&model, degree, console).with_context(named)?,
+        };
+        vertices = mesh.vertices.len();
         prepare(&output)?;
         write_mesh(&output, &mesh, &options)?;
     } else {
@@ -98,4 +103,20 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
     }
     let seconds = started.elapsed().as_secs_f64();
     print(&format!("{}: {vertices} vertices, degree {degree}, {seconds:.2} s", output.display()))
+}
+
+/// The surface at the vertices that were fitted, with its handles where they were cut.
+fn original(model: &Model, degree: usize, console: &Console) -> Result<Mesh> {
+    let Welded { mesh, gap } = model.reconstruct_original(degree)?;
+    let seam = model.sphere.as_ref().and_then(|sphere| sphere.seam.as_ref());
+    if let Some(Seam { copies, .. }) = seam {
+        let share = bounding_box_scale(&mesh.vertices).map(|scale| format!(" ({:.2e} of the box)", gap / scale));
+        console.note(format!(
+            "{} of the surface's vertices on the seams, where its handles were cut, are welded; they were up to {gap:.2e} \
+             apart{}",
+            copies.len(),
+            share.unwrap_or_default()
+        ));
+    }
+    Ok(mesh)
 }

@@ -146,6 +146,9 @@ fn of_solver(error: &SolverError) -> Option<String> {
 
 fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     match error {
+        ParametrizeError::BadSurface { handles: 1.., .. } => {
+            Some("--cut-handles cuts and fills them, and reconstruct gives the surface back as it was".to_owned())
+        }
         ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs it".to_owned()),
         ParametrizeError::VertexMap { .. } => {
             Some("fit takes it together with the --sphere that its vertices are on".to_owned())

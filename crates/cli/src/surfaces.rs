@@ -35,14 +35,16 @@ impl FromStr for Labels {
 #[derive(Debug)]
 pub struct SurfaceReader {
     fix: bool,
+    cut_handles: bool,
     /// The volume that was read last.
     volume: Option<LabelVolume>,
 }
 
 impl SurfaceReader {
-    /// A reader that repairs labels with `fix`, in place of refusing them.
-    pub fn new(fix: bool) -> Self {
-        Self { fix, volume: None }
+    /// A reader that repairs labels with `fix`, and cuts the handles of meshes with `cut_handles`, in place of leaving them to
+    /// be refused.
+    pub fn new(fix: bool, cut_handles: bool) -> Self {
+        Self { fix, cut_handles, volume: None }
     }
 
     /// Returns the surfaces that paths, lists and labels name: a file, or a file and a label of it. Without `labels` a volume
@@ -71,6 +73,9 @@ impl SurfaceReader {
                 surfaces.push((path, None));
                 continue;
             }
+            if self.cut_handles {
+                bail!("{}: --cut-handles is for meshes; --fix opens the handles of labels", path.display());
+            }
             let volume = self.volume(&path, monitor)?;
             let found: Vec<i64> = match labels {
                 Some(Labels::All) => volume.labels().into_keys().collect(),
@@ -86,10 +91,12 @@ impl SurfaceReader {
     ///
     /// # Errors
     ///
-    /// When the file can't be read, or the label has no closed surface of genus zero.
+    /// When the file can't be read, or the label has no closed surface of genus zero, or a mesh whose handles are to be cut
+    /// isn't closed.
     pub fn read(&mut self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input> {
         if label.is_none() {
-            return Ok(Input::Mesh(read_mesh(path)?));
+            let mesh = Input::Mesh(read_mesh(path)?);
+            return Ok(if self.cut_handles { mesh.without_handles(monitor)? } else { mesh });
         }
         let params = VolumeParams { label, fix: self.fix };
         Ok(Input::Label(self.volume(path, monitor)?.surface(&params, monitor)?))

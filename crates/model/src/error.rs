@@ -69,6 +69,9 @@ pub enum ModelError {
     /// A surface was asked for on a sampling without triangles.
     #[error("this sampling has no triangles; give a sphere that is a mesh")]
     NoTriangles,
+    /// A record of where the surface was cut that doesn't fit the sphere.
+    #[error("the model's record of where its surface was cut doesn't fit its sphere: {0}; fit the surface again")]
+    Seam(String),
     /// The harmonics can't be evaluated.
     #[error(transparent)]
     Transform(#[from] TransformError),

@@ -2,7 +2,7 @@
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
-use spharm_surface::{Kind, Mesh, Meta, Signal, Sphere};
+use spharm_surface::{Kind, Mesh, Meta, Signal, Sphere, Welded};
 use spharm_transform::synthesis;
 
 use crate::error::ModelError;
@@ -39,6 +39,21 @@ impl Model {
         let values = self.evaluate(&sphere.directions, degree)?;
         let vertices = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
         Ok(Mesh { meta: self.meta(), ..Mesh::new(vertices, sphere.faces.clone()) })
+    }
+
+    /// Returns the surface that was fitted, at its own vertices and with its own triangles. Of a surface that was cut where it had
+    /// handles, that is the surface as it was before: fillings are left out, seams are welded.
+    ///
+    /// # Errors
+    ///
+    /// [`NoSphere`](ModelError::NoSphere), [`Seam`](ModelError::Seam), and those of [`reconstruct`](Self::reconstruct).
+    pub fn reconstruct_original(&self, degree: usize) -> Result<Welded, ModelError> {
+        let sphere = self.own_sphere()?;
+        let mesh = self.reconstruct(sphere, degree)?;
+        match &sphere.seam {
+            Some(seam) => seam.weld(&mesh).map_err(ModelError::Seam),
+            None => Ok(Welded { mesh, gap: 0.0 }),
+        }
     }
 
     /// Returns the values over a sphere as a signal.
@@ -96,6 +111,25 @@ mod tests {
         assert!(matches!(signal.reconstruct(&sphere, 2), Err(ModelError::NotASurface { channels: 3 })));
         let values = signal.reconstruct_signal(&points, 2).unwrap();
         assert_eq!((values.vertices, values.channels), (42, 3));
+    }
+
+    #[test]
+    fn the_original_of_a_cut_surface_is_without_copies_and_filling() {
+        let mut model = ellipsoid();
+        let mut sphere = Sphere::icosphere(1);
+        let (faces, first) = (sphere.faces.len(), sphere.faces[0]);
+        model.sphere = Some(sphere.clone());
+        assert_eq!(model.reconstruct_original(2).unwrap().mesh, model.reconstruct(&sphere, 2).unwrap());
+        // The last vertex but one is a copy, the last one filling: so are the triangles there.
+        sphere.faces.retain(|face| face.iter().all(|&v| v < 41));
+        let own = sphere.faces.len();
+        sphere.faces.push([first[0], first[1], 41]);
+        sphere.seam = Some(spharm_surface::Seam { vertices: 40, faces: own, copies: vec![0] });
+        model.sphere = Some(sphere);
+        let Welded { mesh, gap } = model.reconstruct_original(2).unwrap();
+        assert_eq!((mesh.vertices.len(), mesh.faces.len()), (40, own));
+        assert!(own < faces && gap > 0.0);
+        assert!(mesh.faces.as_flattened().iter().all(|&v| v < 40));
     }
 
     #[test]

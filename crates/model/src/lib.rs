@@ -9,6 +9,8 @@
 //! | `convention` | text () | [`CONVENTION`] |
 //! | `faces` | i32 (F, 3) | triangles of the sphere, counted from 0; none when it was a list of angles |
 //! | `directions` | f64 (n, 3) | unit vectors of the sampling |
+//! | `cut_from` | i64 (2,) | of a surface that was cut where it had handles: its vertices and triangles, the first ones of the sphere; see `Seam` of `spharm-surface` |
+//! | `seam` | i32 (k,) | with `cut_from`: the vertices that the sphere's next k vertices are copies of; the rest is filling |
 //! | `scheme_key` | text () | key of the sampling scheme in a basis store |
 //! | `provenance` | text () | JSON: how it was made, see [`Provenance`] |
 //!

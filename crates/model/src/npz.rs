@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, Directions};
-use spharm_surface::Sphere;
 use spharm_surface::io::MOST_EXPANSION;
+use spharm_surface::{Seam, Sphere};
 use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -43,6 +43,14 @@ pub(crate) fn write(model: &Model, out: &mut dyn Write) -> io::Result<()> {
         let directions = sphere.directions.as_slice();
         write_header(&mut zip, "<f8", &format!("({}, 3)", directions.len()))?;
         write_all(&mut zip, directions.as_flattened().iter().map(|x| x.to_le_bytes()))?;
+        if let Some(Seam { vertices, faces, copies }) = &sphere.seam {
+            start(&mut zip, "cut_from")?;
+            write_header(&mut zip, "<i8", "(2,)")?;
+            write_all(&mut zip, [*vertices as i64, *faces as i64].iter().map(|x| x.to_le_bytes()))?;
+            start(&mut zip, "seam")?;
+            write_header(&mut zip, "<i4", &format!("({},)", copies.len()))?;
+            write_all(&mut zip, copies.iter().map(|v| v.to_le_bytes()))?;
+        }
     }
     if let Some(key) = &model.scheme_key {
         start(&mut zip, "scheme_key")?;
@@ -131,7 +139,23 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
             let faces = triples(&faces).ok_or_else(|| invalid(path, "faces: expected three columns"))?;
             sphere.faces = faces.into_iter().map(|face| face.map(|v| v as u32)).collect();
         }
+        sphere.seam = self.seam(sphere.directions.len(), sphere.faces.len())?;
         Ok(Some(sphere))
+    }
+
+    /// Where the surface was cut, if it was.
+    fn seam(&mut self, vertices: usize, faces: usize) -> Result<Option<Seam>, ModelError> {
+        let path = self.path;
+        let Some(cut_from) = self.array("cut_from", Array::matrix)? else { return Ok(None) };
+        let copies = self.array("seam", Array::matrix)?.ok_or_else(|| invalid(path, "it has no array `seam`"))?;
+        let whole = |x: &f64| (x.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(x)).then_some(*x as u32);
+        let numbers = |array: &Array2<f64>| array.iter().map(whole).collect::<Option<Vec<u32>>>();
+        let (cut_from, copies) = (numbers(&cut_from), numbers(&copies));
+        let (Some([own, triangles]), Some(copies)) = (cut_from.as_deref(), copies) else {
+            return Err(invalid(path, "cut_from, seam: expected two numbers, and the vertices that were copied"));
+        };
+        let seam = Seam { vertices: *own as usize, faces: *triangles as usize, copies };
+        seam.checked(vertices, faces).map(Some).map_err(|found| invalid(path, format!("cut_from, seam: {found}")))
     }
 
     /// Reads an array where there is one of that name.

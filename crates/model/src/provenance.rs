@@ -45,6 +45,9 @@ pub struct Provenance {
     /// What was changed in a label before its surface was taken, where that wasn't of genus zero.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Map<String, Value>>,
+    /// What was cut and filled, where the surface had handles: genus, loops, areas.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub handles: Option<Map<String, Value>>,
     /// Where the input lies in its volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<Geometry>,

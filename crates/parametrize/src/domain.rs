@@ -1,10 +1,18 @@
 //! The surface in the form that the methods expect: checked, outward, of area 4 pi.
 
 use spharm_surface::Mesh;
-use spharm_surface::topology::{Topology, is_outward};
+use spharm_surface::topology::is_outward;
 
 use crate::error::ParametrizeError;
+use crate::flaws::Flaws;
 use crate::geometry::{Vec3, area, scale};
+use crate::handles::shortest_loops;
+
+/// Most handles whose loops a message names.
+const MOST_LOOPS: usize = 5;
+
+/// Most vertices of a mesh whose loops are looked for, for a message alone: a second.
+const MOST_VERTICES: usize = 50_000;
 
 /// A closed surface of genus zero without flaws.
 pub(crate) struct Domain {
@@ -52,55 +60,33 @@ impl Domain {
 
 /// Refuses meshes that can't be mapped to the sphere one to one, or only by chance.
 fn check(mesh: &Mesh) -> Result<(), ParametrizeError> {
-    let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
-    let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();
-    let bad =
-        |problems: Vec<String>, remedy| Err(ParametrizeError::BadSurface { problems: problems.join("; "), remedy });
-    if infinite > 0 {
-        return bad(
-            vec![counted(infinite, "vertex has", "vertices have", "NaN or infinite coordinates")],
-            "repair them and export again",
-        );
-    }
-    if outside > 0 {
-        let problem = counted(outside, "triangle has", "triangles have", "vertex numbers out of range");
-        return bad(vec![problem], "export the mesh again");
-    }
-
-    let topology = Topology::of(mesh);
-    let mut problems = topology.problems();
-    // On open meshes the topology reports them itself.
-    if topology.duplicate_vertices > 0 && topology.boundary_edges == 0 {
-        problems.push(counted(topology.duplicate_vertices, "vertex lies", "vertices lie", "exactly on others"));
-    }
-    let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
-    if flat > topology.degenerate_faces {
-        problems.push(counted(flat - topology.degenerate_faces, "triangle has", "triangles have", "no area"));
-    }
-    if problems.is_empty() {
+    let found = Flaws::of(mesh)?;
+    let handles = found.handles();
+    let mut problems = found.problems;
+    if problems.is_empty() && handles == 0 {
         return Ok(());
     }
-    let remedy = match topology.genus() {
-        Some(0) => "collapse or remesh the triangles concerned",
-        Some(_) => "cut or fill the handles first: they are often errors of segmentation",
-        None if topology.components > 1 => "keep one piece, in most cases the largest, and close what is open",
-        None => "weld equal vertices, fill holes and orient the triangles alike (MeshLab and pymeshfix do it)",
+    if handles > 0 {
+        problems.push(with_lengths(mesh, handles, problems.is_empty()));
+    }
+    let remedy =
+        if handles > 0 { "cut or fill the handles first: they are often errors of segmentation" } else { found.remedy };
+    Err(ParametrizeError::BadSurface { problems: problems.join("; "), handles, remedy })
+}
+
+/// How many handles there are, and of a mesh where that is quickly found how long the loops are along which it could be cut.
+fn with_lengths(mesh: &Mesh, handles: usize, clean: bool) -> String {
+    let text = match handles {
+        1 => "the surface has a handle (genus 1)".to_owned(),
+        handles => format!("the surface has {handles} handles (genus {handles})"),
     };
-    bad(problems, remedy)
-}
-
-/// "1 vertex has", "2 vertices have", and the rest.
-fn counted(count: usize, one: &str, many: &str, rest: &str) -> String {
-    format!("{count} {} {rest}", if count == 1 { one } else { many })
-}
-
-/// Whether a triangle has an area that f64 distinguishes from 0.
-fn has_area(corners: [Vec3; 3]) -> bool {
-    let longest = (0..3)
-        .map(|i| crate::geometry::norm(crate::geometry::sub(corners[i], corners[(i + 1) % 3])))
-        .fold(0.0, f64::max);
-    // Relative to its own size: a tiny triangle is no flaw, three points in a line are.
-    area(corners) > 1e-12 * longest * longest
+    if !clean || handles > MOST_LOOPS || mesh.vertices.len() > MOST_VERTICES {
+        return text;
+    }
+    let lengths = shortest_loops(mesh, handles);
+    let lengths: Vec<String> = lengths.iter().map(|length| format!("{length:.4}")).collect();
+    let loops = if lengths.len() == 1 { "a loop" } else { "loops" };
+    format!("{text}, which {loops} of length {} would cut", lengths.join(", "))
 }
 
 #[cfg(test)]

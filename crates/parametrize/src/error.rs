@@ -16,6 +16,8 @@ pub enum ParametrizeError {
     BadSurface {
         /// The problems with their counts, a phrase each, joined by semicolons.
         problems: String,
+        /// Handles of a closed surface, its genus; 0 where it isn't closed.
+        handles: usize,
         /// Advice.
         remedy: &'static str,
     },

@@ -3,21 +3,23 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::read_mesh;
 
 use crate::error::ParametrizeError;
+use crate::handles::{CutSurface, HandlesReport, cut_handles};
 use crate::method::Source;
 use crate::volume::VolumeSurface;
 
 /// A surface from a file.
-// Few of these exist at a time.
-#[expect(clippy::large_enum_variant)]
 #[derive(Clone, Debug)]
 pub enum Input {
     /// A mesh.
     Mesh(Mesh),
+    /// A mesh with handles, cut.
+    Cut(CutSurface),
     /// The surface around a label of a volume.
     Label(VolumeSurface),
 }
@@ -26,8 +28,28 @@ impl<'a> From<&'a Input> for Source<'a> {
     fn from(input: &'a Input) -> Self {
         match input {
             Input::Mesh(mesh) => Self::Mesh(mesh),
+            Input::Cut(cut) => Self::Mesh(&cut.surface),
             Input::Label(found) => Self::Quads(&found.quads),
         }
+    }
+}
+
+impl Input {
+    /// Cuts the handles of a mesh, if it has any. A label's surface stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`cut_handles`].
+    pub fn without_handles(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
+        let Self::Mesh(mesh) = self else { return Ok(self) };
+        let found = cut_handles(&mesh, monitor)?;
+        Ok(if found.seam.is_some() { Self::Cut(found) } else { Self::Mesh(mesh) })
+    }
+
+    /// Returns what was cut, if anything.
+    #[must_use]
+    pub fn handles(&self) -> Option<&HandlesReport> {
+        if let Self::Cut(cut) = self { Some(&cut.report) } else { None }
     }
 }
 

@@ -47,6 +47,7 @@
 //! | [`deform()`] | an icosphere deformed onto the surface, coarse to fine |
 //! | [`equal_area()`] | equal areas for the surface of a voxel object (Brechbuehler et al. 1995) |
 //! | [`resample()`] | a surface on another sampling of its sphere |
+//! | [`handles`] | surfaces with handles, cut and filled, so that they have genus zero |
 //! | [`Method`] | the methods as values |
 //! | [`Input`] | a mesh or a label's surface from a file |
 //! | [`volume`] | label volumes: the closed surface around a label, repaired on request |
@@ -70,7 +71,9 @@ mod embed;
 mod energy;
 mod equal_area;
 mod error;
+mod flaws;
 mod geometry;
+pub mod handles;
 mod hierarchy;
 mod input;
 mod local;
@@ -93,6 +96,7 @@ pub use conformal::{ConformalParams, conformal};
 pub use deform::{DeformParams, deform};
 pub use equal_area::{EqualAreaParams, area_deviation, equal_area};
 pub use error::ParametrizeError;
+pub use handles::{CutSurface, HandlesReport, cut_handles};
 pub use input::{Input, Sampling};
 pub use method::{Method, Source};
 pub use quality::Quality;

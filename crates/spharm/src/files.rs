@@ -13,7 +13,7 @@ use spharm_surface::{Sphere, SurfaceError};
 
 use crate::origin::Origin;
 use crate::parametrize::volume::Repair;
-use crate::parametrize::{CaldParams, Input, Parametrized, parametrize_with, with_sphere};
+use crate::parametrize::{CaldParams, HandlesReport, Input, Parametrized, parametrize_with, with_sphere};
 use crate::{Error, Fit, FitParams, check_memory};
 
 /// Which files that exist are replaced.
@@ -70,6 +70,12 @@ impl ModelFiles {
         self.model.with_file_name(format!("{}.surf.gii", self.name()))
     }
 
+    /// Returns the surface that was cut where it had handles, `NAME.cut.surf.gii`.
+    #[must_use]
+    pub fn cut_surface(&self) -> PathBuf {
+        self.model.with_file_name(format!("{}.cut.surf.gii", self.name()))
+    }
+
     /// Returns whether the sphere beside the model is there and was made of this input.
     #[must_use]
     pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
@@ -77,7 +83,8 @@ impl ModelFiles {
         origin.is_some_and(|origin| origin.is_of(input))
     }
 
-    /// Maps a surface to a sphere of its own, which is written beside the model, as is the surface of a label. With `reuse`
+    /// Maps a surface to a sphere of its own, which is written beside the model, as is the surface of a label, or one that was
+    /// cut where it had handles. With `reuse`
     /// a mesh keeps the sphere that is there if that was made of the same file with the same settings. One of another file is
     /// only replaced with [`Replace::ALL`]. The memory of the fit is checked first. `record` says what `input` was read from.
     ///
@@ -95,12 +102,18 @@ impl ModelFiles {
     ) -> Result<Mapped, Error> {
         let path = self.sphere();
         let settings = CaldParams::for_degree(params.max_degree);
-        let origin = Origin::new(record, &settings);
+        let origin = Origin::new(record, &settings, input.handles().is_some());
         let named = |found: Parametrized| {
             let sphere = Sphere { path: Some(path.clone()), ..found.sphere };
             Parametrized { sphere, ..found }
         };
-        if let Input::Mesh(mesh) = input {
+        let mesh = match input {
+            Input::Mesh(mesh) => Some(mesh),
+            Input::Cut(cut) => Some(&cut.surface),
+            Input::Label(_) => None,
+        };
+        let handles = input.handles().cloned();
+        if let Some(mesh) = mesh {
             check_memory(mesh, params)?;
             let left_over = || {
                 let sphere =
@@ -108,20 +121,25 @@ impl ModelFiles {
                 with_sphere(mesh, &sphere).ok()
             };
             if let Some(found) = if reuse { left_over() } else { None } {
-                return Ok(Mapped { parametrized: named(found), repair: None, written: Vec::new() });
+                return Ok(Mapped { parametrized: named(found), repair: None, handles, written: Vec::new() });
             }
         }
         let mut found = parametrize_with(input, &settings, monitor)?;
         origin.write_to(&mut found.map.sphere.meta);
+        if let Input::Cut(cut) = input {
+            cut.mark(&mut found.map.sphere);
+            found.sphere.seam.clone_from(&cut.seam);
+        }
         make_folder_of(&path)?;
         // Mapping takes a while, in which another process may have written its sphere.
         let overwrite = replace == Replace::ALL || (replace.beside && self.has_sphere_of(record));
         let options = WriteOptions { overwrite, double: true };
         let (surface, repair) = match input {
             Input::Label(found) => (Some(self.surface()), found.repair),
+            Input::Cut(_) => (Some(self.cut_surface()), None),
             Input::Mesh(_) => (None, None),
         };
-        let mut mapped = Mapped { parametrized: named(found), repair, written: Vec::new() };
+        let mut mapped = Mapped { parametrized: named(found), repair, handles, written: Vec::new() };
         // The surface last: where it is, the sphere says what they were made of.
         let meshes =
             [(Some(path.clone()), &mapped.parametrized.map.sphere), (surface, &mapped.parametrized.map.surface)];
@@ -166,6 +184,8 @@ impl ModelFiles {
         model.provenance.input = made_of.input.cloned();
         model.provenance.repair =
             made_of.repair.and_then(|repair| serde_json::to_value(repair).ok()?.as_object().cloned());
+        model.provenance.handles =
+            made_of.handles.and_then(|handles| serde_json::to_value(handles).ok()?.as_object().cloned());
         Ok(model.write_with(&self.model, replace.model)?)
     }
 
@@ -186,6 +206,8 @@ pub struct MadeOf<'a> {
     pub input: Option<&'a FileRecord>,
     /// What was changed in the volume's label.
     pub repair: Option<&'a Repair>,
+    /// What was cut, where the surface had handles.
+    pub handles: Option<&'a HandlesReport>,
 }
 
 /// A surface's map to a sphere of its own.
@@ -195,7 +217,9 @@ pub struct Mapped {
     pub parametrized: Parametrized,
     /// What was changed in the volume's label.
     pub repair: Option<Repair>,
-    /// The files that were written: the sphere, and the surface of a label; none where a sphere was there.
+    /// What was cut, where the surface had handles.
+    pub handles: Option<HandlesReport>,
+    /// The files that were written: the sphere, and the surface where it isn't the input's; none where a sphere was there.
     pub written: Vec<PathBuf>,
 }
 

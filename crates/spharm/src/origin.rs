@@ -24,13 +24,16 @@ pub(crate) struct Origin {
 
 impl Origin {
     /// Returns the origin of the map that [`parametrize_with`](crate::parametrize::parametrize_with) makes of an input with
-    /// these settings.
-    pub(crate) fn new(input: &FileRecord, params: &CaldParams) -> Self {
+    /// these settings, with its handles cut or as it is.
+    pub(crate) fn new(input: &FileRecord, params: &CaldParams, cut: bool) -> Self {
         let CaldParams { area, degree, steps, seed } = params;
         let degree = degree.map_or("auto".to_owned(), |degree| degree.to_string());
         let map = match input.label {
             Some(_) => "equal-area".to_owned(),
-            None => format!("auto, area {area}, degree {degree}, steps {steps}, seed {seed}"),
+            None => {
+                let cut = if cut { ", handles cut" } else { "" };
+                format!("auto, area {area}, degree {degree}, steps {steps}, seed {seed}{cut}")
+            }
         };
         Self { input: input.blake3.clone(), label: input.label, map }
     }
@@ -69,7 +72,7 @@ mod tests {
         assert_eq!(Origin::of(&meta), None);
         for label in [None, Some(-3)] {
             let input = FileRecord { path: "a".to_owned(), bytes: 1, blake3: "ab".repeat(32), label };
-            let origin = Origin::new(&input, &CaldParams::for_degree(8));
+            let origin = Origin::new(&input, &CaldParams::for_degree(8), label.is_none());
             origin.write_to(&mut meta);
             assert_eq!(Origin::of(&meta), Some(origin.clone()));
             assert!(origin.is_of(&input) && !origin.is_of(&FileRecord { label: Some(4), ..input }));

@@ -9,9 +9,10 @@ use spharm_surface::{Mesh, Sphere, Target};
 use crate::Error;
 
 pub use spharm_parametrize::{
-    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Note, Parametrization, ParametrizeError,
-    Quality, Report, Resampling, Sampling, Source, StretchParams, Warning, area_deviation, auto, cald, conformal,
-    deform, equal_area, quality, resample, stretch, volume,
+    CaldParams, ConformalParams, CutSurface, DeformParams, EqualAreaParams, HandlesReport, Input, Method, Note,
+    Parametrization, ParametrizeError, Quality, Report, Resampling, Sampling, Source, StretchParams, Warning,
+    area_deviation, auto, cald, conformal, cut_handles, deform, equal_area, handles, quality, resample, stretch,
+    volume,
 };
 
 /// A surface's map to the sphere.

@@ -335,6 +335,15 @@ pub enum SurfaceError {
         differ: usize,
     },
 
+    /// A sphere's record of where its surface was cut doesn't fit the sphere.
+    #[error("{}: its record of the seams, where the surface was cut, doesn't fit it: {found}; map the surface again", path.display())]
+    Seam {
+        /// The sphere's file.
+        path: PathBuf,
+        /// What doesn't fit.
+        found: String,
+    },
+
     /// The monitor asked to stop.
     #[error("interrupted")]
     Interrupted(#[from] spharm_monitor::Interrupted),

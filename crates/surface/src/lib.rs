@@ -21,6 +21,7 @@
 //! | [`metrics`] | bounding-box scale, msd, xsd, distance between surfaces with different triangles, colour map |
 //! | [`nearest`] | the nearest point of a mesh |
 //! | [`Sphere`], [`Target`] | the sphere of a fit; the surface or signal fitted over it; both checked |
+//! | [`Seam`] | how a surface that was cut belongs to the one that it was cut from |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`locator`] | the triangle of a sphere that a direction meets, and interpolation there |
 //! | [`samples`] | samples of a sphere's triangles, for least squares over the whole surface |
@@ -53,6 +54,7 @@ mod error;
 pub mod geometry;
 mod hemisphere;
 mod mesh;
+mod seam;
 mod sphere;
 mod target;
 
@@ -68,6 +70,7 @@ mod volume_geometry;
 pub use error::SurfaceError;
 pub use hemisphere::Hemisphere;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};
+pub use seam::{Seam, Welded};
 pub use sphere::{Sphere, SphereWarning, read_sphere};
 pub use target::{Target, TargetWarning, read_target};
 pub use volume_geometry::VolumeGeometry;

@@ -10,6 +10,7 @@ use crate::generate::icosphere;
 use crate::geometry::{solid_angle, winding_number};
 use crate::io::{name_without_gz, read_mesh, read_signal};
 use crate::mesh::Mesh;
+use crate::seam::Seam;
 use crate::topology::Topology;
 
 /// The directions of a sampling scheme, with triangles where it was a mesh.
@@ -23,6 +24,8 @@ pub struct Sphere {
     pub faces: Vec<[u32; 3]>,
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
     pub anatomical_structure: Option<String>,
+    /// Of a surface that was cut open where it had handles: what belongs to the surface as it was.
+    pub seam: Option<Seam>,
     /// Whether it was made from one surface by parametrisation. A fit over it is then smoothed a little by default.
     pub parametrized: bool,
     /// What may be wrong with it, for the caller to show or to refuse.
@@ -93,7 +96,15 @@ impl Sphere {
     #[must_use]
     pub fn from_directions(directions: Directions) -> Self {
         let warnings = Self::repeated(&directions).into_iter().collect();
-        Self { path: None, directions, faces: Vec::new(), anatomical_structure: None, parametrized: false, warnings }
+        Self {
+            path: None,
+            directions,
+            faces: Vec::new(),
+            anatomical_structure: None,
+            seam: None,
+            parametrized: false,
+            warnings,
+        }
     }
 
     /// Returns the sphere of a mesh centred at the origin, of any radius.
@@ -101,7 +112,7 @@ impl Sphere {
     /// # Errors
     ///
     /// [`NoDirection`](SurfaceError::NoDirection) for a vertex at the origin or not finite,
-    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), and for a closed mesh that doesn't go around the origin once
+    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`Seam`](SurfaceError::Seam), and for a closed mesh that doesn't go around the origin once
     /// [`OriginOutside`](SurfaceError::OriginOutside) or [`SeveralTurns`](SurfaceError::SeveralTurns).
     pub fn from_mesh(mesh: &Mesh) -> Result<Self, SurfaceError> {
         Self::check(mesh, Path::new("the sphere"))
@@ -157,7 +168,10 @@ impl Sphere {
             warnings.push(SphereWarning::NotClosed(topology));
         }
         warnings.extend(Self::repeated(&directions));
+        let seam = Seam::of(&mesh.meta).map(|seam| seam.checked(directions.len(), mesh.faces.len())).transpose();
+        let seam = seam.map_err(|found| SurfaceError::Seam { path: path(), found })?;
         Ok(Self {
+            seam,
             path: None,
             directions,
             faces: mesh.faces.clone(),

@@ -64,6 +64,53 @@ fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     assert_eq!(read_bytes(&bytes_of(&model)).unwrap().sphere, model.sphere);
 }
 
+/// Old readers leave out the arrays that they don't know; models without them, such as all of old, have no seam.
+#[test]
+fn where_a_surface_was_cut_returns_and_must_fit() {
+    let mut cut = model();
+    let without = bytes_of(&cut);
+    assert_eq!(read_bytes(&without).unwrap().sphere.unwrap().seam, None);
+    cut.sphere.as_mut().unwrap().seam = Some(Seam { vertices: 2, faces: 1, copies: vec![1] });
+    let bytes = bytes_of(&cut);
+    assert_eq!(read_bytes(&bytes).unwrap(), cut);
+    for length in 0..bytes.len() {
+        assert!(read_bytes(&bytes[..length]).is_err(), "{length} of {} bytes", bytes.len());
+    }
+    let directions: Vec<u8> = cut
+        .sphere
+        .as_ref()
+        .unwrap()
+        .directions
+        .as_slice()
+        .as_flattened()
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    let refused = |cut_from: &[i64], shape: &str, seam: Option<i32>| {
+        let cut_from: Vec<u8> = cut_from.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let seam = seam.map(i32::to_le_bytes);
+        let mut arrays = vec![
+            ("coefficients", "<f8", false, "(1, 1)", &[0; 8][..]),
+            ("directions", "<f8", false, "(3, 3)", &directions),
+            ("cut_from", "<i8", false, shape, &cut_from),
+        ];
+        if let Some(seam) = &seam {
+            arrays.push(("seam", "<i4", false, "(1,)", seam));
+        }
+        read_bytes(&archive(CompressionMethod::Stored, &arrays)).unwrap_err().to_string()
+    };
+    for (found, expected) in [
+        (refused(&[2, 0], "(2,)", None), "no array `seam`"),
+        (refused(&[2, 0], "(2,)", Some(2)), "a copy of vertex 2 of 2"),
+        (refused(&[3, 0], "(2,)", Some(0)), "3 vertices and 1 copies of 3 vertices"),
+        (refused(&[2, 9], "(2,)", Some(0)), "9 of 0 triangles"),
+        (refused(&[2, -1], "(2,)", Some(0)), "expected two numbers"),
+        (refused(&[2, 0, 0], "(3,)", Some(0)), "expected two numbers"),
+    ] {
+        assert!(found.contains(expected), "{expected}: {found}");
+    }
+}
+
 #[test]
 fn a_damaged_model_is_an_error_at_any_length() {
     let bytes = bytes_of(&model());

@@ -50,7 +50,7 @@ pub fn equal_area(
     if quads.components() != 1 || quads.euler_characteristic() != 2 || quads.pinched_edges() > 0 {
         let (count, chi) = (quads.components(), quads.euler_characteristic());
         let problems = format!("{count} surfaces of Euler characteristic {chi} in all, of 1 and 2");
-        return Err(ParametrizeError::BadSurface { problems, remedy: "repair the label" });
+        return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy: "repair the label" });
     }
     monitor.check()?;
     let targets = Targets::of(quads);

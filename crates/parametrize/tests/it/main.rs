@@ -2,6 +2,7 @@
 
 mod anisotropic;
 mod cancelling;
+mod handles;
 mod label_files;
 mod methods;
 mod resample;

@@ -1,12 +1,15 @@
-//! Icospheres, folded closed surfaces with known parameterisation, groups that differ in a known way, and subdivision.
+//! Icospheres, folded closed surfaces with known parameterisation, surfaces with handles, groups that differ in a known
+//! way, and subdivision.
 
 mod cortex;
+mod handles;
 mod icosphere;
 mod random;
 mod study;
 mod subdivide;
 
 pub use cortex::{Cortex, cortex};
+pub use handles::{Torus, double_torus, torus};
 pub use icosphere::icosphere;
 pub use random::SplitMix64;
 pub use study::Study;

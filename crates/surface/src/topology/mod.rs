@@ -13,7 +13,7 @@ mod union_find;
 
 use crate::geometry::{cross, dot, sub};
 use crate::mesh::Mesh;
-use union_find::UnionFind;
+pub use union_find::UnionFind;
 
 /// Counts that determine the topology of a mesh.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -1,22 +1,31 @@
 //! Disjoint sets over 0..n.
 
 /// Tarjan's forest, with path halving and union by index; near-linear in practice, 4 bytes an element.
-pub(super) struct UnionFind {
+#[derive(Debug)]
+pub struct UnionFind {
     parent: Vec<u32>,
     sets: usize,
 }
 
 impl UnionFind {
-    pub(super) fn new(n: usize) -> Self {
+    /// Returns n sets of one element.
+    #[must_use]
+    pub fn new(n: usize) -> Self {
         Self { parent: (0..n as u32).collect(), sets: n }
     }
 
-    /// How many sets there are.
-    pub(super) fn sets(&self) -> usize {
+    /// Returns how many sets there are.
+    #[must_use]
+    pub fn sets(&self) -> usize {
         self.sets
     }
 
-    pub(super) fn root(&mut self, mut x: u32) -> u32 {
+    /// Returns the element that stands for the set of `x`.
+    ///
+    /// # Panics
+    ///
+    /// When `x` isn't below n.
+    pub fn root(&mut self, mut x: u32) -> u32 {
         loop {
             let parent = self.parent[x as usize];
             if parent == x {
@@ -28,7 +37,12 @@ impl UnionFind {
         }
     }
 
-    pub(super) fn join(&mut self, a: u32, b: u32) {
+    /// Makes one set of those of `a` and `b`.
+    ///
+    /// # Panics
+    ///
+    /// As [`root`](Self::root).
+    pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         if a != b {
             self.parent[a.max(b) as usize] = a.min(b);

@@ -1,0 +1,75 @@
+//! What keeps a mesh from being mapped to the sphere, handles aside.
+
+use spharm_surface::Mesh;
+use spharm_surface::topology::Topology;
+
+use crate::error::ParametrizeError;
+use crate::geometry::{Vec3, area, norm, sub};
+
+/// What is wrong with a mesh.
+pub(crate) struct Flaws {
+    /// Phrases, without handles.
+    pub(crate) problems: Vec<String>,
+    /// Advice on them.
+    pub(crate) remedy: &'static str,
+    genus: Option<i64>,
+}
+
+impl Flaws {
+    /// Looks for flaws of the triangles and of their topology.
+    ///
+    /// # Errors
+    ///
+    /// [`ParametrizeError::BadSurface`] where there are no finite coordinates or vertex numbers to look at.
+    pub(crate) fn of(mesh: &Mesh) -> Result<Self, ParametrizeError> {
+        let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
+        let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();
+        let bad = |problems, remedy| Err(ParametrizeError::BadSurface { problems, handles: 0, remedy });
+        if infinite > 0 {
+            let problem = counted(infinite, "vertex has", "vertices have", "NaN or infinite coordinates");
+            return bad(problem, "repair them and export again");
+        }
+        if outside > 0 {
+            let problem = counted(outside, "triangle has", "triangles have", "vertex numbers out of range");
+            return bad(problem, "export the mesh again");
+        }
+        let topology = Topology::of(mesh);
+        let genus = topology.genus();
+        let mut without_handles = topology.clone();
+        without_handles.euler_characteristic = 2;
+        let mut problems = without_handles.problems();
+        let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
+        let flat = flat.saturating_sub(topology.degenerate_faces);
+        // Two sheets may touch in a vertex, as at the seam of a surface that was cut: only where a triangle is flat by it is that
+        // a flaw. On open meshes the topology reports them itself.
+        if flat > 0 && topology.duplicate_vertices > 0 && topology.boundary_edges == 0 {
+            problems.push(counted(topology.duplicate_vertices, "vertex lies", "vertices lie", "exactly on others"));
+        }
+        if flat > 0 {
+            problems.push(counted(flat, "triangle has", "triangles have", "no area"));
+        }
+        let remedy = match genus {
+            Some(_) => "collapse or remesh the triangles concerned",
+            None if topology.components > 1 => "keep one piece, in most cases the largest, and close what is open",
+            None => "weld equal vertices, fill holes and orient the triangles alike (MeshLab and pymeshfix do it)",
+        };
+        Ok(Self { problems, remedy, genus })
+    }
+
+    /// How many handles a mesh has; 0 where it isn't a closed surface.
+    pub(crate) fn handles(&self) -> usize {
+        self.genus.and_then(|genus| usize::try_from(genus).ok()).unwrap_or(0)
+    }
+}
+
+/// "1 vertex has", "2 vertices have", and the rest.
+fn counted(count: usize, one: &str, many: &str, rest: &str) -> String {
+    format!("{count} {} {rest}", if count == 1 { one } else { many })
+}
+
+/// Whether a triangle has an area that f64 distinguishes from 0.
+fn has_area(corners: [Vec3; 3]) -> bool {
+    let longest = (0..3).map(|i| norm(sub(corners[i], corners[(i + 1) % 3]))).fold(0.0, f64::max);
+    // Relative to its own size: a tiny triangle is no flaw, three points in a line are.
+    area(corners) > 1e-12 * longest * longest
+}

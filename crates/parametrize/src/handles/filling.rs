@@ -1,0 +1,114 @@
+//! Both sides of a cut, filled.
+
+use spharm_monitor::{Interrupted, Monitor};
+use spharm_surface::nearest::TriangleTree;
+
+use super::disc::Disc;
+use super::fair::Fairing;
+use super::report::Kind;
+use crate::geometry::{Vec3, add, area, cross, dot, norm, scale, sub};
+
+/// Sweeps that smooth the directions in which a filling leads on: loops of edges zigzag.
+const SWEEPS: usize = 2;
+
+/// The rim of a cut: one loop, over the vertices of either side.
+pub(super) struct Rim<'a> {
+    /// Vertices on the right of the loop, in its order.
+    pub(super) right: &'a [u32],
+    /// Vertices on its left, at the same places.
+    pub(super) left: &'a [u32],
+    /// The places.
+    pub(super) places: &'a [Vec3],
+    /// Unit normals of the surface there, on the side that its triangles wind about.
+    pub(super) normals: &'a [Vec3],
+    /// The surface before it was cut.
+    pub(super) surface: &'a TriangleTree,
+}
+
+/// The two sides' fillings.
+pub(super) struct Filling {
+    /// New vertices.
+    pub(super) vertices: Vec<Vec3>,
+    /// Triangles over the rim's vertices and the new ones.
+    pub(super) faces: Vec<[u32; 3]>,
+    /// On which side of the surface the loop is spanned, where the triangles' normals are outward.
+    pub(super) kind: Kind,
+    /// Area of both.
+    pub(super) area: f64,
+}
+
+impl Rim<'_> {
+    /// Fills both sides; new vertices are numbered from `first`.
+    pub(super) fn fill(&self, first: u32, monitor: &dyn Monitor) -> Result<Filling, Interrupted> {
+        let count = self.places.len();
+        let lengths: Vec<f64> = (0..count).map(|i| norm(sub(self.places[(i + 1) % count], self.places[i]))).collect();
+        let disc = Disc::new(count);
+        let fairing = Fairing::new(&disc, monitor)?;
+        let flat = fairing.flat(self.places);
+        let inwards: Vec<Vec3> = disc.at_ring(&flat).iter().zip(self.places).map(|(p, q)| unit(sub(*p, *q))).collect();
+        let beyond = self.beyond(&inwards);
+        let (kind, steps) = (self.kind(&lengths, &inwards), fairing.steps(&flat));
+        let mut filling = Filling { vertices: Vec::new(), faces: Vec::new(), kind, area: 0.0 };
+        // The loop's left cap faces the other way, so its filling leads on against the right one's.
+        for (rim, sign) in [(self.right, 1.0), (self.left, -1.0)] {
+            let positions = fairing.smooth(&flat, &self.outside(&beyond, &steps, sign));
+            let new = first + filling.vertices.len() as u32;
+            let vertex = |v: u32| rim.get(v as usize).copied().unwrap_or_else(|| new + v - count as u32);
+            for &triangle in &disc.triangles {
+                let [a, b, c] = triangle.map(vertex);
+                filling.faces.push(if sign > 0.0 { [a, b, c] } else { [a, c, b] });
+                filling.area += area(triangle.map(|v| positions[v as usize]));
+            }
+            filling.vertices.extend(&positions[count..]);
+        }
+        Ok(filling)
+    }
+
+    /// At each vertex the direction that leads on from the surface on the right of the loop to its left: square to the loop,
+    /// in the tangent plane.
+    fn beyond(&self, inwards: &[Vec3]) -> Vec<Vec3> {
+        let count = self.places.len();
+        let around = |i: usize| ((i + count - 1) % count, (i + 1) % count);
+        let at = |i: usize| {
+            let (before, after) = around(i);
+            let along = sub(self.places[after], self.places[before]);
+            let beyond = cross(self.normals[i], along);
+            if norm(beyond) > 1e-6 * norm(along) { unit(beyond) } else { inwards[i] }
+        };
+        let mut beyond: Vec<Vec3> = (0..count).map(at).collect();
+        for _ in 0..SWEEPS {
+            let smoothed = (0..count).map(|i| {
+                let (before, after) = around(i);
+                let sum = add(scale(beyond[i], 2.0), add(beyond[before], beyond[after]));
+                let normal = self.normals[i];
+                let within = sub(sum, scale(normal, dot(sum, normal)));
+                if norm(within) > 1e-6 { unit(within) } else { beyond[i] }
+            });
+            beyond = smoothed.collect();
+        }
+        beyond
+    }
+
+    /// Two rings of points of the surface, one and two steps from the loop, on its right with a `sign` of 1, else on its left.
+    fn outside(&self, beyond: &[Vec3], steps: &[f64], sign: f64) -> Vec<Vec3> {
+        let ring = |number: f64| {
+            let points = self.places.iter().zip(beyond).zip(steps);
+            points.map(move |((&place, &beyond), step)| {
+                let point = sub(place, scale(beyond, sign * number * step));
+                self.surface.nearest(point).map_or(point, |nearest| nearest.point)
+            })
+        };
+        ring(1.0).chain(ring(2.0)).collect()
+    }
+
+    fn kind(&self, lengths: &[f64], inwards: &[Vec3]) -> Kind {
+        let outside: f64 =
+            lengths.iter().zip(inwards).zip(self.normals).map(|((length, &d), &normal)| length * dot(d, normal)).sum();
+        if outside > 0.0 { Kind::Tunnel } else { Kind::Handle }
+    }
+}
+
+/// a / |a|; zero stays zero.
+fn unit(a: Vec3) -> Vec3 {
+    spharm_surface::geometry::unit(a)
+}

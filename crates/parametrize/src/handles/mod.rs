@@ -1,0 +1,147 @@
+//! Surfaces with handles: cut along short loops and filled, so that they have genus zero.
+//!
+//! A sphere has no handles, so a surface of genus g has no map to it. Cut along g loops that together don't separate it,
+//! it is a sphere with 2 g holes; filled, it is a closed surface of genus zero. Given vertices and triangles stay, in
+//! their order, so that the model of the cut surface gives the given surface back: without the filling, and with the seam's
+//! copies welded ([`Seam`]).
+//!
+//! - `rounds`, over `homology` and `search`: which loops are cut. For each handle there are loops around it and loops
+//!   through it; the shorter one is cut.
+//! - `complex`: the cuts.
+//! - `disc`, `fair`, `filling`: the fillings, smooth across the seam.
+//!
+//! O(n log n) for the first handle and for each round of many; fillings are of 0.09 m^2 vertices on either side of a loop of m.
+
+mod complex;
+mod disc;
+mod fair;
+mod filling;
+mod homology;
+mod report;
+mod rounds;
+mod search;
+
+pub use report::{CutLoop, CutSurface, HandlesReport, Kind};
+
+use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Monitor, Silent};
+use spharm_surface::nearest::TriangleTree;
+use spharm_surface::topology::{Topology, is_outward};
+use spharm_surface::{Mesh, Seam};
+
+use self::complex::{Complex, Rims};
+use self::filling::{Filling, Rim};
+use self::rounds::Cut;
+use crate::error::ParametrizeError;
+use crate::flaws::Flaws;
+use crate::geometry::{Vec3, add, area, scale};
+
+/// Cuts a closed surface along short loops, one for each of its handles, and fills both sides of each. A surface of genus zero
+/// comes back as it is.
+///
+/// The same surface gives the same bits, whatever the number of threads.
+///
+/// # Errors
+///
+/// [`BadSurface`](ParametrizeError::BadSurface) for a mesh that isn't one closed surface without flaws;
+/// [`Interrupted`](ParametrizeError::Interrupted).
+pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, ParametrizeError> {
+    let flaws = Flaws::of(surface)?;
+    let genus = flaws.handles();
+    if !flaws.problems.is_empty() {
+        let problems = flaws.problems.join("; ");
+        return Err(ParametrizeError::BadSurface { problems, handles: genus, remedy: flaws.remedy });
+    }
+    let corners = |face: &[u32; 3]| face.map(|v| surface.vertices[v as usize]);
+    let mut report = HandlesReport {
+        genus_before: genus,
+        area: surface.faces.iter().map(|face| area(corners(face))).sum(),
+        ..HandlesReport::default()
+    };
+    if genus == 0 {
+        return Ok(CutSurface { surface: surface.clone(), seam: None, report });
+    }
+    let mut complex = Complex::new(surface);
+    let cuts = rounds::cut_all(&mut complex, genus, monitor)?;
+    let cuts = cuts.ok_or_else(|| left_over(format!("no loop around one of {genus} handles was found")))?;
+    let mut cut = Mesh::new(complex.positions.clone(), complex.own_triangles().collect());
+    cut.meta.clone_from(&surface.meta);
+    let (normals, outward) = (normals(surface), is_outward(surface));
+    for (found, filling) in cuts.iter().zip(fillings(&complex, surface, &normals, &cuts, monitor)?) {
+        let (rim, first) = (right_rim(&complex, &found.rims), cut.vertices.len() as u32);
+        let sum = rim.iter().fold([0.0; 3], |sum, &v| add(sum, complex.positions[v as usize]));
+        report.loops.push(CutLoop {
+            kind: if outward { filling.kind } else { filling.kind.other() },
+            length: found.length,
+            vertices: rim.len(),
+            area_added: filling.area,
+            centre: scale(sum, 1.0 / rim.len() as f64),
+        });
+        report.area_added += filling.area;
+        report.vertices_added += filling.vertices.len();
+        let vertices = complex.vertices() as u32;
+        let renumber = |v: u32| if v < vertices { v } else { v - vertices + first };
+        cut.faces.extend(filling.faces.iter().map(|face| face.map(renumber)));
+        cut.vertices.extend(filling.vertices);
+    }
+    // A model of anything but a sphere would be wrong without a sign of it.
+    let topology = Topology::of(&cut);
+    if !topology.is_sphere() {
+        return Err(left_over(topology.problems().join("; ")));
+    }
+    let copies = complex.own[surface.vertices.len()..].to_vec();
+    let seam = Seam { vertices: surface.vertices.len(), faces: surface.faces.len(), copies };
+    Ok(CutSurface { surface: cut, seam: Some(seam), report })
+}
+
+/// The length of the shortest loops that don't separate a surface, as the first round finds them: at most one for each handle.
+pub(crate) fn shortest_loops(surface: &Mesh, genus: usize) -> Vec<f64> {
+    let found = rounds::round(&Complex::new(surface), &Silent).unwrap_or_default();
+    found.into_iter().take(genus).map(|found| found.length).collect()
+}
+
+fn left_over(problems: String) -> ParametrizeError {
+    ParametrizeError::BadSurface { problems, handles: 0, remedy: "remesh the surface, or cut its handles by hand" }
+}
+
+/// The fillings of all cuts, each over new vertices from the number of the complex's on.
+fn fillings(
+    complex: &Complex,
+    surface: &Mesh,
+    normals: &[Vec3],
+    cuts: &[Cut],
+    monitor: &dyn Monitor,
+) -> Result<Vec<Filling>, Interrupted> {
+    let tree = TriangleTree::new(surface);
+    let filled = cuts.par_iter().map(|cut| {
+        monitor.check()?;
+        let (right, left) = (right_rim(complex, &cut.rims), left_rim(complex, &cut.rims));
+        let places: Vec<Vec3> = right.iter().map(|&v| complex.positions[v as usize]).collect();
+        let normals: Vec<Vec3> = right.iter().map(|&v| normals[complex.own[v as usize] as usize]).collect();
+        let rim = Rim { right: &right, left: &left, places: &places, normals: &normals, surface: &tree };
+        rim.fill(complex.vertices() as u32, monitor)
+    });
+    filled.collect()
+}
+
+/// The vertices on the right of a cut, in the loop's order. Later cuts may have given some of them copies.
+fn right_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
+    rims.right.iter().map(|&h| complex.from(h)).collect()
+}
+
+/// The vertices on the left of a cut, in the loop's order.
+fn left_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
+    rims.left.iter().map(|&h| complex.to(h)).collect()
+}
+
+/// Unit normals at the vertices, outward where the triangles wind so.
+fn normals(surface: &Mesh) -> Vec<Vec3> {
+    let mut normals = vec![[0.0; 3]; surface.vertices.len()];
+    for face in &surface.faces {
+        let normal = spharm_surface::geometry::face_normal(face.map(|v| surface.vertices[v as usize]));
+        for &v in face {
+            normals[v as usize] = add(normals[v as usize], normal);
+        }
+    }
+    normals.into_iter().map(spharm_surface::geometry::unit).collect()
+}

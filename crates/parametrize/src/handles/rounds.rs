@@ -1,0 +1,120 @@
+//! Which loops are cut.
+//!
+//! In rounds, until the genus is zero. A round finds the generators of the complex as it is, and near each of their edges a
+//! loop that is the shortest through its own points. Of these, the shortest come first, and a loop that meets one before it
+//! is left out. Together, the loops that are left may separate the surface, where several run around the same handle.
+//! They are the edges of a graph whose nodes are the pieces they would leave; the loops that stay uncut are a spanning tree of
+//! it, of the longest ones, so that the pieces hang together. At least the shortest loop is cut.
+//!
+//! What is guaranteed: every loop that is cut is no longer than any loop through eight of its points that doesn't separate
+//! the surface as it was in that round, along edges. The shortest loop of all is found where one of the searches comes
+//! upon it, in practice; to be sure of it takes a search from every vertex (Erickson and Har-Peled 2004), n times as long.
+//!
+//! A round takes O(n log n) for the generators, and for each of them some searches of the surface within half a loop's
+//! length. Hundreds of small handles go in two or three rounds; at worst, where all loops meet, there is one a round.
+
+use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Monitor, Stage};
+use spharm_surface::topology::UnionFind;
+
+use super::complex::{Complex, Loop, Rims};
+use super::homology::Homology;
+use super::search::Search;
+
+/// A cut that was made.
+pub(super) struct Cut {
+    pub(super) length: f64,
+    pub(super) rims: Rims,
+}
+
+/// Disjoint loops, shortest first, that together don't separate a complex; at least one where it has a handle.
+pub(super) fn round(complex: &Complex, monitor: &dyn Monitor) -> Result<Vec<Loop>, Interrupted> {
+    let base = (0..complex.vertices() as u32).find(|&v| complex.around(v).next().is_some()).unwrap_or(0);
+    let homology = Homology::of(complex, base);
+    Ok(without_separating(complex, disjoint(complex, candidates(complex, &homology, monitor)?)))
+}
+
+/// Loops near all generators, shortest first, each once.
+fn candidates(complex: &Complex, homology: &Homology, monitor: &dyn Monitor) -> Result<Vec<Loop>, Interrupted> {
+    let near = |search: &mut Search, &generator: &u32| {
+        monitor.check()?;
+        Ok(search.near(complex, homology, complex.from(generator)))
+    };
+    let search = || Search::new(complex.vertices());
+    let found: Result<Vec<Option<Loop>>, Interrupted> = homology.generators.par_iter().map_init(search, near).collect();
+    let mut loops: Vec<(u64, Vec<u32>, Loop)> = found?.into_iter().flatten().map(|found| key(complex, found)).collect();
+    loops.sort_unstable_by(|a, b| (a.0, &a.1).cmp(&(b.0, &b.1)));
+    loops.dedup_by(|a, b| a.1 == b.1);
+    Ok(loops.into_iter().map(|(_, _, found)| found).collect())
+}
+
+/// What a loop is sorted by: its length, then its edges, whichever way and from wherever it runs.
+fn key(complex: &Complex, found: Loop) -> (u64, Vec<u32>, Loop) {
+    let mut edges: Vec<u32> = found.edges.iter().map(|&h| h.min(complex.twin(h))).collect();
+    edges.sort_unstable();
+    // The sum in the order of the edges' numbers is the same for all ways to run.
+    let length: f64 = edges.iter().map(|&h| complex.length(h)).sum();
+    (length.to_bits(), edges, Loop { length, ..found })
+}
+
+/// Cuts until the genus, which is `genus` at first, is zero.
+pub(super) fn cut_all(
+    complex: &mut Complex,
+    genus: usize,
+    monitor: &dyn Monitor,
+) -> Result<Option<Vec<Cut>>, Interrupted> {
+    monitor.begin(Stage::counted("cutting", "handles"), genus as u64);
+    let mut cuts = Vec::with_capacity(genus);
+    while cuts.len() < genus {
+        let chosen = round(complex, monitor)?;
+        if chosen.is_empty() {
+            return Ok(None);
+        }
+        for found in chosen.into_iter().take(genus - cuts.len()) {
+            cuts.push(Cut { length: found.length, rims: complex.cut(&found) });
+            monitor.step(1);
+        }
+    }
+    monitor.end();
+    Ok(Some(cuts))
+}
+
+/// The loops of a list that meet none of those before them.
+fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
+    let mut met = vec![false; complex.vertices()];
+    loops.retain(|found| {
+        let vertices = || found.edges.iter().map(|&h| complex.from(h) as usize);
+        let free = vertices().all(|v| !met[v]);
+        if free {
+            vertices().for_each(|v| met[v] = true);
+        }
+        free
+    });
+    loops
+}
+
+/// Those of disjoint loops, in their order, that leave the surface in one piece; loops at the end of the list are left out
+/// first.
+fn without_separating(complex: &Complex, loops: Vec<Loop>) -> Vec<Loop> {
+    let mut cut = vec![false; complex.half_edges() as usize];
+    for &h in loops.iter().flat_map(|found| &found.edges) {
+        cut[h as usize] = true;
+        cut[complex.twin(h) as usize] = true;
+    }
+    let mut pieces = UnionFind::new(complex.faces());
+    for h in (0..complex.half_edges()).filter(|&h| !cut[h as usize]) {
+        pieces.join(complex.face(h), complex.face(complex.twin(h)));
+    }
+    let mut chosen: Vec<Loop> = Vec::with_capacity(loops.len());
+    for found in loops.into_iter().rev() {
+        let h = found.edges[0];
+        let (left, right) = (complex.face(h), complex.face(complex.twin(h)));
+        if pieces.root(left) == pieces.root(right) {
+            chosen.push(found);
+        } else {
+            pieces.join(left, right);
+        }
+    }
+    chosen.reverse();
+    chosen
+}

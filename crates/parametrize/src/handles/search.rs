@@ -1,0 +1,123 @@
+//! The shortest loop through a vertex that doesn't separate the surface.
+//!
+//! Dijkstra's algorithm from the vertex v. A shortest loop through v of its class is two shortest paths and an edge ab
+//! between their ends, of length d(a) + |ab| + d(b), which is at least twice the larger of the two distances. So the search
+//! ends where twice the distance reaches the shortest loop found, and visits only the vertices within half its length.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::complex::{Complex, Loop, NONE};
+use super::homology::Homology;
+
+/// How many points of a loop, evenly spread, no shorter loop may pass through.
+const POINTS: usize = 8;
+
+/// Working memory: 21 bytes a vertex, cleared by what a search has touched.
+pub(super) struct Search {
+    distance: Vec<f64>,
+    /// The sum of the numbers along the shortest path.
+    class: Vec<u64>,
+    arriving: Vec<u32>,
+    settled: Vec<bool>,
+    touched: Vec<u32>,
+    queue: BinaryHeap<Reverse<(u64, u32)>>,
+}
+
+impl Search {
+    pub(super) fn new(vertices: usize) -> Self {
+        Self {
+            distance: vec![f64::INFINITY; vertices],
+            class: vec![0; vertices],
+            arriving: vec![NONE; vertices],
+            settled: vec![false; vertices],
+            touched: Vec::new(),
+            queue: BinaryHeap::new(),
+        }
+    }
+
+    /// A loop near a vertex that is the shortest one through each of [`POINTS`] of its own vertices.
+    pub(super) fn near(&mut self, complex: &Complex, homology: &Homology, vertex: u32) -> Option<Loop> {
+        let mut found = self.through(complex, homology, vertex, f64::INFINITY)?;
+        loop {
+            let count = found.edges.len();
+            let points = POINTS.min(count);
+            let bases: Vec<u32> = (0..points).map(|k| complex.from(found.edges[k * count / points])).collect();
+            let shorter = bases.into_iter().find_map(|base| self.through(complex, homology, base, found.length));
+            match shorter {
+                Some(shorter) => found = shorter,
+                None => return Some(found),
+            }
+        }
+    }
+
+    /// The shortest loop through a vertex that is shorter than `limit` and doesn't separate. Where its two paths begin with
+    /// the same edges, these are left out, and it is shorter still.
+    fn through(&mut self, complex: &Complex, homology: &Homology, base: u32, limit: f64) -> Option<Loop> {
+        self.clear();
+        self.reach(base, 0.0, 0, NONE);
+        // Lengths are summed in different orders along the same loop.
+        let mut best = limit * (1.0 - 1e-12);
+        let mut closing = NONE;
+        while let Some(Reverse((bits, vertex))) = self.queue.pop() {
+            let reached = f64::from_bits(bits);
+            if 2.0 * reached >= best {
+                break;
+            }
+            if std::mem::replace(&mut self.settled[vertex as usize], true) {
+                continue;
+            }
+            let class = self.class[vertex as usize];
+            for h in complex.around(vertex) {
+                let to = complex.to(h);
+                let (length, along) = (reached + complex.length(h), class.wrapping_add(homology.class(h)));
+                let there = self.distance[to as usize];
+                if self.settled[to as usize] {
+                    if length + there < best && along != self.class[to as usize] {
+                        (best, closing) = (length + there, h);
+                    }
+                } else if length < there {
+                    self.reach(to, length, along, h);
+                }
+            }
+        }
+        (closing != NONE).then(|| self.loop_over(complex, closing))
+    }
+
+    fn reach(&mut self, vertex: u32, distance: f64, class: u64, arriving: u32) {
+        let v = vertex as usize;
+        if self.distance[v] == f64::INFINITY {
+            self.touched.push(vertex);
+        }
+        (self.distance[v], self.class[v], self.arriving[v]) = (distance, class, arriving);
+        self.queue.push(Reverse((distance.to_bits(), vertex)));
+    }
+
+    fn clear(&mut self) {
+        for v in self.touched.drain(..).map(|v| v as usize) {
+            (self.distance[v], self.arriving[v], self.settled[v]) = (f64::INFINITY, NONE, false);
+        }
+        self.queue.clear();
+    }
+
+    /// The loop of an edge between two paths, without what the paths have in common.
+    fn loop_over(&self, complex: &Complex, closing: u32) -> Loop {
+        let path = |mut vertex: u32| {
+            let mut edges = Vec::new();
+            while self.arriving[vertex as usize] != NONE {
+                let h = self.arriving[vertex as usize];
+                edges.push(h);
+                vertex = complex.from(h);
+            }
+            edges.reverse();
+            edges
+        };
+        let (to, back) = (path(complex.from(closing)), path(complex.to(closing)));
+        let common = to.iter().zip(&back).take_while(|(a, b)| a == b).count();
+        let mut edges = to[common..].to_vec();
+        edges.push(closing);
+        edges.extend(back[common..].iter().rev().map(|&h| complex.twin(h)));
+        let length = edges.iter().map(|&h| complex.length(h)).sum();
+        Loop { edges, length }
+    }
+}

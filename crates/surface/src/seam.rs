@@ -1,0 +1,144 @@
+//! How a surface that was cut belongs to the one that it was cut from.
+//!
+//! A surface with handles has no map to the sphere; cut open along loops, with both sides of each filled, it has. The cut
+//! surface has the given one's n vertices in their order, then copies of those on the seams, then the fillings' vertices;
+//! and the given F triangles in their order, over copies on one side of each seam, then the fillings' triangles. So n, F and
+//! the vertices that were copied are all that it takes to go back.
+//!
+//! A GIfTI file of the sphere keeps that in its metadata, `SpharmCutFrom` (n and F) and `SpharmSeam` (the vertices that were
+//! copied); a model has arrays for it.
+
+use crate::mesh::{Mesh, Meta};
+
+const CUT_FROM: &str = "SpharmCutFrom";
+const COPIES: &str = "SpharmSeam";
+
+/// What of a cut surface belongs to the one that it was cut from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Seam {
+    /// Vertices of the given surface, n.
+    pub vertices: usize,
+    /// Triangles of the given surface, F.
+    pub faces: usize,
+    /// Vertex n + i of the cut surface is a copy of vertex `copies[i]`, below n. The vertices after these are filling.
+    pub copies: Vec<u32>,
+}
+
+/// A surface put together again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Welded {
+    /// The surface, with the given vertices and triangles.
+    pub mesh: Mesh,
+    /// The largest distance between two of the places that a vertex on the seams had before, in the surface's unit.
+    pub gap: f64,
+}
+
+impl Seam {
+    /// Returns the seam if it fits a cut surface of so many vertices and triangles.
+    ///
+    /// # Errors
+    ///
+    /// What doesn't fit.
+    pub fn checked(self, vertices: usize, faces: usize) -> Result<Self, String> {
+        if self.vertices.checked_add(self.copies.len()).is_none_or(|known| known > vertices) {
+            let copies = self.copies.len();
+            return Err(format!("{} vertices and {copies} copies of {vertices} vertices", self.vertices));
+        }
+        if self.faces > faces {
+            return Err(format!("{} of {faces} triangles", self.faces));
+        }
+        match self.copies.iter().find(|&&v| v as usize >= self.vertices) {
+            Some(v) => Err(format!("a copy of vertex {v} of {}", self.vertices)),
+            None => Ok(self),
+        }
+    }
+
+    /// Puts a cut surface together again: leaves the fillings out, and gives each vertex that has copies the mean of their
+    /// places.
+    ///
+    /// # Errors
+    ///
+    /// What doesn't fit the surface, as [`checked`](Self::checked); or the triangle of the given surface over a vertex of a
+    /// filling.
+    pub fn weld(&self, cut: &Mesh) -> Result<Welded, String> {
+        let Self { vertices, faces, copies } = self.clone().checked(cut.vertices.len(), cut.faces.len())?;
+        let mut places: Vec<(u32, usize)> = copies.iter().copied().zip(vertices..).collect();
+        places.sort_unstable();
+        let mut welded: Vec<[f64; 3]> = cut.vertices[..vertices].to_vec();
+        let mut gap = 0.0_f64;
+        for same in places.chunk_by(|a, b| a.0 == b.0) {
+            let own = same[0].0 as usize;
+            let all: Vec<[f64; 3]> =
+                std::iter::once(own).chain(same.iter().map(|&(_, copy)| copy)).map(|v| cut.vertices[v]).collect();
+            for (i, a) in all.iter().enumerate() {
+                let square = |b: &[f64; 3]| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>();
+                gap = all[..i].iter().map(square).fold(gap, f64::max);
+            }
+            let mean = |axis: usize| all.iter().map(|p| p[axis]).sum::<f64>() / all.len() as f64;
+            welded[own] = [mean(0), mean(1), mean(2)];
+        }
+        let own = |v: u32| match (v as usize).checked_sub(vertices) {
+            None => Some(v),
+            Some(copy) => copies.get(copy).copied(),
+        };
+        let triangle = |(face, &[a, b, c]): (usize, &[u32; 3])| {
+            let vertices = own(a).zip(own(b)).zip(own(c)).map(|((a, b), c)| [a, b, c]);
+            vertices.ok_or_else(|| format!("triangle {face} is over a vertex of a filling"))
+        };
+        let faces: Result<Vec<[u32; 3]>, String> = cut.faces[..faces].iter().enumerate().map(triangle).collect();
+        Ok(Welded { mesh: Mesh { vertices: welded, faces: faces?, meta: cut.meta.clone() }, gap: gap.sqrt() })
+    }
+
+    /// Returns what a file's metadata say; `None` where they don't, or not in numbers.
+    #[must_use]
+    pub fn of(meta: &Meta) -> Option<Self> {
+        let value = |name: &str| meta.file_metadata.iter().find(|(found, _)| found == name).map(|(_, value)| value);
+        let (vertices, faces) = value(CUT_FROM)?.split_once(' ')?;
+        let copies: Result<Vec<u32>, _> = value(COPIES)?.split_whitespace().map(str::parse).collect();
+        Some(Self { vertices: vertices.parse().ok()?, faces: faces.parse().ok()?, copies: copies.ok()? })
+    }
+
+    /// Writes it to the metadata of the cut surface's sphere, in place of what they said.
+    pub fn write_to(&self, meta: &mut Meta) {
+        meta.file_metadata.retain(|(name, _)| ![CUT_FROM, COPIES].contains(&name.as_str()));
+        let copies: Vec<String> = self.copies.iter().map(u32::to_string).collect();
+        let pairs = [(CUT_FROM, format!("{} {}", self.vertices, self.faces)), (COPIES, copies.join(" "))];
+        meta.file_metadata.extend(pairs.map(|(name, value)| (name.to_owned(), value)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seam() -> Seam {
+        Seam { vertices: 3, faces: 1, copies: vec![2, 2] }
+    }
+
+    fn cut() -> Mesh {
+        let x = |x: f64| [x, 0.0, 0.0];
+        Mesh::new(vec![x(0.0), x(1.0), x(2.0), x(5.0), x(8.0), x(9.0)], vec![[0, 1, 4], [3, 4, 5]])
+    }
+
+    #[test]
+    fn copies_are_welded_at_their_mean_and_fillings_left_out() {
+        let Welded { mesh, gap } = seam().weld(&cut()).unwrap();
+        assert_eq!(mesh.faces, [[0, 1, 2]]);
+        assert_eq!((mesh.vertices.len(), mesh.vertices[2], gap), (3, [5.0, 0.0, 0.0], 6.0));
+    }
+
+    #[test]
+    fn metadata_return_and_what_does_not_fit_is_refused() {
+        let mut meta = Meta { file_metadata: vec![("a".to_owned(), "b".to_owned())], ..Meta::default() };
+        assert_eq!(Seam::of(&meta), None);
+        for _ in 0..2 {
+            seam().write_to(&mut meta);
+            assert_eq!((Seam::of(&meta), meta.file_metadata.len()), (Some(seam()), 3));
+        }
+        let refused = |seam: Seam| seam.weld(&cut()).unwrap_err();
+        assert!(refused(Seam { vertices: usize::MAX, ..seam() }).contains("2 copies of 6 vertices"));
+        assert!(refused(Seam { faces: 3, ..seam() }).contains("3 of 2 triangles"));
+        assert!(refused(Seam { copies: vec![3], ..seam() }).contains("a copy of vertex 3 of 3"));
+        assert!(refused(Seam { faces: 2, ..seam() }).contains("triangle 1 is over a vertex of a filling"));
+    }
+}

@@ -1,0 +1,151 @@
+//! Surfaces with handles through the program: cut, fitted, and put together again.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use spharm::{Model, Silent};
+use spharm_surface::generate::{Torus, double_torus, icosphere, torus};
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
+use spharm_surface::nearest::TriangleTree;
+use spharm_surface::topology::Topology;
+use spharm_surface::{Mesh, Seam};
+
+use crate::common::{fail, finish, succeed, tool};
+
+fn written(folder: &Path, name: &str, surface: &Mesh) -> PathBuf {
+    let path = folder.join(name);
+    write_mesh(&path, surface, &WriteOptions { double: true, ..WriteOptions::default() }).expect("a mesh");
+    path
+}
+
+/// Fits a surface with handles and gives the original back; what is promised of it is checked. `seam_off` is how far from the
+/// surface the welded seam may be, as a share of the box.
+fn there_and_back(name: &str, surface: &Mesh, genus: i64, seam_off: f64) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let input = written(folder.path(), "in.ply", surface);
+    let (model, out) = (folder.path().join("in.spharm.npz"), folder.path().join("out.ply"));
+    let mut fit = tool("fit");
+    fit.arg("--surface").arg(&input).args(["--cut-handles", "--max-degree", "60", "--json", "-o"]).arg(&model);
+    let report: Value = serde_json::from_str(&succeed(&mut fit)).expect("JSON");
+    let cut = &report["surfaces"][0]["parametrization"]["handles"];
+    assert_eq!((cut["genus_before"].as_i64(), cut["genus_after"].as_i64()), (Some(genus), Some(0)));
+    assert_eq!(cut["loops"].as_array().expect("loops").len() as i64, genus);
+    let back = succeed(tool("reconstruct").arg("--model").arg(&model).args(["--double", "-o"]).arg(&out));
+    assert!(back.contains(&format!("{} vertices", surface.vertices.len())), "{back}");
+
+    let found = read_mesh(&out).expect("a mesh");
+    assert_eq!(found.faces, surface.faces, "the triangles, in their order");
+    assert_eq!(Topology::of(&found).genus(), Some(genus));
+    let distance = surface_distance(surface, &found, &SurfaceDistanceParams::default(), &Silent).expect("a distance");
+    let read = Model::read(&model).expect("a model");
+    let gap = read.reconstruct_original(60).expect("a surface").gap / distance.scale;
+    let (rms, hausdorff) = (distance.rms / distance.scale, distance.hausdorff / distance.scale);
+    // How far the welded seam is off the surface.
+    let tree = TriangleTree::new(surface);
+    let seam = read.sphere.as_ref().and_then(|sphere| sphere.seam.clone()).expect("the model keeps the seam");
+    let off = seam.copies.iter().filter_map(|&v| tree.nearest(found.vertices[v as usize]));
+    let off = off.map(|nearest| nearest.distance / distance.scale).fold(0.0, f64::max);
+    assert!(off < seam_off, "{name}: {off:e}");
+    // Before it is welded, vertices of its sides are apart along the surface as well.
+    assert!(gap > 0.0 && gap < 5.0 * seam_off, "{name}: {gap:e}");
+    eprintln!(
+        "{name}: seam off {off:.2e}, n {}, rms {rms:.2e}, Hausdorff {hausdorff:.2e}, gap {gap:.2e} of the box",
+        surface.vertices.len()
+    );
+    assert!(rms < 2e-3, "{name}: {rms:e}");
+    // Vertices correspond, at the seam as well.
+    let largest = surface
+        .vertices
+        .iter()
+        .zip(&found.vertices)
+        .map(|(a, b)| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>().sqrt() / distance.scale);
+    let largest = largest.fold(0.0, f64::max);
+    assert!(largest < 1e-2, "{largest:e}");
+    let recorded = read.provenance.handles.expect("the model says what was cut");
+    assert_eq!(Value::from(recorded)["loops"], cut["loops"]);
+}
+
+#[test]
+fn a_torus_comes_back_with_its_handle() {
+    there_and_back("torus", &torus(&Torus { around: 48, ..Torus::default() }), 1, 1e-3);
+}
+
+#[test]
+fn a_torus_with_bumps_comes_back_with_its_handle() {
+    there_and_back("torus with bumps", &torus(&Torus { around: 48, bumps: 0.15, ..Torus::default() }), 1, 1e-3);
+}
+
+#[test]
+fn a_double_torus_comes_back_with_both_handles() {
+    there_and_back("double torus", &double_torus(100), 2, 3e-3);
+}
+
+/// By three verbs, over files: the sphere keeps the seams.
+#[test]
+fn a_cut_surface_and_its_sphere_are_files_that_a_fit_takes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let surface = torus(&Torus { around: 16, ..Torus::default() });
+    let input = written(folder.path(), "torus.ply", &surface);
+    let sphere = folder.path().join("cut.sphere.surf.gii");
+    let parametrize = |sphere: &Path| {
+        let mut command = tool("parametrize");
+        command.arg("--surface").arg(&input).args(["--cut-handles", "--force", "-o"]).arg(sphere);
+        command
+    };
+    let told = succeed(&mut parametrize(&sphere));
+    assert!(told.contains("genus 1 cut to 0") && told.contains("handle"), "{told}");
+    let (cut, mapped) = (folder.path().join("cut.surf.gii"), read_mesh(&sphere).expect("a sphere"));
+    let seam = Seam::of(&mapped.meta).expect("the sphere says where the surface was cut");
+    assert_eq!((seam.vertices, seam.faces), (surface.vertices.len(), surface.faces.len()));
+    assert!(Topology::of(&read_mesh(&cut).expect("the cut surface")).is_sphere());
+    let mut fit = tool("fit");
+    fit.arg("--surface").arg(&cut).arg("--sphere").arg(&sphere).args(["--max-degree", "12", "-o"]).arg(folder.path());
+    succeed(&mut fit);
+    let model = folder.path().join("cut.spharm.npz");
+    let genus = |options: &[&std::ffi::OsStr]| {
+        let out = folder.path().join("out.ply");
+        let mut command = tool("reconstruct");
+        command.arg("--model").arg(&model).args(options).arg("--force").arg("-o").arg(&out);
+        succeed(&mut command);
+        Topology::of(&read_mesh(&out).expect("a mesh")).genus()
+    };
+    assert_eq!(genus(&["--original".as_ref()]), Some(1));
+    assert_eq!(genus(&["--sphere".as_ref(), sphere.as_ref()]), Some(0), "as it was cut");
+    assert_eq!(genus(&["--icosphere".as_ref(), "4".as_ref()]), Some(0));
+    // Other formats lose the seams, and that is said.
+    let output = finish(&mut parametrize(&folder.path().join("cut.sphere.ply")));
+    assert!(output.status.success());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("doesn't keep the seams"));
+}
+
+#[test]
+fn handles_are_refused_unless_asked_for_and_spheres_are_left_as_they_are() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let handle = written(folder.path(), "torus.ply", &torus(&Torus { around: 16, ..Torus::default() }));
+    let ball = written(folder.path(), "ball.ply", &icosphere(3));
+    let fit = |input: &Path, options: &[&str]| {
+        let mut command = tool("fit");
+        command.arg("--surface").arg(input).args(["--max-degree", "6", "-o"]).arg(folder.path()).args(options);
+        command
+    };
+    let refused = fail(&mut fit(&handle, &[]));
+    assert!(refused.contains("genus 1") && refused.contains("length 6."), "{refused}");
+    assert!(refused.contains("--cut-handles"), "{refused}");
+    succeed(&mut fit(&handle, &["--cut-handles"]));
+    assert!(folder.path().join("torus.cut.surf.gii").exists());
+    // Nothing to do the second time, and the sphere is used again where only the model is missing.
+    let again = succeed(&mut fit(&handle, &["--cut-handles", "--skip-existing"]));
+    assert!(!again.contains("torus.spharm.npz"), "{again}");
+    let model = folder.path().join("torus.spharm.npz");
+    let first = Model::read(&model).expect("a model");
+    std::fs::remove_file(&model).expect("the model is there");
+    let told = finish(&mut fit(&handle, &["--cut-handles", "--skip-existing"]));
+    assert!(String::from_utf8_lossy(&told.stderr).contains("used again"));
+    assert_eq!(Model::read(&model).expect("a model").sphere.map(|s| s.seam), first.sphere.map(|s| s.seam));
+
+    succeed(&mut fit(&ball, &["--cut-handles"]));
+    let plain = Model::read(folder.path().join("ball.spharm.npz")).expect("a model");
+    assert_eq!(plain.sphere.and_then(|sphere| sphere.seam), None);
+    assert!(plain.provenance.handles.is_none() && !folder.path().join("ball.cut.surf.gii").exists());
+}
