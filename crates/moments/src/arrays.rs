@@ -83,18 +83,25 @@ pub fn accumulate_samples(
 }
 
 fn units(directions: ArrayView2<'_, f64>, start: usize) -> Result<Vec<[f64; 3]>, MomentsError> {
-    let unit = |row: usize| {
-        let vector = [0, 1, 2].map(|i| directions[[row, i]]);
-        normalise(vector, start + row).map(|(unit, _)| unit).map_err(|_| MomentsError::Sample {
+    let vector = |row: usize| [0, 1, 2].map(|i| directions[[row, i]]);
+    let mut units = vec![[0.0; 3]; directions.nrows()];
+    let bad = units.par_iter_mut().enumerate().filter_map(|(row, unit)| match normalise(vector(row), row) {
+        Ok((found, _)) => {
+            *unit = found;
+            None
+        }
+        Err(_) => Some(row),
+    });
+    // The first bad one, whichever thread met one first.
+    match bad.min() {
+        None => Ok(units),
+        Some(row) => Err(MomentsError::Sample {
             row: start + row,
             what: "direction",
             expected: "a finite vector that isn't zero",
-            found: format!("{vector:?}"),
-        })
-    };
-    let found: Vec<Result<[f64; 3], MomentsError>> = (0..directions.nrows()).into_par_iter().map(unit).collect();
-    // The first bad one, whichever thread met one first.
-    found.into_iter().collect()
+            found: format!("{:?}", vector(row)),
+        }),
+    }
 }
 
 fn checked_weights(weights: ArrayView1<'_, f64>, start: usize) -> Result<Vec<f64>, MomentsError> {
