@@ -11,6 +11,7 @@ mod full_least_squares;
 mod inputs;
 mod memory;
 mod moments;
+mod moments_faults;
 mod paper;
 mod pipeline;
 mod readme;
