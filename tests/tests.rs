@@ -13,6 +13,7 @@ mod handles;
 mod inputs;
 mod memory;
 mod moments;
+mod moments_faults;
 mod paper;
 mod pipeline;
 mod readme;

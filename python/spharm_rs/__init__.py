@@ -20,6 +20,7 @@ from ._compare import Distances, compare
 from ._core import __version__
 from ._fit import fit, fit_many, solve
 from ._model import Model
+from ._moments import Moments
 from ._parametrize import Parametrization, labels, parametrize, parametrize_volume, resample
 from ._store import Store
 from ._surface import (
@@ -49,6 +50,7 @@ __all__ = [
     "MemoryBudgetError",
     "MeshError",
     "Model",
+    "Moments",
     "NotConverged",
     "NotDetermined",
     "Oscillation",

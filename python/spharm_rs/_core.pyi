@@ -13,6 +13,7 @@ _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
 
 __all__ = [
     "Model",
+    "Moments",
     "Transform",
     "__version__",
     "compare",
@@ -80,6 +81,39 @@ class Model:
     def surface(
         self, sphere: _Floats | None, faces: _Triangles | None, degree: int, *, threads: int | None = None
     ) -> tuple[_Floats, _Triangles]: ...
+
+@final
+class Moments:
+    def __new__(
+        cls,
+        directions: _Floats,
+        values: _Floats,
+        weights: _Floats | None,
+        max_degree: int,
+        channels: list[str],
+        *,
+        whole: str | None,
+        shard: tuple[int, int],
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> Moments: ...
+    @staticmethod
+    def read(path: str) -> Moments: ...
+    @staticmethod
+    def from_bytes(bytes: bytes) -> Moments: ...
+    def to_bytes(self) -> bytes: ...
+    def write(self, path: str, *, overwrite: bool = False) -> None: ...
+    @staticmethod
+    def merge(parts: Sequence[Moments], *, partial: bool = False) -> Moments: ...
+    @property
+    def max_degree(self) -> int: ...
+    @property
+    def channels(self) -> list[str]: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def weight(self) -> float: ...
+    def fit(self, settings: dict[str, Any], progress: _Progress | None = None) -> _Fitted: ...
 
 @final
 class Transform:

@@ -10,7 +10,7 @@ mod hostile;
 mod in_use;
 mod interrupted;
 mod killed;
-mod namespace;
+pub(crate) mod namespace;
 mod not_a_file;
 mod python;
 mod race;
@@ -101,10 +101,10 @@ fn assert_helpful_line(line: &str, path: &Path) {
 }
 
 /// Numbers that look random and are the same every time (splitmix64).
-struct Random(u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    fn below(&mut self, bound: u64) -> u64 {
+    pub(crate) fn below(&mut self, bound: u64) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -8,7 +8,7 @@ const INSIDE: &str = "SPHARM_TEST_NAMESPACE";
 
 /// Whether this process may mount. If not, runs the test of this name in one that may, and returns false; says so when
 /// the system has none to offer.
-pub(super) fn entered(test: &str) -> bool {
+pub(crate) fn entered(test: &str) -> bool {
     if std::env::var_os(INSIDE).is_some() {
         return true;
     }
@@ -36,16 +36,16 @@ pub(super) fn entered(test: &str) -> bool {
 }
 
 /// A file system in memory of a given size, on a folder.
-pub(super) fn mount(folder: &Path, bytes: u64) {
+pub(crate) fn mount(folder: &Path, bytes: u64) {
     run(Command::new("mount").args(["-t", "tmpfs", "-o", &format!("size={bytes}"), "tmpfs"]).arg(folder));
 }
 
 /// Changes how a mounted one may be used: `"size=.."`, `"ro"`, `"rw"`.
-pub(super) fn remount(folder: &Path, options: &str) {
+pub(crate) fn remount(folder: &Path, options: &str) {
     run(Command::new("mount").args(["-o", &format!("remount,{options}")]).arg(folder));
 }
 
-pub(super) fn unmount(folder: &Path) {
+pub(crate) fn unmount(folder: &Path) {
     run(Command::new("umount").arg(folder));
 }
 

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use clap::ValueEnum;
-use spharm::{FitParams, FitTo, Method, Preconditioner, Smoothness, Weights, defaults};
+use spharm::{FitParams, FitTo, Method, Preconditioner, Weights, defaults};
 use spharm_cli::Usage;
 use spharm_cli::values::Dtype;
 
@@ -38,6 +38,11 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         memory: cli.resources.memory.map(|size| size.0),
         threads: Some(cli.resources.threads.count()),
     };
+    if let (FitTo::Surface, Some(setting)) = (params.target, params.of_the_vertices()) {
+        let flag = if setting == "standard_errors" { "stderr".to_owned() } else { setting.replace('_', "-") };
+        let text = format!("--{flag} is of the vertices and doesn't go with --target surface");
+        return Err(Usage::conflict(text).into());
+    }
     params.check()?;
     Ok(params)
 }
@@ -76,17 +81,6 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     ];
     if let Some((_, flag, hint)) = conflicts.into_iter().find(|(conflict, ..)| *conflict) {
         return Err(Usage::conflict(format!("{flag} doesn't go with --method {name}{hint}")));
-    }
-    let of_the_vertices = [
-        (cli.input.store.is_some(), "--store"),
-        (args.hold_out.is_some(), "--hold-out"),
-        (cli.output.stderr, "--stderr"),
-        (args.smoothness == Some(Smoothness::Auto), "--smoothness auto"),
-        (cli.solver.preconditioner == Preconditioner::Density, "--preconditioner density"),
-    ];
-    let surface = args.target == Some(FitTo::Surface);
-    if let (true, Some((_, flag))) = (surface, of_the_vertices.into_iter().find(|(given, _)| *given)) {
-        return Err(Usage::conflict(format!("{flag} is of the vertices and doesn't go with --target surface")));
     }
     let accelerate = args.accelerate;
     let passes = args.passes.map_or(if accelerate { defaults::ACCELERATED_PASSES } else { 1 }, |p| p as usize);

@@ -20,8 +20,10 @@ use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, ope
 const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
 /// Bytes of either end of a file that its key depends on.
 const END: u64 = 1 << 16;
-/// Samples of a chunk.
+/// Samples of a chunk, of any number of threads, and of each thread: enough for all of them, and few enough that a chunk
+/// stays in the cache of a core from one step to the next. Sums are the same bits, as these are multiples of blocks.
 const CHUNK: usize = 1 << 19;
+const CHUNK_OF_THREAD: usize = 1 << 16;
 
 /// What moments are of, and to which degree.
 #[derive(Debug, Clone, PartialEq)]
@@ -244,6 +246,7 @@ impl Reading<'_> {
     fn all(&mut self, opened: &mut Opened, monitor: &dyn Monitor) -> Result<u64, MomentsError> {
         let table = &mut opened.table;
         let (mut rows, mut next, mut chunk) = (Vec::new(), Vec::new(), Chunk::default());
+        let most = (CHUNK_OF_THREAD * rayon::current_num_threads()).min(CHUNK);
         let mut before = 0;
         loop {
             monitor.check()?;
@@ -251,7 +254,7 @@ impl Reading<'_> {
             let started = Instant::now();
             // In the caller's threads, of which there may be a single one: neither waits for the other before its end.
             let (count, done) = rayon::join(
-                || table.read(CHUNK, &mut next).map(|count| (count, started.elapsed().as_secs_f64())),
+                || table.read(most, &mut next).map(|count| (count, started.elapsed().as_secs_f64())),
                 || self.one(&rows, &mut chunk),
             );
             let done = done?;

@@ -7,7 +7,7 @@ use spharm_monitor::Interrupted;
 use spharm_surface::SurfaceError;
 use spharm_transform::TransformError;
 
-/// Errors of this crate. Rows are counted from 1, as the data have them, without a header.
+/// Errors of this crate. Rows of tables are counted from 1, as the data have them, without a header.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MomentsError {
@@ -74,6 +74,28 @@ pub enum MomentsError {
         expected: &'static str,
         /// What it holds.
         found: String,
+    },
+    /// A sample in memory that can't be used.
+    #[error("sample {row}: {what}: expected {expected}, found {found}")]
+    Sample {
+        /// Its number, counted from 0.
+        row: usize,
+        /// What of it.
+        what: &'static str,
+        /// What that may be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// Arrays that don't belong together.
+    #[error("{what}: expected {expected}, found {found}")]
+    Arrays {
+        /// What doesn't fit.
+        what: &'static str,
+        /// How many there should be.
+        expected: usize,
+        /// How many there are.
+        found: usize,
     },
     /// A table without rows.
     #[error("{}: expected samples, found none", .path.display())]

@@ -37,11 +37,15 @@ const HEADER_LEN: usize = HEADER_HASH_AT + HASH;
 const HASH: usize = 32;
 /// Bytes of an entry of the list of sources.
 const SOURCE: usize = 48;
-const MOST_CHANNELS: usize = 1 << 16;
 const MOST_SOURCES: usize = 1 << 24;
 const LONGEST_NAMES: usize = 1 << 24;
+/// What errors call the moments that aren't in a file.
+const IN_MEMORY: &str = "the moments";
 
 impl Moments {
+    /// The most channels.
+    pub const MOST_CHANNELS: usize = 1 << 16;
+
     /// Writes a file of moments: whole or not at all. A file that is there is only replaced with `overwrite`.
     ///
     /// # Errors
@@ -64,6 +68,27 @@ impl Moments {
         let mut file = File::open(path).map_err(MomentsError::io(path, "open"))?;
         let length = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
         decode(&mut file, length, path)
+    }
+
+    /// Returns the bytes of a file of these moments.
+    ///
+    /// # Errors
+    ///
+    /// [`MomentsError::Io`] for sizes that the format has no room for.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, MomentsError> {
+        let mut bytes = Vec::new();
+        self.encode(&mut bytes).map_err(MomentsError::io(Path::new(IN_MEMORY), "write"))?;
+        Ok(bytes)
+    }
+
+    /// Returns the moments of a file's bytes, checked as [`read`](Self::read) does.
+    ///
+    /// # Errors
+    ///
+    /// [`MomentsError::Corrupt`], [`MomentsError::Version`].
+    pub fn from_bytes(mut bytes: &[u8]) -> Result<Self, MomentsError> {
+        let length = bytes.len() as u64;
+        decode(&mut bytes, length, Path::new(IN_MEMORY))
     }
 
     fn encode(&self, out: &mut dyn Write) -> io::Result<()> {
@@ -214,7 +239,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
     };
     for (what, most, found) in [
         ("degree", MAX_DEGREE, sizes.max_degree),
-        ("channels", MOST_CHANNELS, sizes.channels),
+        ("channels", Moments::MOST_CHANNELS, sizes.channels),
         ("sources", MOST_SOURCES, sizes.sources),
         ("names", LONGEST_NAMES, sizes.names),
         ("cells", 1 << 28, sizes.cells),

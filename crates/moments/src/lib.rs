@@ -12,6 +12,7 @@
 //! |---|---|
 //! | [`samples`] | tables of samples, a file format a module; columns to directions, weights and values |
 //! | [`mod@accumulate`] | moments of tables, in bounded memory |
+//! | [`arrays`] | moments of samples that are in memory |
 //! | [`moments`] | [`Moments`]: the sums, and what they are of |
 //! | [`merge()`](mod@merge) | parts that make a whole |
 //! | `file` | the file format |
@@ -40,6 +41,7 @@
 //! ```
 
 pub mod accumulate;
+pub mod arrays;
 mod error;
 mod file;
 pub mod merge;
@@ -47,6 +49,7 @@ pub mod moments;
 pub mod samples;
 
 pub use accumulate::{Accumulated, Request, Warning, accumulate};
+pub use arrays::{Part, Samples, accumulate_samples};
 pub use error::MomentsError;
 pub use merge::{merge, merge_named};
 pub use moments::{Moments, Shard, Source};

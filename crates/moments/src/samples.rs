@@ -237,7 +237,7 @@ impl Plan {
                 }
                 Positions::Vectors(_) => {
                     let vector = [0, 1, 2].map(|i| cells[i] - self.centre[i]);
-                    let Ok((unit, length)) = normalise(vector, row) else {
+                    let Some((unit, length)) = unit(vector) else {
                         return Err(bad(0, "a vector that isn't zero"));
                     };
                     if needs_unit && (length - 1.0).abs() > UNIT {
@@ -262,8 +262,38 @@ impl Plan {
     }
 }
 
+/// Returns the direction and the length of a finite vector, unless it is zero: the bits of [`normalise`], which scales all
+/// vectors lest their squares overflow or underflow.
+#[inline]
+fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
+    let [x, y, z] = vector;
+    let square = x * x + y * y + z * z;
+    if (1e-200..1e200).contains(&square) {
+        let length = square.sqrt();
+        return Some((vector.map(|c| c / length + 0.0), length));
+    }
+    normalise(vector, 0).ok()
+}
+
 /// pi, and 2 pi, with room for what single precision makes of them.
 const MOST_THETA: f64 = std::f64::consts::PI + 1e-6;
 const MOST_PHI: f64 = std::f64::consts::TAU + 1e-6;
 /// What vectors may be off from length 1, in single precision and with few digits.
 const UNIT: f64 = 1e-3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_vector_has_the_same_bits_whatever_the_length() {
+        for i in 0..1000 {
+            let vector = [0.1, 0.7, 1.3].map(|step| (f64::from(i) * step).sin());
+            let expected = normalise(vector, 0).map(|(unit, _)| unit.map(f64::to_bits)).ok();
+            for exponent in [-900, -300, -1, 0, 3, 300, 900] {
+                let scaled = vector.map(|c| c * 2f64.powi(exponent));
+                assert_eq!(unit(scaled).map(|(unit, _)| unit.map(f64::to_bits)), expected, "{vector:?} 2^{exponent}");
+            }
+        }
+    }
+}

@@ -36,9 +36,6 @@ const ROUNDS: usize = 2;
 /// Most iterations of the least squares, of which samples of the whole surface take a handful.
 const ITERATIONS: usize = 100;
 
-/// Size of the samples' cells, in radians times the degree.
-const SPACING: f64 = 3.0;
-
 /// The degree that areas adapt to: `asked`, but no more than `vertices` determine well.
 pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     let most = |per: f64| ((vertices as f64 / per).sqrt() as usize).saturating_sub(1);
@@ -63,7 +60,7 @@ pub(crate) fn residual(
 ) -> Result<Residual, ParametrizeError> {
     let directions = Directions::from_vertices(map).map_err(spharm_solver::SolverError::from)?;
     monitor.check()?;
-    let sampling = SphereSampling::new(&directions, &domain.faces, SPACING / degree as f64)?;
+    let sampling = SphereSampling::for_degree(&directions, &domain.faces, degree)?;
     let all = 0..domain.faces.len();
     let samples = sampling.at(&directions, all.clone())?;
     let transform = TransformParams { max_degree: degree, accuracy: 1e-6, ..TransformParams::default() };

@@ -7,13 +7,15 @@ use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueEr
 use pyo3::prelude::*;
 use spharm::parametrize::ParametrizeError;
 use spharm::store::StoreError;
-use spharm::{Error, ModelError};
+use spharm::{Error, ModelError, MomentsError};
 use spharm::{SolverError, SurfaceError};
 
 /// Why work failed.
 pub(crate) enum Failure {
     /// The library's error.
     Library(Error),
+    /// An error of the sums over samples.
+    Moments(MomentsError),
     /// An argument that the library wasn't given.
     Argument(String),
     /// A defect of the library.
@@ -41,26 +43,27 @@ enum Kind<'a> {
 
 /// Returns the exception of a failure.
 pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
-    let error = match failure {
-        Failure::Library(error) => error,
-        Failure::Argument(text) => return PyValueError::new_err(text),
-        Failure::Panic => {
-            return named(py, "SpharmError", "a defect of spharm-rs; please report it, with what stderr says");
-        }
-    };
-    let text = error.to_string();
-    match of(&error) {
-        Kind::Spharm => named(py, "SpharmError", &text),
-        Kind::Mesh => named(py, "MeshError", &text),
-        Kind::Store(path) => with(py, named(py, "StoreError", &text), |value| {
+    match failure {
+        Failure::Library(error) => raised(py, &error.to_string(), of(&error)),
+        Failure::Moments(error) => raised(py, &error.to_string(), of_moments(&error)),
+        Failure::Argument(text) => PyValueError::new_err(text),
+        Failure::Panic => named(py, "SpharmError", "a defect of spharm-rs; please report it, with what stderr says"),
+    }
+}
+
+fn raised(py: Python<'_>, text: &str, kind: Kind<'_>) -> PyErr {
+    match kind {
+        Kind::Spharm => named(py, "SpharmError", text),
+        Kind::Mesh => named(py, "MeshError", text),
+        Kind::Store(path) => with(py, named(py, "StoreError", text), |value| {
             path.map_or(Ok(()), |path| value.setattr("filename", path.to_string_lossy()))
         }),
-        Kind::Memory { budget, needed } => with(py, named(py, "MemoryBudgetError", &text), |value| {
+        Kind::Memory { budget, needed } => with(py, named(py, "MemoryBudgetError", text), |value| {
             value.setattr("budget", budget)?;
             value.setattr("needed", needed)
         }),
-        Kind::Value => PyValueError::new_err(text),
-        Kind::Runtime => PyRuntimeError::new_err(text),
+        Kind::Value => PyValueError::new_err(text.to_owned()),
+        Kind::Runtime => PyRuntimeError::new_err(text.to_owned()),
         Kind::Interrupted => PyKeyboardInterrupt::new_err(()),
         // With these three arguments it becomes FileNotFoundError and the like.
         Kind::Os { path, cause } => match cause.raw_os_error() {
@@ -69,7 +72,7 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
                 let text = text.split(" (os error").next().unwrap_or_default().to_owned();
                 PyOSError::new_err((code, text, path.to_string_lossy().into_owned()))
             }
-            None => PyOSError::new_err(text),
+            None => PyOSError::new_err(text.to_owned()),
         },
         Kind::Exists(path) => {
             let exists = "File exists; overwrite=True replaces it";
@@ -121,6 +124,17 @@ fn of(error: &Error) -> Kind<'_> {
 
 fn memory<'a>(budget: u64, needed: u64) -> Kind<'a> {
     Kind::Memory { budget, needed }
+}
+
+fn of_moments(error: &MomentsError) -> Kind<'_> {
+    match error {
+        MomentsError::Io { path, source, .. } => Kind::Os { path, cause: source },
+        MomentsError::Output(error) => of_surface(error),
+        MomentsError::Memory { needed, budget, .. } => memory(*budget as u64, *needed as u64),
+        MomentsError::Interrupted(_) => Kind::Interrupted,
+        MomentsError::Corrupt { .. } | MomentsError::Version { .. } => Kind::Spharm,
+        _ => Kind::Value,
+    }
 }
 
 fn of_surface(error: &SurfaceError) -> Kind<'_> {

@@ -44,7 +44,7 @@ pub(crate) struct Settings<'py> {
     store: Option<PathBuf>,
     dtype: Option<String>,
     memory: Option<usize>,
-    threads: Option<usize>,
+    pub(crate) threads: Option<usize>,
 }
 
 #[derive(FromPyObject)]
@@ -58,7 +58,12 @@ fn parsed<T: FromStr<Err = String>>(what: &str, text: &str) -> PyResult<T> {
 }
 
 impl Settings<'_> {
-    fn params(&self) -> PyResult<FitParams> {
+    /// The library's settings.
+    ///
+    /// # Errors
+    ///
+    /// `ValueError` for a name that isn't one of a setting's.
+    pub(crate) fn params(&self) -> PyResult<FitParams> {
         let &Self { passes, granularity, start_degree, accelerate, .. } = self;
         let method = match self.method.as_str() {
             "lsq" => Method::Lsq,
@@ -109,7 +114,7 @@ impl Settings<'_> {
 }
 
 /// A fit as it goes to Python: model, standard errors, report as JSON, warnings as (kind, text).
-type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
+pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
 
 /// Fits one surface or signal. Without a sphere a surface is mapped to one first.
 #[pyfunction]
@@ -248,12 +253,13 @@ fn fitted<'py>(
 }
 
 /// The class of a warning in `spharm_rs.errors`.
-fn category(warning: &FitWarning) -> &'static str {
+pub(crate) fn category(warning: &FitWarning) -> &'static str {
     match warning {
         FitWarning::Oscillation { .. } => "Oscillation",
-        FitWarning::Singular { .. } | FitWarning::FewVertices { .. } | FitWarning::RankDeficient { .. } => {
-            "NotDetermined"
-        }
+        FitWarning::Singular { .. }
+        | FitWarning::FewVertices { .. }
+        | FitWarning::RankDeficient { .. }
+        | FitWarning::Gap { .. } => "NotDetermined",
         FitWarning::Solver(LsqWarning::Underdetermined { .. }) => "NotDetermined",
         FitWarning::NotConverged { .. } => "NotConverged",
         _ => "SpharmWarning",

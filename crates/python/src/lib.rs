@@ -16,11 +16,13 @@
 //! | `shapes` | shape analysis on models |
 //! | `transforms` | synthesis, its adjoint, and the least squares over them |
 //! | `stores` | basis stores |
+//! | `moments` | sums over samples, from which fits are made |
 
 mod arrays;
 mod errors;
 mod fitting;
 mod models;
+mod moments;
 mod run;
 mod shapes;
 mod stores;
@@ -41,6 +43,7 @@ fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<models::Model>()?;
+    module.add_class::<moments::Moments>()?;
     module.add_class::<transforms::Transform>()?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit, module)?)?;

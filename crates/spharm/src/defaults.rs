@@ -21,10 +21,6 @@ pub const LOW_DEGREES: usize = 20;
 /// Accuracy of the transforms under the full least squares. The residual's last digits are theirs.
 pub(crate) const TRANSFORM_ACCURACY: f64 = 1e-12;
 
-/// Distance of the samples of a surface in wavelengths of the highest degree over 2 pi: they are this over L apart.
-/// docs/least-squares.md has the error and the condition that it leaves.
-pub(crate) const SAMPLE_SPACING: f64 = 3.0;
-
 /// Most columns that share a transform and a factor; more share no more of the cost.
 pub(crate) const MOST_COLUMNS: usize = 96;
 

@@ -54,8 +54,9 @@ impl FitParams {
         }
     }
 
-    /// A setting that only has a meaning for a fit of the vertices.
-    pub(crate) fn of_the_vertices(&self) -> Option<&'static str> {
+    /// Returns a setting that only has a meaning for a fit of the vertices, where there is one: the name of its field, and
+    /// its value where others are of surfaces too.
+    pub fn of_the_vertices(&self) -> Option<&'static str> {
         let settings = [
             (self.store.is_some(), "store"),
             (self.hold_out.is_some(), "hold_out"),

@@ -20,7 +20,7 @@
 //! row of cells, where a grid of similar triangles would spend the square of it.
 //!
 //! With a spacing of 3 / L the points are about as dense as midpoints 1.5 / L apart would be, and the fit is that of twice as
-//! many to a thousandth: docs/least-squares.md has what was measured.
+//! many to a thousandth: docs/algorithms/least-squares.md has what was measured.
 
 use std::ops::Range;
 
@@ -30,6 +30,9 @@ use spharm_harmonics::Directions;
 
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, cross, dot, scale, sub};
+
+/// Size of the cells for models of degree L, times L: docs/algorithms/least-squares.md has what it leaves.
+const CELLS_OF_DEGREE: f64 = 3.0;
 
 /// Triangles that a task takes at a time.
 const RUN: usize = 1024;
@@ -141,6 +144,15 @@ fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
 }
 
 impl SphereSampling {
+    /// Plans samples that are as dense as models of a degree need, in cells of 3 / L.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`new`](Self::new).
+    pub fn for_degree(directions: &Directions, faces: &[[u32; 3]], max_degree: usize) -> Result<Self, SurfaceError> {
+        Self::new(directions, faces, CELLS_OF_DEGREE / max_degree.max(1) as f64)
+    }
+
     /// Plans samples of a sphere's triangles in cells no larger than `spacing`, in radians: 3 / L for models of degree L.
     ///
     /// # Errors

@@ -6,6 +6,9 @@ use std::path::PathBuf;
 use super::table::Table;
 use crate::MomentsError;
 
+/// Bytes that are decoded together: they fit a cache of the second level.
+const CACHED: usize = 1 << 18;
+
 /// A number's type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -108,18 +111,22 @@ impl Table for Records {
             if fields.is_empty() {
                 continue;
             }
-            self.buffer.resize(rows * stream.row, 0);
-            stream.input.read_exact(&mut self.buffer).map_err(|error| match error.kind() {
-                io::ErrorKind::UnexpectedEof => MomentsError::Malformed {
-                    path: self.path.clone(),
-                    format: self.format,
-                    expected: format!("{} more rows", self.left),
-                    found: "the end of the file; was it written to while it was read?".to_owned(),
-                },
-                _ => MomentsError::io(&self.path, "read")(error),
-            })?;
-            for (field, place) in fields {
-                decode(&self.buffer, stream.row, *field, out[start + place..].iter_mut().step_by(self.width));
+            // A field at a time, of rows that stay in the cache between fields.
+            let together = (CACHED / stream.row).max(1);
+            for out in out[start..].chunks_mut(together * self.width) {
+                self.buffer.resize(out.len() / self.width * stream.row, 0);
+                stream.input.read_exact(&mut self.buffer).map_err(|error| match error.kind() {
+                    io::ErrorKind::UnexpectedEof => MomentsError::Malformed {
+                        path: self.path.clone(),
+                        format: self.format,
+                        expected: format!("{} more rows", self.left),
+                        found: "the end of the file; was it written to while it was read?".to_owned(),
+                    },
+                    _ => MomentsError::io(&self.path, "read")(error),
+                })?;
+                for (field, place) in fields {
+                    decode(&self.buffer, stream.row, *field, out[*place..].iter_mut().step_by(self.width));
+                }
             }
         }
         self.left -= rows as u64;

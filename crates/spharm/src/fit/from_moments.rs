@@ -13,7 +13,7 @@ use spharm_surface::Kind;
 use spharm_transform::{MomentGram, MomentOperator};
 
 use super::in_pool;
-use super::shared::strategy;
+use super::shared::{converged, strategy};
 use crate::{Error, FitParams, FitWarning, Model, Smoothness};
 
 /// A fit from moments.
@@ -132,17 +132,14 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         let samples = moments.sums.count;
         warnings.push(FitWarning::Gap { max_degree, samples, functions, largest_gap, resolved });
     }
-    let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
-    if let (true, Some(missed)) = (params.strict, missed) {
-        return Err(Error::NotConverged(missed.clone()));
-    }
+    let converged = converged(params, &warnings)?;
     let text = format_args!("{} iterations, optimality {:.1e}", found.report.iterations, found.report.optimality);
     monitor.note(Level::Detail, text);
     let weight = moments.sums.weight;
     let rms = found.residual_squares.iter().map(|square| (square / weight).sqrt()).collect();
     let shares = found.residual_squares.iter().zip(&moments.sums.squares);
     let explained = shares.map(|(left, all)| if *all > 0.0 { 1.0 - left / all } else { 1.0 }).collect();
-    let provenance = provenance(params, &found.report, missed.is_none());
+    let provenance = provenance(params, &found.report, converged);
     let report = MomentsReport {
         channels: moments.channels.clone(),
         samples: moments.sums.count,

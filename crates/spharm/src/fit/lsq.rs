@@ -13,7 +13,7 @@ use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 use super::batches::{Batch, Run, Solved};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
-use super::shared::{Within, allowed, note_solution, strategy};
+use super::shared::{Within, allowed, converged, note_solution, strategy};
 use crate::report::BatchReport;
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
@@ -123,10 +123,7 @@ impl<'a> Equations<'a> {
         };
         let mut warnings = self.warnings.clone();
         warnings.extend(FitWarning::of_lsq(&fit.report, self.params.tolerance, self.smooth_by_default));
-        let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
-        if let (true, Some(missed)) = (self.params.strict, missed) {
-            return Err(Error::NotConverged(missed.clone()));
-        }
+        converged(self.params, &warnings)?;
         note_solution(&fit.report, self.monitor);
         Ok(Solved {
             coefficients: fit.coefficients.values().to_owned(),

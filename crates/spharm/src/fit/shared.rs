@@ -6,8 +6,8 @@ use spharm_monitor::{Level, Monitor, Stage};
 use spharm_solver::lsq::LsqReport;
 use spharm_solver::{SolverError, Strategy};
 
-use crate::Preconditioner;
 use crate::machine::{Exceeded, exceeded};
+use crate::{Error, FitParams, FitWarning, Preconditioner};
 
 /// A monitor for one of several targets: its stages are shown as the status of the stage that counts targets.
 pub(crate) struct Within<'a>(pub(crate) &'a dyn Monitor);
@@ -38,6 +38,15 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
         Preconditioner::Density => Strategy::DensityCg,
         Preconditioner::LowDegrees(degree) => Strategy::LowDegreesCg(degree),
         Preconditioner::Factor => Strategy::Cholesky,
+    }
+}
+
+/// Returns whether the tolerance was met, by a fit's warnings; with strict settings it is an error that it wasn't.
+pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<bool, Error> {
+    let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
+    match missed.filter(|_| params.strict) {
+        Some(missed) => Err(Error::NotConverged(missed.clone())),
+        None => Ok(missed.is_none()),
     }
 }
 

@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use ndarray::{Array2, ArrayView2, Axis, aview1, s};
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments};
+use spharm_solver::lsq::{MomentProblem, solve_moments};
 use spharm_solver::{LsqParams, ResidualNorms};
 use spharm_surface::Sphere;
 use spharm_surface::samples::{SphereSamples, SphereSampling};
@@ -19,7 +19,7 @@ use spharm_transform::{Accumulator, MomentGram, SampleSums, Transform};
 use super::batches::{Batch, Run, Solved};
 use super::job::Job;
 use super::lsq_plan::{Sizes, transform};
-use super::shared::{Within, note_solution, strategy};
+use super::shared::{Within, converged, note_solution, strategy};
 use super::surface_plan::{RUN, SurfacePlan};
 use crate::assess::ModelSurface;
 use crate::report::BatchReport;
@@ -51,8 +51,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     monitor.note(Level::Info, text);
     run.readers = plan.readers(job.threads);
     run.seconds.plan += mark.elapsed().as_secs_f64();
-    run.each_batch(plan.together * channels, |job, batch| {
-        let solved = fitter.fit(job, batch, monitor)?;
+    run.each_batch(plan.together * channels, |_, batch| {
+        let solved = fitter.fit(batch, monitor)?;
         monitor.step(batch.groups.len() as u64);
         Ok(solved)
     })
@@ -78,7 +78,6 @@ impl<'a> Fitter<'a> {
         if sphere.faces.is_empty() {
             return Err(Error::NeedsTriangles { what: "a fit of the surface", sphere: sphere.name().to_owned() });
         }
-        let spacing = defaults::SAMPLE_SPACING / max_degree.max(1) as f64;
         let spare = plan.budget.saturating_sub(plan.needed(plan.together));
         let level =
             if params.surface_distance { ModelSurface::level(max_degree, sphere.faces.len(), spare) } else { None };
@@ -86,7 +85,7 @@ impl<'a> Fitter<'a> {
             sphere,
             params,
             weights: job.weights.clone(),
-            sampling: SphereSampling::new(&sphere.directions, &sphere.faces, spacing)?,
+            sampling: SphereSampling::for_degree(&sphere.directions, &sphere.faces, max_degree)?,
             vertices: Transform::new(&sphere.directions, &transform(max_degree, plan.sizes.channels))?,
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
             solver: LsqParams {
@@ -106,7 +105,7 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    fn fit(&self, job: &Job<'_>, batch: &Batch, monitor: &dyn Monitor) -> Result<Solved, Error> {
+    fn fit(&self, batch: &Batch, monitor: &dyn Monitor) -> Result<Solved, Error> {
         let within = Within(monitor);
         let started = Instant::now();
         let sums = self.sums(batch, &within)?;
@@ -114,7 +113,8 @@ impl<'a> Fitter<'a> {
         drop(sums);
         let mut fit = solve_moments(&problem, &self.solver, false, &within)?;
         fit.report.seconds.total = started.elapsed().as_secs_f64();
-        let warnings = self.warnings(&fit.report)?;
+        let warnings = FitWarning::of_lsq(&fit.report, self.params.tolerance, false);
+        converged(self.params, &warnings)?;
         note_solution(&fit.report, monitor);
         let coefficients = fit.coefficients.values();
         let at_vertices = |(group, target): (Range<usize>, ArrayView2<'_, f64>)| -> Result<ResidualNorms, Error> {
@@ -123,7 +123,7 @@ impl<'a> Fitter<'a> {
         };
         let residuals = batch.targets().map(at_vertices).collect::<Result<Vec<_>, _>>()?;
         let surface_distances = match &self.model_surface {
-            Some(model) => batch.surface_distances(model, coefficients.view(), job.sphere, monitor)?,
+            Some(model) => batch.surface_distances(model, coefficients.view(), self.sphere, monitor)?,
             None => Vec::new(),
         };
         Ok(Solved {
@@ -162,14 +162,5 @@ impl<'a> Fitter<'a> {
         let all = sums.moments.iter_mut().chain(&mut sums.right_sides).chain(&mut sums.squares);
         all.chain([&mut sums.weight]).for_each(|sum| *sum *= factor);
         Ok(sums)
-    }
-
-    fn warnings(&self, report: &LsqReport) -> Result<Vec<FitWarning>, Error> {
-        let warnings = FitWarning::of_lsq(report, self.params.tolerance, false);
-        let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
-        match missed.filter(|_| self.params.strict) {
-            Some(missed) => Err(Error::NotConverged(missed.clone())),
-            None => Ok(warnings),
-        }
     }
 }

@@ -1,0 +1,177 @@
+"""Fits of chunked samples by Dask: beyond memory, and beyond one machine.
+
+Each chunk becomes its `spharm_rs.Moments`, and these are added in a tree. Chunks don't meet: what travels are sums of
+``8 ((2 L + 1)**2 + c (L + 1)**2)`` bytes. The order of the additions follows from the chunks alone, so that results are the
+same whatever workers there are.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Iterable, Sequence
+
+try:
+    import dask
+    from dask.base import tokenize
+    from dask.delayed import Delayed
+except ImportError:
+    raise ImportError("spharm_rs.dask needs Dask: pip install 'spharm-rs[dask]'")
+
+from . import _arrays
+from ._model import Model
+from ._moments import Moments
+
+
+def moments(
+    samples: Any,
+    values: Any = None,
+    *,
+    max_degree: int,
+    weights: Any = None,
+    channels: Sequence[str] | None = None,
+    split_every: int = 8,
+    threads: int = 1,
+) -> Any:
+    """Plans the sums over chunked samples, which any Dask scheduler computes.
+
+    Parameters
+    ----------
+    samples : dask.array.Array of float, (n, 3), or iterable of dask.delayed.Delayed
+        Directions, vectors of any length but zero, in chunks of rows; or delayed chunks, each of which gives a tuple of
+        directions, values and, where there are any, weights.
+    values : dask.array.Array of float, (n,) or (n, c), optional
+        With directions. It gets their chunks.
+    max_degree : int
+        Highest degree L of fits, inclusive.
+    weights : dask.array.Array of float, (n,), optional
+    channels : sequence of str, optional
+        As of `spharm_rs.Moments`.
+    split_every : int
+        Parts that are added at a time.
+    threads : int
+        Of each chunk. Dask runs several chunks side by side.
+
+    Returns
+    -------
+    dask.delayed.Delayed
+        Of a `spharm_rs.Moments`.
+
+    Notes
+    -----
+    A chunk takes the memory of ``spharm moments`` at this degree, 0.8 GB at degree 1,000, whatever its size, and in the end
+    as long as some ten million samples at that degree: chunks of fewer cost more than they must.
+
+    Examples
+    --------
+    >>> import dask, numpy as np, spharm_rs as sp, spharm_rs.dask
+    >>> chunks = [dask.delayed(lambda v: (v, v[:, 2]))(v) for v in np.split(sp.icosphere(2).vertices, 3)]
+    >>> sp.dask.moments(chunks, max_degree=4).compute(scheduler="synchronous")
+    Moments(162 samples, degree 4, 1 channel)
+    """
+    degree, every = _arrays.whole("max_degree", max_degree), _arrays.whole("split_every", split_every, 2)
+    _arrays.threads(threads)
+    chunks = _chunks(samples, values, weights)
+    if not chunks:
+        raise ValueError("samples: expected at least one chunk, found none")
+    whole = tokenize(*chunks)
+    part, add = dask.delayed(_part, pure=True), dask.delayed(_add, pure=True)
+    names = None if channels is None else list(channels)
+    parts = [part(chunk, degree, names, whole, (i, len(chunks)), threads) for i, chunk in enumerate(chunks)]
+    while len(parts) > every:
+        parts = [add(parts[i : i + every], True) for i in range(0, len(parts), every)]
+    return add(parts, False)
+
+
+def fit(
+    samples: Any,
+    values: Any = None,
+    max_degree: int = 20,
+    *,
+    weights: Any = None,
+    channels: Sequence[str] | None = None,
+    split_every: int = 8,
+    threads: int = 1,
+    **settings: Any,
+) -> Model:
+    """Least squares of chunked samples.
+
+    Computes `moments` by the current Dask scheduler, a client's cluster where there is one, and fits them here.
+
+    Parameters
+    ----------
+    samples, values, weights, channels, split_every, threads
+        As of `moments`.
+    max_degree : int
+        Highest degree L, inclusive.
+    **settings
+        The other arguments of `spharm_rs.Moments.fit`, such as ``smoothness`` and ``stderr``.
+
+    Returns
+    -------
+    Model
+
+    Examples
+    --------
+    >>> import dask.array as da, numpy as np, spharm_rs as sp, spharm_rs.dask
+    >>> directions = da.from_array(sp.icosphere(4).vertices, chunks=(1000, 3))
+    >>> model = sp.dask.fit(directions, directions[:, 2] ** 2, 4)
+    >>> bool(abs(model.coefficients[6, 0] - 2 / 3 * np.sqrt(4 * np.pi / 5)) < 1e-9)
+    True
+    """
+    planned = moments(
+        samples,
+        values,
+        max_degree=max_degree,
+        weights=weights,
+        channels=channels,
+        split_every=split_every,
+        threads=threads,
+    )
+    found: Moments = planned.compute()
+    return found.fit(max_degree, **settings)
+
+
+def _chunks(samples: Any, values: Any, weights: Any) -> list[Any]:
+    """Returns a delayed tuple for each chunk of rows."""
+    if not hasattr(samples, "to_delayed"):
+        if values is not None or weights is not None:
+            raise ValueError("values, weights: delayed chunks have their own, as tuples")
+        chunks = list(samples) if isinstance(samples, Iterable) and not isinstance(samples, Delayed) else [samples]
+        for chunk in chunks:
+            if not isinstance(chunk, Delayed):
+                raise ValueError(f"samples: expected a Dask array or delayed chunks, found {type(chunk).__name__}")
+        return chunks
+    if values is None:
+        raise ValueError("values: expected those at the directions, found None")
+    arrays = {"samples": samples, "values": values} | ({} if weights is None else {"weights": weights})
+    for name, array in arrays.items():
+        if not hasattr(array, "to_delayed"):
+            raise ValueError(f"{name}: expected a Dask array, found {type(array).__name__}")
+    if samples.ndim != 2 or samples.shape[1] != 3:
+        raise ValueError(f"samples: expected shape (n, 3), found {samples.shape}")
+    if values.ndim not in (1, 2):
+        raise ValueError(f"values: expected shape (n,) or (n, c), found {values.shape}")
+    if weights is not None and weights.ndim != 1:
+        raise ValueError(f"weights: expected shape (n,), found {weights.shape}")
+    rows, columns = samples.chunks[0], []
+    # A length that isn't known, such as that of what came from a table, is NaN.
+    known = all(size == size for array in arrays.values() for size in array.chunks[0])
+    for name, array in arrays.items():
+        if known and array.shape[0] != samples.shape[0]:
+            raise ValueError(f"{name}: expected {samples.shape[0]} rows, found {array.shape[0]}")
+        if not known and array.numblocks[0] != samples.numblocks[0]:
+            raise ValueError(f"{name}: expected {samples.numblocks[0]} chunks, found {array.numblocks[0]}")
+        sizes = ({0: rows} if known else {}) | ({1: -1} if array.ndim == 2 else {})
+        columns.append(array.rechunk(sizes).to_delayed().ravel())
+    return [dask.delayed(tuple, pure=True)(list(chunk)) for chunk in zip(*columns)]
+
+
+def _part(
+    chunk: Any, max_degree: int, channels: list[str] | None, whole: str, shard: tuple[int, int], threads: int
+) -> Moments:
+    """Runs on a worker: the moments of a chunk."""
+    return Moments(*chunk, max_degree=max_degree, channels=channels, whole=whole, shard=shard, threads=threads)
+
+
+def _add(parts: list[Moments], partial: bool) -> Moments:
+    """Runs on a worker: a node of the tree."""
+    return Moments.merge(parts, partial=partial)
