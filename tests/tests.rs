@@ -19,6 +19,7 @@ mod pipeline;
 mod readme;
 mod reruns;
 mod shape;
+mod shape_study;
 mod store;
 mod surface_target;
 mod verbs;

@@ -27,12 +27,21 @@ pub(super) struct Models {
 impl Models {
     /// The files that are meant.
     pub(super) fn paths(&self) -> Result<Vec<PathBuf>> {
-        expand(&self.models, ".npz")
+        files(&self.models)
     }
 
     /// Whether they are one file, named as such.
     pub(super) fn single(&self, paths: &[PathBuf]) -> bool {
         paths.len() == 1 && paths == self.models
+    }
+}
+
+/// The files that models are named by, all of which are there.
+pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let files = expand(models, ".npz")?;
+    match files.iter().find(|file| !file.exists()) {
+        Some(missing) => bail!("{}: there is no such file or folder", missing.display()),
+        None => Ok(files),
     }
 }
 

@@ -13,12 +13,11 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
-use spharm_cli::paths::expand;
 use spharm_cli::{Usage, output::check_outputs};
 use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal};
 use spharm_surface::{Mesh, Signal};
 
-use super::args::{ReportArgs, Resources};
+use super::args::{ReportArgs, Resources, files};
 use super::groups::read_group;
 use super::outputs::{csv, finish, number, write_text};
 use super::table::Table;
@@ -115,7 +114,7 @@ impl Cli {
     fn study(&self) -> Result<Study> {
         if let (Some(path), Some(effect)) = (&self.table, &self.effect) {
             let table = Table::read(path)?;
-            let paths = table.paths(&self.model_column)?;
+            let paths = files(&table.paths(&self.model_column)?)?;
             let covariates: Result<Vec<_>> =
                 self.covariates.iter().map(|name| Ok((name.clone(), table.column(name)?))).collect();
             let question = question((effect, &table.column(effect)?), &self.levels, &covariates?);
@@ -124,7 +123,7 @@ impl Cli {
         if self.a.is_empty() {
             return Err(Usage::missing("--a and --b, or --table, name the models").into());
         }
-        let (a, b) = (expand(&self.a, ".npz")?, expand(&self.b, ".npz")?);
+        let (a, b) = (files(&self.a)?, files(&self.b)?);
         if let Some(both) = a.iter().find(|path| b.contains(path)) {
             bail!("{}: it is in both groups", both.display());
         }
@@ -171,10 +170,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         What::Value => (Kind::Signal, Measurement::Value),
     };
     let known = ["statistic", "p", "q", "p-fwe", "p-permutation", "effect", "margin", "size"];
-    let files: Vec<PathBuf> = known.iter().map(|name| cli.file(&format!("{name}.shape.gii"))).collect();
+    let map_files: Vec<PathBuf> = known.iter().map(|name| cli.file(&format!("{name}.shape.gii"))).collect();
     let mean_file = cli.file("mean.surf.gii");
     let table_file = cli.file("test.csv");
-    let maps_out = files.iter().map(|path| OutputFile::holding(path, "--output", Output::Signal));
+    let maps_out = map_files.iter().map(|path| OutputFile::holding(path, "--output", Output::Signal));
     let more = [OutputFile::new(&mean_file, "--output"), OutputFile::new(&table_file, "--output")];
     let of_report = cli.report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(maps_out.chain(more).chain(of_report), cli.report.force)?;
@@ -206,7 +205,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     prepare(&table_file)?;
     for (name, values) in &maps {
         let signal = Signal::new(values.clone(), values.len(), 1);
-        write_signal(&cli.file(&format!("{name}.shape.gii")), &signal, &options)?;
+        write_signal(cli.file(&format!("{name}.shape.gii")), &signal, &options)?;
     }
     if kind == Kind::Surface && !sphere.faces.is_empty() {
         let mean = spharm::Model::without_sphere(field.mean.clone(), Kind::Surface);

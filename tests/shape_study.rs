@@ -1,0 +1,189 @@
+//! A study from bare meshes to a map of p values, through the program, and what bad studies get.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use spharm::shape::rmsd;
+use spharm_model::Model;
+use spharm_surface::io::{read_mesh, read_signal};
+
+use crate::common::{fail, finish, succeed, tool};
+
+fn run(folder: &Path, arguments: &[&str]) -> std::process::Command {
+    let mut command = tool(arguments[0]);
+    command.args(&arguments[1..]).arg("-q").current_dir(folder);
+    command
+}
+
+fn report(path: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).expect("a report")).expect("JSON")
+}
+
+/// The files of a folder whose names begin so, sorted.
+fn files(folder: &Path, start: &str) -> Vec<String> {
+    let mut names: Vec<PathBuf> =
+        fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
+    names.sort();
+    let named = |path: &&PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(start));
+    names.iter().filter(named).map(|path| path.display().to_string()).collect()
+}
+
+#[test]
+fn a_study_finds_the_bump_of_its_second_group() {
+    let site = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| site.path().join(name);
+    succeed(&mut run(site.path(), &["generate", "--study", "meshes", "--subjects", "12", "--bump", "1.5"]));
+    assert_eq!(fs::read_to_string(at("meshes/study.csv")).expect("a table").lines().count(), 13);
+    let meshes = files(&at("meshes"), "");
+    let meshes = meshes.iter().map(String::as_str).filter(|name| name.ends_with(".ply"));
+    let fit: Vec<&str> = ["fit", "--max-degree", "10", "-o", "models", "--surface"].into_iter().chain(meshes).collect();
+    succeed(&mut run(site.path(), &fit));
+    let align =
+        ["shape", "align", "models", "--group", "-o", "aligned", "--mean", "mean.spharm.npz", "--report", "align.json"];
+    succeed(&mut run(site.path(), &align));
+    let aligned = report(&at("align.json"));
+    let spread = |name: &str| aligned[name].as_f64().expect("a number");
+    assert!(spread("spread_after") < 0.05 * spread("spread_before") && spread("spread_after") < 0.6, "{aligned}");
+
+    succeed(&mut run(
+        site.path(),
+        &["shape", "pca", "aligned", "--quality", "-o", "g.shape-model.npz", "--report", "pca.json"],
+    ));
+    let modes = report(&at("pca.json"));
+    assert_eq!(modes["modes"], 11);
+    // The spread is of n, the variance of n - 1 members.
+    let variance = modes["total_variance"].as_f64().expect("a number");
+    assert!((variance * 11.0 / 12.0 / spread("spread_after").powi(2) - 1.0).abs() < 1e-6);
+    succeed(&mut run(site.path(), &["shape", "sample", "g.shape-model.npz", "-o", "middle.spharm.npz"]));
+    succeed(&mut run(site.path(), &["shape", "mean", "aligned", "-o", "again.spharm.npz"]));
+    let [mean, middle, again] = ["mean", "middle", "again"]
+        .map(|name| Model::read(at(&format!("{name}.spharm.npz"))).expect("a model").coefficients);
+    assert!(rmsd(&mean, &middle).expect("one degree") < 1e-9 && rmsd(&mean, &again).expect("one degree") < 1e-9);
+
+    let (a, b) = (files(&at("aligned"), "a"), files(&at("aligned"), "b"));
+    let groups = |a: &[String], b: &[String], more: &[&str]| -> Vec<String> {
+        let all = ["shape", "test", "--a"].into_iter().map(str::to_owned).chain(a.iter().cloned());
+        let all = all.chain(["--b".to_owned()]).chain(b.iter().cloned());
+        all.chain(more.iter().map(|word| (*word).to_owned())).collect()
+    };
+    let test = groups(&a, &b, &["-o", "test", "--report", "test.json", "--icosphere", "4"]);
+    succeed(&mut run(site.path(), &test.iter().map(String::as_str).collect::<Vec<_>>()));
+    let found = report(&at("test.json"));
+    // C(12, 6) relabellings, of which 2 give the same |t|.
+    assert_eq!((&found["relabellings"], &found["exact"]), (&Value::from(924), &Value::from(true)));
+    assert!((found["smallest_p_possible"].as_f64().expect("a number") - 2.0 / 924.0).abs() < 1e-12);
+    assert!(found["summary"]["p_fwe"]["least"].as_f64().expect("a number") < 0.01, "{}", found["summary"]);
+    let map = |name: &str| read_signal(at(&format!("test/{name}.shape.gii"))).expect("a map").values;
+    let (effect, p) = (map("effect"), map("p-fwe"));
+    let mean = read_mesh(at("test/mean.surf.gii")).expect("a mesh");
+    assert_eq!((mean.vertices.len(), effect.len(), p.len()), (2562, 2562, 2562));
+    // The effect is a - b: inwards where b has its bump, which is where it is largest, and significant there.
+    let peak = (0..2562).max_by(|i, j| effect[*i].abs().total_cmp(&effect[*j].abs())).expect("vertices");
+    assert!(effect[peak] < -0.4 && p[peak] < 0.05, "{} {}", effect[peak], p[peak]);
+
+    // The same by a table, in the other order, with positions.
+    let rows: String =
+        a.iter().map(|path| format!("{path},first\n")).chain(b.iter().map(|path| format!("{path},second\n"))).collect();
+    fs::write(at("study.csv"), format!("model,group\n{rows}")).expect("a table");
+    let table =
+        ["shape", "test", "--table", "study.csv", "--effect", "group", "--levels", "second,first", "--icosphere", "4"];
+    succeed(run(site.path(), &table).args(["-o", "turned"]));
+    let turned = read_signal(at("turned/effect.shape.gii")).expect("a map").values;
+    assert!(turned.iter().zip(&effect).all(|(turned, effect)| (turned + effect).abs() < 1e-5));
+    succeed(run(site.path(), &table).args(["-o", "positions", "--signal", "position", "--report", "positions.json"]));
+    assert_eq!(report(&at("positions.json"))["statistic"]["name"], "T2");
+
+    let picture =
+        ["picture", "test/mean.surf.gii", "--map", "test/effect.shape.gii", "test/p-fwe.shape.gii", "-o", "study.png"];
+    succeed(&mut run(site.path(), &picture));
+    let wrong = ["picture", "meshes/a01.ply", "--map", "test/test.csv", "-o", "other.png"];
+    fail(&mut run(site.path(), &wrong));
+    succeed(run(site.path(), &["shape", "morph"]).args([&a[0], &b[0]]).args([
+        "--steps",
+        "3",
+        "-o",
+        "path",
+        "--animation",
+        "m.gif",
+    ]));
+    assert_eq!(files(&at("path"), "step").len(), 3);
+    assert_eq!(fs::read(at("m.gif")).expect("an animation")[..6], *b"GIF89a");
+}
+
+#[test]
+fn a_model_returns_to_its_rotated_copy() {
+    let site = tempfile::tempdir().expect("a folder");
+    succeed(&mut run(site.path(), &["generate", "--study", "meshes", "--subjects", "2"]));
+    succeed(&mut run(site.path(), &["fit", "--surface", "meshes/a01.ply", "--max-degree", "8", "-o", "a.spharm.npz"]));
+    let turn = ["shape", "rotate", "a.spharm.npz", "--parameters", "30,60,-80", "--object", "0.5,0.5,0.5,0.5"];
+    succeed(run(site.path(), &turn).args(["--translate", "4,-5,6", "-o", "turned.spharm.npz"]));
+    let back = ["shape", "align", "turned.spharm.npz", "--to", "a.spharm.npz", "-o", "back.spharm.npz"];
+    succeed(run(site.path(), &back).args(["--transforms", "transforms.json"]));
+    let read = |name: &str| Model::read(site.path().join(name)).expect("a model");
+    let (model, back) = (read("a.spharm.npz"), read("back.spharm.npz"));
+    assert!(rmsd(&model.coefficients, &back.coefficients).expect("one degree") < 1e-9);
+    // Vertices are where they were on the surface: the sphere has turned with the parameters.
+    let degree = model.coefficients.max_degree();
+    let mesh =
+        |model: &Model| model.reconstruct(model.own_sphere().expect("a sphere"), degree).expect("a mesh").vertices;
+    let off =
+        mesh(&model).into_iter().zip(mesh(&back)).map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs()).fold(0.0, f64::max));
+    assert!(off.fold(0.0, f64::max) < 1e-8);
+    let transforms = report(&site.path().join("transforms.json"));
+    assert!(transforms[0]["rmsd_after"].as_f64().expect("a number") < 1e-9);
+}
+
+#[test]
+fn studies_that_are_none_are_refused() {
+    let site = tempfile::tempdir().expect("a folder");
+    succeed(&mut run(site.path(), &["generate", "--study", "meshes", "--subjects", "4"]));
+    let meshes = ["meshes/a01.ply", "meshes/a02.ply", "meshes/b01.ply", "meshes/b02.ply"];
+    let fit: Vec<&str> = ["fit", "--max-degree", "4", "-o", "models", "--surface"].into_iter().chain(meshes).collect();
+    succeed(&mut run(site.path(), &fit));
+    let said = |arguments: &[&str]| String::from_utf8(finish(&mut run(site.path(), arguments)).stderr).expect("text");
+    for (arguments, words) in [
+        (
+            &["shape", "align", "models/a01.spharm.npz", "models/b01.spharm.npz", "--group", "-o", "out"][..],
+            "at least 3",
+        ),
+        (&["shape", "align", "nothing", "--group", "-o", "out"], "nothing"),
+        (&["shape", "rotate", "models", "--object", "1,2", "-o", "out"], "3, 4 or 9 numbers"),
+        (&["shape", "rotate", "models", "--object", "1,0,0,0,1,0,0,0,-1", "-o", "out"], "rotation"),
+        (&["shape", "rotate", "models", "-o", "out"], "--parameters"),
+        (&["shape", "test", "-o", "out"], "--a and --b"),
+        (
+            &["shape", "test", "--a", "models/a01.spharm.npz", "--b", "models/a01.spharm.npz", "-o", "out"],
+            "both groups",
+        ),
+        (&["shape", "pca", "models/a01.spharm.npz", "models/b01.spharm.npz", "-o", "g.npz"], "at least 3"),
+        (&["shape", "mean", "models/a01.spharm.npz", "-o", "m.npz"], "2 models"),
+        (&["shape", "sample", "models/a01.spharm.npz", "-o", "s.npz"], "modes"),
+        (&["shape", "test", "--table", "meshes/study.csv", "--effect", "group", "-o", "out"], "no column \"model\""),
+        (
+            &[
+                "shape",
+                "test",
+                "--table",
+                "meshes/study.csv",
+                "--effect",
+                "group",
+                "--model-column",
+                "mesh",
+                "-o",
+                "out",
+            ],
+            "a01.ply",
+        ),
+    ] {
+        let said = said(arguments);
+        assert!(said.contains(words), "{arguments:?}: {said}");
+        assert!(!site.path().join("out").exists(), "{arguments:?}");
+    }
+    // Two against two: 6 relabellings, none of which can be significant.
+    let few =
+        ["shape", "test", "--a", "models/a01.spharm.npz", "models/a02.spharm.npz", "--b", "models/b01.spharm.npz"];
+    let output = finish(run(site.path(), &few).args(["models/b02.spharm.npz", "-o", "few", "--icosphere", "1"]));
+    let warned = String::from_utf8(output.stderr).expect("text");
+    assert!(output.status.success() && warned.contains("more subjects are needed"), "{warned}");
+}
