@@ -14,16 +14,24 @@
 //! | `fitting` | fits, one and many |
 //! | `models` | models: evaluation and files |
 //! | `shapes` | shape analysis on models |
+//! | `groups` | groups of models to one degree, and their mean |
+//! | `poses` | rotations, and surfaces brought together |
+//! | `modes` | modes of variation |
+//! | `studies` | tests at every vertex |
 //! | `transforms` | synthesis, its adjoint, and the least squares over them |
 //! | `stores` | basis stores |
 
 mod arrays;
 mod errors;
 mod fitting;
+mod groups;
 mod models;
+mod modes;
+mod poses;
 mod run;
 mod shapes;
 mod stores;
+mod studies;
 mod surfaces;
 mod transforms;
 
@@ -42,6 +50,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<models::Model>()?;
     module.add_class::<transforms::Transform>()?;
+    module.add_class::<modes::Modes>()?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit_many, module)?)?;
