@@ -125,8 +125,9 @@ def test_the_mean_is_numpys_and_lower_degrees_are_said(group: list[sp.Model]) ->
     with pytest.warns(sp.SpharmWarning, match="degrees from 3 to 5"):
         lower = sp.shape.mean([*group[:3], group[3].truncate(3)])
     assert lower.max_degree == 3
-    with pytest.raises(ValueError, match=r"models\[1\]: expected a model of a surface"):
-        sp.shape.mean([group[0], sp.Model(np.ones((36, 1)))])
+    for other in (sp.Model(np.ones((36, 1))), sp.Model(np.ones((36, 2)), surface=True)):
+        with pytest.raises(ValueError, match=r"models\[1\]: expected a model of a surface"):
+            sp.shape.mean([group[0], other])
     with pytest.raises(ValueError, match="2 models or more"):
         sp.shape.mean(group[:1])
 
@@ -162,6 +163,11 @@ def test_modes_are_numpys_singular_vectors(group: list[sp.Model], tmp_path: Path
     with pytest.raises(FileExistsError):
         modes.save(path)
     modes.save(path, overwrite=True)
+    with pytest.raises(FileNotFoundError):
+        sp.shape.Modes.load(tmp_path / "none.shape-model.npz")
+    group[0].save(tmp_path / "model.npz")
+    with pytest.raises(ValueError, match="modes"):
+        sp.shape.Modes.load(tmp_path / "model.npz")
     with pytest.raises(ValueError, match="before truncate"):
         modes.truncate(2).quality()
     for wrong in ([0] * 8, [float("nan")], [[1, 2]]):
@@ -242,6 +248,19 @@ def test_slopes_covariates_and_designs_are_least_squares(values: Any) -> None:
     assert np.allclose(slope.p, [stats.linregress(age, column).pvalue for column in values.T], rtol=1e-9)
     adjusted = sp.shape.test(values, GROUPS, covariates={"age": age, "site": site}, permutations=0)
     assert adjusted.columns == ["a", "b", "age", "site y", "site z"]
+
+    class Table:
+        """What data frames have."""
+
+        columns = ("age", "site")
+
+        def __getitem__(self, name: str) -> Any:
+            return {"age": age, "site": site}[name]
+
+    table = sp.shape.test(values, GROUPS, covariates=Table(), permutations=0)
+    assert np.array_equal(table.statistic, adjusted.statistic) and table.columns == adjusted.columns
+    plain = sp.shape.test(values, GROUPS, covariates=age, permutations=0)
+    assert plain.columns == ["a", "b", "covariate 1"] and plain.freedom == (9,)
     own = np.column_stack([np.equal(GROUPS, "a"), np.equal(GROUPS, "b"), age, np.equal(site, "y"), np.equal(site, "z")]) * 1.0
     contrast = np.array([1.0, -1, 0, 0, 0])
     solution, squares, *_ = np.linalg.lstsq(own, values, rcond=None)
@@ -280,7 +299,11 @@ def test_the_same_seed_gives_the_same_bits_for_any_threads() -> None:
     other = sp.shape.test(values, groups, permutations=300, seed=2)
     assert found.p_fwe is not None and same.p_fwe is not None and other.p_fwe is not None
     assert found.p_fwe.tobytes() == same.p_fwe.tobytes() and found.statistic.tobytes() == same.statistic.tobytes()
-    assert found.p_fwe.tobytes() != other.p_fwe.tobytes() and not found.exact
+    assert found.p_fwe.tobytes() != other.p_fwe.tobytes() and not found.exact and found.relabellings == 301
+
+    posed = [sp.shape.rotate(lump(seed), parameters=[seed, 40, 80], object=[0, 70 * seed, 20]) for seed in range(4)]
+    one, three = (sp.shape.procrustes(posed, threads=threads) for threads in (1, 3))
+    assert all(a.coefficients.tobytes() == b.coefficients.tobytes() for a, b in zip(one.models, three.models))
 
 
 def test_models_are_tested_as_by_the_program(group: list[sp.Model], tmp_path: Path) -> None:

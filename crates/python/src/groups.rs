@@ -27,10 +27,13 @@ pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<(Kind, Coefficients)> {
 pub(crate) fn group(models: &[(Kind, Coefficients)], kind: Kind, degree: Option<usize>) -> Result<Group, Failure> {
     for (index, (found, coefficients)) in models.iter().enumerate() {
         let channels = coefficients.channels();
-        if *found != kind || kind == Kind::Signal && channels != 1 {
-            let expected = if kind == Kind::Surface { "a surface" } else { "a signal of one channel" };
-            let of = |channels| format!("a signal of {channels}");
-            let found = if *found == Kind::Surface { "a surface".to_owned() } else { of(channels) };
+        let (expected, needed) = match kind {
+            Kind::Surface => ("a surface of 3 channels", 3),
+            Kind::Signal => ("a signal of one channel", 1),
+        };
+        if *found != kind || channels != needed {
+            let found = if *found == Kind::Surface { "a surface" } else { "a signal" };
+            let found = format!("{found} of {channels}");
             return Err(Failure::Argument(format!("models[{index}]: expected a model of {expected}, found {found}")));
         }
     }

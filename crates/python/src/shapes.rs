@@ -115,12 +115,12 @@ fn described(model: &spharm::Model) -> Result<Descriptors, Failure> {
     Ok(spharm::shape::descriptors(&model.coefficients)?)
 }
 
-/// Power (L) and singular values (L, c) of the degrees from 1 on.
+/// Power (L) and singular values (L, c).
+type Described<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// Power and singular values of the degrees from 1 on.
 #[pyfunction]
-fn shape_describe<'py>(
-    py: Python<'py>,
-    model: PyRef<'py, Model>,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+fn shape_describe<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Described<'py>> {
     let inner = &model.inner;
     let found = run(py, Some(1), None, move |_| described(inner))?;
     let (degrees, channels) = (found.max_degree(), found.channels);
