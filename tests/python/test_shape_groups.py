@@ -306,6 +306,35 @@ def test_the_same_seed_gives_the_same_bits_for_any_threads() -> None:
     assert all(a.coefficients.tobytes() == b.coefficients.tobytes() for a, b in zip(one.models, three.models))
 
 
+def test_groups_are_the_programs_to_the_bit(group: list[sp.Model], tmp_path: Path) -> None:
+    def run(*command: str) -> None:
+        command = (sys.executable, "-m", "spharm_rs", "shape", *command)
+        subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+
+    posed = [sp.shape.rotate(model, **SOME) if index % 2 else model for index, model in enumerate(group[:4])]
+    for index, model in enumerate(posed):
+        model.save(tmp_path / f"m{index}.spharm.npz")
+    names = [f"m{index}.spharm.npz" for index in range(4)]
+
+    def same(path: Path, model: sp.Model) -> bool:
+        return bool(np.array_equal(sp.Model.load(path).coefficients, model.coefficients))
+
+    run("rotate", names[0], "--object=10,80,-20", "--parameters=30,45,60", "--translate=3,-2,1", "-o", "rotated.npz")
+    assert same(tmp_path / "rotated.npz", sp.shape.rotate(posed[0], **SOME))
+    run("align", names[1], "--to", names[0], "-o", "aligned.npz")
+    assert same(tmp_path / "aligned.npz", sp.shape.align(posed[1], posed[0]).model)
+    run("align", *names, "--group", "--mean", "mean.npz", "-o", "together")
+    found = sp.shape.procrustes(posed)
+    assert same(tmp_path / "mean.npz", found.mean)
+    assert all(same(path, model) for path, model in zip(sorted((tmp_path / "together").glob("*.npz")), found.models))
+    run("pca", "together", "-o", "modes.shape-model.npz")
+    program, modes = sp.shape.Modes.load(tmp_path / "modes.shape-model.npz"), sp.shape.pca(found.models)
+    assert np.array_equal(program.modes, modes.modes) and np.array_equal(program.scores, modes.scores)
+    run("sample", "modes.shape-model.npz", "--random", "2", "--seed", "5", "-o", "shapes")
+    files = sorted((tmp_path / "shapes").glob("*.npz"))
+    assert len(files) == 2 and all(same(path, shape) for path, shape in zip(files, program.sample(2, seed=5)))
+
+
 def test_models_are_tested_as_by_the_program(group: list[sp.Model], tmp_path: Path) -> None:
     for index, model in enumerate(group):
         model.save(tmp_path / f"{'ab'[index // 4]}{index}.spharm.npz")
