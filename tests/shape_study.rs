@@ -181,9 +181,10 @@ fn studies_that_are_none_are_refused() {
         assert!(!site.path().join("out").exists(), "{arguments:?}");
     }
     // Two against two: 6 relabellings, none of which can be significant.
-    let few =
-        ["shape", "test", "--a", "models/a01.spharm.npz", "models/a02.spharm.npz", "--b", "models/b01.spharm.npz"];
-    let output = finish(run(site.path(), &few).args(["models/b02.spharm.npz", "-o", "few", "--icosphere", "1"]));
+    let models = ["a01", "a02", "b01", "b02"].map(|name| format!("models/{name}.spharm.npz"));
+    let [a, b, c, d] = &models;
+    let few = ["shape", "test", "--a", a, b, "--b", c, d, "-o", "few", "--icosphere", "1"];
+    let output = finish(&mut run(site.path(), &few));
     let warned = String::from_utf8(output.stderr).expect("text");
     assert!(output.status.success() && warned.contains("more subjects are needed"), "{warned}");
 }

@@ -14,6 +14,7 @@ _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
 __all__ = [
     "Model",
     "Moments",
+    "Modes",
     "Transform",
     "__version__",
     "compare",
@@ -29,13 +30,20 @@ __all__ = [
     "read_surface",
     "read_values",
     "resample",
+    "shape_align",
     "shape_describe",
     "shape_even",
     "shape_geometry",
     "shape_match",
+    "shape_mean",
     "shape_measure",
+    "shape_measure_group",
+    "shape_pca",
+    "shape_procrustes",
+    "shape_rotate",
     "shape_smooth",
     "shape_tails",
+    "shape_test",
     "store_build",
     "store_factor",
     "store_schemes",
@@ -127,6 +135,35 @@ class Transform:
     def synthesis(self, coefficients: _Floats) -> _Floats: ...
     def adjoint(self, samples: _Floats) -> _Floats: ...
     def normal(self, coefficients: _Floats, weights: _Floats | None = None) -> _Floats: ...
+
+@final
+class Modes:
+    @staticmethod
+    def read(path: str) -> Modes: ...
+    def write(self, path: str, *, overwrite: bool = False) -> None: ...
+    @property
+    def mean(self) -> Model: ...
+    @property
+    def modes(self) -> _Floats: ...
+    @property
+    def variances(self) -> _Floats: ...
+    @property
+    def scores(self) -> _Floats: ...
+    @property
+    def total_variance(self) -> float: ...
+    @property
+    def compactness(self) -> _Floats: ...
+    @property
+    def members(self) -> list[str]: ...
+    @property
+    def provenance(self) -> str: ...
+    def truncate(self, count: int) -> Modes: ...
+    def shape(self, deviations: _Floats) -> Model: ...
+    def sample(self, count: int, *, seed: int) -> list[Model]: ...
+    def project(self, model: Model) -> tuple[_Floats, float]: ...
+    def quality(
+        self, *, samples: int, seed: int, threads: int | None = None, progress: _Progress | None = None
+    ) -> tuple[_Floats, _Floats]: ...
 
 def main(arguments: Sequence[str]) -> int: ...
 def fit(
@@ -237,6 +274,48 @@ def shape_even(
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> tuple[_Floats, float, float, int]: ...
+def shape_rotate(
+    model: Model, asked: dict[str, Any], *, threads: int | None = None, progress: _Progress | None = None
+) -> Model: ...
+def shape_align(
+    model: Model,
+    target: Model,
+    settings: dict[str, Any],
+    *,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[Model, str]: ...
+def shape_procrustes(
+    models: Sequence[Model], settings: dict[str, Any], *, threads: int | None = None, progress: _Progress | None = None
+) -> tuple[list[Model], Model, str]: ...
+def shape_mean(
+    models: Sequence[Model], degree: int | None, *, names: Sequence[str], threads: int | None = None
+) -> tuple[Model, list[float], list[str]]: ...
+def shape_pca(
+    models: Sequence[Model], degree: int | None, *, most: int | None, names: Sequence[str], threads: int | None = None
+) -> tuple[Modes, list[str]]: ...
+def shape_measure_group(
+    models: Sequence[Model],
+    directions: _Floats,
+    degree: int | None,
+    *,
+    signal: str,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[_Floats, int, Model, list[str]]: ...
+def shape_test(
+    values: _Floats,
+    components: int,
+    asked: dict[str, Any],
+    *,
+    welch: bool,
+    permutations: int,
+    seed: int,
+    confidence: float,
+    level: float,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> dict[str, Any]: ...
 def store_build(
     store: str,
     sphere: _Floats,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Any
+import warnings
+from typing import Any, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,7 @@ from . import _arrays, _core, convert
 from ._arrays import Floats
 from ._parametrize import Parametrization
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
+from .errors import SpharmWarning
 
 
 class Model:
@@ -207,6 +209,20 @@ class Model:
 
 def _unpickled(data: bytes, report: dict[str, Any], errors: Floats | None) -> Model:
     return Model._of(_core.Model.from_bytes(data), report, errors)
+
+
+def core(what: str, model: Any) -> _core.Model:
+    """Returns a model as the extension module has it."""
+    if not isinstance(model, Model):
+        raise ValueError(f"{what}: expected a Model, found {model!r}")
+    return model._inner
+
+
+def warn(found: Iterable[str], stacklevel: int = 3) -> tuple[str, ...]:
+    """Warns the caller of the function that calls this; returns the warnings."""
+    for text in (texts := tuple(found)):
+        warnings.warn(text, SpharmWarning, stacklevel=stacklevel)
+    return texts
 
 
 def sphere_arrays(sphere: Any) -> tuple[Any, Any, bool]:

@@ -6,6 +6,14 @@
 >>> measures = sp.shape.measure(model)
 >>> curvature = sp.shape.geometry(model).mean_curvature
 >>> smooth = sp.shape.smooth(model, fwhm=10)
+
+A group of surfaces in any poses is brought together, and has a mean, modes of variation, and differences:
+
+>>> group = [sp.fit(sp.example_surface(4, seed)[0], sphere, 6) for seed in range(6)]
+>>> together = sp.shape.procrustes(group, templates=1)
+>>> modes = sp.shape.pca(together.models)
+>>> two = modes.shape([2])
+>>> found = sp.shape.test(together.models, groups=["a", "b"] * 3, sphere=3, level=0.2)
 """
 
 from __future__ import annotations
@@ -20,12 +28,41 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model, sphere_arrays
+from ._model import Model, sphere_arrays, warn
+from ._model import core as _model
 from ._progress import Progress, callback
+from ._shape_modes import Modes, Quality, pca
+from ._shape_poses import Alignment, Procrustes, Transform, align, mean, procrustes, rotate
+from ._shape_study import Field, TestResult, measure_group, test
 from ._surface import Surface
 from .errors import SpharmWarning
 
-__all__ = ["Geometry", "Match", "Measures", "describe", "even", "geometry", "measure", "nearest", "smooth", "tails"]
+__all__ = [
+    "Alignment",
+    "Field",
+    "Geometry",
+    "Match",
+    "Measures",
+    "Modes",
+    "Procrustes",
+    "Quality",
+    "TestResult",
+    "Transform",
+    "align",
+    "describe",
+    "even",
+    "geometry",
+    "mean",
+    "measure",
+    "measure_group",
+    "nearest",
+    "pca",
+    "procrustes",
+    "rotate",
+    "smooth",
+    "tails",
+    "test",
+]
 
 
 @dataclass(frozen=True)
@@ -97,12 +134,6 @@ class Match:
     score: float
 
 
-def _model(what: str, model: Any) -> _core.Model:
-    if not isinstance(model, Model):
-        raise ValueError(f"{what}: expected a Model, found {model!r}")
-    return model._inner
-
-
 def _degree(model: Model, degree: int | None) -> int:
     return model.max_degree if degree is None else _arrays.whole("degree", degree)
 
@@ -147,8 +178,7 @@ def measure(
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
-    for warning in found:
-        warnings.warn(warning, SpharmWarning, stacklevel=2)
+    warn(found)
     figures = json.loads(text)
     figures["centroid"] = tuple(figures["centroid"])
     return Measures(**figures)

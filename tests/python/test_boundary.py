@@ -15,6 +15,7 @@ import spharm_rs as sp
 
 BALL = sp.icosphere(1)
 TRANSFORM = sp.Transform(BALL.vertices, 3)
+CUBE = sp.Model(np.sin(np.arange(48.0)).reshape(16, 3))
 
 dtypes = st.sampled_from(["f8", "f4", "i4", "u1", "c16", "?", "O", "U3", "i8"])
 shapes = hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=6) | st.sampled_from([(42, 3), (42,), (16, 3), (80, 3)])
@@ -48,6 +49,14 @@ CALLS: dict[str, Callable[[Any, Any], Any]] = {
     "parametrize": lambda a, b: sp.parametrize((a, b)),
     "volume": lambda a, b: sp.parametrize_volume(a, affine=b),
     "resample": lambda a, b: sp.resample(BALL, a, b if not isinstance(b, str) else "icosphere:1"),
+    "rotate": lambda a, b: sp.shape.rotate(CUBE, parameters=a, object=b),
+    "move": lambda a, b: sp.shape.rotate(CUBE, translation=a, scale=b),
+    "align": lambda a, b: sp.shape.align(CUBE, sp.Model(a), degree=b),
+    "group": lambda a, b: sp.shape.pca([CUBE, CUBE, sp.Model(a, surface=True)], modes=b).shape(b),
+    "measure group": lambda a, b: sp.shape.measure_group([CUBE, CUBE], 3 if isinstance(a, int) else a, degree=b),
+    "test": lambda a, b: sp.shape.test(a, b, permutations=9),
+    "test values": lambda a, b: sp.shape.test(BALL.vertices, effect=a, covariates=b, permutations=9),
+    "test design": lambda a, b: sp.shape.test(BALL.vertices, design=a, contrast=b, permutations=9),
     "compare": lambda a, b: sp.compare(a, b, surface_distance=True, samples=10),
 }
 

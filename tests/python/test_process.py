@@ -38,16 +38,21 @@ def _works(folder: Path) -> dict[str, Callable[[], Any]]:
     surface, sphere = sp.example_surface(7)
     rough = np.random.default_rng(0).normal(size=(20_000, 3))
     store = sp.Store(folder / "store")
+    poses = 360 * np.random.default_rng(1).uniform(size=(40, 2, 3))
+    model = sp.fit(*sp.example_surface(4), 12)
+    group = [sp.shape.rotate(model, parameters=p, object=o) for p, o in poses]
     return {
         "fit": lambda: sp.fit(rough, rough, 120, tolerance=1e-14),
         "parametrize": lambda: sp.parametrize(surface),
         "basis": lambda: store.build(sphere, 60),
         "factor": lambda: store.factor(rough, 70),
         "distance": lambda: sp.compare(surface, sphere, surface_distance=True, samples=4_000_000),
+        "procrustes": lambda: sp.shape.procrustes(group, templates=40),
+        "test": lambda: sp.shape.test(rough.T.repeat(20, axis=0), [0, 1] * 30, permutations=1_000_000),
     }
 
 
-@pytest.mark.parametrize("work", ["fit", "parametrize", "basis", "factor", "distance"])
+@pytest.mark.parametrize("work", ["fit", "parametrize", "basis", "factor", "distance", "procrustes", "test"])
 def test_an_interrupt_is_raised_soon(work: str, tmp_path: Path) -> None:
     call = _works(tmp_path)[work]
     late = interrupted(call, 0.5)

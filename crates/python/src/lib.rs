@@ -14,6 +14,10 @@
 //! | `fitting` | fits, one and many |
 //! | `models` | models: evaluation and files |
 //! | `shapes` | shape analysis on models |
+//! | `groups` | groups of models to one degree, and their mean |
+//! | `poses` | rotations, and surfaces brought together |
+//! | `modes` | modes of variation |
+//! | `studies` | tests at every vertex |
 //! | `transforms` | synthesis, its adjoint, and the least squares over them |
 //! | `stores` | basis stores |
 //! | `moments` | sums over samples, from which fits are made |
@@ -21,11 +25,15 @@
 mod arrays;
 mod errors;
 mod fitting;
+mod groups;
 mod models;
+mod modes;
 mod moments;
+mod poses;
 mod run;
 mod shapes;
 mod stores;
+mod studies;
 mod surfaces;
 mod transforms;
 
@@ -45,6 +53,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<models::Model>()?;
     module.add_class::<moments::Moments>()?;
     module.add_class::<transforms::Transform>()?;
+    module.add_class::<modes::Modes>()?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit_many, module)?)?;

@@ -23,6 +23,13 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(shape_match, module)?)?;
     module.add_function(wrap_pyfunction!(shape_tails, module)?)?;
     module.add_function(wrap_pyfunction!(shape_even, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::poses::shape_rotate, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::poses::shape_align, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::poses::shape_procrustes, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::groups::shape_mean, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::modes::shape_pca, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::studies::shape_measure_group, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::studies::shape_test, module)?)?;
     Ok(())
 }
 
@@ -108,12 +115,12 @@ fn described(model: &spharm::Model) -> Result<Descriptors, Failure> {
     Ok(spharm::shape::descriptors(&model.coefficients)?)
 }
 
-/// Power (L) and singular values (L, c) of the degrees from 1 on.
+/// Power (L) and singular values (L, c).
+type Described<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// Power and singular values of the degrees from 1 on.
 #[pyfunction]
-fn shape_describe<'py>(
-    py: Python<'py>,
-    model: PyRef<'py, Model>,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+fn shape_describe<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Described<'py>> {
     let inner = &model.inner;
     let found = run(py, Some(1), None, move |_| described(inner))?;
     let (degrees, channels) = (found.max_degree(), found.channels);

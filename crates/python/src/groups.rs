@@ -1,0 +1,99 @@
+//! Groups of models: to one degree, and their mean.
+
+use ndarray::Array2;
+use pyo3::prelude::*;
+use serde_json::json;
+use spharm::harmonics::Coefficients;
+use spharm::shape::rmsd;
+use spharm::{Kind, Model as Inner};
+
+use crate::errors::Failure;
+use crate::models::Model;
+use crate::run::run_owned;
+
+/// A group's coefficients, to one degree.
+pub(crate) struct Group {
+    pub(crate) members: Vec<Coefficients>,
+    pub(crate) degree: usize,
+    pub(crate) warnings: Vec<String>,
+}
+
+/// The coefficients of models, each to its own degree.
+pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<(Kind, Coefficients)> {
+    models.iter().map(|model| &model.get().inner).map(|model| (model.kind(), model.coefficients.clone())).collect()
+}
+
+/// Takes surfaces, or signals of one channel, to `degree`, else to the lowest degree of them.
+pub(crate) fn group(models: &[(Kind, Coefficients)], kind: Kind, degree: Option<usize>) -> Result<Group, Failure> {
+    for (index, (found, coefficients)) in models.iter().enumerate() {
+        let channels = coefficients.channels();
+        let (expected, needed) = match kind {
+            Kind::Surface => ("a surface of 3 channels", 3),
+            Kind::Signal => ("a signal of one channel", 1),
+        };
+        if *found != kind || channels != needed {
+            let found = if *found == Kind::Surface { "a surface" } else { "a signal" };
+            let found = format!("{found} of {channels}");
+            return Err(Failure::Argument(format!("models[{index}]: expected a model of {expected}, found {found}")));
+        }
+    }
+    let degrees = || models.iter().map(|(_, model)| model.max_degree());
+    let (lowest, highest) = (degrees().min().unwrap_or(0), degrees().max().unwrap_or(0));
+    let mut warnings = Vec::new();
+    match degree {
+        Some(asked) if asked > lowest => {
+            return Err(Failure::Argument(format!(
+                "degree: the models go to degrees from {lowest} to {highest}, expected at most {lowest}, found {asked}"
+            )));
+        }
+        None if highest > lowest => {
+            let used = format!("the degrees up to {lowest} are used");
+            warnings.push(format!("the models go to degrees from {lowest} to {highest}; {used}"));
+        }
+        _ => {}
+    }
+    let degree = degree.unwrap_or(lowest);
+    let members: Result<_, _> =
+        models.iter().map(|(_, model)| Coefficients::new(model.up_to(degree).to_owned())).collect();
+    Ok(Group { members: members?, degree, warnings })
+}
+
+/// A model that the verb `tool` would have written.
+pub(crate) fn made(coefficients: Coefficients, kind: Kind, tool: &str) -> Inner {
+    signed(Inner::without_sphere(coefficients, kind), tool)
+}
+
+/// Says in a model what made it.
+pub(crate) fn signed(mut model: Inner, tool: &str) -> Inner {
+    model.provenance.tool = Some(tool.to_owned());
+    model.provenance.versions = Some(spharm::versions());
+    model
+}
+
+/// The mean of surfaces, their distances from it, and warnings.
+#[pyfunction]
+#[pyo3(signature = (models, degree, *, names, threads = None))]
+pub(crate) fn shape_mean(
+    py: Python<'_>,
+    models: Vec<Py<Model>>,
+    degree: Option<usize>,
+    names: Vec<String>,
+    threads: Option<usize>,
+) -> PyResult<(Model, Vec<f64>, Vec<String>)> {
+    let models = coefficients(&models);
+    let (inner, distances, warnings) = run_owned(py, threads, None, move |_| {
+        if models.len() < 2 {
+            return Err(Failure::Argument(format!("models: a mean is of 2 models or more, found {}", models.len())));
+        }
+        let group = group(&models, Kind::Surface, degree)?;
+        let mut mean = Array2::zeros(group.members[0].values().dim());
+        group.members.iter().for_each(|member| mean += member.values());
+        mean /= group.members.len() as f64;
+        let mean = Coefficients::new(mean)?;
+        let distances: Result<Vec<f64>, _> = group.members.iter().map(|member| rmsd(member, &mean)).collect();
+        let mut model = made(mean, Kind::Surface, "shape mean");
+        model.provenance.other.insert("members".to_owned(), json!(names));
+        Ok((model, distances?, group.warnings))
+    })?;
+    Ok((Model { inner }, distances, warnings))
+}

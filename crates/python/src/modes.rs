@@ -1,0 +1,178 @@
+//! Modes of variation of a group.
+
+use std::path::PathBuf;
+
+use ndarray::{Array2, Array3, ArrayView2, s};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1};
+use pyo3::prelude::*;
+use serde_json::json;
+use spharm::Kind;
+use spharm::harmonics::Coefficients;
+use spharm::shape::Modes as Inner;
+use spharm::shape::pca::file::ShapeModel;
+use spharm::shape::pca::quality::{normal, quality};
+
+use crate::errors::Failure;
+use crate::groups::{coefficients, group, made};
+use crate::models::Model;
+use crate::run::{run, run_owned};
+
+/// Mean and modes of a group. It doesn't change.
+#[pyclass(frozen, module = "spharm_rs._core")]
+pub(crate) struct Modes {
+    file: ShapeModel,
+}
+
+type Vector<'py> = Bound<'py, PyArray1<f64>>;
+
+impl Modes {
+    fn model(&self, values: Array2<f64>, deviations: Option<&[f64]>) -> Result<Model, Failure> {
+        let tool = if deviations.is_some() { "shape sample" } else { "shape pca" };
+        let mut inner = made(Coefficients::new(values)?, Kind::Surface, tool);
+        match deviations {
+            Some(deviations) => inner.provenance.other.insert("standard_deviations".to_owned(), json!(deviations)),
+            None => inner.provenance.other.insert("members".to_owned(), json!(self.file.members)),
+        };
+        Ok(Model { inner })
+    }
+}
+
+#[pymethods]
+impl Modes {
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        Ok(Self { file: run(py, Some(1), None, move |_| Ok(ShapeModel::read(&path)?))? })
+    }
+
+    #[pyo3(signature = (path, *, overwrite = false))]
+    fn write(&self, py: Python<'_>, path: PathBuf, overwrite: bool) -> PyResult<()> {
+        run(py, Some(1), None, |_| Ok(self.file.write(&path, overwrite)?))
+    }
+
+    #[getter]
+    fn mean(&self, py: Python<'_>) -> PyResult<Model> {
+        run(py, Some(1), None, |_| self.model(self.file.modes.mean.clone(), None))
+    }
+
+    /// The modes' coefficients, (m, K, 3), zeros in row 0.
+    #[getter]
+    fn modes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
+        let modes = &self.file.modes;
+        let (rows, columns) = modes.mean.dim();
+        let mut values = Array3::zeros((modes.count(), rows, columns));
+        for (mut value, mode) in values.outer_iter_mut().zip(modes.modes.rows()) {
+            value.slice_mut(s![1.., ..]).iter_mut().zip(mode).for_each(|(value, mode)| *value = *mode);
+        }
+        values.into_pyarray(py)
+    }
+
+    #[getter]
+    fn variances<'py>(&self, py: Python<'py>) -> Vector<'py> {
+        self.file.modes.variances.clone().into_pyarray(py)
+    }
+
+    #[getter]
+    fn scores<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.file.modes.scores.clone().into_pyarray(py)
+    }
+
+    #[getter]
+    fn total_variance(&self) -> f64 {
+        self.file.modes.total_variance
+    }
+
+    #[getter]
+    fn compactness<'py>(&self, py: Python<'py>) -> Vector<'py> {
+        self.file.modes.compactness().into_pyarray(py)
+    }
+
+    #[getter]
+    fn members(&self) -> Vec<String> {
+        self.file.members.clone()
+    }
+
+    /// How it was made, as JSON.
+    #[getter]
+    fn provenance(&self) -> String {
+        self.file.provenance.clone()
+    }
+
+    /// The first modes alone.
+    fn truncate(&self, count: usize) -> Self {
+        let mut file = self.file.clone();
+        file.modes.truncate(count);
+        Self { file }
+    }
+
+    /// The shape at numbers of standard deviations along the first modes.
+    fn shape(&self, py: Python<'_>, deviations: PyReadonlyArray1<'_, f64>) -> PyResult<Model> {
+        let deviations = deviations.as_array().to_vec();
+        run(py, Some(1), None, |_| self.model(self.file.modes.shape(&deviations)?, Some(&deviations)))
+    }
+
+    /// Random shapes of a seed.
+    #[pyo3(signature = (count, *, seed))]
+    fn sample(&self, py: Python<'_>, count: usize, seed: u64) -> PyResult<Vec<Model>> {
+        run(py, Some(1), None, |monitor| {
+            let one = |index: usize| {
+                monitor.check().map_err(spharm::Error::from)?;
+                let deviations = normal(seed, index as u64, self.file.modes.count());
+                self.model(self.file.modes.shape(&deviations)?, Some(&deviations))
+            };
+            (0..count).map(one).collect()
+        })
+    }
+
+    /// Coordinates of a model along the modes, and its distance from them.
+    fn project<'py>(&self, py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<(Vector<'py>, f64)> {
+        let values = model.inner.coefficients.values();
+        let (scores, left) = run(py, Some(1), None, |_| Ok(self.file.modes.project(values.view())?))?;
+        Ok((scores.into_pyarray(py), left))
+    }
+
+    /// Generalisation and specificity of the first k modes, (m) each.
+    #[pyo3(signature = (*, samples, seed, threads = None, progress = None))]
+    fn quality<'py>(
+        &self,
+        py: Python<'py>,
+        samples: usize,
+        seed: u64,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<(Vector<'py>, Vector<'py>)> {
+        let modes = &self.file.modes;
+        let (members, found) = (modes.scores.nrows(), modes.count());
+        let all = members.saturating_sub(1).min(modes.modes.ncols());
+        let found = run(py, threads, progress.as_ref(), |monitor| {
+            if found < all || members < 3 {
+                let expected = format!("expected all {all} modes of a group, as they are before truncate");
+                return Err(Failure::Argument(format!("quality: {expected}; found {found} of {members} members")));
+            }
+            Ok(quality(modes, samples, seed, monitor)?)
+        })?;
+        Ok((found.generalisation.into_pyarray(py), found.specificity.into_pyarray(py)))
+    }
+}
+
+/// The modes of a group of surfaces, at most `most`, and warnings.
+#[pyfunction]
+#[pyo3(signature = (models, degree, *, most, names, threads = None))]
+pub(crate) fn shape_pca(
+    py: Python<'_>,
+    models: Vec<Py<Model>>,
+    degree: Option<usize>,
+    most: Option<usize>,
+    names: Vec<String>,
+    threads: Option<usize>,
+) -> PyResult<(Modes, Vec<String>)> {
+    let models = coefficients(&models);
+    let (file, warnings) = run_owned(py, threads, None, move |_| {
+        let group = group(&models, Kind::Surface, degree)?;
+        let members: Vec<ArrayView2<'_, f64>> = group.members.iter().map(|member| member.values().view()).collect();
+        let mut modes = Inner::new(&members, usize::MAX)?;
+        modes.truncate(most.unwrap_or(usize::MAX));
+        let provenance = json!({ "tool": "shape pca", "versions": spharm::versions(), "degree": group.degree });
+        Ok((ShapeModel { modes, members: names, provenance: provenance.to_string() }, group.warnings))
+    })?;
+    Ok((Modes { file }, warnings))
+}

@@ -1,0 +1,157 @@
+//! Tests of groups and covariates at every vertex.
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spharm::Kind;
+use spharm::shape::stats::{
+    Column, Contrast, Design, FamilyWise, PermutationParams, Question, Statistic, TestParams, question, test,
+};
+use spharm::shape::{Measurement, ShapeError, measure_group};
+
+use crate::arrays::{Positions, SphereArrays};
+use crate::errors::Failure;
+use crate::groups::{coefficients, group, made};
+use crate::models::Model;
+use crate::run::{run, run_owned};
+
+/// Measurements (n, V d), d, the mean, and warnings.
+type Measured<'py> = (Bound<'py, PyArray2<f64>>, usize, Model, Vec<String>);
+
+/// What a group measures at directions.
+#[pyfunction]
+#[pyo3(signature = (models, directions, degree, *, signal, threads = None, progress = None))]
+pub(crate) fn shape_measure_group<'py>(
+    py: Python<'py>,
+    models: Vec<Py<Model>>,
+    directions: Positions<'py>,
+    degree: Option<usize>,
+    signal: &str,
+    threads: Option<usize>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Measured<'py>> {
+    let (kind, measurement) = match signal {
+        "normal" => (Kind::Surface, Measurement::Normal),
+        "position" => (Kind::Surface, Measurement::Position),
+        "value" => (Kind::Signal, Measurement::Value),
+        found => {
+            return Err(PyValueError::new_err(format!("signal: expected normal, position or value; found {found}")));
+        }
+    };
+    let sphere = SphereArrays::new(&directions, None, false)?;
+    let models = coefficients(&models);
+    let (field, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+        let group = group(&models, kind, degree)?;
+        let field = measure_group(&group.members, &sphere.check()?.directions, measurement, monitor)?;
+        Ok((field, group.warnings))
+    })?;
+    let mean = Model { inner: made(field.mean, kind, "shape mean") };
+    Ok((field.values.into_pyarray(py), field.components, mean, warnings))
+}
+
+/// What subjects have: numbers, or levels.
+#[derive(FromPyObject)]
+pub(crate) enum Cells<'py> {
+    Numbers(PyReadonlyArray1<'py, f64>),
+    Levels(Vec<String>),
+}
+
+impl Cells<'_> {
+    fn column(&self) -> Column {
+        match self {
+            Self::Numbers(numbers) => Column::Numbers(numbers.as_array().to_vec()),
+            Self::Levels(levels) => Column::Levels(levels.clone()),
+        }
+    }
+}
+
+/// What is tested: an effect with covariates, or a contrast of a design.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Asked<'py> {
+    name: String,
+    effect: Option<Cells<'py>>,
+    levels: Vec<String>,
+    covariates: Vec<(String, Cells<'py>)>,
+    design: Option<PyReadonlyArray2<'py, f64>>,
+    columns: Vec<String>,
+    contrast: Option<PyReadonlyArray2<'py, f64>>,
+}
+
+impl Asked<'_> {
+    fn question(&self) -> Result<Question, Failure> {
+        if let Some(effect) = &self.effect {
+            let covariates: Vec<(String, Column)> =
+                self.covariates.iter().map(|(name, cells)| (name.clone(), cells.column())).collect();
+            return Ok(question((&self.name, &effect.column()), &self.levels, &covariates)?);
+        }
+        let (Some(design), Some(contrast)) = (&self.design, &self.contrast) else { return Err(Failure::Panic) };
+        let design = Design::new(design.as_array().to_owned(), self.columns.clone())?;
+        let contrast = Contrast { weights: contrast.as_array().to_owned() };
+        Ok(Question { design, contrast, meaning: "a contrast of the design".to_owned(), levels: Vec::new() })
+    }
+}
+
+/// Tests values (n, V d) at V vertices.
+#[pyfunction]
+#[pyo3(signature = (values, components, asked, *, welch, permutations, seed, confidence, level, threads = None, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+pub(crate) fn shape_test<'py>(
+    py: Python<'py>,
+    values: PyReadonlyArray2<'py, f64>,
+    components: usize,
+    asked: Asked<'py>,
+    welch: bool,
+    permutations: usize,
+    seed: u64,
+    confidence: f64,
+    level: f64,
+    threads: Option<usize>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let relabel = PermutationParams { count: permutations, seed, ..PermutationParams::default() };
+    let params = TestParams { permutations: (permutations > 0).then_some(relabel), welch, confidence, level };
+    let values = values.as_array();
+    let question = asked.question().map_err(|failure| crate::errors::exception(py, failure))?;
+    let (design, contrast) = (&question.design, &question.contrast);
+    let found = run(py, threads, progress.as_ref(), |monitor| {
+        // For warnings alone, so the library takes any.
+        if !(level > 0.0 && level < 1.0) {
+            return Err(ShapeError::Share { what: "level", found: level }.into());
+        }
+        Ok(test(values, components, design, contrast, &params, monitor)?)
+    })?;
+    let result = PyDict::new(py);
+    let array = |values: Vec<f64>| -> Bound<'py, PyArray1<f64>> { values.into_pyarray(py) };
+    let (kind, freedom) = match found.kind {
+        Statistic::T { freedom } => ("t", vec![freedom]),
+        Statistic::F { between, within } => ("F", vec![between, within]),
+        Statistic::TSquared { components, freedom } => ("T2", vec![components as f64, freedom]),
+        _ => return Err(crate::errors::exception(py, Failure::Panic)),
+    };
+    result.set_item("kind", kind)?;
+    result.set_item("freedom", freedom)?;
+    result.set_item("statistic", array(found.statistic))?;
+    result.set_item("p", array(found.p))?;
+    result.set_item("q", array(found.q))?;
+    if let Some(FamilyWise { p, pointwise, relabellings, exact, floor }) = found.family_wise {
+        result.set_item("p_fwe", array(p))?;
+        result.set_item("p_permutation", array(pointwise))?;
+        result.set_item("relabellings", relabellings)?;
+        result.set_item("exact", exact)?;
+        result.set_item("smallest_p", floor)?;
+    }
+    if let Some(effect) = found.effect {
+        result.set_item("effect", effect.estimate.into_pyarray(py))?;
+        result.set_item("standard_error", effect.standard_error.into_pyarray(py))?;
+        result.set_item("margin", effect.margin.into_pyarray(py))?;
+        let size = effect.size.into_iter().map(|size| if size.is_nan() { 0.0 } else { size });
+        result.set_item("size", array(size.collect()))?;
+    }
+    result.set_item("meaning", &question.meaning)?;
+    result.set_item("levels", question.levels.clone())?;
+    result.set_item("columns", design.names().to_vec())?;
+    result.set_item("warnings", found.warnings.iter().map(ToString::to_string).collect::<Vec<_>>())?;
+    Ok(result)
+}

@@ -1,0 +1,249 @@
+"""Modes of variation of a group: principal components."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from typing import Any, Sequence
+
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._model import Model, core, warn
+from ._progress import Progress, callback
+from ._shape_poses import cores, named
+from ._surface import Path
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """How well the first k modes stand for shapes of a group's kind, k = 1 to m; smaller is better.
+
+    Attributes
+    ----------
+    generalisation : ndarray of float, (m,)
+        Mean distance of a member from its nearest shape in the model of all others.
+    specificity : ndarray of float, (m,)
+        Mean distance of a random shape of the model from the nearest member.
+    """
+
+    generalisation: Floats
+    specificity: Floats
+
+
+class Modes:
+    """Mean and m modes of variation of a group of n surfaces, from `pca`.
+
+    A shape is ``mean + sum(deviations[k] * sqrt(variances[k]) * modes[k])``. Its place in space doesn't count.
+    """
+
+    _inner: _core.Modes
+
+    def __init__(self) -> None:
+        raise TypeError("Modes are made by spharm_rs.shape.pca and Modes.load")
+
+    @classmethod
+    def _of(cls, inner: _core.Modes) -> Modes:
+        modes = cls.__new__(cls)
+        modes._inner = inner
+        return modes
+
+    def __repr__(self) -> str:
+        return f"Modes({len(self)} of {len(self.members)} members)"
+
+    def __len__(self) -> int:
+        """Number of modes, m."""
+        return len(self._inner.variances)
+
+    @property
+    def mean(self) -> Model:
+        """Mean of the group."""
+        return Model._of(self._inner.mean)
+
+    @property
+    def modes(self) -> Floats:
+        """Coefficients of the modes, (m, K, 3), by falling variance: of norm ``sqrt(4 pi)``, zero in row 0."""
+        return self._inner.modes
+
+    @property
+    def variances(self) -> Floats:
+        """Variance along each mode, (m,), in the square of the surfaces' unit."""
+        return self._inner.variances
+
+    @property
+    def scores(self) -> Floats:
+        """Coordinates of the members along the modes, (n, m), in the surfaces' unit."""
+        return self._inner.scores
+
+    @property
+    def total_variance(self) -> float:
+        """Variance along all modes, also those that were left out."""
+        return self._inner.total_variance
+
+    @property
+    def compactness(self) -> Floats:
+        """Share of the variance along the first k modes, (m,)."""
+        return self._inner.compactness
+
+    @property
+    def members(self) -> list[str]:
+        """Names of the group's members, n."""
+        return self._inner.members
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """How they were made."""
+        found: dict[str, Any] = json.loads(self._inner.provenance)
+        return found
+
+    def truncate(self, count: int) -> Modes:
+        """Returns the first modes, at most ``count``."""
+        return Modes._of(self._inner.truncate(_arrays.whole("count", count)))
+
+    def shape(self, deviations: ArrayLike) -> Model:
+        """Returns the shape at numbers of standard deviations along the first modes.
+
+        Parameters
+        ----------
+        deviations : array_like of float, (k,)
+            Along the first k modes, of which there have to be as many; a number is that of the first mode.
+
+        Returns
+        -------
+        Model
+        """
+        numbers = _arrays.real("deviations", deviations, "(k,)")
+        if numbers.ndim > 1:
+            raise ValueError(f"deviations: expected shape (k,), found {numbers.shape}")
+        return Model._of(self._inner.shape(numbers.reshape(-1)))
+
+    def sample(self, count: int, *, seed: int = 0) -> list[Model]:
+        """Returns random shapes: deviations are normally distributed.
+
+        Parameters
+        ----------
+        count : int
+        seed : int
+        """
+        found = self._inner.sample(_arrays.whole("count", count), seed=_arrays.whole("seed", seed))
+        return [Model._of(model) for model in found]
+
+    def project(self, model: Model) -> tuple[Floats, float]:
+        """Finds the shape of the modes that is nearest to a model.
+
+        Parameters
+        ----------
+        model : Model
+            Of the group's degree, aligned with the mean.
+
+        Returns
+        -------
+        scores : ndarray of float, (m,)
+            Coordinates along the modes, in the surfaces' unit; `shape` takes them over ``sqrt(variances)``.
+        distance : float
+            Root mean square distance from that shape.
+        """
+        return self._inner.project(core("model", model))
+
+    def quality(
+        self, *, samples: int = 2000, seed: int = 0, threads: int | None = None, progress: Progress = None
+    ) -> Quality:
+        """Measures generalisation and specificity, of modes before `truncate`.
+
+        Parameters
+        ----------
+        samples : int
+            Random shapes for the specificity.
+        seed : int
+            Of the random shapes.
+        threads : int, optional
+        progress : bool or callable, optional
+
+        Returns
+        -------
+        Quality
+        """
+        found = self._inner.quality(
+            samples=_arrays.whole("samples", samples, 1),
+            seed=_arrays.whole("seed", seed),
+            threads=_arrays.threads(threads),
+            progress=callback(progress),
+        )
+        return Quality(*found)
+
+    def save(self, path: Path, *, overwrite: bool = False) -> None:
+        """Writes a ``.shape-model.npz`` file, which ``spharm shape sample`` reads, too.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+        overwrite : bool
+            Replace a file that is there.
+        """
+        self._inner.write(os.fspath(path), overwrite=bool(overwrite))
+
+    @classmethod
+    def load(cls, path: Path) -> Modes:
+        """Reads a ``.shape-model.npz`` file.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+
+        Returns
+        -------
+        Modes
+        """
+        return cls._of(_core.Modes.read(os.fspath(path)))
+
+
+def pca(
+    models: Sequence[Model],
+    *,
+    modes: int | None = None,
+    degree: int | None = None,
+    names: Sequence[str] | None = None,
+    threads: int | None = None,
+) -> Modes:
+    """Computes the modes of variation of surfaces that correspond: principal components of their coefficients.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        Three or more, such as those of `procrustes`. Their place in space doesn't count.
+    modes : int, optional
+        Most modes to keep; by default all, one fewer than models.
+    degree : int, optional
+        Highest degree; by default the lowest of the models'.
+    names : sequence of str, optional
+        Of the members; by default their numbers from 0.
+    threads : int, optional
+
+    Returns
+    -------
+    Modes
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> rng = np.random.default_rng(0)
+    >>> group = [sp.Model(np.eye(9)[:, 1:4] * (5 + rng.normal(size=3))) for _ in range(6)]
+    >>> found = sp.shape.pca(group)
+    >>> found
+    Modes(5 of 6 members)
+    >>> scores, distance = found.project(group[0])
+    >>> bool(np.allclose(scores, found.scores[0])) and distance < 1e-12
+    True
+    """
+    members = cores(models)
+    found, warnings = _core.shape_pca(
+        members,
+        None if degree is None else _arrays.whole("degree", degree),
+        most=None if modes is None else _arrays.whole("modes", modes),
+        names=named(names, len(members)),
+        threads=_arrays.threads(threads),
+    )
+    warn(warnings)
+    return Modes._of(found)

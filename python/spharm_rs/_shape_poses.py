@@ -1,0 +1,383 @@
+"""Surfaces rotated, aligned and brought together; the means of groups."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._model import Model, core, warn
+from ._progress import Progress, callback
+
+
+def rotation(what: str, value: Any) -> list[float]:
+    """Returns a rotation's 3, 4 or 9 numbers; a matrix by rows. SciPy's rotations are taken as matrices."""
+    if value is None:
+        return [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    if hasattr(value, "as_matrix"):
+        value = value.as_matrix()
+    numbers = _arrays.real(what, value, "(3,), (4,) or (3, 3)")
+    if numbers.shape not in ((3,), (4,), (9,), (3, 3)):
+        raise ValueError(f"{what}: expected 3 Euler angles, a quaternion or a matrix, (3,), (4,) or (3, 3); found {numbers.shape}")
+    found: list[float] = numbers.ravel().tolist()
+    return found
+
+
+def vector(what: str, value: ArrayLike) -> list[float]:
+    """Returns a vector's 3 numbers."""
+    numbers = _arrays.real(what, value, "(3,)")
+    if numbers.shape != (3,):
+        raise ValueError(f"{what}: expected shape (3,), found {numbers.shape}")
+    found: list[float] = numbers.tolist()
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Transform:
+    """What is done to a surface: ``f'(u) = scale Q f(R.T u) + translation``, or with ``f(-R.T u)``.
+
+    Attributes
+    ----------
+    parameters : ndarray of float, (3, 3)
+        R, the rotation of the parameters.
+    antipodal : bool
+        Whether directions are replaced by their opposites first, which a surface that is mirrored needs to keep its outside
+        outside.
+    object : ndarray of float, (3, 3)
+        Q, the rotation of space; a reflection where mirror images were matched.
+    scale : float
+    translation : ndarray of float, (3,)
+        In the surface's unit.
+    """
+
+    parameters: Floats
+    antipodal: bool
+    object: Floats
+    scale: float
+    translation: Floats
+
+    @classmethod
+    def _of(cls, found: dict[str, Any]) -> Transform:
+        matrix = {name: np.array(found[name], dtype=float) for name in ("parameters", "object", "translation")}
+        return cls(antipodal=found["antipodal"], scale=found["scale"], **matrix)
+
+    def apply(self, model: Model, *, threads: int | None = None, progress: Progress = None) -> Model:
+        """Returns the transformed model, at all its degrees. A signal can be rotated in its parameters alone.
+
+        Parameters
+        ----------
+        model : Model
+        threads : int, optional
+        progress : bool or callable, optional
+        """
+        asked = {
+            "parameters": rotation("parameters", self.parameters),
+            "antipodal": bool(self.antipodal),
+            "object": rotation("object", self.object),
+            "mirrored": bool(np.linalg.det(self.object) < 0),
+            "scale": float(self.scale),
+            "translation": vector("translation", self.translation),
+        }
+        return _rotated(model, asked, threads, progress)
+
+
+def _rotated(model: Model, asked: dict[str, Any], threads: int | None, progress: Progress) -> Model:
+    found = _core.shape_rotate(core("model", model), asked, threads=_arrays.threads(threads), progress=callback(progress))
+    return Model._of(found)
+
+
+def rotate(
+    model: Model,
+    *,
+    parameters: Any = None,
+    object: Any = None,
+    scale: float = 1.0,
+    translation: ArrayLike = (0.0, 0.0, 0.0),
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Model:
+    """Rotates a model in its parameters, or the surface in space: ``x`` becomes ``scale Q x + translation``.
+
+    A rotation is 3 Euler angles alpha, beta, gamma **in degrees**, ``Rz(alpha) Ry(beta) Rz(gamma)``; a quaternion w, x, y, z;
+    a matrix, (3, 3); or a ``scipy.spatial.transform.Rotation``.
+
+    Parameters
+    ----------
+    model : Model
+    parameters : rotation, optional
+        R: the sphere turns under the surface, which stays where it is. What was at direction u is at R u afterwards, and the
+        model's own sphere turns with it.
+    object : rotation, optional
+        Q, of a surface alone.
+    scale : float
+        Above zero.
+    translation : array_like of float, (3,)
+        After rotation and scale.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Model
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> surface, sphere = sp.example_surface(3)
+    >>> model = sp.fit(surface, sphere, 6)
+    >>> turned = sp.shape.rotate(model, object=[0, 90, 0], translation=[0, 0, 5])
+    >>> x, y, z = model.evaluate([[0, 0, 1]])[0]
+    >>> np.allclose(turned.evaluate([[0, 0, 1]]), [z, y, 5 - x])
+    True
+    """
+    asked = {
+        "parameters": rotation("parameters", parameters),
+        "antipodal": False,
+        "object": rotation("object", object),
+        "mirrored": False,
+        "scale": float(scale),
+        "translation": vector("translation", translation),
+    }
+    return _rotated(model, asked, threads, progress)
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """A model that was brought to another.
+
+    Attributes
+    ----------
+    model : Model
+        At all its degrees.
+    transform : Transform
+        What was done.
+    rmsd_before, rmsd_after : float
+        Root mean square distance from the target over the sphere, in the surfaces' unit.
+    degree : int
+        Highest degree compared.
+    mirrored : bool
+        Whether the surface was mirrored in space.
+    ends : ndarray of float
+        What the refinement of each start of the search reached, without scale.
+    warnings : tuple of str
+    """
+
+    model: Model
+    transform: Transform
+    rmsd_before: float
+    rmsd_after: float
+    degree: int
+    mirrored: bool
+    ends: Floats = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+
+def _settings(
+    method: str, scale: bool, mirror: bool, degree: int | None, starts: int | None, templates: int | None = None
+) -> dict[str, Any]:
+    return {
+        "method": str(method),
+        "scale": bool(scale),
+        "mirror": bool(mirror),
+        "degree": None if degree is None else _arrays.whole("degree", degree),
+        "starts": None if starts is None else _arrays.whole("starts", starts, 1),
+        "templates": None if templates is None else _arrays.whole("templates", templates, 1),
+    }
+
+
+def align(
+    model: Model,
+    target: Model,
+    method: str = "joint",
+    *,
+    scale: bool = False,
+    mirror: bool = False,
+    degree: int | None = None,
+    starts: int | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Alignment:
+    """Brings a surface to another, whatever poses they are given in.
+
+    Parameters
+    ----------
+    model, target : Model
+        Of surfaces.
+    method : {"joint", "fixed", "foe"}
+        ``"joint"`` searches all rotations of the parameters and of space together. ``"fixed"`` keeps the parameters, where
+        vertices correspond already. ``"foe"`` turns both into the frames of their first-order ellipsoids, for comparison
+        with other programs.
+    scale : bool
+        Scale the model to the target's size, too.
+    mirror : bool
+        Match mirror images, too.
+    degree : int, optional
+        Highest degree to compare; by default the lower one of the two. All degrees are transformed.
+    starts : int, optional
+        Local optima of the search that are refined; 6 by default.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Alignment
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> surface, sphere = sp.example_surface(4)
+    >>> model = sp.fit(surface, sphere, 8)
+    >>> moved = sp.shape.rotate(model, parameters=[10, 20, 30], object=[40, 50, 60], translation=[1, 2, 3])
+    >>> found = sp.shape.align(moved, model)
+    >>> found.rmsd_after < 1e-9 * found.rmsd_before
+    True
+    """
+    found, text = _core.shape_align(
+        core("model", model),
+        core("target", target),
+        _settings(method, scale, mirror, degree, starts),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    report = json.loads(text)
+    transform, ends = Transform._of(report.pop("transform")), np.array(report.pop("ends"), dtype=float)
+    return Alignment(Model._of(found), transform, ends=ends, warnings=warn(report.pop("warnings")), **report)
+
+
+@dataclass(frozen=True, eq=False)
+class Procrustes:
+    """A group of n models that was brought together.
+
+    Attributes
+    ----------
+    models : list of Model
+        Centred at the origin, at all their degrees.
+    transforms : list of Transform
+        What was done to each.
+    mean : Model
+        In the frame of its first-order ellipsoid, of the highest degree compared.
+    report : dict
+        ``degree``, the highest compared; ``spread_before`` and ``spread_after``, the members' root mean square distance from
+        their mean, in their unit: after centring alone, and at the end; ``rmsd``, each member's distance, (n,);
+        ``templates``, where each start ended: ``template``, ``spread``, ``rounds``; ``warnings``.
+    """
+
+    models: list[Model] = field(repr=False)
+    transforms: list[Transform] = field(repr=False)
+    mean: Model
+    report: dict[str, Any] = field(repr=False)
+
+
+def cores(models: Any) -> list[_core.Model]:
+    """Returns the models of a sequence as the extension module has them."""
+    if isinstance(models, Model) or not hasattr(models, "__iter__"):
+        raise ValueError(f"models: expected a sequence of Model, found {models!r}")
+    return [core("models", model) for model in models]
+
+
+def procrustes(
+    models: Sequence[Model],
+    method: str = "joint",
+    *,
+    scale: bool = False,
+    mirror: bool = False,
+    degree: int | None = None,
+    starts: int | None = None,
+    templates: int | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Procrustes:
+    """Brings a group of surfaces to its mean: generalised Procrustes analysis over both rotations.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        Three surfaces or more, in whatever poses.
+    method : {"joint", "fixed"}
+        As in `align`.
+    scale : bool
+        Scale all to the group's size.
+    mirror : bool
+        Match mirror images, too.
+    degree : int, optional
+        Highest degree to compare; by default the lowest of the models'. All degrees are transformed.
+    starts : int, optional
+        Local optima of each search that are refined; 3 by default.
+    templates : int, optional
+        Members that the alignment starts from; by default all of up to 20, else 5.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Procrustes
+    """
+    found, mean, text = _core.shape_procrustes(
+        cores(models),
+        _settings(method, scale, mirror, degree, starts, templates),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    report = json.loads(text)
+    transforms = [Transform._of(transform) for transform in report.pop("transforms")]
+    report["rmsd"] = np.array(report["rmsd"], dtype=float)
+    warn(report["warnings"])
+    return Procrustes([Model._of(model) for model in found], transforms, Model._of(mean), report)
+
+
+def named(names: Sequence[str] | None, count: int) -> list[str]:
+    """Returns the names of a group's members, their numbers where none are given."""
+    if names is None:
+        return [str(index) for index in range(count)]
+    if isinstance(names, str) or len(names) != count:
+        raise ValueError(f"names: expected {count} names, found {names!r}")
+    return [str(name) for name in names]
+
+
+def mean(
+    models: Sequence[Model],
+    *,
+    degree: int | None = None,
+    names: Sequence[str] | None = None,
+    threads: int | None = None,
+) -> Model:
+    """Averages surfaces that correspond, such as those of `procrustes`.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        Two or more.
+    degree : int, optional
+        Highest degree; by default the lowest of the models'.
+    names : sequence of str, optional
+        Of the members, for the provenance; by default their numbers from 0.
+    threads : int, optional
+
+    Returns
+    -------
+    Model
+        The mean of the coefficients. Its report has the members' ``distances``, root mean square over the sphere, (n,), their
+        root mean square, the ``spread``, and ``warnings``.
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> spheres = [sp.Model(radius * np.eye(4)[:, 1:]) for radius in (1, 2, 6)]
+    >>> bool(np.allclose(sp.shape.mean(spheres).coefficients, 3 * np.eye(4)[:, 1:]))
+    True
+    """
+    members = cores(models)
+    found, distances, warnings = _core.shape_mean(
+        members,
+        None if degree is None else _arrays.whole("degree", degree),
+        names=named(names, len(members)),
+        threads=_arrays.threads(threads),
+    )
+    each = np.array(distances)
+    warn(warnings)
+    return Model._of(found, {"distances": each, "spread": float(np.sqrt(np.mean(each**2))), "warnings": warnings})

@@ -1,0 +1,362 @@
+"""Groups measured at the vertices of a sphere, and tests there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Mapping, Sequence, Union
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._model import Model, sphere_arrays, warn
+from ._progress import Progress, callback
+from ._shape_poses import cores
+from ._surface import icosphere, named_icosphere
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """What n models measure at V vertices.
+
+    Attributes
+    ----------
+    values : ndarray of float, (n, V) or (n, V, 3)
+        In the models' unit.
+    mean : Model
+        Mean of the models.
+    directions : ndarray of float, (V, 3)
+    warnings : tuple of str
+    """
+
+    values: Floats
+    mean: Model
+    directions: Floats = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+
+def measure_group(
+    models: Sequence[Model],
+    sphere: Any = 5,
+    *,
+    signal: str = "normal",
+    degree: int | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Field:
+    """Measures models that correspond at the vertices of one sphere, as `test` takes them.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        Such as those of `procrustes`, or over spheres that share their parameters.
+    sphere : int, Surface or what `as_surface` takes, or array_like of float, (V, 3)
+        Level of an icosphere, a sphere, or directions.
+    signal : {"normal", "position", "value"}
+        Displacement from the mean along its outward normal; position; or the value of a signal of one channel.
+    degree : int, optional
+        Highest degree; by default the lowest of the models'.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Field
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> unit = (4 * np.pi / 3) ** 0.5
+    >>> spheres = [sp.Model(radius * unit * np.eye(4)[:, [3, 1, 2]]) for radius in (1, 2, 6)]
+    >>> sp.shape.measure_group(spheres, 0).values[:, 0].round(12).tolist()
+    [-2.0, -1.0, 3.0]
+    """
+    return _measured(models, sphere, signal, degree, threads, progress)
+
+
+def _measured(
+    models: Sequence[Model], sphere: Any, signal: str, degree: int | None, threads: int | None, progress: Progress
+) -> Field:
+    whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
+    directions = sphere_arrays(icosphere(int(sphere)) if whole else named_icosphere(sphere))[0]
+    if directions is None:
+        raise ValueError("sphere: expected a level of an icosphere, a sphere, or directions; found None")
+    values, components, mean, warnings = _core.shape_measure_group(
+        cores(models),
+        directions,
+        None if degree is None else _arrays.whole("degree", degree),
+        signal=str(signal),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    if components > 1:
+        values = values.reshape(len(values), -1, components)
+    return Field(values, Model._of(mean), directions, warn(warnings, stacklevel=4))
+
+
+#: What subjects have: numbers, or levels.
+Cells = Union[Floats, "list[str]"]
+
+
+def _levels(what: str, cells: Any) -> tuple[list[str], list[str]]:
+    """Returns the level of each subject, and the levels in order."""
+    if cells.dtype.kind in "biu":
+        order = np.unique(cells)
+        return [str(cell) for cell in cells.tolist()], [str(level) for level in order.tolist()]
+    if cells.dtype.kind == "f" and np.isfinite(cells).all():
+        return [str(cell) for cell in cells.tolist()], [str(level) for level in np.unique(cells).tolist()]
+    found = cells.tolist()
+    if cells.dtype.kind in "UO" and all(isinstance(cell, str) for cell in found):
+        return found, sorted(set(found))
+    raise ValueError(f"{what}: expected a level for each subject, all names or all numbers; found {found!r}")
+
+
+def _column(what: str, values: Any, count: int) -> Any:
+    cells = np.asarray(values)
+    if cells.shape != (count,):
+        raise ValueError(f"{what}: expected shape ({count},), one for each subject; found {cells.shape}")
+    return cells
+
+
+def _numbers_or_levels(what: str, values: Any, count: int) -> Cells:
+    cells = _column(what, values, count)
+    if cells.dtype.kind in "iuf":
+        return _arrays.real(what, cells, f"({count},)")
+    return _levels(what, cells)[0]
+
+
+def _covariates(given: Any, count: int) -> list[tuple[str, Cells]]:
+    if given is None:
+        return []
+    if not isinstance(given, Mapping) and hasattr(given, "columns") and hasattr(given, "__getitem__"):
+        given = {name: given[name] for name in given.columns}
+    if isinstance(given, Mapping):
+        return [(str(name), _numbers_or_levels(f"covariates, {name}", cells, count)) for name, cells in given.items()]
+    table = _arrays.channels("covariates", given)
+    columns = {f"covariate {column + 1}": values for column, values in enumerate(table.T)}
+    return [(name, _numbers_or_levels("covariates", cells, count)) for name, cells in columns.items()]
+
+
+def _asked(
+    count: int, groups: Any, effect: Any, design: Any, contrast: Any, covariates: Any, levels: Any
+) -> dict[str, Any]:
+    """Returns what is tested, as the extension module takes it."""
+    if sum(given is not None for given in (groups, effect, design)) != 1:
+        raise ValueError("groups, effect, design: expected one of them")
+    if (design is None) != (contrast is None):
+        raise ValueError("design, contrast: expected both, or neither")
+    if levels is not None and groups is None:
+        raise ValueError("levels: they are those of groups")
+    asked: dict[str, Any] = {
+        "name": "groups", "effect": None, "levels": [], "covariates": [], "design": None, "columns": [], "contrast": None,
+    }  # fmt: skip
+    if design is not None:
+        if covariates is not None:
+            raise ValueError("covariates: expected as columns of the design")
+        asked["columns"] = [str(name) for name in design.columns] if hasattr(design, "columns") else []
+        asked["design"] = _arrays.channels("design", design)
+        weights = _arrays.real("contrast", contrast, "(p,) or (q, p)")
+        if weights.ndim not in (1, 2):
+            raise ValueError(f"contrast: expected shape (p,) or (q, p), found {weights.shape}")
+        asked["contrast"] = np.atleast_2d(weights)
+        return asked
+    if groups is not None:
+        asked["effect"], order = _levels("groups", _column("groups", groups, count))
+        asked["levels"] = order if levels is None else [str(level) for level in levels]
+    else:
+        numbers = _arrays.real("effect", _column("effect", effect, count), f"({count},)")
+        asked.update(name="effect", effect=numbers)
+    asked["covariates"] = _covariates(covariates, count)
+    return asked
+
+
+@dataclass(frozen=True, eq=False)
+class TestResult:
+    """What a test finds at each of V vertices.
+
+    Attributes
+    ----------
+    statistic : ndarray of float, (V,)
+        t, F or Hotelling's T-squared; 0 where there is no variance.
+    p : ndarray of float, (V,)
+        Two-sided, of the statistic's distribution, uncorrected.
+    q : ndarray of float, (V,)
+        False-discovery rate of Benjamini and Hochberg.
+    p_fwe, p_permutation : ndarray of float, (V,), or None
+        By relabelling: family-wise by the largest statistic, and uncorrected. None without relabellings.
+    effect, margin, standard_error : ndarray of float, (V,) or (V, 3), or None
+        The contrast's estimate, half the width of its confidence interval, and its standard error, in the values' unit. None
+        where several contrasts are tested at once.
+    size : ndarray of float, (V,), or None
+        The estimate over the errors' standard deviation: Cohen's d for two groups, for positions Mahalanobis' distance; 0
+        where there is no variance.
+    kind : {"t", "F", "T2"}
+    freedom : tuple of float
+        Of t: degrees of freedom, of Welch's t where they are least. Of F: between and within. Of T-squared: components,
+        and degrees of freedom of the errors.
+    meaning : str
+        What was tested, such as ``"control - patient"``.
+    levels : dict
+        Subjects of each group.
+    columns : list of str
+        Of the design.
+    relabellings : int
+        0 without any.
+    exact : bool
+        Whether these are all relabellings.
+    smallest_p : float or None
+        The smallest p that they can give.
+    warnings : tuple of str
+    mean : Model or None
+        Mean of the models, where these were given.
+    """
+
+    statistic: Floats
+    p: Floats
+    q: Floats
+    p_fwe: Floats | None
+    p_permutation: Floats | None
+    effect: Floats | None
+    margin: Floats | None
+    standard_error: Floats | None
+    size: Floats | None
+    kind: str
+    freedom: tuple[float, ...]
+    meaning: str
+    levels: dict[str, int]
+    columns: list[str]
+    relabellings: int
+    exact: bool
+    smallest_p: float | None
+    warnings: tuple[str, ...]
+    mean: Model | None
+
+    # It isn't a test of pytest.
+    __test__ = False
+
+    def __repr__(self) -> str:
+        least = self.p if self.p_fwe is None else self.p_fwe
+        name = "p" if self.p_fwe is None else "p_fwe"
+        return f"TestResult({self.kind}, {self.meaning}, {len(self.p)} vertices, least {name} {least.min():.3g})"
+
+
+def test(
+    subjects: Sequence[Model] | ArrayLike,
+    groups: Any = None,
+    *,
+    effect: ArrayLike | None = None,
+    design: Any = None,
+    contrast: ArrayLike | None = None,
+    covariates: Any = None,
+    levels: Sequence[Any] | None = None,
+    signal: str = "normal",
+    sphere: Any = 5,
+    degree: int | None = None,
+    welch: bool = False,
+    permutations: int = 10_000,
+    seed: int = 0,
+    confidence: float = 0.95,
+    level: float = 0.05,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> TestResult:
+    """Tests groups, a slope, or a contrast at every vertex, with family-wise and false-discovery control.
+
+    At each vertex a linear model is tested: by t, by F for more than two groups, by Hotelling's T-squared for positions.
+    Family-wise p values are of the largest statistic over relabelled studies: all of them where there are at most 20,000.
+
+    Parameters
+    ----------
+    subjects : sequence of Model, or array_like of float, (n, V) or (n, V, 3)
+        Models that correspond, such as those of `procrustes`, which `measure_group` measures first; or values.
+    groups : array_like, (n,), optional
+        Group of each subject, a name or a number: the difference of two, the first less the second, or any difference
+        between more.
+    effect : array_like of float, (n,), optional
+        A number of each subject, whose slope is tested.
+    design : array_like of float, (n, p), optional
+        A design of one's own, of full column rank.
+    contrast : array_like of float, (p,) or (q, p), optional
+        What is tested of the design's columns: that these combinations are zero.
+    covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
+        What to account for: numbers, or names of levels; for ``groups`` and ``effect``.
+    levels : sequence, optional
+        Order of the groups; sorted by default.
+    signal : {"normal", "position", "value"}
+        What models are measured by, as in `measure_group`.
+    sphere : int, Surface or what `as_surface` takes, or array_like of float, (V, 3)
+        Where they are measured.
+    degree : int, optional
+        Highest degree of models; by default the lowest of them.
+    welch : bool
+        Welch's t, for two groups of unequal variance without covariates.
+    permutations : int
+        Random relabellings; 0 for none.
+    seed : int
+        Of the relabellings.
+    confidence : float
+        Coverage of the effect's confidence interval.
+    level : float
+        Level of significance, for warnings alone.
+    threads : int, optional
+        The result is the same for any.
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    TestResult
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> values = np.random.default_rng(0).normal(size=(10, 2))
+    >>> values[:5, 1] += 9
+    >>> found = sp.shape.test(values, groups=["a"] * 5 + ["b"] * 5)
+    >>> found.meaning, found.relabellings, bool(np.isclose(found.p_fwe[1], 2 / 252))
+    ('a - b', 252, True)
+    """
+    mean: Model | None = None
+    noted: tuple[str, ...] = ()
+    if _are_models(subjects):
+        measured = _measured(subjects, sphere, signal, degree, threads, progress)  # type: ignore[arg-type]
+        values, mean, noted = measured.values, measured.mean, measured.warnings
+    else:
+        values = _arrays.real("subjects", subjects, "(n, V) or (n, V, 3)")  # type: ignore[arg-type]
+        if values.ndim not in (2, 3):
+            raise ValueError(f"subjects: expected models, or values of shape (n, V) or (n, V, 3), found {values.shape}")
+    components = values.shape[2] if values.ndim == 3 else 1
+    found = _core.shape_test(
+        values.reshape(len(values), values.shape[1] * components),
+        components,
+        _asked(len(values), groups, effect, design, contrast, covariates, levels),
+        welch=bool(welch),
+        permutations=_arrays.whole("permutations", permutations),
+        seed=_arrays.whole("seed", seed),
+        confidence=float(confidence),
+        level=float(level),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    warnings = warn(found.pop("warnings"))
+    by_component = {name: found.pop(name, None) for name in ("effect", "margin", "standard_error")}
+    if values.ndim == 2:
+        by_component = {name: None if array is None else array[:, 0] for name, array in by_component.items()}
+    return TestResult(
+        **by_component,
+        p_fwe=found.pop("p_fwe", None),
+        p_permutation=found.pop("p_permutation", None),
+        size=found.pop("size", None),
+        freedom=tuple(found.pop("freedom")),
+        levels=dict(found.pop("levels")),
+        relabellings=found.pop("relabellings", 0),
+        exact=found.pop("exact", False),
+        smallest_p=found.pop("smallest_p", None),
+        warnings=noted + warnings,
+        mean=mean,
+        **found,
+    )
+
+
+def _are_models(subjects: Any) -> bool:
+    return isinstance(subjects, Model) or isinstance(subjects, Sequence) and any(isinstance(one, Model) for one in subjects)
