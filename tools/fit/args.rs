@@ -129,6 +129,13 @@ pub(super) struct MethodArgs {
     /// hundredth of the weight of the vertices at the highest degree, which keeps the model from oscillating between them.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
+    /// Remove noise, by a penalty of each degree estimated from the input (lsq)
+    ///
+    /// For surfaces and signals whose vertices have independent noise of one size: its size and what it does to each degree
+    /// are found from the residual and from fits of noise, and the fit is made once more with degrees held down that are
+    /// mostly noise. What --max-degree leaves out counts as noise, so give a degree that is high enough.
+    #[arg(long, conflicts_with = "smoothness")]
+    pub(super) denoise: bool,
     /// Don't measure how far model and surface are apart
     ///
     /// Without it a fit of the surface ends with the distances between the two, both ways, which takes a second or so for

@@ -2,6 +2,7 @@
 
 mod batches;
 mod check;
+mod denoise;
 mod from_moments;
 mod irf;
 mod job;
