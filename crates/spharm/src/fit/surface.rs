@@ -194,6 +194,20 @@ impl<'a> Fitter<'a> {
         Ok(MomentProblem::new(&self.sums(targets, monitor)?, self.params.max_degree)?)
     }
 
+    /// Scales the weights of the samples of some triangles so that each triangle counts one. Noise is that of the vertices:
+    /// many small triangles tell more of a place than a large one does.
+    fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
+        let mut rest = weights;
+        for triangle in triangles {
+            let (of_triangle, others) = rest.split_at_mut(self.sampling.samples(triangle..triangle + 1));
+            let sum: f64 = of_triangle.iter().sum();
+            if sum > 0.0 {
+                of_triangle.iter_mut().for_each(|weight| *weight /= sum);
+            }
+            rest = others;
+        }
+    }
+
     /// Returns the sums of targets over samples of all triangles. Weights are solid angles times what the vertices count,
     /// scaled to the sum that the vertices' weights have: a penalty then means the same for a surface as for its vertices.
     fn sums(
@@ -207,6 +221,9 @@ impl<'a> Fitter<'a> {
             monitor.check()?;
             let SphereSamples { directions, mut weights } =
                 self.sampling.at(&self.sphere.directions, triangles.clone())?;
+            if self.params.denoise {
+                self.count_alike(triangles.clone(), &mut weights);
+            }
             if let Some(of_vertices) = &self.weights {
                 let column = aview1(of_vertices).insert_axis(Axis(1));
                 let factors = self.sampling.interpolate(column, triangles.clone());
