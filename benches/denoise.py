@@ -69,7 +69,7 @@ def read_ply(path):
 def main():
     spharm, data = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
     sigmas = [float(sigma) for sigma in sys.argv[3:]] or [0.01]
-    print(f"{'surface':14} {'sigma':>6} {'target':>8} {'plain':>6} {'denoise':>8} {'bar':>5} {'best filter':>11} {'sigma found':>11} {'freedom':>8} {'s':>5}")
+    print(f"{'surface':14} {'sigma':>6} {'target':>8} {'plain':>6} {'denoise':>8} {'bar':>5} {'best filter':>11} {'sigma found':>11} {'freedom':>8} {'left out':>8} {'s':>5}")
     missed = []
     with tempfile.TemporaryDirectory() as folder:
         for name, sphere, surface, degree, bar, best in CASES:
@@ -96,7 +96,7 @@ def main():
                     print(
                         f"{name:14} {sigma:6} {target:>8} {found[()]:6.2f} {found[('--denoise',)]:8.2f}"
                         f" {bar if with_bar else '-':>5} {best if with_bar else '-':>11} {removed['sigma'] / s:11.3f}"
-                        f" {removed['degrees_of_freedom']:8.0f} {report['seconds']['total']:5.1f}",
+                        f" {removed['degrees_of_freedom']:8.0f} {(removed['left_out'] or 0) / s:8.3f} {report['seconds']['total']:5.1f}",
                         flush=True,
                     )
                     if with_bar and found[("--denoise",)] < bar:

@@ -126,8 +126,8 @@ impl Fitted {
         if columns.denoise {
             // Of a signal with several channels the first.
             let removed = self.report.denoise.first();
-            row.push(number(removed.map(|of| of.sigma)));
-            row.push(removed.map_or("-".to_owned(), |of| format!("{:.0}", of.degrees_of_freedom)));
+            row.push(number(removed.map(|of| of.noise.sigma)));
+            row.push(removed.map_or("-".to_owned(), |of| format!("{:.0}", of.noise.degrees_of_freedom)));
         }
         row.push(self.output.display().to_string());
         Some(row)

@@ -3,6 +3,7 @@
 mod batches;
 mod check;
 mod denoise;
+mod detail;
 mod from_moments;
 mod irf;
 mod job;

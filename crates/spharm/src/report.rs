@@ -39,7 +39,7 @@ pub struct FitReport {
     pub held_out: Option<HeldOut>,
     /// The noise that was found and removed: of a surface, or of each channel of a signal. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub denoise: Vec<Denoise>,
+    pub denoise: Vec<Denoised>,
     /// Smoothness penalty, lambda; zero for the methods that have none.
     #[serde(skip)]
     pub smoothness: f64,
@@ -52,6 +52,18 @@ pub struct FitReport {
     /// How it was fitted, for a model's provenance.
     #[serde(skip)]
     pub settings: Settings,
+}
+
+/// The noise that was removed of a surface, or of a channel of a signal.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Denoised {
+    /// The noise, and the gain of each degree.
+    #[serde(flatten)]
+    pub noise: Denoise,
+    /// Rms of the detail that vertices which were held out tell of beyond the fit's degree, of a channel, in the target's
+    /// unit; none where they are too few to tell.
+    pub left_out: Option<f64>,
 }
 
 /// How a target was fitted.

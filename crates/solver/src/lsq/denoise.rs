@@ -117,7 +117,9 @@ impl NoisePower {
         cg.run(&Summed { problem, penalty: None }, &preconditioner, &CG, &OnlyCancel(monitor))?;
         let products = &probes * &cg.x;
         let even = 4.0 * std::f64::consts::PI / problem.weight();
-        let of = |l: usize| products.slice(s![degree_range(l), ..]).sum().max((NOISE_COLUMNS * order_count(l)) as f64 * even);
+        let of = |l: usize| {
+            products.slice(s![degree_range(l), ..]).sum().max((NOISE_COLUMNS * order_count(l)) as f64 * even)
+        };
         Ok(Self {
             by_degree: (0..=max_degree).map(of).collect(),
             residual: (NOISE_COLUMNS * (rows - columns)) as f64,

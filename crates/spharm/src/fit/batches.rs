@@ -9,13 +9,12 @@ use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
 use spharm_solver::ResidualNorms;
-use spharm_solver::lsq::Denoise;
 use spharm_surface::{Kind, Sphere, SurfaceError, Target};
 
 use super::denoise::parts;
 use super::job::Job;
 use crate::assess::{Distances, ModelSurface, SurfaceDistances, scale_of};
-use crate::report::{BatchReport, FitReport, Seconds, Settings};
+use crate::report::{BatchReport, Denoised, FitReport, Seconds, Settings};
 use crate::{Error, Fit, FitTo, FitWarning};
 
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
@@ -55,7 +54,7 @@ pub(crate) struct Solved {
     /// Like the coefficients, where they were asked for.
     pub(crate) standard_errors: Option<Array2<f64>>,
     /// Of each target: what was removed of it, or of each of its channels. Empty without denoising.
-    pub(crate) denoised: Vec<Vec<Denoise>>,
+    pub(crate) denoised: Vec<Vec<Denoised>>,
     /// Of each target, where they were measured.
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     pub(crate) warnings: Vec<FitWarning>,
@@ -240,6 +239,8 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         .collect();
     let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
     let mut warnings = solved.warnings.clone();
+    let denoise = solved.denoised.get(index).cloned().unwrap_or_default();
+    warnings.extend(denoise.iter().find_map(|of| FitWarning::of_denoised(of, job.params.max_degree)));
     let assess =
         |held: &crate::assess::HoldOut| held.assess(&job.sphere.directions, coefficients.view(), values(target), scale);
     let held_out = job.hold_out.as_ref().map(assess).transpose()?;
@@ -260,7 +261,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         between,
         surface_distance: solved.surface_distances.get(index).copied().flatten(),
         held_out,
-        denoise: solved.denoised.get(index).cloned().unwrap_or_default(),
+        denoise,
         smoothness: solved.report.smoothness(),
         optimality: solved.report.optimality(),
         warnings,

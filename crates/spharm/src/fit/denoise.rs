@@ -9,7 +9,9 @@ use spharm_solver::lsq::denoise::{NOISE_COLUMNS, check_rows, residual_square, wh
 use spharm_solver::lsq::{Denoise, LsqReport, NoisePower, Stop};
 use spharm_surface::Kind;
 
+use super::detail::left_out;
 use super::job::Job;
+use crate::report::Denoised;
 use crate::{Error, FitParams, Method, Smoothness, Weights};
 
 /// What noise becomes in the plain fits over a sphere.
@@ -49,6 +51,18 @@ impl Denoiser {
     /// the vertices, (n, c).
     pub(crate) fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: ArrayView2<'_, f64>) -> Denoise {
         self.power.denoise(coefficients, residual_square(residual, self.precision.as_deref()))
+    }
+
+    /// Looks for detail beyond the degree in what was found to be noise of a target, (n, c).
+    pub(crate) fn assess(
+        &self,
+        job: &Job<'_>,
+        target: ArrayView2<'_, f64>,
+        noise: Denoise,
+        monitor: &dyn Monitor,
+    ) -> Result<Denoised, Error> {
+        let left_out = left_out(job, self.precision.as_deref(), target, &noise, monitor)?;
+        Ok(Denoised { noise, left_out })
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use ndarray::{Array2, s};
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{Denoise, Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
+use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
 use spharm_solver::{
     GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, ResidualNorms, StoredFactor, moment_gram, moment_gram_bytes,
 };
@@ -18,7 +18,7 @@ use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
 use super::shared::{Within, allowed, converged, note_solution, strategy};
-use crate::report::BatchReport;
+use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
 /// Fits targets at their vertices as long as they aren't to be fitted as surfaces.
@@ -84,9 +84,12 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let denoiser =
         job.params.denoise.then(|| Denoiser::new(job, together * channels, monitor, fit_noise)).transpose()?;
     run.readers = readers;
-    run.each_batch(together * channels, |_, batch| {
-        let solved =
-            if automatic { equations.choose_and_solve(batch) } else { equations.solve(&mut shared, batch, denoiser.as_ref(), None) };
+    run.each_batch(together * channels, |job, batch| {
+        let solved = if automatic {
+            equations.choose_and_solve(batch)
+        } else {
+            equations.solve(&mut shared, batch, denoiser.as_ref().map(|denoiser| (denoiser, job)), None)
+        };
         monitor.step(batch.groups.len() as u64);
         solved
     })
@@ -133,7 +136,7 @@ impl<'a> Equations<'a> {
         &self,
         solver: &mut LsqSolver<'a>,
         batch: &Batch,
-        denoiser: Option<&Denoiser>,
+        denoiser: Option<(&Denoiser, &Job<'_>)>,
         gcv: Option<Gcv>,
     ) -> Result<Solved, Error> {
         let within = Within(self.monitor);
@@ -170,11 +173,11 @@ impl<'a> Equations<'a> {
     /// removed.
     fn denoise(
         &self,
-        denoiser: &Denoiser,
+        (denoiser, job): (&Denoiser, &Job<'_>),
         plain: Plain<'_>,
         coefficients: &mut Array2<f64>,
         report: &mut LsqReport,
-    ) -> Result<(Option<Array2<f64>>, Vec<Vec<Denoise>>), Error> {
+    ) -> Result<(Option<Array2<f64>>, Vec<Vec<Denoised>>), Error> {
         let (within, mut residual, started) = (Within(self.monitor), plain.residual, Instant::now());
         let mut standard_errors = self.params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
         let mut denoised = Vec::new();
@@ -193,7 +196,7 @@ impl<'a> Equations<'a> {
                 set_columns(coefficients, &part, fit.coefficients.values().view());
                 set_columns(&mut residual, &part, fit.residual.view());
                 merge(report, fit.report);
-                of_target.push(found);
+                of_target.push(denoiser.assess(job, plain.targets.slice(columns), found, &within)?);
             }
             denoised.push(of_target);
         }

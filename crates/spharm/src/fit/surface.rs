@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use ndarray::{Array2, ArrayView2, Axis, aview1, s};
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{Denoise, LsqReport, MomentProblem, solve_moments};
+use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments};
 use spharm_solver::{LsqParams, ResidualNorms};
 use spharm_surface::Sphere;
 use spharm_surface::samples::{SphereSamples, SphereSampling};
@@ -23,7 +23,7 @@ use super::lsq_plan::{Sizes, transform};
 use super::shared::{Within, converged, note_solution, strategy};
 use super::surface_plan::{RUN, SurfacePlan};
 use crate::assess::ModelSurface;
-use crate::report::BatchReport;
+use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
 
 /// Fits targets as long as they are to be fitted as surfaces.
@@ -56,8 +56,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let fit_noise = |noise: &Array2<f64>| fitter.fit_noise(noise, &Within(monitor));
     let denoiser = job.params.denoise.then(|| Denoiser::new(job, plan.together * channels, monitor, fit_noise));
     let denoiser = denoiser.transpose()?;
-    run.each_batch(plan.together * channels, |_, batch| {
-        let solved = fitter.fit(batch, denoiser.as_ref(), monitor)?;
+    run.each_batch(plan.together * channels, |job, batch| {
+        let solved = fitter.fit(batch, denoiser.as_ref().map(|denoiser| (denoiser, job)), monitor)?;
         monitor.step(batch.groups.len() as u64);
         Ok(solved)
     })
@@ -110,13 +110,19 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    fn fit(&self, batch: &Batch, denoiser: Option<&Denoiser>, monitor: &dyn Monitor) -> Result<Solved, Error> {
+    fn fit(
+        &self,
+        batch: &Batch,
+        denoiser: Option<(&Denoiser, &Job<'_>)>,
+        monitor: &dyn Monitor,
+    ) -> Result<Solved, Error> {
         let within = Within(monitor);
         let started = Instant::now();
         let targets: Vec<(Range<usize>, ArrayView2<'_, f64>)> = batch.targets().collect();
         let problem = self.problem(&targets, &within)?;
         let fit = solve_moments(&problem, &self.solver, false, &within)?;
-        let (mut coefficients, mut report, mut denoised) = (fit.coefficients.values().to_owned(), fit.report, Vec::new());
+        let (mut coefficients, mut report, mut denoised) =
+            (fit.coefficients.values().to_owned(), fit.report, Vec::new());
         if let Some(denoiser) = denoiser {
             denoised = self.denoise(denoiser, batch, &problem, &mut coefficients, &mut report, &within)?;
         }
@@ -159,13 +165,13 @@ impl<'a> Fitter<'a> {
     /// Replaces the plain fits of a batch by penalised ones; returns what was removed.
     fn denoise(
         &self,
-        denoiser: &Denoiser,
+        (denoiser, job): (&Denoiser, &Job<'_>),
         batch: &Batch,
         problem: &MomentProblem,
         coefficients: &mut Array2<f64>,
         report: &mut LsqReport,
         monitor: &dyn Monitor,
-    ) -> Result<Vec<Vec<Denoise>>, Error> {
+    ) -> Result<Vec<Vec<Denoised>>, Error> {
         let mut denoised = Vec::new();
         for ((group, target), parts) in batch.targets().zip(batch.parts()) {
             let residual = self.residual(target, coefficients.slice(s![.., group.clone()]))?;
@@ -173,12 +179,12 @@ impl<'a> Fitter<'a> {
             for part in parts {
                 let of_group = part.start - group.start..part.end - group.start;
                 let plain = coefficients.slice(s![.., part.clone()]);
-                let found = denoiser.denoise(plain, residual.slice(s![.., of_group]));
+                let found = denoiser.denoise(plain, residual.slice(s![.., of_group.clone()]));
                 let params = LsqParams { penalty: Some(found.penalty.clone()), ..self.solver.clone() };
                 let fit = solve_moments(&problem.of_columns(part.clone()), &params, false, monitor)?;
                 set_columns(coefficients, &part, fit.coefficients.values().view());
                 merge(report, fit.report);
-                of_target.push(found);
+                of_target.push(denoiser.assess(job, target.slice(s![.., of_group]), found, monitor)?);
             }
             denoised.push(of_target);
         }
