@@ -4,6 +4,7 @@ mod accuracy;
 mod bad_input;
 mod bare;
 mod common;
+mod denoise;
 mod facade;
 mod first_users;
 mod fit_arguments;

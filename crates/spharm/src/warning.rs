@@ -7,8 +7,6 @@ use spharm_solver::LsqReport;
 use spharm_solver::irf::BlockReport;
 use spharm_solver::lsq::LsqWarning;
 
-use crate::report::Denoised;
-
 /// Share of the noise found that may be detail, by its rms. Vertices that are held out tell of a part of the detail alone.
 const DETAIL: f64 = 0.3;
 
@@ -168,8 +166,7 @@ impl FitWarning {
     }
 
     /// Returns a warning where much of what was removed as noise is detail.
-    pub(crate) fn of_denoised(denoised: &Denoised, max_degree: usize) -> Option<Self> {
-        let (left_out, sigma) = (denoised.left_out?, denoised.noise.sigma);
+    pub(crate) fn of_denoised(left_out: f64, sigma: f64, max_degree: usize) -> Option<Self> {
         (left_out > DETAIL * sigma).then_some(Self::Detail { max_degree, left_out, sigma })
     }
 

@@ -240,7 +240,9 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
     let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
     let mut warnings = solved.warnings.clone();
     let denoise = solved.denoised.get(index).cloned().unwrap_or_default();
-    warnings.extend(denoise.iter().find_map(|of| FitWarning::of_denoised(of, job.params.max_degree)));
+    warnings.extend(
+        denoise.iter().find_map(|of| FitWarning::of_denoised(of.left_out?, of.noise.sigma, job.params.max_degree)),
+    );
     let assess =
         |held: &crate::assess::HoldOut| held.assess(&job.sphere.directions, coefficients.view(), values(target), scale);
     let held_out = job.hold_out.as_ref().map(assess).transpose()?;
