@@ -69,7 +69,8 @@ def read_ply(path):
 def main():
     spharm, data = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
     sigmas = [float(sigma) for sigma in sys.argv[3:]] or [0.01]
-    print(f"{'surface':14} {'sigma':>6} {'target':>8} {'plain':>6} {'denoise':>8} {'bar':>5} {'best filter':>11} {'sigma found':>11} {'freedom':>8} {'left out':>8} {'s':>5}")
+    head = f"{'surface':14} {'sigma':>6} {'target':>8} {'plain':>6} {'denoise':>8} {'bar':>5} {'best filter':>11}"
+    print(head + f" {'sigma found':>11} {'freedom':>8} {'left out':>8} {'s':>5}")
     missed = []
     with tempfile.TemporaryDirectory() as folder:
         for name, sphere, surface, degree, bar, best in CASES:
@@ -86,7 +87,8 @@ def main():
                     for option in ((), ("--denoise",)):
                         command = [spharm, "fit", "--sphere", data / sphere, "--surface", noisy, "--target", target]
                         command += ["--max-degree", str(degree), "--no-surface-distance", "--json", "-q", "--force"]
-                        report = json.loads(subprocess.run([*command, *option, "-o", model], check=True, stdout=subprocess.PIPE).stdout)
+                        command += [*option, "-o", model]
+                        report = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
                         command = [spharm, "reconstruct", "--model", model, "-o", back, "-q", "--force"]
                         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
                         error = ((read_ply(back) - clean) ** 2).sum(1).mean()
