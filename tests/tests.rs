@@ -5,6 +5,7 @@ mod bad_input;
 mod bare;
 mod common;
 mod compressed;
+mod denoise;
 mod facade;
 mod first_users;
 mod fit_arguments;

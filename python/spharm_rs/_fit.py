@@ -27,6 +27,7 @@ def _settings(
     target: str | None = None,
     weights: str | ArrayLike = "uniform",
     smoothness: float | str | None = None,
+    denoise: bool = False,
     stderr: bool = False,
     hold_out: float | None = None,
     surface_distance: bool = True,
@@ -57,6 +58,7 @@ def _settings(
         "start_degree": _arrays.whole("start_degree", start_degree),
         "accelerate": bool(accelerate),
         "smoothness": None if smoothness is None else str(smoothness),
+        "denoise": bool(denoise),
         "weights": weights if isinstance(weights, str) else _arrays.weights(weights, vertices),
         "hold_out": None if hold_out is None else float(hold_out),
         "standard_errors": bool(stderr),
@@ -88,6 +90,7 @@ def fit(
     target: str | None = None,
     weights: str | ArrayLike = "uniform",
     smoothness: float | str | None = None,
+    denoise: bool = False,
     stderr: bool = False,
     hold_out: float | None = None,
     surface_distance: bool = True,
@@ -126,6 +129,10 @@ def fit(
     smoothness : float or "auto", optional
         Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses it by generalised cross-validation. By default
         none; for the vertices over a sphere that `parametrize` made, a small one.
+    denoise : bool
+        Remove independent noise of the vertices within the fit, by a penalty of each degree that is estimated from the
+        surface, or from each channel of a signal. In place of a smoothness, with ``lsq``. ``report["denoise"]`` has the
+        noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``.
     stderr : bool
         Compute the standard error of each coefficient.
     hold_out : float, optional
@@ -213,6 +220,7 @@ def fit(
         target=target,
         weights=weights,
         smoothness=smoothness,
+        denoise=denoise,
         stderr=stderr,
         hold_out=hold_out,
         surface_distance=surface_distance,

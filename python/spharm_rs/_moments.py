@@ -142,6 +142,7 @@ class Moments:
         max_degree: int | None = None,
         *,
         smoothness: float | str | None = None,
+        denoise: bool = False,
         stderr: bool = False,
         tolerance: float = 1e-10,
         max_iterations: int = 3000,
@@ -157,7 +158,7 @@ class Moments:
         ----------
         max_degree : int, optional
             Highest degree, up to that of the moments, which is the default.
-        smoothness, stderr, tolerance, max_iterations, preconditioner, strict, memory, threads, progress
+        smoothness, denoise, stderr, tolerance, max_iterations, preconditioner, strict, memory, threads, progress
             As of `spharm_rs.fit`.
 
         Returns
@@ -169,6 +170,7 @@ class Moments:
             self.max_degree if max_degree is None else max_degree,
             0,
             smoothness=smoothness,
+            denoise=denoise,
             stderr=stderr,
             tolerance=tolerance,
             max_iterations=max_iterations,

@@ -78,6 +78,21 @@ def test_weights_smoothness_and_errors_are_given(study: Study) -> None:
     assert sp.fit(surface, sphere, 8, smoothness="auto").report["smoothness"] > 0
 
 
+def test_noise_is_removed(study: Study) -> None:
+    surface, sphere = study
+    clean = sp.fit(surface, sphere, 8, target="vertices").evaluate()
+    noisy = clean + np.random.default_rng(0).normal(0, 1.0, clean.shape)
+    for target in ("vertices", "surface"):
+        models = [sp.fit(noisy, sphere, 14, target=target, denoise=denoise) for denoise in (False, True)]
+        removed = models[1].report["denoise"][0]
+        assert removed["sigma"] == pytest.approx(1.0, rel=0.1) and len(removed["gain"]) == 15
+        errors = [((model.evaluate() - clean) ** 2).mean() for model in models]
+        assert errors[1] < 0.8 * errors[0] and "denoise" not in models[0].report
+    for wrong in ({"smoothness": "auto"}, {"smoothness": 1.0}, {"method": "quadrature"}):
+        with pytest.raises(ValueError, match="denoise"):
+            sp.fit(noisy, sphere, 14, denoise=True, **wrong)
+
+
 def test_many_are_fitted_as_each(study: Study) -> None:
     sphere = study[1]
     surfaces = [sp.example_surface(4, seed)[0] for seed in range(3)]

@@ -39,6 +39,8 @@ def test_a_fit_is_that_of_the_samples() -> None:
     rms = np.sqrt(np.average((VALUES - basis.synthesis(model.coefficients)) ** 2, axis=0, weights=WEIGHTS))
     assert np.allclose(model.report["rms"], rms, rtol=1e-9)
     assert moments.fit(5, stderr=True).standard_errors is not None
+    noise = moments.fit(12, denoise=True).report["denoise"]
+    assert len(noise) == 2 and all(0 < channel["sigma"] < 1 for channel in noise)
     assert moments.fit(12, smoothness="auto").report["gcv"]["smoothness"] > 0
     surface = sp.Moments(DIRECTIONS, DIRECTIONS, max_degree=3, channels=["x", "y", "z"]).fit()
     assert surface.is_surface and not model.is_surface

@@ -135,13 +135,20 @@ pub(super) struct MethodArgs {
     /// hundredth of the weight of the vertices at the highest degree, which keeps the model from oscillating between them.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
+    /// Remove noise, degree by degree (lsq)
+    ///
+    /// For surfaces and signals whose vertices have independent noise of one size: its size and what it does to each degree
+    /// are found from the residual and from fits of noise, and the fit is made once more with degrees held down that are
+    /// mostly noise. What --max-degree leaves out counts as noise, so give a degree that is high enough.
+    #[arg(long, conflicts_with = "smoothness")]
+    pub(super) denoise: bool,
     /// Don't measure how far model and surface are apart
     ///
     /// Without it a fit of the surface ends with the distances between the two, both ways, which takes a second or so for
     /// each.
     #[arg(long, hide_short_help = true)]
     pub(super) no_surface_distance: bool,
-    /// Fraction of the vertices to leave out, to report the distances there
+    /// Fraction of the vertices to leave out and assess
     #[arg(long, value_name = "FRACTION", value_parser = values::fraction)]
     pub(super) hold_out: Option<f64>,
 }

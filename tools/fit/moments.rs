@@ -54,8 +54,18 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
         return print_json(&report);
     }
     let mut rows = vec![["channel", "rms", "explained"].map(str::to_owned).to_vec()];
+    let removed = &fit.report.denoise;
+    if !removed.is_empty() {
+        rows[0].extend(["sigma", "freedom"].map(str::to_owned));
+    }
     let channels = fit.report.channels.iter().zip(&fit.report.rms).zip(&fit.report.explained);
     rows.extend(channels.map(|((name, rms), share)| vec![name.clone(), format!("{rms:.4e}"), format!("{share:.6}")]));
+    for (channel, row) in rows.iter_mut().skip(1).enumerate() {
+        // The channels of a surface share theirs.
+        if let Some(of) = removed.get(channel.min(removed.len().saturating_sub(1))) {
+            row.extend([format!("{:.4e}", of.sigma), format!("{:.0}", of.degrees_of_freedom)]);
+        }
+    }
     print(&format!("{}\n{}: {} samples, {seconds:.2} s", table(&rows), files.model.display(), moments.sums.count))
 }
 

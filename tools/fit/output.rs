@@ -53,12 +53,18 @@ struct Columns {
     surface: bool,
     /// Distances at the vertices that were held out.
     held_out: bool,
+    /// The noise that was removed.
+    denoise: bool,
 }
 
 impl Columns {
     fn of(surfaces: &[Fitted]) -> Self {
         let any = |with: fn(&FitReport) -> bool| surfaces.iter().any(|fitted| with(&fitted.report));
-        Self { surface: any(|r| r.surface_distance.is_some()), held_out: any(|r| r.held_out.is_some()) }
+        Self {
+            surface: any(|r| r.surface_distance.is_some()),
+            held_out: any(|r| r.held_out.is_some()),
+            denoise: any(|r| !r.denoise.is_empty()),
+        }
     }
 
     fn head(self) -> Vec<String> {
@@ -66,6 +72,7 @@ impl Columns {
         head.extend(if self.surface { &["rms", "95 %", "hausdorff", "msd", "xsd"][..] } else { &["msd", "xsd"] });
         head.extend(if self.surface { &[][..] } else { &["rms", "max", "between"] });
         head.extend(self.held_out.then_some("msd held out"));
+        head.extend(if self.denoise { &["sigma", "freedom"][..] } else { &[] });
         head.push("file");
         head.into_iter().map(str::to_owned).collect()
     }
@@ -119,6 +126,12 @@ impl Fitted {
         if columns.held_out {
             let held_out = self.report.held_out.as_ref();
             row.push(number(held_out.map(|of| of.held_out.msd.unwrap_or(of.held_out.msd_raw))));
+        }
+        if columns.denoise {
+            // Of a signal with several channels the first.
+            let removed = self.report.denoise.first();
+            row.push(number(removed.map(|of| of.noise.sigma)));
+            row.push(removed.map_or("-".to_owned(), |of| format!("{:.0}", of.noise.degrees_of_freedom)));
         }
         row.push(self.output.display().to_string());
         Some(row)

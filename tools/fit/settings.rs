@@ -20,6 +20,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         method,
         target: cli.method.target.unwrap_or_default(),
         smoothness: cli.method.smoothness.unwrap_or_default(),
+        denoise: cli.method.denoise,
         weights: match cli.input.weights.as_str() {
             "uniform" => Weights::Uniform,
             "area" => Weights::Area,
@@ -73,6 +74,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (args.accelerate && !repeated, "--accelerate", "; use --method irf or mirf"),
         (args.target == Some(FitTo::Surface) && method != Lsq, "--target surface", "; use --method lsq"),
         (args.smoothness.is_some() && method != Lsq, "--smoothness", "; use --method lsq"),
+        (args.denoise && method != Lsq, "--denoise", "; use --method lsq"),
         (cli.output.stderr && method != Lsq, "--stderr", "; use --method lsq"),
         (by_factor && method != Lsq, "--preconditioner", "; use --method lsq"),
         (weighted && method == Quadrature, "--weights or --hold-out", ""),

@@ -34,6 +34,7 @@ pub(crate) struct Settings<'py> {
     target: Option<String>,
     surface_distance: bool,
     smoothness: Option<String>,
+    denoise: bool,
     weights: WeightsGiven<'py>,
     hold_out: Option<f64>,
     standard_errors: bool,
@@ -98,6 +99,7 @@ impl Settings<'_> {
                 .smoothness
                 .as_deref()
                 .map_or(Ok(Smoothness::Default), |text| parsed("smoothness", text))?,
+            denoise: self.denoise,
             hold_out: self.hold_out,
             standard_errors: self.standard_errors,
             tolerance: self.tolerance,

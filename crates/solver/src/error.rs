@@ -113,6 +113,24 @@ pub enum SolverError {
         /// The value given.
         found: f64,
     },
+    /// A penalty of a degree that isn't a finite number from zero on.
+    #[error("the penalty of degree {degree} must be a finite number that isn't negative, found {found}")]
+    Penalty {
+        /// The degree.
+        degree: usize,
+        /// The value given.
+        found: f64,
+    },
+    /// Samples that leave nothing beside the coefficients to tell the noise by.
+    #[error(
+        "{rows} vertices for {columns} coefficients leave no residual to tell the noise by; denoising needs more vertices than coefficients: take a lower degree"
+    )]
+    NoResidual {
+        /// Vertices with weight.
+        rows: usize,
+        /// Coefficients of a column, K.
+        columns: usize,
+    },
     /// A factor is needed, and there is nothing to make it from.
     #[error("this strategy needs the Gram matrix or a factor, and has neither")]
     NoGram,

@@ -127,6 +127,11 @@ pub fn smoothness_penalty(max_degree: usize, lambda: f64) -> Vec<f64> {
     (0..=max_degree).flat_map(of).collect()
 }
 
+/// Returns the diagonal of a penalty that each degree has one value of, (K): `p_l` for each order of degree l.
+pub fn degree_penalty(by_degree: &[f64]) -> Vec<f64> {
+    by_degree.iter().enumerate().flat_map(|(l, &p)| std::iter::repeat_n(p, order_count(l))).collect()
+}
+
 /// Computes the Gram matrix of the harmonics to `max_degree` at weighted directions, from the moments of the sampling.
 /// Without weights all are 1; there must be one for each direction otherwise.
 ///

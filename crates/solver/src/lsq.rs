@@ -1,7 +1,7 @@
 //! The full least squares, by products with the basis and, where that is too slow, a factor of the normal equations.
 //!
 //! ```text
-//! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2
+//! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2 + diag p_l
 //! ```
 //!
 //! for each column f of the targets. This is the paper's NLSF, without its matrix. [`Strategy::Auto`] proceeds as follows:
@@ -30,6 +30,7 @@
 //! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples alone |
 //! | `standard_errors` | of the coefficients |
 //! | [`gcv`] | the smoothness by generalised cross-validation |
+//! | [`denoise`] | a ridge by degree that removes noise, estimated from the targets |
 //! | `report`, `assess` | what a fit reports |
 //!
 //! ```
@@ -57,6 +58,7 @@ pub mod cg;
 pub(crate) mod columns;
 #[cfg(feature = "dense")]
 mod cost;
+pub mod denoise;
 #[cfg(feature = "dense")]
 mod factor;
 pub mod gcv;
@@ -74,6 +76,7 @@ mod problem;
 mod refine;
 #[cfg(feature = "dense")]
 mod report;
+mod signs;
 #[cfg(feature = "dense")]
 mod solver;
 #[cfg(feature = "dense")]
@@ -82,6 +85,7 @@ mod standard_errors;
 pub use cg::Stop;
 #[cfg(feature = "dense")]
 pub use cost::moments_pay;
+pub use denoise::{Denoise, NoisePower};
 pub use gcv::{Gcv, choose_smoothness, choose_smoothness_by_moments};
 #[cfg(feature = "dense")]
 pub use moment_solver::{MomentFit, solve_moments};

@@ -2,6 +2,8 @@
 
 mod batches;
 mod check;
+mod denoise;
+mod detail;
 mod from_moments;
 mod irf;
 mod job;

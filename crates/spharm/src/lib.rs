@@ -122,7 +122,7 @@ pub use fit::{
 pub use fit_to::FitTo;
 pub use model::versions;
 pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
-pub use report::{BatchReport, FitReport, ManyReport, Seconds, Settings};
+pub use report::{BatchReport, Denoised, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 
 pub use spharm_harmonics as harmonics;

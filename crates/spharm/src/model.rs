@@ -61,7 +61,7 @@ impl From<Fit> for Fitted {
                 preconditioner: iterated.then(|| settings.preconditioner.to_string()),
                 optimality: *optimality,
                 converged: iterated.then_some(!missed),
-                smoothness_choice: Some(settings.smoothness.name().to_owned()),
+                smoothness_choice: Some(settings.penalty.to_owned()),
                 smoothness: *smoothness,
                 dtype: settings.scalar.name().to_owned(),
             }),

@@ -252,6 +252,9 @@ pub struct FitParams {
     pub target: FitTo,
     /// Smoothness penalty, for [`Method::Lsq`].
     pub smoothness: Smoothness,
+    /// Whether to remove noise within the fit, by a penalty of each degree that is estimated from the target; for
+    /// [`Method::Lsq`] without a smoothness. See [`spharm_solver::lsq::denoise`].
+    pub denoise: bool,
     /// What each vertex counts.
     pub weights: Weights,
     /// Fraction of the vertices, between 0 and 1, that is left out of the fit and assessed apart.
@@ -288,6 +291,7 @@ impl FitParams {
             method: Method::Lsq,
             target: FitTo::Default,
             smoothness: Smoothness::Default,
+            denoise: false,
             weights: Weights::Uniform,
             hold_out: None,
             surface_distance: true,
@@ -342,6 +346,7 @@ impl FitParams {
         if self.method.blocks().is_some() && self.store.is_none() {
             return Err(Error::NeedsStore { method: self.method.name() });
         }
+        self.check_denoise()?;
         let name = self.method.name();
         let for_lsq_only = [
             (self.smoothness != Smoothness::Default, "smoothness"),

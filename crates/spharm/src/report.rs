@@ -1,7 +1,7 @@
 //! What a fit reports: of each target, of each batch, of a whole call.
 
 use serde::Serialize;
-use spharm_solver::lsq::Gcv;
+use spharm_solver::lsq::{Denoise, Gcv};
 use spharm_solver::{LsqReport, ResidualNorms};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::{Kind, Meta};
@@ -37,6 +37,9 @@ pub struct FitReport {
     /// Distances at the vertices that were held out and at the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOut>,
+    /// The noise that was found and removed: of a surface, or of each channel of a signal. Empty without denoising.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub denoise: Vec<Denoised>,
     /// Smoothness penalty, lambda; zero for the methods that have none.
     #[serde(skip)]
     pub smoothness: f64,
@@ -51,6 +54,18 @@ pub struct FitReport {
     pub settings: Settings,
 }
 
+/// The noise that was removed of a surface, or of a channel of a signal.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Denoised {
+    /// The noise, and the gain of each degree.
+    #[serde(flatten)]
+    pub noise: Denoise,
+    /// Rms of the detail that vertices which were held out tell of beyond the fit's degree, of a channel, in the target's
+    /// unit; none where they are too few to tell.
+    pub left_out: Option<f64>,
+}
+
 /// How a target was fitted.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
@@ -59,8 +74,8 @@ pub struct Settings {
     pub method: crate::Method,
     /// What was fitted: [`Surface`](crate::FitTo::Surface) or [`Vertices`](crate::FitTo::Vertices).
     pub target: crate::FitTo,
-    /// How the smoothness was chosen.
-    pub smoothness: crate::Smoothness,
+    /// How the penalty was chosen: `default`, `fixed`, `auto` or `denoise`.
+    pub penalty: &'static str,
     /// `uniform`, `area`, or the name of the weights given.
     pub weights: String,
     /// Hash of the weights given, see [`Weights::hash`](crate::Weights::hash).

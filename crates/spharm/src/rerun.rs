@@ -231,7 +231,7 @@ impl Request<'_> {
             check("optimality", found, format!("{:e}", params.tolerance));
         }
         let choice = recorded.and_then(|settings| settings.smoothness_choice.as_deref()).unwrap_or("none");
-        check("smoothness", choice.to_owned(), params.smoothness.name().to_owned());
+        check("smoothness", choice.to_owned(), params.penalty_name().to_owned());
         let fixed = match params.smoothness {
             Smoothness::Fixed(lambda) if choice == "fixed" => Some(lambda),
             _ => None,

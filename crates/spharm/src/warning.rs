@@ -7,6 +7,9 @@ use spharm_solver::LsqReport;
 use spharm_solver::irf::BlockReport;
 use spharm_solver::lsq::LsqWarning;
 
+/// Share of the noise found that may be detail, by its rms. Vertices that are held out tell of a part of the detail alone.
+const DETAIL: f64 = 0.3;
+
 /// Something about a fit that its user should know. It is serialised as its text.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -74,6 +77,15 @@ pub enum FitWarning {
         /// What is resolved at the highest degree, `pi / L`, degrees.
         resolved: f64,
     },
+    /// Detail beyond the degree of a denoised fit, which was taken for noise.
+    Detail {
+        /// Highest degree of the fit.
+        max_degree: usize,
+        /// Rms of the detail, in the target's unit.
+        left_out: f64,
+        /// The noise that was found, in which it is.
+        sigma: f64,
+    },
     /// Something that the solver reports.
     Solver(LsqWarning),
 }
@@ -114,6 +126,11 @@ impl fmt::Display for FitWarning {
                 "degree {max_degree} isn't determined by the samples: {samples} of them for {functions} coefficients, and \
                  the largest gap between them is {largest_gap:.1} degrees wide, where the degree resolves {resolved:.1}"
             ),
+            Self::Detail { max_degree, left_out, sigma } => write!(
+                f,
+                "beyond degree {max_degree} there is detail of {left_out:.2e} rms, and it is in the noise of {sigma:.2e} \
+                 that was removed: the model may be worse than without denoising; a higher degree would tell them apart"
+            ),
             Self::Solver(warning) => warning.fmt(f),
         }
     }
@@ -146,6 +163,11 @@ impl FitWarning {
             warnings.push(Self::NotConverged { optimality: report.optimality, tolerance, steps });
         }
         warnings
+    }
+
+    /// Returns a warning where much of what was removed as noise is detail.
+    pub(crate) fn of_denoised(left_out: f64, sigma: f64, max_degree: usize) -> Option<Self> {
+        (left_out > DETAIL * sigma).then_some(Self::Detail { max_degree, left_out, sigma })
     }
 
     /// Returns a warning for each block that the sampling doesn't determine.

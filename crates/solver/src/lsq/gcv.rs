@@ -24,6 +24,7 @@ use super::moments::{MomentProblem, Summed};
 use super::normal_equations::NormalEquations;
 use super::preconditioner::Diagonal;
 use super::problem::{Problem, Sampled};
+use super::signs::sign;
 use crate::SolverError;
 use crate::gram::smoothness_penalty;
 use crate::operator::Operator;
@@ -223,11 +224,5 @@ impl Search<'_> {
 
 /// Signs, (K, PROBES), from a counter.
 fn probes(max_degree: usize) -> Array2<f64> {
-    let sign = |i: usize| {
-        let mut z = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        if (z ^ (z >> 31)) & 1 == 0 { 1.0 } else { -1.0 }
-    };
-    Array2::from_shape_fn((basis_size(max_degree), PROBES), |(k, c)| sign(k * PROBES + c))
+    Array2::from_shape_fn((basis_size(max_degree), PROBES), |(k, c)| sign((k * PROBES + c) as u64))
 }

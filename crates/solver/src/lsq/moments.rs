@@ -11,6 +11,7 @@
 //! sample isn't. Rounding errors of moments are some eps times `sum w`, and no pass over the samples corrects them: where
 //! the condition number of A nears 1e7, digits of the solution are lost.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use ndarray::Array2;
@@ -73,6 +74,13 @@ impl MomentProblem {
     /// Returns the number of columns of the targets, c.
     pub fn channels(&self) -> usize {
         self.right_sides.ncols()
+    }
+
+    /// Returns the problem of some of the columns, over the same moments.
+    #[must_use]
+    pub fn of_columns(&self, columns: Range<usize>) -> Self {
+        let right_sides = self.right_sides.slice(ndarray::s![.., columns.clone()]).to_owned();
+        Self { right_sides, squares: self.squares[columns].to_vec(), ..self.clone() }
     }
 
     /// Returns the number of samples with weight, n.

@@ -24,6 +24,9 @@ pub struct LsqParams {
     pub weights: Option<Vec<f64>>,
     /// Smoothness penalty, lambda, from 0, the default, on: adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
     pub smoothness: f64,
+    /// Penalty of each degree, (L + 1), finite and not negative, default none: adds `sum_l p_l |a_l|^2` to the squared
+    /// residual, with a_l the coefficients of degree l.
+    pub penalty: Option<Vec<f64>>,
     /// How to solve; default [`Strategy::Auto`].
     pub strategy: Strategy,
     /// Each direction's share of the sphere, in steradians, (n), for [`Strategy::DensityCg`].
@@ -50,6 +53,7 @@ impl Default for LsqParams {
         Self {
             weights: None,
             smoothness: 0.0,
+            penalty: None,
             strategy: Strategy::Auto,
             areas: None,
             tolerance: 1e-10,

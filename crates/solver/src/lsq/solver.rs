@@ -18,7 +18,7 @@ use super::preconditioner::{Density, Diagonal, LowDegrees, Preconditioner};
 use super::problem::{Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
 use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
-use crate::gram::{GramMatrix, smoothness_penalty};
+use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
 use crate::{SolverError, check};
 
@@ -118,8 +118,8 @@ impl<'a> LsqSolver<'a> {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`], [`SolverError::Weight`] and [`SolverError::Smoothness`] for parameters that are out of
-    /// range.
+    /// [`SolverError::Rows`], [`SolverError::Weight`], [`SolverError::Smoothness`] and [`SolverError::Penalty`] for
+    /// parameters that are out of range.
     pub fn new(
         operator: &'a dyn Operator,
         make_gram: Option<&'a MakeGram<'a>>,
@@ -146,7 +146,7 @@ impl<'a> LsqSolver<'a> {
         if !(params.smoothness >= 0.0 && params.smoothness.is_finite()) {
             return Err(SolverError::Smoothness { found: params.smoothness });
         }
-        let penalty = (params.smoothness > 0.0).then(|| smoothness_penalty(source.max_degree(), params.smoothness));
+        let penalty = penalty(source.max_degree(), &params)?;
         Ok(Self {
             source,
             make_gram,
@@ -342,6 +342,22 @@ impl<'a> LsqSolver<'a> {
         let count = |weights: &Vec<f64>| weights.iter().filter(|weight| **weight > 0.0).count();
         self.params.weights.as_ref().map_or(self.source.rows(), count)
     }
+}
+
+/// The diagonal of P, (K), where there is a penalty: of the smoothness, and of each degree.
+fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, SolverError> {
+    let smoothness = (params.smoothness > 0.0).then(|| smoothness_penalty(max_degree, params.smoothness));
+    let Some(by_degree) = &params.penalty else { return Ok(smoothness) };
+    let found = by_degree.len();
+    if found != max_degree + 1 {
+        return Err(SolverError::Rows { what: "the list of penalties by degree", expected: max_degree + 1, found });
+    }
+    if let Some(degree) = by_degree.iter().position(|p| !(*p >= 0.0 && p.is_finite())) {
+        return Err(SolverError::Penalty { degree, found: by_degree[degree] });
+    }
+    let mut all = degree_penalty(by_degree);
+    smoothness.iter().flatten().zip(&mut all).for_each(|(smoothness, all)| *all += smoothness);
+    Ok(Some(all))
 }
 
 /// Fits the columns of targets, (n, c), as one target: [`LsqSolver::new`] without a Gram matrix, and [`LsqSolver::fit`].

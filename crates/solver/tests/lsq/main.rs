@@ -1,5 +1,6 @@
 //! The full least squares: every strategy gives the solution of the dense problem, and what isn't determined stays small.
 
+mod denoise;
 mod factors;
 mod gcv;
 mod moments;

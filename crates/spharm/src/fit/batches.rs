@@ -11,9 +11,10 @@ use spharm_monitor::Monitor;
 use spharm_solver::ResidualNorms;
 use spharm_surface::{Kind, Sphere, SurfaceError, Target};
 
+use super::denoise::parts;
 use super::job::Job;
 use crate::assess::{Distances, ModelSurface, SurfaceDistances, scale_of};
-use crate::report::{BatchReport, FitReport, Seconds, Settings};
+use crate::report::{BatchReport, Denoised, FitReport, Seconds, Settings};
 use crate::{Error, Fit, FitTo, FitWarning};
 
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
@@ -52,6 +53,8 @@ pub(crate) struct Solved {
     pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
     /// Like the coefficients, where they were asked for.
     pub(crate) standard_errors: Option<Array2<f64>>,
+    /// Of each target: what was removed of it, or of each of its channels. Empty without denoising.
+    pub(crate) denoised: Vec<Vec<Denoised>>,
     /// Of each target, where they were measured.
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     pub(crate) warnings: Vec<FitWarning>,
@@ -78,6 +81,11 @@ impl Batch {
     /// Target after target with its columns, (n, c).
     pub(crate) fn targets(&self) -> impl Iterator<Item = (Range<usize>, ArrayView2<'_, f64>)> {
         self.groups.iter().cloned().zip(self.targets.iter().map(values))
+    }
+
+    /// Target after target with its columns, in parts that share their noise.
+    pub(crate) fn parts(&self) -> impl Iterator<Item = Vec<Range<usize>>> {
+        self.groups.iter().zip(&self.targets).map(|(group, target)| parts(group, target.kind))
     }
 
     /// Measures how far the models with these coefficients, (K, columns), are from their surfaces, one after another: each
@@ -231,6 +239,10 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         .collect();
     let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
     let mut warnings = solved.warnings.clone();
+    let denoise = solved.denoised.get(index).cloned().unwrap_or_default();
+    warnings.extend(
+        denoise.iter().find_map(|of| FitWarning::of_denoised(of.left_out?, of.noise.sigma, job.params.max_degree)),
+    );
     let assess =
         |held: &crate::assess::HoldOut| held.assess(&job.sphere.directions, coefficients.view(), values(target), scale);
     let held_out = job.hold_out.as_ref().map(assess).transpose()?;
@@ -251,13 +263,14 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         between,
         surface_distance: solved.surface_distances.get(index).copied().flatten(),
         held_out,
+        denoise,
         smoothness: solved.report.smoothness(),
         optimality: solved.report.optimality(),
         warnings,
         settings: Settings {
             method: job.params.method,
             target: if job.fits_surface(target.kind) { FitTo::Surface } else { FitTo::Vertices },
-            smoothness: job.params.smoothness,
+            penalty: job.params.penalty_name(),
             weights: job.params.weights.name().to_owned(),
             weights_hash: job.params.weights.hash(),
             hold_out: job.params.hold_out,

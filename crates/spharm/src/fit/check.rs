@@ -16,7 +16,7 @@ use crate::{Error, FitParams, Method};
 /// [`Error::Memory`] with the least that works.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
     let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
-    let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3 };
+    let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3, denoise: params.denoise };
     match params.method {
         Method::Lsq if params.fits_surface(Kind::Surface, true) => {
             SurfacePlan::new(sizes, params.memory_budget(), 1).map(drop)

@@ -1,17 +1,21 @@
 //! The full least squares from moments of samples, which need not be at hand.
 
-use ndarray::Array2;
+use ndarray::{Array2, s};
 use serde::Serialize;
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_model::{Fitted, Provenance, Settings};
 use spharm_moments::Moments;
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::LsqParams;
-use spharm_solver::lsq::{Gcv, LsqReport, LsqWarning, MomentProblem, choose_smoothness_by_moments, solve_moments};
+use spharm_solver::lsq::{
+    Denoise, Gcv, LsqReport, LsqWarning, MomentFit, MomentProblem, NoisePower, choose_smoothness_by_moments,
+    solve_moments,
+};
 use spharm_store::Scalar;
 use spharm_surface::Kind;
 use spharm_transform::{MomentGram, MomentOperator};
 
+use super::denoise::{merge, parts, set_columns};
 use super::in_pool;
 use super::shared::{converged, strategy};
 use crate::{Error, FitParams, FitWarning, Model, Smoothness};
@@ -47,6 +51,9 @@ pub struct MomentsReport {
     pub largest_gap: f64,
     /// What is resolved at the highest degree, `pi / L`, degrees; none at degree 0.
     pub resolved: Option<f64>,
+    /// The noise that was found and removed: of a surface, or of each channel. Empty without denoising.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub denoise: Vec<Denoise>,
     /// The solver's report.
     pub solver: LsqReport,
     /// The search for the smoothness, where it was chosen by cross-validation.
@@ -59,7 +66,7 @@ pub struct MomentsReport {
 /// Above this condition of the basis the samples leave some functions of the degree undetermined.
 const UNDETERMINED: f64 = 1e6;
 
-/// Fits the samples that moments are of, to any degree up to that of the moments. Of `params` degree, smoothness, standard
+/// Fits the samples that moments are of, to any degree up to that of the moments. Of `params` degree, smoothness, denoising, standard
 /// errors, tolerance, iterations, preconditioner, strictness, memory and threads count.
 ///
 /// ```
@@ -122,7 +129,10 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         gram_bytes: MomentGram::bytes(max_degree),
         ..LsqParams::default()
     };
-    let found = solve_moments(&problem, &solver, params.standard_errors, monitor).map_err(Error::from)?;
+    let mut found =
+        solve_moments(&problem, &solver, params.standard_errors && !params.denoise, monitor).map_err(Error::from)?;
+    let denoised =
+        if params.denoise { denoise(&problem, &solver, params, &mut found, moments, monitor)? } else { Vec::new() };
     let largest_gap = moments.occupied.largest_gap().to_degrees();
     let resolved = (max_degree > 0).then(|| 180.0 / max_degree as f64);
     let mut warnings = FitWarning::of_lsq(&found.report, params.tolerance, false);
@@ -148,11 +158,49 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         explained,
         largest_gap,
         resolved,
+        denoise: denoised,
         solver: found.report,
         gcv,
         warnings,
     };
     Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
+}
+
+/// Whether the channels are those of a surface.
+fn is_surface(channels: &[String]) -> bool {
+    matches!(channels, [x, y, z] if [x, y, z] == ["x", "y", "z"])
+}
+
+/// Replaces a plain fit by penalised ones, of a surface or of each channel; returns what was removed.
+fn denoise(
+    problem: &MomentProblem,
+    solver: &LsqParams,
+    params: &FitParams,
+    found: &mut MomentFit,
+    moments: &Moments,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Denoise>, Error> {
+    let power = NoisePower::of_moments(problem, monitor)?;
+    let mut coefficients = found.coefficients.values().to_owned();
+    let mut errors = params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
+    let mut denoised = Vec::new();
+    let kind = if is_surface(&moments.channels) { Kind::Surface } else { Kind::Signal };
+    for part in parts(&(0..problem.channels()), kind) {
+        let residual = found.residual_squares[part.clone()].iter().sum();
+        let removed = power.denoise(coefficients.slice(s![.., part.clone()]), residual);
+        let solver = LsqParams { penalty: Some(removed.penalty.clone()), ..solver.clone() };
+        let fit = solve_moments(&problem.of_columns(part.clone()), &solver, params.standard_errors, monitor)?;
+        set_columns(&mut coefficients, &part, fit.coefficients.values().view());
+        found.residual_squares[part.clone()].copy_from_slice(&fit.residual_squares);
+        if let (Some(errors), Some(of_part)) = (&mut errors, &fit.standard_errors) {
+            set_columns(errors, &part, of_part.view());
+        }
+        merge(&mut found.report, fit.report);
+        denoised.push(removed);
+    }
+    found.coefficients = Coefficients::new(coefficients)?;
+    found.standard_errors = errors;
+    Ok(denoised)
 }
 
 fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Provenance {
@@ -174,7 +222,7 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
             preconditioner: Some(params.preconditioner.to_string()),
             optimality: Some(report.optimality),
             converged: Some(converged),
-            smoothness_choice: Some(params.smoothness.name().to_owned()),
+            smoothness_choice: Some(params.penalty_name().to_owned()),
             smoothness: report.smoothness,
             dtype: Scalar::F64.name().to_owned(),
         }),
@@ -186,7 +234,7 @@ impl MomentsFit {
     /// Returns the model: a surface where the channels are x, y and z, else a signal. It has no sampling of its own.
     #[must_use]
     pub fn model(&self) -> Model {
-        let surface = matches!(&self.report.channels[..], [x, y, z] if [x, y, z] == ["x", "y", "z"]);
+        let surface = is_surface(&self.report.channels);
         let fitted =
             Fitted { coefficients: self.coefficients.clone(), scheme_key: None, provenance: self.provenance.clone() };
         Model::without_sphere(fitted, if surface { Kind::Surface } else { Kind::Signal })

@@ -52,6 +52,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             coefficients: fit.coefficients.values().to_owned(),
             sweeps,
             standard_errors: None,
+            denoised: Vec::new(),
             surface_distances: Vec::new(),
             warnings: FitWarning::of_blocks(&fit.report.blocks),
             report: BatchReport::Streamed(fit.report),

@@ -66,7 +66,8 @@ impl<'a> Job<'a> {
     /// Returns whether the smoothness penalty is the default one of fits of the vertices over a parametrised sphere.
     pub(crate) fn smooth_by_default(&self) -> bool {
         let Self { params, sphere, .. } = self;
-        params.smoothness == Smoothness::Default && sphere.parametrized && params.method == Method::Lsq
+        let default = params.smoothness == Smoothness::Default && !params.denoise;
+        default && sphere.parametrized && params.method == Method::Lsq
     }
 
     /// Returns the smoothness penalty of all targets that are fitted at their vertices, where it isn't chosen for each of them.

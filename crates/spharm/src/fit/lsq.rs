@@ -1,20 +1,24 @@
 //! The full least squares by fast transforms, without a basis, at the vertices.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
+use ndarray::{Array2, s};
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{Gcv, MakeGram, MakeMoments, choose_smoothness, moments_pay};
+use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
 use spharm_solver::{
-    GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, moment_gram, moment_gram_bytes,
+    GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, ResidualNorms, StoredFactor, moment_gram, moment_gram_bytes,
 };
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
 use super::batches::{Batch, Run, Solved};
+use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
 use super::shared::{Within, allowed, converged, note_solution, strategy};
-use crate::report::BatchReport;
+use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
 /// Fits targets at their vertices as long as they aren't to be fitted as surfaces.
@@ -72,10 +76,20 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let readers = plan.readers(together, of_moments, job.threads);
     // One factor serves all batches, but for a smoothness of each target's own.
     let mut shared = equations.solver(equations.solver.clone())?;
+    let fit_noise = |noise: &Array2<f64>| {
+        let columns = 0..noise.ncols();
+        let fit = shared.fit(noise, std::slice::from_ref(&columns), &Within(monitor))?;
+        Ok((fit.coefficients.values().to_owned(), fit.residual))
+    };
+    let denoiser =
+        job.params.denoise.then(|| Denoiser::new(job, together * channels, monitor, fit_noise)).transpose()?;
     run.readers = readers;
-    run.each_batch(together * channels, |_, batch| {
-        let solved =
-            if automatic { equations.choose_and_solve(batch) } else { equations.solve(&mut shared, batch, None) };
+    run.each_batch(together * channels, |job, batch| {
+        let solved = if automatic {
+            equations.choose_and_solve(batch)
+        } else {
+            equations.solve(&mut shared, batch, denoiser.as_ref().map(|denoiser| (denoiser, job)), None)
+        };
         monitor.step(batch.groups.len() as u64);
         solved
     })
@@ -96,10 +110,14 @@ struct Equations<'a> {
 }
 
 impl<'a> Equations<'a> {
+    /// A solver for a penalty that no factor in the store has.
+    fn unfactored(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
+        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?;
+        Ok(solver.with_limits(&allowed).with_moments(self.make_moments))
+    }
+
     fn solver(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
-        let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?
-            .with_limits(&allowed)
-            .with_moments(self.make_moments);
+        let solver = self.unfactored(params)?;
         Ok(match self.stored {
             Some(factor) => solver.with_factor(factor),
             None => solver,
@@ -111,29 +129,89 @@ impl<'a> Equations<'a> {
         let (targets, weights) = (batch.side_by_side(), self.solver.weights.as_deref());
         let chosen = choose_smoothness(self.operator, weights, &targets, &Within(self.monitor))?;
         let mut solver = self.solver(LsqParams { smoothness: chosen.smoothness, ..self.solver.clone() })?;
-        self.solve(&mut solver, batch, Some(chosen))
+        self.solve(&mut solver, batch, None, Some(chosen))
     }
 
-    fn solve(&self, solver: &mut LsqSolver<'a>, batch: &Batch, gcv: Option<Gcv>) -> Result<Solved, Error> {
+    fn solve(
+        &self,
+        solver: &mut LsqSolver<'a>,
+        batch: &Batch,
+        denoiser: Option<(&Denoiser, &Job<'_>)>,
+        gcv: Option<Gcv>,
+    ) -> Result<Solved, Error> {
         let within = Within(self.monitor);
-        let fit = solver.fit(&batch.side_by_side(), &batch.groups, &within)?;
-        let standard_errors = match self.params.standard_errors {
-            true => Some(solver.standard_errors(&fit.residual, &within)?),
-            false => None,
-        };
+        let targets = batch.side_by_side();
+        let LsqFit { coefficients, residual, mut report } = solver.fit(&targets, &batch.groups, &within)?;
+        let mut coefficients = coefficients.values().to_owned();
+        let (mut standard_errors, mut denoised) = (None, Vec::new());
+        match denoiser {
+            Some(denoiser) => {
+                let plain = Plain { batch, targets: &targets, residual };
+                (standard_errors, denoised) = self.denoise(denoiser, plain, &mut coefficients, &mut report)?;
+            }
+            None if self.params.standard_errors => {
+                standard_errors = Some(solver.standard_errors(&residual, &within)?);
+            }
+            None => {}
+        }
         let mut warnings = self.warnings.clone();
-        warnings.extend(FitWarning::of_lsq(&fit.report, self.params.tolerance, self.smooth_by_default));
+        warnings.extend(FitWarning::of_lsq(&report, self.params.tolerance, self.smooth_by_default));
         converged(self.params, &warnings)?;
-        note_solution(&fit.report, self.monitor);
+        note_solution(&report, self.monitor);
         Ok(Solved {
-            coefficients: fit.coefficients.values().to_owned(),
-            sweeps: vec![(false, fit.report.residuals.clone())],
+            coefficients,
+            sweeps: vec![(false, report.residuals.clone())],
             standard_errors,
+            denoised,
             surface_distances: Vec::new(),
             warnings,
-            report: BatchReport::LeastSquares { report: fit.report, gcv },
+            report: BatchReport::LeastSquares { report, gcv },
         })
     }
+
+    /// Replaces the plain fits of a batch by penalised ones. Returns standard errors where they are asked for, and what was
+    /// removed.
+    fn denoise(
+        &self,
+        (denoiser, job): (&Denoiser, &Job<'_>),
+        plain: Plain<'_>,
+        coefficients: &mut Array2<f64>,
+        report: &mut LsqReport,
+    ) -> Result<(Option<Array2<f64>>, Vec<Vec<Denoised>>), Error> {
+        let (within, mut residual, started) = (Within(self.monitor), plain.residual, Instant::now());
+        let mut standard_errors = self.params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
+        let mut denoised = Vec::new();
+        for parts in plain.batch.parts() {
+            let mut of_target = Vec::new();
+            for part in parts {
+                let columns = s![.., part.clone()];
+                let found = denoiser.denoise(coefficients.slice(columns), residual.slice(columns));
+                let params = LsqParams { penalty: Some(found.penalty.clone()), ..self.solver.clone() };
+                let mut solver = self.unfactored(params)?;
+                let group = 0..part.len();
+                let fit = solver.fit(&plain.targets.slice(columns).to_owned(), &[group], &within)?;
+                if let Some(all) = &mut standard_errors {
+                    set_columns(all, &part, solver.standard_errors(&fit.residual, &within)?.view());
+                }
+                set_columns(coefficients, &part, fit.coefficients.values().view());
+                set_columns(&mut residual, &part, fit.residual.view());
+                merge(report, fit.report);
+                of_target.push(denoiser.assess(job, plain.targets.slice(columns), found, &within)?);
+            }
+            denoised.push(of_target);
+        }
+        let of_group = |group: &Range<usize>| ResidualNorms::of(residual.slice(s![.., group.clone()]));
+        report.residuals = plain.batch.groups.iter().map(of_group).collect();
+        report.seconds.total += started.elapsed().as_secs_f64();
+        Ok((standard_errors, denoised))
+    }
+}
+
+/// Targets, (n, c), and what the plain fit leaves of them.
+struct Plain<'b> {
+    batch: &'b Batch,
+    targets: &'b Array2<f64>,
+    residual: Array2<f64>,
 }
 
 /// The memory plan, and the number of targets that are fitted together, at most `most`.
@@ -143,6 +221,7 @@ fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize),
         faces: job.sphere.faces.len(),
         max_degree: job.params.max_degree,
         channels,
+        denoise: job.params.denoise,
     };
     let plan = LsqPlan::new(sizes, job.memory)?;
     let together = (1..=most).rev().find(|&together| plan.needed(together) <= plan.budget).unwrap_or(1);
@@ -172,6 +251,7 @@ fn solver_params(
     Ok(LsqParams {
         weights: job.weights.clone(),
         smoothness,
+        penalty: None,
         strategy: strategy(params.preconditioner),
         areas: by_density.then(|| areas(job)).transpose()?,
         tolerance: params.tolerance,

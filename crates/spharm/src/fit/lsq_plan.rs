@@ -30,6 +30,8 @@ pub(crate) struct Sizes {
     pub(crate) faces: usize,
     pub(crate) max_degree: usize,
     pub(crate) channels: usize,
+    /// Whether noise is removed.
+    pub(crate) denoise: bool,
 }
 
 impl LsqPlan {
@@ -39,9 +41,11 @@ impl LsqPlan {
     ///
     /// [`Error::Memory`] where one target doesn't fit the budget.
     pub(crate) fn new(sizes: Sizes, budget: usize) -> Result<Self, Error> {
-        let Sizes { vertices, faces, max_degree, channels } = sizes;
-        // Targets and residual, and the samples between; the vectors of conjugate gradients.
-        let each = 8 * channels * (4 * vertices + 8 * basis_size(max_degree));
+        let Sizes { vertices, faces, max_degree, channels, denoise } = sizes;
+        // Targets and residual, and the samples between, and the same of a plain fit where a penalised one follows; the
+        // vectors of conjugate gradients.
+        let samples = if denoise { 6 } else { 4 };
+        let each = 8 * channels * (samples * vertices + 8 * basis_size(max_degree));
         let held = held(vertices, faces, 1, channels, 1);
         let fixed = |at_a_time: usize| -> Result<usize, Error> {
             Ok(held + Transform::bytes(&transform(max_degree, at_a_time), vertices, at_a_time)?)
@@ -86,7 +90,7 @@ impl LsqPlan {
 pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) -> Result<usize, Error> {
     /// Of a triangle in the tree that finds those under the grid, its corners and what making it takes.
     const BYTES_PER_TRIANGLE: usize = 250;
-    let Sizes { vertices, faces, max_degree, channels } = sizes;
+    let Sizes { vertices, faces, max_degree, channels, .. } = sizes;
     let grid = 2 * (max_degree + 1) * (max_degree + 1);
     let transform = |n: usize| Transform::bytes(&quadrature_transform(max_degree), n, channels);
     // The grid's directions, weights and samples, twice while these are put in the transform's order; targets, synthesis and

@@ -30,7 +30,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     }
     let mark = Instant::now();
     let channels = run.channels();
-    let sizes = Sizes { vertices: sphere.directions.len(), faces: sphere.faces.len(), max_degree, channels };
+    let sizes =
+        Sizes { vertices: sphere.directions.len(), faces: sphere.faces.len(), max_degree, channels, denoise: false };
     run.readers = quadrature_readers(sizes, run.job.memory, run.job.threads)?;
     let quadrature = Quadrature::new(&sphere.to_mesh(), max_degree)?;
     let vertices = Transform::new(&sphere.directions, &quadrature_transform(max_degree)).map_err(Error::from)?;
@@ -47,6 +48,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             coefficients,
             sweeps: vec![(false, residuals.clone())],
             standard_errors: None,
+            denoised: Vec::new(),
             surface_distances: Vec::new(),
             warnings: Vec::new(),
             report: BatchReport::Quadrature { max_degree, grid: quadrature.grid(), residuals },

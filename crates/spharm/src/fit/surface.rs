@@ -10,19 +10,20 @@ use std::time::Instant;
 
 use ndarray::{Array2, ArrayView2, Axis, aview1, s};
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{MomentProblem, solve_moments};
+use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments};
 use spharm_solver::{LsqParams, ResidualNorms};
 use spharm_surface::Sphere;
 use spharm_surface::samples::{SphereSamples, SphereSampling};
 use spharm_transform::{Accumulator, MomentGram, SampleSums, Transform};
 
 use super::batches::{Batch, Run, Solved};
+use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{Sizes, transform};
 use super::shared::{Within, converged, note_solution, strategy};
 use super::surface_plan::{RUN, SurfacePlan};
 use crate::assess::ModelSurface;
-use crate::report::BatchReport;
+use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
 
 /// Fits targets as long as they are to be fitted as surfaces.
@@ -35,6 +36,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         faces: job.sphere.faces.len(),
         max_degree: job.params.max_degree,
         channels,
+        denoise: job.params.denoise,
     };
     let most = (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1));
     let plan = SurfacePlan::new(sizes, job.memory, most)?;
@@ -51,8 +53,11 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     monitor.note(Level::Info, text);
     run.readers = plan.readers(job.threads);
     run.seconds.plan += mark.elapsed().as_secs_f64();
-    run.each_batch(plan.together * channels, |_, batch| {
-        let solved = fitter.fit(batch, monitor)?;
+    let fit_noise = |noise: &Array2<f64>| fitter.fit_noise(noise, &Within(monitor));
+    let denoiser = job.params.denoise.then(|| Denoiser::new(job, plan.together * channels, monitor, fit_noise));
+    let denoiser = denoiser.transpose()?;
+    run.each_batch(plan.together * channels, |job, batch| {
+        let solved = fitter.fit(batch, denoiser.as_ref().map(|denoiser| (denoiser, job)), monitor)?;
         monitor.step(batch.groups.len() as u64);
         Ok(solved)
     })
@@ -105,21 +110,28 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    fn fit(&self, batch: &Batch, monitor: &dyn Monitor) -> Result<Solved, Error> {
+    fn fit(
+        &self,
+        batch: &Batch,
+        denoiser: Option<(&Denoiser, &Job<'_>)>,
+        monitor: &dyn Monitor,
+    ) -> Result<Solved, Error> {
         let within = Within(monitor);
         let started = Instant::now();
-        let sums = self.sums(batch, &within)?;
-        let problem = MomentProblem::new(&sums, self.params.max_degree)?;
-        drop(sums);
-        let mut fit = solve_moments(&problem, &self.solver, false, &within)?;
-        fit.report.seconds.total = started.elapsed().as_secs_f64();
-        let warnings = FitWarning::of_lsq(&fit.report, self.params.tolerance, false);
+        let targets: Vec<(Range<usize>, ArrayView2<'_, f64>)> = batch.targets().collect();
+        let problem = self.problem(&targets, &within)?;
+        let fit = solve_moments(&problem, &self.solver, false, &within)?;
+        let (mut coefficients, mut report, mut denoised) =
+            (fit.coefficients.values().to_owned(), fit.report, Vec::new());
+        if let Some(denoiser) = denoiser {
+            denoised = self.denoise(denoiser, batch, &problem, &mut coefficients, &mut report, &within)?;
+        }
+        report.seconds.total = started.elapsed().as_secs_f64();
+        let warnings = FitWarning::of_lsq(&report, self.params.tolerance, false);
         converged(self.params, &warnings)?;
-        note_solution(&fit.report, monitor);
-        let coefficients = fit.coefficients.values();
+        note_solution(&report, monitor);
         let at_vertices = |(group, target): (Range<usize>, ArrayView2<'_, f64>)| -> Result<ResidualNorms, Error> {
-            let model = self.vertices.synthesis(coefficients.slice(s![.., group]))?;
-            Ok(ResidualNorms::of((&target - &model).view()))
+            Ok(ResidualNorms::of(self.residual(target, coefficients.slice(s![.., group]))?.view()))
         };
         let residuals = batch.targets().map(at_vertices).collect::<Result<Vec<_>, _>>()?;
         let surface_distances = match &self.model_surface {
@@ -127,31 +139,106 @@ impl<'a> Fitter<'a> {
             None => Vec::new(),
         };
         Ok(Solved {
-            coefficients: coefficients.to_owned(),
+            coefficients,
             sweeps: vec![(false, residuals)],
             standard_errors: None,
+            denoised,
             surface_distances,
             warnings,
-            report: BatchReport::LeastSquares { report: fit.report, gcv: None },
+            report: BatchReport::LeastSquares { report, gcv: None },
         })
     }
 
-    /// Returns the sums of a batch over samples of all triangles. Weights are solid angles times what the vertices count,
+    /// Targets minus their models at the vertices, (n, c).
+    fn residual(&self, target: ArrayView2<'_, f64>, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
+        Ok(&target - &self.vertices.synthesis(coefficients)?)
+    }
+
+    /// Fits noise of the vertices, (n, c), as targets are: linear on each triangle.
+    fn fit_noise(&self, noise: &Array2<f64>, monitor: &dyn Monitor) -> Result<(Array2<f64>, Array2<f64>), Error> {
+        let problem = self.problem(&[(0..noise.ncols(), noise.view())], monitor)?;
+        let coefficients = solve_moments(&problem, &self.solver, false, monitor)?.coefficients.values().to_owned();
+        let residual = self.residual(noise.view(), coefficients.view())?;
+        Ok((coefficients, residual))
+    }
+
+    /// Replaces the plain fits of a batch by penalised ones; returns what was removed.
+    fn denoise(
+        &self,
+        (denoiser, job): (&Denoiser, &Job<'_>),
+        batch: &Batch,
+        problem: &MomentProblem,
+        coefficients: &mut Array2<f64>,
+        report: &mut LsqReport,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<Vec<Denoised>>, Error> {
+        let mut denoised = Vec::new();
+        for ((group, target), parts) in batch.targets().zip(batch.parts()) {
+            let residual = self.residual(target, coefficients.slice(s![.., group.clone()]))?;
+            let mut of_target = Vec::new();
+            for part in parts {
+                let of_group = part.start - group.start..part.end - group.start;
+                let plain = coefficients.slice(s![.., part.clone()]);
+                let found = denoiser.denoise(plain, residual.slice(s![.., of_group.clone()]));
+                let params = LsqParams { penalty: Some(found.penalty.clone()), ..self.solver.clone() };
+                let fit = solve_moments(&problem.of_columns(part.clone()), &params, false, monitor)?;
+                set_columns(coefficients, &part, fit.coefficients.values().view());
+                merge(report, fit.report);
+                of_target.push(denoiser.assess(job, target.slice(s![.., of_group]), found, monitor)?);
+            }
+            denoised.push(of_target);
+        }
+        Ok(denoised)
+    }
+
+    /// The problem of targets with their columns.
+    fn problem(
+        &self,
+        targets: &[(Range<usize>, ArrayView2<'_, f64>)],
+        monitor: &dyn Monitor,
+    ) -> Result<MomentProblem, Error> {
+        Ok(MomentProblem::new(&self.sums(targets, monitor)?, self.params.max_degree)?)
+    }
+
+    /// Scales the weights of the samples of some triangles so that each triangle counts one. Noise is that of the vertices:
+    /// many small triangles tell more of a place than a large one does.
+    fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
+        let mut rest = weights;
+        for triangle in triangles {
+            let (of_triangle, others) = rest.split_at_mut(self.sampling.samples(triangle..triangle + 1));
+            let sum: f64 = of_triangle.iter().sum();
+            if sum > 0.0 {
+                of_triangle.iter_mut().for_each(|weight| *weight /= sum);
+            }
+            rest = others;
+        }
+    }
+
+    /// Returns the sums of targets over samples of all triangles. Weights are solid angles times what the vertices count,
     /// scaled to the sum that the vertices' weights have: a penalty then means the same for a surface as for its vertices.
-    fn sums(&self, batch: &Batch, monitor: &dyn Monitor) -> Result<SampleSums, Error> {
-        let mut sums = Accumulator::new(self.params.max_degree, batch.columns())?;
+    fn sums(
+        &self,
+        targets: &[(Range<usize>, ArrayView2<'_, f64>)],
+        monitor: &dyn Monitor,
+    ) -> Result<SampleSums, Error> {
+        let columns = targets.last().map_or(0, |(group, _)| group.end);
+        let mut sums = Accumulator::new(self.params.max_degree, columns)?;
         for triangles in self.sampling.runs(RUN) {
             monitor.check()?;
             let SphereSamples { directions, mut weights } =
                 self.sampling.at(&self.sphere.directions, triangles.clone())?;
+            if self.params.denoise {
+                self.count_alike(triangles.clone(), &mut weights);
+            }
             if let Some(of_vertices) = &self.weights {
                 let column = aview1(of_vertices).insert_axis(Axis(1));
                 let factors = self.sampling.interpolate(column, triangles.clone());
                 weights.iter_mut().zip(&factors).for_each(|(weight, factor)| *weight *= factor);
             }
-            let mut values = Array2::zeros((weights.len(), batch.columns()));
-            for (group, target) in batch.targets() {
-                values.slice_mut(s![.., group]).assign(&self.sampling.interpolate(target, triangles.clone()));
+            let mut values = Array2::zeros((weights.len(), columns));
+            for (group, target) in targets {
+                let at_samples = self.sampling.interpolate(target.view(), triangles.clone());
+                values.slice_mut(s![.., group.clone()]).assign(&at_samples);
             }
             sums.add(directions.as_slice(), Some(&weights), values.view())?;
         }

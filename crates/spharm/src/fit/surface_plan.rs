@@ -35,7 +35,7 @@ impl SurfacePlan {
 
     /// Bytes for so many surfaces together, which are read one at a time.
     pub(crate) fn needed(&self, together: usize) -> usize {
-        let Sizes { vertices, faces, max_degree, channels } = self.sizes;
+        let Sizes { vertices, faces, max_degree, channels, denoise } = self.sizes;
         let columns = together * channels;
         // How each triangle is cut; places, directions, weights and values of a run's samples.
         let sampling = 40 * faces + RUN * (64 + 8 * columns);
@@ -46,7 +46,8 @@ impl SurfacePlan {
         // At the vertices the models are evaluated one after another.
         let at_vertices =
             Transform::bytes(&transform(max_degree, channels), vertices, channels).unwrap_or(usize::MAX / 4);
-        let residual = 16 * channels * vertices;
+        // Noise beside its residual, where it is removed.
+        let residual = 16 * channels * vertices + if denoise { 16 * columns * vertices } else { 0 };
         let held = held(vertices, faces, together, channels, 1);
         held + sampling + sums.max(operator) + solving + at_vertices + residual
     }

@@ -1,0 +1,280 @@
+//! Denoising inside the fit: a ridge for each degree, as strong as the targets' own noise asks for.
+//!
+//! Targets are a smooth function and noise, independent from row to row and of one variance sigma^2 (by the precision of a
+//! row, where rows have different ones). An estimate of coefficients that is linear in the targets, such as the plain least
+//! squares x = N^-1 A^T W f, carries noise of a power into each degree that depends on the sampling alone. It is measured by
+//! fits of noise e of variance 1:
+//!
+//! ```text
+//! B_l = E |x(e)_l|^2,   D = E |e - A x(e)|^2          of a column, from 12 columns of random signs
+//! sigma^2 = |f - A x|^2 / (c D),   N_l = c sigma^2 B_l,   P_l = |x_l|^2      of the c columns of a target
+//! h_l = 1 - N_l / P_l,  made non-increasing from degree 1 on (weights P_l: pooled degrees have one quotient of sums)
+//! p_l = (1 - h_l) / h_l (2l + 1) / B_l,   p_0 = 0
+//! min  |W^(1/2) (A x - f)|^2 + sum_l p_l |x_l|^2
+//! ```
+//!
+//! This is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of degree l
+//! have the prior variance tau_l = h_l / (1 - h_l) sigma^2 B_l / (2l + 1), and `p_l = sigma^2 / tau_l`. Without pooling tau_l
+//! is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and the fit is the plain one times h_l, Wiener's
+//! filter; on an uneven one degrees mix, and the penalised fit takes less where the vertices tell more. The regression to a
+//! non-increasing sequence is by pooling adjacent violators (R. E. Barlow et al., "Statistical inference under order
+//! restrictions", 1972). One round: with the penalised fit's own powers in place of P_l a second gains 0.02 dB.
+//!
+//! Noise is told from detail by the degree alone: what the degree leaves out of a surface counts as noise.
+//!
+//! Cost: the fits of 12 columns of noise, once for a sampling, and one more fit of each target, which is better conditioned
+//! than the plain one.
+
+use std::ops::Range;
+
+use ndarray::{Array2, ArrayView2, Zip, s};
+use serde::Serialize;
+use spharm_harmonics::basis_size;
+use spharm_harmonics::index::{first_column, order_count};
+use spharm_monitor::{Monitor, OnlyCancel};
+
+use super::cg::{Cg, CgParams};
+use super::moments::{MomentProblem, Summed};
+use super::preconditioner::Diagonal;
+use super::signs::sign;
+use crate::SolverError;
+
+/// Columns of noise that are fitted: four surfaces. The noise power of degree l has 12 (2l + 1) values then.
+pub const NOISE_COLUMNS: usize = 12;
+
+/// Least gain that a penalty is made for: below it degrees are as good as left out.
+const LEAST_GAIN: f64 = 1e-6;
+
+/// Makes columns of noise of variance 1, (n, columns): random signs, the same for the same row and column. With a precision
+/// of each row, (n), the variance is its inverse, and zero where it is zero.
+#[must_use]
+pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>) -> Array2<f64> {
+    let first = columns.start;
+    let mut noise = Array2::zeros((rows, columns.len()));
+    Zip::indexed(&mut noise).par_for_each(|(row, column), value| {
+        let size = match precision.map(|precision| precision[row]) {
+            None => 1.0,
+            Some(precision) if precision > 0.0 => 1.0 / precision.sqrt(),
+            Some(_) => 0.0,
+        };
+        // 2^40 rows a column.
+        *value = size * sign((((first + column) as u64) << 40) | row as u64);
+    });
+    noise
+}
+
+/// Computes the sum of the squares of a residual, (n, c), each row times its precision.
+#[must_use]
+pub fn residual_square(residual: ArrayView2<'_, f64>, precision: Option<&[f64]>) -> f64 {
+    let rows = residual.rows().into_iter().enumerate();
+    rows.map(|(i, row)| precision.map_or(1.0, |precision| precision[i]) * row.dot(&row)).sum()
+}
+
+/// What noise of variance 1 becomes in a fit: by degree, and in the residual.
+#[derive(Debug, Clone)]
+pub struct NoisePower {
+    /// Sums over the columns, (L + 1).
+    by_degree: Vec<f64>,
+    residual: f64,
+    columns: f64,
+}
+
+impl NoisePower {
+    /// Starts without any fit of noise.
+    #[must_use]
+    pub fn new(max_degree: usize) -> Self {
+        Self { by_degree: vec![0.0; max_degree + 1], residual: 0.0, columns: 0.0 }
+    }
+
+    /// Adds the fit of columns of [`white_noise`]: its coefficients, (K, columns), and the [`residual_square`] of all.
+    ///
+    /// # Panics
+    ///
+    /// If there are fewer coefficients than the degree has.
+    pub fn add(&mut self, coefficients: ArrayView2<'_, f64>, residual: f64) {
+        let powers = powers(coefficients, self.by_degree.len());
+        self.by_degree.iter_mut().zip(powers).for_each(|(sum, power)| *sum += power);
+        self.residual += residual;
+        self.columns += coefficients.ncols() as f64;
+    }
+
+    /// Estimates the noise power of fits from moments: rows with weight w have noise of variance 1 / w, whose power is the
+    /// trace of each degree's part of `N^-1` (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990: z^T N^-1 z for 12 vectors z of
+    /// signs), and which leaves n - K in the residual. The trace is at least `(2l + 1) 4 pi / sum w`, its value on an even
+    /// sampling.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::NoResidual`] where n isn't above K; [`SolverError::Interrupted`].
+    pub fn of_moments(problem: &MomentProblem, monitor: &dyn Monitor) -> Result<Self, SolverError> {
+        const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 1000, patience: 100 };
+        let (max_degree, rows) = (problem.max_degree(), problem.rows());
+        let columns = basis_size(max_degree);
+        check_rows(rows, columns)?;
+        let probes = white_noise(columns, 0..NOISE_COLUMNS, None);
+        let mut cg = Cg::from_right_sides(probes.clone());
+        let preconditioner = Diagonal::new(max_degree, problem.weight(), None);
+        cg.run(&Summed { problem, penalty: None }, &preconditioner, &CG, &OnlyCancel(monitor))?;
+        let products = &probes * &cg.x;
+        let even = 4.0 * std::f64::consts::PI / problem.weight();
+        let of = |l: usize| {
+            products.slice(s![degree_range(l), ..]).sum().max((NOISE_COLUMNS * order_count(l)) as f64 * even)
+        };
+        Ok(Self {
+            by_degree: (0..=max_degree).map(of).collect(),
+            residual: (NOISE_COLUMNS * (rows - columns)) as f64,
+            columns: NOISE_COLUMNS as f64,
+        })
+    }
+
+    /// Returns B_l, the noise power of each degree for a column of noise of variance 1, (L + 1).
+    #[must_use]
+    pub fn by_degree(&self) -> Vec<f64> {
+        self.by_degree.iter().map(|power| power / self.columns).collect()
+    }
+
+    /// Returns D, what the fit leaves of a column of noise of variance 1: n - K for the plain least squares.
+    #[must_use]
+    pub fn residual(&self) -> f64 {
+        self.residual / self.columns
+    }
+
+    /// Estimates noise, gains and penalties from a target's plain coefficients, (K, c), and its [`residual_square`].
+    ///
+    /// # Panics
+    ///
+    /// If there are fewer coefficients than the degree has.
+    #[must_use]
+    pub fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: f64) -> Denoise {
+        let (base, c) = (self.by_degree(), coefficients.ncols() as f64);
+        let variance = (residual / (c * self.residual())).max(0.0);
+        let variance = if variance.is_finite() { variance } else { 0.0 };
+        let power = powers(coefficients, base.len());
+        let noise: Vec<f64> = base.iter().map(|base| c * variance * base).collect();
+        let mut gain = vec![1.0];
+        gain.extend(gains(&power[1..], &noise[1..]));
+        let penalty = |(l, (&gain, &base)): (usize, (&f64, &f64))| {
+            let gain = gain.max(LEAST_GAIN);
+            if gain < 1.0 && base > 0.0 { (1.0 - gain) / gain * order_count(l) as f64 / base } else { 0.0 }
+        };
+        let penalty = gain.iter().zip(&base).enumerate().map(penalty).collect();
+        let degrees_of_freedom = gain.iter().enumerate().map(|(l, gain)| gain * order_count(l) as f64).sum();
+        Denoise { sigma: variance.sqrt(), degrees_of_freedom, gain, penalty }
+    }
+}
+
+/// The noise that was found in a target, and what it takes to remove it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Denoise {
+    /// Standard deviation of the noise in each channel, in the target's unit.
+    pub sigma: f64,
+    /// What the targets determine of each channel: `sum_l (2l + 1) h_l`, of K. On an even sampling the trace of the hat matrix.
+    pub degrees_of_freedom: f64,
+    /// Gain of each degree, h_l, (L + 1): between 0 and 1, not increasing.
+    pub gain: Vec<f64>,
+    /// Penalty of each degree, p_l, (L + 1), for [`LsqParams::penalty`](crate::LsqParams::penalty).
+    #[serde(skip)]
+    pub penalty: Vec<f64>,
+}
+
+/// Refuses a sampling that leaves no residual.
+///
+/// # Errors
+///
+/// [`SolverError::NoResidual`] unless there are more rows than columns.
+pub fn check_rows(rows: usize, columns: usize) -> Result<(), SolverError> {
+    if rows > columns { Ok(()) } else { Err(SolverError::NoResidual { rows, columns }) }
+}
+
+fn degree_range(l: usize) -> Range<usize> {
+    first_column(l)..first_column(l + 1)
+}
+
+/// Sum of the squares of each degree's coefficients, of all columns.
+fn powers(coefficients: ArrayView2<'_, f64>, degrees: usize) -> Vec<f64> {
+    let of = |l: usize| coefficients.slice(s![degree_range(l), ..]).iter().map(|a| a * a).sum();
+    (0..degrees).map(of).collect()
+}
+
+/// The gains `1 - noise / power`, not below zero, made non-increasing by least squares with the powers as weights: of runs
+/// of degrees that violate the order, one quotient of sums.
+fn gains(power: &[f64], noise: &[f64]) -> Vec<f64> {
+    struct Run {
+        power: f64,
+        noise: f64,
+        degrees: usize,
+    }
+    impl Run {
+        fn gain(&self) -> f64 {
+            match (self.power > 0.0, self.noise > 0.0) {
+                (_, false) => 1.0,
+                (false, true) => f64::NEG_INFINITY,
+                (true, true) => 1.0 - self.noise / self.power,
+            }
+        }
+    }
+    let mut runs: Vec<Run> = Vec::new();
+    for (&power, &noise) in power.iter().zip(noise) {
+        let mut run = Run { power, noise, degrees: 1 };
+        while let Some(before) = runs.pop_if(|before| run.gain() > before.gain()) {
+            let Run { power, noise, degrees } = before;
+            run = Run { power: power + run.power, noise: noise + run.noise, degrees: degrees + run.degrees };
+        }
+        runs.push(run);
+    }
+    runs.iter().flat_map(|run| std::iter::repeat_n(run.gain().max(0.0), run.degrees)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Weighted least squares under an order, by its min-max formula.
+    fn brute_force(power: &[f64], noise: &[f64]) -> Vec<f64> {
+        let mean = |from: usize, to: usize| {
+            let sum = |values: &[f64]| values[from..=to].iter().sum::<f64>();
+            1.0 - sum(noise) / sum(power)
+        };
+        let at = |i: usize| {
+            let largest = |from: usize| (i..power.len()).map(|to| mean(from, to)).fold(f64::NEG_INFINITY, f64::max);
+            (0..=i).map(largest).fold(f64::INFINITY, f64::min).max(0.0)
+        };
+        (0..power.len()).map(at).collect()
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn gains_are_the_best_that_dont_increase(
+            values in proptest::collection::vec((0.01f64..10.0, 0.01f64..3.0), 1..40),
+        ) {
+            let (power, noise): (Vec<f64>, Vec<f64>) = values.into_iter().unzip();
+            let (found, expected) = (gains(&power, &noise), brute_force(&power, &noise));
+            proptest::prop_assert_eq!(found.len(), power.len());
+            proptest::prop_assert!(found.windows(2).all(|pair| pair[0] >= pair[1]));
+            for (found, expected) in found.iter().zip(&expected) {
+                proptest::prop_assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn degrees_without_power_or_noise_have_a_gain() {
+        assert_eq!(gains(&[4.0, 0.0, 0.0], &[1.0, 1.0, 1.0]), [0.75, 0.0, 0.0]);
+        assert_eq!(gains(&[0.0, 4.0], &[1.0, 1.0]), [0.5, 0.5]);
+        assert_eq!(gains(&[4.0, 0.0], &[0.0, 0.0]), [1.0, 1.0]);
+        assert_eq!(gains(&[], &[]), [0.0; 0]);
+    }
+
+    #[test]
+    fn noise_is_the_same_in_any_columns_and_has_the_variance_of_its_precision() {
+        let all = white_noise(500, 0..NOISE_COLUMNS, None);
+        assert_eq!(all.slice(s![.., 3..7]), white_noise(500, 3..7, None));
+        assert!(all.iter().all(|value| value.abs() == 1.0));
+        // The mean of 6,000 signs is within five of its standard deviations.
+        assert!(all.sum().abs() < 5.0 * 6000f64.sqrt());
+        let precision: Vec<f64> = (0..500).map(|i| (i % 3) as f64).collect();
+        let noise = white_noise(500, 0..1, Some(&precision));
+        assert!(precision.iter().zip(&noise).all(|(p, e)| (p * e * e - f64::from(*p > 0.0)).abs() < 1e-15));
+        assert_eq!(residual_square(noise.view(), Some(&precision)).round(), 333.0);
+    }
+}

@@ -1,0 +1,132 @@
+//! Denoising: what noise becomes in fits over one sphere, and the noise of each target.
+
+use std::ops::Range;
+
+use ndarray::{Array2, ArrayView2, s};
+use spharm_harmonics::basis_size;
+use spharm_monitor::{Level, Monitor};
+use spharm_solver::lsq::denoise::{NOISE_COLUMNS, check_rows, residual_square, white_noise};
+use spharm_solver::lsq::{Denoise, LsqReport, NoisePower, Stop};
+use spharm_surface::Kind;
+
+use super::detail::left_out;
+use super::job::Job;
+use crate::report::Denoised;
+use crate::{Error, FitParams, Method, Smoothness, Weights};
+
+/// What noise becomes in the plain fits over a sphere.
+pub(crate) struct Denoiser {
+    power: NoisePower,
+    /// Of each vertex, (n), where they differ.
+    precision: Option<Vec<f64>>,
+}
+
+impl Denoiser {
+    /// Fits noise, `at_a_time` columns together; `fit` returns the coefficients, (K, c), and the residual at the vertices,
+    /// (n, c), of the plain fit.
+    pub(crate) fn new(
+        job: &Job<'_>,
+        at_a_time: usize,
+        monitor: &dyn Monitor,
+        mut fit: impl FnMut(&Array2<f64>) -> Result<(Array2<f64>, Array2<f64>), Error>,
+    ) -> Result<Self, Error> {
+        let (vertices, max_degree) = (job.sphere.directions.len(), job.params.max_degree);
+        let precision = precision(job);
+        let rows = precision.as_ref().map_or(vertices, |of| of.iter().filter(|precision| **precision > 0.0).count());
+        check_rows(rows, basis_size(max_degree))?;
+        monitor.note(Level::Info, format_args!("fitting {NOISE_COLUMNS} columns of noise, to know it by its power"));
+        let mut power = NoisePower::new(max_degree);
+        for start in (0..NOISE_COLUMNS).step_by(at_a_time.max(1)) {
+            monitor.check()?;
+            let columns = start..NOISE_COLUMNS.min(start + at_a_time.max(1));
+            monitor.note(Level::Status, format_args!("noise, column {} of {NOISE_COLUMNS}", columns.start + 1));
+            let noise = white_noise(vertices, columns, precision.as_deref());
+            let (coefficients, residual) = fit(&noise)?;
+            power.add(coefficients.view(), residual_square(residual.view(), precision.as_deref()));
+        }
+        Ok(Self { power, precision })
+    }
+
+    /// Estimates the noise of a target, or of one channel of it, from its plain fit: coefficients, (K, c), and residual at
+    /// the vertices, (n, c).
+    pub(crate) fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: ArrayView2<'_, f64>) -> Denoise {
+        self.power.denoise(coefficients, residual_square(residual, self.precision.as_deref()))
+    }
+
+    /// Looks for detail beyond the degree in what was found to be noise of a target, (n, c).
+    pub(crate) fn assess(
+        &self,
+        job: &Job<'_>,
+        target: ArrayView2<'_, f64>,
+        noise: Denoise,
+        monitor: &dyn Monitor,
+    ) -> Result<Denoised, Error> {
+        let left_out = left_out(job, self.precision.as_deref(), target, &noise, monitor)?;
+        Ok(Denoised { noise, left_out })
+    }
+}
+
+/// How exact each vertex is, where they differ: weights that are given, none at vertices that are held out. Their share of
+/// the sphere says nothing of their noise.
+fn precision(job: &Job<'_>) -> Option<Vec<f64>> {
+    let weights = job.weights.as_ref()?;
+    match (&job.params.weights, &job.hold_out) {
+        (Weights::Values { .. }, _) => Some(weights.clone()),
+        (_, Some(_)) => Some(weights.iter().map(|&weight| f64::from(weight > 0.0)).collect()),
+        (_, None) => None,
+    }
+}
+
+/// The columns of a target that share their noise: those of a surface. Each channel of a signal has a unit of its own.
+pub(crate) fn parts(group: &Range<usize>, kind: Kind) -> Vec<Range<usize>> {
+    match kind {
+        Kind::Surface => vec![group.clone()],
+        Kind::Signal => group.clone().map(|column| column..column + 1).collect(),
+    }
+}
+
+/// Puts columns of an array in their place.
+pub(crate) fn set_columns(all: &mut Array2<f64>, columns: &Range<usize>, values: ArrayView2<'_, f64>) {
+    all.slice_mut(s![.., columns.clone()]).assign(&values);
+}
+
+/// Adds a penalised fit's report to that of the plain one.
+pub(crate) fn merge(report: &mut LsqReport, penalised: LsqReport) {
+    report.iterations += penalised.iterations;
+    report.refinements += penalised.refinements;
+    report.optimality = report.optimality.max(penalised.optimality);
+    if penalised.stop != Stop::Converged {
+        report.stop = penalised.stop;
+    }
+    let (seconds, more) = (&mut report.seconds, penalised.seconds);
+    seconds.factor += more.factor;
+    seconds.moments += more.moments;
+    seconds.iterations += more.iterations;
+    for warning in penalised.warnings {
+        if !report.warnings.contains(&warning) {
+            report.warnings.push(warning);
+        }
+    }
+}
+
+impl FitParams {
+    /// Checks that what denoising needs is there, and nothing that it replaces.
+    pub(crate) fn check_denoise(&self) -> Result<(), Error> {
+        let refuse = |expected, found: String| Err(Error::Setting { what: "denoise", expected, found });
+        if !self.denoise {
+            return Ok(());
+        }
+        if self.method != Method::Lsq {
+            return refuse("the method lsq", self.method.name().to_owned());
+        }
+        if self.smoothness != Smoothness::Default {
+            return refuse("no smoothness, which is another penalty", format!("smoothness {}", self.smoothness.name()));
+        }
+        Ok(())
+    }
+
+    /// Returns how the penalty is chosen, as models record it: `denoise`, or that of the smoothness.
+    pub(crate) fn penalty_name(&self) -> &'static str {
+        if self.denoise { "denoise" } else { self.smoothness.name() }
+    }
+}

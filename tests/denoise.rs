@@ -1,0 +1,154 @@
+//! Noise removed within fits, through the library and the program.
+
+use ndarray::Array2;
+use spharm::{Error, FitParams, FitTo, FitWarning, Kind, Model, Signal, Smoothness, SolverError, Sphere, fit};
+use spharm_surface::Mesh;
+use spharm_surface::generate::{Cortex, SplitMix64, cortex};
+use spharm_surface::io::{WriteOptions, write_mesh};
+
+use crate::common::{fail, finish, tool};
+use crate::full_least_squares::report_of;
+
+const DEGREE: usize = 24;
+
+/// Two values of a normal distribution by the method of Box and Muller.
+fn normal(random: &mut SplitMix64) -> f64 {
+    let radius = (-2.0 * random.between(1e-300, 1.0).ln()).sqrt();
+    radius * (std::f64::consts::TAU * random.between(0.0, 1.0)).cos()
+}
+
+/// A folded surface that the degree describes, one with noise, and their sphere.
+fn surfaces(sigma: f64) -> (Mesh, Mesh, Sphere) {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
+    let sphere = Sphere::from_mesh(&sphere).unwrap();
+    let plain = fit(&sphere, &surface, &FitParams { target: FitTo::Vertices, ..FitParams::lsq(14) }).unwrap();
+    let clean = Model::new(sphere.clone(), plain, Kind::Surface).reconstruct(&sphere, 14).unwrap();
+    let mut random = SplitMix64::new(3);
+    let mut noisy = clean.clone();
+    noisy.vertices.iter_mut().flatten().for_each(|value| *value += sigma * normal(&mut random));
+    (clean, noisy, sphere)
+}
+
+/// Mean square of the distance at the vertices.
+fn error(clean: &Mesh, sphere: &Sphere, found: spharm::Fit) -> f64 {
+    let model = Model::new(sphere.clone(), found, Kind::Surface).reconstruct(sphere, DEGREE).unwrap();
+    let differences = clean.vertices.iter().zip(&model.vertices).flat_map(|(a, b)| [0, 1, 2].map(|k| a[k] - b[k]));
+    differences.map(|d| d * d).sum::<f64>() / clean.vertices.len() as f64
+}
+
+#[test]
+fn noise_is_removed_from_vertices_and_from_surfaces() {
+    let size = {
+        let (clean, ..) = surfaces(0.0);
+        spharm::metrics::bounding_box_scale(&clean.vertices).unwrap()
+    };
+    let sigma = 0.02 * size;
+    let (clean, noisy, sphere) = surfaces(sigma);
+    for target in [FitTo::Vertices, FitTo::Surface] {
+        let params = FitParams { target, surface_distance: false, threads: Some(1), ..FitParams::lsq(DEGREE) };
+        let denoise = FitParams { denoise: true, ..params.clone() };
+        let plain = error(&clean, &sphere, fit(&sphere, &noisy, &params).unwrap());
+        let found = fit(&sphere, &noisy, &denoise).unwrap();
+        let removed = &found.report.denoise[..];
+        assert_eq!(removed.len(), 1, "the coordinates share their noise");
+        let noise = &removed[0].noise;
+        assert!((noise.sigma / sigma - 1.0).abs() < 0.03, "{target:?}: {} of {sigma}", noise.sigma);
+        assert!(noise.gain.len() == DEGREE + 1 && noise.gain[0] == 1.0 && noise.gain[DEGREE] < 0.2);
+        assert!(noise.gain.windows(2).all(|pair| pair[0] >= pair[1] && pair[1] >= 0.0));
+        assert!(noise.degrees_of_freedom < 0.6 * 625.0, "{}", noise.degrees_of_freedom);
+        assert!(found.report.warnings.is_empty(), "{:?}", found.report.warnings);
+        let again = fit(&sphere, &noisy, &FitParams { threads: Some(3), ..denoise }).unwrap();
+        assert_eq!(again.coefficients, found.coefficients, "{target:?}: the same bits for any number of threads");
+        let denoised = error(&clean, &sphere, found);
+        assert!(denoised < 0.6 * plain, "{target:?}: {denoised:e} {plain:e}");
+    }
+}
+
+/// Channels of a signal have noise of their own, in units of their own.
+#[test]
+fn channels_of_a_signal_are_denoised_apart() {
+    let sphere = Sphere::icosphere(4);
+    let mut random = SplitMix64::new(5);
+    let rows: Vec<[f64; 2]> = sphere.directions.as_slice().iter().map(|u| [u[2].powi(3), 1e6 * u[0] * u[1]]).collect();
+    let sigmas = [0.1, 2e5];
+    let values: Vec<f64> =
+        rows.iter().flat_map(|row| [0, 1].map(|k| row[k] + sigmas[k] * normal(&mut random))).collect();
+    let signal = Signal::new(values, rows.len(), 2);
+    let params = FitParams { denoise: true, standard_errors: true, ..FitParams::lsq(12) };
+    let found = fit(&sphere, &signal, &params).unwrap();
+    assert_eq!(found.report.denoise.len(), 2);
+    for (removed, sigma) in found.report.denoise.iter().zip(sigmas) {
+        assert!((removed.noise.sigma / sigma - 1.0).abs() < 0.04, "{} {sigma}", removed.noise.sigma);
+    }
+    // What is held down has a smaller standard error, that of the prior; x y is of degree 2, and is kept.
+    let errors = found.standard_errors.unwrap();
+    assert!(errors[[160, 1]] < 0.5 * errors[[4, 1]], "{} {}", errors[[160, 1]], errors[[4, 1]]);
+    let squares =
+        |values: &Array2<f64>, from: usize| values.rows().into_iter().skip(from).map(|r| r[1] * r[1]).sum::<f64>();
+    let plain = fit(&sphere, &signal, &FitParams::lsq(12)).unwrap();
+    let (before, after) = (squares(plain.coefficients.values(), 9), squares(found.coefficients.values(), 9));
+    assert!(after < 0.2 * before, "{after:e} {before:e}");
+}
+
+#[test]
+fn detail_beyond_the_degree_is_warned_of() {
+    let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
+    let sphere = Sphere::from_mesh(&sphere).unwrap();
+    let params = FitParams { denoise: true, surface_distance: false, ..FitParams::lsq(8) };
+    for target in [FitTo::Vertices, FitTo::Surface] {
+        let found = fit(&sphere, &surface, &FitParams { target, ..params.clone() }).unwrap();
+        let warned = found.report.warnings.iter().any(|warning| matches!(warning, FitWarning::Detail { .. }));
+        assert!(warned, "{target:?}: {:?}", found.report.denoise);
+    }
+}
+
+#[test]
+fn what_does_not_go_with_it_is_refused() {
+    let (_, noisy, sphere) = surfaces(0.1);
+    let denoise = FitParams { denoise: true, ..FitParams::lsq(DEGREE) };
+    for smoothness in [Smoothness::Auto, Smoothness::Fixed(1e-3)] {
+        let refused = fit(&sphere, &noisy, &FitParams { smoothness, ..denoise.clone() }).unwrap_err();
+        assert!(matches!(refused, Error::Setting { what: "denoise", .. }), "{refused}");
+    }
+    for method in [spharm::Method::Quadrature, spharm::Method::irf()] {
+        let params = FitParams { method, store: Some("nowhere".into()), ..denoise.clone() };
+        let refused = fit(&sphere, &noisy, &params).unwrap_err();
+        assert!(matches!(refused, Error::Setting { what: "denoise", .. }), "{refused}");
+    }
+    // 2,562 vertices leave no residual beside 2,601 coefficients.
+    for target in [FitTo::Vertices, FitTo::Surface] {
+        let refused = fit(&sphere, &noisy, &FitParams { target, max_degree: 50, ..denoise.clone() }).unwrap_err();
+        let few = matches!(refused, Error::Solver(SolverError::NoResidual { rows: 2562, columns: 2601 }));
+        assert!(few, "{refused}");
+    }
+}
+
+#[test]
+fn the_program_reports_what_it_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (_, noisy, sphere) = surfaces(0.1);
+    let double = WriteOptions { double: true, ..WriteOptions::default() };
+    write_mesh(path("noisy.ply"), &noisy, &double).unwrap();
+    let ball = Mesh::new(sphere.directions.as_slice().to_vec(), sphere.faces.clone());
+    write_mesh(path("sphere.ply"), &ball, &double).unwrap();
+    let command = |arguments: &[&str]| {
+        let mut command = tool("fit");
+        command.arg("--surface").arg(path("noisy.ply")).arg("--sphere").arg(path("sphere.ply"));
+        command.args(["-q", "--denoise", "-o"]).arg(path("model.npz")).args(arguments);
+        command
+    };
+    let report = report_of(&mut command(&["--max-degree", "12", "--json"]));
+    let removed = &report["surfaces"][0]["denoise"][0];
+    assert!(removed["sigma"].as_f64().unwrap() > 0.0 && removed["degrees_of_freedom"].as_f64().unwrap() < 169.0);
+    assert_eq!(removed["gain"].as_array().unwrap().len(), 13);
+    // The model of a plain fit isn't the one asked for.
+    finish(&mut command(&["--max-degree", "12", "--skip-existing"]));
+    let mut plain = tool("fit");
+    plain.arg("--surface").arg(path("noisy.ply")).arg("--sphere").arg(path("sphere.ply"));
+    plain.args(["-q", "--max-degree", "12", "--skip-existing", "-o"]).arg(path("model.npz"));
+    let refused = fail(&mut plain);
+    assert!(refused.contains("smoothness denoise, not default"), "{refused}");
+    let few = fail(&mut command(&["--max-degree", "50", "--force"]));
+    assert!(few.contains("2562 vertices for 2601 coefficients"), "{few}");
+}
