@@ -109,6 +109,9 @@ struct Equations<'a> {
     monitor: &'a dyn Monitor,
 }
 
+/// Standard errors, (K, c), where they are asked for, and what was removed of each part of each target.
+type Removed = (Option<Array2<f64>>, Vec<Vec<Denoised>>);
+
 impl<'a> Equations<'a> {
     /// A solver for a penalty that no factor in the store has.
     fn unfactored(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
@@ -177,7 +180,7 @@ impl<'a> Equations<'a> {
         plain: Plain<'_>,
         coefficients: &mut Array2<f64>,
         report: &mut LsqReport,
-    ) -> Result<(Option<Array2<f64>>, Vec<Vec<Denoised>>), Error> {
+    ) -> Result<Removed, Error> {
         let (within, mut residual, started) = (Within(self.monitor), plain.residual, Instant::now());
         let mut standard_errors = self.params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
         let mut denoised = Vec::new();
