@@ -1,7 +1,7 @@
 //! Principal components of a group of aligned models: its modes of variation.
 //!
 //! Shapes are coefficients without row 0, which is their place. With the distance `|a - b| / sqrt(4 pi)` (see the
-//! [crate](crate)) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length; modes
+//! [crate]) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length; modes
 //! are coefficients of norm `sqrt(4 pi)`, so that a shape at z standard deviations along mode k is `mean + z
 //! sqrt(variance_k) mode_k`. T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995). Measures of
 //! quality: M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003; see [`quality`].

@@ -1,6 +1,6 @@
 //! The linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence.
 //!
-//! With the orthonormal bases of [`projection`](super::projection), b = Q_E^T Y and T = |residual of the reduced model|^2,
+//! With the orthonormal bases of `projection`, b = Q_E^T Y and T = |residual of the reduced model|^2,
 //! the errors' sum of squares is `W = T - b^T b`, on v = n - p degrees of freedom, and
 //!
 //! - d = 1, one row: `t = b / sqrt(W / v)`;
