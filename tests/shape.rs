@@ -166,7 +166,7 @@ fn models_are_described_and_found_in_any_pose() {
         .collect();
     assert_eq!(rows[0].len(), 1 + 8 + 24);
     assert!(rows[0].iter().zip(&rows[1]).all(|(a, b)| (a - b).abs() < 1e-13), "{table}");
-    let more = ["--among", "models", "--top", "2", "--json"];
+    let more = ["--among", "models", "--top", "2", "--mirror", "--json"];
     let mut command = site.shape("match", &["turned"], &more);
     let output = finish(&mut command);
     let text = String::from_utf8_lossy(&output.stderr);
@@ -175,7 +175,14 @@ fn models_are_described_and_found_in_any_pose() {
     let report = json(&succeed(&mut site.shape("match", &["turned"], &more)));
     let matches = report["queries"][0]["matches"].as_array().expect("matches");
     assert_eq!(matches.len(), 2);
-    assert!(matches.iter().all(|found| found["distance"].as_f64().is_some_and(|d| d < 1e-13)), "{report}");
+    let below = |name: &str, most: f64| matches.iter().all(|found| found[name].as_f64().is_some_and(|d| d < most));
+    assert!(below("bound", 1e-13) && below("distance", 1e-8), "{report}");
+    // Without the mirror image what is left is what the two differ by.
+    let more = ["--among", "models", "--top", "2", "--json"];
+    let report = json(&succeed(&mut site.shape("match", &["turned"], &more)));
+    let distance = |rank: usize| report["queries"][0]["matches"][rank]["distance"].as_f64().expect("a distance");
+    assert!(report["queries"][0]["matches"][0]["model"].as_str().is_some_and(|name| name.contains("turned")));
+    assert!(distance(0) < 1e-8 && distance(1) > 1e-3, "{report}");
     let printed = succeed(&mut site.shape("describe", &["bumpy"], &["--only", "power", "--max-degree", "2"]));
     assert!(printed.starts_with("model,size,power_1,power_2\n"), "{printed}");
 }

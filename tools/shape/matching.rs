@@ -6,21 +6,21 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use serde_json::json;
-use spharm::shape::{Descriptors, Library, Metric};
+use spharm::shape::{AlignParams, Descriptors, Library, Match, Metric, align, descriptors};
+use spharm::{Coefficients, Model, Silent};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
-use spharm_cli::paths::expand;
 
-use super::args::{Models, ReportArgs, Resources, read_all};
+use super::args::{Models, ReportArgs, Resources, files, read_all};
 use super::describe::of;
 use super::outputs::{check, csv, finish, number, write_text};
 
 /// Find the models that are nearest to one
 ///
-/// By the singular values of each degree, which don't depend on pose. The distance is never above the root mean square distance
-/// of the surfaces however they are rotated, mirrored and moved, in their unit; 0 doesn't mean that they are the same, as
-/// mirrored surfaces are 0 apart.
+/// First by the singular values of each degree, which don't depend on pose: their distance, the bound, is never above the root
+/// mean square distance of the surfaces however they are rotated, mirrored and moved. Then the candidates with the smallest
+/// bounds are aligned, and ordered by the distance that is left, in the surfaces' unit. Signals aren't aligned.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -50,6 +50,12 @@ pub(super) struct Cli {
     /// degrees count as much as low ones.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
+    /// Most candidates that are aligned; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 20, help_heading = METHOD)]
+    align: usize,
+    /// Also match mirror images
+    #[arg(long, help_heading = METHOD)]
+    mirror: bool,
     /// Table to write
     #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
@@ -65,11 +71,11 @@ enum By {
     Standardized,
 }
 
-const COLUMNS: [&str; 5] = ["query", "rank", "model", "distance", "score"];
+const COLUMNS: [&str; 6] = ["query", "rank", "model", "distance", "bound", "score"];
 
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
-    let (queries, among) = (cli.queries.paths()?, expand(&cli.among, ".npz")?);
+    let (queries, among) = (cli.queries.paths()?, files(&cli.among)?);
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
     let pool = cli.resources.threads.pool()?;
     let read =
@@ -94,8 +100,20 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut reports = Vec::new();
     let metric = if cli.metric == By::Distance { Metric::Distance } else { Metric::Standardized };
     for (path, query) in queries.iter().zip(&of_queries) {
-        let found =
-            pool.install(|| library.nearest(query, cli.top, metric)).with_context(|| path.display().to_string())?;
+        let surfaces = query.channels == 3 && cli.align > 0 && metric == Metric::Distance;
+        let search = || -> Result<Vec<Match>> {
+            if !surfaces {
+                return Ok(library.nearest(query, cli.top, metric)?);
+            }
+            let model = pose_of(&Model::read(path)?.coefficients, cli.unit_size)?;
+            let params = AlignParams { max_degree: Some(degree), mirror: cli.mirror, ..AlignParams::default() };
+            library.refined(query, cli.top, cli.align.max(cli.top), |index| {
+                spharm::Monitor::check(monitor)?;
+                let other = pose_of(&Model::read(&among[index])?.coefficients, cli.unit_size)?;
+                Ok(align(&other, &model, &params, &Silent)?.report.rmsd_after)
+            })
+        };
+        let found = pool.install(search).with_context(|| path.display().to_string())?;
         for (rank, found) in found.iter().enumerate() {
             let of = |number: fn(f64) -> String| {
                 let model = among[found.index].display().to_string();
@@ -103,6 +121,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
                     path.display().to_string(),
                     (rank + 1).to_string(),
                     model,
+                    found.distance.map(number).unwrap_or_default(),
                     number(found.bound),
                     number(found.score),
                 ]
@@ -110,9 +129,14 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             rows.push(of(|value| format!("{value:.6}")));
             cells.push(of(number));
         }
-        let matches = found
-            .iter()
-            .map(|found| json!({ "model": among[found.index], "distance": found.bound, "score": found.score }));
+        let matches = found.iter().map(|found| {
+            json!({
+                "model": among[found.index],
+                "distance": found.distance,
+                "bound": found.bound,
+                "score": found.score,
+            })
+        });
         reports.push(json!({ "query": path, "matches": matches.collect::<Vec<_>>() }));
     }
     let searching = started.elapsed().as_secs_f64();
@@ -129,4 +153,14 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "seconds": { "read": reading, "search": searching },
     });
     finish("match", &report, &rows, &cli.report)
+}
+
+/// A model's coefficients, of size 1 where that is compared.
+fn pose_of(model: &Coefficients, unit_size: bool) -> Result<Coefficients> {
+    if !unit_size {
+        return Ok(model.clone());
+    }
+    let size = descriptors(model)?.size();
+    let scale = if size > 0.0 { 1.0 / size } else { 1.0 };
+    Ok(Coefficients::new(model.values() * scale)?)
 }
