@@ -5,6 +5,7 @@
 """
 
 import itertools
+import json
 import os
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from nilearn.mass_univariate import permuted_ols
 from statsmodels.stats.multitest import multipletests
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "shape"
+PROGRAM = sys.argv[1] if len(sys.argv) > 1 else str(Path(sys.executable).parent / "spharm")
 rows = []
 
 
@@ -100,12 +102,74 @@ def hippocampi():
     bar("4e largest |t| of two random poses, relative", 1e-6, abs(maxima[0] / maxima[1] - 1), f"{maxima[0]:.6f}")
 
 
+def published(name, degree=12):
+    """A hippocampus's published coefficients (complex, orthonormal, Condon-Shortley phase) in the canonical basis."""
+    table = np.genfromtxt(DATA.parent / f"{name}.degree15.fvec.csv", delimiter=",", names=True)
+    rows = np.zeros(((degree + 1) ** 2, 3))
+    for entry in table:
+        l, m = int(entry["l"]), int(entry["m"])
+        if l <= degree and m >= 0:
+            c = np.array([entry[f"{axis}_re"] + 1j * entry[f"{axis}_im"] for axis in "xyz"])
+            other = table[(table["l"] == l) & (table["m"] == -m)][0]
+            d = np.array([other[f"{axis}_re"] + 1j * other[f"{axis}_im"] for axis in "xyz"])
+            # The real part of the sum is meant.
+            if m == 0:
+                rows[l * l + l] = c.real
+            else:
+                rows[l * l + l + m] = (c.real * (-1) ** m + d.real) / np.sqrt(2)
+                rows[l * l + l - m] = (-c.imag * (-1) ** m + d.imag) / np.sqrt(2)
+    return rows
+
+
+def half_way():
+    """Between two hippocampi in random poses."""
+    if not (DATA.parent / "hippo_a01_l.degree15.fvec.csv").exists():
+        return
+    rng = np.random.default_rng(3)
+    first, last = (sp.Model(published(name)) for name in ["hippo_a01_l", "hippo_a02_l"])
+    q = rng.normal(size=(2, 4))
+    posed = sp.shape.rotate(first, parameters=q[0] / np.linalg.norm(q[0]), object=q[1] / np.linalg.norm(q[1]))
+    aligned = sp.shape.align(posed, last).model
+    ends = [abs(sp.shape.measure(model).volume) for model in (first, last)]
+    middle = abs(sp.shape.measure(sp.Model(0.5 * (aligned.coefficients + last.coefficients))).volume)
+    bar("4d volume half way between two hippocampi, off 2899", 5, abs(middle - 2899), f"{middle:.1f}; ends {ends[0]:.0f}, {ends[1]:.0f}")
+
+
+def retrieval(count=10_000, queries=50):
+    """Generated shapes, perturbed and in other poses, among all of them."""
+    rng = np.random.default_rng(11)
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ["among", "queries"]:
+            Path(folder, name).mkdir()
+        l = np.floor(np.sqrt(np.arange(121)))
+        chosen = set(rng.choice(count, queries, replace=False).tolist())
+        for number in range(count):
+            x = rng.normal(size=(121, 3)) / (1 + l[:, None]) ** 2
+            x[[3, 1, 2], [0, 1, 2]] += [9, 5, 3]
+            sp.Model(x).save(Path(folder, "among", f"{number}.spharm.npz"))
+            if number in chosen:
+                noise = rng.normal(size=x.shape)
+                x = x + 0.02 * noise * np.linalg.norm(x[1:]) / np.linalg.norm(noise)
+                q = rng.normal(size=(2, 4))
+                q /= np.linalg.norm(q, axis=1)[:, None]
+                posed = sp.shape.rotate(sp.Model(x), parameters=q[0], object=q[1], translation=rng.normal(size=3))
+                posed.save(Path(folder, "queries", f"{number}.spharm.npz"))
+        done = subprocess.run(
+            [PROGRAM, "shape", "match", "queries", "--among", "among", "--top", "1", "--json", "-q"],
+            cwd=folder, check=True, stdout=subprocess.PIPE,
+        )
+        report = json.loads(done.stdout)
+        first = [Path(q["query"]).name == Path(q["matches"][0]["model"]).name for q in report["queries"]]
+        bar("3 perturbed and posed, first of 10,000: missed", 0, queries - sum(first), f"of {queries}")
+        seconds = report["seconds"]
+        bar("  seconds a query, after loading", 0.1, seconds["search"] / queries, f"loading {seconds['read']:.1f} s")
+
+
 def study():
     with tempfile.TemporaryDirectory() as folder:
         def run(*arguments):
-            subprocess.run([program, *arguments], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+            subprocess.run([PROGRAM, *arguments], cwd=folder, check=True, stdout=subprocess.DEVNULL)
 
-        program = str(Path(sys.executable).parent / "spharm")
         start = time.perf_counter()
         run("generate", "--study", "meshes", "--subjects", "12", "--bump", "1.5")
         meshes = sorted(str(path) for path in Path(folder, "meshes").glob("*.ply"))
@@ -122,6 +186,6 @@ def study():
 
 if __name__ == "__main__":
     print(f"{'bar':<58} {'limit':>14} {'reached':>10}")
-    for part in [against_others, calibration, speed, hippocampi, study]:
+    for part in [against_others, calibration, speed, hippocampi, half_way, retrieval, study]:
         part()
     print(f"{sum(rows)} of {len(rows)} bars met")

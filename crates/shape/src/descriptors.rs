@@ -97,6 +97,7 @@ pub fn descriptors(coefficients: &Coefficients) -> Result<Descriptors, ShapeErro
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::product::product;
     use ndarray::Array2;
     use spharm_harmonics::index::basis_size;
     use spharm_harmonics::{Directions, gauss_legendre, synthesis};
@@ -130,7 +131,7 @@ mod tests {
             row *= w * PI / n as f64;
         }
         let turn = Array2::from_shape_fn((3, 3), |(i, j)| q[j][i]);
-        let mut values = basis.t().dot(&weighted).dot(&turn);
+        let mut values = product(product(basis.t(), weighted.view()).view(), turn.view());
         values[[0, 1]] += 40.0;
         Coefficients::new(values).unwrap()
     }

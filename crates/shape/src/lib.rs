@@ -32,7 +32,7 @@
 //! | [`error`] | [`ShapeError`] |
 //! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2, sums with its rows, and the half turn made of them |
 //! | `generators` | infinitesimal rotations |
-//! | `matrix3` | 3 x 3 matrices |
+//! | `matrix3`, `product` | 3 x 3 matrices; products of large ones |
 //! | `kabsch` | 3 x 3 singular values, and the best rotation of space |
 //! | `so3_grid`, `refine`, `pair` | all rotations of a grid; one of them refined; both together |
 //! | `group` | a group while it is brought together |
@@ -83,6 +83,7 @@ mod pair;
 pub mod pca;
 pub mod procrustes;
 mod procrustes_report;
+mod product;
 mod quarter;
 mod refine;
 pub mod retrieval;

@@ -12,9 +12,10 @@ pub mod file;
 pub mod quality;
 
 use faer::MatRef;
-use ndarray::{Array1, Array2, ArrayView2, s};
+use ndarray::{Array1, Array2, ArrayView2, Axis, s};
 
 use crate::ShapeError;
+use crate::product::product;
 
 const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 
@@ -117,7 +118,7 @@ impl Modes {
         }
         let along: Array1<f64> =
             deviations.iter().zip(&self.variances).map(|(z, variance)| z * variance.sqrt()).collect();
-        let offset = along.dot(&self.modes.slice(s![..deviations.len(), ..]));
+        let offset = product(along.view().insert_axis(Axis(0)), self.modes.slice(s![..deviations.len(), ..]));
         let mut shape = self.mean.clone();
         shape.iter_mut().skip(self.mean.ncols()).zip(&offset).for_each(|(value, offset)| *value += offset);
         Ok(shape)
@@ -141,10 +142,12 @@ impl Modes {
             });
         }
         let rest = &model.slice(s![1.., ..]) - &self.mean.slice(s![1.., ..]);
-        let mut rest: Array1<f64> = rest.iter().copied().collect();
-        let scores = self.modes.dot(&rest) / SPHERE;
-        rest -= &scores.dot(&self.modes);
-        Ok((scores.to_vec(), (rest.dot(&rest) / SPHERE).sqrt()))
+        // One column, so that both products are of matrices.
+        let mut rest = Array2::from_shape_vec((rest.len(), 1), rest.iter().copied().collect()).unwrap_or_default();
+        let scores = product(self.modes.view(), rest.view()) / SPHERE;
+        rest -= &product(self.modes.t(), scores.view());
+        let left = rest.iter().map(|value| value * value).sum::<f64>();
+        Ok((scores.iter().copied().collect(), (left / SPHERE).sqrt()))
     }
 
     /// Returns the share of the group's variance along the first k modes, for k = 1 to m: its compactness.

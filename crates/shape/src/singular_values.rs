@@ -61,7 +61,7 @@ mod tests {
         let q = array![[1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, -1.0]];
         let known = [3.0, 2e-5, 5e-11];
         let turn = array![[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
-        let matrix = (q * array![1.5, 1e-5, 2.5e-11]).dot(&turn);
+        let matrix = crate::product::product((q * array![1.5, 1e-5, 2.5e-11]).view(), turn.view());
         for (found, known) in singular_values(matrix.view()).into_iter().zip(known) {
             // The product itself is rounded, to some eps of the largest value.
             assert!((found - known).abs() < 4e-16 * 3.0, "{found:e} {known:e}");

@@ -55,8 +55,9 @@ fn seen_otherwise(values: &Array2<f64>, seed: u64, noise: Noise) -> Coefficients
         cos * noisy[[k, c]] - sin * noisy[[column(l, -m), c]]
     });
     let (sin, cos) = (2.0 * uniform(seed, 3_000_000)).sin_cos();
-    let q = Array2::from_shape_vec((3, 3), vec![cos, -sin, 0.0, 0.8 * sin, 0.8 * cos, 0.6, 0.6 * sin, 0.6 * cos, -0.8]);
-    let mut values = turned.dot(&q.expect("nine numbers").t());
+    let q = [[cos, -sin, 0.0], [0.8 * sin, 0.8 * cos, 0.6], [0.6 * sin, 0.6 * cos, -0.8]];
+    let mut values =
+        Array2::from_shape_fn(turned.dim(), |(row, c)| (0..3).map(|k| turned[[row, k]] * q[c][k]).sum::<f64>());
     values.row_mut(0).mapv_inplace(|value| value + 100.0);
     Coefficients::new(values).expect("a degree")
 }

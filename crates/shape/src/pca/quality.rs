@@ -87,7 +87,7 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
     let decomposed =
         MatRef::from_column_major_slice(slice, m, n - 1).thin_svd().map_err(|_| ShapeError::NoDecomposition)?;
     let rest = &scores.row(member) - &mean;
-    let mut square = rest.dot(&rest);
+    let mut square = rest.iter().map(|value| value * value).sum::<f64>();
     let (u, available) = (decomposed.U(), (n - 2).min(m));
     let left = (0..m).map(|k| {
         if k < available {

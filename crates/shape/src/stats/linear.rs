@@ -18,6 +18,7 @@ use super::design::{Contrast, Design};
 use super::distributions::{p_of_f, p_of_t, quantile_of_t};
 use super::projection::{Projection, without};
 use crate::ShapeError;
+use crate::product::product;
 
 /// The statistic of a test.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,7 +117,7 @@ pub(crate) fn statistics(
     confidence: f64,
 ) -> Result<Found, ShapeError> {
     let reduced = model.residual(values);
-    let along = model.effect.t().dot(&reduced); // (q, V d)
+    let along = product(model.effect.t(), reduced.view()); // (q, V d)
     let errors = without(model.effect.view(), reduced);
     let (freedom, rows) = (model.freedom as f64, contrast.weights.nrows());
     debug_assert_eq!(rows, along.nrows());

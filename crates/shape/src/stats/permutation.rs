@@ -23,6 +23,7 @@ use super::design::Design;
 use super::linear::{Small, floors};
 use super::projection::Projection;
 use crate::ShapeError;
+use crate::product::product;
 
 /// Relabellings of a study.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -219,7 +220,7 @@ impl<'a> Explained<'a> {
         let mut found = vec![0.0; run];
         for first in (0..vertices).step_by(run) {
             let count = run.min(vertices - first);
-            let products = rows.dot(&self.whitened.slice(s![.., first * d..(first + count) * d]));
+            let products = product(rows.view(), self.whitened.slice(s![.., first * d..(first + count) * d]));
             for (which, products) in products.axis_chunks_iter(Axis(0), each).enumerate() {
                 let found = &mut found[..count];
                 if z == 0 {
@@ -285,8 +286,8 @@ impl Groups {
         let mut found = vec![0.0; COLUMNS];
         for first in (0..vertices).step_by(COLUMNS) {
             let columns = first..(first + COLUMNS).min(vertices);
-            let sums = rows.dot(&self.values.slice(s![.., columns.clone()]));
-            let squares = rows.dot(&self.squares.slice(s![.., columns.clone()]));
+            let sums = product(rows.view(), self.values.slice(s![.., columns.clone()]));
+            let squares = product(rows.view(), self.squares.slice(s![.., columns.clone()]));
             for which in 0..relabellings.len() {
                 let found = &mut found[..columns.len()];
                 for (v, found) in found.iter_mut().enumerate() {

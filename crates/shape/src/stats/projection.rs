@@ -9,6 +9,7 @@ use ndarray::{Array2, ArrayView2, concatenate, s};
 
 use super::design::{Contrast, Design, orthonormalise};
 use crate::ShapeError;
+use crate::product::product;
 
 /// Orthonormal bases of the two parts, and of the errors' degrees of freedom.
 #[derive(Debug, Clone)]
@@ -28,7 +29,7 @@ impl Projection {
         let x = design.matrix();
         let (n, p) = x.dim();
         let (q, _) = orthonormalise(x);
-        let r = q.t().dot(&x);
+        let r = product(q.t(), x);
         // Forward substitution of R^T U = C^T.
         let mut u = contrast.weights.t().to_owned();
         for row in 0..p {
@@ -40,7 +41,7 @@ impl Projection {
             let pivot = r[[row, row]];
             u.row_mut(row).mapv_inplace(|value| value / pivot);
         }
-        let w = q.dot(&u);
+        let w = product(q.view(), u.view());
         let scale = w.iter().map(|value| value * value).sum::<f64>().sqrt();
         let (effect, dependent) = orthonormalise(w.view());
         if let Some(row) = dependent {
@@ -76,8 +77,8 @@ impl Projection {
 /// Takes the part along the columns of an orthonormal basis off.
 pub(crate) fn without(basis: ArrayView2<'_, f64>, mut values: Array2<f64>) -> Array2<f64> {
     if basis.ncols() > 0 {
-        let along = basis.t().dot(&values);
-        values -= &basis.dot(&along);
+        let along = product(basis.t(), values.view());
+        values -= &product(basis, along.view());
     }
     values
 }
@@ -99,11 +100,11 @@ mod tests {
         let found = Projection::new(&design, &contrast).unwrap();
         // The contrast's estimate of values that the model explains is that of their coefficients.
         let coefficients = ndarray::array![[2.0], [-1.0], [4.0]];
-        let y = design.matrix().dot(&coefficients);
-        let estimate = found.scale * found.effect.t().dot(&y)[[0, 0]];
+        let y = product(design.matrix(), coefficients.view());
+        let estimate = found.scale * product(found.effect.t(), y.view())[[0, 0]];
         assert!((estimate - 5.0).abs() < 1e-12, "{estimate}");
         assert_eq!((found.nuisance.ncols(), found.freedom), (2, 6));
-        let gram = found.nuisance.t().dot(&found.effect);
+        let gram = product(found.nuisance.t(), found.effect.view());
         assert!(gram.iter().all(|value| value.abs() < 1e-14));
     }
 

@@ -4,6 +4,7 @@ use ndarray::{Array2, Axis, array, s};
 use spharm_monitor::Silent;
 
 use super::*;
+use crate::product::product;
 
 /// Numbers in (-1, 1) that look random.
 fn noise(rows: usize, columns: usize, seed: u64) -> Array2<f64> {
@@ -59,7 +60,8 @@ fn three_components_are_hotellings_test() {
     let (a, b) = (y.slice(s![..7, ..]), y.slice(s![7.., ..]));
     let mean = |x: ndarray::ArrayView2<f64>| x.mean_axis(Axis(0)).unwrap();
     let centred = |x: ndarray::ArrayView2<f64>| &x - &mean(x);
-    let s = (centred(a).t().dot(&centred(a)) + centred(b).t().dot(&centred(b))) / 10.0;
+    let scatter = |x: &Array2<f64>| product(x.t(), x.view());
+    let s = (scatter(&centred(a)) + scatter(&centred(b))) / 10.0;
     let d = mean(a) - mean(b);
     // S^-1 d by Cramer's rule.
     let determinant = |m: &Array2<f64>| {
@@ -131,8 +133,8 @@ fn all_relabellings_are_a_brute_force() {
 fn partial(x: &Array2<f64>, y: &Array2<f64>) -> f64 {
     let (q, _) = design::orthonormalise(x.view());
     let last = q.ncols() - 1;
-    let along = q.t().dot(y);
-    let errors = y - &q.dot(&along);
+    let along = product(q.t(), y.view());
+    let errors = y - &product(q.view(), along.view());
     let freedom = (x.nrows() - x.ncols()) as f64;
     along[[last, 0]].powi(2) / (errors.iter().map(|e| e * e).sum::<f64>() / freedom)
 }
@@ -149,7 +151,7 @@ fn covariates_are_freedman_and_lanes() {
     assert!(family_wise.exact && family_wise.relabellings == 5040);
     let x = design.matrix().to_owned();
     let (reduced, _) = design::orthonormalise(x.slice(s![.., ..2]));
-    let fitted = reduced.dot(&reduced.t().dot(&y));
+    let fitted = product(reduced.view(), product(reduced.t(), y.view()).view());
     let residual = &y - &fitted;
     let rows = Array2::from_shape_fn((n, 1), |(i, _)| i as f64);
     let all = arrangements::Arrangements::new(rows.view(), false, 1, 20_000, 0);

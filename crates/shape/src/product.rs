@@ -1,0 +1,46 @@
+//! Products of matrices on one thread: the same bits on any number of threads, inside of parallel loops too.
+//!
+//! ndarray's own `dot` goes to OpenBLAS where another crate of the program asks for it: its threads would then fight with
+//! those of the loop that it is called in.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use ndarray::{Array2, ArrayView2};
+
+/// `A B`: (m, n) for (m, k) and (k, n). Arguments that aren't row-major are copied first.
+///
+/// # Panics
+///
+/// Where the inner sizes differ.
+pub(crate) fn product(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> Array2<f64> {
+    let ((m, k), (rows, n)) = (a.dim(), b.dim());
+    assert_eq!(k, rows, "inner sizes of a product");
+    let mut c = Array2::zeros((m, n));
+    let (a, b) = (a.as_standard_layout(), b.as_standard_layout());
+    let (Some(a), Some(b), Some(out)) = (a.as_slice(), b.as_slice(), c.as_slice_mut()) else { return c };
+    let (a, b) = (MatRef::from_row_major_slice(a, m, k), MatRef::from_row_major_slice(b, k, n));
+    matmul(MatMut::from_row_major_slice_mut(out, m, n), Accum::Replace, a, b, 1.0, Par::Seq);
+    c
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::s;
+
+    #[test]
+    fn it_is_the_sum_of_products_whatever_the_strides() {
+        let a = Array2::from_shape_fn((7, 9), |(i, j)| ((3 * i + j) as f64).sin());
+        let b = Array2::from_shape_fn((9, 11), |(i, j)| ((i + 5 * j) as f64).cos());
+        let by_loops = |a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>| {
+            Array2::from_shape_fn((a.nrows(), b.ncols()), |(i, j)| {
+                (0..a.ncols()).map(|k| a[[i, k]] * b[[k, j]]).sum::<f64>()
+            })
+        };
+        for (a, b) in [(a.view(), b.view()), (a.slice(s![1..3, ..]), b.slice(s![.., 2..;3])), (b.t(), a.t())] {
+            let off: Array2<f64> = product(a, b) - by_loops(a, b);
+            assert!(off.iter().all(|off| off.abs() < 1e-13));
+        }
+        assert_eq!(product(a.slice(s![.., ..0]), b.slice(s![..0, ..])), Array2::<f64>::zeros((7, 11)));
+    }
+}
