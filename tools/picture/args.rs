@@ -85,7 +85,9 @@ pub(super) enum Side {
     Left,
     Right,
     Front,
+    Back,
     Top,
+    Bottom,
     Corner,
 }
 
@@ -95,7 +97,9 @@ impl Side {
             Self::Left => View::LEFT,
             Self::Right => View::RIGHT,
             Self::Front => View::FRONT,
+            Self::Back => View::BACK,
             Self::Top => View::TOP,
+            Self::Bottom => View::BOTTOM,
             Self::Corner => View::CORNER,
         }
     }

@@ -18,6 +18,10 @@ impl View {
     pub const RIGHT: Self = Self::new([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
     /// From the front in RAS coordinates (+y), z up.
     pub const FRONT: Self = Self::new([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
+    /// From behind (-y), z up.
+    pub const BACK: Self = Self::new([0.0, -1.0, 0.0], [0.0, 0.0, 1.0]);
+    /// From below (-z), y up.
+    pub const BOTTOM: Self = Self::new([0.0, 0.0, -1.0], [0.0, 1.0, 0.0]);
     /// From above (+z), y up.
     pub const TOP: Self = Self::new([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
     /// From the left, the front and above.
