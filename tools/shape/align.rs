@@ -1,13 +1,14 @@
 //! `shape align`: models brought to a target, or a group brought together.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use spharm::shape::{AlignParams, AlignReport, Method, ProcrustesParams, Transform, align, procrustes};
+use spharm::model::{made, signed};
+use spharm::shape::{AlignParams, AlignReport, Method, ProcrustesParams, Transform, align, mean, procrustes, rmsd};
 use spharm::{Coefficients, Kind, Model, Silent};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -132,24 +133,19 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         })
     })?;
     let found = pool.install(|| match &cli.target.to {
-        Some(target) => to_target(cli, &models, &Model::read(target)?, target, &params, monitor),
+        Some(target) => to_target(cli, &paths, &models, target, &params, monitor),
         None => together(cli, &models, &params, monitor),
     })?;
     found.warnings.iter().for_each(|warning| monitor.console().warn(warning));
     for ((model, transform), target) in models.iter().zip(&found.transforms).zip(&targets) {
         spharm::Monitor::check(monitor)?;
-        let mut moved = pool.install(|| transform.apply_model(model, monitor))?;
-        moved.provenance.tool = Some("shape align".to_owned());
-        moved.provenance.versions = Some(spharm::versions());
+        let moved = signed(pool.install(|| transform.apply_model(model, monitor))?, "shape align");
         prepare(target)?;
         moved.write_with(target, cli.report.force)?;
     }
     if let (Some(path), Some(mean)) = (&cli.mean, &found.mean) {
-        let mut model = Model::without_sphere(mean.clone(), Kind::Surface);
-        model.provenance.tool = Some("shape align".to_owned());
-        model.provenance.versions = Some(spharm::versions());
         prepare(path)?;
-        model.write_with(path, cli.report.force)?;
+        made(mean.clone(), Kind::Surface, "shape align").write_with(path, cli.report.force)?;
     }
     let each: Vec<Value> = paths
         .iter()
@@ -198,14 +194,14 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 
 fn to_target(
     cli: &Cli,
+    paths: &[PathBuf],
     models: &[Model],
-    target: &Model,
-    path: &std::path::Path,
+    path: &Path,
     params: &AlignParams,
     monitor: &ConsoleMonitor,
 ) -> Result<Found> {
     let params = AlignParams { starts: cli.starts.unwrap_or(params.starts), ..params.clone() };
-    let paths = cli.models.paths()?;
+    let target = Model::read(path)?;
     spharm::Monitor::begin(monitor, spharm::Stage::counted("align", "models"), models.len() as u64);
     let one = |(model, from): (&Model, &PathBuf)| -> Result<AlignReport> {
         spharm::Monitor::check(monitor)?;
@@ -214,7 +210,7 @@ fn to_target(
         Ok(found.with_context(|| format!("{} to {}", from.display(), path.display()))?.report)
     };
     // All of them before the first error is looked for, so that it is always the same one.
-    let reports: Vec<Result<AlignReport>> = models.par_iter().zip(&paths).map(one).collect();
+    let reports: Vec<Result<AlignReport>> = models.par_iter().zip(paths).map(one).collect();
     spharm::Monitor::end(monitor);
     let reports = reports.into_iter().collect::<Result<Vec<_>>>()?;
     let warning = |(report, path): (&AlignReport, &PathBuf)| -> Vec<String> {
@@ -223,7 +219,7 @@ fn to_target(
     Ok(Found {
         transforms: reports.iter().map(|report| report.transform).collect(),
         distances: reports.iter().map(|report| [report.rmsd_before, report.rmsd_after]).collect(),
-        warnings: reports.iter().zip(&paths).flat_map(warning).collect(),
+        warnings: reports.iter().zip(paths).flat_map(warning).collect(),
         summary: json!({
             "to": path,
             "degree": reports.first().map(|report| report.degree),
@@ -263,20 +259,12 @@ fn together(cli: &Cli, models: &[Model], params: &AlignParams, monitor: &Console
 
 /// Distances of centred surfaces from their mean as they are given.
 fn distances_from_mean(members: &[Coefficients], degree: usize) -> Result<Vec<f64>> {
-    let centred: Vec<ndarray::Array2<f64>> = members
-        .iter()
-        .map(|member| {
-            let mut values = member.up_to(degree).to_owned();
-            values.row_mut(0).fill(0.0);
-            values
-        })
-        .collect();
-    let mut mean = ndarray::Array2::zeros(centred[0].dim());
-    centred.iter().for_each(|values| mean += values);
-    mean /= centred.len() as f64;
-    let distance = |values: &ndarray::Array2<f64>| {
-        let square: f64 = values.iter().zip(&mean).map(|(value, mean)| (value - mean).powi(2)).sum();
-        (square / (4.0 * std::f64::consts::PI)).sqrt()
-    };
-    Ok(centred.iter().map(distance).collect())
+    let centred = members.iter().map(|member| {
+        let mut values = member.up_to(degree).to_owned();
+        values.row_mut(0).fill(0.0);
+        Coefficients::new(values)
+    });
+    let centred = centred.collect::<Result<Vec<_>, _>>()?;
+    let mean = mean(&centred)?;
+    Ok(centred.iter().map(|member| rmsd(member, &mean)).collect::<Result<_, _>>()?)
 }

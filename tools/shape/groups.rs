@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use spharm::shape::{CommonDegree, to_common_degree};
 use spharm::{Coefficients, Kind, Monitor};
 use spharm_cli::console::Console;
 use spharm_cli::paths::model_name;
@@ -36,22 +37,9 @@ pub(super) fn read_group(
         Ok(model.coefficients.clone())
     };
     let members = read_all(paths, monitor, read)?;
-    let degrees = members.iter().map(Coefficients::max_degree);
-    let (lowest, highest) = (degrees.clone().min().unwrap_or(0), degrees.max().unwrap_or(0));
-    let mut warnings = Vec::new();
-    if let Some(asked) = degree
-        && asked > lowest
-    {
-        bail!("the models go to degrees from {lowest} to {highest}, --max-degree {asked} is above the lowest one");
-    }
-    if degree.is_none() && highest > lowest {
-        warnings
-            .push(format!("the models go to degrees from {lowest} to {highest}; the degrees up to {lowest} are used"));
-        warnings.iter().for_each(|warning| console.warn(warning));
-    }
-    let degree = degree.unwrap_or(lowest);
-    let members: Result<_, _> =
-        members.iter().map(|member| Coefficients::new(member.up_to(degree).to_owned())).collect();
+    let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
+    let warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
+    warnings.iter().for_each(|warning| console.warn(warning));
     let names = paths.iter().map(|path| model_name(path)).collect();
-    Ok(Group { names, members: members?, degree, warnings })
+    Ok(Group { names, members, degree, warnings })
 }

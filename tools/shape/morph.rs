@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::json;
+use spharm::model::made;
 use spharm::shape::AlignParams;
 use spharm::shape::morph::{LEAST_VOLUME, Morph, volume_ratio};
 use spharm::{Kind, Model, Sphere};
@@ -105,17 +106,21 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut meshes: Vec<Mesh> = Vec::new();
     for (step, path) in files.iter().enumerate() {
         spharm::Monitor::check(monitor)?;
-        let mut model = Model::without_sphere(morph.at(step as f64 / last as f64)?, Kind::Surface);
-        model.provenance.tool = Some("shape morph".to_owned());
-        model.provenance.versions = Some(spharm::versions());
-        let mesh = pool.install(|| model.reconstruct(&sphere, model.coefficients.max_degree()))?;
+        let model = made(morph.at(step as f64 / last as f64)?, Kind::Surface, "shape morph");
         prepare(path)?;
         if as_models {
             model.write_with(path, cli.report.force)?;
-        } else {
+        }
+        if as_models && cli.animation.is_none() {
+            continue;
+        }
+        let mesh = pool.install(|| model.reconstruct(&sphere, model.coefficients.max_degree()))?;
+        if !as_models {
             write_mesh(path, &mesh, &options)?;
         }
-        meshes.push(mesh);
+        if cli.animation.is_some() {
+            meshes.push(mesh);
+        }
     }
     if let Some(path) = &cli.animation {
         let settings = Settings { width: SIDE, height: SIDE, view: View::CORNER, ..Settings::default() };

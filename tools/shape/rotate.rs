@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::json;
 use spharm::Model;
+use spharm::model::signed;
 use spharm::shape::{Rotation, Similarity, Transform};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, METHOD, OUTPUT};
@@ -101,9 +102,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         spharm::Monitor::check(monitor)?;
         let model = Model::read(path)?;
         let moved = pool.install(|| transform.apply_model(&model, monitor));
-        let mut moved = moved.with_context(|| path.display().to_string())?;
-        moved.provenance.tool = Some("shape rotate".to_owned());
-        moved.provenance.versions = Some(spharm::versions());
+        let moved = signed(moved.with_context(|| path.display().to_string())?, "shape rotate");
         prepare(target)?;
         moved.write_with(target, cli.report.force)?;
     }

@@ -6,9 +6,10 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::json;
+use spharm::model::made;
 use spharm::shape::pca::file::ShapeModel;
 use spharm::shape::pca::quality::normal;
-use spharm::{Coefficients, Kind, Model};
+use spharm::{Coefficients, Kind};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -78,9 +79,7 @@ pub(super) fn run(cli: &Cli, _: &ConsoleMonitor) -> Result<()> {
     check(shapes.iter().map(|(path, _)| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
     for (path, deviations) in &shapes {
         let shape = modes.shape(deviations).with_context(|| cli.model.display().to_string())?;
-        let mut model = Model::without_sphere(Coefficients::new(shape)?, Kind::Surface);
-        model.provenance.tool = Some("shape sample".to_owned());
-        model.provenance.versions = Some(spharm::versions());
+        let mut model = made(Coefficients::new(shape)?, Kind::Surface, "shape sample");
         model.provenance.other.insert("standard_deviations".to_owned(), json!(deviations));
         prepare(path)?;
         model.write_with(path, cli.report.force)?;

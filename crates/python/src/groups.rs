@@ -1,11 +1,11 @@
 //! Groups of models: to one degree, and their mean.
 
-use ndarray::Array2;
 use pyo3::prelude::*;
 use serde_json::json;
+use spharm::Kind;
 use spharm::harmonics::Coefficients;
-use spharm::shape::rmsd;
-use spharm::{Kind, Model as Inner};
+use spharm::model::made;
+use spharm::shape::{CommonDegree, mean, rmsd, to_common_degree};
 
 use crate::errors::Failure;
 use crate::models::Model;
@@ -37,37 +37,10 @@ pub(crate) fn group(models: &[(Kind, Coefficients)], kind: Kind, degree: Option<
             return Err(Failure::Argument(format!("models[{index}]: expected a model of {expected}, found {found}")));
         }
     }
-    let degrees = || models.iter().map(|(_, model)| model.max_degree());
-    let (lowest, highest) = (degrees().min().unwrap_or(0), degrees().max().unwrap_or(0));
-    let mut warnings = Vec::new();
-    match degree {
-        Some(asked) if asked > lowest => {
-            return Err(Failure::Argument(format!(
-                "degree: the models go to degrees from {lowest} to {highest}, expected at most {lowest}, found {asked}"
-            )));
-        }
-        None if highest > lowest => {
-            let used = format!("the degrees up to {lowest} are used");
-            warnings.push(format!("the models go to degrees from {lowest} to {highest}; {used}"));
-        }
-        _ => {}
-    }
-    let degree = degree.unwrap_or(lowest);
-    let members: Result<_, _> =
-        models.iter().map(|(_, model)| Coefficients::new(model.up_to(degree).to_owned())).collect();
-    Ok(Group { members: members?, degree, warnings })
-}
-
-/// A model that the verb `tool` would have written.
-pub(crate) fn made(coefficients: Coefficients, kind: Kind, tool: &str) -> Inner {
-    signed(Inner::without_sphere(coefficients, kind), tool)
-}
-
-/// Says in a model what made it.
-pub(crate) fn signed(mut model: Inner, tool: &str) -> Inner {
-    model.provenance.tool = Some(tool.to_owned());
-    model.provenance.versions = Some(spharm::versions());
-    model
+    let members: Vec<Coefficients> = models.iter().map(|(_, model)| model.clone()).collect();
+    let CommonDegree { members, degree, warning } =
+        to_common_degree(&members, degree).map_err(|error| Failure::Argument(format!("degree: {error}")))?;
+    Ok(Group { members, degree, warnings: warning.iter().map(ToString::to_string).collect() })
 }
 
 /// The mean of surfaces, their distances from it, and warnings.
@@ -86,10 +59,7 @@ pub(crate) fn shape_mean(
             return Err(Failure::Argument(format!("models: a mean is of 2 models or more, found {}", models.len())));
         }
         let group = group(&models, Kind::Surface, degree)?;
-        let mut mean = Array2::zeros(group.members[0].values().dim());
-        group.members.iter().for_each(|member| mean += member.values());
-        mean /= group.members.len() as f64;
-        let mean = Coefficients::new(mean)?;
+        let mean = mean(&group.members)?;
         let distances: Result<Vec<f64>, _> = group.members.iter().map(|member| rmsd(member, &mean)).collect();
         let mut model = made(mean, Kind::Surface, "shape mean");
         model.provenance.other.insert("members".to_owned(), json!(names));

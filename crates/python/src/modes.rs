@@ -8,12 +8,13 @@ use pyo3::prelude::*;
 use serde_json::json;
 use spharm::Kind;
 use spharm::harmonics::Coefficients;
+use spharm::model::made;
 use spharm::shape::Modes as Inner;
 use spharm::shape::pca::file::ShapeModel;
 use spharm::shape::pca::quality::{normal, quality};
 
 use crate::errors::Failure;
-use crate::groups::{coefficients, group, made};
+use crate::groups::{coefficients, group};
 use crate::models::Model;
 use crate::run::{run, run_owned};
 

@@ -5,11 +5,11 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use spharm::harmonics::Coefficients;
+use spharm::model::{made, signed};
 use spharm::shape::{AlignParams, Method, ProcrustesParams, Rotation, Similarity, Transform, align, procrustes};
 use spharm::{Error, Kind, Model as Inner, Monitor, Silent};
 
 use crate::errors::{Failure, exception};
-use crate::groups::{made, signed};
 use crate::models::Model;
 use crate::run::run_owned;
 

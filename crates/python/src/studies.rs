@@ -5,6 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spharm::Kind;
+use spharm::model::made;
 use spharm::shape::stats::{
     Column, Contrast, Design, FamilyWise, PermutationParams, Question, Statistic, TestParams, question, test,
 };
@@ -12,7 +13,7 @@ use spharm::shape::{Measurement, ShapeError, measure_group};
 
 use crate::arrays::{Positions, SphereArrays};
 use crate::errors::Failure;
-use crate::groups::{coefficients, group, made};
+use crate::groups::{coefficients, group};
 use crate::models::Model;
 use crate::run::{run, run_owned};
 

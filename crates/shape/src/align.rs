@@ -47,11 +47,11 @@ use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 
 use crate::error::ShapeError;
+use crate::extent::surface;
 use crate::foe::{EllipsoidFrame, LEAST_RATIO, half_turns};
 use crate::matrix3::determinant;
 use crate::pair::{Plan, Unit, object_only};
 use crate::refine::{Fit, Target, distance};
-use crate::rotate::check_surface;
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 
@@ -131,7 +131,7 @@ pub enum AlignWarning {
     ObjectUndetermined,
     /// Both rotations can be turned together without a change, as where a surface is one of revolution.
     BothUndetermined,
-    /// Both surfaces are plane: whether one is mirrored can't be told.
+    /// Both surfaces are plane: it is unknown whether one is mirrored.
     MirrorUndetermined,
     /// The first-order ellipsoid is nearly round, and its frame has little meaning.
     NearlyRound {
@@ -155,7 +155,7 @@ impl fmt::Display for AlignWarning {
                 "the rotations of space and of the parameters can be turned together without a change: a surface of \
                  revolution",
             ),
-            Self::MirrorUndetermined => f.write_str("the surfaces are plane: whether one is mirrored can't be told"),
+            Self::MirrorUndetermined => f.write_str("the surfaces are plane: it is unknown whether one is mirrored"),
             Self::NearlyRound { ratio } => write!(
                 f,
                 "axes of the first-order ellipsoid are alike, with a ratio of {ratio:.3}: its frame has little meaning"
@@ -204,8 +204,8 @@ pub fn align(
     params: &AlignParams,
     monitor: &dyn Monitor,
 ) -> Result<Alignment, ShapeError> {
-    check_surface(moving)?;
-    check_surface(target)?;
+    surface(moving)?;
+    surface(target)?;
     let lower = moving.max_degree().min(target.max_degree());
     let degree = params.max_degree.map_or(lower, |degree| degree.min(lower));
     let mut warnings = Vec::new();

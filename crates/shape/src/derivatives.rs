@@ -19,7 +19,6 @@
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::HarmonicsError;
 use spharm_harmonics::index::{column, max_degree_of};
-use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Returns the canonical coefficients, (K, c) each, of `L_x f`, `L_y f` and `L_z f`, for those of f, (K, c).
 ///
@@ -28,42 +27,58 @@ use std::f64::consts::FRAC_1_SQRT_2;
 /// [`NotABasisSize`](HarmonicsError::NotABasisSize): K isn't `(L + 1)^2`.
 pub fn rotational_derivatives(coefficients: ArrayView2<'_, f64>) -> Result<[Array2<f64>; 3], HarmonicsError> {
     let (rows, channels) = coefficients.dim();
-    let max_degree = max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;
+    max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;
     let mut out: [Array2<f64>; 3] = std::array::from_fn(|_| Array2::zeros((rows, channels)));
-    for l in 0..=max_degree {
-        for c in 0..channels {
-            // Beyond the orders of the degree there is nothing; order 0 counts sqrt2 among the cosines, and has no sine.
-            let cosine = |m: usize| match m {
-                0 => coefficients[[column(l, 0), c]] * std::f64::consts::SQRT_2,
-                _ if m > l => 0.0,
-                _ => coefficients[[column(l, m as isize), c]],
-            };
-            let sine = |m: usize| if m == 0 || m > l { 0.0 } else { coefficients[[column(l, -(m as isize)), c]] };
-            let step = ((l * (l + 1)) as f64).sqrt() * FRAC_1_SQRT_2;
-            let centre = column(l, 0);
-            if l > 0 {
-                out[0][[centre, c]] = -step * sine(1);
-                out[1][[centre, c]] = step * cosine(1);
-            }
-            for m in 1..=l {
-                let down = 0.5 * (((l - m + 1) * (l + m)) as f64).sqrt();
-                let up = 0.5 * (((l + m + 1) * (l - m)) as f64).sqrt();
-                let (plus, minus) = (centre + m, centre - m);
-                out[0][[plus, c]] = -(down * sine(m - 1) + up * sine(m + 1));
-                out[0][[minus, c]] = down * cosine(m - 1) + up * cosine(m + 1);
-                out[1][[plus, c]] = -(down * cosine(m - 1) - up * cosine(m + 1));
-                out[1][[minus, c]] = -(down * sine(m - 1) - up * sine(m + 1));
-                out[2][[plus, c]] = m as f64 * sine(m);
-                out[2][[minus, c]] = -(m as f64) * cosine(m);
-            }
+    for (c, channel) in coefficients.columns().into_iter().enumerate() {
+        let values: Vec<[f64; 1]> = channel.iter().map(|value| [*value]).collect();
+        for (out, found) in out.iter_mut().zip(generators(&values)) {
+            out.column_mut(c).iter_mut().zip(found).for_each(|(out, [found])| *out = found);
         }
     }
     Ok(out)
 }
 
+/// Returns `L_x f`, `L_y f` and `L_z f` of C functions side by side; there are `(L + 1)^2` rows.
+pub(crate) fn generators<const C: usize>(values: &[[f64; C]]) -> [Vec<[f64; C]>; 3] {
+    let mut out = [(); 3].map(|()| vec![[0.0; C]; values.len()]);
+    let [x, y, z] = &mut out;
+    let mut l = 1;
+    while (l + 1) * (l + 1) <= values.len() {
+        let centre = column(l, 0);
+        // Beyond the orders of the degree there is nothing; order 0 counts sqrt2 among the cosines, and has no sine.
+        let cosine = |m: usize| match m {
+            0 => values[centre].map(|v| v * std::f64::consts::SQRT_2),
+            m if m <= l => values[centre + m],
+            _ => [0.0; C],
+        };
+        let sine = |m: usize| if m == 0 || m > l { [0.0; C] } else { values[centre - m] };
+        let root = ((l * (l + 1)) as f64 / 2.0).sqrt();
+        (x[centre], y[centre]) = (sine(1).map(|v| -root * v), cosine(1).map(|v| root * v));
+        for m in 1..=l {
+            let p = 0.5 * (((l - m + 1) * (l + m)) as f64).sqrt();
+            let q = 0.5 * (((l + m + 1) * (l - m)) as f64).sqrt();
+            let (below, above) = ([cosine(m - 1), sine(m - 1)], [cosine(m + 1), sine(m + 1)]);
+            let (plus, minus) = (centre + m, centre - m);
+            for c in 0..C {
+                x[plus][c] = -(p * below[1][c] + q * above[1][c]);
+                x[minus][c] = p * below[0][c] + q * above[0][c];
+                y[plus][c] = q * above[0][c] - p * below[0][c];
+                y[minus][c] = q * above[1][c] - p * below[1][c];
+                z[plus][c] = m as f64 * values[minus][c];
+                z[minus][c] = -(m as f64) * values[plus][c];
+            }
+        }
+        l += 1;
+    }
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::half_turn::Workspace;
+    use crate::rotate::Rotator;
+    use crate::rotation::Rotation;
     use spharm_harmonics::index::{basis_size, degree_order};
     use spharm_harmonics::{Directions, synthesis};
     use spharm_surface::geometry::{Vec3, cross};
@@ -115,6 +130,25 @@ mod tests {
             let scale = 1e-15 * (1.0 + degree * degree) * 8.0;
             assert!((value + degree * (degree + 1.0) * a[[k, c]]).abs() < scale, "{k} {value}");
             assert!(commutator[[k, c]].abs() < scale, "{k} {}", commutator[[k, c]]);
+        }
+    }
+
+    #[test]
+    fn they_are_the_derivatives_of_rotations() {
+        let values: Vec<[f64; 3]> = (0..49).map(|k| [0, 1, 2].map(|c| ((k * 5 + c * 11) as f64 * 0.7).sin())).collect();
+        let (rotator, mut workspace, step) = (Rotator::new(6), Workspace::default(), 1e-5);
+        for (axis, generated) in generators(&values).iter().enumerate() {
+            let mut turned = [vec![[0.0; 3]; 49], vec![[0.0; 3]; 49]];
+            for (out, t) in turned.iter_mut().zip([-step, step]) {
+                let w = std::array::from_fn(|k| if k == axis { t } else { 0.0 });
+                rotator.rotate(&values, &Rotation::exponential(w), out, &mut workspace);
+            }
+            for (k, row) in generated.iter().enumerate() {
+                for c in 0..3 {
+                    let difference = (turned[0][k][c] - turned[1][k][c]) / (2.0 * step);
+                    assert!((row[c] - difference).abs() < 1e-8, "{axis} {k} {c}: {} {difference}", row[c]);
+                }
+            }
         }
     }
 

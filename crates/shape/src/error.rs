@@ -34,7 +34,7 @@ pub enum ShapeError {
         /// Its number, from 1.
         group: usize,
     },
-    /// A column of a design that depends on others, so that its effect can't be told from theirs.
+    /// A column of a design that depends on others, so that its effect can't be separated from theirs.
     #[error("the design's column {column:?} is a combination of the columns before it: leave one of them out")]
     Rank {
         /// The column's name.
@@ -151,6 +151,18 @@ pub enum ShapeError {
         expected: usize,
         /// What this one has.
         found: usize,
+    },
+    /// A degree that some models don't go to.
+    #[error(
+        "the models go to degrees from {lowest} to {highest}: expected a degree of at most {lowest}, found {asked}"
+    )]
+    DegreeAbove {
+        /// Lowest degree of the models.
+        lowest: usize,
+        /// Highest one.
+        highest: usize,
+        /// The degree asked for.
+        asked: usize,
     },
     /// A setting out of its range.
     #[error("{name} is {found}; {expected}")]

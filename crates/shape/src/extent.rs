@@ -26,11 +26,7 @@ pub enum Extent {
 /// - [`ShapeError::NotFinite`]: a coefficient is NaN or infinite.
 /// - [`ShapeError::NoExtent`]: the model is a point (as every one of degree 0) or lies on a line.
 pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
-    let channels = coefficients.channels();
-    if channels != 3 {
-        return Err(ShapeError::NotASurface { channels });
-    }
-    finite(coefficients)?;
+    surface(coefficients)?;
     let shape = coefficients.values().slice_axis(Axis(0), Slice::from(1..));
     let values = singular_values(shape);
     let rank = values.iter().filter(|value| **value > NEGLIGIBLE * values[0]).count();
@@ -39,6 +35,18 @@ pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
         1 => Err(ShapeError::NoExtent { found: "a line", rank }),
         2 => Ok(Extent::Flat),
         _ => Ok(Extent::Solid),
+    }
+}
+
+/// Refuses coefficients that aren't three finite columns.
+///
+/// # Errors
+///
+/// [`ShapeError::NotASurface`], [`ShapeError::NotFinite`].
+pub(crate) fn surface(coefficients: &Coefficients) -> Result<(), ShapeError> {
+    match coefficients.channels() {
+        3 => finite(coefficients),
+        channels => Err(ShapeError::NotASurface { channels }),
     }
 }
 

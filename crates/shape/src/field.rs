@@ -1,11 +1,13 @@
 //! What a group of models measures at the vertices of a common sampling, as tests take it.
 
 use ndarray::{Array2, s};
-use spharm_harmonics::{Coefficients, Directions, index::basis_size};
+use spharm_harmonics::{Coefficients, Directions};
 use spharm_monitor::{Monitor, Stage};
 use spharm_transform::{FINEST, Transform, TransformParams};
 
-use crate::{ShapeError, local_geometry};
+use crate::extent::finite;
+use crate::mean::mean;
+use crate::{MeasureParams, ShapeError, local_geometry, measure};
 
 /// What is measured of a model at a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,37 +44,23 @@ pub fn measure_group(
     measurement: Measurement,
     monitor: &dyn Monitor,
 ) -> Result<Field, ShapeError> {
-    let Some(first) = group.first() else { return Err(ShapeError::TooFewMembers { found: 0, least: 1 }) };
-    let degree = first.max_degree();
     let channels = if measurement == Measurement::Value { 1 } else { 3 };
     for model in group {
-        let values = model.values();
-        if values.ncols() != channels {
-            return Err(ShapeError::Differ { what: "channels", expected: channels, found: values.ncols() });
+        if model.channels() != channels {
+            return Err(ShapeError::Differ { what: "channels", expected: channels, found: model.channels() });
         }
-        if model.max_degree() < degree {
-            return Err(ShapeError::Differ { what: "degree", expected: degree, found: model.max_degree() });
-        }
-        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-            let (row, channel) = (at / channels, at % channels);
-            return Err(ShapeError::NotFinite { row, channel, value: values[[row, channel]] });
-        }
+        finite(model)?;
     }
-    let mut mean = Array2::zeros((basis_size(degree), channels));
-    group.iter().for_each(|model| mean += &model.up_to(degree));
-    mean /= group.len() as f64;
-    let mean = Coefficients::new(mean)?;
+    let mean = mean(group)?;
+    let degree = mean.max_degree();
     let components = if measurement == Measurement::Position { 3 } else { 1 };
     let mut values = Array2::zeros((group.len(), directions.len() * components));
     let normals = match measurement {
         Measurement::Normal => {
             let points = local_geometry(&mean, directions, monitor)?;
-            // Outwards, whichever way the surface is parametrised.
-            let volume: f64 = points.iter().map(|p| p.area_element * dot(p.position, p.normal)).sum();
-            let centre = mean.values().row(0).mapv(|value| value / (4.0 * std::f64::consts::PI).sqrt());
-            let flux: f64 =
-                points.iter().map(|p| p.area_element * dot([centre[0], centre[1], centre[2]], p.normal)).sum();
-            let sign = if volume < flux { -1.0 } else { 1.0 };
+            // Outwards, whichever way the surface is parametrised: the volume's sign needs no accurate area.
+            let params = MeasureParams { tolerance: 1.0, ..MeasureParams::default() };
+            let sign = if measure(&mean, &params, monitor)?.inwards { -1.0 } else { 1.0 };
             Some(points.into_iter().map(|p| p.normal.map(|n| sign * n)).collect::<Vec<_>>())
         }
         _ => None,
@@ -98,10 +86,6 @@ pub fn measure_group(
     }
     monitor.end();
     Ok(Field { values, components, mean })
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]

@@ -15,9 +15,9 @@ use spharm_harmonics::{Coefficients, Directions, gauss_legendre, synthesis};
 use spharm_monitor::Silent;
 
 use crate::error::ShapeError;
+use crate::extent::surface;
 use crate::kabsch::{Svd, svd};
 use crate::matrix3::{Matrix3, determinant, transposed};
-use crate::rotate::check_surface;
 use crate::rotation::Rotation;
 use crate::transform::{Similarity, Transform};
 
@@ -45,7 +45,7 @@ impl EllipsoidFrame {
     ///
     /// [`ShapeError::NotASurface`], [`ShapeError::NotFinite`].
     pub fn of(coefficients: &Coefficients) -> Result<Self, ShapeError> {
-        check_surface(coefficients)?;
+        surface(coefficients)?;
         let (u, values, v) = proper(coefficients);
         let axes = values.map(|value| value * (3.0 / (4.0 * std::f64::consts::PI)).sqrt());
         let (rotation, object) = (Rotation::of_orthogonal(transposed(&v)), Rotation::of_orthogonal(transposed(&u)));

@@ -16,6 +16,7 @@
 //! | [`mod@procrustes`] | a group of surfaces brought together, and its mean |
 //! | [`derivatives`] | the operators L_x, L_y, L_z, each degree to itself |
 //! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
+//! | [`mod@mean`] | groups to one degree, and their mean |
 //! | [`measures`] | area, volume, centroid |
 //! | [`heat`] | smoothing by the heat kernel |
 //! | [`mod@descriptors`] | power and singular values of each degree, which rotations don't change |
@@ -31,7 +32,6 @@
 //! | [`codec`] | compressed models, and back |
 //! | [`error`] | [`ShapeError`] |
 //! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2, sums with its rows, and the half turn made of them |
-//! | `generators` | infinitesimal rotations |
 //! | `matrix3`, `product` | 3 x 3 matrices; products of large ones |
 //! | `kabsch` | 3 x 3 singular values, and the best rotation of space |
 //! | `so3_grid`, `refine`, `pair` | all rotations of a grid; one of them refined; both together |
@@ -69,7 +69,6 @@ pub mod even;
 pub mod extent;
 pub mod field;
 pub mod foe;
-mod generators;
 pub mod geometry;
 mod group;
 mod half_turn;
@@ -77,6 +76,7 @@ pub mod heat;
 mod kabsch;
 pub mod levels;
 mod matrix3;
+pub mod mean;
 pub mod measures;
 pub mod morph;
 mod pair;
@@ -109,6 +109,7 @@ pub use foe::EllipsoidFrame;
 pub use geometry::{LocalGeometry, local_geometry, tangent_frame};
 pub use heat::HeatKernel;
 pub use levels::{degree_within, tails};
+pub use mean::{CommonDegree, DegreesDiffer, mean, to_common_degree};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
 pub use pca::Modes;
 pub use procrustes::{Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd, procrustes};

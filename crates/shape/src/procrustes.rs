@@ -21,13 +21,13 @@ use spharm_monitor::{Monitor, OnlyCancel, Stage};
 
 use crate::align::{Method, nothing_to_turn, undetermined};
 use crate::error::ShapeError;
+use crate::extent::surface;
 use crate::foe::{EllipsoidFrame, LEAST_RATIO};
 use crate::group::{Member, Pose, Round, mean_of, spread_of};
 use crate::matrix3::product;
 use crate::pair::{Plan, Unit, object_only};
 pub use crate::procrustes_report::{Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd};
 use crate::refine::Target;
-use crate::rotate::check_surface;
 use crate::rotation::Rotation;
 use crate::templates::templates;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
@@ -52,7 +52,7 @@ pub fn procrustes(
         return Err(ShapeError::TooFewMembers { found: members.len(), least: LEAST });
     }
     for (index, member) in members.iter().enumerate() {
-        check_surface(member).map_err(|source| ShapeError::Member { index, source: Box::new(source) })?;
+        surface(member).map_err(|source| ShapeError::Member { index, source: Box::new(source) })?;
     }
     if params.align.method == Method::FirstOrderEllipsoid {
         return Err(ShapeError::Setting {

@@ -7,14 +7,14 @@
 //! phi(w, v) = -<g, exp(v x) Q exp(-w.L) R f>
 //! ```
 //!
-//! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [generators](crate::generators):
+//! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal rotations](crate::derivatives):
 //! `O(K)`. The steps are Newton's, with Levenberg's damping in the metric of Gauss and Newton (the squared lengths of the
 //! six directions): their matrix is Newton's where g = Q R f, and keeps far steps short. Convergence is quadratic also
 //! where the surfaces differ.
 
 use spharm_monitor::Monitor;
 
-use crate::generators::generators;
+use crate::derivatives::generators;
 use crate::half_turn::Workspace;
 use crate::kabsch::{kabsch, svd};
 use crate::matrix3::{Matrix3, determinant, dot, product, transposed};

@@ -16,6 +16,7 @@ use spharm_harmonics::Coefficients;
 use spharm_monitor::{Monitor, Stage};
 
 use crate::error::ShapeError;
+use crate::extent::finite;
 use crate::half_turn::Workspace;
 use crate::quarter::{Centre, Quarter};
 use crate::rotation::Rotation;
@@ -31,7 +32,7 @@ pub fn rotate_parameters(
     rotation: &Rotation,
     monitor: &dyn Monitor,
 ) -> Result<Coefficients, ShapeError> {
-    check_finite(coefficients)?;
+    finite(coefficients)?;
     let (max_degree, columns) = (coefficients.max_degree(), coefficients.channels());
     let values = coefficients.values().as_standard_layout();
     let values = values.as_slice().unwrap_or_default();
@@ -149,22 +150,6 @@ impl Rotator {
             let (values, out) = (values[rows.clone()].as_flattened(), out[rows].as_flattened_mut());
             rotate_degree(quarter, &turns, values, out, 3, workspace);
         }
-    }
-}
-
-/// Refuses coefficients that aren't finite.
-pub(crate) fn check_finite(coefficients: &Coefficients) -> Result<(), ShapeError> {
-    match coefficients.values().indexed_iter().find(|(_, value)| !value.is_finite()) {
-        Some(((row, channel), &value)) => Err(ShapeError::NotFinite { row, channel, value }),
-        None => Ok(()),
-    }
-}
-
-/// Refuses what isn't three finite columns.
-pub(crate) fn check_surface(coefficients: &Coefficients) -> Result<(), ShapeError> {
-    match coefficients.channels() {
-        3 => check_finite(coefficients),
-        channels => Err(ShapeError::NotASurface { channels }),
     }
 }
 

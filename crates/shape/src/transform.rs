@@ -10,8 +10,9 @@ use spharm_monitor::Monitor;
 use spharm_surface::Kind;
 
 use crate::error::ShapeError;
+use crate::extent::{finite, surface};
 use crate::matrix3::{Matrix3, determinant};
-use crate::rotate::{check_finite, check_surface, rotate_parameters};
+use crate::rotate::rotate_parameters;
 use crate::rotation::Rotation;
 
 /// sqrt(4 pi): row 0 of a constant 1.
@@ -74,7 +75,7 @@ impl Transform {
     ///
     /// [`ShapeError::NotFinite`], [`ShapeError::NotASurface`], [`ShapeError::Interrupted`].
     pub fn apply(&self, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<Coefficients, ShapeError> {
-        check_surface(coefficients)?;
+        surface(coefficients)?;
         let turned = turn(coefficients, &self.rotation, self.antipodal, monitor)?;
         transform_object(&turned, &self.similarity)
     }
@@ -123,7 +124,7 @@ impl Transform {
         if moves {
             model.coefficients = transform_object(&model.coefficients, &self.similarity)?;
         }
-        check_finite(&model.coefficients)?;
+        finite(&model.coefficients)?;
         let provenance = &mut model.provenance;
         (provenance.settings, provenance.distances) = (None, None);
         if moves {
@@ -147,7 +148,7 @@ impl Transform {
 ///
 /// [`ShapeError::NotFinite`], [`ShapeError::NotASurface`].
 pub fn transform_object(coefficients: &Coefficients, similarity: &Similarity) -> Result<Coefficients, ShapeError> {
-    check_surface(coefficients)?;
+    surface(coefficients)?;
     let mut values = coefficients.values().clone();
     let linear = Similarity { translation: [0.0; 3], ..*similarity };
     for mut row in values.rows_mut() {
@@ -158,7 +159,7 @@ pub fn transform_object(coefficients: &Coefficients, similarity: &Similarity) ->
         *value += SQRT_4_PI * translation;
     }
     let moved = Coefficients::new(values)?;
-    check_finite(&moved)?;
+    finite(&moved)?;
     Ok(moved)
 }
 

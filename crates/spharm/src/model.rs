@@ -5,6 +5,7 @@ use spharm_harmonics::Coefficients;
 use spharm_model::Model;
 pub use spharm_model::{CONVENTION, Distances, Fitted, Provenance, Settings, Versions};
 use spharm_store::format::VERSION as STORE_FORMAT;
+use spharm_surface::Kind;
 
 use crate::{Fit, FitReport, FitWarning, Method};
 
@@ -20,16 +21,28 @@ pub fn versions() -> Versions {
 /// The field of a provenance that lists what was done to a model's coefficients after the fit, first to last.
 pub const TRANSFORM: &str = "transform";
 
+/// Returns a model without a sphere that `tool` made of coefficients.
+#[must_use]
+pub fn made(coefficients: Coefficients, kind: Kind, tool: &str) -> Model {
+    signed(Model::without_sphere(coefficients, kind), tool)
+}
+
+/// Records in a model which tool made it, and the versions of this build.
+#[must_use]
+pub fn signed(mut model: Model, tool: &str) -> Model {
+    model.provenance.tool = Some(tool.to_owned());
+    model.provenance.versions = Some(versions());
+    model
+}
+
 /// Returns a model of other coefficients made from those of `source`, over the same sphere.
 ///
 /// `transform` says what was done; it is added to the provenance's list [`TRANSFORM`]. Settings and distances, which are the
 /// fit's, are left out, so that nobody takes the model for that of a fit.
 #[must_use]
 pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, transform: Value) -> Model {
-    let mut model = Model { coefficients, ..source.clone() };
+    let mut model = signed(Model { coefficients, ..source.clone() }, tool);
     let provenance = &mut model.provenance;
-    provenance.tool = Some(tool.to_owned());
-    provenance.versions = Some(versions());
     (provenance.settings, provenance.distances) = (None, None);
     match provenance.other.get_mut(TRANSFORM) {
         Some(Value::Array(steps)) => steps.push(transform),

@@ -31,7 +31,7 @@ const COVERED: f64 = 0.05;
 const HELD_OUT: f64 = 0.1;
 
 /// Returns the rms of the detail that the vertices tell of beyond the fit's degree, of a channel, in the target's unit.
-/// None where it can't be told: where there are too few vertices for a higher degree, or no memory.
+/// None where it is unknown: where there are too few vertices for a higher degree, or no memory.
 pub(crate) fn left_out(
     job: &Job<'_>,
     precision: Option<&[f64]>,

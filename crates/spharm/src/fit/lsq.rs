@@ -34,7 +34,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
-    // Where these can't be told, moments can't be made either.
+    // Where these fail, moments can't be made either.
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, together * channels, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
     let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
@@ -261,7 +261,7 @@ fn solver_params(
         max_iterations: params.max_iterations,
         memory: plan.budget,
         held: plan.needed(together),
-        // Where these can't be told, the matrix can't be made either.
+        // Where these fail, the matrix can't be made either.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         moment_bytes,
         threads: job.threads,

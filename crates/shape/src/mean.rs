@@ -1,0 +1,110 @@
+//! Groups of models taken to one degree, and their mean.
+
+use std::fmt;
+
+use ndarray::Array2;
+use spharm_harmonics::Coefficients;
+
+use crate::error::ShapeError;
+
+/// A group's coefficients to one degree.
+#[derive(Debug, Clone)]
+pub struct CommonDegree {
+    /// Canonical coefficients of each, (K, c).
+    pub members: Vec<Coefficients>,
+    /// The degree L of all of them.
+    pub degree: usize,
+    /// Set where nobody asked for a degree and higher ones were left out.
+    pub warning: Option<DegreesDiffer>,
+}
+
+/// Models of different degrees, of which the lowest is used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DegreesDiffer {
+    /// Lowest degree of the models, which is used.
+    pub lowest: usize,
+    /// Highest one.
+    pub highest: usize,
+}
+
+impl fmt::Display for DegreesDiffer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { lowest, highest } = self;
+        write!(f, "the models go to degrees from {lowest} to {highest}; the degrees up to {lowest} are used")
+    }
+}
+
+/// Takes models to the degree `asked`, else to the lowest of theirs.
+///
+/// # Errors
+///
+/// [`ShapeError::TooFewMembers`] for none; [`ShapeError::DegreeAbove`]: a model doesn't go to the degree asked for.
+pub fn to_common_degree(group: &[Coefficients], asked: Option<usize>) -> Result<CommonDegree, ShapeError> {
+    let degrees = group.iter().map(Coefficients::max_degree);
+    let (Some(lowest), Some(highest)) = (degrees.clone().min(), degrees.max()) else {
+        return Err(ShapeError::TooFewMembers { found: 0, least: 1 });
+    };
+    if let Some(asked) = asked.filter(|asked| *asked > lowest) {
+        return Err(ShapeError::DegreeAbove { lowest, highest, asked });
+    }
+    let degree = asked.unwrap_or(lowest);
+    let members = group.iter().map(|member| Coefficients::new(member.up_to(degree).to_owned()));
+    let members = members.collect::<Result<_, _>>()?;
+    let warning = (asked.is_none() && highest > lowest).then_some(DegreesDiffer { lowest, highest });
+    Ok(CommonDegree { members, degree, warning })
+}
+
+/// Returns the mean of models, (K, c), to the degree of the first.
+///
+/// # Errors
+///
+/// [`ShapeError::TooFewMembers`] for none; [`ShapeError::Differ`]: a model has another number of channels than the first, or a
+/// lower degree.
+pub fn mean(group: &[Coefficients]) -> Result<Coefficients, ShapeError> {
+    let Some(first) = group.first() else { return Err(ShapeError::TooFewMembers { found: 0, least: 1 }) };
+    let degree = first.max_degree();
+    let mut mean = Array2::zeros(first.values().dim());
+    for member in group {
+        let (expected, found) = (first.channels(), member.channels());
+        if found != expected {
+            return Err(ShapeError::Differ { what: "channels", expected, found });
+        }
+        if member.max_degree() < degree {
+            return Err(ShapeError::Differ { what: "degree", expected: degree, found: member.max_degree() });
+        }
+        mean += &member.up_to(degree);
+    }
+    mean /= group.len() as f64;
+    Ok(Coefficients::new(mean)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn filled(degree: usize, channels: usize, value: f64) -> Coefficients {
+        Coefficients::new(Array2::from_elem(((degree + 1) * (degree + 1), channels), value)).unwrap()
+    }
+
+    #[test]
+    fn a_group_goes_to_its_lowest_degree_and_says_so() {
+        let group = [filled(3, 3, 1.0), filled(2, 3, 4.0)];
+        let found = to_common_degree(&group, None).unwrap();
+        assert_eq!((found.degree, found.warning), (2, Some(DegreesDiffer { lowest: 2, highest: 3 })));
+        assert!(found.members.iter().all(|member| member.max_degree() == 2));
+        assert!(mean(&found.members).unwrap().values().iter().all(|value| *value == 2.5));
+        let asked = to_common_degree(&group, Some(1)).unwrap();
+        assert_eq!((asked.degree, asked.warning), (1, None));
+        let above = to_common_degree(&group, Some(3)).unwrap_err();
+        assert!(matches!(above, ShapeError::DegreeAbove { lowest: 2, highest: 3, asked: 3 }));
+    }
+
+    #[test]
+    fn groups_without_a_mean_are_refused() {
+        assert!(to_common_degree(&[], None).is_err() && mean(&[]).is_err());
+        let lower = mean(&[filled(3, 3, 1.0), filled(2, 3, 4.0)]).unwrap_err();
+        assert!(matches!(lower, ShapeError::Differ { what: "degree", expected: 3, found: 2 }));
+        let signal = mean(&[filled(3, 3, 1.0), filled(3, 1, 4.0)]).unwrap_err();
+        assert!(matches!(signal, ShapeError::Differ { what: "channels", expected: 3, found: 1 }));
+    }
+}
