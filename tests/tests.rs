@@ -6,6 +6,7 @@ mod bare;
 mod common;
 mod compressed;
 mod denoise;
+mod exchange;
 mod facade;
 mod first_users;
 mod fit_arguments;

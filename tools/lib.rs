@@ -5,8 +5,10 @@
 
 mod basis_build;
 mod compare;
+mod export;
 mod fit;
 mod generate;
+mod import;
 mod moments;
 mod pages;
 #[cfg(feature = "paper")]
@@ -39,6 +41,8 @@ enum Verb {
     Compare(compare::Cli),
     Shape(shape::Cli),
     Moments(moments::Cli),
+    Export(export::Cli),
+    Import(import::Cli),
     Picture(picture::Cli),
     BasisBuild(basis_build::Cli),
     Store(store::Cli),
@@ -58,6 +62,8 @@ impl Verb {
             Self::Compare(cli) => compare::run(cli),
             Self::Shape(cli) => shape::run(cli),
             Self::Moments(cli) => moments::run(cli),
+            Self::Export(cli) => export::run(cli),
+            Self::Import(cli) => import::run(cli),
             Self::Picture(cli) => picture::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
             Self::Store(cli) => store::run(cli),
