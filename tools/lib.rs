@@ -18,6 +18,7 @@ mod picture;
 mod reconstruct;
 mod shape;
 mod store;
+mod volumes;
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -41,6 +42,7 @@ enum Verb {
     Compare(compare::Cli),
     Shape(shape::Cli),
     Moments(moments::Cli),
+    Volumes(volumes::Cli),
     Export(export::Cli),
     Import(import::Cli),
     Picture(picture::Cli),
@@ -62,6 +64,7 @@ impl Verb {
             Self::Compare(cli) => compare::run(cli),
             Self::Shape(cli) => shape::run(cli),
             Self::Moments(cli) => moments::run(cli),
+            Self::Volumes(cli) => volumes::run(cli),
             Self::Export(cli) => export::run(cli),
             Self::Import(cli) => import::run(cli),
             Self::Picture(cli) => picture::run(cli),

@@ -153,6 +153,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::VertexMap { .. } => {
             Some("fit takes it together with the --sphere that its vertices are on".to_owned())
         }
+        ParametrizeError::NoVoxelSize { .. } => Some("--voxel-size X,Y,Z gives it".to_owned()),
         ParametrizeError::NoLabel { .. } => Some("--label N takes one of them".to_owned()),
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply are such formats".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),
