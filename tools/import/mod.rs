@@ -2,11 +2,11 @@
 
 mod args;
 
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use serde_json::Value;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
-use spharm_exchange::{ImportOptions, Imported, import};
+use spharm_exchange::{ExchangeError, ImportOptions, Imported, import};
 use spharm_model::{FileRecord, Model};
 use spharm_surface::Kind;
 
@@ -17,7 +17,11 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".npz"])], cli.force)?;
     let options = ImportOptions { format: cli.from, normalization: cli.normalization };
-    let Imported { coefficients, sphere, format } = import(&cli.files, &options)?;
+    let found = import(&cli.files, &options).map_err(|error| match error {
+        ExchangeError::Unknown { .. } => anyhow!("{error}; --from names it"),
+        error => error.into(),
+    });
+    let Imported { coefficients, sphere, format } = found?;
     let sphere = match &cli.sphere {
         Some(path) => Some(read_sphere(path, false, &console)?),
         None => sphere,

@@ -48,11 +48,8 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
 fn of_surface(error: &SurfaceError) -> Option<String> {
     match error {
         SurfaceError::OutputExists { .. } => Some("pass --force to replace it, or give another name".to_owned()),
-        SurfaceError::VolumeInput { format: "NIfTI-1" | "FreeSurfer MGH", .. } => {
-            Some("fit and parametrize make the surface of one of its labels, with --label N".to_owned())
-        }
         SurfaceError::VolumeInput { .. } => {
-            Some("convert it to NIfTI (.nii.gz); fit and parametrize then take one of its labels".to_owned())
+            Some("fit and parametrize make the surface of one of its labels, with --label N and no --sphere".to_owned())
         }
         // Of surfaces that are compared vertex by vertex.
         SurfaceError::TopologyDiffers { .. }

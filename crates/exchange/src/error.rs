@@ -31,7 +31,7 @@ pub enum ExchangeError {
         found: String,
     },
     /// Nothing in the file says which format it has.
-    #[error("{}: cannot tell the format of its coefficients: {found}; name it: {remedy}", .path.display())]
+    #[error("{}: cannot tell the format of its coefficients, {found}; expected {remedy}", .path.display())]
     Unknown {
         /// The file.
         path: PathBuf,
@@ -54,9 +54,15 @@ pub enum ExchangeError {
     },
     /// A format that is only written.
     #[error(
-        "{0} files are written, not read: they hold one radius in each direction, without the place and pose of the body"
+        "{}: files for {package} are written, not read: they hold one radius in each direction, without place and pose",
+        .path.display()
     )]
-    WrittenOnly(&'static str),
+    WrittenOnly {
+        /// The file.
+        path: PathBuf,
+        /// The package.
+        package: &'static str,
+    },
     /// Files of one model whose degrees differ.
     #[error("{}: degree {found}; {} has degree {expected}", .path.display(), .first.display())]
     Degrees {

@@ -76,7 +76,7 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
         None => detect(path, &bytes)?,
     };
     if format == Format::Aics {
-        return Err(ExchangeError::WrittenOnly("aics-shparam"));
+        return Err(ExchangeError::WrittenOnly { path: path.to_owned(), package: "aics-shparam" });
     }
     let (coefficients, sphere) = parse(&bytes, format, options).map_err(|flaw| flaw.at(path, format.file()))?;
     let values = coefficients.values();
