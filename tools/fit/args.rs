@@ -99,7 +99,7 @@ pub(super) struct Input {
     ///
     /// A value for each vertex. Vertices of signals without a value (NaN) are left unread in any case. The model is one over
     /// the whole sphere all the same.
-    #[arg(long, value_name = "FILE", requires = "sphere")]
+    #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
     ///
