@@ -109,14 +109,14 @@ fn what_is_no_surface_is_named_for_what_it_is() {
     let study = Study::new();
     std::fs::write(study.path("cells.tif"), b"II*\0and more").unwrap();
     let error = fail(&mut study.fit(&["cells.tif"], &["--max-degree", "6"]));
-    assert!(error.contains("a volume (TIFF)") && error.contains("NIfTI"), "{error}");
+    assert!(error.contains("a volume (TIFF)") && error.contains("--label N"), "{error}");
     std::fs::create_dir(study.path("subjects")).unwrap();
     let error = fail(&mut study.fit(&["subjects"], &["--max-degree", "6"]));
     assert!(error.contains("is a folder: give its files or @LIST"), "{error}");
     let mut command = tool("reconstruct");
     fit(&study, "s0.surf.gii");
-    let error = fail(command.arg("--model").arg(study.path("m.npz")).arg("-o").arg(study.path("a.glb")));
-    assert!(error.contains("a.glb") && error.contains(".surf.gii"), "{error}");
+    let error = fail(command.arg("--model").arg(study.path("m.npz")).arg("-o").arg(study.path("a.usd")));
+    assert!(error.contains("a.usd") && error.contains(".surf.gii"), "{error}");
     let mut command = tool("generate");
     let error = fail(command.args(["--subdivisions", "2", "--surface"]).arg(study.path("a.stl")));
     assert!(error.contains("order of the vertices"), "{error}");

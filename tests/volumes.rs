@@ -132,7 +132,7 @@ fn a_volume_is_read_once_for_its_labels_and_their_surfaces() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cells.nii");
     write_volume(&path, |at| u8::from(ball(at)));
-    let mut reader = SurfaceReader::new(false, false);
+    let mut reader = SurfaceReader::new(false, false, None);
     let found = reader.surfaces(std::slice::from_ref(&path), Some(Labels::All), true, &Silent).unwrap();
     assert_eq!(found, [(path.clone(), Some(1))]);
     std::fs::remove_file(&path).unwrap();

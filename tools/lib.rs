@@ -5,8 +5,10 @@
 
 mod basis_build;
 mod compare;
+mod export;
 mod fit;
 mod generate;
+mod import;
 mod moments;
 mod pages;
 #[cfg(feature = "paper")]
@@ -16,6 +18,7 @@ mod picture;
 mod reconstruct;
 mod shape;
 mod store;
+mod volumes;
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -39,6 +42,9 @@ enum Verb {
     Compare(compare::Cli),
     Shape(shape::Cli),
     Moments(moments::Cli),
+    Volumes(volumes::Cli),
+    Export(export::Cli),
+    Import(import::Cli),
     Picture(picture::Cli),
     BasisBuild(basis_build::Cli),
     Store(store::Cli),
@@ -58,6 +64,9 @@ impl Verb {
             Self::Compare(cli) => compare::run(cli),
             Self::Shape(cli) => shape::run(cli),
             Self::Moments(cli) => moments::run(cli),
+            Self::Volumes(cli) => volumes::run(cli),
+            Self::Export(cli) => export::run(cli),
+            Self::Import(cli) => import::run(cli),
             Self::Picture(cli) => picture::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
             Self::Store(cli) => store::run(cli),

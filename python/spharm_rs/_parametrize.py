@@ -127,7 +127,7 @@ def parametrize_volume(
     Parameters
     ----------
     volume : str, os.PathLike or array_like of int, (i, j, k)
-        A file (NIfTI, MGH/MGZ), or its labels.
+        A file (NIfTI, MGH/MGZ, NRRD, TIFF that says how large its voxels are), or its labels.
     label : int, optional
         Needed where the volume has several.
     affine : array_like of float, (4, 4), optional

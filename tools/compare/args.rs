@@ -19,7 +19,7 @@ use spharm_surface::metrics::SurfaceDistanceParams;
     &[
         "spharm compare bunny.ply bunny60.ply",
         "spharm compare bunny.ply lod.ply --surface-distance --json",
-        "spharm compare bunny.ply bunny60.ply -o error.ply --range 0.5",
+        "spharm compare bunny.ply bunny60.ply -o error.glb --range 0.5",
     ],
     &[help::MESHES],
 ))]
@@ -42,9 +42,10 @@ pub(crate) struct Cli {
     pub(super) samples: usize,
     /// Write the reconstruction coloured by distance
     ///
-    /// A PLY file with each vertex's distance as a scalar and as a colour: the distance from the corresponding vertex, with
-    /// --surface-distance from the surface.
-    #[arg(short, long, value_name = "OUT.ply", help_heading = OUTPUT)]
+    /// .ply and .glb: the reconstruction with each vertex's distance as a value and as a colour; .vtk: with the value;
+    /// .shape.gii, .func.gii: the values alone. It is the distance from the corresponding vertex, with --surface-distance from
+    /// the surface.
+    #[arg(short, long, value_name = "OUT.glb", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
     /// Distance that gets the last colour [default: the largest]
     ///

@@ -6,7 +6,7 @@ mod output;
 use anyhow::{Context, Result};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, prepare, print, print_json, table, write_json};
-use spharm_surface::io::{PlyAttributes, WriteOptions, read_mesh, write_ply};
+use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mesh, write_painted};
 use spharm_surface::metrics::{
     SurfaceDistanceParams, colors, compare, correspond, distances_to_surface, surface_distance, vertex_distances,
 };
@@ -16,7 +16,7 @@ use self::output::{Report, rows};
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
-    let painted = cli.output.as_deref().map(|path| OutputFile::with_ending(path, "--output", &[".ply"]));
+    let painted = cli.output.as_deref().map(|path| OutputFile::with_ending(path, "--output", PAINTED));
     let report = cli.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(painted.into_iter().chain(report), cli.force)?;
     cli.threads.pool()?.install(|| work(cli))
@@ -49,7 +49,7 @@ fn work(cli: &Cli) -> Result<()> {
         let attributes = PlyAttributes { scalar: Some(("distance", &distances)), colors: Some(&painted) };
         let options = WriteOptions { overwrite: cli.force, ..WriteOptions::default() };
         prepare(output)?;
-        write_ply(output, &reconstruction, &attributes, &options)?;
+        write_painted(output, &reconstruction, &attributes, &options)?;
     }
     let report = Report::new(original.vertices.len(), vertexwise, surfaces);
     if let Some(path) = &cli.report {

@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use spharm::{FitTo, Preconditioner, Smoothness, defaults};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
-use spharm_cli::surfaces::Labels;
+use spharm_cli::surfaces::{Labels, VoxelSize};
 use spharm_cli::threads::Threads;
 use spharm_cli::values::{self, Dtype};
 use spharm_cli::{Common, help};
@@ -67,15 +67,20 @@ pub(super) struct Input {
     pub(super) sphere: Option<PathBuf>,
     /// Label of a volume, or all of them, for a model of each
     ///
-    /// A label volume (.nii, .nii.gz, .mgh, .mgz) is a surface too; the label is only needed where there are several. The
+    /// A label volume (.nii, .mgz, .nrrd, .tif, .npy) is a surface too; the label is only needed where there are several. The
     /// surfaces are written next to the models.
     #[arg(long, value_name = "N|all", allow_negative_numbers = true, conflicts_with = "sphere")]
     pub(super) label: Option<Labels>,
-    /// Repair labels whose surface isn't of genus zero
+    /// Repair labels and meshes in place of refusing them
     ///
-    /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
+    /// Of a label: keeps the largest piece, fills cavities and opens handles. Of a mesh: welds vertices that lie exactly on
+    /// others, drops repeated and degenerate triangles, unused vertices and all pieces but the largest, fills holes of up to 32
+    /// edges; the mended mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
+    /// Size of a volume's voxels, where its file doesn't say it
+    #[arg(long, value_name = "X,Y,Z", conflicts_with = "sphere", hide_short_help = true)]
+    pub(super) voxel_size: Option<VoxelSize>,
     /// Cut meshes that have handles along short loops, and fill both sides
     ///
     /// The fit is of the cut surface, which is written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that
@@ -90,6 +95,12 @@ pub(super) struct Input {
     /// uniform, area (their share of the sphere), or a file with one value for each.
     #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
     pub(super) weights: String,
+    /// Vertices to leave unread: those with 0 in this file
+    ///
+    /// A value for each vertex. Vertices of signals without a value (NaN) are left unread in any case. The model is one over
+    /// the whole sphere all the same.
+    #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
+    pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
     ///
     /// Doubtful are surfaces that aren't closed and of genus zero, spheres that are off centre, and other hemispheres.

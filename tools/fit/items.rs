@@ -66,6 +66,8 @@ pub(super) fn items(
             label.map(|_| files.surface()),
             // A mesh without handles has none, and is finished all the same.
             (cli.input.cut_handles && !cli.output.skip_existing).then(|| files.cut_surface()),
+            // Nor does a mesh in which there was nothing to mend.
+            (cli.input.fix && label.is_none() && !cli.output.skip_existing).then(|| files.fixed_surface()),
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
         let request = Request { input: &record, sphere, params, output: &files.model, beside: &beside, if_exists };

@@ -1,6 +1,6 @@
 //! What `fit` prints: warnings with advice, the table, the report.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -41,6 +41,9 @@ pub(super) struct Fitted {
     output: PathBuf,
     #[serde(flatten)]
     report: FitReport,
+    /// Vertices that a mask left out or that had no value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) unread: Option<usize>,
     /// Without --sphere: the sphere that was made, and how.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) parametrization: Option<Mapped>,
@@ -95,6 +98,9 @@ pub(super) struct Mapped {
     /// What `--fix` changed in the label, if anything.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) repair: Option<Repair>,
+    /// What `--fix` mended in a mesh, if anything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) mesh_repair: Option<BTreeMap<&'static str, usize>>,
     /// What `--cut-handles` cut, if anything.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) handles: Option<HandlesReport>,
@@ -105,7 +111,7 @@ pub(super) struct Mapped {
 impl Fitted {
     pub(super) fn new(item: &Item, report: FitReport) -> Self {
         let (name, output) = (item.files.name(), item.files.model.clone());
-        Self { name, input: item.input.clone(), output, report, parametrization: None }
+        Self { name, input: item.input.clone(), output, report, unread: None, parametrization: None }
     }
 
     /// The surface's row of the table.

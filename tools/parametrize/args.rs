@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::names::NameTemplate;
-use spharm_cli::surfaces::Labels;
+use spharm_cli::surfaces::{Labels, VoxelSize};
 use spharm_cli::threads::Threads;
 use spharm_parametrize::Sampling;
 
@@ -33,11 +33,16 @@ pub(crate) struct Cli {
     /// Label of a volume, or all of them; only needed where there are several
     #[arg(long, value_name = "N|all", allow_negative_numbers = true, help_heading = INPUT)]
     pub(super) label: Option<Labels>,
-    /// Repair labels whose surface isn't of genus zero
+    /// Repair labels and meshes in place of refusing them
     ///
-    /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
+    /// Of a label: keeps the largest piece, fills cavities and opens handles. Of a mesh: welds vertices that lie exactly on
+    /// others, drops repeated and degenerate triangles, unused vertices and all pieces but the largest, fills holes of up to 32
+    /// edges; the mended mesh goes to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
+    /// Size of a volume's voxels, where its file doesn't say it
+    #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
+    pub(super) voxel_size: Option<VoxelSize>,
     /// Cut meshes that have handles along short loops, and fill both sides
     ///
     /// The map is then of the cut surface, which goes to --surface-output: the input's vertices and triangles in their order,
@@ -82,7 +87,7 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Surface to write, whose triangles are those of the sphere; for several a folder
     ///
-    /// Needed where it isn't the input's: for volumes, for deform, with --resample-to and with --cut-handles. Its default is then next to the
+    /// Needed where it isn't the input's: for volumes, for deform, with --resample-to, --fix and --cut-handles. Its default is then next to the
     /// sphere: NAME.surf.gii for NAME.sphere.surf.gii.
     #[arg(long, value_name = "MESH", help_heading = OUTPUT)]
     pub(super) surface_output: Option<PathBuf>,

@@ -76,7 +76,7 @@ fn check(cli: &Cli, input: &Path) -> Result<()> {
     }
     match cli.method {
         MethodName::EqualArea if !volume => {
-            bail!("equal-area is for volumes (.nii, .nii.gz, .mgh, .mgz); use --method cald for meshes")
+            bail!("equal-area is for volumes (.nii, .mgz, .nrrd, .tif, .npy); use --method cald for meshes")
         }
         MethodName::Deform if cli.resample_to.is_some() => {
             bail!("deform makes a sampling of its own; leave out --resample-to")
@@ -96,6 +96,7 @@ fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
         (_, Some(_)) => Some("--resample-to makes"),
         _ if is_volume(input) => Some("a volume gets"),
         _ if cli.cut_handles => Some("--cut-handles makes"),
+        _ if cli.fix => Some("--fix makes"),
         _ => None,
     }
 }

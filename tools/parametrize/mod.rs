@@ -25,7 +25,7 @@ use self::output::{Written, described};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let monitor = ConsoleMonitor::new(console);
-    let mut reader = SurfaceReader::new(cli.fix, cli.cut_handles);
+    let mut reader = SurfaceReader::new(cli.fix, cli.cut_handles, cli.voxel_size);
     let items = items(cli, &mut reader, &monitor)?;
     let pool = cli.threads.pool()?;
     let mut written = Vec::new();
@@ -60,6 +60,9 @@ fn one(
     let input = reader.read(&item.input, item.label, monitor).with_context(|| item.input.display().to_string())?;
     console.note(format_args!("{}: {}", item.input.display(), described(&input)));
     if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &input {
+        console.warn(format_args!("{}: {repair}", item.name()));
+    }
+    if let Some(repair) = input.mesh_repair() {
         console.warn(format_args!("{}: {repair}", item.name()));
     }
     if let Some(handles) = input.handles() {

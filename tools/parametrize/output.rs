@@ -1,5 +1,7 @@
 //! What `parametrize` prints and writes: JSON, or tables.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 use spharm_cli::output::{counted, table};
 use spharm_parametrize::handles::{CutLoop, HandlesReport};
@@ -21,6 +23,9 @@ pub(super) struct Written {
     report: Report,
     #[serde(skip_serializing_if = "Option::is_none")]
     volume: Option<Label>,
+    /// What `--fix` mended in a mesh, if anything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mesh_repair: Option<BTreeMap<&'static str, usize>>,
     /// What was cut by `--cut-handles`, if anything.
     #[serde(skip_serializing_if = "Option::is_none")]
     handles: Option<HandlesReport>,
@@ -38,6 +43,7 @@ impl Written {
             version: env!("CARGO_PKG_VERSION"),
             report: found.report,
             volume: if let Input::Label(found) = input { Some(found.into()) } else { None },
+            mesh_repair: input.mesh_repair().map(|repair| repair.counts().into_iter().collect()),
             handles: input.handles().cloned(),
             distance: found.resampling.map(Distance::from),
         }
@@ -101,7 +107,9 @@ impl From<Resampling> for Distance {
 /// What was read.
 pub(super) fn described(input: &Input) -> String {
     match input {
-        Input::Mesh(mesh) => format!("{} vertices, {} triangles", mesh.vertices.len(), mesh.faces.len()),
+        Input::Mesh(mesh) | Input::Fixed(mesh, _) => {
+            format!("{} vertices, {} triangles", mesh.vertices.len(), mesh.faces.len())
+        }
         Input::Cut(cut) => {
             let (vertices, faces) = (cut.surface.vertices.len(), cut.surface.faces.len());
             format!("{vertices} vertices, {faces} triangles once its handles are cut and filled")

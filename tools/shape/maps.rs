@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use spharm::shape::LocalGeometry;
 use spharm_cli::output::prepare;
 use spharm_cli::paths::{model_name, with_ending};
-use spharm_surface::Signal;
-use spharm_surface::io::{WriteOptions, write_signal};
+use spharm_surface::io::{PlyAttributes, WriteOptions, write_painted, write_signal};
+use spharm_surface::metrics::colors;
+use spharm_surface::{Mesh, Signal, Sphere};
 
 use super::outputs::{csv, number, write_text};
 
@@ -70,22 +71,49 @@ impl Maps {
         with_ending(&self.stem, &format!("{name}.{}", self.format))
     }
 
-    /// Writes the maps of the points at directions.
-    pub(super) fn write(&self, directions: &[[f64; 3]], points: &[LocalGeometry]) -> Result<()> {
+    /// Whether they are meshes with values and colours, in place of values alone.
+    pub(super) fn painted(&self) -> bool {
+        ["ply", "glb", "vtk"].iter().any(|ending| self.format.eq_ignore_ascii_case(ending))
+    }
+
+    /// Writes the maps of the points at the sphere's vertices.
+    pub(super) fn write(&self, sphere: &Sphere, points: &[LocalGeometry]) -> Result<()> {
+        let directions = sphere.directions.as_slice();
         if self.format == "csv" {
             let rows: Vec<Vec<String>> = directions.iter().zip(points).map(|(u, point)| cells(u, point)).collect();
             let text = csv(&COLUMNS, rows.iter().map(Vec::as_slice));
             return write_text(&with_ending(&self.stem, "geometry.csv"), self.force, &text);
         }
         let options = WriteOptions { overwrite: self.force, double: self.double };
+        if self.painted() && sphere.faces.is_empty() {
+            bail!("{}: the sphere has no triangles to colour; --icosphere N has", self.stem.display());
+        }
+        let positions = points.iter().map(|point| point.position).collect();
+        let mesh = Mesh::new(positions, if self.painted() { sphere.faces.clone() } else { Vec::new() });
         for (name, value) in MAPS {
             let path = self.file(name);
             prepare(&path)?;
             let values: Vec<f64> = points.iter().map(value).collect();
-            write_signal(&path, &Signal::new(values, points.len(), 1), &options)?;
+            if self.painted() {
+                let (low, high) = range(&values);
+                let (name, painted) = (name.replace('-', "_"), colors(&values, low, high));
+                let attributes = PlyAttributes { scalar: Some((&name, &values)), colors: Some(&painted) };
+                write_painted(&path, &mesh, &attributes, &options)?;
+            } else {
+                write_signal(&path, &Signal::new(values, points.len(), 1), &options)?;
+            }
         }
         Ok(())
     }
+}
+
+/// The values that have the first and the last colour: of all but the lowest and the highest fiftieth, so that a spike doesn't
+/// take all colours.
+fn range(values: &[f64]) -> (f64, f64) {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let at = |part: f64| sorted.get((part * sorted.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(0.0);
+    (at(0.02), at(0.98))
 }
 
 fn cells(u: &[f64; 3], point: &LocalGeometry) -> Vec<String> {

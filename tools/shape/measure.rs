@@ -11,7 +11,7 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
 use spharm_model::Model;
-use spharm_surface::io::Output;
+use spharm_surface::io::{Output, PAINTED};
 
 use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
 use super::maps::Maps;
@@ -31,7 +31,7 @@ use super::outputs::{check, csv, finish, number, write_text};
     &[
         "Maps are NAME.mean-curvature.shape.gii, NAME.gaussian-curvature..., NAME.shape-index..., NAME.curvedness..., \
          NAME.area-element...; with --format csv one table, NAME.geometry.csv, which has directions, positions and normals, \
-         too.",
+         too. With --format glb, ply or vtk they are the surface with values, and colours from the 2nd to the 98th percentile.",
         help::SIGNALS,
     ],
 ))]
@@ -87,7 +87,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     });
     let files: Vec<PathBuf> = maps.iter().flatten().flat_map(Maps::files).collect();
     let table = cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"]));
-    let of_maps = files.iter().map(|path| OutputFile::holding(path, "--maps", Output::Signal));
+    let painted = maps.iter().flatten().any(Maps::painted);
+    let holds = if painted { Output::Ending(PAINTED) } else { Output::Signal };
+    let of_maps = files.iter().map(|path| OutputFile::holding(path, "--maps", holds));
     check(table.chain(of_maps), &cli.report)?;
     let console = monitor.console();
     let shared = cli.sampling.shared(console)?;
@@ -116,7 +118,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
                 warnings.push(format!("{count} vertices have no tangent plane; curvatures are 0 there"));
             }
             singular = Some(count);
-            maps.write(sphere.directions.as_slice(), &points)?;
+            maps.write(sphere, &points)?;
         }
         for warning in &warnings {
             console.warn(format!("{}: {warning}", path.display()));

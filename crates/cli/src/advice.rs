@@ -48,11 +48,8 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
 fn of_surface(error: &SurfaceError) -> Option<String> {
     match error {
         SurfaceError::OutputExists { .. } => Some("pass --force to replace it, or give another name".to_owned()),
-        SurfaceError::VolumeInput { format: "NIfTI-1" | "FreeSurfer MGH", .. } => {
-            Some("fit and parametrize make the surface of one of its labels, with --label N".to_owned())
-        }
         SurfaceError::VolumeInput { .. } => {
-            Some("convert it to NIfTI (.nii.gz); fit and parametrize then take one of its labels".to_owned())
+            Some("fit and parametrize make the surface of one of its labels, with --label N and no --sphere".to_owned())
         }
         // Of surfaces that are compared vertex by vertex.
         SurfaceError::TopologyDiffers { .. }
@@ -153,6 +150,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::VertexMap { .. } => {
             Some("fit takes it together with the --sphere that its vertices are on".to_owned())
         }
+        ParametrizeError::NoVoxelSize { .. } => Some("--voxel-size X,Y,Z gives it".to_owned()),
         ParametrizeError::NoLabel { .. } => Some("--label N takes one of them".to_owned()),
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply are such formats".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),

@@ -65,9 +65,14 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
         let _ = usage.of(command()).print();
         return USAGE;
     }
-    let advice = advice(&error).map_or(String::new(), |advice| format!("; {advice}"));
-    crate::console::say(format_args!("error: {}{advice}", one_line(&error)));
+    crate::console::say(format_args!("error: {}", message(&error)));
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
+}
+
+/// Returns an error as one line: what is wrong, and what to do about it.
+pub fn message(error: &anyhow::Error) -> String {
+    let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
+    format!("{}{advice}", one_line(error))
 }
 
 /// Joins the error chain, skipping repeated messages, and names of files that the next message begins with.
@@ -85,7 +90,8 @@ fn one_line(error: &anyhow::Error) -> String {
     parts.join(": ").replace('\n', " ")
 }
 
-fn is_interrupted(error: &anyhow::Error) -> bool {
+/// Returns whether an error is an interruption.
+pub fn is_interrupted(error: &anyhow::Error) -> bool {
     error
         .chain()
         .any(|cause| cause.is::<Interrupted>() || matches!(cause.downcast_ref(), Some(SolverError::Interrupted(_))))

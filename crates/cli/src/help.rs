@@ -13,13 +13,14 @@ pub const RESOURCES: &str = "Resources";
 
 /// The formats of meshes.
 pub const MESHES: &str = "Meshes: GIfTI (.surf.gii, .gii), FreeSurfer surfaces (lh.*, rh.*), .obj, .ply, .off, .stl, .vtk \
-                          (legacy); .gz may follow.";
+                          (legacy), SPHARM-PDM's .meta; written also .glb; .gz may follow.";
 /// The formats of values on vertices.
 pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files and maps (.mgh, \
                            .mgz), .csv and .tsv (a row a vertex, a column a channel).";
 
 /// The formats of label volumes.
-pub const VOLUMES: &str = "Label volumes: NIfTI (.nii, .nii.gz), FreeSurfer (.mgh, .mgz).";
+pub const VOLUMES: &str = "Label volumes: NIfTI-1 and -2 (.nii, .nii.gz), FreeSurfer (.mgh, .mgz), NRRD (.nrrd, .nhdr), TIFF and \
+                           OME-TIFF stacks (.tif, .tiff), arrays (.npy, first axis x, with --voxel-size).";
 
 /// The end of a verb's long help: examples, then notes such as the formats.
 pub fn examples(examples: &[&str], notes: &[&str]) -> String {

@@ -82,7 +82,7 @@ pub fn stem(path: &Path) -> String {
     let unpacked = lower.strip_suffix(".gz").unwrap_or(&lower);
     let proper = FORMATS.iter().filter(|format| !format.hemisphere_prefix).flat_map(|format| format.endings);
     let endings = proper
-        .chain(&[".nii", ".moments"])
+        .chain(&[".nii", ".moments", ".nrrd", ".nhdr", ".ome.tif", ".ome.tiff", ".tif", ".tiff", ".npy"])
         .filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
     // `.surf.gii` is an ending, and so is `.gii`.
     let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
@@ -103,6 +103,7 @@ mod tests {
             ("lh.thickness.fwhm10.mgz", "lh.thickness.fwhm10"),
             ("spot.obj.gz", "spot"),
             ("cells.nii.gz", "cells"),
+            ("cells.ome.tif", "cells"),
             (".gii", ".gii"),
         ] {
             assert_eq!(stem(Path::new(path)), expected);

@@ -31,20 +31,36 @@ impl FromStr for Labels {
     }
 }
 
+/// `--voxel-size`: sizes along x, y, z.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VoxelSize(pub [f64; 3]);
+
+impl FromStr for VoxelSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let sizes: Option<Vec<f64>> = text.split(',').map(|size| size.trim().parse().ok()).collect();
+        let sizes = sizes.and_then(|sizes| <[f64; 3]>::try_from(sizes).ok());
+        let valid = sizes.filter(|sizes| sizes.iter().all(|size| size.is_finite() && *size > 0.0));
+        valid.map(Self).ok_or_else(|| "expected three positive numbers, X,Y,Z".to_owned())
+    }
+}
+
 /// Finds and reads surfaces: meshes, and labels of volumes. A volume takes a while to read and is kept until the next one.
 #[derive(Debug)]
 pub struct SurfaceReader {
     fix: bool,
     cut_handles: bool,
+    voxel_size: Option<[f64; 3]>,
     /// The volume that was read last.
     volume: Option<LabelVolume>,
 }
 
 impl SurfaceReader {
-    /// A reader that repairs labels with `fix`, and cuts the handles of meshes with `cut_handles`, in place of leaving them to
-    /// be refused.
-    pub fn new(fix: bool, cut_handles: bool) -> Self {
-        Self { fix, cut_handles, volume: None }
+    /// A reader that repairs labels and meshes with `fix`, and cuts the handles of meshes with `cut_handles`, in place of
+    /// leaving them to be refused. `voxel_size` is for volumes, in place of what they say of it.
+    pub fn new(fix: bool, cut_handles: bool, voxel_size: Option<VoxelSize>) -> Self {
+        Self { fix, cut_handles, voxel_size: voxel_size.map(|size| size.0), volume: None }
     }
 
     /// Returns the surfaces that paths, lists and labels name: a file, or a file and a label of it. Without `labels` a volume
@@ -67,8 +83,11 @@ impl SurfaceReader {
                 bail!("{}: is a folder: give its files or @LIST", path.display());
             }
             if !of_volumes || !is_volume(&path) {
-                if labels.is_some() || self.fix {
-                    bail!("{}: --label and --fix are for volumes (.nii, .nii.gz, .mgh, .mgz)", path.display());
+                if labels.is_some() || self.voxel_size.is_some() {
+                    bail!(
+                        "{}: --label and --voxel-size are for volumes (.nii, .mgz, .nrrd, .tif, .npy)",
+                        path.display()
+                    );
                 }
                 surfaces.push((path, None));
                 continue;
@@ -96,16 +115,22 @@ impl SurfaceReader {
     pub fn read(&mut self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input> {
         if label.is_none() {
             let mesh = Input::Mesh(read_mesh(path)?);
+            let mesh = if self.fix { mesh.mended() } else { mesh };
             return Ok(if self.cut_handles { mesh.without_handles(monitor)? } else { mesh });
         }
         let params = VolumeParams { label, fix: self.fix };
         Ok(Input::Label(self.volume(path, monitor)?.surface(&params, monitor)?))
     }
 
-    fn volume(&mut self, path: &Path, monitor: &dyn Monitor) -> Result<&LabelVolume> {
+    /// Returns a volume: the one that was read last, or from its file.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`LabelVolume::read_with`].
+    pub fn volume(&mut self, path: &Path, monitor: &dyn Monitor) -> Result<&LabelVolume> {
         let volume = match self.volume.take().filter(|volume| volume.path() == path) {
             Some(volume) => volume,
-            None => LabelVolume::read(path, monitor)?,
+            None => LabelVolume::read_with(path, self.voxel_size, monitor)?,
         };
         Ok(self.volume.insert(volume))
     }

@@ -27,7 +27,8 @@
 //! | [`geometry`] | where a surface lies in its volume, kept from the input to the reconstruction |
 //! | [`arrays`] | archives of named matrices: groups of models |
 //! | [`csv`] | the paper's complex coefficients as a table |
-//! | `npz`, `npy` | NumPy's formats |
+//! | [`npy`] | NumPy's array files |
+//! | `npz` | models as NumPy archives |
 //!
 //! # Example
 //!
@@ -59,7 +60,7 @@ mod evaluate;
 mod files;
 pub mod geometry;
 mod model;
-mod npy;
+pub mod npy;
 mod npz;
 pub mod provenance;
 

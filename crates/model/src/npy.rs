@@ -1,77 +1,95 @@
-//! NumPy's array files (`.npy`), as far as models need them.
+//! NumPy's array files (`.npy`), as far as models and other packages' coefficients need them.
 //!
-//! Magic, version, length of the header, the header (a Python dictionary), values. Read are versions 1 to 3, numbers of
-//! 32 and 64 bits in either byte order, text of UCS-4, C and Fortran order. Sizes are held against the bytes that can be
-//! there before anything is allocated for them.
+//! Read are versions 1 to 3, numbers of 32 and 64 bits in either byte order, complex ones of twice that, text of UCS-4, C and
+//! Fortran order. Sizes are held against the bytes that can be there before anything is allocated for them.
 //!
 //! Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
 
 use std::io::{self, Read, Write};
 
-use ndarray::{Array2, ShapeBuilder};
+use ndarray::{Array2, ArrayD, ArrayViewD, IxDyn, ShapeBuilder};
+use num_complex::Complex64;
+use spharm_surface::npy::{Header, MAGIC};
 
-const MAGIC: &[u8] = b"\x93NUMPY";
-/// NumPy's own limit is 10,000 characters.
-const LONGEST_HEADER: usize = 1 << 16;
+/// What is wrong with an array file.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct NpyError(String);
 
 /// An array as it was read.
-pub(crate) struct Array {
-    /// Kind and size, as NumPy has them: `f8`, `i4`, `U64`.
-    kind: char,
-    size: usize,
-    little: bool,
-    fortran: bool,
-    shape: Vec<usize>,
+#[derive(Debug, Clone)]
+pub struct Array {
+    header: Header,
     bytes: Vec<u8>,
 }
 
 impl Array {
-    /// Reads an array of at most `most` bytes.
-    pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
-        let text = read_header(input).map_err(|error| error.to_string())?;
-        let mut array = Self::of_header(&text).ok_or_else(|| format!("the header {text:?} is not understood"))?;
-        let count = array.shape.iter().try_fold(array.size as u64, |product, &n| product.checked_mul(n as u64));
-        let count = count.filter(|&count| count <= most).ok_or("its shape doesn't fit its length")?;
-        // One more, so that the archive's checksum is compared, which it is at the end.
-        input.take(count + 1).read_to_end(&mut array.bytes).map_err(|error| error.to_string())?;
-        if array.bytes.len() as u64 != count {
-            return Err("its shape doesn't fit its length".to_owned());
-        }
-        Ok(array)
+    /// Reads the bytes of a file that holds one array and nothing else.
+    ///
+    /// # Errors
+    ///
+    /// For anything else, also where the shape doesn't fit the length.
+    pub fn from_bytes(mut bytes: &[u8]) -> Result<Self, NpyError> {
+        let most = bytes.len() as u64;
+        Self::read(&mut bytes, most).map_err(NpyError)
     }
 
-    fn of_header(text: &str) -> Option<Self> {
-        let value = |key: &str| Some(text.split_once(&format!("'{key}':"))?.1.trim_start());
-        let descr = value("descr")?.strip_prefix('\'')?.split_once('\'')?.0;
-        let order = descr.chars().next()?;
-        let descr = descr.trim_start_matches(['<', '>', '|', '=']);
-        let kind = descr.chars().next()?;
-        let size: usize = descr.get(kind.len_utf8()..)?.parse().ok()?;
-        let shape = value("shape")?.strip_prefix('(')?.split_once(')')?.0;
-        let shape = shape.split(',').map(str::trim).filter(|n| !n.is_empty());
-        Some(Self {
-            kind,
-            // Characters have four bytes.
-            size: if kind == 'U' { size.checked_mul(4)? } else { size },
-            little: order != '>',
-            fortran: value("fortran_order")?.starts_with("True"),
-            shape: shape.map(|n| n.parse().ok()).collect::<Option<_>>()?,
-            bytes: Vec::new(),
-        })
+    /// Returns the lengths of the axes.
+    #[must_use]
+    pub fn shape(&self) -> &[usize] {
+        &self.header.shape
+    }
+
+    /// Returns whether the values are complex.
+    #[must_use]
+    pub fn is_complex(&self) -> bool {
+        self.header.kind == 'c'
+    }
+
+    /// Returns the values as complex numbers, of any number of axes.
+    ///
+    /// # Errors
+    ///
+    /// Where they aren't numbers of 32 or 64 bits.
+    pub fn complex(&self) -> Result<ArrayD<Complex64>, NpyError> {
+        let numbers = self.numbers().map_err(NpyError)?;
+        let values = if self.is_complex() {
+            numbers.as_chunks().0.iter().map(|&[re, im]| Complex64::new(re, im)).collect()
+        } else {
+            numbers.into_iter().map(Complex64::from).collect()
+        };
+        let array = ArrayD::from_shape_vec(IxDyn(&self.header.shape).set_f(self.header.fortran), values);
+        Ok(array.map_err(|error| NpyError(error.to_string()))?.as_standard_layout().into_owned())
+    }
+
+    /// Reads an array of at most `most` bytes.
+    pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
+        let header = Header::read(input).map_err(|error| error.to_string())?;
+        let count = header.bytes().filter(|&count| count <= most).ok_or("its shape doesn't fit its length")?;
+        let mut bytes = Vec::new();
+        // One more, so that the archive's checksum is compared, which it is at the end.
+        input.take(count + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+        if bytes.len() as u64 != count {
+            return Err("its shape doesn't fit its length".to_owned());
+        }
+        Ok(Self { header, bytes })
     }
 
     /// Returns all values in the order of the file.
     fn numbers(&self) -> Result<Vec<f64>, String> {
         fn all<const N: usize>(array: &Array, number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
             let in_order = |mut bytes: [u8; N]| {
-                if !array.little {
+                if !array.header.little {
                     bytes.reverse();
                 }
                 number(bytes)
             };
             array.bytes.as_chunks().0.iter().copied().map(in_order).collect()
         }
-        Ok(match (self.kind, self.size) {
+        // A complex number is two, the real part first.
+        Ok(match (self.header.kind, self.header.size) {
+            ('c', 16) => all(self, f64::from_le_bytes),
+            ('c', 8) => all(self, |b| f32::from_le_bytes(b).into()),
             ('f', 8) => all(self, f64::from_le_bytes),
             ('f', 4) => all(self, |b| f32::from_le_bytes(b).into()),
             ('i', 4) => all(self, |b| i32::from_le_bytes(b).into()),
@@ -84,12 +102,15 @@ impl Array {
 
     /// Returns a matrix; a vector is one of a single column.
     pub(crate) fn matrix(&self) -> Result<Array2<f64>, String> {
-        let dimensions = match self.shape[..] {
+        if self.is_complex() {
+            return Err("complex values; expected real ones".to_owned());
+        }
+        let dimensions = match self.header.shape[..] {
             [rows] => (rows, 1),
             [rows, columns] => (rows, columns),
-            _ => return Err(format!("shape {:?}; expected two dimensions", self.shape)),
+            _ => return Err(format!("shape {:?}; expected two dimensions", self.header.shape)),
         };
-        let matrix = Array2::from_shape_vec(dimensions.set_f(self.fortran), self.numbers()?);
+        let matrix = Array2::from_shape_vec(dimensions.set_f(self.header.fortran), self.numbers()?);
         Ok(matrix.map_err(|error| error.to_string())?.as_standard_layout().into_owned())
     }
 
@@ -103,40 +124,41 @@ impl Array {
 
     /// Returns a text.
     pub(crate) fn text(&self) -> Result<String, String> {
-        if self.kind != 'U' || self.shape.iter().product::<usize>() != 1 {
+        if self.header.kind != 'U' || self.header.shape.iter().product::<usize>() != 1 {
             return Err("expected a text".to_owned());
         }
         let code = |&bytes: &[u8; 4]| {
-            char::from_u32(if self.little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
+            char::from_u32(if self.header.little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
         };
         let text: Option<String> = self.bytes.as_chunks().0.iter().map(code).collect();
         Ok(text.ok_or("expected a text")?.trim_end_matches('\0').to_owned())
     }
 }
 
-fn read_header(input: &mut dyn Read) -> io::Result<String> {
-    let mut start = [0; 8];
-    input.read_exact(&mut start)?;
-    let invalid = |text| io::Error::new(io::ErrorKind::InvalidData, text);
-    let length = match start {
-        [magic @ .., 1, _] if magic == MAGIC => {
-            let mut length = [0; 2];
-            input.read_exact(&mut length)?;
-            u16::from_le_bytes(length).into()
-        }
-        [magic @ .., 2 | 3, _] if magic == MAGIC => {
-            let mut length = [0; 4];
-            input.read_exact(&mut length)?;
-            u32::from_le_bytes(length) as usize
-        }
-        _ => return Err(invalid("not a NumPy array of version 1 to 3")),
-    };
-    if length > LONGEST_HEADER {
-        return Err(invalid("its header is too long"));
-    }
-    let mut header = vec![0; length];
-    input.read_exact(&mut header)?;
-    String::from_utf8(header).map_err(|_| invalid("its header isn't text"))
+/// Writes an array of real numbers as a file, in C order.
+///
+/// # Errors
+///
+/// Those of `out`.
+pub fn write_real(out: &mut dyn Write, array: &ArrayViewD<'_, f64>) -> io::Result<()> {
+    write_header(out, "<f8", &tuple(array.shape()))?;
+    array.iter().try_for_each(|x| out.write_all(&x.to_le_bytes()))
+}
+
+/// Writes an array of complex numbers as a file, in C order.
+///
+/// # Errors
+///
+/// Those of `out`.
+pub fn write_complex(out: &mut dyn Write, array: &ArrayViewD<'_, Complex64>) -> io::Result<()> {
+    write_header(out, "<c16", &tuple(array.shape()))?;
+    array.iter().flat_map(|x| [x.re, x.im]).try_for_each(|x| out.write_all(&x.to_le_bytes()))
+}
+
+/// A shape as Python writes it.
+fn tuple(shape: &[usize]) -> String {
+    let lengths: String = shape.iter().map(|n| format!("{n},")).collect();
+    format!("({lengths})")
 }
 
 /// Writes an array's header, version 1.
@@ -204,6 +226,21 @@ mod tests {
         assert!(array("<f2", false, "(2,)", &[0; 4]).unwrap().matrix().is_err());
         assert!(array("<f8", false, "(1, 1, 1)", &[0; 8]).unwrap().matrix().is_err());
         assert!(array("<U1", false, "()", &[255; 4]).unwrap().text().is_err());
+    }
+
+    #[test]
+    fn arrays_of_any_shape_return() {
+        let real = ArrayD::from_shape_fn(IxDyn(&[2, 3, 4]), |i| (i[0] * 12 + i[1] * 4 + i[2]) as f64);
+        let complex = real.mapv(|x| Complex64::new(x, -0.5 * x));
+        let mut file = Vec::new();
+        write_complex(&mut file, &complex.view()).unwrap();
+        let array = Array::from_bytes(&file).unwrap();
+        assert!(array.is_complex() && array.matrix().is_err());
+        assert_eq!((array.shape(), array.complex().unwrap()), (&[2, 3, 4][..], complex));
+        assert!(Array::from_bytes(&file[..file.len() - 1]).is_err());
+        file.clear();
+        write_real(&mut file, &real.view()).unwrap();
+        assert_eq!(Array::from_bytes(&file).unwrap().complex().unwrap(), real.mapv(Complex64::from));
     }
 
     #[test]

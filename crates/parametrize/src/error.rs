@@ -70,6 +70,15 @@ pub enum ParametrizeError {
         found: String,
     },
 
+    /// A volume whose file doesn't say how large its voxels are.
+    #[error("{}: {format} doesn't say how large its voxels are", path.display())]
+    NoVoxelSize {
+        /// The file.
+        path: PathBuf,
+        /// Its format, with its article.
+        format: &'static str,
+    },
+
     /// A file of the format of a volume that holds a map: values on the vertices of a surface.
     #[error("{}: values on {vertices} vertices, no volume of labels", path.display())]
     VertexMap {

@@ -7,6 +7,7 @@ use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::read_mesh;
+use spharm_surface::repair::{MeshRepair, repair};
 
 use crate::error::ParametrizeError;
 use crate::handles::{CutSurface, HandlesReport, cut_handles};
@@ -18,6 +19,8 @@ use crate::volume::VolumeSurface;
 pub enum Input {
     /// A mesh.
     Mesh(Mesh),
+    /// A mesh that isn't the file's: it was mended.
+    Fixed(Mesh, MeshRepair),
     /// A mesh with handles, cut.
     Cut(CutSurface),
     /// The surface around a label of a volume.
@@ -27,7 +30,7 @@ pub enum Input {
 impl<'a> From<&'a Input> for Source<'a> {
     fn from(input: &'a Input) -> Self {
         match input {
-            Input::Mesh(mesh) => Self::Mesh(mesh),
+            Input::Mesh(mesh) | Input::Fixed(mesh, _) => Self::Mesh(mesh),
             Input::Cut(cut) => Self::Mesh(&cut.surface),
             Input::Label(found) => Self::Quads(&found.quads),
         }
@@ -41,9 +44,23 @@ impl Input {
     ///
     /// Those of [`cut_handles`].
     pub fn without_handles(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
-        let Self::Mesh(mesh) = self else { return Ok(self) };
-        let found = cut_handles(&mesh, monitor)?;
-        Ok(if found.seam.is_some() { Self::Cut(found) } else { Self::Mesh(mesh) })
+        let (Self::Mesh(mesh) | Self::Fixed(mesh, _)) = &self else { return Ok(self) };
+        let found = cut_handles(mesh, monitor)?;
+        Ok(if found.seam.is_some() { Self::Cut(found) } else { self })
+    }
+
+    /// Mends a mesh, see [`repair`](spharm_surface::repair), where there is something to mend. A label's surface stays as it is.
+    #[must_use]
+    pub fn mended(self) -> Self {
+        let Self::Mesh(mesh) = &self else { return self };
+        let (mended, found) = repair(mesh);
+        if found.is_any() { Self::Fixed(mended, found) } else { self }
+    }
+
+    /// Returns what was mended of a mesh, if anything.
+    #[must_use]
+    pub fn mesh_repair(&self) -> Option<&MeshRepair> {
+        if let Self::Fixed(_, repair) = self { Some(repair) } else { None }
     }
 
     /// Returns what was cut, if anything.

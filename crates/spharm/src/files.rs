@@ -9,6 +9,7 @@ use spharm_model::csv::write_complex_csv;
 use spharm_model::{FileRecord, Model};
 use spharm_monitor::Monitor;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
+use spharm_surface::repair::MeshRepair;
 use spharm_surface::{Sphere, SurfaceError};
 
 use crate::origin::Origin;
@@ -76,6 +77,12 @@ impl ModelFiles {
         self.model.with_file_name(format!("{}.cut.surf.gii", self.name()))
     }
 
+    /// Returns the mesh that was mended, `NAME.fixed.surf.gii`.
+    #[must_use]
+    pub fn fixed_surface(&self) -> PathBuf {
+        self.model.with_file_name(format!("{}.fixed.surf.gii", self.name()))
+    }
+
     /// Returns whether the sphere beside the model is there and was made of this input.
     #[must_use]
     pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
@@ -84,8 +91,7 @@ impl ModelFiles {
     }
 
     /// Maps a surface to a sphere of its own, which is written beside the model, as is the surface of a label, or one that was
-    /// cut where it had handles. With `reuse`
-    /// a mesh keeps the sphere that is there if that was made of the same file with the same settings. One of another file is
+    /// mended, or cut where it had handles. With `reuse` a mesh keeps the sphere that is there if that was made of the same file with the same settings. One of another file is
     /// only replaced with [`Replace::ALL`]. The memory of the fit is checked first. `record` says what `input` was read from.
     ///
     /// # Errors
@@ -108,11 +114,11 @@ impl ModelFiles {
             Parametrized { sphere, ..found }
         };
         let mesh = match input {
-            Input::Mesh(mesh) => Some(mesh),
+            Input::Mesh(mesh) | Input::Fixed(mesh, _) => Some(mesh),
             Input::Cut(cut) => Some(&cut.surface),
             Input::Label(_) => None,
         };
-        let handles = input.handles().cloned();
+        let (handles, mesh_repair) = (input.handles().cloned(), input.mesh_repair().copied());
         if let Some(mesh) = mesh {
             check_memory(mesh, params)?;
             let left_over = || {
@@ -121,7 +127,13 @@ impl ModelFiles {
                 with_sphere(mesh, &sphere).ok()
             };
             if let Some(found) = if reuse { left_over() } else { None } {
-                return Ok(Mapped { parametrized: named(found), repair: None, handles, written: Vec::new() });
+                return Ok(Mapped {
+                    parametrized: named(found),
+                    repair: None,
+                    mesh_repair,
+                    handles,
+                    written: Vec::new(),
+                });
             }
         }
         let mut found = parametrize_with(input, &settings, monitor)?;
@@ -137,9 +149,10 @@ impl ModelFiles {
         let (surface, repair) = match input {
             Input::Label(found) => (Some(self.surface()), found.repair),
             Input::Cut(_) => (Some(self.cut_surface()), None),
+            Input::Fixed(..) => (Some(self.fixed_surface()), None),
             Input::Mesh(_) => (None, None),
         };
-        let mut mapped = Mapped { parametrized: named(found), repair, handles, written: Vec::new() };
+        let mut mapped = Mapped { parametrized: named(found), repair, mesh_repair, handles, written: Vec::new() };
         // The surface last: where it is, the sphere says what they were made of.
         let meshes =
             [(Some(path.clone()), &mapped.parametrized.map.sphere), (surface, &mapped.parametrized.map.surface)];
@@ -184,6 +197,10 @@ impl ModelFiles {
         model.provenance.input = made_of.input.cloned();
         model.provenance.repair =
             made_of.repair.and_then(|repair| serde_json::to_value(repair).ok()?.as_object().cloned());
+        if let Some(repair) = made_of.mesh_repair {
+            let counts = repair.counts().map(|(name, count)| (name.to_owned(), count.into()));
+            model.provenance.repair = Some(counts.into_iter().collect());
+        }
         model.provenance.handles =
             made_of.handles.and_then(|handles| serde_json::to_value(handles).ok()?.as_object().cloned());
         Ok(model.write_with(&self.model, replace.model)?)
@@ -206,6 +223,8 @@ pub struct MadeOf<'a> {
     pub input: Option<&'a FileRecord>,
     /// What was changed in the volume's label.
     pub repair: Option<&'a Repair>,
+    /// What was mended in the mesh.
+    pub mesh_repair: Option<&'a MeshRepair>,
     /// What was cut, where the surface had handles.
     pub handles: Option<&'a HandlesReport>,
 }
@@ -217,6 +236,8 @@ pub struct Mapped {
     pub parametrized: Parametrized,
     /// What was changed in the volume's label.
     pub repair: Option<Repair>,
+    /// What was mended in the mesh.
+    pub mesh_repair: Option<MeshRepair>,
     /// What was cut, where the surface had handles.
     pub handles: Option<HandlesReport>,
     /// The files that were written: the sphere, and the surface where it isn't the input's; none where a sphere was there.

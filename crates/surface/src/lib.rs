@@ -20,6 +20,8 @@
 //! | [`generate`] | icospheres, and folded surfaces with known parameterisation |
 //! | [`metrics`] | bounding-box scale, msd, xsd, distance between surfaces with different triangles, colour map |
 //! | [`nearest`] | the nearest point of a mesh |
+//! | [`repair`] | welding, and dropping what belongs to no closed surface |
+//! | [`npy`] | headers of NumPy's arrays |
 //! | [`Sphere`], [`Target`] | the sphere of a fit; the surface or signal fitted over it; both checked |
 //! | [`Seam`] | how a surface that was cut belongs to the one that it was cut from |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
@@ -63,6 +65,8 @@ pub mod io;
 pub mod locator;
 pub mod metrics;
 pub mod nearest;
+pub mod npy;
+pub mod repair;
 pub mod samples;
 pub mod topology;
 mod volume_geometry;

@@ -10,6 +10,19 @@ impl Affine {
     /// One mm a voxel, from the origin.
     pub const IDENTITY: Self = Self([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
 
+    /// Voxels of a size, from the origin.
+    #[must_use]
+    pub fn of_voxel_size([x, y, z]: [f64; 3]) -> Self {
+        Self([[x, 0.0, 0.0, 0.0], [0.0, y, 0.0, 0.0], [0.0, 0.0, z, 0.0]])
+    }
+
+    /// The same directions and origin, the voxels of another size.
+    pub(super) fn with_voxel_size(&self, size: [f64; 3]) -> Self {
+        let length = |axis: usize| self.0.iter().map(|row| row[axis] * row[axis]).sum::<f64>().sqrt();
+        let factors = [0, 1, 2].map(|axis| size[axis] / length(axis));
+        Self(self.0.map(|[a, b, c, d]| [a * factors[0], b * factors[1], c * factors[2], d]))
+    }
+
     /// The position in mm of a point given in voxels.
     #[must_use]
     pub fn apply(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {

@@ -1,27 +1,16 @@
 //! A label volume: a whole number for each voxel, 0 for the background.
 
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use spharm_monitor::Monitor;
-use spharm_surface::io::MOST_EXPANSION;
 
 use super::affine::Affine;
 use super::mask::Mask;
+use super::open::read;
+use super::source::Source;
 use super::values::Volume;
-use super::{mgh, nifti};
 use crate::error::ParametrizeError;
-
-/// Whether a path has the name of a volume: `.nii`, `.nii.gz`, `.mgh` or `.mgz`.
-///
-/// FreeSurfer keeps maps over surfaces in `.mgh` and `.mgz` files, too; which of the two a file is, its sizes show, and
-/// [`LabelVolume::read`] refuses a map.
-#[must_use]
-pub fn is_volume(path: &Path) -> bool {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    [".nii", ".nii.gz", ".mgh", ".mgz"].iter().any(|ending| name.ends_with(ending))
-}
 
 /// A label volume.
 #[derive(Clone, Debug)]
@@ -44,30 +33,36 @@ struct Extent {
 }
 
 impl LabelVolume {
-    /// Reads a NIfTI-1 file (`.nii`, `.nii.gz`) or a FreeSurfer volume (`.mgh`, `.mgz`), gzipped or not. Its labels must
-    /// fit into 32 bits.
+    /// Reads a volume: NIfTI-1 and -2, FreeSurfer's, NRRD, stacks of TIFF, arrays of NumPy, gzipped or not. Its labels must fit
+    /// into 32 bits.
     ///
     /// # Errors
     ///
     /// [`Io`](ParametrizeError::Io); [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on
-    /// vertices; [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, that is shorter than its header
+    /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for one that doesn't say how large its voxels are;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, that is shorter than its header
     /// says, or has more than three dimensions or values that aren't whole numbers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
-        let path = path.as_ref();
-        let io = |cause| ParametrizeError::Io { path: path.to_owned(), cause };
-        // Opening a pipe would wait for whoever writes it.
-        if !std::fs::metadata(path).map_err(io)?.is_file() {
-            let (expected, found) = ("a regular file", "something else".to_owned());
-            return Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected, found });
+        Self::read_with(path, None, monitor)
+    }
+
+    /// As [`read`](Self::read), with the size of the voxels along x, y, z in place of what the file says of it.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) for sizes that aren't positive.
+    pub fn read_with(
+        path: impl AsRef<Path>,
+        voxel_size: Option<[f64; 3]>,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, ParametrizeError> {
+        if let Some(size) = voxel_size.filter(|size| size.iter().any(|x| !(x.is_finite() && *x > 0.0))) {
+            let (what, expected) = ("voxel size", "positive numbers");
+            return Err(ParametrizeError::Argument { what, expected, found: format!("{size:?}") });
         }
-        let bytes = std::fs::read(path).map_err(io)?;
-        let found = if bytes.starts_with(&[0x1f, 0x8b]) {
-            let most = (bytes.len() as u64).saturating_mul(MOST_EXPANSION);
-            parse(path, flate2::bufread::MultiGzDecoder::new(&bytes[..]), most, monitor)?
-        } else {
-            parse(path, &bytes[..], bytes.len() as u64, monitor)?
-        };
+        let path = path.as_ref();
+        let found = read(&Source { path, voxel_size, monitor })?;
         monitor.check()?;
         Ok(Self::of(path.to_owned(), found))
     }
@@ -100,6 +95,13 @@ impl LabelVolume {
         self.extents.iter().map(|(&label, extent)| (i64::from(label), extent.voxels)).collect()
     }
 
+    /// Whether a label has voxels at the border of the volume, which may have cut it.
+    #[must_use]
+    pub fn touches_border(&self, label: i64) -> bool {
+        let extent = i32::try_from(label).ok().and_then(|label| self.extents.get(&label));
+        extent.is_some_and(|extent| (0..3).any(|k| extent.low[k] == 0 || extent.high[k] + 1 == self.size[k]))
+    }
+
     /// `label`, if the volume has it; for `None` the only label.
     ///
     /// # Errors
@@ -129,16 +131,6 @@ impl LabelVolume {
         let inside = |[x, y, z]: [usize; 3]| self.values[x + nx * (y + ny * z)] == label;
         Ok(Mask::of_box(extent.low, extent.high, inside))
     }
-}
-
-/// The format by the first bytes: NIfTI-1 begins with its header's size, in either byte order, MGH with its version.
-fn parse(path: &Path, mut stream: impl Read, most: u64, monitor: &dyn Monitor) -> Result<Volume, ParametrizeError> {
-    let mut magic = Vec::with_capacity(4);
-    // A stream that breaks off here is an empty or damaged one, which the parsers name.
-    let _ = (&mut stream).take(4).read_to_end(&mut magic);
-    let is_mgh = magic == [0, 0, 0, 1];
-    let stream = magic.chain(stream);
-    if is_mgh { mgh::parse(path, stream, most, monitor) } else { nifti::parse(path, stream, most, monitor) }
 }
 
 /// The extent of every label but 0, in one pass.

@@ -19,7 +19,8 @@
 //! | module | |
 //! |---|---|
 //! | `labels` | a label volume: its labels, and the mask of each |
-//! | `nifti`, `mgh`, `values` | NIfTI-1 and FreeSurfer files: the values, and the voxels' positions in space |
+//! | `open`, `source` | a file: which format it is in, its bytes |
+//! | `nifti`, `nifti2`, `mgh`, `nrrd`, `tiff`, `npy`, `values` | the formats: the values, and the voxels' positions in space |
 //! | `mask` | the voxels of one label, with a rim of background around them |
 //! | `pieces` | connected pieces, and the cavities inside |
 //! | `boundary` | the quadrangles between inside and outside, as a closed surface |
@@ -45,16 +46,23 @@ mod labels;
 mod mask;
 mod mgh;
 mod nifti;
+mod nifti2;
+mod npy;
+mod nrrd;
+mod open;
 mod pieces;
 mod repair;
 mod simple;
+mod source;
 mod surface;
+mod tiff;
 mod values;
 
 pub use affine::Affine;
 pub use boundary::QuadMesh;
-pub use labels::{LabelVolume, is_volume};
+pub use labels::LabelVolume;
 pub use mask::Mask;
+pub use open::is_volume;
 pub use pieces::{Pieces, pieces};
 pub use repair::{HandleRepair, Repair, repair};
 pub use surface::{VolumeParams, VolumeSurface};

@@ -65,38 +65,60 @@ pub(super) fn parse(
     let values = layout.read(path, &mut stream, monitor)?;
     // On to the end of what was compressed, where its checksum is; files may have something after their values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
-    let affine = affine(&header);
+    let affine = Forms::of(&header).affine();
     if !affine.is_valid() {
         return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
     }
     Ok(Volume { size, affine, values })
 }
 
-/// The matrix from voxels to mm: the sform where its code is above 0, else the qform, else the voxel sizes alone (the
-/// NIfTI standard's methods 3, 2, 1).
-fn affine(header: &NiftiHeader) -> Affine {
-    let row = |row: [f32; 4]| row.map(f64::from);
-    if header.sform_code > 0 {
-        return Affine([row(header.srow_x), row(header.srow_y), row(header.srow_z)]);
+/// What a header says of the voxels' positions.
+pub(super) struct Forms {
+    /// Rows of the sform's matrix, where its code is above 0.
+    pub(super) sform: Option<[[f64; 4]; 3]>,
+    /// Quaternion (b, c, d) and offset of the qform, where its code is above 0.
+    pub(super) qform: Option<([f64; 3], [f64; 3])>,
+    /// Sizes of the voxels.
+    pub(super) sizes: [f64; 3],
+    /// Whether the qform mirrors the third axis.
+    pub(super) mirrored: bool,
+}
+
+impl Forms {
+    fn of(header: &NiftiHeader) -> Self {
+        let row = |row: [f32; 4]| row.map(f64::from);
+        let sform = [header.srow_x, header.srow_y, header.srow_z].map(row);
+        let quaternion = [header.quatern_b, header.quatern_c, header.quatern_d].map(f64::from);
+        let offset = [header.quatern_x, header.quatern_y, header.quatern_z].map(f64::from);
+        Self {
+            sform: (header.sform_code > 0).then_some(sform),
+            qform: (header.qform_code > 0).then_some((quaternion, offset)),
+            sizes: [1, 2, 3].map(|k| f64::from(header.pixdim[k])),
+            mirrored: header.pixdim[0] < 0.0,
+        }
     }
-    let sizes = [1, 2, 3].map(|k| f64::from(header.pixdim[k]).abs());
-    if header.qform_code <= 0 {
-        return Affine(std::array::from_fn(|i| std::array::from_fn(|j| if i == j { sizes[i] } else { 0.0 })));
+
+    /// The matrix from voxels to mm: the sform where its code is above 0, else the qform, else the voxel sizes alone (the
+    /// NIfTI standard's methods 3, 2, 1).
+    pub(super) fn affine(&self) -> Affine {
+        if let Some(rows) = self.sform {
+            return Affine(rows);
+        }
+        let sizes = self.sizes.map(f64::abs);
+        let Some(([b, c, d], offset)) = self.qform else { return Affine::of_voxel_size(sizes) };
+        let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
+        let turn = [
+            [a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)],
+            [2.0 * (b * c + a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d - a * b)],
+            [2.0 * (b * d - a * c), 2.0 * (c * d + a * b), a * a + d * d - b * b - c * c],
+        ];
+        let mirror = if self.mirrored { -1.0 } else { 1.0 };
+        let row = |i: usize| {
+            let [x, y, z]: Vec3 = turn[i];
+            [x * sizes[0], y * sizes[1], z * sizes[2] * mirror, offset[i]]
+        };
+        Affine([row(0), row(1), row(2)])
     }
-    let [b, c, d] = [header.quatern_b, header.quatern_c, header.quatern_d].map(f64::from);
-    let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
-    let turn = [
-        [a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)],
-        [2.0 * (b * c + a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d - a * b)],
-        [2.0 * (b * d - a * c), 2.0 * (c * d + a * b), a * a + d * d - b * b - c * c],
-    ];
-    let mirror = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
-    let offset = [header.quatern_x, header.quatern_y, header.quatern_z].map(f64::from);
-    let row = |i: usize| {
-        let [x, y, z]: Vec3 = turn[i];
-        [x * sizes[0], y * sizes[1], z * sizes[2] * mirror, offset[i]]
-    };
-    Affine([row(0), row(1), row(2)])
 }
 
 /// The types that can hold a label.

@@ -120,13 +120,17 @@ impl Layout {
         }
         let value = self.scalar.number(raw);
         let value = self.scaling.map_or(value, |(slope, intercept)| slope * value + intercept);
-        if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
-            return Ok(value as i32);
-        }
-        let found =
-            format!("{value} at voxel {index} (counted from 0, x fastest); threshold or round the volume first");
-        Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected: "whole numbers as labels", found })
+        whole(path, index, value)
     }
+}
+
+/// A label from a number.
+pub(super) fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError> {
+    if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
+        return Ok(value as i32);
+    }
+    let found = format!("{value} at voxel {index} (counted from 0, x fastest); threshold or round the volume first");
+    Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected: "whole numbers as labels", found })
 }
 
 /// The error for a file that ends too early.

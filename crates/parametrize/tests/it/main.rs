@@ -4,6 +4,7 @@ mod anisotropic;
 mod cancelling;
 mod handles;
 mod label_files;
+mod label_formats;
 mod methods;
 mod resample;
 mod residual_areas;

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::flaw::shown;
 use super::spec::{FormatSpec, Precision};
-use super::{freesurfer, gifti, mgh, obj, off, ply, stl, table, vtk};
+use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, vtk};
 use crate::error::SurfaceError;
 use crate::mesh::Input;
 
@@ -130,7 +130,31 @@ pub static FORMATS: &[FormatSpec] = &[
         most_channels: usize::MAX,
         magic: |bytes| bytes.starts_with(b"# vtk"),
         read: |bytes| vtk::read(bytes).map(Input::Mesh),
-        write_mesh: Some(|out, mesh, _| vtk::write(out, mesh)),
+        write_mesh: Some(|out, mesh, _| vtk::write(out, mesh, None)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a MetaMesh file",
+        endings: &[".meta"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: metamesh::is_metamesh,
+        read: |bytes| metamesh::read(bytes).map(Input::Mesh),
+        write_mesh: None,
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a GLB file",
+        endings: &[".glb"],
+        precision: Precision::Single,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |bytes| bytes.starts_with(b"glTF"),
+        read: |bytes| glb::read(bytes).map(Input::Mesh),
+        write_mesh: Some(|out, mesh, _| glb::write(out, mesh, &ply::PlyAttributes::default())),
         write_signal: None,
     },
     FormatSpec {
@@ -217,6 +241,18 @@ pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError>
     to_write(path, |format| format.write_signal.is_some())
 }
 
+/// Returns whether a file has the name of values on vertices, and not that of a surface.
+#[must_use]
+pub fn is_named_signal(path: &Path) -> bool {
+    let name = name_without_gz(path);
+    let is_of =
+        |holds: fn(&FormatSpec) -> bool| FORMATS.iter().any(|format| holds(format) && has_ending(format, &name));
+    // `.gii` alone may be either.
+    is_of(|format| format.write_signal.is_some())
+        && (name.ends_with(".gii") || !is_of(|format| format.write_mesh.is_some()))
+        && !name.ends_with(".surf.gii")
+}
+
 fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static FormatSpec, SurfaceError> {
     let name = name_without_gz(path);
     let holding = || FORMATS.iter().filter(|format| holds(format));
@@ -301,6 +337,15 @@ mod tests {
         assert_eq!(signal("lh.anything"), Some("a FreeSurfer curv file"));
         assert_eq!(signal("lh.thickness.mgz"), Some("a FreeSurfer map"));
         assert_eq!((signal("a.ply"), signal("lh.ply"), signal("a.tsv")), (None, None, Some("a TSV table")));
+    }
+
+    #[test]
+    fn names_tell_values_from_surfaces() {
+        let signal = |name: &str| is_named_signal(Path::new(name));
+        assert!(
+            ["lh.thickness", "a.mgz", "a.csv", "a.func.gii", "a.shape.gii.gz", "a.gii"].iter().all(|name| signal(name))
+        );
+        assert!(["lh.pial", "a.surf.gii", "a.ply", "lh.other", "a.obj.gz"].iter().all(|name| !signal(name)));
     }
 
     #[test]

@@ -10,6 +10,8 @@
 //! | Geomview | `.off` | ASCII, polygons, with colours or normals | ASCII |
 //! | STL | `.stl` | ASCII, binary; equal vertices welded | binary |
 //! | VTK legacy | `.vtk` | PolyData, ASCII and binary, versions to 5.1 | ASCII |
+//! | MetaMesh | `.meta` | SPHARM-PDM's text: triangles and polygons | - |
+//! | binary glTF | `.glb` | - | with normals, for viewers |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | the same |
 //!
 //! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of them, [`check_output`] the check of an output's name.
@@ -24,10 +26,13 @@ mod flaw;
 mod formats;
 mod freesurfer;
 mod gifti;
+mod glb;
 mod load;
+mod metamesh;
 mod mgh;
 mod obj;
 mod off;
+mod painted;
 mod ply;
 mod polygon;
 mod spec;
@@ -50,8 +55,9 @@ pub use atomic::write_new;
 pub use check::mesh as check_mesh;
 pub(crate) use check::{indices as check_indices, signal as check_signal};
 pub(crate) use formats::name_without_gz;
-pub use formats::{FORMATS, Output, check_output, to_write_mesh, to_write_signal};
+pub use formats::{FORMATS, Output, check_output, is_named_signal, to_write_mesh, to_write_signal};
 pub use load::MOST_EXPANSION;
+pub use painted::{PAINTED, write_painted, write_ply};
 pub use ply::PlyAttributes;
 use spec::{Context, Writer};
 pub use spec::{FormatSpec, Precision};
@@ -109,6 +115,26 @@ pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
 /// As [`read_mesh`].
 pub fn read_input(path: impl AsRef<Path>) -> Result<Input, SurfaceError> {
     let path = path.as_ref();
+    let input = parse(path)?;
+    check::input(path, &input)?;
+    Ok(input)
+}
+
+/// Reads values on vertices some of which may be missing, which is NaN.
+///
+/// # Errors
+///
+/// As [`read_signal`], but for NaN.
+pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
+    let path = path.as_ref();
+    let Input::Signal(signal) = parse(path)? else { return read_signal(path) };
+    let filled = signal.values.iter().map(|&x| if x.is_nan() { 0.0 } else { x }).collect();
+    check::signal(path, &Signal { values: filled, ..signal })?;
+    Ok(signal)
+}
+
+/// Reads a file without looking at the values.
+fn parse(path: &Path) -> Result<Input, SurfaceError> {
     let mut bytes = load::load(path)?;
     if load::is_gzip(&bytes) {
         bytes = load::gunzip(&bytes).map_err(|flaw| flaw.at(path, "a gzipped file"))?;
@@ -118,8 +144,6 @@ pub fn read_input(path: impl AsRef<Path>) -> Result<Input, SurfaceError> {
     }
     let format = formats::of_file(path, &bytes)?;
     let input = (format.read)(&bytes).map_err(|flaw| flaw.at(path, format.name))?;
-    drop(bytes);
-    check::input(path, &input)?;
     Ok(input)
 }
 
@@ -182,26 +206,4 @@ fn write_as<T>(
         writer(&mut packed, contents, &context)?;
         packed.finish().map(drop)
     })
-}
-
-/// Writes a PLY file with a value or a colour at each vertex, for viewers such as MeshLab and CloudCompare.
-///
-/// # Errors
-///
-/// As [`write_mesh`]; also where the name doesn't end in `.ply`, an attribute's length isn't the number of vertices or its name isn't one word.
-pub fn write_ply(
-    path: impl AsRef<Path>,
-    mesh: &Mesh,
-    attributes: &PlyAttributes<'_>,
-    options: &WriteOptions,
-) -> Result<(), SurfaceError> {
-    let path = path.as_ref();
-    check_output(path, Output::Ending(&[".ply"]))?;
-    let format = to_write_mesh(path)?;
-    check::mesh(path, mesh)?;
-    attributes.check(mesh)?;
-    if !format.holds_double(options.double) {
-        check::fits_f32(path, &mesh.vertices, format)?;
-    }
-    write_new(path, options.overwrite, |out| ply::write(out, mesh, attributes, options.double))
 }

@@ -7,6 +7,7 @@ mod first_users;
 mod fixtures;
 mod hostile;
 mod locator;
+mod metamesh;
 mod round_trip;
 mod shared_data;
 mod topology;

@@ -61,8 +61,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     }
 }
 
-/// Writes text, version 3.0, which every VTK reads, with every digit.
-pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
+/// Writes text, version 3.0, which every VTK reads, with every digit; `scalar` are the name and the values of one at each vertex.
+pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, scalar: Option<(&str, &[f64])>) -> io::Result<()> {
     writeln!(out, "# vtk DataFile Version 3.0\nsurface by spharm\nASCII\nDATASET POLYDATA")?;
     writeln!(out, "POINTS {} double", mesh.vertices.len())?;
     for [x, y, z] in &mesh.vertices {
@@ -73,5 +73,7 @@ pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     for [a, b, c] in &mesh.faces {
         writeln!(out, "3 {a} {b} {c}")?;
     }
-    Ok(())
+    let Some((name, values)) = scalar else { return Ok(()) };
+    writeln!(out, "POINT_DATA {}\nSCALARS {name} double 1\nLOOKUP_TABLE default", values.len())?;
+    values.iter().try_for_each(|x| writeln!(out, "{x:?}"))
 }

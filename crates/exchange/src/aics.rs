@@ -1,0 +1,42 @@
+//! Named coefficients of a radius, as aics-shparam has them: `shcoeffs_L2M1C` is the cosine of degree 2, order 1.
+//!
+//! aics-shparam expands the distance of the surface from its centre by pyshtools' default harmonics, of 4 pi. Its
+//! `get_even_reconstruction_from_coeffs` takes the same numbers as an array (2, L + 1, L + 1).
+
+use std::io::{self, Write};
+
+use spharm_harmonics::Coefficients;
+use spharm_harmonics::index::column;
+
+use crate::format::Normalization;
+
+/// Names and values in aics-shparam's order: cosines, then sines, of each degree the orders from 0 to L, those above the degree
+/// and the sines of order 0 zero.
+fn named(a: &Coefficients) -> Vec<(String, f64)> {
+    let (factor, orders) = (Normalization::FourPi.factor(), 0..=a.max_degree());
+    let value = |l: usize, m: usize, sine: bool| match m {
+        m if m > l || (sine && m == 0) => 0.0,
+        m => factor * a.values()[[column(l, if sine { -m.cast_signed() } else { m.cast_signed() }), 0]],
+    };
+    let place = |(sine, l)| orders.clone().map(move |m| (sine, l, m));
+    let places = [false, true].into_iter().flat_map(|sine| orders.clone().map(move |l| (sine, l))).flat_map(place);
+    let name = |sine, l, m| format!("shcoeffs_L{l}M{m}{}", if sine { 'S' } else { 'C' });
+    places.map(|(sine, l, m)| (name(sine, l, m), value(l, m, sine))).collect()
+}
+
+/// Writes an object of all of them, in their order.
+pub(crate) fn write_json(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
+    let named = named(a);
+    writeln!(out, "{{")?;
+    for (i, (name, value)) in named.iter().enumerate() {
+        let comma = if i + 1 < named.len() { "," } else { "" };
+        writeln!(out, "  \"{name}\": {value:?}{comma}")?;
+    }
+    writeln!(out, "}}")
+}
+
+/// Writes a line of names and one of values, as pandas reads them.
+pub(crate) fn write_csv(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
+    let (names, values): (Vec<_>, Vec<_>) = named(a).into_iter().map(|(name, x)| (name, format!("{x:?}"))).unzip();
+    writeln!(out, "{}\n{}", names.join(","), values.join(","))
+}

@@ -1,0 +1,180 @@
+//! Coefficients of other packages as arrays, and back.
+//!
+//! `a` are canonical coefficients, (K, c). With m > 0, the complex ones are
+//! `c_lm = (-1)^m (a_lm - i a_l,-m) / sqrt2` and `c_l,-m = (-1)^m conj c_lm`
+//! ([`Coefficients::to_complex`]). Of a complex series that isn't real the real part is taken.
+//!
+//! Source: the packages' own definitions, stated in `docs/exchange.md`; the same formulas in NumPy are
+//! `python/spharm_rs/convert.py`.
+
+use std::f64::consts::SQRT_2;
+
+use ndarray::{Array2, Array3, Array4};
+use num_complex::Complex64;
+use spharm_harmonics::index::{basis_size, column, degree_order, first_column};
+use spharm_harmonics::{Coefficients, HarmonicsError};
+
+/// (-1)^m.
+fn phase(order: isize) -> f64 {
+    if order % 2 == 0 { 1.0 } else { -1.0 }
+}
+
+/// The row of SPHARM-PDM that holds a degree and order, and what the canonical coefficient is multiplied by.
+fn pdm(row: usize) -> (usize, f64) {
+    let (degree, order) = degree_order(row);
+    let at = match order {
+        0 => 0,
+        m if m > 0 => 2 * m.unsigned_abs() - 1,
+        m => 2 * m.unsigned_abs(),
+    };
+    (first_column(degree) + at, if order == 0 { 1.0 } else { SQRT_2 * phase(order) })
+}
+
+/// Returns the rows of a SPHARM-PDM `.coef` file, (K, c): of each degree order 0, then for each order the factors of Re Y and
+/// Im Y.
+#[must_use]
+pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
+    let mut rows = Array2::zeros(a.values().raw_dim());
+    for ((row, channel), value) in a.values().indexed_iter() {
+        let (at, factor) = pdm(row);
+        rows[[at, channel]] = value * factor;
+    }
+    rows
+}
+
+/// Returns canonical coefficients of the rows of a `.coef` file, (K, c).
+///
+/// # Errors
+///
+/// [`NotABasisSize`](HarmonicsError::NotABasisSize).
+pub fn from_pdm(rows: &Array2<f64>) -> Result<Coefficients, HarmonicsError> {
+    Coefficients::new(rows.clone())?;
+    Coefficients::new(Array2::from_shape_fn(rows.raw_dim(), |(row, channel)| {
+        let (at, factor) = pdm(row);
+        rows[[at, channel]] / factor
+    }))
+}
+
+/// Returns `alm` of healpy and ducc0, (c, (L + 1) (L + 2) / 2), order by order, and degrees and orders of its columns.
+#[must_use]
+pub fn to_healpy(a: &Coefficients) -> (Array2<Complex64>, Vec<(usize, usize)>) {
+    let complex = a.to_complex();
+    let at: Vec<_> = (0..=a.max_degree()).flat_map(|m| (m..=a.max_degree()).map(move |l| (l, m))).collect();
+    let alm = Array2::from_shape_fn((a.channels(), at.len()), |(channel, i)| {
+        complex[[at.get(i).map_or(0, |&(l, m)| column(l, m.cast_signed())), channel]]
+    });
+    (alm, at)
+}
+
+/// Returns canonical coefficients of one real function of which `value(l, m)` is the complex coefficient for m >= 0.
+#[must_use]
+pub fn from_orders(max_degree: usize, value: impl Fn(usize, usize) -> Complex64) -> Vec<f64> {
+    let canonical = |row| {
+        let (l, m) = degree_order(row);
+        let c = value(l, m.unsigned_abs());
+        match m {
+            0 => c.re,
+            m if m > 0 => SQRT_2 * phase(m) * c.re,
+            m => -SQRT_2 * phase(m) * c.im,
+        }
+    };
+    (0..basis_size(max_degree)).map(canonical).collect()
+}
+
+/// Returns `flm` of s2fft, (c, L + 1, 2 L + 1), orders from -L; s2fft's own L is this one plus 1.
+#[must_use]
+pub fn to_s2fft(a: &Coefficients) -> Array3<Complex64> {
+    let degree = a.max_degree();
+    let mut flm = Array3::zeros((a.channels(), degree + 1, 2 * degree + 1));
+    for ((row, channel), value) in a.to_complex().indexed_iter() {
+        let (l, m) = degree_order(row);
+        flm[[channel, l, degree.wrapping_add_signed(m)]] = *value;
+    }
+    flm
+}
+
+/// Returns canonical coefficients of `flm`, (c, L + 1, 2 L + 1).
+///
+/// # Errors
+///
+/// [`NotABasisSize`](HarmonicsError::NotABasisSize) for another shape.
+pub fn from_s2fft(flm: &Array3<Complex64>) -> Result<Coefficients, HarmonicsError> {
+    let (channels, degrees, orders) = flm.dim();
+    if degrees == 0 || orders != 2 * degrees - 1 {
+        return Err(HarmonicsError::NotABasisSize { rows: orders });
+    }
+    let complex = Array2::from_shape_fn((degrees * degrees, channels), |(row, channel)| {
+        let (l, m) = degree_order(row);
+        flm[[channel, l, (degrees - 1).wrapping_add_signed(m)]]
+    });
+    Coefficients::from_complex(&complex)
+}
+
+/// Returns coefficients of pyshtools with `csphase=1`, (c, 2, L + 1, L + 1), `[k, i, l, m]` with i = 1 for sines,
+/// orthonormal.
+#[must_use]
+pub fn to_pyshtools(a: &Coefficients) -> Array4<f64> {
+    let size = a.max_degree() + 1;
+    let mut array = Array4::zeros((a.channels(), 2, size, size));
+    for ((row, channel), value) in a.values().indexed_iter() {
+        let (l, m) = degree_order(row);
+        array[[channel, usize::from(m < 0), l, m.unsigned_abs()]] = *value;
+    }
+    array
+}
+
+/// Returns canonical coefficients of orthonormal ones of pyshtools, (c, 2, L + 1, L + 1).
+///
+/// # Errors
+///
+/// [`NotABasisSize`](HarmonicsError::NotABasisSize) for another shape.
+pub fn from_pyshtools(array: &Array4<f64>) -> Result<Coefficients, HarmonicsError> {
+    let (channels, two, degrees, orders) = array.dim();
+    if two != 2 || degrees != orders || degrees == 0 {
+        return Err(HarmonicsError::NotABasisSize { rows: orders });
+    }
+    Coefficients::new(Array2::from_shape_fn((degrees * degrees, channels), |(row, channel)| {
+        let (l, m) = degree_order(row);
+        array[[channel, usize::from(m < 0), l, m.unsigned_abs()]]
+    }))
+}
+
+/// Returns FlowShape's coefficients, (K, c): canonical ones times (-1)^m. It is its own inverse.
+#[must_use]
+pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
+    let mut found = values.clone();
+    found.indexed_iter_mut().for_each(|((row, _), value)| *value *= phase(degree_order(row).1));
+    found
+}
+
+/// Returns the matrix of weighted SPHARM of a channel, (L + 1, 2 L + 1): of each degree the cosines of orders 0 to l, then the
+/// sines of orders 1 to l, then zeros.
+///
+/// Its harmonics are of the azimuth plus pi, which is the factor (-1)^m.
+#[must_use]
+pub fn to_beta(a: &Coefficients, channel: usize) -> Array2<f64> {
+    let degree = a.max_degree();
+    let mut beta = Array2::zeros((degree + 1, 2 * degree + 1));
+    for (row, value) in a.values().column(channel).iter().enumerate() {
+        let (l, m) = degree_order(row);
+        beta[[l, beta_column(l, m)]] = value * phase(m);
+    }
+    beta
+}
+
+/// Returns canonical coefficients of a channel of the matrix of weighted SPHARM, (L + 1, at least 2 L + 1).
+#[must_use]
+pub fn from_beta(beta: &Array2<f64>) -> Option<Vec<f64>> {
+    let degrees = beta.nrows();
+    (degrees > 0 && beta.ncols() >= 2 * degrees - 1).then(|| {
+        let value = |row| {
+            let (l, m) = degree_order(row);
+            beta[[l, beta_column(l, m)]] * phase(m)
+        };
+        (0..degrees * degrees).map(value).collect()
+    })
+}
+
+fn beta_column(degree: usize, order: isize) -> usize {
+    if order < 0 { degree + order.unsigned_abs() } else { order.unsigned_abs() }
+}

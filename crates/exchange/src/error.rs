@@ -1,0 +1,84 @@
+//! What can go wrong between packages.
+
+use std::io;
+use std::path::PathBuf;
+
+use spharm_model::ModelError;
+use spharm_surface::SurfaceError;
+
+/// Errors of this crate.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExchangeError {
+    /// The operating system refused to open or read a file.
+    #[error("{}: cannot be read: {source}", .path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The contents break the format's rules.
+    #[error("{}: damaged or not {format}: expected {expected}, found {found}", .path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// The format, with its article.
+        format: &'static str,
+        /// What should stand there.
+        expected: String,
+        /// What does.
+        found: String,
+    },
+    /// Nothing in the file says which format it has.
+    #[error("{}: cannot tell the format of its coefficients, {found}; expected {remedy}", .path.display())]
+    Unknown {
+        /// The file.
+        path: PathBuf,
+        /// What it looks like.
+        found: String,
+        /// Formats that it may be.
+        remedy: &'static str,
+    },
+    /// A format that can't hold the model.
+    #[error("{format} holds {holds}; the model has {channels} channels{hint}")]
+    CannotHold {
+        /// The package.
+        format: &'static str,
+        /// What it holds.
+        holds: &'static str,
+        /// Channels of the model.
+        channels: usize,
+        /// What to do instead.
+        hint: &'static str,
+    },
+    /// A format that is only written.
+    #[error(
+        "{}: files for {package} are written, not read: they hold one radius in each direction, without place and pose",
+        .path.display()
+    )]
+    WrittenOnly {
+        /// The file.
+        path: PathBuf,
+        /// The package.
+        package: &'static str,
+    },
+    /// Files of one model whose degrees differ.
+    #[error("{}: degree {found}; {} has degree {expected}", .path.display(), .first.display())]
+    Degrees {
+        /// The file.
+        path: PathBuf,
+        /// Its degree.
+        found: usize,
+        /// The first file.
+        first: PathBuf,
+        /// The first file's degree.
+        expected: usize,
+    },
+    /// The model can't be evaluated or written.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A file can't be written.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+}

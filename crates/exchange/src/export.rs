@@ -1,0 +1,144 @@
+//! Models as files of other packages.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use spharm_model::Model;
+use spharm_surface::io::write_new;
+
+use crate::error::ExchangeError;
+use crate::format::{Format, Normalization};
+use crate::{aics, beta, coef, fits, mat, npy, shtools, table};
+
+/// Options of [`export()`].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ExportOptions {
+    /// Replace files that are there.
+    pub overwrite: bool,
+    /// The scale of pyshtools' harmonics; the other formats have one each.
+    pub normalization: Normalization,
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Exported {
+    /// The files, one or one a channel.
+    pub files: Vec<PathBuf>,
+    /// What to know about them.
+    pub warnings: Vec<ExportWarning>,
+}
+
+/// Something that the other package will not do with the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ExportWarning {
+    /// SPHARM-PDM's own evaluation overflows above degree 85.
+    PdmDegree {
+        /// The model's degree.
+        degree: usize,
+    },
+    /// The model has no sphere of its own: SPHARM-MAT gets the coefficients without surface and sphere.
+    NoSphere,
+}
+
+impl fmt::Display for ExportWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::PdmDegree { degree } => write!(
+                f,
+                "degree {degree}: SPHARM-PDM's own programs can't evaluate degrees above {}; others read the file",
+                coef::HIGHEST_EVALUATED
+            ),
+            Self::NoSphere => f.write_str(
+                "the model has no sphere of its own: the file has fvec without vertices, faces and sph_verts",
+            ),
+        }
+    }
+}
+
+/// Returns the files that a model becomes: `path`, or of a format with a file a channel `NAME.x.ENDING` and so on.
+#[must_use]
+pub fn files(format: Format, channels: usize, path: &Path) -> Vec<PathBuf> {
+    if !format.file_a_channel() || channels == 1 {
+        return vec![path.to_owned()];
+    }
+    let named = |name: String| match path.extension() {
+        Some(ending) => path.with_extension(format!("{name}.{}", ending.to_string_lossy())),
+        None => path.with_extension(name),
+    };
+    table::channel_names(channels).into_iter().map(named).collect()
+}
+
+/// Checks whether a format can hold a model.
+///
+/// # Errors
+///
+/// [`CannotHold`](ExchangeError::CannotHold).
+pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
+    let channels = model.coefficients.channels();
+    let cannot = |format, holds, hint| Err(ExchangeError::CannotHold { format, holds, channels, hint });
+    match format {
+        Format::Pdm if channels != 3 => {
+            cannot("SPHARM-PDM", "surfaces, of 3 channels", "; csv and json hold any number")
+        }
+        Format::Mat if channels != 3 => {
+            cannot("SPHARM-MAT", "surfaces, of 3 channels", "; csv and json hold any number")
+        }
+        Format::Aics if channels != 1 => cannot(
+            "aics-shparam",
+            "the radius of a star-shaped body, of 1 channel",
+            ": x, y and z are no radius; fit the distance from a centre as a signal",
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// Writes a model in a format, every file whole or not at all.
+///
+/// # Errors
+///
+/// [`CannotHold`](ExchangeError::CannotHold), and those of [`write_new`].
+pub fn export(model: &Model, format: Format, path: &Path, options: &ExportOptions) -> Result<Exported, ExchangeError> {
+    check(model, format)?;
+    let a = &model.coefficients;
+    let files = files(format, a.channels(), path);
+    let mut warnings = Vec::new();
+    let surface = match (&model.sphere, format) {
+        (Some(sphere), Format::Mat) => {
+            let values = model.evaluate(&sphere.directions, a.max_degree())?;
+            let vertices: Vec<[f64; 3]> = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+            Some((vertices, sphere))
+        }
+        (None, Format::Mat) => {
+            warnings.push(ExportWarning::NoSphere);
+            None
+        }
+        _ => None,
+    };
+    if format == Format::Pdm && a.max_degree() > coef::HIGHEST_EVALUATED {
+        warnings.push(ExportWarning::PdmDegree { degree: a.max_degree() });
+    }
+    let as_csv = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
+    for (channel, file) in files.iter().enumerate() {
+        write_new(file, options.overwrite, |out| match format {
+            Format::Pdm => coef::write(out, a),
+            Format::Mat => {
+                let surface = surface.as_ref().map(|(vertices, sphere)| mat::Surface {
+                    vertices,
+                    faces: &sphere.faces,
+                    sphere: sphere.directions.as_slice(),
+                });
+                mat::write(out, a, surface.as_ref())
+            }
+            Format::Pyshtools => shtools::write(out, a, channel, options.normalization),
+            Format::Healpy => fits::write(out, a),
+            Format::S2fft | Format::Ktch | Format::Flowshape => npy::write(out, a, format),
+            Format::Aics if as_csv => aics::write_csv(out, a),
+            Format::Aics => aics::write_json(out, a),
+            Format::Afni => beta::write(out, a, channel),
+            Format::Csv => table::write_csv(out, a),
+            Format::Json => table::write_json(out, a),
+        })?;
+    }
+    Ok(Exported { files, warnings })
+}

@@ -1,0 +1,143 @@
+//! The formats, by name.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Formats of other packages, and plain text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// SPHARM-PDM's `.coef`.
+    Pdm,
+    /// SPHARM-MAT's `.mat`.
+    Mat,
+    /// Text of SHTOOLS.
+    Pyshtools,
+    /// FITS tables of healpy's `write_alm`.
+    Healpy,
+    /// Arrays of s2fft.
+    S2fft,
+    /// Arrays of ktch.
+    Ktch,
+    /// Arrays of FlowShape.
+    Flowshape,
+    /// Named coefficients of a radius, as aics-shparam has them.
+    Aics,
+    /// Matrices of weighted SPHARM, which AFNI took over.
+    Afni,
+    /// A table: `l,m,x,y,z`.
+    Csv,
+    /// An object with the coefficients and what they mean.
+    Json,
+}
+
+impl Format {
+    /// Every format.
+    pub const ALL: [Self; 11] = [
+        Self::Pdm,
+        Self::Mat,
+        Self::Pyshtools,
+        Self::Healpy,
+        Self::S2fft,
+        Self::Ktch,
+        Self::Flowshape,
+        Self::Aics,
+        Self::Afni,
+        Self::Csv,
+        Self::Json,
+    ];
+
+    /// Returns the name, as on a command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pdm => "pdm",
+            Self::Mat => "mat",
+            Self::Pyshtools => "pyshtools",
+            Self::Healpy => "healpy",
+            Self::S2fft => "s2fft",
+            Self::Ktch => "ktch",
+            Self::Flowshape => "flowshape",
+            Self::Aics => "aics",
+            Self::Afni => "afni",
+            Self::Csv => "csv",
+            Self::Json => "json",
+        }
+    }
+
+    /// Returns the ending of files that are named after their model.
+    #[must_use]
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Pdm => "coef",
+            Self::Mat => "mat",
+            Self::Pyshtools => "sh",
+            Self::Healpy => "alm.fits",
+            Self::S2fft => "s2fft.npy",
+            Self::Ktch => "ktch.npy",
+            Self::Flowshape => "flowshape.npy",
+            Self::Aics => "aics.json",
+            Self::Afni => "beta.1D",
+            Self::Csv => "csv",
+            Self::Json => "json",
+        }
+    }
+
+    /// Returns what a file of the format is, with its article, for messages.
+    pub(crate) fn file(self) -> &'static str {
+        match self {
+            Self::Pdm => "a SPHARM-PDM .coef file",
+            Self::Mat => "a SPHARM-MAT .mat file",
+            Self::Pyshtools => "a text file of SHTOOLS",
+            Self::Healpy => "a FITS file of healpy",
+            Self::S2fft => "an array of s2fft",
+            Self::Ktch => "an array of ktch",
+            Self::Flowshape => "an array of FlowShape",
+            Self::Aics => "a file for aics-shparam",
+            Self::Afni => "a matrix of weighted SPHARM",
+            Self::Csv => "a table of coefficients",
+            Self::Json => "a JSON file of coefficients",
+        }
+    }
+
+    /// Returns whether each channel is a file of its own.
+    #[must_use]
+    pub fn file_a_channel(self) -> bool {
+        matches!(self, Self::Pyshtools | Self::Afni)
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Format {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let names = || Self::ALL.map(Self::name).join(", ");
+        Self::ALL.into_iter().find(|format| format.name() == name).ok_or_else(|| format!("expected one of {}", names()))
+    }
+}
+
+/// How harmonics of pyshtools are scaled.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Normalization {
+    /// The integral of a square over the sphere is 1: pyshtools' `ortho`, and ours.
+    #[default]
+    Orthonormal,
+    /// It is 4 pi, as in geodesy: pyshtools' `4pi`, its default.
+    FourPi,
+}
+
+impl Normalization {
+    /// Returns what canonical coefficients are multiplied by.
+    pub(crate) fn factor(self) -> f64 {
+        match self {
+            Self::Orthonormal => 1.0,
+            Self::FourPi => 1.0 / (4.0 * std::f64::consts::PI).sqrt(),
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Models from files of other packages.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use ndarray::Array2;
+use spharm_harmonics::Coefficients;
+use spharm_surface::Sphere;
+
+use crate::error::ExchangeError;
+use crate::flaw::Flaw;
+use crate::format::{Format, Normalization};
+use crate::text::text;
+use crate::{beta, coef, fits, mat, npy, shtools, table};
+
+/// Options of [`import()`].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ImportOptions {
+    /// The format; else the contents tell it, or the file is refused.
+    pub format: Option<Format>,
+    /// The scale of pyshtools' harmonics, of which the file says nothing.
+    pub normalization: Normalization,
+}
+
+/// What was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Imported {
+    /// Canonical coefficients, (K, c), finite.
+    pub coefficients: Coefficients,
+    /// SPHARM-MAT's sphere, of which the other formats have none.
+    pub sphere: Option<Sphere>,
+    /// The format of the first file.
+    pub format: Format,
+}
+
+/// Reads a model of one or more files, whose channels follow each other.
+///
+/// # Errors
+///
+/// [`Io`](ExchangeError::Io), [`Malformed`](ExchangeError::Malformed), [`Unknown`](ExchangeError::Unknown),
+/// [`WrittenOnly`](ExchangeError::WrittenOnly), [`Degrees`](ExchangeError::Degrees).
+pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Imported, ExchangeError> {
+    let mut whole: Option<Imported> = None;
+    for path in files.iter().map(AsRef::as_ref) {
+        let found = one(path, options)?;
+        whole = Some(match whole {
+            None => found,
+            Some(before) => {
+                let (expected, found_degree) = (before.coefficients.max_degree(), found.coefficients.max_degree());
+                let values = ndarray::concatenate(
+                    ndarray::Axis(1),
+                    &[before.coefficients.values().view(), found.coefficients.values().view()],
+                );
+                let joined = values.ok().and_then(|values| Coefficients::new(values).ok());
+                let coefficients = joined.ok_or_else(|| ExchangeError::Degrees {
+                    path: path.to_owned(),
+                    found: found_degree,
+                    first: files.first().map_or(path, AsRef::as_ref).to_owned(),
+                    expected,
+                })?;
+                Imported { coefficients, ..before }
+            }
+        });
+    }
+    whole.ok_or_else(|| ExchangeError::Io {
+        path: Path::new("").to_owned(),
+        source: io::Error::new(io::ErrorKind::NotFound, "no file"),
+    })
+}
+
+fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> {
+    let bytes = load(path).map_err(|source| ExchangeError::Io { path: path.to_owned(), source })?;
+    let format = match options.format {
+        Some(format) => format,
+        None => detect(path, &bytes)?,
+    };
+    if format == Format::Aics {
+        return Err(ExchangeError::WrittenOnly { path: path.to_owned(), package: "aics-shparam" });
+    }
+    let (coefficients, sphere) = parse(&bytes, format, options).map_err(|flaw| flaw.at(path, format.file()))?;
+    let values = coefficients.values();
+    if let Some(((row, channel), x)) = values.indexed_iter().find(|(_, x)| !x.is_finite()) {
+        let found = format!("{x} in row {row} of channel {channel}");
+        return Err(Flaw::new("finite coefficients", found).at(path, format.file()));
+    }
+    Ok(Imported { coefficients, sphere, format })
+}
+
+/// Reads a regular file whole; a FIFO would be waited for.
+fn load(path: &Path) -> io::Result<Vec<u8>> {
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("not a regular file"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path)?.read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// The format that the contents tell.
+fn detect(path: &Path, bytes: &[u8]) -> Result<Format, ExchangeError> {
+    let unknown = |found: String, remedy| ExchangeError::Unknown { path: path.to_owned(), found, remedy };
+    if mat::is_mat(bytes) {
+        return Ok(Format::Mat);
+    }
+    if fits::is_fits(bytes) {
+        return Ok(Format::Healpy);
+    }
+    if npy::is_npy(bytes) {
+        return npy::format_of(bytes)
+            .map_err(|found| unknown(found, "ktch (c, K), flowshape (K, c), s2fft or pyshtools"));
+    }
+    if coef::is_coef(bytes) {
+        return Ok(Format::Pdm);
+    }
+    match text(bytes) {
+        Ok(text) if table::is_csv(text) => Ok(Format::Csv),
+        Ok(text) if text.contains("\"shcoeffs_L") || text.starts_with("shcoeffs_L") => Ok(Format::Aics),
+        Ok(text) if text.trim_start().starts_with('{') => Ok(Format::Json),
+        Ok(text) if shtools::is_shtools(text) => Ok(Format::Pyshtools),
+        Ok(_) => Err(unknown("text".to_owned(), "pyshtools (l, m, C, S), afni (a row a degree), pdm, csv or json")),
+        Err(_) => Err(unknown(
+            "unknown bytes".to_owned(),
+            "pdm, mat, pyshtools, healpy, s2fft, ktch, flowshape, afni, csv or json",
+        )),
+    }
+}
+
+fn parse(bytes: &[u8], format: Format, options: &ImportOptions) -> Result<(Coefficients, Option<Sphere>), Flaw> {
+    let scale = options.normalization;
+    let channel = |values: Vec<f64>| columns(&[values]);
+    let coefficients = match format {
+        Format::Mat => return mat::read(bytes),
+        Format::Pdm => coef::read(bytes)?,
+        Format::Pyshtools if npy::is_npy(bytes) => npy::read(bytes, format, scale)?,
+        Format::Pyshtools => channel(shtools::read(bytes, scale)?)?,
+        Format::Healpy => columns(&fits::read(bytes)?)?,
+        Format::S2fft | Format::Ktch | Format::Flowshape => npy::read(bytes, format, scale)?,
+        Format::Afni => channel(beta::read(bytes)?)?,
+        Format::Csv => table::read_csv(bytes)?,
+        Format::Json => table::read_json(bytes)?,
+        Format::Aics => return Err(Flaw::new("a format that is read", format)),
+    };
+    Ok((coefficients, None))
+}
+
+/// Coefficients of channels, which must have one degree.
+fn columns(channels: &[Vec<f64>]) -> Result<Coefficients, Flaw> {
+    let rows = channels.first().map_or(0, Vec::len);
+    if let Some(other) = channels.iter().find(|channel| channel.len() != rows) {
+        return Err(Flaw::new(format!("{rows} coefficients in every channel"), other.len()));
+    }
+    let values = Array2::from_shape_vec((channels.len(), rows), channels.concat());
+    let values = values.map_err(|error| Flaw::new("coefficients", error))?.t().as_standard_layout().into_owned();
+    Coefficients::new(values).map_err(|error| Flaw::new("(L + 1)^2 coefficients", error))
+}

@@ -1,0 +1,59 @@
+//! SPHARM-MAT's models: `fvec` (K, 3) complex, and where there is a sphere `vertices`, `faces` from 1 and `sph_verts`.
+//!
+//! | file | contents |
+//! |---|---|
+//! | `write` | MAT files of level 5, uncompressed |
+//! | `read` | the same, in either byte order, compressed or not, numbers of any type |
+//!
+//! A file is a header of 128 bytes and elements; an element is its type, its bytes' count, and the bytes, padded to eight. A
+//! matrix is an element of elements: flags, dimensions, name, real parts, imaginary parts, by columns.
+//!
+//! Source: "MAT-File Format", MathWorks.
+
+mod read;
+mod write;
+
+use num_complex::Complex64;
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_surface::Sphere;
+
+use crate::flaw::Flaw;
+use read::Matrix;
+
+pub(crate) use read::is_mat;
+pub(crate) use write::{Surface, write};
+
+/// Reads `fvec`, and the sphere where there is one.
+pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw> {
+    let [fvec, sph_verts, faces] = read::matrices(bytes, ["fvec", "sph_verts", "faces"])?;
+    let fvec = fvec.ok_or_else(|| Flaw::new("a matrix `fvec`", "none"))?;
+    let complex = fvec.to_array(|re, im| Complex64::new(re, im));
+    let coefficients = Coefficients::from_complex(&complex)
+        .map_err(|_| Flaw::new("fvec of (L + 1)^2 rows", format!("{} rows", fvec.rows)))?;
+    let sphere = sph_verts.map(|directions| sphere(&directions, faces.as_ref())).transpose()?;
+    Ok((coefficients, sphere))
+}
+
+fn sphere(vertices: &Matrix, faces: Option<&Matrix>) -> Result<Sphere, Flaw> {
+    let three = |name: &str, found: &Matrix| match found.columns {
+        3 => Ok(()),
+        columns => Err(Flaw::new(format!("{name} of 3 columns"), columns)),
+    };
+    three("sph_verts", vertices)?;
+    let vectors: Vec<[f64; 3]> = (0..vertices.rows).map(|row| [0, 1, 2].map(|axis| vertices.real(row, axis))).collect();
+    let directions = Directions::from_vertices(&vectors).map_err(|error| Flaw::new("sph_verts", error))?;
+    let mut sphere = Sphere::from_directions(directions);
+    if let Some(faces) = faces {
+        three("faces", faces)?;
+        let corner = |row, axis| {
+            let index = faces.real(row, axis);
+            let there = index.fract() == 0.0 && index >= 1.0 && index <= vectors.len() as f64;
+            there.then_some(index as u32 - 1)
+        };
+        let triangle = |row| Some([corner(row, 0)?, corner(row, 1)?, corner(row, 2)?]);
+        let triangles: Option<Vec<[u32; 3]>> = (0..faces.rows).map(triangle).collect();
+        sphere.faces =
+            triangles.ok_or_else(|| Flaw::new(format!("faces of vertices 1 to {}", vectors.len()), "others"))?;
+    }
+    Ok(sphere)
+}

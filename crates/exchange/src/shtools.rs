@@ -1,0 +1,98 @@
+//! Text of SHTOOLS, a file a channel: lines `l, m, C_lm, S_lm` for m from 0 to l.
+//!
+//! pyshtools reads it by `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. What the numbers mean isn't in the file.
+
+use std::io::{self, Write};
+
+use spharm_harmonics::Coefficients;
+use spharm_harmonics::index::{column, degree_order};
+
+use crate::flaw::Flaw;
+use crate::format::Normalization;
+use crate::text::{number, quoted, text};
+
+/// Highest degree that is read, far above any that harmonics here are evaluated to.
+const HIGHEST: usize = 20_000;
+
+pub(crate) fn write(
+    out: &mut dyn Write,
+    a: &Coefficients,
+    channel: usize,
+    normalization: Normalization,
+) -> io::Result<()> {
+    let factor = normalization.factor();
+    let value = |l: usize, m: isize| factor * a.values()[[column(l, m), channel]];
+    for l in 0..=a.max_degree() {
+        for m in 0..=l.cast_signed() {
+            let sine = if m == 0 { 0.0 } else { value(l, -m) };
+            writeln!(out, "{l}, {m}, {:.16e}, {sine:.16e}", value(l, m))?;
+        }
+    }
+    Ok(())
+}
+
+/// Reads the coefficients of a channel. Lines of anything but numbers before the first coefficient are taken for a header;
+/// orders that aren't there are zero.
+pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64>, Flaw> {
+    let mut found: Vec<(usize, usize, [f64; 2])> = Vec::new();
+    for (line, text) in text(bytes)?.lines().enumerate() {
+        let separated = text.split(|c: char| c.is_whitespace() || c == ',');
+        let words: Vec<&str> = separated.filter(|word| !word.is_empty()).collect();
+        let Some((l, m)) = degree_and_order(&words) else {
+            if found.is_empty() || words.is_empty() || text.trim_start().starts_with('#') {
+                continue;
+            }
+            return Err(Flaw::new(format!("degree and order on line {}", line + 1), quoted(text)));
+        };
+        // More columns, such as errors, may follow.
+        let [_, _, cosine, sine, ..] = words[..] else {
+            if found.is_empty() {
+                continue;
+            }
+            return Err(Flaw::new(format!("l, m, C, S on line {}", line + 1), quoted(text)));
+        };
+        if m > l || l > HIGHEST {
+            return Err(Flaw::new(
+                format!("a degree up to {HIGHEST} and an order up to the degree on line {}", line + 1),
+                quoted(text),
+            ));
+        }
+        found.push((l, m, [number(cosine, line + 1)?, number(sine, line + 1)?]));
+    }
+    let highest = found.iter().map(|&(l, ..)| l).max();
+    let highest = highest.ok_or_else(|| Flaw::new("lines l, m, C, S", "none"))?;
+    // A degree that is claimed takes its room only if there are about as many lines.
+    if found.len() < highest {
+        return Err(Flaw::new(format!("lines up to degree {highest}"), format!("{} lines", found.len())));
+    }
+    let mut values = vec![0.0; (highest + 1) * (highest + 1)];
+    let factor = normalization.factor();
+    for (l, m, [cosine, sine]) in found {
+        let at = column(l, m.cast_signed());
+        if let Some(value) = values.get_mut(at) {
+            *value = cosine / factor;
+        }
+        if let Some(value) = values.get_mut(at - 2 * m).filter(|_| m > 0) {
+            *value = sine / factor;
+        }
+    }
+    debug_assert_eq!(degree_order(values.len() - 1).0, highest);
+    Ok(values)
+}
+
+/// Whether a text's first coefficient is a line of degree, order and two numbers.
+pub(crate) fn is_shtools(text: &str) -> bool {
+    let lines = text.lines().take(4).filter(|line| !line.trim_start().starts_with('#'));
+    lines.map(|line| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect()).any(
+        |words: Vec<&str>| {
+            degree_and_order(&words).is_some_and(|(l, m)| m <= l)
+                && words.len() == 4
+                && words.iter().skip(2).all(|word| number(word, 0).is_ok())
+        },
+    )
+}
+
+fn degree_and_order(words: &[&str]) -> Option<(usize, usize)> {
+    let [degree, order, ..] = words else { return None };
+    Some((degree.parse().ok()?, order.parse().ok()?))
+}

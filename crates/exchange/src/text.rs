@@ -1,0 +1,40 @@
+//! Numbers in text.
+
+use std::io::{self, Write};
+
+use crate::flaw::Flaw;
+
+/// Writes numbers with 17 digits between separators.
+pub(crate) fn write_row<'a>(
+    out: &mut dyn Write,
+    values: impl IntoIterator<Item = &'a f64>,
+    separator: &str,
+) -> io::Result<()> {
+    for (i, value) in values.into_iter().enumerate() {
+        if i > 0 {
+            write!(out, "{separator}")?;
+        }
+        write!(out, "{value:.16e}")?;
+    }
+    Ok(())
+}
+
+/// Reads a finite number, also with Fortran's `D` for its exponent.
+pub(crate) fn number(word: &str, line: usize) -> Result<f64, Flaw> {
+    let parsed = word.parse().or_else(|_| word.replace(['d', 'D'], "e").parse());
+    parsed
+        .ok()
+        .filter(|x: &f64| x.is_finite())
+        .ok_or_else(|| Flaw::new(format!("a number on line {line}"), quoted(word)))
+}
+
+/// A word of the file, for messages.
+pub(crate) fn quoted(word: &str) -> String {
+    format!("{:?}", word.chars().take(40).collect::<String>())
+}
+
+/// The text of a file.
+pub(crate) fn text(bytes: &[u8]) -> Result<&str, Flaw> {
+    let text = std::str::from_utf8(bytes).map_err(|error| Flaw::new("text", error))?;
+    Ok(text.trim_start_matches('\u{feff}'))
+}

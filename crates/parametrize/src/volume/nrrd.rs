@@ -1,0 +1,154 @@
+//! NRRD files (`.nrrd`, and `.nhdr` with its values in another file): a header of lines `field: value` up to an empty one,
+//! then the values, raw or gzipped.
+//!
+//! Positions are RAS+: of a file in left-posterior-superior space, as 3D Slicer and ITK write them, x and y change their sign.
+//! Source: <https://teem.sourceforge.net/nrrd/format.html>.
+
+use std::collections::HashMap;
+use std::path::{Component, Path};
+
+use spharm_surface::io::MOST_EXPANSION;
+
+use super::affine::Affine;
+use super::source::{Source, load};
+use super::values::{Layout, Scalar, Volume};
+use crate::error::ParametrizeError;
+
+/// A header is far shorter.
+const LONGEST_HEADER: usize = 1 << 20;
+
+/// The fields of a header, by their names in lower case.
+struct Header<'a>(HashMap<String, &'a str>);
+
+impl<'a> Header<'a> {
+    /// Reads a header; also where the values of an attached file begin.
+    fn read(bytes: &'a [u8]) -> Option<(Self, usize)> {
+        let mut fields = HashMap::new();
+        let mut at = 0;
+        loop {
+            let rest = bytes.get(at..).filter(|_| at < LONGEST_HEADER)?;
+            let end = rest.iter().position(|&byte| byte == b'\n');
+            let line = std::str::from_utf8(&rest[..end.unwrap_or(rest.len())]).ok()?.trim_end();
+            // A detached header may end with its file.
+            at += end.map_or(rest.len(), |end| end + 1);
+            if line.is_empty() || end.is_none() {
+                return Some((Self(fields), at));
+            }
+            if let Some((name, value)) = line.split_once(':').filter(|_| !line.starts_with('#')) {
+                fields.insert(name.trim().to_ascii_lowercase().replace(' ', ""), value.trim());
+            }
+        }
+    }
+
+    fn get(&self, name: &str) -> Option<&'a str> {
+        self.0.get(name).copied()
+    }
+}
+
+/// Parses a file.
+pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, ParametrizeError> {
+    let (header, start) =
+        Header::read(bytes).ok_or_else(|| source.wrong("an NRRD header of text", "something else".to_owned()))?;
+    let scalar = scalar(header.get("type").unwrap_or_default())
+        .ok_or_else(|| source.wrong("whole numbers as labels", format!("type {:?}", header.get("type"))))?;
+    let sizes: Option<Vec<u16>> = header.get("sizes").and_then(|sizes| words(sizes).map(|n| n.parse().ok()).collect());
+    let Some([x, y, z]) = sizes.as_deref().and_then(<[u16]>::as_array) else {
+        let found = format!("sizes {:?}; give one volume of them", header.get("sizes").unwrap_or("none"));
+        return Err(source.wrong("three dimensions", found));
+    };
+    let size = [*x, *y, *z].map(usize::from);
+    for field in ["lineskip", "byteskip"] {
+        if header.get(field).is_some_and(|skip| skip != "0") {
+            return Err(source.wrong("values right after the header", format!("{field} {:?}", header.get(field))));
+        }
+    }
+    let little_endian = match header.get("endian").map(str::to_ascii_lowercase).as_deref() {
+        Some("little") => true,
+        Some("big") => false,
+        None if scalar.width() == 1 => true,
+        other => return Err(source.wrong("endian: little or big", format!("{other:?}"))),
+    };
+    let layout = Layout { voxels: size.iter().product(), scalar, little_endian, scaling: None };
+    let other = header.get("datafile").map(|name| beside(source, name)).transpose()?;
+    let values = other.as_deref().or(bytes.get(start..)).unwrap_or_default();
+    let too_many = |most: u64| {
+        let found = format!("{x} x {y} x {z} voxels claimed by {most} bytes of values at most");
+        Err(source.wrong("values of the sizes in the header", found))
+    };
+    let values = match header.get("encoding").map(str::to_ascii_lowercase).as_deref() {
+        Some("raw") if layout.bytes() > values.len() as u64 => return too_many(values.len() as u64),
+        Some("raw") => layout.read(source.path, values, source.monitor)?,
+        Some("gzip" | "gz") => match (values.len() as u64).saturating_mul(MOST_EXPANSION) {
+            most if layout.bytes() > most => return too_many(most),
+            _ => layout.read(source.path, flate2::bufread::MultiGzDecoder::new(values), source.monitor)?,
+        },
+        other => return Err(source.wrong("encoding: raw or gzip", other.unwrap_or("none").to_owned())),
+    };
+    let affine = affine(source, &header)?;
+    Ok(Volume { size, affine, values })
+}
+
+/// The values of a detached header: one file in its folder, or in one beneath.
+fn beside(source: &Source<'_>, name: &str) -> Result<Vec<u8>, ParametrizeError> {
+    let path = Path::new(name);
+    let plain = path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    if !plain || name.starts_with("LIST") || name.contains('%') {
+        return Err(source.wrong("one file of values, in the header's folder", format!("data file {name:?}")));
+    }
+    load(&source.path.parent().unwrap_or(Path::new("")).join(path))
+}
+
+fn scalar(kind: &str) -> Option<Scalar> {
+    Some(match kind.to_ascii_lowercase().as_str() {
+        "signed char" | "int8" | "int8_t" => Scalar::I8,
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => Scalar::U8,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => Scalar::I16,
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Scalar::U16,
+        "int" | "signed int" | "int32" | "int32_t" => Scalar::I32,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => Scalar::U32,
+        "longlong" | "long long" | "long long int" | "signed long long" | "int64" | "int64_t" => Scalar::I64,
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Scalar::U64,
+        "float" => Scalar::F32,
+        "double" => Scalar::F64,
+        _ => return None,
+    })
+}
+
+/// The matrix from voxels to RAS+: directions and origin, else spacings.
+fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<Affine, ParametrizeError> {
+    let Some(directions) = header.get("spacedirections") else {
+        let spacings: Option<Vec<f64>> =
+            header.get("spacings").and_then(|spacings| words(spacings).map(|x| x.parse().ok()).collect());
+        return source.affine(spacings.and_then(|spacings| spacings.try_into().ok()), "an NRRD file without spacings");
+    };
+    let signs = match header.get("space").map(str::to_ascii_lowercase).as_deref() {
+        None | Some("right-anterior-superior" | "ras" | "3d-right-handed" | "scanner-xyz") => [1.0, 1.0, 1.0],
+        Some("left-posterior-superior" | "lps") => [-1.0, -1.0, 1.0],
+        Some("left-anterior-superior" | "las") => [-1.0, 1.0, 1.0],
+        Some(other) => return Err(source.wrong("space: RAS, LPS or LAS", other.to_owned())),
+    };
+    let vectors = |text: &str| -> Option<Vec<[f64; 3]>> {
+        let vector = |text: &str| {
+            let numbers: Option<Vec<f64>> = text.split(',').map(|x| x.trim().parse().ok()).collect();
+            numbers?.try_into().ok()
+        };
+        text.split('(').skip(1).map(|part| vector(part.split(')').next()?)).collect()
+    };
+    let wrong = || source.wrong("three space directions and a space origin", directions.to_owned());
+    let axes = vectors(directions).filter(|axes| axes.len() == 3).ok_or_else(wrong)?;
+    let origin = match header.get("spaceorigin") {
+        Some(text) => vectors(text).and_then(|found| found.first().copied()).ok_or_else(wrong)?,
+        None => [0.0; 3],
+    };
+    let row = |i: usize| [axes[0][i], axes[1][i], axes[2][i], origin[i]].map(|x| signs[i] * x);
+    let affine = Affine([row(0), row(1), row(2)]);
+    if affine.is_valid() {
+        Ok(affine)
+    } else {
+        Err(source.wrong("voxels with a volume", format!("the matrix {:?}", affine.0)))
+    }
+}
+
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split_whitespace()
+}

@@ -1,0 +1,60 @@
+//! Which format a volume is in, by its name and by its first bytes.
+
+use std::io::Read;
+use std::path::Path;
+
+use spharm_surface::io::MOST_EXPANSION;
+use spharm_surface::npy;
+
+use super::source::{Source, load};
+use super::values::Volume;
+use super::{mgh, nifti, nifti2, npy as array, nrrd, tiff};
+use crate::error::ParametrizeError;
+
+/// Endings of volumes.
+const ENDINGS: [&str; 10] = [".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd", ".nhdr", ".tif", ".tiff", ".npy", ".npy.gz"];
+
+/// Whether a path has the name of a volume: NIfTI, FreeSurfer, NRRD, TIFF, NumPy.
+///
+/// FreeSurfer keeps maps over surfaces in `.mgh` and `.mgz` files, too; which of the two a file is, its sizes show, and
+/// [`LabelVolume::read`](super::LabelVolume::read) refuses a map.
+#[must_use]
+pub fn is_volume(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    ENDINGS.iter().any(|ending| name.ends_with(ending))
+}
+
+/// Reads the volume, by the format that its first bytes tell.
+pub(super) fn read(source: &Source<'_>) -> Result<Volume, ParametrizeError> {
+    let bytes = load(source.path)?;
+    let mut volume = if bytes.starts_with(&[0x1f, 0x8b]) {
+        let most = (bytes.len() as u64).saturating_mul(MOST_EXPANSION);
+        stream(source, flate2::bufread::MultiGzDecoder::new(&bytes[..]), most)?
+    } else if tiff::is_tiff(&bytes) {
+        tiff::parse(source, &bytes)?
+    } else if bytes.starts_with(b"NRRD") {
+        nrrd::parse(source, &bytes)?
+    } else {
+        stream(source, &bytes[..], bytes.len() as u64)?
+    };
+    if let Some(size) = source.voxel_size {
+        volume.affine = volume.affine.with_voxel_size(size);
+    }
+    Ok(volume)
+}
+
+/// The formats that are read as a stream: NIfTI begins with its header's size, in either byte order, MGH with its version.
+fn stream(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
+    let mut magic = Vec::with_capacity(6);
+    // A stream that breaks off here is an empty or damaged one, which the parsers name.
+    let _ = (&mut stream).take(6).read_to_end(&mut magic);
+    let first: Option<[u8; 4]> = magic.first_chunk().copied();
+    let is_npy = magic == npy::MAGIC;
+    let stream = magic.chain(stream);
+    match first {
+        Some([0, 0, 0, 1]) => mgh::parse(source.path, stream, most, source.monitor),
+        _ if is_npy => array::parse(source, stream, most),
+        Some([0x1c, 2, 0, 0] | [0, 0, 2, 0x1c]) => nifti2::parse(source.path, stream, most, source.monitor),
+        _ => nifti::parse(source.path, stream, most, source.monitor),
+    }
+}

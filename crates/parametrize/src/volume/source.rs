@@ -1,0 +1,43 @@
+//! A volume's file, and what its format leaves open.
+
+use std::path::Path;
+
+use spharm_monitor::Monitor;
+
+use super::affine::Affine;
+use crate::error::ParametrizeError;
+
+/// A file that is read.
+#[derive(Clone, Copy)]
+pub(super) struct Source<'a> {
+    pub(super) path: &'a Path,
+    /// Size of the voxels, where the format doesn't tell, or tells wrong.
+    pub(super) voxel_size: Option<[f64; 3]>,
+    pub(super) monitor: &'a dyn Monitor,
+}
+
+impl Source<'_> {
+    /// The matrix of a file that has only the size of its voxels, or not even that.
+    pub(super) fn affine(&self, found: Option<[f64; 3]>, format: &'static str) -> Result<Affine, ParametrizeError> {
+        let size = self
+            .voxel_size
+            .or(found)
+            .ok_or_else(|| ParametrizeError::NoVoxelSize { path: self.path.to_owned(), format })?;
+        let affine = Affine::of_voxel_size(size);
+        if affine.is_valid() { Ok(affine) } else { Err(self.wrong("voxels with a volume", format!("sizes {size:?}"))) }
+    }
+
+    pub(super) fn wrong(&self, expected: &'static str, found: String) -> ParametrizeError {
+        ParametrizeError::NotAVolume { path: self.path.to_owned(), expected, found }
+    }
+}
+
+/// Reads a regular file whole; opening a pipe would wait for whoever writes it.
+pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
+    let io = |cause| ParametrizeError::Io { path: path.to_owned(), cause };
+    if !std::fs::metadata(path).map_err(io)?.is_file() {
+        let (expected, found) = ("a regular file", "something else".to_owned());
+        return Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected, found });
+    }
+    std::fs::read(path).map_err(io)
+}

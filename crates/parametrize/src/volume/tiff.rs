@@ -1,0 +1,207 @@
+//! TIFF stacks (`.tif`, `.tiff`, OME-TIFF): a page a slice, whole numbers, one channel and one time.
+//!
+//! Pages are decoded by crate `tiff`, within a bound that the file's bytes set. The size of the voxels is in the description of
+//! the first page: OME-XML's `PhysicalSizeX`, `Y`, `Z`, or ImageJ's `spacing` and `unit` beside the resolution. It is in
+//! micrometres. Sources: OME-TIFF specification 6.0; ImageJ's `TiffEncoder`.
+
+use std::io::Cursor;
+
+use quick_xml::Reader;
+use quick_xml::events::Event;
+use spharm_monitor::Stage;
+use spharm_surface::io::MOST_EXPANSION;
+use tiff::ColorType;
+use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::tags::Tag;
+
+use super::source::Source;
+use super::values::{Volume, whole};
+use crate::error::ParametrizeError;
+
+/// Bytes of the largest page: 32,768 x 32,768 values of 8 bits.
+const LARGEST_PAGE: u64 = 1 << 30;
+
+/// Whether bytes begin as a TIFF or BigTIFF file does.
+pub(super) fn is_tiff(bytes: &[u8]) -> bool {
+    [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| bytes.starts_with(*magic))
+}
+
+/// What a description says of the whole stack.
+#[derive(Debug, Default, PartialEq)]
+struct Description {
+    /// Size of the voxels in micrometres.
+    voxel_size: Option<[f64; 3]>,
+    /// Slices, and channels times time points, where they are told.
+    slices: Option<usize>,
+    others: usize,
+}
+
+/// Parses a file.
+pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, ParametrizeError> {
+    let broken = |error: tiff::TiffError| source.wrong("a TIFF stack", error.to_string());
+    // Deflate's bound; of the other methods none packs labels better.
+    let most = (bytes.len() as u64).saturating_mul(MOST_EXPANSION);
+    let mut limits = Limits::default();
+    let page = usize::try_from(most.min(LARGEST_PAGE)).unwrap_or(usize::MAX);
+    (limits.decoding_buffer_size, limits.intermediate_buffer_size) = (page, page);
+    limits.ifd_value_size = bytes.len().max(1 << 12);
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken)?.with_limits(limits);
+    let description = description(&mut decoder);
+    if description.others > 1 {
+        let found = format!("{} channels or times; give one of them", description.others);
+        return Err(source.wrong("one channel and one time", found));
+    }
+    let affine = source.affine(description.voxel_size, "a TIFF file without OME-XML or ImageJ's spacing")?;
+    let (width, height) = decoder.dimensions().map_err(broken)?;
+    let mut values = Vec::new();
+    let mut pages = 0;
+    source.monitor.begin(Stage::counted("reading", "slices"), description.slices.unwrap_or(0) as u64);
+    loop {
+        source.monitor.check()?;
+        if decoder.dimensions().map_err(broken)? != (width, height) {
+            return Err(source.wrong("slices of one size", format!("another one at slice {pages}")));
+        }
+        match decoder.colortype().map_err(broken)? {
+            ColorType::Gray(_) => {}
+            other => return Err(source.wrong("one whole number a pixel", format!("{other:?} at slice {pages}"))),
+        }
+        if 4 * (values.len() as u64 + u64::from(width) * u64::from(height)) > 8 * most {
+            return Err(source.wrong(
+                "a stack that its file can hold",
+                format!("more than {pages} slices in {} bytes", bytes.len()),
+            ));
+        }
+        append(source, decoder.read_image().map_err(broken)?, &mut values)?;
+        pages += 1;
+        source.monitor.step(1);
+        if !decoder.more_images() {
+            break;
+        }
+        decoder.next_image().map_err(broken)?;
+    }
+    source.monitor.end();
+    let size = [width as usize, height as usize, pages];
+    if description.slices.is_some_and(|slices| slices != pages) || values.len() != size.iter().product::<usize>() {
+        let told = description.slices.unwrap_or(pages);
+        return Err(source.wrong("as many pages as slices", format!("{pages} pages, {told} slices in the description")));
+    }
+    Ok(Volume { size, affine, values })
+}
+
+fn append(source: &Source<'_>, page: DecodingResult, labels: &mut Vec<i32>) -> Result<(), ParametrizeError> {
+    let mut all = |values: &mut dyn Iterator<Item = f64>| -> Result<(), ParametrizeError> {
+        for value in values {
+            labels.push(whole(source.path, labels.len(), value)?);
+        }
+        Ok(())
+    };
+    match page {
+        DecodingResult::U8(page) => all(&mut page.iter().map(|&x| x.into())),
+        DecodingResult::U16(page) => all(&mut page.iter().map(|&x| x.into())),
+        DecodingResult::U32(page) => all(&mut page.iter().map(|&x| x.into())),
+        DecodingResult::U64(page) => all(&mut page.iter().map(|&x| x as f64)),
+        DecodingResult::I8(page) => all(&mut page.iter().map(|&x| x.into())),
+        DecodingResult::I16(page) => all(&mut page.iter().map(|&x| x.into())),
+        DecodingResult::I32(page) => all(&mut page.iter().map(|&x| x.into())),
+        DecodingResult::I64(page) => all(&mut page.iter().map(|&x| x as f64)),
+        DecodingResult::F32(page) => all(&mut page.iter().map(|&x| x.into())),
+        DecodingResult::F64(page) => all(&mut page.iter().copied()),
+        _ => Err(source.wrong("whole numbers as labels", "values of 16-bit floats".to_owned())),
+    }
+}
+
+/// What the first page says; nothing where it has no description.
+fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Description {
+    let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
+    if text.contains("<OME") {
+        return of_ome(&text).unwrap_or_default();
+    }
+    if text.starts_with("ImageJ=") {
+        let mut pitch = |tag| match decoder.find_tag(tag) {
+            Ok(Some(tiff::decoder::ifd::Value::Rational(pixels, 1..))) if pixels == 0 => None,
+            Ok(Some(tiff::decoder::ifd::Value::Rational(pixels, units @ 1..))) => {
+                Some(f64::from(units) / f64::from(pixels))
+            }
+            _ => None,
+        };
+        let pitches = [pitch(Tag::XResolution), pitch(Tag::YResolution)];
+        return of_imagej(&text, pitches);
+    }
+    Description::default()
+}
+
+fn is(name: &[u8], wanted: &[u8]) -> bool {
+    name == wanted
+}
+
+/// OME-XML's first image.
+fn of_ome(text: &str) -> Option<Description> {
+    let mut reader = Reader::from_str(text);
+    let pixels = loop {
+        match reader.read_event().ok()? {
+            Event::Start(tag) | Event::Empty(tag) if is(tag.local_name().as_ref().as_ref(), b"Pixels") => break tag,
+            Event::Eof => return None,
+            _ => {}
+        }
+    };
+    let get = |name: String| -> Option<String> {
+        let mut attributes = pixels.attributes().flatten();
+        let found = attributes.find(|attribute| is(attribute.key.as_ref().as_ref(), name.as_bytes()))?;
+        Some(found.normalized_value(quick_xml::XmlVersion::Implicit1_0).ok()?.into_owned())
+    };
+    let count = |axis: char| get(format!("Size{axis}")).and_then(|n| n.parse::<usize>().ok());
+    let length = |axis: char| {
+        let size: f64 = get(format!("PhysicalSize{axis}"))?.parse().ok()?;
+        let unit = get(format!("PhysicalSize{axis}Unit")).map_or(Some(1.0), |unit| micrometres(&unit))?;
+        Some(size * unit)
+    };
+    let voxel_size = (|| Some([length('X')?, length('Y')?, length('Z')?]))();
+    let others = count('C').unwrap_or(1).saturating_mul(count('T').unwrap_or(1));
+    Some(Description { voxel_size, slices: count('Z'), others })
+}
+
+/// ImageJ's lines `key=value`, and the lengths of a pixel in its unit.
+fn of_imagej(text: &str, pitches: [Option<f64>; 2]) -> Description {
+    let get = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
+    let count = |key: &str| get(key).and_then(|n| n.trim().parse::<usize>().ok());
+    let unit = get("unit").and_then(micrometres);
+    let spacing = get("spacing").and_then(|x| x.trim().parse::<f64>().ok());
+    let voxel_size = (|| Some([pitches[0]? * unit?, pitches[1]? * unit?, spacing?.abs() * unit?]))();
+    let others = count("channels").unwrap_or(1).saturating_mul(count("frames").unwrap_or(1));
+    Description { voxel_size, slices: count("slices").or(count("images").filter(|_| others == 1)), others }
+}
+
+/// A unit in micrometres.
+fn micrometres(unit: &str) -> Option<f64> {
+    Some(match unit.trim() {
+        "\u{b5}m" | "\u{3bc}m" | "um" | "micron" | "microns" | "micrometer" | "\\u00B5m" | "\\u03BCm" => 1.0,
+        "nm" => 1e-3,
+        "mm" => 1e3,
+        "cm" => 1e4,
+        "m" => 1e6,
+        "\u{c5}" => 1e-4,
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn descriptions_tell_the_size_in_micrometres() {
+        let ome = "<?xml version=\"1.0\"?><OME xmlns=\"x\"><Image><Pixels SizeC=\"1\" SizeT=\"1\" SizeZ=\"7\" \
+                   PhysicalSizeX=\"200\" PhysicalSizeXUnit=\"nm\" PhysicalSizeY=\"0.2\" PhysicalSizeZ=\"0.6\" \
+                   PhysicalSizeZUnit=\"&#181;m\"/></Image></OME>";
+        let found = of_ome(ome).unwrap();
+        assert_eq!((found.slices, found.others), (Some(7), 1));
+        assert!(found.voxel_size.unwrap().iter().zip([0.2, 0.2, 0.6]).all(|(a, b)| (a - b).abs() < 1e-12));
+        assert_eq!(of_ome("<OME><Image/></OME>"), None);
+        assert_eq!(of_ome("<OME <<<"), None);
+        let imagej = "ImageJ=1.53t\nimages=9\nslices=9\nunit=\\u00B5m\nspacing=0.5\nloop=false\n";
+        let found = of_imagej(imagej, [Some(0.1), Some(0.1)]);
+        assert_eq!(found, Description { voxel_size: Some([0.1, 0.1, 0.5]), slices: Some(9), others: 1 });
+        assert_eq!(of_imagej("ImageJ=1\nimages=6\nchannels=2\nslices=3", [None; 2]).others, 2);
+        assert_eq!(of_imagej("ImageJ=1\nunit=pixel\nspacing=1", [Some(1.0); 2]).voxel_size, None);
+    }
+}

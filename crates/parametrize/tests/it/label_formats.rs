@@ -1,0 +1,229 @@
+//! Label volumes in the formats of other fields: the same voxels in the same place, and lies refused.
+
+use std::io::{Cursor, Write};
+
+use spharm_monitor::Silent;
+use spharm_parametrize::ParametrizeError;
+use spharm_parametrize::volume::LabelVolume;
+
+/// 3 x 2 x 2 voxels, x fastest.
+const VALUES: [u8; 12] = [0, 5, 5, 0, 9, 0, 0, 0, 0, 0, 0, 7];
+const SIZE: [f64; 3] = [0.2, 0.3, 0.6];
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn read(&self, name: &str, bytes: &[u8]) -> Result<LabelVolume, ParametrizeError> {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        LabelVolume::read(&path, &Silent)
+    }
+
+    fn refused(&self, name: &str, bytes: &[u8], why: &str) {
+        let error = self.read(name, bytes).unwrap_err().to_string();
+        assert!(error.contains(why) && error.contains(name) && !error.contains('\n'), "{error}");
+    }
+}
+
+fn check(volume: &LabelVolume, first: [f64; 3], last: [f64; 3]) {
+    assert_eq!(volume.labels().into_iter().collect::<Vec<_>>(), [(5, 2), (7, 1), (9, 1)]);
+    let near = |at: [f64; 3], expected: [f64; 3]| {
+        let found = volume.affine.apply(at);
+        assert!((0..3).all(|k| (found[k] - expected[k]).abs() < 1e-6), "{found:?} {expected:?}");
+    };
+    near([0.0; 3], first);
+    near([2.0, 1.0, 1.0], last);
+    // Label 7 is the last voxel, label 9 the one in the middle of the second row.
+    assert_eq!(volume.mask(7).unwrap().origin, [1, 0, 0]);
+    assert_eq!(volume.mask(9).unwrap().origin, [0, 0, -1]);
+    assert!([5, 7, 9].iter().all(|&label| volume.touches_border(label)));
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+    out.write_all(bytes).unwrap();
+    out.finish().unwrap()
+}
+
+fn nifti2() -> Vec<u8> {
+    let mut bytes = vec![0; 544];
+    let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+    put(0, &540_i32.to_le_bytes());
+    put(4, b"n+2\0\r\n\x1a\n");
+    put(12, &2_i16.to_le_bytes());
+    for (k, n) in [3_i64, 3, 2, 2, 1, 1, 1, 1].into_iter().enumerate() {
+        put(16 + 8 * k, &n.to_le_bytes());
+    }
+    for (k, x) in [1.0, SIZE[0], SIZE[1], SIZE[2]].into_iter().enumerate() {
+        put(104 + 8 * k, &f64::to_le_bytes(x));
+    }
+    put(168, &544_i64.to_le_bytes());
+    bytes.extend(VALUES);
+    bytes
+}
+
+#[test]
+fn nifti_2() {
+    let (folder, plain) = (Folder::new(), nifti2());
+    check(&folder.read("a.nii", &plain).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    check(&folder.read("a.nii.gz", &gzip(&plain)).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    // Rows of the sform.
+    let mut placed = plain.clone();
+    placed[348..352].copy_from_slice(&1_i32.to_le_bytes());
+    for (row, offset) in [(400, 10.0), (432, 20.0), (464, 30.0_f64)] {
+        let column = (row - 400) / 32;
+        placed[row + 8 * column..row + 8 * column + 8].copy_from_slice(&2.0_f64.to_le_bytes());
+        placed[row + 24..row + 32].copy_from_slice(&offset.to_le_bytes());
+    }
+    check(&folder.read("s.nii", &placed).unwrap(), [10.0, 20.0, 30.0], [14.0, 22.0, 32.0]);
+    for length in 0..plain.len() {
+        assert!(folder.read("t.nii", &plain[..length]).is_err(), "{length}");
+    }
+    let mut huge = plain.clone();
+    huge[24..32].copy_from_slice(&60_000_i64.to_le_bytes());
+    folder.refused("huge.nii", &huge, "can't hold");
+    huge[24..32].copy_from_slice(&i64::MAX.to_le_bytes());
+    folder.refused("huge.nii", &huge, "voxels");
+    for at in 0..544 {
+        for value in [0x7f, 0xff] {
+            let mut changed = plain.clone();
+            changed[at] = value;
+            let _ = folder.read("c.nii", &changed);
+        }
+    }
+}
+
+fn nrrd(fields: &str, values: &[u8]) -> Vec<u8> {
+    let head = format!("NRRD0004\n# a comment\ntype: uchar\ndimension: 3\nsizes: 3 2 2\n{fields}\n");
+    [head.as_bytes(), values].concat()
+}
+
+#[test]
+fn nrrd_attached_and_detached() {
+    let folder = Folder::new();
+    let spacings = "spacings: 0.2 0.3 0.6\n";
+    let raw = nrrd(&format!("encoding: raw\n{spacings}"), &VALUES);
+    check(&folder.read("a.nrrd", &raw).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    let packed = nrrd(&format!("encoding: gzip\n{spacings}"), &gzip(&VALUES));
+    check(&folder.read("b.nrrd", &packed).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    // As 3D Slicer writes it: left, posterior, superior.
+    let lps = "space: left-posterior-superior\nkinds: domain domain domain\nspace directions: (0.2,0,0) (0,0.3,0) \
+               (0,0,0.6)\nspace origin: (1,2,3)\n";
+    let placed = nrrd(&format!("encoding: raw\n{lps}"), &VALUES);
+    check(&folder.read("c.nrrd", &placed).unwrap(), [-1.0, -2.0, 3.0], [-1.4, -2.3, 3.6]);
+    std::fs::write(folder.0.path().join("values.raw"), VALUES).unwrap();
+    let detached = nrrd(&format!("encoding: raw\n{spacings}data file: values.raw"), &[]);
+    check(&folder.read("d.nhdr", &detached).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    for (fields, why) in [
+        ("encoding: bzip2\nspacings: 1 1 1\n", "encoding: raw or gzip"),
+        ("encoding: raw\n", "doesn't say how large its voxels are"),
+        ("encoding: raw\nspacings: 1 1\n", "doesn't say how large"),
+        ("encoding: raw\nspacings: 1 nan 1\n", "voxels with a volume"),
+        ("encoding: raw\nspacings: 1 1 1\nline skip: 3\n", "right after the header"),
+        ("encoding: raw\nspacings: 1 1 1\ndata file: ../values.raw\n", "in the header's folder"),
+        ("encoding: raw\nspacings: 1 1 1\ndata file: LIST\n", "one file of values"),
+        ("encoding: raw\nspace: 4D\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n", "RAS, LPS or LAS"),
+        ("encoding: raw\nspacings: 1 1 1\nsizes: 3 2 2 2\n", "three dimensions"),
+        ("encoding: raw\nspacings: 1 1 1\nsizes: 60000 60000 60000\n", "claimed by"),
+        ("encoding: gzip\nspacings: 1 1 1\nsizes: 60000 60000 60000\n", "claimed by"),
+        ("encoding: raw\nspacings: 1 1 1\ntype: short\n", "endian"),
+        ("encoding: raw\nspacings: 1 1 1\ntype: block\n", "whole numbers"),
+    ] {
+        folder.refused("bad.nrrd", &nrrd(fields, &VALUES), why);
+    }
+    for length in 0..packed.len() - 8 {
+        assert!(folder.read("t.nrrd", &packed[..length]).is_err(), "{length}");
+    }
+}
+
+fn tiff(description: &str, pages: usize) -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new(&mut bytes).unwrap();
+    for page in VALUES.chunks_exact(6).cycle().take(pages) {
+        let mut image = encoder.new_image::<tiff::encoder::colortype::Gray8>(3, 2).unwrap();
+        image.encoder().write_tag(tiff::tags::Tag::ImageDescription, description).unwrap();
+        // Five pixels a micrometre along x, ten in three along y.
+        let rational = |n, d| tiff::encoder::Rational { n, d };
+        image.encoder().write_tag(tiff::tags::Tag::XResolution, rational(5, 1)).unwrap();
+        image.encoder().write_tag(tiff::tags::Tag::YResolution, rational(10, 3)).unwrap();
+        image.write_data(page).unwrap();
+    }
+    bytes.into_inner()
+}
+
+#[test]
+fn tiff_stacks() {
+    let folder = Folder::new();
+    let ome = "<OME><Image><Pixels SizeX=\"3\" SizeY=\"2\" SizeZ=\"2\" SizeC=\"1\" SizeT=\"1\" PhysicalSizeX=\"200\" \
+               PhysicalSizeXUnit=\"nm\" PhysicalSizeY=\"0.3\" PhysicalSizeZ=\"0.6\"/></Image></OME>";
+    check(&folder.read("a.ome.tif", &tiff(ome, 2)).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    let imagej = "ImageJ=1.53t\nimages=2\nslices=2\nunit=micron\nspacing=0.6\n";
+    check(&folder.read("b.tif", &tiff(imagej, 2)).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    let plain = tiff("a stack", 2);
+    let error = folder.read("c.tif", &plain).unwrap_err();
+    assert!(matches!(error, ParametrizeError::NoVoxelSize { .. }), "{error}");
+    let path = folder.0.path().join("c.tif");
+    check(&LabelVolume::read_with(&path, Some(SIZE), &Silent).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    assert!(LabelVolume::read_with(&path, Some([1.0, 0.0, 1.0]), &Silent).is_err());
+    folder.refused("d.tif", &tiff(ome, 3), "as many pages as slices");
+    folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time");
+    let whole = tiff(imagej, 2);
+    for length in 0..whole.len() {
+        let _ = folder.read("t.tif", &whole[..length]);
+    }
+    for at in 0..whole.len() {
+        let mut changed = whole.clone();
+        changed[at] = 0xff;
+        let _ = folder.read("f.tif", &changed);
+    }
+}
+
+fn npy(descr: &str, fortran: &str, shape: &str, values: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}\n");
+    [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes(), values].concat()
+}
+
+#[test]
+fn arrays_of_numpy() {
+    let folder = Folder::new();
+    let read = |bytes: &[u8]| {
+        let path = folder.0.path().join("a.npy");
+        std::fs::write(&path, bytes).unwrap();
+        LabelVolume::read_with(&path, Some(SIZE), &Silent)
+    };
+    let last = [0.4, 0.3, 0.6];
+    check(&read(&npy("|u1", "True", "(3, 2, 2)", &VALUES)).unwrap(), [0.0; 3], last);
+    let mut c_order = Vec::new();
+    for x in 0..3 {
+        for y in 0..2 {
+            (0..2).for_each(|z| c_order.push(VALUES[x + 3 * (y + 2 * z)]));
+        }
+    }
+    check(&read(&npy("|u1", "False", "(3, 2, 2)", &c_order)).unwrap(), [0.0; 3], last);
+    let wide: Vec<u8> = c_order.iter().flat_map(|&x| i32::from(x).to_be_bytes()).collect();
+    check(&read(&npy(">i4", "False", "(3, 2, 2)", &wide)).unwrap(), [0.0; 3], last);
+    folder.refused("b.npy", &npy("|u1", "True", "(3, 2, 2)", &VALUES), "doesn't say how large its voxels are");
+    for (bytes, why) in [
+        (npy("|u1", "True", "(12,)", &VALUES), "three dimensions"),
+        (npy("<c8", "True", "(3, 2, 2)", &VALUES), "whole numbers"),
+        (npy("|u1", "True", "(3, 2, 99999999999)", &VALUES), "claimed by a file"),
+        (npy("|u1", "True", "(3, 2, 1)", &VALUES), "more bytes than its shape says"),
+        (npy("|u1", "True", "(-3, 2, 2)", &VALUES), "not understood"),
+    ] {
+        let error = read(&bytes).unwrap_err().to_string();
+        assert!(error.contains(why), "{error}");
+    }
+}
+
+#[test]
+fn a_label_inside_does_not_touch_the_border() {
+    let mut values = vec![0; 5 * 5 * 5];
+    values[2 + 5 * (2 + 5 * 2)] = 4;
+    values[4 + 5 * (2 + 5 * 2)] = 6;
+    let volume = LabelVolume::new([5; 3], values, spharm_parametrize::volume::Affine::IDENTITY);
+    assert!(!volume.touches_border(4) && volume.touches_border(6) && !volume.touches_border(1));
+}

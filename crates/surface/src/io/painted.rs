@@ -1,0 +1,68 @@
+//! Meshes with a value and a colour at each vertex, for viewers.
+
+use std::path::Path;
+
+use super::formats::{Output, check_output, to_write_mesh};
+use super::ply::PlyAttributes;
+use super::{WriteOptions, check, glb, ply, vtk, write_new, write_signal};
+use crate::error::SurfaceError;
+use crate::mesh::{Mesh, Signal};
+
+/// Endings of files that [`write_painted`] writes.
+pub const PAINTED: &[&str] = &[".ply", ".glb", ".vtk", ".shape.gii", ".func.gii"];
+
+/// Writes a PLY file with a value or a colour at each vertex, for viewers such as MeshLab and CloudCompare.
+///
+/// # Errors
+///
+/// As [`write_mesh`](super::write_mesh()); also where the name doesn't end in `.ply`, an attribute's length isn't the number of
+/// vertices or its name isn't one word.
+pub fn write_ply(
+    path: impl AsRef<Path>,
+    mesh: &Mesh,
+    attributes: &PlyAttributes<'_>,
+    options: &WriteOptions,
+) -> Result<(), SurfaceError> {
+    let path = path.as_ref();
+    check_output(path, Output::Ending(&[".ply"]))?;
+    let format = to_write_mesh(path)?;
+    check::mesh(path, mesh)?;
+    attributes.check(mesh)?;
+    if !format.holds_double(options.double) {
+        check::fits_f32(path, &mesh.vertices, format)?;
+    }
+    write_new(path, options.overwrite, |out| ply::write(out, mesh, attributes, options.double))
+}
+
+/// Writes what a viewer of the name's format shows of a value at each vertex: `.ply` and `.glb` the mesh with value and
+/// colour, `.vtk` the mesh with the value as `POINT_DATA`, `.shape.gii` and `.func.gii` the values alone, which are shown
+/// over a surface of the same vertices.
+///
+/// # Errors
+///
+/// As [`write_ply`]; also for other endings, and where GIfTI is to have values and there are none.
+pub fn write_painted(
+    path: impl AsRef<Path>,
+    mesh: &Mesh,
+    attributes: &PlyAttributes<'_>,
+    options: &WriteOptions,
+) -> Result<(), SurfaceError> {
+    let path = path.as_ref();
+    check_output(path, Output::Ending(PAINTED))?;
+    let ends_in = |ending: &str| path.to_string_lossy().to_ascii_lowercase().ends_with(ending);
+    if ends_in(".ply") {
+        return write_ply(path, mesh, attributes, options);
+    }
+    check::mesh(path, mesh)?;
+    attributes.check(mesh)?;
+    if ends_in(".gii") {
+        let values = attributes.scalar.map(|(_, values)| values.to_vec()).unwrap_or_default();
+        let vertices = values.len();
+        return write_signal(path, &Signal::new(values, vertices, 1), options);
+    }
+    if ends_in(".vtk") {
+        return write_new(path, options.overwrite, |out| vtk::write(out, mesh, attributes.scalar));
+    }
+    check::fits_f32(path, &mesh.vertices, to_write_mesh(path)?)?;
+    write_new(path, options.overwrite, |out| glb::write(out, mesh, attributes))
+}

@@ -1,0 +1,311 @@
+//! Mends what a scan or an export leaves in a mesh: corners that aren't welded, triangles that are there twice, loose vertices
+//! and pieces, small holes.
+//!
+//! Nothing is moved, and no triangle is turned: where triangles wind against each other or edges have more than two of them,
+//! [`Topology`](crate::topology::Topology) still says so.
+
+use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
+use std::fmt;
+
+use crate::mesh::Mesh;
+use crate::topology::UnionFind;
+
+/// Most edges around a hole that is filled.
+pub const LARGEST_HOLE: usize = 32;
+
+/// What was changed, in this order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct MeshRepair {
+    /// Vertices that lay exactly on others and were made one with them.
+    pub welded: usize,
+    /// Triangles dropped that named a vertex twice.
+    pub degenerate: usize,
+    /// Triangles dropped that had the vertices of an earlier one.
+    pub repeated: usize,
+    /// Pieces dropped, all but the one with the most triangles.
+    pub pieces: usize,
+    /// Holes filled, of at most [`LARGEST_HOLE`] edges.
+    pub holes: usize,
+    /// Triangles added in them.
+    pub filled: usize,
+    /// Vertices dropped that no triangle named, after all this.
+    pub unused: usize,
+}
+
+impl MeshRepair {
+    /// Returns whether anything was changed.
+    #[must_use]
+    pub fn is_any(&self) -> bool {
+        *self != Self::default()
+    }
+
+    /// Returns the counts with their names.
+    #[must_use]
+    pub fn counts(&self) -> [(&'static str, usize); 7] {
+        [
+            ("vertices_welded", self.welded),
+            ("degenerate_triangles_dropped", self.degenerate),
+            ("repeated_triangles_dropped", self.repeated),
+            ("pieces_dropped", self.pieces),
+            ("holes_filled", self.holes),
+            ("triangles_added", self.filled),
+            ("unused_vertices_dropped", self.unused),
+        ]
+    }
+}
+
+impl fmt::Display for MeshRepair {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let phrase = |count: usize, one: &str, many: &str| match count {
+            0 => None,
+            1 => Some(format!("1 {one}")),
+            n => Some(format!("{n} {many}")),
+        };
+        let phrases: Vec<String> = [
+            phrase(self.welded, "vertex welded to another", "vertices welded to others"),
+            phrase(self.degenerate, "degenerate triangle dropped", "degenerate triangles dropped"),
+            phrase(self.repeated, "repeated triangle dropped", "repeated triangles dropped"),
+            phrase(self.pieces, "smaller piece dropped", "smaller pieces dropped"),
+            phrase(self.holes, "hole filled", "holes filled"),
+            phrase(self.unused, "unused vertex dropped", "unused vertices dropped"),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        write!(
+            f,
+            "the mesh was repaired: {}",
+            if phrases.is_empty() { "nothing".to_owned() } else { phrases.join(", ") }
+        )
+    }
+}
+
+/// Mends a mesh, whose triangles name vertices that are there, and says what was changed. Vertices that stay keep their order;
+/// those of filled holes come last.
+#[must_use]
+pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
+    let mut found = MeshRepair::default();
+    let mut vertices = mesh.vertices.clone();
+    let mut faces = weld(mesh, &mut found);
+    let before = faces.len();
+    faces.retain(|&[a, b, c]| a != b && b != c && c != a);
+    found.degenerate = before - faces.len();
+    let mut seen = HashSet::with_capacity(faces.len());
+    let before = faces.len();
+    faces.retain(|face| {
+        let mut corners = *face;
+        corners.sort_unstable();
+        seen.insert(corners)
+    });
+    found.repeated = before - faces.len();
+    found.pieces = keep_largest(vertices.len(), &mut faces);
+    fill_holes(&mut vertices, &mut faces, &mut found);
+    let welded = found.welded;
+    let (vertices, unused) = compact(&vertices, &mut faces);
+    // A welded vertex is one that no triangle names any more.
+    found.unused = unused.saturating_sub(welded);
+    (Mesh { vertices, faces, meta: mesh.meta.clone() }, found)
+}
+
+/// The triangles, each corner the first vertex at its place. -0 and +0 are one place.
+fn weld(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
+    let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.vertices.len());
+    let mut place = Vec::with_capacity(mesh.vertices.len());
+    for (number, vertex) in (0_u32..).zip(&mesh.vertices) {
+        let at = *first.entry(vertex.map(|x| (x + 0.0).to_bits())).or_insert(number);
+        found.welded += usize::from(at != number);
+        place.push(at);
+    }
+    mesh.faces.iter().map(|face| face.map(|v| place.get(v as usize).copied().unwrap_or(v))).collect()
+}
+
+/// Keeps the triangles of the piece that has the most, the first of equal ones; returns how many pieces were dropped.
+fn keep_largest(vertices: usize, faces: &mut Vec<[u32; 3]>) -> usize {
+    let mut pieces = UnionFind::new(vertices);
+    for &[a, b, c] in faces.iter() {
+        pieces.join(a, b);
+        pieces.join(b, c);
+    }
+    let mut sizes: HashMap<u32, usize> = HashMap::new();
+    for &[a, ..] in faces.iter() {
+        *sizes.entry(pieces.root(a)).or_default() += 1;
+    }
+    let largest = sizes.iter().max_by_key(|&(&root, &size)| (size, std::cmp::Reverse(root))).map(|(&root, _)| root);
+    faces.retain(|&[a, ..]| Some(pieces.root(a)) == largest);
+    sizes.len().saturating_sub(1)
+}
+
+/// Fills loops of edges that have one triangle: three of them by a triangle, four by two, more by a fan around their middle.
+fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
+    let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
+    // The rim runs against the triangles. Rims that meet in a vertex are told apart by being as short as can be.
+    let mut open: Vec<(u32, u32)> =
+        edges.iter().filter(|&&(a, b)| !edges.contains(&(b, a))).map(|&(a, b)| (b, a)).collect();
+    open.sort_unstable();
+    let mut next: HashMap<u32, Vec<u32>> = HashMap::new();
+    open.iter().for_each(|&(from, to)| next.entry(from).or_default().push(to));
+    for (from, to) in open {
+        if !next.get(&from).is_some_and(|ends| ends.contains(&to)) {
+            continue;
+        }
+        let Some(rim) = rim(from, to, &next) else { continue };
+        for (a, b) in rim.iter().zip(rim.iter().cycle().skip(1)) {
+            if let Some(ends) = next.get_mut(a) {
+                ends.retain(|end| end != b);
+            }
+        }
+        found.holes += 1;
+        let before = faces.len();
+        match rim[..] {
+            [a, b, c] => faces.push([a, b, c]),
+            [a, b, c, d] => {
+                let length = |p: u32, q: u32| {
+                    let [p, q] = [p, q].map(|v| vertices.get(v as usize).copied().unwrap_or_default());
+                    (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>()
+                };
+                // An edge that is there already can't be the diagonal.
+                let taken = |p: u32, q: u32| edges.contains(&(p, q)) || edges.contains(&(q, p));
+                let along = if taken(a, c) || (!taken(b, d) && length(b, d) < length(a, c)) {
+                    [[b, c, d], [b, d, a]]
+                } else {
+                    [[a, b, c], [a, c, d]]
+                };
+                faces.extend(along);
+            }
+            _ => {
+                let middle = vertices.len() as u32;
+                let at = |k: usize| {
+                    let sum: f64 = rim.iter().filter_map(|&v| vertices.get(v as usize)).map(|v| v[k]).sum();
+                    sum / rim.len() as f64
+                };
+                vertices.push([0, 1, 2].map(at));
+                let ends = rim.iter().zip(rim.iter().cycle().skip(1));
+                faces.extend(ends.map(|(&a, &b)| [a, b, middle]));
+            }
+        }
+        found.filled += faces.len() - before;
+    }
+}
+
+/// The shortest rim that begins with an edge; none where it is longer than that of a small hole.
+fn rim(from: u32, to: u32, next: &HashMap<u32, Vec<u32>>) -> Option<Vec<u32>> {
+    let mut before = HashMap::from([(to, from)]);
+    let mut front = vec![to];
+    for _ in 1..LARGEST_HOLE {
+        let mut further = Vec::new();
+        for at in front {
+            for &end in next.get(&at).into_iter().flatten() {
+                if end == from {
+                    let mut rim = vec![at];
+                    while rim.last() != Some(&from) {
+                        rim.push(*before.get(rim.last()?)?);
+                    }
+                    rim.reverse();
+                    return (rim.len() > 2).then_some(rim);
+                }
+                if let Entry::Vacant(new) = before.entry(end) {
+                    new.insert(at);
+                    further.push(end);
+                }
+            }
+        }
+        front = further;
+    }
+    None
+}
+
+/// The vertices that triangles name, and how many there are beside.
+fn compact(vertices: &[[f64; 3]], faces: &mut [[u32; 3]]) -> (Vec<[f64; 3]>, usize) {
+    let mut used = vec![false; vertices.len()];
+    for &corner in faces.as_flattened() {
+        if let Some(used) = used.get_mut(corner as usize) {
+            *used = true;
+        }
+    }
+    let mut number = 0;
+    let numbers: Vec<u32> = used
+        .iter()
+        .map(|&used| {
+            number += u32::from(used);
+            number.saturating_sub(1)
+        })
+        .collect();
+    for corner in faces.as_flattened_mut() {
+        *corner = numbers.get(*corner as usize).copied().unwrap_or(*corner);
+    }
+    let kept: Vec<[f64; 3]> = vertices.iter().zip(&used).filter(|(_, used)| **used).map(|(v, _)| *v).collect();
+    let dropped = vertices.len() - kept.len();
+    (kept, dropped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::icosphere;
+    use crate::topology::Topology;
+
+    #[test]
+    fn a_sound_mesh_stays_as_it_is() {
+        let mesh = icosphere(2);
+        let (same, found) = repair(&mesh);
+        assert_eq!((same, found.is_any()), (mesh, false));
+    }
+
+    #[test]
+    fn a_soup_is_welded() {
+        let mesh = icosphere(2);
+        let vertices: Vec<[f64; 3]> = mesh.faces.as_flattened().iter().map(|&v| mesh.vertices[v as usize]).collect();
+        let faces = (0..mesh.faces.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect();
+        let (welded, found) = repair(&Mesh::new(vertices, faces));
+        assert!(Topology::of(&welded).is_sphere());
+        assert_eq!((welded.vertices.len(), found.welded, found.unused), (162, 960 - 162, 0));
+    }
+
+    #[test]
+    fn holes_of_every_size_up_to_the_bound_are_filled() {
+        let whole = icosphere(3);
+        let around: Vec<[u32; 3]> = whole.faces.iter().filter(|face| face.contains(&500)).copied().collect();
+        let edge = |a: &[u32; 3], b: &[u32; 3]| a.iter().filter(|corner| b.contains(corner)).count() == 2;
+        let second = around.iter().find(|face| **face != around[0] && !edge(face, &around[0])).unwrap();
+        let apart = [around[0], *second];
+        // Every triangle around a vertex: five or six edges; one triangle; two that share an edge.
+        let at = |vertex: u32| move |face: &[u32; 3]| face.contains(&vertex);
+        for (drop, holes) in [
+            (Box::new(at(0)) as Box<dyn Fn(&[u32; 3]) -> bool>, 1),
+            (Box::new(|face: &[u32; 3]| at(0)(face) || at(400)(face)), 2),
+            (Box::new(|face: &[u32; 3]| *face == whole.faces[7]), 1),
+            // Two triangles that share a vertex and no edge.
+            (Box::new(|face: &[u32; 3]| apart.contains(face)), 2),
+            (Box::new(|face: &[u32; 3]| whole.faces[..2].contains(face)), 1),
+        ] {
+            let mut mesh = whole.clone();
+            mesh.faces.retain(|face| !drop(face));
+            let (filled, found) = repair(&mesh);
+            assert!(Topology::of(&filled).is_sphere(), "{found:?}");
+            assert_eq!(found.holes, holes, "{found}");
+        }
+        let mut half = whole.clone();
+        half.faces.retain(|face| face.iter().any(|&v| whole.vertices[v as usize][2] > 0.0));
+        let (open, found) = repair(&half);
+        assert!(found.holes == 0 && !Topology::of(&open).is_sphere(), "a hole of half the surface stays");
+    }
+
+    #[test]
+    fn loose_and_repeated_things_are_dropped_and_counted() {
+        let mut mesh = icosphere(2);
+        let whole = mesh.clone();
+        let [a, b, c] = mesh.faces[0];
+        mesh.faces.extend([[b, c, a], [c, b, a], [a, a, b]]);
+        mesh.vertices.extend([[9.0; 3], [5.0, 0.0, 0.0], [6.0, 0.0, 0.0], [5.0, 1.0, 0.0]]);
+        mesh.faces.push([163, 164, 165]);
+        let (found, report) = repair(&mesh);
+        assert_eq!(found, whole);
+        let expected = MeshRepair { degenerate: 1, repeated: 2, pieces: 1, unused: 4, ..MeshRepair::default() };
+        assert_eq!(report, expected);
+        let text = report.to_string();
+        assert!(text.contains("1 degenerate triangle dropped, 2 repeated triangles dropped, 1 smaller piece dropped"));
+        assert!(text.ends_with("4 unused vertices dropped"), "{text}");
+    }
+}

@@ -1,0 +1,208 @@
+//! `export` and `import`: there and back in every format, genuine files of other packages, and what bad ones get.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use ndarray::Array2;
+use spharm_harmonics::Coefficients;
+use spharm_model::Model;
+use spharm_surface::io::read_mesh;
+use spharm_surface::{Kind, Sphere};
+
+use crate::common::{fail, finish, shared, succeed, text, tool};
+
+struct Site(tempfile::TempDir);
+
+impl Site {
+    fn new() -> Self {
+        Self(tempfile::tempdir().expect("a folder"))
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// A model whose coefficients fall off with the degree.
+    fn model(&self, name: &str, degree: usize, channels: usize) -> Model {
+        let values = Array2::from_shape_fn(((degree + 1).pow(2), channels), |(k, c)| {
+            10.0 * ((k * 7 + c * 3 + 1) as f64 * 0.37).sin() / (1.0 + (k as f64).sqrt())
+        });
+        let kind = if channels == 3 { Kind::Surface } else { Kind::Signal };
+        let model = Model::new(Sphere::icosphere(2), Coefficients::new(values).expect("a degree"), kind);
+        model.write(self.path(name)).expect("a model");
+        model
+    }
+
+    fn run(&self, verb: &str, arguments: &[&str]) -> Command {
+        let mut command = tool(verb);
+        command.current_dir(self.0.path()).args(arguments);
+        command
+    }
+}
+
+fn relative(found: &Model, known: &Model) -> f64 {
+    let (found, known) = (found.coefficients.values(), known.coefficients.values());
+    assert_eq!(found.dim(), known.dim());
+    let largest = known.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    found.iter().zip(known).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / largest
+}
+
+#[test]
+fn every_format_gives_the_model_back() {
+    let site = Site::new();
+    for (degree, bar) in [(20, 1e-13), (100, 1e-12)] {
+        let known = site.model(&format!("{degree}.spharm.npz"), degree, 3);
+        for (format, ending, named) in [
+            ("pdm", "coef", false),
+            ("mat", "mat", false),
+            ("pyshtools", "sh", false),
+            ("healpy", "fits", false),
+            ("s2fft", "npy", false),
+            ("ktch", "npy", true),
+            ("flowshape", "npy", true),
+            ("afni", "1D", true),
+            ("csv", "csv", false),
+            ("json", "json", false),
+        ] {
+            let stem = format!("{format}{degree}");
+            let file = format!("{stem}.{ending}");
+            succeed(&mut site.run("export", &[&format!("{degree}.spharm.npz"), "--to", format, "-o", &file]));
+            let files = match ["pyshtools", "afni"].contains(&format) {
+                true => ["x", "y", "z"].map(|axis| format!("{stem}.{axis}.{ending}")).to_vec(),
+                false => vec![file],
+            };
+            let back = format!("{stem}.npz");
+            let mut import = site.run("import", &["-o", &back]);
+            import.args(&files).args(if named { &["--from", format][..] } else { &[] });
+            let said = succeed(&mut import);
+            assert!(said.contains(&format!("{format}, degree {degree}, 3 channels")), "{said}");
+            let back = Model::read(site.path(&back)).expect("a model");
+            assert!(relative(&back, &known) <= bar, "{format} {degree}: {}", relative(&back, &known));
+            assert_eq!(back.sphere.is_some(), format == "mat");
+        }
+    }
+}
+
+#[test]
+fn a_folder_of_models_is_exported_and_nothing_is_replaced() {
+    let site = Site::new();
+    std::fs::create_dir(site.path("models")).expect("a folder");
+    site.model("models/a.spharm.npz", 4, 3);
+    site.model("models/b.spharm.npz", 4, 3);
+    succeed(&mut site.run("export", &["models", "--to", "pyshtools", "-o", "sh"]));
+    for name in ["a.x.sh", "a.y.sh", "a.z.sh", "b.x.sh"] {
+        assert!(site.path("sh").join(name).exists(), "{name}");
+    }
+    let said = fail(&mut site.run("export", &["models", "--to", "pyshtools", "-o", "sh"]));
+    assert!(said.contains("exists") && said.contains("--force"), "{said}");
+    succeed(&mut site.run("export", &["models", "--to", "pyshtools", "-o", "sh", "--force"]));
+    // A scale that the file doesn't tell.
+    succeed(
+        &mut site.run("export", &["models/a.spharm.npz", "--to", "pyshtools", "--normalization", "4pi", "-o", "g"]),
+    );
+    succeed(&mut site.run("import", &["g.x", "g.y", "g.z", "--normalization", "4pi", "-o", "g.npz"]));
+    let [back, known] = ["g.npz", "models/a.spharm.npz"].map(|name| Model::read(site.path(name)).expect("a model"));
+    assert!(relative(&back, &known) < 1e-14);
+}
+
+#[test]
+fn what_a_format_cannot_hold_is_refused_with_the_reason() {
+    let site = Site::new();
+    site.model("surface.npz", 3, 3);
+    site.model("radius.npz", 3, 1);
+    for (model, format, why) in [
+        ("radius.npz", "pdm", "SPHARM-PDM holds surfaces, of 3 channels; the model has 1"),
+        ("radius.npz", "mat", "SPHARM-MAT holds surfaces, of 3 channels; the model has 1"),
+        ("surface.npz", "aics", "radius of a star-shaped body"),
+    ] {
+        let said = fail(&mut site.run("export", &[model, "--to", format, "-o", "x"]));
+        assert!(said.contains(why) && said.contains(model), "{said}");
+        assert!(!site.path("x").exists());
+    }
+    succeed(&mut site.run("export", &["radius.npz", "--to", "aics", "-o", "r.csv"]));
+    let table = std::fs::read_to_string(site.path("r.csv")).expect("a table");
+    assert!(table.starts_with("shcoeffs_L0M0C,shcoeffs_L0M1C,shcoeffs_L0M2C,") && table.lines().count() == 2);
+    let said = fail(&mut site.run("import", &["r.csv", "-o", "r.npz"]));
+    assert!(said.contains("written, not read"), "{said}");
+    site.model("high.npz", 90, 3);
+    let output = finish(&mut site.run("export", &["high.npz", "--to", "pdm", "-o", "high.coef"]));
+    assert!(
+        output.status.success() && text(&output).contains("warning: high.npz: degree 90: SPHARM-PDM"),
+        "{}",
+        text(&output)
+    );
+}
+
+/// SPHARM-PDM evaluated its own coefficients on its icosphere, at the antipodes of its vertices, to six decimals.
+#[test]
+fn a_genuine_file_of_spharm_pdm_is_its_surface() {
+    let (Some(coef), Some(meta)) =
+        (shared("peers/a01_l_hippo.ellalign.coef"), shared("peers/a01_l_hippo.ellalign.meta"))
+    else {
+        return;
+    };
+    let site = Site::new();
+    let said = succeed(&mut site.run("import", &[coef.to_str().expect("a name"), "-o", "m.npz"]));
+    assert!(said.contains("pdm, degree 12, 3 channels"), "{said}");
+    let model = Model::read(site.path("m.npz")).expect("a model");
+    let surface = read_mesh(meta).expect("a mesh");
+    // Twelve vertices of the icosahedron come first; the nearest points of a fine evaluation are theirs.
+    let fine = model.reconstruct(&Sphere::icosphere(6), 12).expect("a surface");
+    for vertex in surface.vertices.iter().step_by(100) {
+        let distance = |p: &[f64; 3]| (0..3).map(|k| (p[k] - vertex[k]).powi(2)).sum::<f64>();
+        let nearest = fine.vertices.iter().map(distance).fold(f64::INFINITY, f64::min).sqrt();
+        assert!(nearest < 0.3, "{nearest}");
+    }
+}
+
+/// The package's 20 hippocampi are published as models of SPHARM-MAT: fvec of the surface's vertices over its sphere.
+#[test]
+fn a_genuine_file_of_spharm_mat_is_read_with_its_sphere() {
+    let Some(mat) = shared("peers/a01_l_hippo.des.mat") else { return };
+    let site = Site::new();
+    let said = succeed(&mut site.run("import", &[mat.to_str().expect("a name"), "-o", "m.npz"]));
+    assert!(said.contains("mat, degree 15, 3 channels, a sphere of "), "{said}");
+    let model = Model::read(site.path("m.npz")).expect("a model");
+    if let Some(csv) = shared("hippo_a01_l.degree15.fvec.csv") {
+        succeed(&mut site.run("import", &[csv.to_str().expect("a name"), "-o", "csv.npz"]));
+        let table = Model::read(site.path("csv.npz")).expect("a model");
+        assert!(relative(&table, &model) < 1e-13, "{}", relative(&table, &model));
+    }
+    succeed(&mut site.run("reconstruct", &["--model", "m.npz", "-o", "surface.ply"]));
+    succeed(&mut site.run("export", &["m.npz", "--to", "mat", "-o", "again.mat"]));
+    succeed(&mut site.run("import", &["again.mat", "-o", "again.npz"]));
+    let again = Model::read(site.path("again.npz")).expect("a model");
+    assert_eq!(again.sphere.map(|sphere| sphere.faces), model.sphere.map(|sphere| sphere.faces));
+}
+
+#[test]
+fn damaged_files_get_one_line_that_names_them() {
+    let site = Site::new();
+    site.model("m.npz", 5, 3);
+    let exports = [
+        ("pdm", "x.coef"),
+        ("mat", "x.mat"),
+        ("healpy", "x.fits"),
+        ("s2fft", "x.npy"),
+        ("csv", "x.csv"),
+        ("json", "x.json"),
+    ];
+    for (format, file) in exports {
+        succeed(&mut site.run("export", &["m.npz", "--to", format, "-o", file]));
+        let whole = std::fs::read(site.path(file)).expect("a file");
+        for cut in [0, 1, 7, 100, whole.len() / 3, whole.len() / 2, whole.len() * 9 / 10] {
+            std::fs::write(site.path("cut"), &whole[..cut]).expect("written");
+            let said = fail(&mut site.run("import", &["cut", "--from", format, "-o", "y.npz"]));
+            assert!(said.starts_with("error: cut: "), "{format} {cut}: {said}");
+        }
+    }
+    for (name, contents) in [("text", "hello\n"), ("bytes", "\u{0}\u{1}\u{2}"), ("matrix", "1 2 3\n4 5 6\n")] {
+        std::fs::write(site.path(name), contents).expect("written");
+        let said = fail(&mut site.run("import", &[name, "-o", "y.npz"]));
+        assert!(said.contains(name) && said.contains("--from names it"), "{said}");
+    }
+    let said = fail(&mut site.run("import", &["nowhere.coef", "-o", "y.npz"]));
+    assert!(said.contains("nowhere.coef"), "{said}");
+    assert!(!site.path("y.npz").exists());
+    assert!(Path::new(&site.path("x.coef")).exists());
+}

@@ -1,0 +1,184 @@
+//! Meshes that are mended with `--fix`, vertices that aren't read, and SPHARM-PDM's pairs.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use serde_json::Value;
+use spharm_model::Model;
+use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+use spharm_surface::topology::Topology;
+use spharm_surface::{Mesh, Sphere};
+
+use crate::common::{error_line, fail, finish, shared, succeed, text, tool};
+
+struct Site {
+    folder: tempfile::TempDir,
+    surface: Mesh,
+}
+
+impl Site {
+    /// A folder with a surface and its sphere.
+    fn new() -> Self {
+        let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+        let site = Self { folder: tempfile::tempdir().expect("a folder"), surface };
+        for (name, mesh) in [("surface.ply", &site.surface), ("sphere.ply", &sphere)] {
+            write_mesh(site.path(name), mesh, &WriteOptions { double: true, overwrite: false }).expect("written");
+        }
+        site
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn run(&self, verb: &str, arguments: &[&str]) -> Command {
+        let mut command = tool(verb);
+        command.current_dir(self.folder.path()).args(arguments);
+        command
+    }
+
+    /// The surface as a soup of triangles with a hole, a triangle twice, one apart, and a loose vertex.
+    fn soup(&self, name: &str) {
+        let corners = self.surface.faces.iter().skip(1).chain(&self.surface.faces[5..6]);
+        let mut vertices: Vec<[f64; 3]> = corners.flatten().map(|&v| self.surface.vertices[v as usize]).collect();
+        vertices.extend([[900.0, 0.0, 0.0], [901.0, 0.0, 0.0], [900.0, 1.0, 0.0]]);
+        let faces = (0..vertices.len() as u32 / 3).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect();
+        vertices.push([1.0, 2.0, 3.0]);
+        write_mesh(self.path(name), &Mesh::new(vertices, faces), &WriteOptions::default()).expect("written");
+    }
+
+    fn column(&self, name: &str, value: impl Fn(usize, &[f64; 3]) -> f64) {
+        let lines = self.surface.vertices.iter().enumerate().map(|(i, v)| format!("{}\n", value(i, v)));
+        std::fs::write(self.path(name), lines.collect::<String>()).expect("written");
+    }
+}
+
+#[test]
+fn a_broken_mesh_is_mended_and_what_was_done_is_counted() {
+    let site = Site::new();
+    site.soup("soup.obj");
+    let said = fail(&mut site.run("fit", &["--surface", "soup.obj", "--max-degree", "6", "-o", "out"]));
+    assert!(said.contains("soup.obj") && said.contains("welding"), "{said}");
+    let fit = ["--surface", "soup.obj", "--fix", "--max-degree", "6", "-o", "out", "--report", "r.json"];
+    let output = finish(&mut site.run("fit", &fit));
+    let warned = text(&output);
+    assert!(output.status.success() && warned.contains("1 hole filled"), "{warned}");
+    let report: Value = serde_json::from_slice(&std::fs::read(site.path("r.json")).expect("a report")).expect("JSON");
+    let counts = &report["surfaces"][0]["parametrization"]["mesh_repair"];
+    for (name, count) in [
+        ("repeated_triangles_dropped", 1),
+        ("pieces_dropped", 1),
+        ("holes_filled", 1),
+        ("triangles_added", 1),
+        ("unused_vertices_dropped", 4),
+    ] {
+        assert_eq!(counts[name], count, "{name}: {counts}");
+    }
+    let mended = read_mesh(site.path("out/soup.fixed.surf.gii")).expect("a mesh");
+    assert!(Topology::of(&mended).is_sphere() && mended.vertices.len() == site.surface.vertices.len());
+    let model = Model::read(site.path("out/soup.spharm.npz")).expect("a model");
+    assert_eq!(model.provenance.repair.expect("a record")["holes_filled"], 1);
+    // A sound mesh is its own.
+    succeed(&mut site.run("fit", &["--surface", "surface.ply", "--fix", "--max-degree", "6", "-o", "sound"]));
+    assert!(site.path("sound/surface.spharm.npz").exists() && !site.path("sound/surface.fixed.surf.gii").exists());
+    // `parametrize` needs a file for the mended mesh, and has a default for it.
+    let parametrize = ["--surface", "soup.obj", "--fix", "-o", "soup.sphere.ply", "--report", "p.json", "-q"];
+    succeed(&mut site.run("parametrize", &parametrize));
+    let [surface, sphere] = ["soup.ply", "soup.sphere.ply"].map(|name| read_mesh(site.path(name)).expect("a mesh"));
+    assert_eq!(surface.faces, sphere.faces);
+    let report: Value = serde_json::from_slice(&std::fs::read(site.path("p.json")).expect("a report")).expect("JSON");
+    assert_eq!(report["mesh_repair"]["holes_filled"], 1);
+    let said = fail(&mut site.run("parametrize", &["--surface", "soup.obj", "--fix", "-o", "x.ply"]));
+    assert!(said.contains("--fix makes a surface") && said.contains("--surface-output"), "{said}");
+}
+
+/// The values at the vertices that aren't read change nothing, and the model is one over the whole sphere.
+#[test]
+fn masked_vertices_and_missing_values_are_not_read() {
+    let site = Site::new();
+    let smooth = |_: usize, v: &[f64; 3]| v[0] / 70.0;
+    let unread = |i: usize| i < 40;
+    site.column("mask.csv", |i, _| f64::from(!unread(i)));
+    site.column("full.csv", smooth);
+    site.column("wild.csv", |i, v| if unread(i) { 1e6 } else { smooth(i, v) });
+    site.column("nan.csv", |i, v| if unread(i) { f64::NAN } else { smooth(i, v) });
+    let fit = |files: &[&str], out: &str, more: &[&str]| {
+        let mut command = site.run("fit", &["--sphere", "sphere.ply", "--max-degree", "8", "-o", out, "--surface"]);
+        command.args(files).args(more);
+        command
+    };
+    let output = finish(&mut fit(&["nan.csv", "full.csv"], "gaps", &["--report", "r.json"]));
+    assert!(
+        output.status.success() && text(&output).contains("nan.csv: 40 of 642 vertices aren't read"),
+        "{}",
+        text(&output)
+    );
+    let report: Value = serde_json::from_slice(&std::fs::read(site.path("r.json")).expect("a report")).expect("JSON");
+    let of = |name: &str| {
+        let surfaces = report["surfaces"].as_array().expect("a list");
+        surfaces.iter().find(|surface| surface["name"] == name).expect("a report").clone()
+    };
+    assert_eq!((&of("nan")["unread"], of("full").get("unread")), (&Value::from(40), None));
+    let masked = ["--mask", "mask.csv"];
+    succeed(&mut fit(&["nan.csv", "wild.csv", "full.csv"], "masked", &masked));
+    let model = |name: &str| Model::read(site.path(name)).expect("a model");
+    let known = model("masked/nan.spharm.npz");
+    for name in ["masked/wild.spharm.npz", "masked/full.spharm.npz", "gaps/nan.spharm.npz"] {
+        let off = model(name).coefficients.values() - known.coefficients.values();
+        assert!(off.iter().all(|x| x.abs() < 1e-9), "{name}");
+    }
+    assert_eq!(known.sphere.as_ref().map(|sphere| sphere.directions.len()), Some(642));
+    let whole = Sphere::from_mesh(&read_mesh(site.path("sphere.ply")).expect("a mesh")).expect("a sphere");
+    assert_eq!(known.sphere.expect("a sphere").faces, whole.faces);
+    // Made again it is known again, and another mask isn't this one.
+    assert!(
+        succeed(&mut fit(&["nan.csv"], "masked", &[&masked[..], &["--skip-existing"]].concat()))
+            .contains("nothing to do")
+    );
+    let said = fail(&mut fit(&["nan.csv"], "masked", &["--skip-existing"]));
+    assert!(said.contains("other settings: weights"), "{said}");
+    // A surface, too, at its vertices.
+    succeed(&mut fit(&["surface.ply"], "masked", &masked));
+    std::fs::write(site.path("short.csv"), "1\n0\n").expect("written");
+    let said = error_line(&finish(&mut fit(&["full.csv"], "short", &["--mask", "short.csv"])));
+    assert!(said.contains("short.csv: expected a value for each of 642 vertices, found 2"), "{said}");
+    site.column("none.csv", |_, _| 0.0);
+    let said = fail(&mut fit(&["full.csv"], "none", &["--mask", "none.csv"]));
+    assert!(said.contains("no vertex is left to read"), "{said}");
+    site.column("infinite.csv", |i, _| if i == 3 { f64::INFINITY } else { 1.0 });
+    let said = fail(&mut fit(&["infinite.csv"], "infinite", &[]));
+    assert!(said.contains("infinite.csv") && said.contains("inf at vertex 3"), "{said}");
+}
+
+/// SPHARM-PDM's own surface and parameterisation, as a pair; our sphere of that surface distorts it no more.
+#[test]
+fn a_pair_of_spharm_pdm_is_surface_and_sphere() {
+    let names = ["peers/a01_l_hippo.surf.meta", "peers/a01_l_hippo.para.meta"];
+    let (Some(surface), Some(sphere)) = (shared(names[0]), shared(names[1])) else { return };
+    let site = Site::new();
+    let (surface, theirs) = (surface.to_str().expect("a name"), sphere.to_str().expect("a name"));
+    succeed(
+        &mut site.run("fit", &["--surface", surface, "--sphere", theirs, "--max-degree", "12", "-o", "m.spharm.npz"]),
+    );
+    assert_eq!(Model::read(site.path("m.spharm.npz")).expect("a model").coefficients.max_degree(), 12);
+    let areas = |sphere: &Mesh| {
+        let surface = read_mesh(surface).expect("a mesh");
+        let area = |mesh: &Mesh, face: &[u32; 3]| {
+            let [a, b, c] = face.map(|v| mesh.vertices[v as usize]);
+            let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            n.iter().map(|x| x * x).sum::<f64>().sqrt()
+        };
+        let whole = |mesh: &Mesh| mesh.faces.iter().map(|face| area(mesh, face)).sum::<f64>();
+        let ratio =
+            |face: &[u32; 3]| (area(sphere, face) / whole(sphere) * whole(&surface) / area(&surface, face)).ln();
+        let ratios: Vec<f64> = surface.faces.iter().map(ratio).collect();
+        (ratios.iter().map(|x| x * x).sum::<f64>() / ratios.len() as f64).sqrt()
+    };
+    succeed(&mut site.run("parametrize", &["--surface", surface, "-o", "ours.sphere.ply", "-q"]));
+    let (theirs, ours) = (read_mesh(theirs).expect("a mesh"), read_mesh(site.path("ours.sphere.ply")).expect("a mesh"));
+    let (theirs, ours) = (areas(&theirs), areas(&ours));
+    eprintln!("log area ratio, rms: SPHARM-PDM's sphere {theirs:.3}, ours {ours:.3}");
+    assert!(ours <= theirs, "log area ratio: ours {ours}, SPHARM-PDM's {theirs}");
+}

@@ -1,0 +1,122 @@
+//! `volumes`: many labels, one table, and nothing lost to a bad one.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use spharm_model::Model;
+
+use crate::common::{error_line, finish, succeed, text, tool};
+use crate::volumes::write_volume;
+
+struct Site(tempfile::TempDir);
+
+impl Site {
+    /// Two volumes: balls, a plate at the border, one in two pieces; and one that is none.
+    fn new() -> Self {
+        let site = Self(tempfile::tempdir().expect("a folder"));
+        std::fs::create_dir(site.path("in")).expect("a folder");
+        write_volume(&site.path("in/a.nii"), |[x, y, z]| match () {
+            () if x * x + y * y + z * z < 30.0 => 17,
+            () if z < -6.0 => 53,
+            () if z > 6.0 && x.abs() > 1.0 => 60,
+            () => 0,
+        });
+        write_volume(&site.path("in/b.nii"), |[x, y, z]| if x * x + y * y + z * z < 20.0 { 17 } else { 0 });
+        std::fs::write(site.path("in/c.nii"), b"no volume").expect("written");
+        site
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Command {
+        let mut command = tool("volumes");
+        command.current_dir(self.0.path()).args(arguments).args(["--max-degree", "5", "-o", "out"]);
+        command
+    }
+
+    /// The table as rows of cells by their columns' names.
+    fn table(&self) -> Vec<std::collections::HashMap<String, String>> {
+        let text = std::fs::read_to_string(self.path("out/volumes.tsv")).expect("a table");
+        let mut lines = text.lines().map(|line| line.split('\t').map(str::to_owned).collect::<Vec<_>>());
+        let head = lines.next().expect("a head");
+        assert!(head.last().is_some_and(|name| name == "power_5"));
+        lines.map(|row| head.iter().cloned().zip(row).collect()).collect()
+    }
+}
+
+#[test]
+fn every_label_is_a_model_and_a_row() {
+    let site = Site::new();
+    let output = finish(&mut site.run(&["in"]));
+    let error = error_line(&output);
+    assert!(error.contains("out/volumes.tsv: 2 of 5 rows failed"), "{error}");
+    let rows = site.table();
+    let row = |file: &str, label: &str| {
+        let found = rows.iter().find(|row| row["file"] == format!("in/{file}.nii") && row["label"] == label);
+        found.unwrap_or_else(|| panic!("{file} {label}")).clone()
+    };
+    assert_eq!(rows.len(), 5);
+    let states = [("a", "17", "fitted", "no"), ("a", "53", "fitted", "yes"), ("b", "17", "fitted", "no")];
+    for (file, label, state, border) in states {
+        let row = row(file, label);
+        assert_eq!((row["state"].as_str(), row["border"].as_str(), row["error"].as_str()), (state, border, "n/a"));
+        let number = |name: &str| row[name].parse::<f64>().expect("a number");
+        assert!((number("volume") / number("voxels") - 1.0).abs() < 0.25, "{row:?}");
+        assert!(number("residual") > 0.0 && number("residual") < 1.0 && number("power_1") > 0.1, "{row:?}");
+        let model = Model::read(site.path(&row["model"])).expect("a model");
+        assert_eq!(model.provenance.input.expect("an input").label, label.parse().ok());
+    }
+    let pieces = row("a", "60");
+    assert!(pieces["state"] == "failed" && pieces["error"].contains("2 pieces") && pieces["error"].contains("--fix"));
+    let none = row("c", "n/a");
+    assert!(none["state"] == "failed" && none["error"].contains("c.nii") && none["voxels"] == "n/a");
+
+    // Again: nothing is replaced unless asked for, and what is there is kept.
+    assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists"));
+    let before = std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model");
+    finish(&mut site.run(&["in/a.nii", "in/b.nii", "--fix", "--skip-existing"]));
+    let states: Vec<String> = site.table().iter().map(|row| row["state"].clone()).collect();
+    assert_eq!(states, ["kept", "kept", "fitted", "kept"], "{:?}", site.table());
+    assert_eq!(std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model"), before);
+    let said = succeed(&mut site.run(&["in/b.nii", "--label", "17", "--force"]));
+    assert!(said.contains("1 model, 0 failed"), "{said}");
+}
+
+#[test]
+fn chosen_labels_that_are_not_there_are_rows_too() {
+    let site = Site::new();
+    let output = finish(&mut site.run(&["in/a.nii", "in/b.nii", "--label", "17", "53", "-q"]));
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    let rows: Vec<String> = site.table().iter().map(|row| format!("{} {}", row["label"], row["state"])).collect();
+    assert_eq!(rows, ["17 fitted", "53 fitted", "17 fitted", "53 failed"]);
+    assert!(site.table()[3]["error"].contains("no voxel has label 53"), "{:?}", site.table()[3]);
+}
+
+/// An array says nothing of its voxels.
+#[test]
+fn voxel_sizes_are_given_where_files_have_none() {
+    let site = Site::new();
+    let header = "{'descr': '|u1', 'fortran_order': True, 'shape': (10, 10, 10), }\n";
+    let inside = |x: f64| (1.5..7.5).contains(&x);
+    let voxel = |i: usize| u8::from([i % 10, i / 10 % 10, i / 100].iter().all(|&x| inside(x as f64)));
+    let values: Vec<u8> = (0..1000).map(voxel).collect();
+    let file = [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes(), &values].concat();
+    std::fs::write(site.path("cube.npy"), file).expect("written");
+    let output = finish(&mut site.run(&["cube.npy"]));
+    assert!(
+        text(&output).contains("doesn't say how large its voxels are; --voxel-size X,Y,Z gives it"),
+        "{}",
+        text(&output)
+    );
+    succeed(&mut site.run(&["cube.npy", "--voxel-size", "0.5,1,2", "--force"]));
+    let [row] = &site.table()[..] else { panic!("one row") };
+    let volume: f64 = row["volume"].parse().expect("a number");
+    assert!((volume / 216.0 - 1.0).abs() < 0.1, "{volume}");
+    assert_eq!(finish(&mut site.run(&["cube.npy", "--voxel-size", "0.5,1"])).status.code(), Some(2));
+    // `fit` takes them as well.
+    let mut fit = tool("fit");
+    fit.current_dir(site.0.path()).args(["--surface", "cube.npy", "--voxel-size", "0.5,1,2", "--max-degree", "4"]);
+    succeed(fit.args(["-o", "fit"]));
+}

@@ -1,0 +1,65 @@
+//! Arguments of `export`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use spharm_cli::Common;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_exchange::{Format, Normalization};
+
+/// The formats, as `--help` lists them.
+pub(crate) const FORMATS: &str = "Formats:
+  pdm        SPHARM-PDM, Slicer, SlicerSALT: .coef, surfaces only
+  mat        SPHARM-MAT: .mat with fvec, vertices, faces, sph_verts; surfaces only
+  pyshtools  SHTOOLS: text, a file a channel; orthonormal, csphase 1
+  healpy     healpy, ducc0: alm as FITS, a table a channel
+  s2fft      s2fft: .npy (c, L + 1, 2 L + 1), complex; its L is this one plus 1
+  ktch       ktch: .npy (c, K)
+  flowshape  FlowShape: .npy (K, c)
+  aics       aics-shparam: .json or .csv of a radius, 1 channel; export only
+  afni       weighted SPHARM, AFNI: text (L + 1) x (2 L + 1), a file a channel
+  csv, json  plain canonical coefficients";
+
+/// Write models in the formats of other packages
+///
+/// Coefficients are converted to the harmonics and the order of the package; text has 17 digits. What a format can't hold is
+/// refused.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm export bunny.spharm.npz --to pdm -o bunny.coef",
+        "spharm export models --to healpy -o alm",
+        "spharm export bunny.spharm.npz --to pyshtools -o bunny.sh    # bunny.x.sh, bunny.y.sh, bunny.z.sh",
+    ],
+    &[FORMATS],
+))]
+pub(crate) struct Cli {
+    /// Models, as `spharm fit` writes them
+    ///
+    /// Files, folders, whose .npz files are taken, or @LIST with a path a line.
+    #[arg(value_name = "MODEL.spharm.npz", required = true, help_heading = INPUT)]
+    pub(super) models: Vec<PathBuf>,
+    /// Format: pdm, mat, pyshtools, healpy, s2fft, ktch, flowshape, aics, afni, csv, json
+    #[arg(long, value_name = "FORMAT", help_heading = METHOD)]
+    pub(super) to: Format,
+    /// Scale of pyshtools' harmonics: ortho, or 4pi, its default
+    #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
+    pub(super) normalization: Normalization,
+    /// File to write; for several models a folder
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
+    pub(super) output: PathBuf,
+    /// Replace outputs that exist
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) common: Common,
+}
+
+/// Reads `--normalization`.
+pub(crate) fn normalization(text: &str) -> Result<Normalization, String> {
+    match text {
+        "ortho" => Ok(Normalization::Orthonormal),
+        "4pi" => Ok(Normalization::FourPi),
+        _ => Err("expected ortho or 4pi".to_owned()),
+    }
+}

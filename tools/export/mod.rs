@@ -1,0 +1,49 @@
+//! `export`: models in the formats of other packages.
+
+mod args;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use spharm_cli::Usage;
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
+use spharm_cli::paths::{expand, model_name, with_ending};
+use spharm_exchange::{ExportOptions, Exported, Format, Normalization, check, export, files};
+use spharm_model::Model;
+
+pub(crate) use self::args::{Cli, FORMATS, normalization};
+
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
+    if cli.normalization != Normalization::default() && cli.to != Format::Pyshtools {
+        return Err(Usage::conflict("--normalization is for --to pyshtools").into());
+    }
+    let console = cli.common.console();
+    let models = expand(&cli.models, ".npz")?;
+    let single = models.len() == 1 && models == cli.models && !cli.output.is_dir();
+    let target = |model: &PathBuf| match single {
+        true => cli.output.clone(),
+        false => with_ending(&cli.output.join(model_name(model)), cli.to.ending()),
+    };
+    let targets: Vec<PathBuf> = models.iter().map(target).collect();
+    // Every model is looked at before the first one is written.
+    let mut outputs = Vec::new();
+    for (path, target) in models.iter().zip(&targets) {
+        let model = Model::read(path)?;
+        check(&model, cli.to).with_context(|| path.display().to_string())?;
+        outputs.extend(files(cli.to, model.coefficients.channels(), target));
+    }
+    check_outputs(outputs.iter().map(|path| OutputFile::new(path, "--output")), cli.force)?;
+    let options = ExportOptions { overwrite: cli.force, normalization: cli.normalization };
+    for (path, target) in models.iter().zip(&targets) {
+        let model = Model::read(path)?;
+        prepare(target)?;
+        let Exported { files, warnings } =
+            export(&model, cli.to, target, &options).with_context(|| path.display().to_string())?;
+        warnings.iter().for_each(|warning| console.warn(format!("{}: {warning}", path.display())));
+        for file in files {
+            print(&format!("{}: {}, degree {}", file.display(), cli.to, model.coefficients.max_degree()))?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,51 @@
+//! Arguments of `import`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use spharm_cli::Common;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_exchange::{Format, Normalization};
+
+use crate::export::{FORMATS, normalization};
+
+/// Make a model of coefficients of another package
+///
+/// The format is told by the contents; arrays of ktch and FlowShape and matrices of weighted SPHARM look like others and are
+/// named by --from. The model has a sphere of its own only with --sphere, or from SPHARM-MAT; others are evaluated with
+/// `spharm reconstruct --icosphere N`.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm import a01_l_hippo.coef -o a01_l.spharm.npz",
+        "spharm import earth.sh --normalization 4pi -o earth.spharm.npz",
+        "spharm import body.x.sh body.y.sh body.z.sh -o body.spharm.npz",
+        "spharm import shape.npy --from flowshape --sphere sphere.ply -o shape.spharm.npz",
+    ],
+    &[FORMATS],
+))]
+pub(crate) struct Cli {
+    /// File of another package; several where each holds a channel
+    #[arg(value_name = "FILE", required = true, help_heading = INPUT)]
+    pub(super) files: Vec<PathBuf>,
+    /// Format [default: what the contents tell]
+    #[arg(long, value_name = "FORMAT", help_heading = INPUT)]
+    pub(super) from: Option<Format>,
+    /// Sphere of the model: a mesh, at whose vertices it is evaluated
+    #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
+    pub(super) sphere: Option<PathBuf>,
+    /// Scale of pyshtools' harmonics: ortho, or 4pi, its default
+    #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
+    pub(super) normalization: Normalization,
+    /// Three channels are values, not x, y and z
+    #[arg(long, help_heading = METHOD)]
+    pub(super) signal: bool,
+    /// Model to write
+    #[arg(short, long, value_name = "MODEL.spharm.npz", help_heading = OUTPUT)]
+    pub(super) output: PathBuf,
+    /// Replace outputs that exist
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) common: Common,
+}

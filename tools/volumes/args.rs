@@ -1,0 +1,74 @@
+//! Arguments of `volumes`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use spharm_cli::Common;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES};
+use spharm_cli::names::NameTemplate;
+use spharm_cli::size::Size;
+use spharm_cli::surfaces::{Labels, VoxelSize};
+use spharm_cli::threads::Threads;
+
+/// Make a model of every label of label volumes, and one table
+///
+/// Each label's surface is mapped to a sphere of its own and fitted; model, surface and sphere go to the folder, and a row to
+/// the table: voxels, volume, area, residual, descriptors that rotations don't change. A label that fails costs no other one its model: its
+/// row says why, and the exit status is 1.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm volumes aseg/*.mgz --label 17 53 --max-degree 15 -o hippocampi",
+        "spharm volumes cells.ome.tif --max-degree 12 --fix -o cells",
+        "spharm volumes stacks --voxel-size 0.2,0.2,0.6 --max-degree 12 -o cells --skip-existing",
+    ],
+    &[help::VOLUMES],
+))]
+pub(crate) struct Cli {
+    /// Label volumes
+    ///
+    /// Files, folders, whose volumes are taken, or @LIST with a path a line.
+    #[arg(value_name = "LABELS", required = true, help_heading = INPUT)]
+    pub(super) volumes: Vec<PathBuf>,
+    /// Labels; 0 is the background
+    #[arg(long, value_name = "N|all", num_args = 1.., default_value = "all", allow_negative_numbers = true, help_heading = INPUT)]
+    pub(super) label: Vec<Labels>,
+    /// Size of the voxels, in place of what the files say of it
+    ///
+    /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
+    #[arg(long, value_name = "X,Y,Z", help_heading = INPUT)]
+    pub(super) voxel_size: Option<VoxelSize>,
+    /// Repair labels whose surface isn't of genus zero
+    ///
+    /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
+    #[arg(long, help_heading = INPUT)]
+    pub(super) fix: bool,
+    /// Highest degree, inclusive
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    pub(super) max_degree: usize,
+    /// Folder of the models
+    #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
+    pub(super) output: PathBuf,
+    /// Table to write [default: volumes.tsv in that folder]
+    #[arg(long, value_name = "OUT.tsv", help_heading = OUTPUT)]
+    pub(super) table: Option<PathBuf>,
+    /// Names of the models
+    ///
+    /// From each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent} the folder that
+    /// it is in, {parent2} the one above, links resolved.
+    #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
+    pub(super) name_template: NameTemplate,
+    /// Keep models that are there and were made of the same label with the same settings
+    #[arg(long, conflicts_with = "force", help_heading = OUTPUT)]
+    pub(super) skip_existing: bool,
+    /// Replace outputs that exist
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    /// Memory of a fit [default: half of what is free]
+    #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
+    pub(super) memory: Option<Size>,
+    #[command(flatten)]
+    pub(super) threads: Threads,
+    #[command(flatten)]
+    pub(super) common: Common,
+}

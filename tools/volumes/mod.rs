@@ -1,0 +1,203 @@
+//! `volumes`: a model of every label of many volumes, and one table.
+
+mod args;
+mod table;
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail};
+use spharm::files::{MadeOf, ModelFiles, Replace};
+use spharm::parametrize::Input;
+use spharm::parametrize::volume::{LabelVolume, VolumeParams, is_volume};
+use spharm::rerun::{Decision, IfExists, Request};
+use spharm::shape::{MeasureParams, descriptors, measure};
+use spharm::{FileRecord, FitParams, Monitor, Target, fit_with};
+use spharm_cli::exit;
+use spharm_cli::inputs::expand_lists;
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
+use spharm_cli::surfaces::Labels;
+use spharm_model::Model;
+use spharm_surface::io::write_new;
+
+pub(crate) use self::args::Cli;
+use self::table::{Outcome, Row};
+
+/// Relative change of the area that ends its quadrature: far below what voxels tell.
+const AREA: f64 = 1e-5;
+
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
+    let monitor = ConsoleMonitor::new(cli.common.console());
+    let table = cli.table.clone().unwrap_or_else(|| cli.output.join("volumes.tsv"));
+    let replaced = cli.force || cli.skip_existing;
+    check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv"])], replaced)?;
+    let volumes = volumes(&cli.volumes)?;
+    let memory = cli.memory.map(|size| size.0);
+    let params = FitParams { memory, threads: Some(cli.threads.count()), ..FitParams::lsq(cli.max_degree) };
+    params.check()?;
+    let mut call = Call { cli, params, monitor: &monitor, rows: Vec::new(), names: HashSet::new() };
+    let pool = cli.threads.pool()?;
+    let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
+    prepare(&table)?;
+    write_new(&table, replaced, |out| out.write_all(table::text(&call.rows, cli.max_degree).as_bytes()))?;
+    let failed = call.rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
+    let models = call.rows.len() - failed;
+    print(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
+    // What interrupted it, after the table of what is finished.
+    done?;
+    if failed > 0 {
+        bail!("{}: {failed} of {} failed, see column error", table.display(), counted(call.rows.len(), "row"));
+    }
+    Ok(())
+}
+
+/// The files that are meant: of a folder the volumes in it.
+fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for path in expand_lists(given)? {
+        if !path.is_dir() {
+            found.push(path);
+            continue;
+        }
+        let read = || format!("{}: cannot read the folder", path.display());
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&path).with_context(read)? {
+            let file = entry.with_context(read)?.path();
+            if is_volume(&file) && file.is_file() {
+                files.push(file);
+            }
+        }
+        if files.is_empty() {
+            bail!("{}: a folder without a label volume (.nii, .mgz, .nrrd, .tif, .npy)", path.display());
+        }
+        files.sort_unstable();
+        found.extend(files);
+    }
+    Ok(found)
+}
+
+/// A call of `volumes`.
+struct Call<'a> {
+    cli: &'a Cli,
+    params: FitParams,
+    monitor: &'a ConsoleMonitor,
+    rows: Vec<Row>,
+    /// Models of this call, which two labels mustn't share.
+    names: HashSet<PathBuf>,
+}
+
+impl Call<'_> {
+    /// Makes the models of a volume's labels. Only an interruption is an error.
+    fn volume(&mut self, path: &Path) -> Result<()> {
+        let voxel_size = self.cli.voxel_size.map(|size| size.0);
+        let read = LabelVolume::read_with(path, voxel_size, self.monitor).map_err(anyhow::Error::from);
+        let read = read.and_then(|volume| Ok((FileRecord::of(path)?, volume)));
+        let (record, volume) = match read {
+            Ok(found) => found,
+            Err(error) => return self.push(path, None, None, Err(error)),
+        };
+        let there = volume.labels();
+        let every = self.cli.label.contains(&Labels::All);
+        let one = |label: &Labels| if let Labels::One(label) = label { Some(*label) } else { None };
+        let wanted =
+            if every { there.keys().copied().collect() } else { self.cli.label.iter().filter_map(one).collect() };
+        let wanted: Vec<i64> = wanted;
+        if wanted.is_empty() {
+            return self.push(path, None, None, Err(anyhow!("{}: no label but 0", path.display())));
+        }
+        for label in wanted {
+            self.monitor.check()?;
+            let record = FileRecord { label: Some(label), ..record.clone() };
+            let found = self.label(path, &volume, record);
+            self.push(path, Some(&volume), Some(label), found)?;
+        }
+        Ok(())
+    }
+
+    /// Adds a row; an interruption is handed on.
+    fn push(
+        &mut self,
+        path: &Path,
+        volume: Option<&LabelVolume>,
+        label: Option<i64>,
+        found: Result<table::Model>,
+    ) -> Result<()> {
+        let outcome = match found {
+            Ok(model) => Outcome::Model(Box::new(model)),
+            Err(error) if exit::is_interrupted(&error) => return Err(error),
+            Err(error) => {
+                let text = exit::message(&error);
+                self.monitor.console().warn(&text);
+                Outcome::Failed(text)
+            }
+        };
+        let here = volume.zip(label);
+        self.rows.push(Row {
+            file: path.display().to_string(),
+            label,
+            voxels: here.and_then(|(volume, label)| volume.labels().get(&label).copied()),
+            border: here.map(|(volume, label)| volume.touches_border(label)),
+            outcome,
+        });
+        Ok(())
+    }
+
+    fn label(&mut self, path: &Path, volume: &LabelVolume, record: FileRecord) -> Result<table::Model> {
+        let label = record.label;
+        let named = self.cli.name_template.outputs(&[(path.to_owned(), label)], &self.cli.output, ".spharm.npz")?;
+        let model = named.into_iter().next().unwrap_or_default();
+        if !self.names.insert(model.clone()) {
+            bail!("{record}: {} is another label's model; give --name-template", model.display());
+        }
+        let files = ModelFiles { model };
+        let if_exists = match (self.cli.force, self.cli.skip_existing) {
+            (true, _) => IfExists::Replace,
+            (_, true) => IfExists::Skip,
+            _ => IfExists::Refuse,
+        };
+        let beside = [files.sphere(), files.surface()];
+        let (params, output) = (&self.params, files.model.as_path());
+        let request = Request { input: &record, sphere: None, params, output, beside: &beside, if_exists };
+        let (kept, residual) = match request.decide()? {
+            Decision::Skip => (true, None),
+            Decision::Fit { replace, .. } => (false, Some(self.fit(volume, &record, &files, replace)?)),
+        };
+        let model = Model::read(&files.model)?;
+        let recorded = || model.provenance.distances.as_ref().map(|distances| distances.msd_raw.sqrt());
+        let named = || record.to_string();
+        let measures = MeasureParams { tolerance: AREA, most_rings: None };
+        Ok(table::Model {
+            file: files.model.display().to_string(),
+            kept,
+            measures: measure(&model.coefficients, &measures, self.monitor).with_context(named)?,
+            residual: residual.or_else(recorded),
+            descriptors: descriptors(&model.coefficients).with_context(named)?,
+        })
+    }
+
+    /// Maps and fits a label, and returns the root mean square distance at the vertices.
+    fn fit(&self, volume: &LabelVolume, record: &FileRecord, files: &ModelFiles, replace: Replace) -> Result<f64> {
+        let console = self.monitor.console();
+        let params = VolumeParams { label: record.label, fix: self.cli.fix };
+        let surface = volume.surface(&params, self.monitor)?;
+        if let Some(repair) = &surface.repair {
+            console.note(format!("{record}: {repair}"));
+        }
+        let named = || record.to_string();
+        let input = Input::Label(surface);
+        let found = files.map(&input, record, &self.params, false, replace, self.monitor).with_context(named)?;
+        let fitted = || -> Result<f64> {
+            let parametrized = &found.parametrized;
+            let target = Target::from_mesh(&parametrized.map.surface, &parametrized.sphere)?;
+            let fit = fit_with(&parametrized.sphere, &target, &self.params, self.monitor)?;
+            let repair = found.repair.as_ref();
+            let made_of = MadeOf { input: Some(record), repair, ..MadeOf::default() };
+            files.write(&parametrized.sphere, &fit, &made_of, false, replace)?;
+            console.note(format!("{record}: {}", files.model.display()));
+            Ok(fit.report.passes.last().map_or(f64::NAN, |distances| distances.msd_raw.sqrt()))
+        };
+        fitted().inspect_err(|_| found.remove()).with_context(named)
+    }
+}
