@@ -24,6 +24,8 @@ pub enum IfExists {
 /// The fit that is asked for.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
+    /// What the target is called, where it is from a table.
+    pub id: Option<&'a str>,
     /// The target's file.
     pub input: &'a FileRecord,
     /// The sphere; `None` where the surface is mapped to one of its own.
@@ -99,7 +101,7 @@ pub enum Refusal {
 /// A setting that differs between a model and a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// The field of [`FitParams`] or [`Method`], or `sphere`.
+    /// The field of [`FitParams`] or [`Method`], `sphere` or `id`.
     pub setting: &'static str,
     /// What the model was fitted with.
     pub found: String,
@@ -196,6 +198,9 @@ impl Request<'_> {
         let text = |field: fn(&Settings) -> String| recorded.map_or("none".to_owned(), field);
         fn option(value: Option<usize>) -> String {
             value.map_or("none".to_owned(), |value| value.to_string())
+        }
+        if let (Some(found), Some(wanted)) = (&provenance.id, self.id) {
+            check("id", found.clone(), wanted.to_owned());
         }
         let single = recorded.is_some_and(|settings| settings.dtype == Scalar::F32.name());
         let scalar = if single { Scalar::F32 } else { Scalar::F64 };
