@@ -6,6 +6,7 @@
 mod basis_build;
 mod compare;
 mod fit;
+mod freesurfer;
 mod generate;
 mod moments;
 mod pages;
@@ -14,7 +15,9 @@ mod paper;
 mod parametrize;
 mod picture;
 mod reconstruct;
+mod rows;
 mod shape;
+mod status;
 mod store;
 
 use std::ffi::OsString;
@@ -38,7 +41,9 @@ enum Verb {
     Reconstruct(reconstruct::Cli),
     Compare(compare::Cli),
     Shape(shape::Cli),
+    Freesurfer(freesurfer::Cli),
     Moments(moments::Cli),
+    Status(status::Cli),
     Picture(picture::Cli),
     BasisBuild(basis_build::Cli),
     Store(store::Cli),
@@ -57,7 +62,9 @@ impl Verb {
             Self::Reconstruct(cli) => reconstruct::run(cli),
             Self::Compare(cli) => compare::run(cli),
             Self::Shape(cli) => shape::run(cli),
+            Self::Freesurfer(cli) => freesurfer::run(cli),
             Self::Moments(cli) => moments::run(cli),
+            Self::Status(cli) => status::run(cli),
             Self::Picture(cli) => picture::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
             Self::Store(cli) => store::run(cli),

@@ -10,6 +10,7 @@ use spharm_monitor::Interrupted;
 use spharm_solver::SolverError;
 
 use crate::advice::advice;
+use crate::console::{Kind, say};
 use crate::usage::Usage;
 
 /// EX_TEMPFAIL of sysexits.h: the same command may succeed later.
@@ -65,9 +66,14 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
         let _ = usage.of(command()).print();
         return USAGE;
     }
-    let advice = advice(&error).map_or(String::new(), |advice| format!("; {advice}"));
-    crate::console::say(format_args!("error: {}{advice}", one_line(&error)));
+    say(Kind::Error, line_with_advice(&error));
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
+}
+
+/// Returns an error in one line, as the program shows it: the chain's messages, with what to do.
+pub fn line_with_advice(error: &anyhow::Error) -> String {
+    let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
+    format!("{}{advice}", one_line(error))
 }
 
 /// Joins the error chain, skipping repeated messages, and names of files that the next message begins with.
@@ -85,7 +91,8 @@ fn one_line(error: &anyhow::Error) -> String {
     parts.join(": ").replace('\n', " ")
 }
 
-fn is_interrupted(error: &anyhow::Error) -> bool {
+/// Returns whether work was asked to stop, and did.
+pub fn is_interrupted(error: &anyhow::Error) -> bool {
     error
         .chain()
         .any(|cause| cause.is::<Interrupted>() || matches!(cause.downcast_ref(), Some(SolverError::Interrupted(_))))
