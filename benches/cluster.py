@@ -61,11 +61,11 @@ def coefficients(path):
         return model["coefficients"]
 
 
-def wait_for(what, ready):
-    end = time.monotonic() + PATIENCE
+def wait_for(what, ready, patience=PATIENCE):
+    end = time.monotonic() + patience
     while not ready():
         if time.monotonic() > end:
-            raise RuntimeError(f"{what}: not within {PATIENCE} s")
+            raise RuntimeError(f"{what}: not within {patience} s")
         time.sleep(0.2)
 
 
@@ -200,8 +200,8 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
     def logs(self):
         return "".join(f"--- {log.name}\n{log.read_text()[-2000:]}\n" for log in sorted((self.folder / "log").iterdir()))
 
-    def idle(self):
-        wait_for("an empty queue", lambda: self.ask("sinfo", "-h") and not self.ask("squeue", "-h"))
+    def idle(self, patience=PATIENCE):
+        wait_for("an empty queue", lambda: self.ask("sinfo", "-h") and not self.ask("squeue", "-h"), patience)
 
     def stop(self):
         for process in reversed(self.processes):

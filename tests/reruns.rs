@@ -31,6 +31,7 @@ fn a_model_that_another_process_wrote_meanwhile_stays() {
     let [first, second] = ["a", "b"].map(record);
     let beside: [PathBuf; 1] = [files.csv()];
     let request = Request {
+        id: None,
         input: &second,
         sphere: Some(&sphere),
         params: &params,

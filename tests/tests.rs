@@ -3,6 +3,7 @@
 mod accuracy;
 mod bad_input;
 mod bare;
+mod cohorts;
 mod common;
 mod compressed;
 mod denoise;

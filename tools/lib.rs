@@ -7,6 +7,7 @@ mod basis_build;
 mod compare;
 mod export;
 mod fit;
+mod freesurfer;
 mod generate;
 mod import;
 mod moments;
@@ -16,7 +17,9 @@ mod paper;
 mod parametrize;
 mod picture;
 mod reconstruct;
+mod rows;
 mod shape;
+mod status;
 mod store;
 mod volumes;
 
@@ -41,10 +44,12 @@ enum Verb {
     Reconstruct(reconstruct::Cli),
     Compare(compare::Cli),
     Shape(shape::Cli),
+    Freesurfer(freesurfer::Cli),
     Moments(moments::Cli),
     Volumes(volumes::Cli),
     Export(export::Cli),
     Import(import::Cli),
+    Status(status::Cli),
     Picture(picture::Cli),
     BasisBuild(basis_build::Cli),
     Store(store::Cli),
@@ -63,10 +68,12 @@ impl Verb {
             Self::Reconstruct(cli) => reconstruct::run(cli),
             Self::Compare(cli) => compare::run(cli),
             Self::Shape(cli) => shape::run(cli),
+            Self::Freesurfer(cli) => freesurfer::run(cli),
             Self::Moments(cli) => moments::run(cli),
             Self::Volumes(cli) => volumes::run(cli),
             Self::Export(cli) => export::run(cli),
             Self::Import(cli) => import::run(cli),
+            Self::Status(cli) => status::run(cli),
             Self::Picture(cli) => picture::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
             Self::Store(cli) => store::run(cli),

@@ -11,6 +11,8 @@ use spharm_cli::threads::Threads;
 use spharm_cli::values::{self, Dtype};
 use spharm_cli::{Common, help};
 
+use crate::rows::CohortArgs;
+
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
 /// Without --store: the full least squares, by fast transforms. With --store: iterative residual fitting over a basis that
@@ -22,6 +24,7 @@ use spharm_cli::{Common, help};
         "spharm fit --surface bunny.ply --max-degree 60",
         "spharm fit --sphere lh.sphere.reg --surface sub-*/surf/lh.pial --max-degree 80 -o models \\",
         "    --name-template '{parent2}.{stem}' --skip-existing",
+        "spharm fit --manifest subjects.tsv --max-degree 80 -o models --shard 0/10 --keep-going --status status/0.tsv",
         "spharm fit --moments topography.moments --max-degree 300 --smoothness auto -o models",
         "spharm fit --store basis --sphere sphere.surf.gii --surface @subjects.txt --max-degree 100 --passes 2 -o models",
     ],
@@ -37,6 +40,8 @@ pub(crate) struct Cli {
     #[command(flatten)]
     pub(super) output: Output,
     #[command(flatten)]
+    pub(super) cohort: CohortArgs,
+    #[command(flatten)]
     pub(super) resources: Resources,
     #[command(flatten)]
     pub(super) common: Common,
@@ -48,15 +53,21 @@ pub(super) struct Input {
     /// Surfaces, or signals, on the sphere's vertices
     ///
     /// @LIST takes the paths from a file, one a line, relative to it, # for comments.
-    #[arg(long, value_name = "FILE", num_args = 1.., required_unless_present = "moments")]
+    #[arg(long, value_name = "FILE", num_args = 1.., required_unless_present_any = ["moments", "manifest"])]
     pub(super) surface: Vec<PathBuf>,
+    /// Table of surfaces and their ids, in place of --surface
+    ///
+    /// Columns id and surface, and perhaps sphere, weights, output, label. Tab-separated, or with commas where the name ends in .csv. Paths are relative to it. A model is named by `output` or by the
+    /// id, and records the id. Other columns are left alone. --sphere is the sphere of rows without one.
+    #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["surface", "moments", "label", "name_template"])]
+    pub(super) manifest: Option<PathBuf>,
     /// Moments of samples, in place of surfaces
     ///
     /// A file that `spharm moments` or `spharm moments merge` has written, for models of any degree up to its own.
     #[arg(
         long,
         value_name = "ALL.moments",
-        conflicts_with_all = ["surface", "sphere", "label", "fix", "cut_handles", "method", "hold_out", "dtype", "verify", "skip_existing"]
+        conflicts_with_all = ["surface", "sphere", "label", "fix", "cut_handles", "method", "hold_out", "dtype", "verify", "skip_existing", "update", "shard", "keep_going", "status", "dry_run", "log"]
     )]
     pub(super) moments: Option<PathBuf>,
     /// Sphere of the surfaces [default: each is mapped to one of its own]
@@ -173,28 +184,28 @@ pub(super) struct Solver {
     #[arg(long, value_name = "T", default_value = "1e-10", value_parser = values::fraction)]
     pub(super) tolerance: f64,
     /// Most iterations (lsq)
-    #[arg(long, value_name = "N", default_value_t = defaults::MAX_ITERATIONS)]
+    #[arg(long, value_name = "N", default_value_t = defaults::MAX_ITERATIONS, hide_short_help = true)]
     pub(super) max_iterations: usize,
     /// Preconditioner of the iterations (lsq)
     ///
     /// auto makes a factor where they are slow.
-    #[arg(long, value_name = "auto|none|density|low-degrees|factor", default_value = "auto")]
+    #[arg(long, value_name = "auto|none|density|low-degrees|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
     /// Highest degree of --preconditioner low-degrees [default: 20]
     #[arg(long, value_name = "L0", hide_short_help = true)]
     pub(super) low_degrees: Option<usize>,
     /// Scalar type of the basis [default: the store's, f64 first]
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, hide_short_help = true)]
     pub(super) dtype: Option<Dtype>,
     /// First check every byte of the basis against its hash
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(super) verify: bool,
 }
 
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::OUTPUT)]
 pub(super) struct Output {
-    /// Folder for the models [default: here]
+    /// Folder for the models [default: here, or the manifest's]
     ///
     /// Each is NAME.spharm.npz. For one surface it may also be a file, whose name ends in .npz.
     #[arg(short, long, value_name = "OUT")]
@@ -226,6 +237,11 @@ pub(super) struct Output {
     /// if it was made of the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
+    /// As --skip-existing, but fit again what has changed
+    ///
+    /// A model of another input, or with other settings, is replaced in place of being refused.
+    #[arg(long, conflicts_with_all = ["force", "skip_existing"])]
+    pub(super) update: bool,
 }
 
 #[derive(Debug, clap::Args)]

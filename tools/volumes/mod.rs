@@ -128,7 +128,7 @@ impl Call<'_> {
             Ok(model) => Outcome::Model(Box::new(model)),
             Err(error) if exit::is_interrupted(&error) => return Err(error),
             Err(error) => {
-                let text = exit::message(&error);
+                let text = exit::line_with_advice(&error);
                 self.monitor.console().warn(&text);
                 Outcome::Failed(text)
             }
@@ -159,7 +159,7 @@ impl Call<'_> {
         };
         let beside = [files.sphere(), files.surface()];
         let (params, output) = (&self.params, files.model.as_path());
-        let request = Request { input: &record, sphere: None, params, output, beside: &beside, if_exists };
+        let request = Request { id: None, input: &record, sphere: None, params, output, beside: &beside, if_exists };
         let (kept, residual) = match request.decide()? {
             Decision::Skip => (true, None),
             Decision::Fit { replace, .. } => (false, Some(self.fit(volume, &record, &files, replace)?)),

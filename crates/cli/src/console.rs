@@ -1,15 +1,18 @@
 //! Notes, warnings and progress, all on stderr.
 //!
 //! Where stderr is a terminal, progress is a bar. Elsewhere (a log of a cluster job) it is a line now and then, the
-//! first after two seconds. `-q` leaves warnings only.
+//! first after two seconds. `-q` leaves warnings only. With [`json_lines`] every line is a JSON object with an `event`, for
+//! programs that read the log.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::sync::PoisonError;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use serde_json::{Value, json};
 
 pub use spharm_monitor::Unit;
 
@@ -27,9 +30,44 @@ pub struct Console {
     terminal: bool,
 }
 
+static JSON_LINES: AtomicBool = AtomicBool::new(false);
+
+/// From now on lines of this process on stderr are JSON objects.
+pub fn json_lines() {
+    JSON_LINES.store(true, Ordering::Relaxed);
+}
+
+fn is_json() -> bool {
+    JSON_LINES.load(Ordering::Relaxed)
+}
+
+/// What a line is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Note,
+    Warning,
+    Error,
+    Progress,
+}
+
 /// Prints a line to stderr. A reader that has gone away is no reason to stop the work.
-pub(crate) fn say(text: impl Display) {
-    let _ = writeln!(std::io::stderr().lock(), "{text}");
+pub(crate) fn say(kind: Kind, text: impl Display) {
+    let (event, prefix) = match kind {
+        Kind::Note => ("note", ""),
+        Kind::Warning => ("warning", "warning: "),
+        Kind::Error => ("error", "error: "),
+        Kind::Progress => ("progress", ""),
+    };
+    if is_json() {
+        print(&json!({ "event": event, "text": text.to_string() }));
+    } else {
+        let _ = writeln!(std::io::stderr().lock(), "{prefix}{text}");
+    }
+}
+
+fn print(value: &Value) {
+    // In one call, so that lines of several threads stay whole.
+    let _ = std::io::stderr().lock().write_all(format!("{value}\n").as_bytes());
 }
 
 impl Console {
@@ -41,20 +79,28 @@ impl Console {
     /// Prints a note, unless the console is quiet.
     pub fn note(&self, text: impl Display) {
         if !self.quiet {
-            say(text);
+            say(Kind::Note, text);
         }
     }
 
     /// Prints a detail, if the console is verbose.
     pub fn detail(&self, text: impl Display) {
         if self.verbose {
-            say(text);
+            say(Kind::Note, text);
         }
     }
 
     /// Prints a warning: something may be wrong.
     pub fn warn(&self, text: impl Display) {
-        say(format_args!("warning: {text}"));
+        say(Kind::Warning, text);
+    }
+
+    /// Prints an event for programs that read the log, where [`json_lines`] asks for them; `value` is an object with an
+    /// `event`.
+    pub fn event(&self, value: impl FnOnce() -> Value) {
+        if is_json() {
+            print(&value());
+        }
     }
 
     /// Starts to show progress towards `total`; zero when the total isn't known.
@@ -62,7 +108,7 @@ impl Console {
         if self.quiet {
             return Progress { bar: None, lines: None };
         }
-        if !self.terminal {
+        if !self.terminal || is_json() {
             let lines = Lines { label: label.to_owned(), total, unit, state: Mutex::new(State::new()) };
             return Progress { bar: None, lines: Some(lines) };
         }
@@ -181,7 +227,7 @@ impl Lines {
             _ => format!("{:.0} %", percent(done, self.total)),
         };
         let line = format!("{}: {amount}{} {}", self.label, Forecast::of(done, self.total, elapsed), state.saying);
-        say(line.trim_end());
+        say(Kind::Progress, line.trim_end());
     }
 }
 

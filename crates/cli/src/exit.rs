@@ -10,6 +10,7 @@ use spharm_monitor::Interrupted;
 use spharm_solver::SolverError;
 
 use crate::advice::advice;
+use crate::console::{Kind, say};
 use crate::usage::Usage;
 
 /// EX_TEMPFAIL of sysexits.h: the same command may succeed later.
@@ -65,12 +66,12 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
         let _ = usage.of(command()).print();
         return USAGE;
     }
-    crate::console::say(format_args!("error: {}", message(&error)));
+    say(Kind::Error, line_with_advice(&error));
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
 }
 
-/// Returns an error as one line: what is wrong, and what to do about it.
-pub fn message(error: &anyhow::Error) -> String {
+/// Returns an error in one line, as the program shows it: the chain's messages, with what to do.
+pub fn line_with_advice(error: &anyhow::Error) -> String {
     let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
     format!("{}{advice}", one_line(error))
 }
@@ -90,7 +91,7 @@ fn one_line(error: &anyhow::Error) -> String {
     parts.join(": ").replace('\n', " ")
 }
 
-/// Returns whether an error is an interruption.
+/// Returns whether work was asked to stop, and did.
 pub fn is_interrupted(error: &anyhow::Error) -> bool {
     error
         .chain()

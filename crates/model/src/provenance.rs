@@ -24,6 +24,9 @@ pub struct Provenance {
     /// Versions of the software.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub versions: Option<Versions>,
+    /// What the surface is called in the table of a study, where it is from one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub id: Option<String>,
     /// The file of the surface or signal that was fitted; unknown in models of version 0.1.
     #[serde(deserialize_with = "record")]
     pub input: Option<FileRecord>,

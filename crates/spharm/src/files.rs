@@ -194,6 +194,7 @@ impl ModelFiles {
             self.write_standard_errors(errors, replace.beside)?;
         }
         let mut model = Model::new(sphere.clone(), fit.clone(), kind);
+        model.provenance.id = made_of.id.map(str::to_owned);
         model.provenance.input = made_of.input.cloned();
         model.provenance.repair =
             made_of.repair.and_then(|repair| serde_json::to_value(repair).ok()?.as_object().cloned());
@@ -219,6 +220,8 @@ impl ModelFiles {
 /// What a model was made of, for it to record.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MadeOf<'a> {
+    /// What the surface is called, where it is from a table.
+    pub id: Option<&'a str>,
     /// The surface's file.
     pub input: Option<&'a FileRecord>,
     /// What was changed in the volume's label.

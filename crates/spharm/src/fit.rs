@@ -113,7 +113,7 @@ pub fn fit_with(
 ///
 /// `read` returns target `0..count`; it is called from several threads, in order but for a few at a time. `done` gets the
 /// number of a target and its fit, also from several threads; what it makes of them is returned in the targets' order. An
-/// error of either ends the call.
+/// error of either ends the call; [`fit_each`] goes on.
 ///
 /// # Errors
 ///
@@ -126,17 +126,40 @@ pub fn fit_many<T: Send, E: From<Error> + Send>(
     done: &(dyn Fn(usize, Fit) -> Result<T, E> + Sync),
     monitor: &dyn Monitor,
 ) -> Result<(Vec<T>, ManyReport), E> {
+    fit_each(sphere, count, read, params, &|number, fit| done(number, fit?), monitor)
+}
+
+/// As [`fit_many`], but targets that can't be read, that don't belong to the sphere or whose fit doesn't reach the tolerance
+/// (with [`FitParams::strict`]) are handed to `done` with their errors, which decides whether that ends the call.
+///
+/// The other targets' coefficients don't depend on it.
+///
+/// # Errors
+///
+/// Those of `done`, and of [`fit()`] where they are of all targets: settings, memory, the store.
+pub fn fit_each<T: Send, E: From<Error> + Send>(
+    sphere: &Sphere,
+    count: usize,
+    read: &(dyn Fn(usize) -> Result<Target, E> + Sync),
+    params: &FitParams,
+    done: &(dyn Fn(usize, Result<Fit, E>) -> Result<T, E> + Sync),
+    monitor: &dyn Monitor,
+) -> Result<(Vec<T>, ManyReport), E> {
     params.check()?;
     in_pool(params.threads, || {
         let job = Job::new(sphere, params, monitor)?;
         let (scheme, scalar) = (job.key, job.scalar);
         let mut run = Run::new(job, count, read, done, monitor)?;
         match params.method {
+            // Nothing could be read.
+            _ if count > 0 && run.next_is_surface()?.is_none() => {}
             Method::Lsq => run_lsq(&mut run)?,
             Method::Quadrature => quadrature::run(&mut run)?,
             _ => irf::run(&mut run)?,
         }
-        Ok((run.results, ManyReport { scheme, scalar, batches: run.batches, seconds: run.seconds }))
+        run.results.sort_unstable_by_key(|(number, _)| *number);
+        let results = run.results.into_iter().map(|(_, result)| result).collect();
+        Ok((results, ManyReport { scheme, scalar, batches: run.batches, seconds: run.seconds }))
     })
 }
 

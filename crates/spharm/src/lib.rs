@@ -49,7 +49,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`mod@fit`] | [`fit()`], [`fit_many`]: coefficients of one target, or of many in bounded memory |
+//! | [`mod@fit`] | [`fit()`], [`fit_many`], [`fit_each`]: coefficients of one target, or of many in bounded memory |
 //! | [`params`] | [`FitParams`]: degree, method, smoothness, weights, store, memory, threads |
 //! | [`report`] | what a fit reports |
 //! | [`assess`] | distances at the vertices, between them, at vertices held out |
@@ -70,6 +70,7 @@
 //! | [`io`], [`generate`], [`metrics`] | `spharm-surface` | files, example surfaces, distances between surfaces |
 //! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
 //! | [`shape`] | `spharm-shape` | shape analysis on models: geometry, smoothing, descriptors, retrieval, levels, compression |
+//! | [`cohort`] | `spharm-cohort` | manifests, shards, status files |
 //! | [`moments`] | `spharm-moments` | moments of tables of samples, beyond memory and machine |
 //! | [`transform`] | `spharm-transform` | fast synthesis and its adjoint |
 //! | [`harmonics`] | `spharm-harmonics` | the harmonics, [`Directions`], [`Coefficients`] |
@@ -117,7 +118,7 @@ pub mod warning;
 
 pub use error::Error;
 pub use fit::{
-    Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_memory, fit, fit_many, fit_moments, fit_with,
+    Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_memory, fit, fit_each, fit_many, fit_moments, fit_with,
 };
 pub use fit_to::FitTo;
 pub use model::versions;
@@ -125,6 +126,7 @@ pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, Denoised, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 
+pub use spharm_cohort as cohort;
 pub use spharm_harmonics as harmonics;
 pub use spharm_moments as moments;
 pub use spharm_shape as shape;

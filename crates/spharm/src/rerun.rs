@@ -17,13 +17,25 @@ pub enum IfExists {
     Refuse,
     /// Skip a model that is the one asked for, and refuse another.
     Skip,
+    /// Skip a model that is the one asked for, and replace that of another input or of other settings.
+    Update,
     /// Replace them.
     Replace,
+}
+
+impl IfExists {
+    /// Returns whether a model that is the one asked for is kept.
+    #[must_use]
+    pub fn keeps(self) -> bool {
+        matches!(self, Self::Skip | Self::Update)
+    }
 }
 
 /// The fit that is asked for.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
+    /// What the target is called, where it is from a table.
+    pub id: Option<&'a str>,
     /// The target's file.
     pub input: &'a FileRecord,
     /// The sphere; `None` where the surface is mapped to one of its own.
@@ -99,7 +111,7 @@ pub enum Refusal {
 /// A setting that differs between a model and a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// The field of [`FitParams`] or [`Method`], or `sphere`.
+    /// The field of [`FitParams`] or [`Method`], `sphere` or `id`.
     pub setting: &'static str,
     /// What the model was fitted with.
     pub found: String,
@@ -122,12 +134,22 @@ impl Request<'_> {
     ///
     /// With [`IfExists::Skip`] a model of the same input with the same settings is kept, and made again only where a file
     /// beside it is missing. Inputs are the same where their contents are. Without a model, files that an earlier call left
-    /// are no obstacle, but for a sphere of another input.
+    /// are no obstacle, but for a sphere of another input. With [`IfExists::Update`] models of other inputs or settings are
+    /// replaced in place of being refused.
     ///
     /// # Errors
     ///
     /// [`Refusal`] with the output that is in the way.
     pub fn decide(&self) -> Result<Decision, Refusal> {
+        if self.if_exists == IfExists::Update {
+            use Refusal::{OtherInput, OtherSettings, OtherSphere};
+            return match (Request { if_exists: IfExists::Skip, ..*self }).decide() {
+                Err(OtherInput { .. } | OtherSettings { .. } | OtherSphere { .. }) => {
+                    Ok(Decision::Fit { replace: Replace::ALL, replaces: None })
+                }
+                decided => decided,
+            };
+        }
         let path = || self.output.to_owned();
         let exists = self.output.exists();
         if !exists || self.if_exists == IfExists::Refuse {
@@ -139,7 +161,7 @@ impl Request<'_> {
                 (_, None) => Replace::default(),
                 (IfExists::Refuse, Some(path)) => return Err(Refusal::Exists { path: path.to_owned() }),
                 // What a broken-off fit left over is no obstacle to going on.
-                (IfExists::Skip, Some(_)) => {
+                (IfExists::Skip | IfExists::Update, Some(_)) => {
                     self.check_sphere()?;
                     Replace { model: false, beside: true }
                 }
@@ -196,6 +218,9 @@ impl Request<'_> {
         let text = |field: fn(&Settings) -> String| recorded.map_or("none".to_owned(), field);
         fn option(value: Option<usize>) -> String {
             value.map_or("none".to_owned(), |value| value.to_string())
+        }
+        if let (Some(found), Some(wanted)) = (&provenance.id, self.id) {
+            check("id", found.clone(), wanted.to_owned());
         }
         let single = recorded.is_some_and(|settings| settings.dtype == Scalar::F32.name());
         let scalar = if single { Scalar::F32 } else { Scalar::F64 };

@@ -1,5 +1,7 @@
 //! The strategy of [`LsqSolver`] on moments alone.
 
+use std::ops::Range;
+
 use ndarray::Array2;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
@@ -69,4 +71,28 @@ pub fn solve_moments(
         false => None,
     };
     Ok(MomentFit { coefficients, residual_squares, report, standard_errors })
+}
+
+/// Solves for some of the columns after others, each group to its own optimality: as [`solve_moments`] of the group alone,
+/// bit for bit, unless a factor is made, which serves the groups after it, too.
+///
+/// # Errors
+///
+/// Those of [`solve_moments`].
+pub fn solve_moments_of_groups(
+    problem: &MomentProblem,
+    groups: &[Range<usize>],
+    params: &LsqParams,
+    monitor: &dyn Monitor,
+) -> Result<Vec<MomentFit>, SolverError> {
+    let make_gram = || Ok(Box::new(problem.gram()?) as Box<dyn GramMatrix>);
+    let params = LsqParams { weights: None, areas: None, ..params.clone() };
+    let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params)?;
+    let mut fit = |group: &Range<usize>| {
+        let own = problem.of_columns(group.clone());
+        let (coefficients, _, report) = solver.solve(Given::Sums(&own), &[], monitor)?;
+        let residual_squares = own.residual_squares(coefficients.values())?;
+        Ok(MomentFit { coefficients, residual_squares, report, standard_errors: None })
+    };
+    groups.iter().map(&mut fit).collect()
 }

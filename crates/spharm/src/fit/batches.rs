@@ -18,15 +18,15 @@ use crate::report::{BatchReport, Denoised, FitReport, Seconds, Settings};
 use crate::{Error, Fit, FitTo, FitWarning};
 
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
-type Done<'a, T, E> = &'a (dyn Fn(usize, Fit) -> Result<T, E> + Sync);
+type Done<'a, T, E> = &'a (dyn Fn(usize, Result<Fit, E>) -> Result<T, E> + Sync);
 
 /// A call under way: targets read a few at a time, and what has been fitted so far.
 pub(crate) struct Run<'a, T, E> {
     pub(crate) job: Job<'a>,
     pub(crate) monitor: &'a dyn Monitor,
     pub(crate) count: usize,
-    /// What `done` made of each fit, in the order of the targets.
-    pub(crate) results: Vec<T>,
+    /// The number of each target that is finished, and what `done` made of it.
+    pub(crate) results: Vec<(usize, T)>,
     pub(crate) batches: Vec<BatchReport>,
     pub(crate) seconds: Seconds,
     /// Targets that are read at a time: as many as the memory plan of the method counts, one before there is a plan.
@@ -57,8 +57,17 @@ pub(crate) struct Solved {
     pub(crate) denoised: Vec<Vec<Denoised>>,
     /// Of each target, where they were measured.
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
+    /// Warnings of all targets.
     pub(crate) warnings: Vec<FitWarning>,
+    /// Of each target, where they were solved one after another; empty where in step.
+    pub(crate) apart: Vec<Apart>,
     pub(crate) report: BatchReport,
+}
+
+/// What was found for one target of a batch.
+pub(crate) struct Apart {
+    pub(crate) optimality: f64,
+    pub(crate) warnings: Vec<FitWarning>,
 }
 
 impl Batch {
@@ -133,7 +142,7 @@ fn values(target: &Target) -> ArrayView2<'_, f64> {
 }
 
 impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
-    /// Reads the first target.
+    /// Reads the first target that can be read.
     pub(crate) fn new(
         job: Job<'a>,
         count: usize,
@@ -176,30 +185,61 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
             let mark = Instant::now();
             let batch = self.next_batch(columns)?;
             self.seconds.read += mark.elapsed().as_secs_f64();
-            let mark = Instant::now();
-            let solved = solve(&self.job, &batch)?;
-            self.seconds.solve += mark.elapsed().as_secs_f64();
-            let mark = Instant::now();
-            self.results.extend(self.hand_over(&batch, &solved)?);
-            self.seconds.write += mark.elapsed().as_secs_f64();
-            self.batches.push(solved.report);
+            self.solve(batch, &mut solve)?;
         }
         Ok(())
     }
 
-    /// Reads the next few targets.
+    /// Fits a batch and hands over its fits. Where the tolerance isn't met, each target is fitted alone, so that those that
+    /// meet it are known.
+    fn solve(
+        &mut self,
+        batch: Batch,
+        solve: &mut impl FnMut(&Job<'a>, &Batch) -> Result<Solved, Error>,
+    ) -> Result<(), E> {
+        let mark = Instant::now();
+        let solved = solve(&self.job, &batch);
+        self.seconds.solve += mark.elapsed().as_secs_f64();
+        let mark = Instant::now();
+        match (solved, &batch.numbers[..]) {
+            (Ok(solved), _) => {
+                self.results.extend(self.hand_over(&batch, &solved)?);
+                self.batches.push(solved.report);
+            }
+            (Err(error @ Error::NotConverged(_)), &[number]) => {
+                self.results.push((number, (self.done)(number, Err(error.into()))?));
+            }
+            (Err(Error::NotConverged(_)), _) => {
+                for taken in batch.numbers.into_iter().zip(batch.targets) {
+                    self.solve(Batch::new(vec![taken]), solve)?;
+                }
+                return Ok(());
+            }
+            (Err(error), _) => return Err(error.into()),
+        }
+        self.seconds.write += mark.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Reads the next few targets, more where none of them can be read.
     fn fill(&mut self) -> Result<(), E> {
-        let end = self.count.min(self.next + self.readers);
-        let read = self.read;
-        let sphere = self.job.sphere;
-        let one = |number: usize| -> Result<(usize, Target), E> {
-            let target = read(number)?;
-            check(&target, sphere)?;
-            Ok((number, target))
+        let (read, sphere) = (self.read, self.job.sphere);
+        let one = |number: usize| -> (usize, Result<Target, E>) {
+            let checked = |target: Target| check(&target, sphere).map(|()| target).map_err(E::from);
+            (number, read(number).and_then(checked))
         };
-        let targets: Vec<(usize, Target)> = (self.next..end).into_par_iter().map(one).collect::<Result<_, E>>()?;
-        self.next = end;
-        self.ready.extend(targets);
+        while self.ready.is_empty() && self.next < self.count {
+            self.monitor.check().map_err(Error::from)?;
+            let end = self.count.min(self.next + self.readers);
+            let found: Vec<(usize, Result<Target, E>)> = (self.next..end).into_par_iter().map(one).collect();
+            self.next = end;
+            for (number, target) in found {
+                match target {
+                    Ok(target) => self.ready.push_back((number, target)),
+                    Err(error) => self.results.push((number, (self.done)(number, Err(error))?)),
+                }
+            }
+        }
         Ok(())
     }
 
@@ -219,9 +259,12 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(Batch::new(taken))
     }
 
-    fn hand_over(&self, batch: &Batch, solved: &Solved) -> Result<Vec<T>, E> {
+    fn hand_over(&self, batch: &Batch, solved: &Solved) -> Result<Vec<(usize, T)>, E> {
         let (job, done) = (&self.job, self.done);
-        let one = |index: usize| -> Result<T, E> { done(batch.numbers[index], fit_of(job, batch, solved, index)?) };
+        let one = |index: usize| -> Result<(usize, T), E> {
+            let number = batch.numbers[index];
+            Ok((number, done(number, fit_of(job, batch, solved, index).map_err(E::from))?))
+        };
         (0..batch.targets.len()).into_par_iter().map(one).collect()
     }
 }
@@ -239,6 +282,8 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         .collect();
     let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
     let mut warnings = solved.warnings.clone();
+    let apart = solved.apart.get(index);
+    warnings.extend(apart.iter().flat_map(|of_target| of_target.warnings.iter().cloned()));
     let denoise = solved.denoised.get(index).cloned().unwrap_or_default();
     warnings.extend(
         denoise.iter().find_map(|of| FitWarning::of_denoised(of.left_out?, of.noise.sigma, job.params.max_degree)),
@@ -265,7 +310,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         held_out,
         denoise,
         smoothness: solved.report.smoothness(),
-        optimality: solved.report.optimality(),
+        optimality: apart.map(|of_target| of_target.optimality).or(solved.report.optimality()),
         warnings,
         settings: Settings {
             method: job.params.method,

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use ndarray::{Array2, ArrayView2, s};
+use ndarray::{Array2, ArrayView2, Axis, s};
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::lsq::denoise::{NOISE_COLUMNS, check_rows, residual_square, white_noise};
@@ -42,7 +42,11 @@ impl Denoiser {
             monitor.note(Level::Status, format_args!("noise, column {} of {NOISE_COLUMNS}", columns.start + 1));
             let noise = white_noise(vertices, columns, precision.as_deref());
             let (coefficients, residual) = fit(&noise)?;
-            power.add(coefficients.view(), residual_square(residual.view(), precision.as_deref()));
+            // One by one, so that the sums don't depend on how many are fitted together.
+            for (coefficients, residual) in coefficients.axis_iter(Axis(1)).zip(residual.axis_iter(Axis(1))) {
+                let [coefficients, residual] = [coefficients, residual].map(|column| column.insert_axis(Axis(1)));
+                power.add(coefficients, residual_square(residual, precision.as_deref()));
+            }
         }
         Ok(Self { power, precision })
     }

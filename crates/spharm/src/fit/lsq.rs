@@ -168,6 +168,7 @@ impl<'a> Equations<'a> {
             denoised,
             surface_distances: Vec::new(),
             warnings,
+            apart: Vec::new(),
             report: BatchReport::LeastSquares { report, gcv },
         })
     }

@@ -51,6 +51,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             denoised: Vec::new(),
             surface_distances: Vec::new(),
             warnings: Vec::new(),
+            apart: Vec::new(),
             report: BatchReport::Quadrature { max_degree, grid: quadrature.grid(), residuals },
         })
     })?;

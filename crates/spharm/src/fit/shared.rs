@@ -3,7 +3,7 @@
 use std::fmt;
 
 use spharm_monitor::{Level, Monitor, Stage};
-use spharm_solver::lsq::LsqReport;
+use spharm_solver::lsq::{LsqReport, LsqSeconds, Stop};
 use spharm_solver::{SolverError, Strategy};
 
 use crate::machine::{Exceeded, exceeded};
@@ -48,6 +48,35 @@ pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<b
         Some(missed) => Err(Error::NotConverged(missed.clone())),
         None => Ok(missed.is_none()),
     }
+}
+
+/// The report of targets that were solved one after another, from those of some and of another one.
+pub(crate) fn together(some: LsqReport, other: LsqReport) -> LsqReport {
+    let mut warnings = some.warnings;
+    for warning in &other.warnings {
+        if !warnings.contains(warning) {
+            warnings.push(warning.clone());
+        }
+    }
+    let seconds = LsqSeconds {
+        factor: some.seconds.factor + other.seconds.factor,
+        moments: some.seconds.moments + other.seconds.moments,
+        iterations: some.seconds.iterations + other.seconds.iterations,
+        total: some.seconds.total + other.seconds.total,
+    };
+    let stop = if some.stop == Stop::Converged { other.stop } else { some.stop };
+    let (mut report, mut residuals) = (other, some.residuals);
+    residuals.append(&mut report.residuals);
+    report.channels += some.channels;
+    report.iterations = report.iterations.max(some.iterations);
+    report.refinements = report.refinements.max(some.refinements);
+    report.optimality = report.optimality.max(some.optimality);
+    report.condition = report.condition.max(some.condition);
+    report.shift = report.shift.max(some.shift);
+    report.breaks_at = report.breaks_at.or(some.breaks_at);
+    report.norm = report.norm.max(some.norm);
+    (report.stop, report.warnings, report.seconds, report.residuals) = (stop, warnings, seconds, residuals);
+    report
 }
 
 pub(crate) fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {

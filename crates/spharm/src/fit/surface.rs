@@ -9,18 +9,19 @@ use std::ops::Range;
 use std::time::Instant;
 
 use ndarray::{Array2, ArrayView2, Axis, aview1, s};
+use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments};
+use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments, solve_moments_of_groups};
 use spharm_solver::{LsqParams, ResidualNorms};
 use spharm_surface::Sphere;
 use spharm_surface::samples::{SphereSamples, SphereSampling};
 use spharm_transform::{Accumulator, MomentGram, SampleSums, Transform};
 
-use super::batches::{Batch, Run, Solved};
+use super::batches::{Apart, Batch, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{Sizes, transform};
-use super::shared::{Within, converged, note_solution, strategy};
+use super::shared::{Within, converged, note_solution, strategy, together};
 use super::surface_plan::{RUN, SurfacePlan};
 use crate::assess::ModelSurface;
 use crate::report::{BatchReport, Denoised};
@@ -120,15 +121,26 @@ impl<'a> Fitter<'a> {
         let started = Instant::now();
         let targets: Vec<(Range<usize>, ArrayView2<'_, f64>)> = batch.targets().collect();
         let problem = self.problem(&targets, &within)?;
-        let fit = solve_moments(&problem, &self.solver, false, &within)?;
-        let (mut coefficients, mut report, mut denoised) =
-            (fit.coefficients.values().to_owned(), fit.report, Vec::new());
-        if let Some(denoiser) = denoiser {
-            denoised = self.denoise(denoiser, batch, &problem, &mut coefficients, &mut report, &within)?;
+        // Each to its own optimality, so that a surface's model doesn't depend on what else is in its batch.
+        let fits = solve_moments_of_groups(&problem, &batch.groups, &self.solver, &within)?;
+        let mut coefficients = Array2::zeros((basis_size(self.params.max_degree), batch.columns()));
+        let mut reports = Vec::new();
+        for (fit, group) in fits.into_iter().zip(&batch.groups) {
+            set_columns(&mut coefficients, group, fit.coefficients.values().view());
+            reports.push(fit.report);
         }
+        let mut denoised = Vec::new();
+        if let Some(denoiser) = denoiser {
+            denoised = self.denoise(denoiser, batch, &problem, &mut coefficients, &mut reports, &within)?;
+        }
+        let warnings_of = |report: &LsqReport| FitWarning::of_lsq(report, self.params.tolerance, false);
+        let apart: Vec<Apart> = reports
+            .iter()
+            .map(|report| Apart { optimality: report.optimality, warnings: warnings_of(report) })
+            .collect();
+        apart.iter().try_for_each(|of_target| converged(self.params, &of_target.warnings).map(drop))?;
+        let mut report = reports.into_iter().reduce(together).expect("a batch has a target");
         report.seconds.total = started.elapsed().as_secs_f64();
-        let warnings = FitWarning::of_lsq(&report, self.params.tolerance, false);
-        converged(self.params, &warnings)?;
         note_solution(&report, monitor);
         let at_vertices = |(group, target): (Range<usize>, ArrayView2<'_, f64>)| -> Result<ResidualNorms, Error> {
             Ok(ResidualNorms::of(self.residual(target, coefficients.slice(s![.., group]))?.view()))
@@ -144,7 +156,8 @@ impl<'a> Fitter<'a> {
             standard_errors: None,
             denoised,
             surface_distances,
-            warnings,
+            warnings: Vec::new(),
+            apart,
             report: BatchReport::LeastSquares { report, gcv: None },
         })
     }
@@ -157,7 +170,12 @@ impl<'a> Fitter<'a> {
     /// Fits noise of the vertices, (n, c), as targets are: linear on each triangle.
     fn fit_noise(&self, noise: &Array2<f64>, monitor: &dyn Monitor) -> Result<(Array2<f64>, Array2<f64>), Error> {
         let problem = self.problem(&[(0..noise.ncols(), noise.view())], monitor)?;
-        let coefficients = solve_moments(&problem, &self.solver, false, monitor)?.coefficients.values().to_owned();
+        let columns: Vec<Range<usize>> = (0..noise.ncols()).map(|column| column..column + 1).collect();
+        let fits = solve_moments_of_groups(&problem, &columns, &self.solver, monitor)?;
+        let mut coefficients = Array2::zeros((basis_size(self.params.max_degree), noise.ncols()));
+        for (fit, column) in fits.iter().zip(&columns) {
+            set_columns(&mut coefficients, column, fit.coefficients.values().view());
+        }
         let residual = self.residual(noise.view(), coefficients.view())?;
         Ok((coefficients, residual))
     }
@@ -169,11 +187,11 @@ impl<'a> Fitter<'a> {
         batch: &Batch,
         problem: &MomentProblem,
         coefficients: &mut Array2<f64>,
-        report: &mut LsqReport,
+        reports: &mut [LsqReport],
         monitor: &dyn Monitor,
     ) -> Result<Vec<Vec<Denoised>>, Error> {
         let mut denoised = Vec::new();
-        for ((group, target), parts) in batch.targets().zip(batch.parts()) {
+        for (((group, target), parts), report) in batch.targets().zip(batch.parts()).zip(reports) {
             let residual = self.residual(target, coefficients.slice(s![.., group.clone()]))?;
             let mut of_target = Vec::new();
             for part in parts {

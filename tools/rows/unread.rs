@@ -5,11 +5,11 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
+use rayon::prelude::*;
+use spharm::cohort::Row;
 use spharm::{Directions, FitParams, Method, Sphere, Target, Weights};
 use spharm_surface::Signal;
 use spharm_surface::io::{is_named_signal, read_signal, read_signal_with_gaps};
-
-use super::items::Item;
 
 /// Weights with those of the vertices at zero that a mask has at 0.
 pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights> {
@@ -31,9 +31,10 @@ pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<
     Ok(Weights::Values { name, values })
 }
 
-/// Items that leave out the same vertices.
-pub(super) struct Group<'a> {
-    pub(super) items: Vec<&'a Item>,
+/// Rows that leave out the same vertices.
+pub(super) struct Part {
+    /// Numbers of the rows.
+    pub(super) rows: Vec<usize>,
     /// The vertices that are read; none where all are.
     pub(super) kept: Option<Kept>,
 }
@@ -47,50 +48,63 @@ pub(super) struct Kept {
     pub(super) params: FitParams,
 }
 
-/// Sorts items by the vertices that they leave out. Signals are looked at for values that are missing where the method allows
-/// for that.
-pub(super) fn groups<'a>(items: &'a [Item], sphere: &Sphere, params: &FitParams, mask: bool) -> Result<Vec<Group<'a>>> {
-    let mut groups: Vec<(Vec<bool>, Vec<&Item>)> = Vec::new();
+/// Sorts the rows with these numbers by the vertices that they leave out. Signals are looked at for values that are missing
+/// where the method allows for that.
+pub(super) fn parts(
+    rows: &[Row],
+    numbers: &[usize],
+    sphere: &Sphere,
+    params: &FitParams,
+    masked: bool,
+) -> Result<Vec<Part>> {
     let able = params.method == Method::Lsq && params.store.is_none();
-    for item in items {
-        let gaps = if able { gaps(&item.input, sphere.directions.len())? } else { Vec::new() };
+    if !able || !masked && numbers.iter().all(|&number| !is_named_signal(&rows[number].surface)) {
+        return Ok(vec![Part { rows: numbers.to_vec(), kept: None }]);
+    }
+    let unread = |&number: &usize| {
+        let gaps = gaps(&rows[number].surface, sphere.directions.len());
         let unread = match &params.weights {
-            _ if gaps.is_empty() && !(mask && able) => Vec::new(),
+            _ if gaps.is_empty() && !masked => gaps,
             Weights::Values { values, .. } => {
                 let gap = |vertex: usize| gaps.get(vertex).copied().unwrap_or(false);
                 values.iter().enumerate().map(|(vertex, &weight)| weight == 0.0 || gap(vertex)).collect()
             }
             _ => gaps,
         };
-        match groups.iter_mut().find(|(other, _)| *other == unread) {
-            Some((_, items)) => items.push(item),
-            None => groups.push((unread, vec![item])),
+        (number, unread)
+    };
+    let mut parts: Vec<(Vec<bool>, Vec<usize>)> = Vec::new();
+    for (number, unread) in numbers.par_iter().map(unread).collect::<Vec<_>>() {
+        match parts.iter_mut().find(|(other, _)| *other == unread) {
+            Some((_, rows)) => rows.push(number),
+            None => parts.push((unread, vec![number])),
         }
     }
-    let group = |(unread, items): (Vec<bool>, Vec<&'a Item>)| {
-        let kept = if unread.contains(&true) { Some(Kept::new(&unread, sphere, params, items[0])?) } else { None };
-        Ok(Group { items, kept })
+    let part = |(unread, numbers): (Vec<bool>, Vec<usize>)| {
+        let first = &rows[numbers[0]].surface;
+        let kept = unread.contains(&true).then(|| Kept::new(&unread, sphere, params, first)).transpose()?;
+        Ok(Part { rows: numbers, kept })
     };
-    groups.into_iter().map(group).collect()
+    parts.into_iter().map(part).collect()
 }
 
 /// Whether each vertex has no value; empty where all have one.
-fn gaps(path: &Path, vertices: usize) -> Result<Vec<bool>> {
+fn gaps(path: &Path, vertices: usize) -> Vec<bool> {
     if !is_named_signal(path) {
-        return Ok(Vec::new());
+        return Vec::new();
     }
     // A surface in a file that may hold either, or a file that can't be read, is told of when its turn comes.
-    let Ok(signal) = read_signal_with_gaps(path) else { return Ok(Vec::new()) };
+    let Ok(signal) = read_signal_with_gaps(path) else { return Vec::new() };
     let none = |row: &[f64]| row.iter().any(|x| x.is_nan());
     let gaps: Vec<bool> = signal.values.chunks_exact(signal.channels.max(1)).map(none).collect();
-    Ok(if gaps.len() == vertices && gaps.contains(&true) { gaps } else { Vec::new() })
+    if gaps.len() == vertices && gaps.contains(&true) { gaps } else { Vec::new() }
 }
 
 impl Kept {
-    fn new(unread: &[bool], sphere: &Sphere, params: &FitParams, first: &Item) -> Result<Self> {
+    fn new(unread: &[bool], sphere: &Sphere, params: &FitParams, first: &Path) -> Result<Self> {
         let rows: Vec<usize> = (0..unread.len()).filter(|&vertex| !unread[vertex]).collect();
         if rows.is_empty() {
-            bail!("{}: no vertex is left to read", first.input.display());
+            bail!("{}: no vertex is left to read", first.display());
         }
         let vectors = rows.iter().map(|&vertex| sphere.directions.as_slice()[vertex]).collect();
         let weights = match &params.weights {

@@ -1,0 +1,321 @@
+//! What is to be done: a table with a row for each surface.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::path::{Component, Path, PathBuf};
+
+use csv::StringRecord;
+
+use crate::error::CohortError;
+use crate::table::{Table, decode, read_text};
+
+const ID: &str = "id";
+const SURFACE: &str = "surface";
+const SPHERE: &str = "sphere";
+const WEIGHTS: &str = "weights";
+const OUTPUT: &str = "output";
+const LABEL: &str = "label";
+/// The columns that mean something here.
+const OWN: [&str; 6] = [ID, SURFACE, SPHERE, WEIGHTS, OUTPUT, LABEL];
+/// Most bytes of an id: with its ending it is the name of a file, and these have at most 255.
+const LONGEST_ID: usize = 200;
+
+/// A surface to fit.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Row {
+    /// What it is called in models and reports.
+    pub id: String,
+    /// The surface's file, or a volume's.
+    pub surface: PathBuf,
+    /// The sphere that it is fitted over; none where it is mapped to one of its own.
+    pub sphere: Option<PathBuf>,
+    /// The weights of its vertices, where they are its own: `uniform`, `area`, or a file.
+    pub weights: Option<PathBuf>,
+    /// The model's file, relative to the folder of all models; none where the id names it.
+    pub output: Option<PathBuf>,
+    /// Of a volume, the label.
+    pub label: Option<i64>,
+    /// Cells of the other columns, such as a group or an age; see [`Manifest::columns`].
+    pub extra: Vec<String>,
+    /// The row's line in its table, from 1; 0 of a row that is of none.
+    pub line: usize,
+}
+
+impl Row {
+    /// Returns the model's file: `output`, or `ID.spharm.npz`, in the folder of all models.
+    #[must_use]
+    pub fn model(&self, folder: &Path) -> PathBuf {
+        match &self.output {
+            Some(output) if ends_in_npz(output) => folder.join(output),
+            Some(output) => {
+                let mut name = folder.join(output).into_os_string();
+                name.push(".spharm.npz");
+                name.into()
+            }
+            None => folder.join(format!("{}.spharm.npz", self.id)),
+        }
+    }
+}
+
+fn ends_in_npz(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
+}
+
+/// A table of surfaces to fit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Manifest {
+    /// The file.
+    pub path: PathBuf,
+    /// Names of the columns that mean nothing here, in the order of [`Row::extra`].
+    pub columns: Vec<String>,
+    /// The rows, at least one, in the order of the table.
+    pub rows: Vec<Row>,
+}
+
+/// Returns what an id has to be, where a text isn't one.
+///
+/// # Errors
+///
+/// What is expected: some text without control characters and path separators, short enough for the name of a file.
+pub fn check_id(text: &str) -> Result<(), &'static str> {
+    match text {
+        "" => Err("an id"),
+        "." | ".." => Err("an id that can name a file"),
+        _ if text.contains(['/', '\\']) => Err("an id without path separators"),
+        _ if text.chars().any(char::is_control) => Err("an id without control characters"),
+        _ if text.len() > LONGEST_ID => Err("an id of at most 200 bytes"),
+        _ => Ok(()),
+    }
+}
+
+impl Manifest {
+    /// Reads a manifest: UTF-8, with tabs, or with commas where the name ends in `.csv`; with a header, of which `id` and
+    /// `surface` are needed, and `sphere`, `weights`, `output` and `label` may be there or left empty. Paths of inputs are
+    /// relative to the manifest's folder. A byte-order mark, any line ends, blank lines and lines that begin with `#` are
+    /// fine, and so are other columns.
+    ///
+    /// # Errors
+    ///
+    /// [`CohortError`] with the line: what can't be read or isn't UTF-8, missing columns, rows of other lengths, ids that are
+    /// empty, there twice or can't name a file, outputs that are there twice.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, CohortError> {
+        let path = path.as_ref();
+        Self::of_text(path, &read_text(path)?)
+    }
+
+    /// Takes a manifest from its bytes; `path` says where it would be. See [`read`](Self::read).
+    ///
+    /// # Errors
+    ///
+    /// Those of [`read`](Self::read).
+    pub fn parse(path: impl AsRef<Path>, bytes: &[u8]) -> Result<Self, CohortError> {
+        let path = path.as_ref();
+        Self::of_text(path, &decode(path, bytes.to_vec())?)
+    }
+
+    /// Returns the folder that paths are relative to; empty for the current one.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        folder_of(&self.path)
+    }
+
+    fn of_text(path: &Path, text: &str) -> Result<Self, CohortError> {
+        let table = Table::new(path, text);
+        let (header, line) = table.header()?;
+        let columns = Columns::new(path, line, header)?;
+        let (mut rows, mut is_header) = (Vec::new(), true);
+        table.records(|line, record| {
+            if !std::mem::take(&mut is_header) {
+                rows.push(columns.row(path, line, record)?);
+            }
+            Ok(true)
+        })?;
+        if rows.is_empty() {
+            return Err(CohortError::NoRows { path: path.to_owned() });
+        }
+        check_once(path, &rows)?;
+        Ok(Self { path: path.to_owned(), columns: columns.extra.into_iter().map(|(name, _)| name).collect(), rows })
+    }
+
+    /// Returns the text of a manifest with the rows that `keep` wants, comments left out, for a file at `to`. Where that is in
+    /// another folder, inputs' paths are made absolute.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`read`](Self::read); [`CohortError::Io`] where the current folder isn't known.
+    pub fn rest(&self, to: &Path, keep: impl Fn(&Row) -> bool) -> Result<Vec<u8>, CohortError> {
+        let io = |source| CohortError::Io { path: to.to_owned(), action: "write", source };
+        let elsewhere = absolute(folder_of(to)).map_err(io)? != absolute(self.folder()).map_err(io)?;
+        let text = read_text(&self.path)?;
+        let table = Table::new(&self.path, &text);
+        let (mut writer, mut number) = (Table::new(to, "").writer(), None);
+        let mut moved: Vec<bool> = Vec::new();
+        table.records(|_, record| {
+            let Some(row) = number else {
+                moved = record.iter().map(|name| [SURFACE, SPHERE, WEIGHTS].contains(&name)).collect();
+                number = Some(0);
+                writer.write_record(record).map_err(|error| io(std::io::Error::other(error)))?;
+                return Ok(true);
+            };
+            number = Some(row + 1);
+            if self.rows.get(row).is_some_and(&keep) {
+                let cells = record.iter().zip(&moved).map(|(cell, &moved)| {
+                    let is_path = moved && elsewhere && !cell.is_empty() && !["uniform", "area"].contains(&cell);
+                    let place = || absolute(&self.folder().join(cell)).map(|path| path.to_string_lossy().into_owned());
+                    if is_path { place().map_err(io) } else { Ok(cell.to_owned()) }
+                });
+                let cells = cells.collect::<Result<Vec<String>, _>>()?;
+                writer.write_record(cells).map_err(|error| io(std::io::Error::other(error)))?;
+            }
+            Ok(true)
+        })?;
+        writer.into_inner().map_err(|error| io(std::io::Error::other(error.to_string())))
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
+/// An absolute path without `.` and `..`, links as they are.
+fn absolute(path: &Path) -> std::io::Result<PathBuf> {
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    Ok(tidy(&std::path::absolute(path)?))
+}
+
+/// A path without `.` and, as far as it goes, without `..`.
+fn tidy(path: &Path) -> PathBuf {
+    let mut tidy = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::CurDir => {}
+            Component::ParentDir if matches!(tidy.components().next_back(), Some(Component::Normal(_))) => {
+                tidy.pop();
+            }
+            component => tidy.push(component),
+        }
+    }
+    tidy
+}
+
+/// Where the columns are.
+struct Columns {
+    cells: usize,
+    /// Of [`OWN`].
+    own: [Option<usize>; 6],
+    extra: Vec<(String, usize)>,
+}
+
+impl Columns {
+    fn new(path: &Path, line: usize, header: Vec<String>) -> Result<Self, CohortError> {
+        if let Some((_, name)) = header.iter().enumerate().find(|(at, name)| header[..*at].contains(name)) {
+            return Err(CohortError::ColumnTwice { path: path.to_owned(), line, column: name.clone() });
+        }
+        let own = OWN.map(|name| header.iter().position(|found| found == name));
+        for (column, found) in [(ID, own[0]), (SURFACE, own[1])] {
+            if found.is_none() {
+                let hint = match &header[..] {
+                    [one] if one.contains('\t') => "; a table with tabs has a name that ends in .tsv",
+                    [one] if one.contains(',') => "; a table with commas has a name that ends in .csv",
+                    [one] if one.contains(';') => "; separate the cells by tabs, or by commas in a .csv",
+                    _ => "",
+                };
+                return Err(CohortError::NoColumn { path: path.to_owned(), line, column, found: header, hint });
+            }
+        }
+        let cells = header.len();
+        let extra = header.into_iter().enumerate().filter(|(_, name)| !OWN.contains(&name.as_str()));
+        Ok(Self { cells, own, extra: extra.map(|(at, name)| (name, at)).collect() })
+    }
+
+    fn row(&self, path: &Path, line: usize, record: &StringRecord) -> Result<Row, CohortError> {
+        if record.len() != self.cells {
+            let (expected, found) = (self.cells, record.len());
+            return Err(CohortError::Cells { path: path.to_owned(), line, expected, found });
+        }
+        let refuse = |column, expected, found: &str| CohortError::Cell {
+            path: path.to_owned(),
+            line,
+            column,
+            expected,
+            found: shown(found),
+        };
+        let cell = |column: usize| self.own[column].and_then(|at| record.get(at)).unwrap_or_default();
+        for (column, name) in OWN.iter().enumerate().skip(1) {
+            if cell(column).chars().any(char::is_control) {
+                return Err(refuse(name, "text without control characters", cell(column)));
+            }
+        }
+        let (id, surface) = (cell(0), cell(1));
+        check_id(id).map_err(|expected| refuse(ID, expected, id))?;
+        if surface.is_empty() {
+            return Err(refuse(SURFACE, "a file", surface));
+        }
+        let folder = folder_of(path);
+        let input = |column| Some(cell(column)).filter(|cell| !cell.is_empty()).map(|cell| folder.join(cell));
+        let weights = match cell(3) {
+            word @ ("uniform" | "area") => Some(word.into()),
+            _ => input(3),
+        };
+        let label = Some(cell(5)).filter(|cell| !cell.is_empty()).map(str::parse).transpose();
+        let output = cell(4);
+        if output.ends_with(['/', '\\']) || Path::new(output).file_name().is_none() && !output.is_empty() {
+            return Err(refuse(OUTPUT, "a file", output));
+        }
+        Ok(Row {
+            id: id.to_owned(),
+            surface: folder.join(surface),
+            sphere: input(2),
+            weights,
+            output: Some(output).filter(|output| !output.is_empty()).map(PathBuf::from),
+            label: label.map_err(|_| refuse(LABEL, "a whole number", cell(5)))?,
+            extra: self.extra.iter().map(|&(_, at)| record[at].to_owned()).collect(),
+            line,
+        })
+    }
+}
+
+/// A cell as messages show it.
+fn shown(cell: &str) -> String {
+    match cell.chars().count() {
+        0 => "nothing".to_owned(),
+        count if count > 60 => {
+            format!("{:?} and {} characters more", cell.chars().take(60).collect::<String>(), count - 60)
+        }
+        _ => format!("{cell:?}"),
+    }
+}
+
+/// Refuses ids and outputs that are there twice.
+fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
+    let twice = |row: &Row, what, value: &str, first| CohortError::Twice {
+        path: path.to_owned(),
+        line: row.line,
+        what,
+        value: value.to_owned(),
+        first,
+    };
+    let mut ids = HashMap::with_capacity(rows.len());
+    for row in rows {
+        if let Some(first) = ids.insert(row.id.as_str(), row.line) {
+            return Err(twice(row, ID, &row.id, first));
+        }
+    }
+    // Without outputs of their own, models are named by the ids.
+    if rows.iter().all(|row| row.output.is_none()) {
+        return Ok(());
+    }
+    let mut outputs = HashMap::with_capacity(rows.len());
+    for row in rows {
+        // What is beside a model has its name without these endings.
+        let model = tidy(&row.model(Path::new(""))).with_extension("");
+        let plain = if model.extension().is_some_and(|e| e == "spharm") { model.with_extension("") } else { model };
+        match outputs.entry(plain) {
+            Entry::Occupied(first) => {
+                return Err(twice(row, OUTPUT, &row.model(Path::new("")).to_string_lossy(), *first.get()));
+            }
+            Entry::Vacant(new) => drop(new.insert(row.line)),
+        }
+    }
+    Ok(())
+}

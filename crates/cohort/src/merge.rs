@@ -1,0 +1,111 @@
+//! What all processes have done.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use crate::error::CohortError;
+use crate::status::{Entry, HEADER, State};
+use crate::table::{Table, read_text};
+
+/// The last word of several status files on each row.
+///
+/// Within a file a later line of a row replaces an earlier one, but that a model was there doesn't replace that it was made.
+/// Of several files that have a row, which is rare, one counts in which its model is there, else the last one given.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Merged {
+    /// In the order in which they were first named.
+    entries: Vec<Entry>,
+    places: HashMap<String, usize>,
+    /// Lines that aren't those of a status file, such as one that was being written when a disk was full.
+    pub damaged: usize,
+}
+
+impl Merged {
+    /// Reads status files.
+    ///
+    /// # Errors
+    ///
+    /// [`CohortError::NotStatus`] for a file that is something else, and those of reading it.
+    pub fn read(paths: &[PathBuf]) -> Result<Self, CohortError> {
+        let mut merged = Self::default();
+        for path in paths {
+            let (entries, damaged) = read_one(path)?;
+            merged.damaged += damaged;
+            entries.into_iter().for_each(|entry| merged.add(entry));
+        }
+        Ok(merged)
+    }
+
+    fn add(&mut self, entry: Entry) {
+        match self.places.get(&entry.id) {
+            Some(&place) => {
+                let known = &mut self.entries[place];
+                if entry.state.is_there() || !known.state.is_there() {
+                    replace(known, entry);
+                }
+            }
+            None => {
+                self.places.insert(entry.id.clone(), self.entries.len());
+                self.entries.push(entry);
+            }
+        }
+    }
+
+    /// Returns the entries.
+    #[must_use]
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// Returns the entry of a row; none where no file has it.
+    #[must_use]
+    pub fn entry(&self, id: &str) -> Option<&Entry> {
+        self.places.get(id).map(|&place| &self.entries[place])
+    }
+
+    /// Returns how many rows are in a state.
+    #[must_use]
+    pub fn count(&self, state: State) -> usize {
+        self.entries.iter().filter(|entry| entry.state == state).count()
+    }
+}
+
+/// A later line of the same row.
+fn replace(known: &mut Entry, entry: Entry) {
+    if !(known.state == State::Done && entry.state == State::Skipped) {
+        *known = entry;
+    }
+}
+
+fn read_one(path: &Path) -> Result<(Vec<Entry>, usize), CohortError> {
+    let text = read_text(path)?;
+    let first = text.lines().next().unwrap_or_default();
+    let expected = HEADER.join("\t");
+    // A process that was killed at once leaves nothing.
+    if !text.is_empty() && first != expected && !expected.starts_with(text.as_str()) {
+        let found = first.chars().take(80).collect();
+        return Err(CohortError::NotStatus { path: path.to_owned(), expected, found });
+    }
+    // The last line may be being written.
+    let whole = &text[..text.rfind('\n').map_or(0, |at| at + 1)];
+    let (mut entries, mut places, mut damaged): (Vec<Entry>, HashMap<String, usize>, usize) = Default::default();
+    let mut is_header = true;
+    let name = Path::new("status.tsv");
+    Table::new(name, whole).records(|_, record| {
+        if std::mem::take(&mut is_header) {
+            return Ok(true);
+        }
+        match Entry::of_cells(record.iter()) {
+            Some(entry) => match places.get(&entry.id) {
+                Some(&place) => replace(&mut entries[place], entry),
+                None => {
+                    places.insert(entry.id.clone(), entries.len());
+                    entries.push(entry);
+                }
+            },
+            None => damaged += 1,
+        }
+        Ok(true)
+    })?;
+    Ok((entries, damaged))
+}

@@ -1,0 +1,210 @@
+//! What one process has done, a line at a time.
+
+use std::fmt;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use crate::error::CohortError;
+use crate::table::writer;
+
+/// The columns, in their order.
+pub(crate) const HEADER: [&str; 7] = ["id", "state", "msd", "xsd", "seconds", "error", "output"];
+
+/// What became of a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum State {
+    /// Its model was made.
+    Done,
+    /// Its model was there.
+    Skipped,
+    /// It can't be fitted, and the error says why.
+    Failed,
+    /// The process was stopped while it was worked on.
+    Interrupted,
+}
+
+impl State {
+    /// All states.
+    pub const ALL: [Self; 4] = [Self::Done, Self::Skipped, Self::Failed, Self::Interrupted];
+
+    /// Returns the state's name, as it is in the table.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Skipped => "skipped",
+            Self::Failed => "failed",
+            Self::Interrupted => "interrupted",
+        }
+    }
+
+    /// Returns whether the row's model is there.
+    #[must_use]
+    pub fn is_there(self) -> bool {
+        matches!(self, Self::Done | Self::Skipped)
+    }
+}
+
+impl FromStr for State {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        Self::ALL.into_iter().find(|state| state.name() == text).ok_or(())
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A line of a status file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// The row's id.
+    pub id: String,
+    /// What became of it.
+    pub state: State,
+    /// Mean squared distance at the vertices, bounding box scaled to volume 1.
+    pub msd: Option<f64>,
+    /// Maximal squared distance at the vertices, scaled likewise.
+    pub xsd: Option<f64>,
+    /// Seconds from reading the surface to having written its model; rows that are fitted together share them.
+    pub seconds: Option<f64>,
+    /// Why it failed; empty otherwise.
+    pub error: String,
+    /// The model's file; empty where it isn't known.
+    pub output: String,
+}
+
+impl Entry {
+    /// An entry without numbers, error and output.
+    #[must_use]
+    pub fn new(id: &str, state: State) -> Self {
+        let (msd, xsd, seconds, error, output) = (None, None, None, String::new(), String::new());
+        Self { id: id.to_owned(), state, msd, xsd, seconds, error, output }
+    }
+
+    /// Takes an entry from its cells; `None` where they aren't one.
+    pub(crate) fn of_cells<'a>(cells: impl Iterator<Item = &'a str>) -> Option<Self> {
+        let cells: Vec<&str> = cells.collect();
+        let [id, state, msd, xsd, seconds, error, output] = cells[..] else { return None };
+        let number = |cell: &str| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) };
+        Some(Self {
+            id: Some(id).filter(|id| !id.is_empty())?.to_owned(),
+            state: state.parse().ok()?,
+            msd: number(msd)?,
+            xsd: number(xsd)?,
+            seconds: number(seconds)?,
+            error: error.to_owned(),
+            output: output.to_owned(),
+        })
+    }
+
+    /// The line, with its end: always one line.
+    fn line(&self) -> io::Result<Vec<u8>> {
+        // In the shortest form that is read back as it was.
+        let number =
+            |value: Option<f64>| value.filter(|value| value.is_finite()).map_or(String::new(), |v| format!("{v:e}"));
+        let seconds = self.seconds.map_or(String::new(), |seconds| format!("{seconds:.3}"));
+        let plain = |text: &str| text.replace(char::is_control, " ");
+        let state = self.state.name().to_owned();
+        let (id, error, output) = (plain(&self.id), plain(&self.error), plain(&self.output));
+        line([id, state, number(self.msd), number(self.xsd), seconds, error, output])
+    }
+}
+
+fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>> {
+    let mut writer = writer(b'\t');
+    writer.write_record(cells).map_err(io::Error::other)?;
+    writer.into_inner().map_err(|error| io::Error::other(error.to_string()))
+}
+
+/// A status file that this process writes to. Of several lines of a row the last counts, so that it goes on where an earlier
+/// call ended.
+#[derive(Debug)]
+pub struct StatusFile {
+    path: PathBuf,
+    file: File,
+    /// Bytes up to the end of the last whole line.
+    end: u64,
+}
+
+impl StatusFile {
+    /// Opens a status file to append to, or makes it, with its folder. Part of a line, as a full disk leaves it, is cut off.
+    ///
+    /// # Errors
+    ///
+    /// [`CohortError::NotStatus`] for a file that is something else, [`CohortError::Locked`] while another process has it, and
+    /// [`CohortError::Io`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, CohortError> {
+        let path = path.as_ref();
+        let io = |action| move |source| CohortError::Io { path: path.to_owned(), action, source };
+        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(io("make the folder of"))?;
+        }
+        let options = OpenOptions::new().read(true).append(true).create(true).clone();
+        let mut file = options.open(path).map_err(io("open"))?;
+        // Where the file system has no locks, there is nothing to find out.
+        if let Err(TryLockError::WouldBlock) = file.try_lock() {
+            return Err(CohortError::Locked { path: path.to_owned() });
+        }
+        let header = line(HEADER).map_err(io("write"))?;
+        let mut start = Vec::new();
+        (&mut file).take(header.len() as u64).read_to_end(&mut start).map_err(io("read"))?;
+        if !header.starts_with(&start) {
+            let shown = |bytes: &[u8]| String::from_utf8_lossy(bytes).lines().next().unwrap_or_default().to_owned();
+            let (expected, found) = (shown(&header), shown(&start));
+            return Err(CohortError::NotStatus { path: path.to_owned(), expected, found });
+        }
+        if start.len() < header.len() {
+            file.set_len(0).and_then(|()| file.write_all(&header)).map_err(io("write"))?;
+        }
+        let length = file.metadata().map_err(io("read"))?.len();
+        let end = whole_lines(&mut file, length).map_err(io("read"))?;
+        if end < length {
+            file.set_len(end).map_err(io("write"))?;
+        }
+        Ok(Self { path: path.to_owned(), file, end })
+    }
+
+    /// Appends a line, at once: after this it outlives the process.
+    ///
+    /// # Errors
+    ///
+    /// [`CohortError::Io`]. The file then ends after the last whole line, where the system allows.
+    pub fn append(&mut self, entry: &Entry) -> Result<(), CohortError> {
+        let result = entry.line().and_then(|line| self.file.write_all(&line).map(|()| line.len() as u64));
+        match result {
+            Ok(length) => {
+                self.end += length;
+                Ok(())
+            }
+            Err(source) => {
+                // The next one to open it cuts it off where this fails.
+                let _ = self.file.set_len(self.end);
+                Err(CohortError::Io { path: self.path.clone(), action: "write", source })
+            }
+        }
+    }
+}
+
+/// Returns the bytes up to the end of the last whole line.
+fn whole_lines(file: &mut File, length: u64) -> io::Result<u64> {
+    const STEP: u64 = 1 << 12;
+    let mut end = length;
+    while end > 0 {
+        let start = end.saturating_sub(STEP);
+        let mut bytes = Vec::new();
+        file.seek(SeekFrom::Start(start))?;
+        file.take(end - start).read_to_end(&mut bytes)?;
+        if let Some(at) = bytes.iter().rposition(|&byte| byte == b'\n') {
+            return Ok(start + at as u64 + 1);
+        }
+        end = start;
+    }
+    Ok(0)
+}

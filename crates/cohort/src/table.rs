@@ -1,0 +1,193 @@
+//! TSV and CSV with the numbers of lines, as people's programs write them.
+//!
+//! RFC 4180 with tabs, or with commas where the name ends in `.csv`: cells in quotation marks may have separators. A
+//! byte-order mark, any line ends, blank lines, and lines that begin with `#` are passed over.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use csv::StringRecord;
+
+use crate::error::CohortError;
+
+/// Most bytes of a table, far above any study's.
+const LARGEST: u64 = 1 << 30;
+
+/// The text of a table, and what separates its cells.
+pub(crate) struct Table<'a> {
+    path: &'a Path,
+    text: &'a str,
+    separator: u8,
+}
+
+/// Reads a file of a table, decoded, without its byte-order mark.
+pub(crate) fn read_text(path: &Path) -> Result<String, CohortError> {
+    let io = |source| CohortError::Io { path: path.to_owned(), action: "read", source };
+    let file = File::open(path).map_err(io)?;
+    let metadata = file.metadata().map_err(io)?;
+    if metadata.is_dir() {
+        return Err(io(std::io::Error::other("it is a folder")));
+    }
+    // A pipe has no length.
+    let mut bytes = Vec::new();
+    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > LARGEST {
+        return Err(CohortError::TooLarge { path: path.to_owned(), most: LARGEST, found: metadata.len() });
+    }
+    decode(path, bytes)
+}
+
+/// Returns the text of a table's bytes, without its byte-order mark.
+pub(crate) fn decode(path: &Path, mut bytes: Vec<u8>) -> Result<String, CohortError> {
+    if bytes.starts_with(b"\xef\xbb\xbf") {
+        bytes.drain(..3);
+    }
+    let refuse = |line, found: String| CohortError::Encoding { path: path.to_owned(), line, found };
+    if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+        return Err(refuse(1, "UTF-16".to_owned()));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        let bytes = error.as_bytes();
+        refuse(1 + newlines(&bytes[..at]), format!("byte 0x{:02x}", bytes[at]))
+    })
+}
+
+fn newlines(bytes: &[u8]) -> usize {
+    bytes.iter().filter(|&&byte| byte == b'\n').count()
+}
+
+impl<'a> Table<'a> {
+    /// A table of the separator that its file's name says.
+    pub(crate) fn new(path: &'a Path, text: &'a str) -> Self {
+        let commas = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
+        Self { path, text, separator: if commas { b',' } else { b'\t' } }
+    }
+
+    /// A writer of the same dialect.
+    pub(crate) fn writer(&self) -> csv::Writer<Vec<u8>> {
+        writer(self.separator)
+    }
+
+    /// Returns the header, and the number of its line.
+    pub(crate) fn header(&self) -> Result<(Vec<String>, usize), CohortError> {
+        let mut header = None;
+        self.records(|line, record| {
+            header.get_or_insert_with(|| (record.iter().map(str::to_owned).collect(), line));
+            Ok(false)
+        })?;
+        header.ok_or_else(|| CohortError::NoRows { path: self.path.to_owned() })
+    }
+
+    /// Calls `row` with the line and the cells of each record, the header first, until it returns false.
+    pub(crate) fn records(
+        &self,
+        mut row: impl FnMut(usize, &StringRecord) -> Result<bool, CohortError>,
+    ) -> Result<(), CohortError> {
+        let mut reader = csv::ReaderBuilder::new()
+            .delimiter(self.separator)
+            .trim(csv::Trim::All)
+            .comment(Some(b'#'))
+            .has_headers(false)
+            .flexible(true)
+            .from_reader(self.text.as_bytes());
+        let (mut lines, mut record) = (Lines::new(self.text), StringRecord::new());
+        loop {
+            let from = reader.position().byte() as usize;
+            match reader.read_record(&mut record) {
+                Ok(true) => {}
+                Ok(false) => return Ok(()),
+                Err(error) => {
+                    let source = std::io::Error::other(error.to_string());
+                    return Err(CohortError::Io { path: self.path.to_owned(), action: "read", source });
+                }
+            }
+            // White space alone.
+            if record.len() == 1 && record[0].is_empty() {
+                continue;
+            }
+            if !row(lines.of_record(from), &record)? {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// A writer of a table with this separator, whose cells are in quotation marks where they need them.
+pub(crate) fn writer(separator: u8) -> csv::Writer<Vec<u8>> {
+    csv::WriterBuilder::new().delimiter(separator).comment(Some(b'#')).flexible(true).from_writer(Vec::new())
+}
+
+/// Counts the lines before records, which come in their order.
+struct Lines<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    line: usize,
+}
+
+impl<'a> Lines<'a> {
+    fn new(text: &'a str) -> Self {
+        Self { bytes: text.as_bytes(), at: 0, line: 1 }
+    }
+
+    /// The line of the record that comes next after a position: blank lines and comments may come before it.
+    fn of_record(&mut self, from: usize) -> usize {
+        let from = from.min(self.bytes.len());
+        if from > self.at {
+            self.line += newlines(&self.bytes[self.at..from]);
+            self.at = from;
+        }
+        loop {
+            match self.bytes.get(self.at) {
+                Some(b'\n') => self.line += 1,
+                Some(b'\r') => {}
+                Some(b'#') => {
+                    let rest = &self.bytes[self.at..];
+                    let length = rest.iter().position(|byte| matches!(byte, b'\n' | b'\r')).unwrap_or(rest.len());
+                    self.at += length;
+                    continue;
+                }
+                _ => return self.line,
+            }
+            self.at += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(text: &str) -> Vec<(usize, Vec<String>)> {
+        let mut found = Vec::new();
+        let table = Table::new(Path::new("t.csv"), text);
+        table
+            .records(|line, record| {
+                found.push((line, record.iter().map(str::to_owned).collect()));
+                Ok(true)
+            })
+            .unwrap();
+        found
+    }
+
+    #[test]
+    fn lines_are_counted_through_comments_blank_lines_and_cells_with_breaks() {
+        for end in ["\n", "\r\n"] {
+            let text = ["# who", "", "id,surface", "# no", "a,b", "", "\"c\nd\",e", "  ", "f,\"g\"\"h\""].join(end);
+            let found = lines(&text);
+            let expected = [(3, ["id", "surface"]), (5, ["a", "b"]), (7, ["c\nd", "e"]), (10, ["f", "g\"h"])];
+            let expected = expected.map(|(line, cells)| (line, cells.map(str::to_owned).to_vec()));
+            assert_eq!(found, expected, "{end:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_utf8_is_named_with_its_line() {
+        let decode = |bytes: &[u8]| decode(Path::new("t.tsv"), bytes.to_vec());
+        assert_eq!(decode(b"\xef\xbb\xbfid").unwrap(), "id");
+        let error = decode(b"id\nM\xfcller\n").unwrap_err().to_string();
+        assert_eq!(error, "t.tsv: line 2: expected UTF-8 text, found byte 0xfc; save the table as UTF-8");
+        assert!(decode(b"\xff\xfei\0d\0").unwrap_err().to_string().contains("UTF-16"));
+    }
+}

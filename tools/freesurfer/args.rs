@@ -1,0 +1,112 @@
+//! The arguments of `freesurfer`.
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use spharm::Smoothness;
+use spharm_cli::size::Size;
+use spharm_cli::threads::Threads;
+use spharm_cli::{Common, help};
+
+use crate::rows::CohortArgs;
+
+/// Fit the surfaces of FreeSurfer's subjects, each on its own registered sphere
+///
+/// Each of a subject's surfaces is fitted over its sphere.reg, whose directions mean the same place in every subject, whatever
+/// the number of vertices: coefficients of different subjects correspond. Subjects that lack a file, or whose sphere isn't that
+/// of the surface, are named at the end, and don't stop the others.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm freesurfer $SUBJECTS_DIR --surface pial white --max-degree 80 -o models",
+        "spharm freesurfer $SUBJECTS_DIR --surface white --signal thickness curv --max-degree 40 -o models \\",
+        "    --evaluate-on icosphere:6 --status status.tsv --skip-existing",
+    ],
+    &[],
+))]
+pub(crate) struct Cli {
+    /// Folder of the subjects, SUBJECTS_DIR
+    #[arg(value_name = "SUBJECTS_DIR", help_heading = help::INPUT)]
+    pub(super) subjects_dir: PathBuf,
+    /// Subjects to take [default: all but fsaverage*]
+    #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
+    pub(super) subject: Vec<String>,
+    /// Surfaces: lh.NAME and rh.NAME in each subject's surf/
+    #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT, required_unless_present = "signal")]
+    pub(super) surface: Vec<String>,
+    /// Values on the vertices, such as thickness, curv, sulc: a model each
+    #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
+    pub(super) signal: Vec<String>,
+    /// Hemispheres
+    #[arg(long, value_enum, num_args = 1.., default_values = ["lh", "rh"], hide_possible_values = true, value_name = "lh|rh", help_heading = help::INPUT)]
+    pub(super) hemi: Vec<Hemi>,
+    /// Sphere of each: lh.NAME and rh.NAME
+    #[arg(long, value_name = "NAME", default_value = "sphere.reg", help_heading = help::INPUT)]
+    pub(super) sphere: String,
+    /// Refuse doubtful inputs and fits that don't reach the tolerance
+    #[arg(long, help_heading = help::INPUT)]
+    pub(super) strict: bool,
+    /// Highest degree, inclusive
+    #[arg(long, value_name = "L", help_heading = help::METHOD)]
+    pub(super) max_degree: usize,
+    /// Smoothness penalty [default: 0]
+    #[arg(long, value_name = "LAMBDA|auto", help_heading = help::METHOD)]
+    pub(super) smoothness: Option<Smoothness>,
+    /// Folder for the models, SUBJECT.HEMI.NAME.spharm.npz
+    #[arg(short, long, value_name = "DIR", help_heading = help::OUTPUT)]
+    pub(super) output: PathBuf,
+    /// Also write each model's values at the vertices of one sphere
+    ///
+    /// icosphere:6 has 40,962 vertices. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii: what stands at a vertex
+    /// is the same place in every subject.
+    #[arg(long, value_name = "icosphere:N", value_parser = icosphere, help_heading = help::OUTPUT)]
+    pub(super) evaluate_on: Option<u32>,
+    /// Write a report to a JSON file
+    #[arg(long, value_name = "FILE", help_heading = help::OUTPUT)]
+    pub(super) report: Option<PathBuf>,
+    /// Print the report as JSON in place of the table
+    #[arg(long, help_heading = help::OUTPUT)]
+    pub(super) json: bool,
+    /// Replace outputs that exist
+    #[arg(long, help_heading = help::OUTPUT)]
+    pub(super) force: bool,
+    /// Leave out surfaces whose model exists, of the same input with the same settings
+    #[arg(long, conflicts_with = "force", help_heading = help::OUTPUT)]
+    pub(super) skip_existing: bool,
+    #[command(flatten)]
+    pub(super) cohort: CohortArgs,
+    /// Memory that may be used [default: half of what is free]
+    #[arg(long, value_name = "SIZE", help_heading = help::RESOURCES)]
+    pub(super) memory: Option<Size>,
+    #[command(flatten)]
+    pub(super) threads: Threads,
+    #[command(flatten)]
+    pub(super) common: Common,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Hemi {
+    Lh,
+    Rh,
+}
+
+impl Hemi {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Lh => "lh",
+            Self::Rh => "rh",
+        }
+    }
+
+    pub(super) fn other(self) -> Self {
+        match self {
+            Self::Lh => Self::Rh,
+            Self::Rh => Self::Lh,
+        }
+    }
+}
+
+fn icosphere(text: &str) -> Result<u32, String> {
+    let subdivisions = text.strip_prefix("icosphere:").and_then(|number| number.parse().ok());
+    subdivisions.filter(|n| *n <= 9).ok_or_else(|| "expected icosphere:N, with N from 0 to 9".to_owned())
+}

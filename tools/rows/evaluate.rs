@@ -1,0 +1,44 @@
+//! Models evaluated on one sphere, beside them.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use spharm::files::ModelFiles;
+use spharm::io::{WriteOptions, write_mesh, write_signal};
+use spharm::{Fit, Kind, Model, Sphere};
+use spharm_cli::output::prepare;
+
+/// A sphere on which every model is evaluated.
+pub(crate) struct Evaluate {
+    pub(crate) sphere: Sphere,
+    /// What the files are called after the models: `ico6`.
+    pub(crate) name: String,
+}
+
+impl Evaluate {
+    /// The file of a surface, or of a signal.
+    fn path(&self, files: &ModelFiles, kind: Kind) -> PathBuf {
+        let ending = if kind == Kind::Surface { "surf.gii" } else { "shape.gii" };
+        files.model.with_file_name(format!("{}.{}.{ending}", files.name(), self.name))
+    }
+
+    /// The file, before it is known what it holds: the one that is there, or a surface's.
+    pub(super) fn file(&self, files: &ModelFiles) -> PathBuf {
+        let signal = self.path(files, Kind::Signal);
+        if signal.exists() { signal } else { self.path(files, Kind::Surface) }
+    }
+
+    /// Writes a fit's values on the sphere.
+    pub(super) fn write(&self, files: &ModelFiles, sphere: &Sphere, fit: &Fit, overwrite: bool) -> Result<()> {
+        let kind = fit.report.settings.kind;
+        let model = Model::new(sphere.clone(), fit.clone(), kind);
+        let (path, degree) = (self.path(files, kind), model.coefficients.max_degree());
+        let options = WriteOptions { overwrite, double: false };
+        prepare(&path)?;
+        match kind {
+            Kind::Surface => write_mesh(&path, &model.reconstruct(&self.sphere, degree)?, &options)?,
+            _ => write_signal(&path, &model.reconstruct_signal(&self.sphere, degree)?, &options)?,
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,143 @@
+//! A fitted surface, as the report and the table show it.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Serialize;
+use spharm::FitReport;
+use spharm::assess::SurfaceDistances;
+use spharm::cohort::Row;
+use spharm::parametrize::HandlesReport;
+use spharm::parametrize::volume::Repair;
+
+use super::item::{Item, id};
+
+/// A fitted surface, as the report shows it.
+#[derive(Debug, Serialize)]
+pub(super) struct Fitted {
+    /// The row's id, where it is from a table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    id: Option<String>,
+    /// The model's name.
+    name: String,
+    input: PathBuf,
+    pub(super) output: PathBuf,
+    #[serde(flatten)]
+    pub(super) report: FitReport,
+    /// Vertices that a mask left out or that had no value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) unread: Option<usize>,
+    /// Without a sphere: the one that was made, and how.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    parametrization: Option<Mapped>,
+}
+
+/// The sphere that a surface was mapped to.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Mapped {
+    /// The file.
+    pub(super) sphere: PathBuf,
+    /// What was changed in the label, if anything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) repair: Option<Repair>,
+    /// What was mended in a mesh, if anything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) mesh_repair: Option<BTreeMap<&'static str, usize>>,
+    /// What was cut, if anything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) handles: Option<HandlesReport>,
+    #[serde(flatten)]
+    pub(super) report: spharm::parametrize::Report,
+}
+
+impl Fitted {
+    pub(super) fn new(row: &Row, item: &Item, report: FitReport, parametrization: Option<Mapped>) -> Self {
+        Self {
+            id: id(row).map(str::to_owned),
+            name: item.files.name(),
+            input: row.surface.clone(),
+            output: item.files.model.clone(),
+            report,
+            unread: None,
+            parametrization,
+        }
+    }
+
+    /// Mean and maximal squared distance at the vertices, bounding box scaled to volume 1.
+    pub(super) fn distances(&self) -> (Option<f64>, Option<f64>) {
+        self.report.passes.last().map_or((None, None), |last| (last.msd, last.xsd))
+    }
+
+    /// The surface's row of the table.
+    pub(super) fn cells(&self, columns: Columns) -> Option<Vec<String>> {
+        let last = self.report.passes.last()?;
+        let mut cells = vec![self.name.clone()];
+        if columns.surface {
+            let distance = &self.report.surface_distance;
+            let of = |value: fn(&SurfaceDistances) -> f64| number(distance.as_ref().map(value));
+            cells.extend([of(|d| d.rms_raw), of(|d| d.percentile95_raw), of(|d| d.hausdorff_raw)]);
+        }
+        cells.extend([number(last.msd), number(last.xsd)]);
+        if !columns.surface {
+            cells.extend([number(Some(last.msd_raw.sqrt())), number(Some(last.xsd_raw.sqrt()))]);
+            cells.push(number(self.report.between.map(|between| between.msd_raw.sqrt())));
+        }
+        if columns.held_out {
+            let held_out = self.report.held_out.as_ref();
+            cells.push(number(held_out.map(|of| of.held_out.msd.unwrap_or(of.held_out.msd_raw))));
+        }
+        if columns.denoise {
+            // Of a signal with several channels the first.
+            let removed = self.report.denoise.first();
+            cells.push(number(removed.map(|of| of.noise.sigma)));
+            cells.push(removed.map_or("-".to_owned(), |of| format!("{:.0}", of.noise.degrees_of_freedom)));
+        }
+        cells.push(self.output.display().to_string());
+        Some(cells)
+    }
+}
+
+pub(super) fn number(value: Option<f64>) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.4e}"))
+}
+
+/// What the table shows beside msd and xsd.
+#[derive(Clone, Copy)]
+pub(super) struct Columns {
+    /// Distances between model and surface, in place of those at and between the vertices.
+    surface: bool,
+    /// Distances at the vertices that were held out.
+    held_out: bool,
+    /// The noise that was removed.
+    denoise: bool,
+}
+
+impl Columns {
+    pub(super) fn of(surfaces: &[Fitted]) -> Self {
+        let any = |with: fn(&FitReport) -> bool| surfaces.iter().any(|fitted| with(&fitted.report));
+        Self {
+            surface: any(|r| r.surface_distance.is_some()),
+            held_out: any(|r| r.held_out.is_some()),
+            denoise: any(|r| !r.denoise.is_empty()),
+        }
+    }
+
+    pub(super) fn head(self) -> Vec<String> {
+        let mut head = vec!["model"];
+        head.extend(if self.surface { &["rms", "95 %", "hausdorff", "msd", "xsd"][..] } else { &["msd", "xsd"] });
+        head.extend(if self.surface { &[][..] } else { &["rms", "max", "between"] });
+        head.extend(self.held_out.then_some("msd held out"));
+        head.extend(if self.denoise { &["sigma", "freedom"][..] } else { &[] });
+        head.push("file");
+        head.into_iter().map(str::to_owned).collect()
+    }
+
+    pub(super) fn units(self) -> &'static str {
+        if self.surface {
+            "rms, 95 %, hausdorff: between model and surface, both ways, in the input's unit; msd, xsd: at the vertices, \
+             bounding box scaled to volume 1"
+        } else {
+            "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit; between: rms at triangles' centres"
+        }
+    }
+}

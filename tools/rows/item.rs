@@ -1,0 +1,72 @@
+//! One surface to fit, the outputs that belong to it, and what becomes of those that exist.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use spharm::cohort::Row;
+use spharm::files::{ModelFiles, Replace};
+use spharm::rerun::{Decision, Request};
+use spharm::{FileRecord, FitParams, Sphere};
+use spharm_cli::console::Console;
+
+use super::options::Options;
+
+/// One surface to fit and where its model goes.
+pub(crate) struct Item {
+    pub(super) files: ModelFiles,
+    /// What the input is, for the model to record.
+    pub(super) record: FileRecord,
+    /// Which outputs that exist are replaced.
+    pub(super) replace: Replace,
+}
+
+impl Item {
+    /// Decides what to do about a row; `None` where its model is there. `record` is its file's, `sphere` the one that it is
+    /// fitted over, if not one of its own.
+    pub(super) fn decide(
+        row: &Row,
+        model: PathBuf,
+        record: FileRecord,
+        sphere: Option<&Sphere>,
+        params: &FitParams,
+        options: &Options,
+        console: &Console,
+    ) -> Result<Option<Self>> {
+        let files = ModelFiles { model };
+        let beside = [
+            options.coefficients_csv.then(|| files.csv()),
+            params.standard_errors.then(|| files.standard_errors()),
+            sphere.is_none().then(|| files.sphere()),
+            record.label.map(|_| files.surface()),
+            options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
+            // A mesh without handles has none, and is finished all the same.
+            (options.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
+            // Nor does a mesh in which there was nothing to mend.
+            (options.fix && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),
+        ];
+        let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
+        let request = Request {
+            id: id(row),
+            input: &record,
+            sphere,
+            params,
+            output: &files.model,
+            beside: &beside,
+            if_exists: options.if_exists,
+        };
+        match request.decide()? {
+            Decision::Skip => Ok(None),
+            Decision::Fit { replace, replaces } => {
+                if let Some(other) = replaces {
+                    console.warn(format!("{}: replaces the model of {other}", files.model.display()));
+                }
+                Ok(Some(Self { files, record, replace }))
+            }
+        }
+    }
+}
+
+/// The id that a model records: that of a row of a table.
+pub(super) fn id(row: &Row) -> Option<&str> {
+    (row.line > 0).then_some(row.id.as_str())
+}

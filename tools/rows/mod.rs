@@ -1,0 +1,129 @@
+//! Rows to fit, a surface each: what `fit` and the verbs that find surfaces in folders share.
+//!
+//! A verb makes [`Rows`], each a surface with its id, and hands them to [`run`]. They are grouped by sphere, and a group is
+//! streamed through [`fit_each`](spharm::fit_each): a row's file is read and its outputs are looked at when its turn comes.
+//! The [`Ledger`] keeps what becomes of it.
+//!
+//! | module | contents |
+//! |---|---|
+//! | `args`, `options` | what verbs have in common |
+//! | `groups` | rows that share a sphere |
+//! | `item` | what to do about outputs that exist |
+//! | `work` | one row after another: read, map, fit, write |
+//! | `own_sphere` | surfaces that come without a sphere |
+//! | `quiet` | the progress of one group among many |
+//! | `evaluate` | models on one sphere |
+//! | `ledger` | counts, status file, events |
+//! | `fitted`, `report` | the table and the report |
+//! | `unread` | vertices that aren't read |
+//! | `dry_run` | what would be done |
+
+mod args;
+mod dry_run;
+mod evaluate;
+mod fitted;
+mod groups;
+mod item;
+mod ledger;
+mod options;
+mod own_sphere;
+mod quiet;
+mod report;
+mod unread;
+mod work;
+
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use spharm::cohort::State;
+use spharm_cli::console::json_lines;
+use spharm_cli::machine::raise_file_limit;
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, check_outputs, counted};
+
+pub(crate) use args::{CohortArgs, Log};
+pub(crate) use evaluate::Evaluate;
+pub(crate) use options::{Options, Rows};
+
+use ledger::{Ledger, Outcome};
+use report::Totals;
+use work::Work;
+
+/// Applies what a verb was asked to log, before anything is printed.
+pub(crate) fn set_log(cohort: &CohortArgs) {
+    if cohort.log == Log::Json {
+        json_lines();
+    }
+}
+
+/// Fits all rows; says what became of each.
+///
+/// # Errors
+///
+/// Where rows failed, after all that can be done; or at the first, unless failures don't end the call.
+pub(crate) fn run(rows: Rows, options: &Options, monitor: &ConsoleMonitor, started: Instant) -> Result<()> {
+    let console = monitor.console();
+    if options.cohort.dry_run {
+        return dry_run::run(&rows, options);
+    }
+    check_outputs(options.report.iter().map(|path| OutputFile::new(path, "--report")), options.replaces_report())?;
+    raise_file_limit();
+    let goes_on = options.cohort.keep_going;
+    let ledger = Ledger::new(console, rows.rows.len(), options.cohort.status.as_deref(), goes_on)?;
+    let work = Work::new(&rows, options, monitor, &ledger);
+    let mut totals = Totals::default();
+    totals.seconds.read = started.elapsed().as_secs_f64();
+    let result = options.threads.pool()?.install(|| work.all(&mut totals));
+    if result.is_err() {
+        // The error that ended the call is the one to show.
+        let _ = ledger.interrupted(|number| (rows.rows[number].id.clone(), rows.rows[number].model(&rows.folder)));
+    }
+    let outcome = ledger.outcome();
+    let skipped = outcome.count(State::Skipped);
+    if skipped > 0 {
+        let there = if skipped == 1 { "exists and is" } else { "exist and are" };
+        console.note(format!("{} {there} left alone", counted(skipped, "output")));
+    }
+    finish(result, &outcome, &totals, options, monitor, started)
+}
+
+/// Writes the report whatever happened, prints it if nothing did, and returns what is wrong.
+fn finish(
+    result: Result<()>,
+    outcome: &Outcome,
+    totals: &Totals,
+    options: &Options,
+    monitor: &ConsoleMonitor,
+    started: Instant,
+) -> Result<()> {
+    let total = started.elapsed().as_secs_f64();
+    let report = report::report(options, outcome, totals, total);
+    monitor.console().event(|| {
+        let counts = outcome.counts.iter().map(|(state, count)| (state.name().to_owned(), (*count).into()));
+        let more = [("event".to_owned(), "end".into()), ("seconds".to_owned(), total.into())];
+        more.into_iter().chain(counts).collect::<serde_json::Map<_, _>>().into()
+    });
+    let goes_on = options.cohort.keep_going || options.cohort.status.is_some();
+    if let Err(error) = result {
+        if goes_on {
+            let _ = report::write(options, &report);
+        }
+        return Err(error);
+    }
+    report::write(options, &report)?;
+    report::show(options, &report, outcome, total)?;
+    match outcome.count(State::Failed) {
+        0 => Ok(()),
+        failed => {
+            const NAMED: usize = 5;
+            let all: usize = outcome.counts.iter().map(|(_, count)| count).sum();
+            let names: Vec<&str> = outcome.failed.iter().take(NAMED).map(|failed| failed.id.as_str()).collect();
+            let more = if failed > names.len() { format!(" and {} more", failed - names.len()) } else { String::new() };
+            bail!(
+                "{failed} of {} failed: {}{more}; the other models are there, and --skip-existing leaves them out next time",
+                counted(all, "surface"),
+                names.join(", ")
+            )
+        }
+    }
+}

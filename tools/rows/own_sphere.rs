@@ -1,0 +1,100 @@
+//! Surfaces that are mapped to spheres of their own.
+
+use anyhow::{Context, Result};
+use spharm::cohort::Row;
+use spharm::files::{MadeOf, Mapped as Found};
+use spharm::parametrize::Input;
+use spharm::parametrize::volume::VolumeSurface;
+use spharm::{Error, FitParams, Monitor, Target};
+
+use super::fitted::{Fitted, Mapped};
+use super::groups::Group;
+use super::item::Item;
+use super::ledger::LISTED;
+use super::report::Totals;
+use super::work::{Work, lock};
+
+impl Work<'_> {
+    /// Maps each surface of a group to a sphere of its own, which is written beside its model, and fits it there.
+    pub(super) fn on_their_own(&self, group: &Group, totals: &mut Totals, monitor: &dyn Monitor) -> Result<()> {
+        for &number in &group.rows {
+            self.monitor.check()?;
+            let row = &self.rows.rows[number];
+            self.ledger.start(number, row);
+            match self.on_its_own(number, row, totals, monitor) {
+                Ok(Some(fitted)) => self.ledger.done(number, row, fitted)?,
+                Ok(None) => {}
+                Err(error) => self.failed(number, error)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn on_its_own(
+        &self,
+        number: usize,
+        row: &Row,
+        totals: &mut Totals,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Fitted>> {
+        let params = self.params(row.weights.as_deref())?;
+        let Some(item) = self.decide(number, None, &params)? else { return Ok(None) };
+        let found = self.map(row, &item, &params, monitor)?;
+        let report = found.parametrized.map.report.clone();
+        let (repair, handles) = (found.repair.clone(), found.handles.clone());
+        let mesh_repair = found.mesh_repair.map(|repair| repair.counts().into_iter().collect());
+        totals.parametrize += report.seconds;
+        let mapped = Mapped { sphere: item.files.sphere(), repair, mesh_repair, handles, report };
+        let fit_and_write = || -> Result<Fitted> {
+            let sphere = &found.parametrized.sphere;
+            let target = Target::from_mesh(&found.parametrized.map.surface, sphere)?;
+            let read = |_| Ok::<_, Error>(target.clone());
+            let (mut fits, report) = spharm::fit_many(sphere, 1, &read, &params, &|_, fit| Ok(fit), monitor)?;
+            totals.add(report, self.rows.rows.len() <= LISTED);
+            let fit = fits.pop().context("a surface that was read has been fitted")?;
+            let made_of = MadeOf {
+                repair: found.repair.as_ref(),
+                mesh_repair: found.mesh_repair.as_ref(),
+                handles: found.handles.as_ref(),
+                ..MadeOf::default()
+            };
+            self.write(row, &item, sphere, fit, made_of, &params, Some(mapped))
+        };
+        let fitted = fit_and_write();
+        if fitted.is_err() {
+            found.remove();
+        }
+        fitted.map(Some)
+    }
+
+    /// Maps one surface to the sphere.
+    fn map(&self, row: &Row, item: &Item, params: &FitParams, monitor: &dyn Monitor) -> Result<Found> {
+        let (input, console) = (row.surface.display(), self.monitor.console());
+        let surface = lock(&self.reader).read(&row.surface, item.record.label, monitor)?;
+        if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &surface {
+            console.warn(format!("{}: {repair}", item.record));
+        }
+        if let Some(repair) = surface.mesh_repair() {
+            console.warn(format!("{}: {repair}", item.record));
+        }
+        if let Some(handles) = surface.handles() {
+            console.warn(format!("{}: {handles}", item.record));
+        }
+        let reuse = self.options.if_exists.keeps();
+        let found = item.files.map(&surface, &item.record, params, reuse, item.replace, monitor);
+        let found = found.with_context(|| input.to_string())?;
+        let (report, path) = (&found.parametrized.map.report, item.files.sphere());
+        let (path, seconds, area) = (path.display(), report.seconds, report.quality.area_rms);
+        console.note(match (found.written.is_empty(), report.method) {
+            (true, _) => format!("{path}: the sphere that an earlier call made of {input} is used again"),
+            (_, by) => {
+                format!(
+                    "{input}: no --sphere; mapped by {by} in {seconds:.1} s, log area ratio {area:.3} rms, to {path}"
+                )
+            }
+        });
+        report.warnings.iter().for_each(|warning| console.warn(warning));
+        report.notes.iter().for_each(|note| console.note(note));
+        Ok(found)
+    }
+}

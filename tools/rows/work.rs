@@ -1,0 +1,352 @@
+//! One row after another: read, map, fit, write.
+
+use std::collections::HashMap;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use anyhow::{Result, anyhow, bail};
+use spharm::cohort::Row;
+use spharm::files::MadeOf;
+use spharm::parametrize::volume::is_volume;
+use spharm::{
+    Error, FileRecord, Fit, FitParams, FitWarning, Monitor, Sphere, Stage, SurfaceError, Target, Weights, fit_each,
+};
+use spharm_cli::advice;
+use spharm_cli::exit::is_interrupted;
+use spharm_cli::inputs::read_sphere;
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::surfaces::{Labels, SurfaceReader};
+use spharm_store::SchemeKey;
+
+use super::fitted::{Fitted, Mapped};
+use super::groups::{Group, groups};
+use super::item::{Item, id};
+use super::ledger::{LISTED, Ledger};
+use super::options::{Options, Rows};
+use super::quiet::Quiet;
+use super::report::Totals;
+use super::unread::{self, Kept};
+
+/// Rows under way.
+pub(super) struct Work<'a> {
+    pub(super) rows: &'a Rows,
+    pub(super) options: &'a Options,
+    pub(super) monitor: &'a ConsoleMonitor,
+    pub(super) ledger: &'a Ledger<'a>,
+    pub(super) reader: Mutex<SurfaceReader>,
+    /// What was decided of rows that aren't finished.
+    items: Mutex<HashMap<usize, Item>>,
+    /// Of the file that was hashed last: a volume has many labels.
+    record: Mutex<Option<(PathBuf, FileRecord)>>,
+}
+
+/// Why a row has no model.
+enum Broken {
+    /// It has one.
+    Skip,
+    /// It can't be fitted.
+    Row(anyhow::Error),
+    /// None of those on its sphere can.
+    Group(anyhow::Error),
+    /// The call is to end.
+    Stop(anyhow::Error),
+}
+
+impl From<Error> for Broken {
+    fn from(error: Error) -> Self {
+        match error {
+            error if error.is_interrupted() => Self::Stop(error.into()),
+            Error::Surface(_) | Error::NotConverged(_) => Self::Row(error.into()),
+            error => Self::Group(error.into()),
+        }
+    }
+}
+
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl<'a> Work<'a> {
+    pub(super) fn new(
+        rows: &'a Rows,
+        options: &'a Options,
+        monitor: &'a ConsoleMonitor,
+        ledger: &'a Ledger<'a>,
+    ) -> Self {
+        let (reader, items, record) = (Mutex::new(options.reader()), Mutex::default(), Mutex::default());
+        Self { rows, options, monitor, ledger, reader, items, record }
+    }
+
+    /// Does all rows.
+    pub(super) fn all(&self, totals: &mut Totals) -> Result<()> {
+        let mut left: Vec<usize> = (0..self.rows.rows.len()).collect();
+        if self.rows.check_first {
+            left = self.check(left)?;
+        }
+        let groups = groups(&self.rows.rows, &left);
+        let own = groups.iter().filter(|group| group.sphere.is_none()).map(|group| group.rows.len()).sum::<usize>();
+        if own > 1 {
+            self.monitor.console().note(
+                "each surface gets a sphere of its own, turned arbitrarily: coefficients of different models don't \
+                 correspond; for that give a common --sphere",
+            );
+        }
+        let quiet = Quiet(self.monitor);
+        let many = groups.len() > 1;
+        if many {
+            self.monitor.begin(Stage::counted("fit", "surfaces"), left.len() as u64);
+        }
+        let inner: &dyn Monitor = if many { &quiet } else { self.monitor };
+        for group in groups {
+            self.monitor.check()?;
+            match &group.sphere {
+                Some(path) => self.on_sphere(path, &group, totals, inner)?,
+                None => self.on_their_own(&group, totals, inner)?,
+            }
+            if many {
+                self.monitor.step(group.rows.len() as u64);
+            }
+        }
+        if many {
+            self.monitor.end();
+        }
+        Ok(())
+    }
+
+    /// Decides what to do about every row, before any work; returns those that are to be fitted.
+    fn check(&self, numbers: Vec<usize>) -> Result<Vec<usize>> {
+        let mut left = Vec::new();
+        for number in numbers {
+            match self.decide(number, self.rows.sphere.as_ref(), &self.options.params) {
+                Ok(Some(item)) => {
+                    lock(&self.items).insert(number, item);
+                    left.push(number);
+                }
+                Ok(None) => {}
+                Err(error) => self.failed(number, error)?,
+            }
+        }
+        Ok(left)
+    }
+
+    /// Decides what to do about a row; `None` where its model is there, which is noted down.
+    pub(super) fn decide(&self, number: usize, sphere: Option<&Sphere>, params: &FitParams) -> Result<Option<Item>> {
+        if let Some(item) = lock(&self.items).remove(&number) {
+            return Ok(Some(item));
+        }
+        let (row, console) = (&self.rows.rows[number], self.monitor.console());
+        let label = self.label(row, sphere.is_some())?;
+        let record = FileRecord { label, ..self.record_of(&row.surface)? };
+        let model = row.model(&self.rows.folder);
+        let item = Item::decide(row, model.clone(), record, sphere, params, self.options, console)?;
+        if item.is_none() {
+            self.ledger.skipped(number, row, label, &model)?;
+        }
+        Ok(item)
+    }
+
+    /// The label that a row's surface is made of; none of a mesh.
+    fn label(&self, row: &Row, on_sphere: bool) -> Result<Option<i64>> {
+        let volume = is_volume(&row.surface) && !on_sphere;
+        match row.label {
+            Some(label) if self.rows.check_first => Ok(Some(label)),
+            Some(_) if !volume => {
+                bail!(
+                    "{}: a label is for volumes without a sphere (.nii, .mgz, .nrrd, .tif, .npy)",
+                    row.surface.display()
+                )
+            }
+            label if volume => {
+                let (path, label) = (row.surface.clone(), label.map(Labels::One));
+                let found = lock(&self.reader).surfaces(&[path], label, true, &Quiet(self.monitor))?;
+                Ok(found.first().and_then(|(_, label)| *label))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn record_of(&self, path: &Path) -> Result<FileRecord> {
+        if !is_volume(path) {
+            return Ok(FileRecord::of(path)?);
+        }
+        let mut known = lock(&self.record);
+        match &*known {
+            Some((last, record)) if last == path => Ok(record.clone()),
+            _ => Ok(known.insert((path.to_owned(), FileRecord::of(path)?)).1.clone()),
+        }
+    }
+
+    /// The settings with a row's own weights.
+    pub(super) fn params(&self, weights: Option<&Path>) -> Result<FitParams> {
+        let params = self.options.params.clone();
+        Ok(match weights.map(|path| (path, path.to_str())) {
+            None => params,
+            Some((_, Some("uniform"))) => FitParams { weights: Weights::Uniform, ..params },
+            Some((_, Some("area"))) => FitParams { weights: Weights::Area, ..params },
+            Some((path, _)) => FitParams { weights: Weights::read(path)?, ..params },
+        })
+    }
+
+    /// Fits a group over its sphere.
+    fn on_sphere(&self, path: &Path, group: &Group, totals: &mut Totals, monitor: &dyn Monitor) -> Result<()> {
+        let prepare = || -> Result<(Option<Sphere>, FitParams)> {
+            let strict = self.options.params.strict;
+            let read = || read_sphere(path, strict, self.monitor.console());
+            let own = if self.rows.sphere.is_some() { None } else { Some(read()?) };
+            let mut params = self.params(group.weights.as_deref())?;
+            if let (Some(mask), Some(sphere)) = (&self.options.mask, own.as_ref().or(self.rows.sphere.as_ref())) {
+                params.weights = unread::masked(&params.weights, mask, sphere)?;
+            }
+            Ok((own, params))
+        };
+        let fitted = prepare().map_err(Broken::Group).and_then(|(sphere, params)| {
+            let Some(sphere) = sphere.as_ref().or(self.rows.sphere.as_ref()) else { return Ok(()) };
+            let masked = self.options.mask.is_some();
+            for part in unread::parts(&self.rows.rows, &group.rows, sphere, &params, masked).map_err(Broken::Group)? {
+                let kept = part.kept.as_ref();
+                let read = |place: usize| self.read(part.rows[place], sphere, &params, kept);
+                let done = |place: usize, fit: Result<Fit, Broken>| {
+                    self.hand_over(part.rows[place], fit, sphere, &params, kept)
+                };
+                let (over, over_params) = kept.map_or((sphere, &params), |kept| (&kept.sphere, &kept.params));
+                let (_, report) = fit_each(over, part.rows.len(), &read, over_params, &done, monitor)?;
+                totals.add(report, self.rows.rows.len() <= LISTED);
+            }
+            Ok(())
+        });
+        match fitted {
+            Ok(()) | Err(Broken::Skip) => Ok(()),
+            Err(Broken::Stop(error)) => Err(error),
+            Err(Broken::Row(error) | Broken::Group(error)) if !self.options.cohort.keep_going => Err(error),
+            Err(Broken::Row(error) | Broken::Group(error)) => {
+                let error = error.context(path.display().to_string());
+                for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
+                    let row = &self.rows.rows[number];
+                    self.ledger.failed(number, row, &row.model(&self.rows.folder), &error)?;
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Reads a row's target, at the vertices that are kept where not all are.
+    fn read(&self, number: usize, sphere: &Sphere, params: &FitParams, kept: Option<&Kept>) -> Result<Target, Broken> {
+        let row = &self.rows.rows[number];
+        self.ledger.start(number, row);
+        let item = self.decide(number, Some(sphere), params).map_err(Broken::Row)?.ok_or(Broken::Skip)?;
+        let target = match kept.map(|kept| kept.read(&row.surface, sphere)) {
+            Some(Ok(Some(target))) => Ok(target),
+            Some(Err(error)) => Err(error),
+            None | Some(Ok(None)) => spharm::read_target(&row.surface, sphere).map_err(anyhow::Error::from),
+        };
+        let target = match &self.options.check {
+            Some(check) => check(row, sphere, target),
+            None => target,
+        };
+        let target = target.map_err(Broken::Row)?;
+        for warning in &target.warnings {
+            let text = format!("{}: {warning}", row.surface.display());
+            if params.strict {
+                return Err(Broken::Row(anyhow!(text)));
+            }
+            self.ledger.warn_once(text);
+        }
+        lock(&self.items).insert(number, item);
+        Ok(match kept {
+            Some(kept) => kept.of(target),
+            None => target,
+        })
+    }
+
+    fn hand_over(
+        &self,
+        number: usize,
+        fit: Result<Fit, Broken>,
+        sphere: &Sphere,
+        params: &FitParams,
+        kept: Option<&Kept>,
+    ) -> Result<(), Broken> {
+        let row = &self.rows.rows[number];
+        let outcome = match fit {
+            Ok(mut fit) => {
+                if kept.is_some() {
+                    // The model is one over the whole sphere.
+                    let settings = &mut fit.report.settings;
+                    settings.scheme = SchemeKey::of(&sphere.directions, settings.scalar);
+                    settings.weights = params.weights.name().to_owned();
+                    settings.weights_hash = params.weights.hash();
+                }
+                let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
+                // A sphere of the same contents may have had another name.
+                let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
+                let own = own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() });
+                self.write(row, &item, own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params, None)
+            }
+            Err(Broken::Skip) => return Ok(()),
+            Err(Broken::Row(error)) => Err(error),
+            Err(other) => return Err(other),
+        };
+        match outcome {
+            Ok(mut fitted) => {
+                fitted.unread = kept.map(|kept| sphere.directions.len() - kept.count());
+                self.ledger.done(number, row, fitted).map_err(Broken::Stop)
+            }
+            Err(error) => {
+                lock(&self.items).remove(&number);
+                self.failed(number, error).map_err(Broken::Stop)
+            }
+        }
+    }
+
+    /// Notes down that a row failed; the error itself where that ends the call.
+    pub(super) fn failed(&self, number: usize, error: anyhow::Error) -> Result<()> {
+        if is_interrupted(&error) {
+            return Err(error);
+        }
+        let row = &self.rows.rows[number];
+        let noted = self.ledger.failed(number, row, &row.model(&self.rows.folder), &error);
+        // The reason why there is no model is the one to show, also where it couldn't be noted down.
+        if !self.options.cohort.keep_going || concerns_all(&error) {
+            return Err(error);
+        }
+        noted
+    }
+
+    pub(super) fn write(
+        &self,
+        row: &Row,
+        item: &Item,
+        sphere: &Sphere,
+        fit: Fit,
+        made_of: MadeOf<'_>,
+        params: &FitParams,
+        mapped: Option<Mapped>,
+    ) -> Result<Fitted> {
+        for warning in &fit.report.warnings {
+            let text = match warning {
+                FitWarning::Oscillation { .. } => {
+                    format!("{}: {warning}; {}", row.surface.display(), advice::of_oscillation(params))
+                }
+                warning => warning.to_string(),
+            };
+            self.ledger.warn_once(text);
+        }
+        let made_of = MadeOf { id: id(row), input: Some(&item.record), ..made_of };
+        if let Some(evaluate) = &self.options.evaluate {
+            evaluate.write(&item.files, sphere, &fit, item.replace.beside)?;
+        }
+        item.files.write(sphere, &fit, &made_of, self.options.coefficients_csv, item.replace)?;
+        Ok(Fitted::new(row, item, fit.report, mapped))
+    }
+}
+
+/// Whether every other row would fail alike: there is no room for models, or no right to write them.
+fn concerns_all(error: &anyhow::Error) -> bool {
+    let cause = error.chain().find_map(|cause| match cause.downcast_ref() {
+        Some(SurfaceError::Io { cause, action, .. }) if *action != "read" => Some(cause.kind()),
+        _ => None,
+    });
+    use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    cause.is_some_and(|kind| matches!(kind, StorageFull | QuotaExceeded | ReadOnlyFilesystem | FileTooLarge))
+}

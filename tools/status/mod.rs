@@ -1,0 +1,107 @@
+//! `status`: adds up what the processes of a cohort have done.
+
+mod args;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde_json::{Map, Value, json};
+use spharm::cohort::{CohortError, Entry, Manifest, Merged, State};
+use spharm_cli::console::Console;
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print, print_json, table};
+use spharm_surface::io::write_new;
+
+pub(crate) use self::args::Cli;
+
+/// Failures that the table shows.
+const SHOWN: usize = 20;
+
+pub(crate) fn run(cli: &Cli) -> Result<()> {
+    let console = cli.common.console();
+    check_outputs(cli.failed.iter().map(|path| OutputFile::new(path, "--failed")), cli.force)?;
+    let merged = Merged::read(&status_files(&cli.files)?)?;
+    if merged.damaged > 0 {
+        console.warn(format!("{} cut off or overwritten; left out", counted(merged.damaged, "line")));
+    }
+    let manifest = cli.manifest.as_deref().map(Manifest::read).transpose()?;
+    // Of a manifest's rows alone, in its order.
+    let entries: Vec<&Entry> = match &manifest {
+        Some(manifest) => manifest.rows.iter().filter_map(|row| merged.entry(&row.id)).collect(),
+        None => merged.entries().iter().collect(),
+    };
+    let count = |state: State| entries.iter().filter(|entry| entry.state == state).count();
+    let mut counts: Vec<(&str, usize)> = State::ALL.iter().map(|&state| (state.name(), count(state))).collect();
+    if let Some(manifest) = &manifest {
+        counts.push(("not started", manifest.rows.len() - entries.len()));
+        let others = merged.entries().len() - entries.len();
+        if others > 0 {
+            console.warn(format!("{} not in {}; left out", counted(others, "row"), manifest.path.display()));
+        }
+    }
+    counts.push(("all", manifest.as_ref().map_or(entries.len(), |manifest| manifest.rows.len())));
+    if let (Some(path), Some(manifest)) = (&cli.failed, &manifest) {
+        write_rest(path, manifest, &merged, cli.force, &console)?;
+    }
+    let failed: Vec<&Entry> = entries.into_iter().filter(|entry| entry.state == State::Failed).collect();
+    if cli.json {
+        return print_json(&report(&counts, &failed));
+    }
+    let mut rows = vec![vec!["state".to_owned(), "rows".to_owned()]];
+    rows.extend(counts.iter().map(|(name, count)| vec![(*name).to_owned(), count.to_string()]));
+    print(&table(&rows))?;
+    for entry in failed.iter().take(SHOWN) {
+        print(&format!("{}: {}", entry.id, entry.error))?;
+    }
+    if failed.len() > SHOWN {
+        print(&format!("and {} more, which --json lists", failed.len() - SHOWN))?;
+    }
+    Ok(())
+}
+
+/// The files given, and those of folders that are status files: a manifest may lie beside them.
+fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for path in paths {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let before = files.len();
+        for file in spharm_cli::paths::expand(std::slice::from_ref(path), ".tsv")? {
+            match Merged::read(std::slice::from_ref(&file)) {
+                Err(CohortError::NotStatus { .. }) => {}
+                _ => files.push(file),
+            }
+        }
+        if files.len() == before {
+            bail!("{}: a folder without a status file", path.display());
+        }
+    }
+    Ok(files)
+}
+
+/// Writes a manifest of the rows without a model.
+fn write_rest(path: &Path, manifest: &Manifest, merged: &Merged, force: bool, console: &Console) -> Result<()> {
+    let is_there = |id: &str| merged.entry(id).is_some_and(|entry| entry.state.is_there());
+    let left = manifest.rows.iter().filter(|row| !is_there(&row.id)).count();
+    if left == 0 {
+        console.note(format!("every row has its model; {} isn't written", path.display()));
+        return Ok(());
+    }
+    if path == manifest.path {
+        bail!("{}: that is the manifest itself; choose another --failed", path.display());
+    }
+    let text = manifest.rest(path, |row| !is_there(&row.id))?;
+    prepare(path)?;
+    write_new(path, force, |out| out.write_all(&text)).context("--failed")?;
+    console.note(format!("{}: {}", path.display(), counted(left, "row")));
+    Ok(())
+}
+
+fn report(counts: &[(&str, usize)], failed: &[&Entry]) -> Value {
+    let mut report: Map<String, Value> =
+        counts.iter().map(|(name, count)| (name.replace(' ', "_"), json!(count))).collect();
+    let failed = failed.iter().map(|entry| json!({ "id": entry.id, "error": entry.error, "output": entry.output }));
+    report.insert("failures".to_owned(), failed.collect());
+    Value::Object(report)
+}
