@@ -169,7 +169,7 @@ fn studies_that_are_none_are_refused() {
                 "--effect",
                 "group",
                 "--model-column",
-                "mesh",
+                "surface",
                 "-o",
                 "out",
             ],

@@ -4,6 +4,7 @@
 //! Python package can carry the program; what it does is the crate `spharm`'s.
 
 mod basis_build;
+mod bids;
 mod compare;
 mod export;
 mod fit;
@@ -21,6 +22,7 @@ mod rows;
 mod shape;
 mod status;
 mod store;
+mod study;
 mod volumes;
 
 use std::ffi::OsString;
@@ -51,6 +53,8 @@ enum Verb {
     Import(import::Cli),
     Status(status::Cli),
     Picture(picture::Cli),
+    Study(study::Cli),
+    Bids(bids::Cli),
     BasisBuild(basis_build::Cli),
     Store(store::Cli),
     Generate(generate::Cli),
@@ -75,6 +79,8 @@ impl Verb {
             Self::Import(cli) => import::run(cli),
             Self::Status(cli) => status::run(cli),
             Self::Picture(cli) => picture::run(cli),
+            Self::Study(cli) => study::run(cli, &run_command),
+            Self::Bids(cli) => bids::run(cli, &run_command),
             Self::BasisBuild(cli) => basis_build::run(cli),
             Self::Store(cli) => store::run(cli),
             Self::Generate(cli) => generate::run(cli),
@@ -84,6 +90,11 @@ impl Verb {
             Self::Man(cli) => pages::man(cli, Spharm::command()),
         }
     }
+}
+
+/// Runs a command that a verb is made of; its first word is `spharm`.
+fn run_command(arguments: &[String]) -> anyhow::Result<()> {
+    Spharm::try_parse_from(arguments).map_err(|error| anyhow::anyhow!("{}", error.to_string().trim_end()))?.verb.run()
 }
 
 /// Runs the program with these arguments, the program's name first, and returns its exit code. Ends the process where the

@@ -51,7 +51,7 @@ fn study(cli: &Cli, folder: &Path) -> Result<()> {
     let files = meshes.iter().map(|path| OutputFile::holding(path, "--study", Output::OrderedMesh));
     check_outputs(files.chain([OutputFile::new(&table, "--study")]), cli.force)?;
     prepare(&table)?;
-    let mut text = "subject,mesh,group\n".to_owned();
+    let mut text = "id,surface,group\n".to_owned();
     for ((name, group, index, second), path) in subjects.iter().zip(&meshes) {
         let options = WriteOptions { overwrite: cli.force, double: cli.double };
         write_mesh(path, &study.subject(*index, *second), &options)?;

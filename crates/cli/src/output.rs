@@ -101,18 +101,73 @@ impl<'a> OutputFile<'a> {
 ///
 /// When an output can't be written; says which flag to change.
 pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, force: bool) -> Result<()> {
-    let mut seen: Vec<&Path> = Vec::new();
+    let mut seen: Vec<PathBuf> = Vec::new();
     for output in outputs {
         if output.path.as_os_str() == STDOUT {
             continue;
         }
         output.check(force)?;
-        if seen.contains(&output.path) {
+        let place = place(output.path);
+        if seen.contains(&place) {
             bail!("{}: the outputs must have different names", output.path.display());
         }
-        seen.push(output.path);
+        seen.push(place);
     }
     Ok(())
+}
+
+/// The file that a path means, however it is written: its folder without links and dots, as far as it is there.
+fn place(path: &Path) -> PathBuf {
+    if let Ok(place) = path.canonicalize() {
+        return place;
+    }
+    let folder = std::path::absolute(folder_of(path)).unwrap_or_default();
+    // Where `..` leads out of a folder that isn't there yet, the text is all there is.
+    let mut tidy = PathBuf::new();
+    for part in folder.components() {
+        match part {
+            std::path::Component::ParentDir => drop(tidy.pop()),
+            part => tidy.push(part),
+        }
+        tidy = tidy.canonicalize().unwrap_or(tidy);
+    }
+    tidy.join(path.file_name().unwrap_or_default())
+}
+
+/// Refuses outputs that are inputs, however their paths are written; links of either sort count.
+///
+/// # Errors
+///
+/// When an output is an input: with `--force` it would be replaced by something else.
+pub fn check_not_inputs<'a>(
+    inputs: impl IntoIterator<Item = &'a Path>,
+    outputs: impl IntoIterator<Item = &'a Path>,
+) -> Result<()> {
+    let inputs: std::collections::HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();
+    for output in outputs {
+        if file_id(output).is_some_and(|id| inputs.contains(&id)) {
+            bail!("{}: an input; choose another name for the output", output.display());
+        }
+    }
+    Ok(())
+}
+
+/// Device and inode of a file that is there.
+#[cfg(unix)]
+type FileId = (u64, u64);
+
+#[cfg(unix)]
+fn file_id(path: &Path) -> Option<FileId> {
+    use std::os::unix::fs::MetadataExt;
+    std::fs::metadata(path).ok().map(|found| (found.dev(), found.ino()))
+}
+
+#[cfg(not(unix))]
+type FileId = PathBuf;
+
+#[cfg(not(unix))]
+fn file_id(path: &Path) -> Option<FileId> {
+    path.canonicalize().ok()
 }
 
 /// A report of this name goes to standard output.
@@ -159,6 +214,24 @@ pub fn table(rows: &[Vec<String>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_has_one_place_however_it_is_written() {
+        let site = tempfile::tempdir().unwrap();
+        let at = |name: &str| site.path().join(name);
+        std::fs::create_dir(at("a")).unwrap();
+        std::fs::write(at("a/in.ply"), "x").unwrap();
+        let file = |path| OutputFile::new(path, "--output");
+        for (first, second) in [("x.npz", "./x.npz"), ("x.npz", "a/../x.npz"), ("new/x.npz", "a/../new/x.npz")] {
+            let (first, second) = (at(first), at(second));
+            assert!(check_outputs([file(&first), file(&second)], true).is_err(), "{}", second.display());
+        }
+        let (x, y) = (at("new/x.npz"), at("a/x.npz"));
+        check_outputs([file(&x), file(&y)], true).unwrap();
+        let (input, same, other) = (at("a/in.ply"), at("a/../a/in.ply"), at("a/out.ply"));
+        assert!(check_not_inputs([input.as_path()], [same.as_path()]).is_err());
+        check_not_inputs([input.as_path()], [other.as_path()]).unwrap();
+    }
 
     #[test]
     fn cells_line_up() {

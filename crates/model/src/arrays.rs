@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, ArrayView3};
 use spharm_surface::io::write_new;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -18,6 +18,8 @@ use crate::npz::{Archive, write_all};
 pub enum Entry<'a> {
     /// A matrix of f64.
     Matrix(ArrayView2<'a, f64>),
+    /// An array of f64 of three axes, such as the coefficients of models, (models, K, c).
+    Cube(ArrayView3<'a, f64>),
     /// A text.
     Text(&'a str),
 }
@@ -37,6 +39,11 @@ pub fn write_arrays(path: &Path, overwrite: bool, entries: &[(&str, Entry<'_>)])
                 Entry::Matrix(matrix) => {
                     write_header(&mut zip, "<f8", &format!("({}, {})", matrix.nrows(), matrix.ncols()))?;
                     write_all(&mut zip, matrix.iter().map(|value| value.to_le_bytes()))?;
+                }
+                Entry::Cube(cube) => {
+                    let (n, rows, columns) = cube.dim();
+                    write_header(&mut zip, "<f8", &format!("({n}, {rows}, {columns})"))?;
+                    write_all(&mut zip, cube.iter().map(|value| value.to_le_bytes()))?;
                 }
                 Entry::Text(text) => write_text(&mut zip, text)?,
             }

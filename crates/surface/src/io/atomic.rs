@@ -14,8 +14,9 @@ use crate::error::SurfaceError;
 /// Writes a file through `f`, whole or not at all.
 ///
 /// Without `overwrite` an existing file stays as it is, even one that appears while `f` runs; with it, the old file
-/// serves readers until the new one stands. A symbolic link is followed, and its target replaced. Directories, pipes
-/// and devices are never replaced.
+/// serves readers until the new one stands, which gets its permissions. A symbolic link is followed, and its target
+/// replaced; one that leads nowhere is replaced itself. Directories, pipes and devices are never replaced. New files
+/// have the permissions that the umask leaves.
 ///
 /// # Errors
 ///
@@ -33,12 +34,16 @@ pub fn write_new(
         return Err(SurfaceError::NotAFile { path: path.to_owned(), found: "a directory" });
     }
     // Checked before `f` does its work; `persist_noclobber` below checks again without a race.
+    let mut mode = None;
     let target = match fs::metadata(path) {
         Ok(found) if !found.is_file() => {
             return Err(SurfaceError::NotAFile { path: path.to_owned(), found: kind_name(found.file_type()) });
         }
         Ok(_) if !overwrite => return Err(exists()),
-        Ok(_) => fs::canonicalize(path).map_err(io("resolve"))?,
+        Ok(found) => {
+            mode = Some(found.permissions());
+            fs::canonicalize(path).map_err(io("resolve"))?
+        }
         Err(e) if e.kind() == io::ErrorKind::NotFound => path.to_owned(),
         Err(e) => return Err(io("open")(e)),
     };
@@ -57,6 +62,10 @@ pub fn write_new(
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     let temporary = builder.tempfile_in(&directory).map_err(io("create"))?;
+    if let Some(mode) = mode {
+        // What was private stays so, also while it is being written.
+        temporary.as_file().set_permissions(mode).map_err(io("create"))?;
+    }
 
     let mut out = BufWriter::with_capacity(1 << 16, temporary);
     f(&mut out).and_then(|()| out.flush()).map_err(io("write"))?;
@@ -89,5 +98,25 @@ fn directory_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
         _ => PathBuf::from("."),
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn a_replaced_file_keeps_its_permissions_and_a_link_its_target() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, link) = (folder.path().join("model.npz"), folder.path().join("link.npz"));
+        write_new(&path, false, |out| out.write_all(b"1")).unwrap();
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        for mode in [0o600, 0o640, 0o444] {
+            fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            write_new(&link, true, |out| out.write_all(b"2")).unwrap();
+            assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, mode);
+            assert!(fs::symlink_metadata(&link).unwrap().is_symlink() && fs::read(&path).unwrap() == b"2");
+        }
     }
 }

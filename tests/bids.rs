@@ -1,0 +1,127 @@
+//! The BIDS app: a derivative dataset of FreeSurfer's subjects and of sMRIPrep's, and what is missing in them.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use spharm_model::Model;
+use spharm_surface::io::{read_mesh, read_signal};
+
+use crate::common::{error_line, fail, finish, succeed, text, tool};
+
+/// Writes a subject's hemispheres as FreeSurfer has them.
+fn freesurfer(subjects: &Path, subject: &str, hemispheres: &[&str], variant: u64) {
+    let folder = subjects.join(subject).join("surf");
+    fs::create_dir_all(&folder).expect("a folder");
+    for hemisphere in hemispheres {
+        let file = |name: &str| folder.join(format!("{hemisphere}.{name}"));
+        let mut generate = tool("generate");
+        generate.args(["--subdivisions", "3", "-q", "--variant", &variant.to_string()]);
+        succeed(generate.arg("--surface").arg(file("pial")).arg("--sphere").arg(file("sphere.reg")));
+    }
+}
+
+fn bids(site: &Path, arguments: &[&str]) -> std::process::Command {
+    let mut command = tool("bids");
+    command.current_dir(site).args(["data", "out"]).args(arguments).args(["--threads", "2", "-q"]);
+    command
+}
+
+#[test]
+fn a_study_of_freesurfer_s_subjects_becomes_a_derivative_dataset() {
+    let site = tempfile::tempdir().expect("a folder");
+    let subjects = site.path().join("data/derivatives/freesurfer");
+    for (variant, subject) in ["sub-01", "sub-02", "sub-03"].into_iter().enumerate() {
+        freesurfer(&subjects, subject, &["lh", "rh"], variant as u64);
+    }
+    let participant = ["participant", "--max-degree", "6", "--icosphere", "2"];
+    succeed(&mut bids(site.path(), &participant));
+    let at = |name: &str| site.path().join("out").join(name);
+    let stem = |name: &str| at(&format!("sub-02/anat/sub-02_hemi-R_{name}"));
+    let model = Model::read(stem("desc-spharm_pial.npz")).expect("a model");
+    assert_eq!(model.coefficients.max_degree(), 6);
+    let sidecar: Value =
+        serde_json::from_str(&fs::read_to_string(stem("desc-spharm_pial.json")).expect("a file")).expect("JSON");
+    assert_eq!(sidecar["MaximalDegree"], 6);
+    assert!(sidecar["Sources"][0].as_str().expect("a path").ends_with("sub-02/surf/rh.pial"), "{sidecar}");
+    let evaluated = read_mesh(stem("space-icosphere2_den-162_desc-spharm_pial.surf.gii")).expect("a mesh");
+    assert_eq!(evaluated.vertices.len(), 162);
+    let error = read_signal(stem("desc-spharmerror_pial.shape.gii")).expect("a map").values;
+    let surface = read_mesh(subjects.join("sub-02/surf/rh.pial")).expect("a mesh");
+    let fitted = model.reconstruct_original(6).expect("a mesh").mesh;
+    for ((found, a), b) in error.iter().zip(&surface.vertices).zip(&fitted.vertices) {
+        let expected = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+        assert!((found - expected).abs() < 1e-5 * (1.0 + expected));
+    }
+    assert_eq!(fs::read_to_string(stem("desc-spharmpial_spectrum.tsv")).expect("a table").lines().count(), 7);
+    assert!(at("sub-03.html").exists());
+    let description = fs::read_to_string(at("dataset_description.json")).expect("a file");
+    let description: Value = serde_json::from_str(&description).expect("JSON");
+    assert_eq!((&description["DatasetType"], &description["GeneratedBy"][0]["Name"]), (&"derivative".into(), &"spharm".into()));
+    let participants = fs::read_to_string(at("participants.tsv")).expect("a table");
+    assert_eq!(participants, "participant_id\nsub-01\nsub-02\nsub-03\n");
+
+    // Again, for one subject: nothing changes.
+    let before = fs::read(stem("desc-spharm_pial.npz")).expect("a file");
+    let one: Vec<&str> = participant.iter().copied().chain(["--participant-label", "02"]).collect();
+    succeed(&mut bids(site.path(), &one));
+    assert_eq!(fs::read(stem("desc-spharm_pial.npz")).expect("a file"), before);
+    assert_eq!(fs::read_to_string(at("participants.tsv")).expect("a table"), participants);
+
+    succeed(&mut bids(site.path(), &["group"]));
+    let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(at("group_hemi-L_pial_models.npz")).expect("a file")).expect("an archive");
+    let coefficients: ndarray::Array3<f64> = arrays.by_name("coefficients").expect("an array");
+    assert_eq!(coefficients.dim(), (3, 49, 3));
+    let third = Model::read(at("sub-03/anat/sub-03_hemi-L_desc-spharm_pial.npz")).expect("a model");
+    assert_eq!(coefficients.index_axis(ndarray::Axis(0), 2), third.coefficients.values());
+    assert!(at("group.html").exists() && at("group_hemi-R_pial.shape-model.npz").exists());
+    let status = fs::read_to_string(at("group_status.tsv")).expect("a table");
+    assert_eq!(status.lines().filter(|line| line.contains("\tdone\t")).count(), 6, "{status}");
+}
+
+#[test]
+fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
+    let site = tempfile::tempdir().expect("a folder");
+    let line = fail(&mut bids(site.path(), &["participant"]));
+    assert!(line.contains("derivatives/smriprep"), "{line}");
+    let subjects = site.path().join("data/sourcedata/freesurfer");
+    freesurfer(&subjects, "sub-a", &["lh", "rh"], 0);
+    freesurfer(&subjects, "sub-b", &["lh"], 1);
+    fs::write(subjects.join("sub-a/surf/rh.pial"), "broken").expect("a file");
+    let output = finish(&mut bids(site.path(), &["participant", "--max-degree", "4", "--icosphere", "1", "--no-pages"]));
+    let line = error_line(&output);
+    assert!(line.contains("2 surfaces could not be fitted"), "{line}");
+    assert!(text(&output).contains("sub-b: no hemi-R pial with a registered sphere"), "{}", text(&output));
+    for (subject, hemisphere, there) in [("a", "L", true), ("a", "R", false), ("b", "L", true), ("b", "R", false)] {
+        let name = format!("out/sub-{subject}/anat/sub-{subject}_hemi-{hemisphere}_desc-spharm_pial.npz");
+        assert_eq!(site.path().join(&name).exists(), there, "{name}");
+    }
+    for (arguments, expected) in [
+        (&["participant", "--participant-label", "c"][..], "no folder sub-c"),
+        (&["participant", "--participant-label", "../a"][..], "letters and digits"),
+        (&["participant", "--freesurfer", "nowhere"][..], "nowhere"),
+    ] {
+        let line = fail(&mut bids(site.path(), arguments));
+        assert!(line.contains(expected), "{line}");
+    }
+    fs::write(site.path().join("out/dataset_description.json"), r#"{"Name": "raw data"}"#).expect("a file");
+    let line = fail(&mut bids(site.path(), &["participant", "--max-degree", "4"]));
+    assert!(line.contains("expected the description of a dataset of spharm"), "{line}");
+}
+
+#[test]
+fn surfaces_of_smriprep_are_taken_with_their_sessions() {
+    let site = tempfile::tempdir().expect("a folder");
+    let folder = site.path().join("data/derivatives/smriprep/sub-01/ses-x/anat");
+    fs::create_dir_all(&folder).expect("a folder");
+    let file = |name: &str| folder.join(format!("sub-01_ses-x_hemi-L_{name}.surf.gii"));
+    let mut generate = tool("generate");
+    generate.args(["--subdivisions", "3", "-q"]);
+    succeed(generate.arg("--surface").arg(file("pial")).arg("--sphere").arg(file("space-fsaverage_desc-reg_sphere")));
+    // Another space's surface isn't the subject's own.
+    fs::copy(file("pial"), file("space-fsLR_den-32k_pial")).expect("a copy");
+    let arguments = ["participant", "--hemi", "L", "--max-degree", "5", "--icosphere", "1", "--no-pages"];
+    succeed(&mut bids(site.path(), &arguments));
+    let model = site.path().join("out/sub-01/ses-x/anat/sub-01_ses-x_hemi-L_desc-spharm_pial.npz");
+    assert_eq!(Model::read(model).expect("a model").coefficients.max_degree(), 5);
+}

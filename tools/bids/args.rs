@@ -1,0 +1,118 @@
+//! The arguments of `bids`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use spharm_cli::Common;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::threads::Threads;
+
+/// Fit the cortices of a BIDS dataset, as a BIDS app does
+///
+/// Surfaces are those of derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer, or of
+/// --freesurfer; each is fitted over its subject's registered sphere, so that coefficients of subjects correspond. `participant`
+/// writes for each subject models, their spectra, surfaces and errors, and a page; `group` gathers all models.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm bids /data/study /data/study/derivatives/spharm participant --max-degree 60",
+        "spharm bids /data/study out participant --participant-label 01 02 --surfaces pial white --freesurfer $SUBJECTS_DIR",
+        "spharm bids /data/study out participant --shard slurm    # in an array of jobs",
+        "spharm bids /data/study out group",
+    ],
+    &[
+        "Names follow BIDS derivatives: sub-01/anat/sub-01_hemi-L_desc-spharm_pial.npz with a .json of how it was made, ..._spectrum.tsv, \
+         ..._space-SPACE_den-DENSITY_desc-spharm_pial.surf.gii, ..._desc-spharmerror_pial.shape.gii; sub-01.html. Surfaces aren't \
+         part of BIDS yet: .bidsignore names them.",
+    ],
+))]
+pub(crate) struct Cli {
+    /// The dataset
+    #[arg(value_name = "BIDS_DIR")]
+    pub(super) dataset: PathBuf,
+    /// Folder of the derivative dataset
+    #[arg(value_name = "OUT")]
+    pub(super) output: PathBuf,
+    /// What to do
+    #[arg(value_enum)]
+    pub(super) level: Level,
+    /// Subjects, with or without `sub-` [default: all]
+    #[arg(long, value_name = "LABEL", num_args = 1.., help_heading = INPUT)]
+    pub(super) participant_label: Vec<String>,
+    /// FreeSurfer's SUBJECTS_DIR
+    #[arg(long, value_name = "DIR", help_heading = INPUT)]
+    pub(super) freesurfer: Option<PathBuf>,
+    /// Surfaces to fit
+    #[arg(long, value_enum, value_name = "SURFACE", num_args = 1.., default_values = ["pial"], help_heading = METHOD)]
+    pub(super) surfaces: Vec<Surface>,
+    /// Hemispheres to fit
+    #[arg(long, value_enum, value_name = "HEMI", num_args = 1.., default_values = ["L", "R"], help_heading = METHOD)]
+    pub(super) hemi: Vec<Hemi>,
+    /// Degree of the models
+    #[arg(long, value_name = "L", default_value_t = 60, help_heading = METHOD)]
+    pub(super) max_degree: usize,
+    /// Subdivisions of the icosphere that models are evaluated on
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]
+    pub(super) icosphere: u32,
+    /// Fit one part of the surfaces: I/N, counted from 0, or slurm
+    #[arg(long, value_name = "I/N", help_heading = METHOD)]
+    pub(super) shard: Option<String>,
+    /// Leave the pages out
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) no_pages: bool,
+    #[command(flatten)]
+    pub(super) threads: Threads,
+    #[command(flatten)]
+    pub(super) common: Common,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Level {
+    /// Fit each subject
+    Participant,
+    /// Gather the models of all subjects
+    Group,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Surface {
+    Pial,
+    White,
+    Midthickness,
+}
+
+impl Surface {
+    /// The suffix of BIDS, and FreeSurfer's name but for the middle one.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Pial => "pial",
+            Self::White => "white",
+            Self::Midthickness => "midthickness",
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "UPPER")]
+pub(super) enum Hemi {
+    L,
+    R,
+}
+
+impl Hemi {
+    /// The label of BIDS.
+    pub(super) fn label(self) -> &'static str {
+        match self {
+            Self::L => "L",
+            Self::R => "R",
+        }
+    }
+
+    /// FreeSurfer's prefix.
+    pub(super) fn prefix(self) -> &'static str {
+        match self {
+            Self::L => "lh",
+            Self::R => "rh",
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! What makes a folder a BIDS derivative: its description, its participants, and what validators are to leave alone.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use serde_json::{Value, json};
+use spharm_surface::io::write_new;
+
+/// Version of BIDS that the names follow.
+const VERSION: &str = "1.10.0";
+/// Names that aren't part of BIDS; fMRIPrep and sMRIPrep list theirs likewise.
+const IGNORED: &str = "*.surf.gii\n*.shape.gii\n*.npz\n*_spectrum.tsv\n*_pial.json\n*_white.json\n*_midthickness.json\n*.html\nlogs/\ngroup_*\n";
+const DESCRIPTION: &str = "dataset_description.json";
+
+/// Writes the files at the top of a derivative dataset, unless they are there.
+///
+/// # Errors
+///
+/// When the folder has the description of something else, or can't be written.
+pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result<()> {
+    std::fs::create_dir_all(output.join("logs")).with_context(|| output.display().to_string())?;
+    let path = output.join(DESCRIPTION);
+    match std::fs::read_to_string(&path) {
+        Ok(text) if !is_ours(&text) => {
+            bail!(
+                "{}: expected the description of a dataset of spharm, found another one; choose another OUT",
+                path.display()
+            )
+        }
+        Ok(_) => {}
+        Err(_) => {
+            let description = json!({
+                "Name": "spharm: spherical-harmonic models of surfaces",
+                "BIDSVersion": VERSION,
+                "DatasetType": "derivative",
+                "GeneratedBy": [{ "Name": "spharm", "Version": env!("CARGO_PKG_VERSION") }],
+                "SourceDatasets": [{ "URL": source.canonicalize().unwrap_or_else(|_| source.to_owned()) }],
+            });
+            text(&path, &(serde_json::to_string_pretty(&description)? + "\n"))?;
+        }
+    }
+    text(&output.join(".bidsignore"), IGNORED)?;
+    text(
+        &output.join("README.md"),
+        "# spharm\n\nSpherical-harmonic models of cortical surfaces, fitted by `spharm bids`. Each model, a NumPy archive, has a \
+         .json beside it that says how it was made; its spectrum, the surface on a common sampling, and its distances from the \
+         vertices are files of the same name.\n",
+    )?;
+    let mut rows: Vec<String> = subjects.iter().map(|subject| format!("sub-{subject}\n")).collect();
+    if let Ok(found) = std::fs::read_to_string(output.join("participants.tsv")) {
+        rows.extend(found.lines().skip(1).map(|line| format!("{line}\n")));
+    }
+    rows.sort_unstable();
+    rows.dedup();
+    text(&output.join("participants.tsv"), &format!("participant_id\n{}", rows.concat()))
+}
+
+fn is_ours(text: &str) -> bool {
+    let description: Value = serde_json::from_str(text).unwrap_or_default();
+    let by = description["GeneratedBy"].as_array();
+    by.is_some_and(|by| by.iter().any(|tool| tool["Name"] == "spharm"))
+}
+
+/// Writes a text whole or not at all; a file that has it already stays.
+///
+/// # Errors
+///
+/// When it can't be written.
+pub(super) fn text(path: &Path, text: &str) -> Result<()> {
+    if std::fs::read(path).is_ok_and(|found| found == text.as_bytes()) {
+        return Ok(());
+    }
+    spharm_cli::output::prepare(path)?;
+    write_new(path, true, |out| out.write_all(text.as_bytes()))?;
+    Ok(())
+}

@@ -1,0 +1,150 @@
+//! The group level: all models as one array, their modes, and a page.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use ndarray::Array3;
+use spharm::Model;
+use spharm::cohort::Merged;
+use spharm_cli::output::{counted, print};
+use spharm_cli::paths::model_name;
+use spharm_model::arrays::{Entry, write_arrays};
+
+use super::args::{Cli, Hemi, Surface};
+use super::dataset::text;
+
+/// Gathers the models that the participant level has made.
+pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
+    let logs = cli.output.join("logs");
+    if !logs.is_dir() {
+        bail!("{}: expected what the participant level makes, found no folder of logs", cli.output.display());
+    }
+    status(cli, &logs)?;
+    let (mut modes, mut models) = (Vec::new(), 0);
+    for &hemi in &cli.hemi {
+        for &surface in &cli.surfaces {
+            let group = gather(&cli.output, hemi, surface)?;
+            if group.is_empty() {
+                cli.common.console().warn(format!("no model of hemi-{} {}", hemi.label(), surface.name()));
+                continue;
+            }
+            models += group.len();
+            write(cli, hemi, surface, &group)?;
+            if group.len() > 2 {
+                modes.push(variation(cli, hemi, surface, &group, spharm)?);
+            }
+        }
+    }
+    if models == 0 {
+        bail!("{}: no models; run the participant level first", cli.output.display());
+    }
+    if !cli.no_pages {
+        let mut arguments = vec!["report".to_owned()];
+        if !modes.is_empty() {
+            arguments.push("--modes".to_owned());
+            arguments.extend(modes);
+        }
+        let (table, page) = (cli.output.join("group_status.tsv"), cli.output.join("group.html"));
+        arguments.extend(["--status", &shown(&table), "--title", "Group", "--force"].map(str::to_owned));
+        arguments.extend(["--output", &shown(&page)].map(str::to_owned));
+        spharm(&super::command(cli, arguments))?;
+    }
+    print(&format!("{}: {}", cli.output.display(), counted(models, "model")))
+}
+
+/// Writes what became of each surface of all calls.
+fn status(cli: &Cli, logs: &Path) -> Result<()> {
+    let mut files: Vec<PathBuf> = listed(logs)?;
+    files.retain(|path| path.to_string_lossy().ends_with("_status.tsv"));
+    let merged = Merged::read(&files)?;
+    let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
+    writer.write_record(["id", "state", "msd", "xsd", "error"])?;
+    for entry in merged.entries() {
+        let number = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:.4e}"));
+        let (msd, xsd) = (number(entry.msd), number(entry.xsd));
+        let state = if entry.state.is_there() { "done" } else { entry.state.name() };
+        writer.write_record([&entry.id, state, &msd, &xsd, &entry.error])?;
+    }
+    text(&cli.output.join("group_status.tsv"), &String::from_utf8(writer.into_inner()?)?)
+}
+
+/// The models of a surface, in the order of their names.
+fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
+    let ending = format!("_hemi-{}_desc-spharm_{}.npz", hemi.label(), surface.name());
+    let mut models = Vec::new();
+    for subject in listed(output)?.into_iter().filter(|path| named(path, "sub-") && path.is_dir()) {
+        let sessions = listed(&subject)?.into_iter().filter(|path| named(path, "ses-"));
+        for folder in
+            sessions.chain([subject.clone()]).map(|folder| folder.join("anat")).filter(|folder| folder.is_dir())
+        {
+            models.extend(listed(&folder)?.into_iter().filter(|path| path.to_string_lossy().ends_with(&ending)));
+        }
+    }
+    models.sort_unstable();
+    Ok(models)
+}
+
+/// Writes coefficients (s, K, 3), to the lowest degree of the models, and the models' names, a line each.
+fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<()> {
+    let models = group.iter().map(Model::read).collect::<Result<Vec<_>, _>>()?;
+    let degree = models.iter().map(|model| model.coefficients.max_degree()).min().unwrap_or(0);
+    let mut coefficients = Array3::zeros((models.len(), (degree + 1) * (degree + 1), 3));
+    for (mut of, (model, path)) in coefficients.outer_iter_mut().zip(models.iter().zip(group)) {
+        let values = model.coefficients.up_to(degree);
+        if values.ncols() != 3 {
+            bail!("{}: expected the model of a surface, found one of {} channels", path.display(), values.ncols());
+        }
+        of.assign(&values);
+    }
+    let names: Vec<String> = group.iter().map(|path| model_name(path)).collect();
+    let entries = [("coefficients", Entry::Cube(coefficients.view())), ("models", Entry::Text(&names.join("\n")))];
+    write_arrays(&cli.output.join(format!("group_{}_models.npz", of(hemi, surface))), true, &entries)?;
+    Ok(())
+}
+
+/// Brings the models together in space, whose parameters correspond, and writes their modes.
+fn variation(
+    cli: &Cli,
+    hemi: Hemi,
+    surface: Surface,
+    group: &[PathBuf],
+    spharm: &dyn Fn(&[String]) -> Result<()>,
+) -> Result<String> {
+    let folder = cli.output.join("logs").join(format!("aligned_{}", of(hemi, surface)));
+    let list = cli.output.join("logs").join(format!("models_{}.txt", of(hemi, surface)));
+    let lines = group.iter().map(|path| -> Result<String> {
+        let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+        Ok(shown(&path) + "\n")
+    });
+    text(&list, &lines.collect::<Result<String>>()?)?;
+    let at = |list: &Path| format!("@{}", shown(list));
+    let run = |arguments: &[&str]| {
+        let arguments = arguments.iter().map(|argument| (*argument).to_owned()).collect();
+        spharm(&super::command(cli, arguments))
+    };
+    run(&["shape", "align", &at(&list), "--group", "--method", "fixed", "--force", "--output", &shown(&folder)])?;
+    let names = group.iter().map(|path| format!("{}/{}.spharm.npz\n", of(hemi, surface), model_name(path)));
+    let aligned = cli.output.join("logs").join(format!("aligned_{}.txt", of(hemi, surface)));
+    text(&aligned, &names.map(|name| format!("aligned_{name}")).collect::<String>())?;
+    let modes = shown(&cli.output.join(format!("group_{}.shape-model.npz", of(hemi, surface))));
+    run(&["shape", "pca", &at(&aligned), "--modes", "10", "--force", "--output", &modes])?;
+    Ok(modes)
+}
+
+fn of(hemi: Hemi, surface: Surface) -> String {
+    format!("hemi-{}_{}", hemi.label(), surface.name())
+}
+
+fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
+    let read = || format!("{}: cannot read the folder", folder.display());
+    let entries: Vec<_> = std::fs::read_dir(folder).with_context(read)?.collect::<Result<_, _>>().with_context(read)?;
+    Ok(entries.iter().map(std::fs::DirEntry::path).collect())
+}
+
+fn named(path: &Path, start: &str) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(start))
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}

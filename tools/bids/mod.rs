@@ -1,0 +1,32 @@
+//! `bids`: a BIDS app. `discover` finds surfaces, `participant` fits them and derives what is beside the models, `group`
+//! gathers the models, `dataset` writes what makes the output a dataset.
+
+mod args;
+mod dataset;
+mod discover;
+mod group;
+mod names;
+mod participant;
+
+use anyhow::Result;
+
+pub(crate) use self::args::Cli;
+use self::args::Level;
+
+/// Runs the verb; `spharm` runs another one.
+pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
+    match cli.level {
+        Level::Participant => participant::run(cli, spharm),
+        Level::Group => group::run(cli, spharm),
+    }
+}
+
+/// The command line of another verb: its arguments and what all verbs share.
+fn command(cli: &Cli, arguments: Vec<String>) -> Vec<String> {
+    let mut command = vec!["spharm".to_owned()];
+    command.extend(arguments);
+    command.extend(cli.threads.threads.iter().flat_map(|count| ["--threads".to_owned(), count.to_string()]));
+    command.extend(cli.common.quiet.then(|| "--quiet".to_owned()));
+    command.extend(cli.common.verbose.then(|| "--verbose".to_owned()));
+    command
+}

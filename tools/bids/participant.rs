@@ -1,0 +1,143 @@
+//! The participant level: models, and what is derived from each.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde_json::json;
+use spharm::cohort::{Merged, State};
+use spharm::shape::descriptors;
+use spharm::{Model, Sphere};
+use spharm_cli::console::Console;
+use spharm_cli::output::{counted, print};
+use spharm_surface::Signal;
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal};
+use spharm_surface::metrics::vertex_distances;
+
+use super::args::Cli;
+use super::dataset::{prepare, text};
+use super::discover::{Dataset, Found, discover};
+
+/// Fits the surfaces of the subjects and writes their derivatives.
+pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
+    let console = cli.common.console();
+    let Dataset { found, missing } = discover(cli)?;
+    missing.iter().for_each(|missing| console.warn(missing));
+    let mut subjects: Vec<&str> = found.iter().map(|found| found.subject.as_str()).collect();
+    subjects.dedup();
+    prepare(&cli.output, &cli.dataset, &subjects)?;
+    let Logs { manifest, status } = Logs::new(cli, &found)?;
+    let mut arguments: Vec<String> = ["fit", "--manifest", &shown(&manifest), "--output", &shown(&cli.output)]
+        .into_iter()
+        .chain(["--max-degree", &cli.max_degree.to_string(), "--keep-going", "--update"])
+        .chain(["--status", &shown(&status)])
+        .map(str::to_owned)
+        .collect();
+    arguments.extend(cli.shard.iter().flat_map(|shard| ["--shard".to_owned(), shard.clone()]));
+    let fitted = spharm(&super::command(cli, arguments));
+    let merged = Merged::read(&[status.clone()])?;
+    let failed = found.iter().filter(|found| is(&merged, found, &[State::Failed])).count();
+    if failed == 0 || fitted.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
+        fitted?;
+    }
+    let done: Vec<&Found> = found.iter().filter(|found| is(&merged, found, &[State::Done, State::Skipped])).collect();
+    let sphere = Sphere::icosphere(cli.icosphere);
+    let pool = cli.threads.pool()?;
+    for found in &done {
+        if spharm_cli::exit::cancel().load(std::sync::atomic::Ordering::Relaxed) {
+            return Err(spharm_monitor::Interrupted.into());
+        }
+        pool.install(|| derive(cli, found, &sphere)).with_context(|| found.id())?;
+    }
+    if !cli.no_pages {
+        pages(cli, &done, &console, spharm)?;
+    }
+    print(&format!(
+        "{}: {} of {}",
+        cli.output.display(),
+        counted(done.len(), "model"),
+        counted(subjects.len(), "subject")
+    ))?;
+    match failed + missing.len() {
+        0 => Ok(()),
+        lost => bail!("{} could not be fitted; {} says why", counted(lost, "surface"), status.display()),
+    }
+}
+
+fn is(merged: &Merged, found: &Found, states: &[State]) -> bool {
+    merged.entry(&found.id()).is_some_and(|entry| states.contains(&entry.state))
+}
+
+/// The table of a call's surfaces, and what becomes of them.
+struct Logs {
+    manifest: PathBuf,
+    status: PathBuf,
+}
+
+impl Logs {
+    /// Calls for different subjects have different files.
+    fn new(cli: &Cli, found: &[Found]) -> Result<Self> {
+        let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
+        writer.write_record(["id", "surface", "sphere", "output"])?;
+        for found in found {
+            let absolute = |path: &Path| std::path::absolute(path).with_context(|| path.display().to_string());
+            let (mesh, sphere) = (absolute(&found.mesh)?, absolute(&found.sphere)?);
+            writer.write_record([&found.id(), &shown(&mesh), &shown(&sphere), &shown(&found.model())])?;
+        }
+        let table = String::from_utf8(writer.into_inner()?)?;
+        let key = blake3::hash(table.as_bytes()).to_hex();
+        let at = |name: &str| cli.output.join("logs").join(format!("participant-{}{name}.tsv", &key[..8]));
+        let shard = cli.shard.as_ref().map_or(String::new(), |shard| format!("-{}", shard.replace('/', "-of-")));
+        let (manifest, status) = (at(""), at(&format!("{shard}_status")));
+        text(&manifest, &table)?;
+        Ok(Self { manifest, status })
+    }
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// Writes what is beside a model: how it was made, its spectrum, the surface on the icosphere, its distances from the vertices.
+fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
+    let at = |path: PathBuf| cli.output.join(path);
+    let model = Model::read(at(found.model()))?;
+    let degree = model.coefficients.max_degree();
+    let sidecar = json!({
+        "Description": "Spherical-harmonic model of a surface",
+        "MaximalDegree": degree,
+        "Convention": spharm::model::CONVENTION,
+        "Sources": [shown(&found.mesh), shown(&found.sphere)],
+        "Provenance": model.provenance,
+    });
+    text(&at(found.sidecar()), &(serde_json::to_string_pretty(&sidecar)? + "\n"))?;
+    let mut spectrum = "degree\tpower\n".to_owned();
+    for (index, power) in descriptors(&model.coefficients)?.power.iter().enumerate() {
+        spectrum += &format!("{}\t{power:?}\n", index + 1);
+    }
+    text(&at(found.spectrum()), &spectrum)?;
+    let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+    let evaluated = model.reconstruct(sphere, degree)?;
+    write_mesh(at(found.evaluated(cli.icosphere, evaluated.vertices.len())), &evaluated, &options)?;
+    let surface = read_mesh(&found.mesh)?;
+    let fitted = model.reconstruct_original(degree)?.mesh;
+    let distances = vertex_distances(&surface.vertices, &fitted.vertices)?;
+    let signal = Signal { vertices: distances.len(), values: distances, channels: 1 };
+    write_signal(at(found.error()), &signal, &options)?;
+    Ok(())
+}
+
+/// A page for each subject with all of its models.
+fn pages(cli: &Cli, done: &[&Found], console: &Console, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
+    for group in done.chunk_by(|a, b| a.subject == b.subject) {
+        let subject = format!("sub-{}", group[0].subject);
+        let page = cli.output.join(format!("{subject}.html"));
+        console.detail(format!("{}", page.display()));
+        let mut arguments = vec!["report".to_owned()];
+        arguments.extend(group.iter().map(|found| shown(&cli.output.join(found.model()))));
+        arguments.push("--surface".to_owned());
+        arguments.extend(group.iter().map(|found| shown(&found.mesh)));
+        arguments.extend(["--title", &subject, "--force", "--output", &shown(&page)].map(str::to_owned));
+        spharm(&super::command(cli, arguments))?;
+    }
+    Ok(())
+}

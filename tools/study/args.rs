@@ -1,0 +1,64 @@
+//! The arguments of `study`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use spharm_cli::Common;
+use spharm_cli::help::{self, METHOD, OUTPUT, RESOURCES};
+use spharm_cli::threads::Threads;
+
+/// Run a study: fit, align, average, test, and make a page of it
+///
+/// STUDY.toml says which subjects, which degree and which tests; `spharm study init` writes one with comments. Every stage is
+/// a command of spharm, which is shown. A stage whose inputs and settings are those of the last run is not run again, so that
+/// the same command continues an interrupted study, and does after a change only what depends on it.
+#[derive(Debug, Args)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_long_help = help::examples(
+        &[
+            "spharm study init",
+            "spharm study study.toml --dry-run",
+            "spharm study study.toml",
+            "spharm study study.toml --shard 3/10    # fits a tenth of the subjects, and nothing else",
+        ],
+        &["A subject that can't be fitted is left out, named at the end and on the page, and makes the exit status 1."],
+    ),
+)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(super) command: Option<Command>,
+    /// The study
+    #[arg(value_name = "STUDY.toml", required = true)]
+    pub(super) study: Option<PathBuf>,
+    /// Fit one part of the subjects: I/N, counted from 0, or slurm
+    #[arg(long, value_name = "I/N", help_heading = METHOD)]
+    pub(super) shard: Option<String>,
+    /// Print the commands and run none
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) dry_run: bool,
+    /// Run all stages again
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) resources: Resources,
+    #[command(flatten)]
+    pub(super) common: Common,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = RESOURCES)]
+pub(super) struct Resources {
+    #[command(flatten)]
+    pub(super) threads: Threads,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Write a study file with comments, to fill in
+    Init {
+        /// File to write
+        #[arg(default_value = "study.toml")]
+        file: PathBuf,
+    },
+}

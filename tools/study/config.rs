@@ -1,0 +1,248 @@
+//! The file of a study: TOML, whose keys are checked by name.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde::Deserialize;
+use toml::{Table, Value};
+
+/// A study as its file says it; paths are those of the file's text.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default)]
+pub(super) struct Study {
+    pub(super) title: String,
+    pub(super) output: PathBuf,
+    pub(super) subjects: Subjects,
+    pub(super) fit: Fit,
+    pub(super) align: Align,
+    pub(super) modes: Modes,
+    pub(super) test: Vec<Test>,
+    pub(super) page: Page,
+}
+
+impl Default for Study {
+    fn default() -> Self {
+        Self {
+            title: "Study".to_owned(),
+            output: PathBuf::from("study"),
+            subjects: Subjects::default(),
+            fit: Fit::default(),
+            align: Align::default(),
+            modes: Modes::default(),
+            test: Vec::new(),
+            page: Page::default(),
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Subjects {
+    pub(super) table: PathBuf,
+}
+
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Fit {
+    pub(super) max_degree: usize,
+    pub(super) arguments: Vec<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Method {
+    #[default]
+    Joint,
+    Fixed,
+    None,
+}
+
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Align {
+    pub(super) method: Method,
+    pub(super) scale: bool,
+    pub(super) mirror: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default)]
+pub(super) struct Modes {
+    pub(super) count: usize,
+}
+
+impl Default for Modes {
+    fn default() -> Self {
+        Self { count: 10 }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Page {
+    pub(super) subjects: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Test {
+    pub(super) name: String,
+    pub(super) effect: String,
+    pub(super) levels: Vec<String>,
+    pub(super) covariates: Vec<String>,
+    pub(super) signal: Option<String>,
+    pub(super) permutations: Option<usize>,
+}
+
+/// Keys of each section; those that a study must have come first.
+const SECTIONS: [(&str, usize, &[&str]); 7] = [
+    ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "test", "page"]),
+    ("subjects", 1, &["table"]),
+    ("fit", 1, &["max_degree", "arguments"]),
+    ("align", 0, &["method", "scale", "mirror"]),
+    ("modes", 0, &["count"]),
+    ("page", 0, &["subjects"]),
+    ("test", 2, &["name", "effect", "levels", "covariates", "signal", "permutations"]),
+];
+
+/// Most bytes of a study's file.
+const LARGEST: u64 = 1 << 20;
+
+impl Study {
+    /// Reads a study's file.
+    ///
+    /// # Errors
+    ///
+    /// When it can't be read, has an unknown key or lacks one, or a value is of another type.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let named = || path.display().to_string();
+        let size = std::fs::metadata(path).with_context(named)?.len();
+        if size > LARGEST {
+            bail!("{}: expected a study of at most {LARGEST} bytes, found {size}", path.display());
+        }
+        let text = std::fs::read_to_string(path).with_context(named)?;
+        Self::parse(text.trim_start_matches('\u{feff}')).with_context(named)
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let table: Table = text.parse().map_err(|error: toml::de::Error| told(text, &error))?;
+        check_keys(&table)?;
+        let study: Self = toml::from_str(text).map_err(|error| told(text, &error))?;
+        study.check()?;
+        Ok(study)
+    }
+
+    fn check(&self) -> Result<()> {
+        if self.output.as_os_str().is_empty() || self.subjects.table.as_os_str().is_empty() {
+            bail!("`output` and `table` in [subjects] are paths, and can't be empty");
+        }
+        if self.fit.max_degree == 0 {
+            bail!("`max_degree` in [fit]: expected a degree of at least 1, found 0");
+        }
+        for (index, test) in self.test.iter().enumerate() {
+            let plain = |c: char| c.is_alphanumeric() || "-_.".contains(c);
+            if test.name.is_empty() || test.name.starts_with('.') || !test.name.chars().all(plain) {
+                bail!(
+                    "test {:?}: expected a name of letters, digits, -, _ and . for its folder, found {:?}",
+                    index + 1,
+                    test.name
+                );
+            }
+            if self.test[..index].iter().any(|other| other.name == test.name) {
+                bail!("test {:?}: the name is there twice", test.name);
+            }
+            if let Some(signal) = test.signal.as_deref().filter(|signal| !["normal", "position"].contains(signal)) {
+                bail!("test {:?}: signal: expected \"normal\" or \"position\", found {signal:?}", test.name);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// An error of TOML with its line, on one line.
+fn told(text: &str, error: &toml::de::Error) -> anyhow::Error {
+    let line = error.span().and_then(|span| text.get(..span.start)).map(|before| before.matches('\n').count() + 1);
+    match line {
+        Some(line) => anyhow::anyhow!("line {line}: {}", error.message().replace('\n', " ")),
+        None => anyhow::anyhow!("{}", error.message().replace('\n', " ")),
+    }
+}
+
+fn check_keys(table: &Table) -> Result<()> {
+    for (section, needed, keys) in SECTIONS {
+        let parts: Vec<&Table> = match table.get(section) {
+            _ if section.is_empty() => vec![table],
+            None if needed == 0 || section == "test" => continue,
+            None => bail!("expected a section [{section}], found none"),
+            Some(Value::Table(part)) if section != "test" => vec![part],
+            Some(Value::Array(parts)) if section == "test" => match parts.iter().map(Value::as_table).collect() {
+                Some(parts) => parts,
+                None => bail!("expected [[test]], a table for each test"),
+            },
+            Some(_) if section == "test" => bail!("expected [[test]] with two pairs of brackets, found something else"),
+            Some(_) => bail!("expected a section [{section}], found a value"),
+        };
+        let place = match section {
+            "" => String::new(),
+            "test" => " in [[test]]".to_owned(),
+            _ => format!(" in [{section}]"),
+        };
+        for part in parts {
+            if let Some(unknown) = part.keys().find(|key| !keys.contains(&key.as_str())) {
+                let nearest = keys
+                    .iter()
+                    .map(|key| (strsim::damerau_levenshtein(unknown, key), key))
+                    .min()
+                    .filter(|(distance, key)| *distance <= 2.max(key.len() / 3));
+                match nearest {
+                    Some((_, nearest)) => bail!("unknown key `{unknown}`{place}: did you mean `{nearest}`?"),
+                    None => bail!("unknown key `{unknown}`{place}: expected one of {}", keys.join(", ")),
+                }
+            }
+            if let Some(missing) = keys[..needed].iter().find(|key| !part.contains_key(**key)) {
+                bail!("expected a key `{missing}`{place}, found none");
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEMPLATE: &str = include_str!("template.toml");
+
+    #[test]
+    fn the_template_is_a_study() {
+        let study = Study::parse(TEMPLATE).unwrap();
+        assert_eq!((study.fit.max_degree, study.modes.count, study.align.method), (15, 10, Method::Joint));
+        assert_eq!((study.test.len(), study.test[0].effect.as_str()), (1, "group"));
+        let shortest = "[subjects]\ntable = \"s.tsv\"\n[fit]\nmax_degree = 4\n";
+        assert_eq!(Study::parse(shortest).unwrap().output, Path::new("study"));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_the_nearest_key() {
+        for (from, to, expected) in [
+            ("max_degree", "max_degre", "unknown key `max_degre` in [fit]: did you mean `max_degree`?"),
+            ("effect =", "efect =", "unknown key `efect` in [[test]]: did you mean `effect`?"),
+            ("[modes]", "[mode]", "unknown key `mode`: did you mean `modes`?"),
+            ("count =", "colour =", "unknown key `colour` in [modes]: expected one of count"),
+            ("table = \"subjects.tsv\"", "", "expected a key `table` in [subjects], found none"),
+            ("[fit]\n", "", "unknown key `max_degree` in [subjects]"),
+            ("[[test]]", "[test]", "expected [[test]]"),
+            ("max_degree = 15", "max_degree = \"15\"", "invalid type"),
+            ("\"joint\"", "\"jiont\"", "unknown variant"),
+            ("max_degree = 15", "max_degree = ", "line "),
+            ("max_degree = 15", "max_degree = 0", "at least 1"),
+            ("name = \"group\"", "name = \"../group\"", "letters, digits"),
+        ] {
+            assert!(TEMPLATE.contains(from), "{from}");
+            let error = format!("{:#}", Study::parse(&TEMPLATE.replace(from, to)).unwrap_err());
+            assert!(error.contains(expected) && !error.contains('\n'), "{to}: {error}");
+        }
+        let twice = TEMPLATE.to_owned() + "[[test]]\nname = \"group\"\neffect = \"age\"\n";
+        assert!(Study::parse(&twice).unwrap_err().to_string().contains("twice"));
+    }
+}

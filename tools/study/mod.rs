@@ -1,0 +1,184 @@
+//! `study`: from a table of subjects to a page, in stages that are commands of spharm.
+//!
+//! `config` is the study's file, `plan` the commands that it asks for, `stage` what makes one of them run or not.
+
+mod args;
+mod config;
+mod plan;
+mod stage;
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use spharm::cohort::{Merged, State};
+use spharm_cli::console::Console;
+use spharm_cli::output::{counted, print, table};
+use spharm_surface::io::write_new;
+
+pub(crate) use self::args::Cli;
+use self::args::Command;
+use self::plan::Plan;
+use self::stage::Stage;
+
+/// Fewest subjects that a group is of.
+const LEAST: usize = 3;
+
+/// Runs the verb; `spharm` runs another one.
+pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
+    if let Some(Command::Init { file }) = &cli.command {
+        write_new(file, false, |out| out.write_all(include_bytes!("template.toml")))?;
+        return print(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
+    }
+    let study = cli.study.as_ref().context("STUDY.toml is missing")?;
+    let plan = Plan::read(study, common(cli))?;
+    let mut call = Call { cli, plan: &plan, spharm, console: cli.common.console(), rows: Vec::new() };
+    call.console.note(format!(
+        "{}: {} of {}",
+        plan.study.title,
+        counted(plan.manifest.rows.len(), "subject"),
+        plan.table.display()
+    ));
+    if cli.dry_run {
+        return call.show();
+    }
+    std::fs::create_dir_all(plan.records()).with_context(|| plan.records().display().to_string())?;
+    std::fs::create_dir_all(plan.status()).with_context(|| plan.status().display().to_string())?;
+    call.run()
+}
+
+/// Arguments of the study that all its commands get.
+fn common(cli: &Cli) -> Vec<String> {
+    cli.resources.threads.threads.iter().flat_map(|count| ["--threads".to_owned(), count.to_string()]).collect()
+}
+
+/// A call of `study`.
+struct Call<'a> {
+    cli: &'a Cli,
+    plan: &'a Plan,
+    spharm: &'a dyn Fn(&[String]) -> Result<()>,
+    console: Console,
+    /// Of each stage: name, what became of it, seconds.
+    rows: Vec<[String; 3]>,
+}
+
+impl Call<'_> {
+    /// Prints the commands, as if all subjects had been fitted.
+    fn show(&self) -> Result<()> {
+        let subjects = self.plan.subjects_planned();
+        print(&self.plan.fit(self.cli.shard.as_deref(), self.cli.force).command())?;
+        if self.cli.shard.is_none() {
+            self.plan.stages(&subjects).iter().try_for_each(|stage| print(&stage.command()))?;
+        }
+        Ok(())
+    }
+
+    fn run(&mut self) -> Result<()> {
+        let failed = self.fit()?;
+        if self.cli.shard.is_some() {
+            return self.finish(&failed);
+        }
+        let merged = self.merged()?;
+        let subjects = self.plan.subjects(&merged);
+        if subjects.len() < LEAST {
+            bail!(
+                "{}: a study is of {LEAST} subjects or more, {} could be fitted; {}",
+                self.plan.table.display(),
+                subjects.len(),
+                self.plan.status().display()
+            );
+        }
+        self.plan.write_lists(&subjects)?;
+        self.plan.write_status(&merged)?;
+        for stage in self.plan.stages(&subjects) {
+            self.stage(&stage)?;
+        }
+        self.finish(&failed)?;
+        print(&format!("page: {}", self.plan.page().display()))
+    }
+
+    /// Fits the subjects and returns those that failed, with the reasons.
+    fn fit(&mut self) -> Result<Vec<(String, String)>> {
+        let stage = self.plan.fit(self.cli.shard.as_deref(), self.cli.force);
+        let started = Instant::now();
+        self.console.note(format!("\n{}", stage.command()));
+        let ran = (self.spharm)(&self.arguments(&stage));
+        let merged = self.merged()?;
+        let failed: Vec<(String, String)> = self
+            .plan
+            .manifest
+            .rows
+            .iter()
+            .filter_map(|row| merged.entry(&row.id))
+            .filter(|entry| entry.state == State::Failed)
+            .map(|entry| (entry.id.clone(), entry.error.clone()))
+            .collect();
+        // Subjects that fail are named at the end; anything else ends the study.
+        if failed.is_empty() || ran.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
+            ran?;
+        }
+        self.row("fit", "done", started);
+        Ok(failed)
+    }
+
+    fn merged(&self) -> Result<Merged> {
+        let folder = self.plan.status();
+        let read = || format!("{}: cannot read the folder", folder.display());
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&folder).with_context(read)? {
+            let path = entry.with_context(read)?.path();
+            files.extend(path.extension().is_some_and(|ending| ending == "tsv").then_some(path));
+        }
+        files.sort_unstable();
+        Ok(Merged::read(&files)?)
+    }
+
+    /// Runs a stage, unless what it would make is there.
+    fn stage(&mut self, stage: &Stage) -> Result<()> {
+        let (records, started) = (self.plan.records(), Instant::now());
+        self.console.note(format!("\n{}", stage.command()));
+        if !self.cli.force && stage.is_done(&records)? {
+            self.row(&stage.name, "up to date", started);
+            return Ok(());
+        }
+        stage.clear(&records)?;
+        (self.spharm)(&self.arguments(stage)).with_context(|| format!("{} ({})", stage.name, stage.command()))?;
+        stage.finish(&records)?;
+        self.row(&stage.name, "done", started);
+        Ok(())
+    }
+
+    /// The whole command, with what the study was called with.
+    fn arguments(&self, stage: &Stage) -> Vec<String> {
+        let mut arguments = vec!["spharm".to_owned()];
+        arguments.extend(stage.arguments.iter().cloned());
+        let threaded = !matches!(stage.arguments[0].as_str(), "picture" | "report");
+        arguments.extend(self.plan.common.iter().filter(|_| threaded).cloned());
+        arguments.extend(self.cli.common.quiet.then(|| "--quiet".to_owned()));
+        arguments.extend(self.cli.common.verbose.then(|| "--verbose".to_owned()));
+        arguments
+    }
+
+    fn row(&mut self, stage: &str, state: &str, started: Instant) {
+        let seconds = started.elapsed().as_secs_f64();
+        self.rows.push([stage.to_owned(), state.to_owned(), format!("{seconds:.1} s")]);
+    }
+
+    /// Prints what has been done; an error where subjects failed.
+    fn finish(&self, failed: &[(String, String)]) -> Result<()> {
+        let mut rows = vec![["stage", "", "time"].map(str::to_owned).to_vec()];
+        rows.extend(self.rows.iter().map(|row| row.to_vec()));
+        print(&format!("\n{}", table(&rows)))?;
+        for (id, error) in failed.iter().take(10) {
+            self.console.warn(format!("{id}: {error}"));
+        }
+        match failed.len() {
+            0 => Ok(()),
+            count => bail!(
+                "{} of {} failed: the page is of the others; `spharm status {}` lists them",
+                counted(count, "subject"),
+                self.plan.manifest.rows.len(),
+                self.plan.status().display()
+            ),
+        }
+    }
+}

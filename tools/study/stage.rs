@@ -1,0 +1,161 @@
+//! A stage of a study: a command whose inputs and outputs are known, and which is run again only where they have changed.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use spharm_surface::io::write_new;
+
+/// A command of a study.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Stage {
+    /// Its name, which is also that of its record.
+    pub(super) name: String,
+    /// Arguments of spharm, the verb first.
+    pub(super) arguments: Vec<String>,
+    /// Files that it reads.
+    pub(super) inputs: Vec<PathBuf>,
+    /// Files that it writes, and folders all of whose files it writes.
+    pub(super) outputs: Vec<PathBuf>,
+}
+
+/// What is recorded of a stage that has been run: the same key and outputs mean that it needn't run.
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Record {
+    /// BLAKE3 of the version, the arguments, and the inputs' names and contents.
+    key: String,
+    /// BLAKE3 of each output file.
+    outputs: BTreeMap<PathBuf, String>,
+}
+
+impl Stage {
+    /// The command as it would be typed.
+    pub(super) fn command(&self) -> String {
+        let plain = |c: char| c.is_alphanumeric() || "-_./@=,:+".contains(c);
+        let quote = |argument: &String| match argument {
+            text if !text.is_empty() && text.chars().all(plain) => text.clone(),
+            text => format!("'{}'", text.replace('\'', "'\\''")),
+        };
+        let arguments: Vec<String> = self.arguments.iter().map(quote).collect();
+        format!("spharm {}", arguments.join(" "))
+    }
+
+    /// Returns whether the outputs in place are those of the inputs in place.
+    pub(super) fn is_done(&self, records: &Path) -> Result<bool> {
+        let Some(record) = self.record(records) else { return Ok(false) };
+        // A file that is gone or can't be read makes its stage run again, which then says so.
+        Ok(record.key == self.key()? && self.hashes().is_ok_and(|found| found == record.outputs))
+    }
+
+    /// Removes what an earlier run of the stage made, so that nothing is left of subjects that are gone.
+    pub(super) fn clear(&self, records: &Path) -> Result<()> {
+        let Some(record) = self.record(records) else { return Ok(()) };
+        for path in record.outputs.keys().filter(|path| path.exists()) {
+            std::fs::remove_file(path).with_context(|| path.display().to_string())?;
+        }
+        Ok(())
+    }
+
+    /// Records that the stage has been run.
+    pub(super) fn finish(&self, records: &Path) -> Result<()> {
+        let record = Record { key: self.key()?, outputs: self.hashes()? };
+        let text = serde_json::to_string_pretty(&record)?;
+        write_new(&self.file(records), true, |out| writeln!(out, "{text}"))?;
+        Ok(())
+    }
+
+    fn file(&self, records: &Path) -> PathBuf {
+        records.join(format!("{}.json", self.name))
+    }
+
+    fn record(&self, records: &Path) -> Option<Record> {
+        let text = std::fs::read_to_string(self.file(records)).ok()?;
+        serde_json::from_str(&text).ok()
+    }
+
+    fn key(&self) -> Result<String> {
+        let mut hasher = blake3::Hasher::new();
+        let mut add = |text: &str| {
+            hasher.update(&(text.len() as u64).to_le_bytes());
+            hasher.update(text.as_bytes());
+        };
+        add(env!("CARGO_PKG_VERSION"));
+        self.arguments.iter().for_each(|argument| add(argument));
+        for path in &self.inputs {
+            add(&path.to_string_lossy());
+            add(&hash(path)?);
+        }
+        Ok(hasher.finalize().to_hex().to_string())
+    }
+
+    fn hashes(&self) -> Result<BTreeMap<PathBuf, String>> {
+        let mut files = Vec::new();
+        for output in &self.outputs {
+            list(output, &mut files)?;
+        }
+        files.into_iter().map(|path| hash(&path).map(|hash| (path, hash))).collect()
+    }
+}
+
+/// The file, or all files of the folder.
+fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
+    if !path.is_dir() {
+        files.push(path.to_owned());
+        return Ok(());
+    }
+    for entry in std::fs::read_dir(path).with_context(|| path.display().to_string())? {
+        list(&entry.with_context(|| path.display().to_string())?.path(), files)?;
+    }
+    Ok(())
+}
+
+fn hash(path: &Path) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    let file = std::fs::File::open(path).with_context(|| path.display().to_string())?;
+    hasher.update_reader(file).with_context(|| path.display().to_string())?;
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_is_done_until_its_inputs_outputs_or_arguments_change() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("made")).unwrap();
+        std::fs::write(at("input"), "1").unwrap();
+        let mut stage = Stage {
+            name: "align".to_owned(),
+            arguments: vec!["shape".to_owned(), "align".to_owned()],
+            inputs: vec![at("input")],
+            outputs: vec![at("made"), at("mean")],
+        };
+        assert!(!stage.is_done(folder.path()).unwrap());
+        std::fs::write(at("made/a"), "a").unwrap();
+        std::fs::write(at("mean"), "m").unwrap();
+        stage.finish(folder.path()).unwrap();
+        assert!(stage.is_done(folder.path()).unwrap());
+        for (name, old) in [("input", "1"), ("made/a", "a"), ("mean", "m")] {
+            std::fs::write(at(name), "other").unwrap();
+            assert!(!stage.is_done(folder.path()).unwrap(), "{name}");
+            std::fs::write(at(name), old).unwrap();
+            assert!(stage.is_done(folder.path()).unwrap());
+        }
+        std::fs::write(at("made/b"), "of somebody else").unwrap();
+        assert!(!stage.is_done(folder.path()).unwrap());
+        stage.clear(folder.path()).unwrap();
+        assert!(!at("made/a").exists() && !at("mean").exists() && at("made/b").exists() && at("input").exists());
+        stage.arguments.push("--scale".to_owned());
+        assert!(!stage.is_done(folder.path()).unwrap());
+    }
+
+    #[test]
+    fn commands_can_be_typed() {
+        let arguments = ["shape", "mean", "a b", "it's", "", "x=1"].map(str::to_owned).to_vec();
+        let stage = Stage { name: String::new(), arguments, inputs: Vec::new(), outputs: Vec::new() };
+        assert_eq!(stage.command(), r"spharm shape mean 'a b' 'it'\''s' '' x=1");
+    }
+}
