@@ -18,6 +18,7 @@ mod moments_faults;
 mod paper;
 mod pipeline;
 mod readme;
+mod report;
 mod reruns;
 mod shape;
 mod shape_study;

@@ -14,6 +14,7 @@ mod paper;
 mod parametrize;
 mod picture;
 mod reconstruct;
+mod report;
 mod shape;
 mod store;
 
@@ -40,6 +41,7 @@ enum Verb {
     Shape(shape::Cli),
     Moments(moments::Cli),
     Picture(picture::Cli),
+    Report(report::Cli),
     BasisBuild(basis_build::Cli),
     Store(store::Cli),
     Generate(generate::Cli),
@@ -59,6 +61,7 @@ impl Verb {
             Self::Shape(cli) => shape::run(cli),
             Self::Moments(cli) => moments::run(cli),
             Self::Picture(cli) => picture::run(cli),
+            Self::Report(cli) => report::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
             Self::Store(cli) => store::run(cli),
             Self::Generate(cli) => generate::run(cli),
