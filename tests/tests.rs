@@ -21,6 +21,7 @@ mod moments_faults;
 mod paper;
 mod pipeline;
 mod readme;
+mod report;
 mod reruns;
 mod shape;
 mod shape_study;

@@ -61,6 +61,7 @@ fn every_verb_has_help_with_examples_completions_and_a_manual_page() {
         "reconstruct",
         "compare",
         "picture",
+        "report",
         "moments",
         "volumes",
         "export",

@@ -18,6 +18,7 @@ mod paper;
 mod parametrize;
 mod picture;
 mod reconstruct;
+mod report;
 mod rows;
 mod shape;
 mod status;
@@ -55,6 +56,7 @@ enum Verb {
     Picture(picture::Cli),
     Study(study::Cli),
     Bids(bids::Cli),
+    Report(report::Cli),
     BasisBuild(basis_build::Cli),
     Store(store::Cli),
     Generate(generate::Cli),
@@ -81,6 +83,7 @@ impl Verb {
             Self::Picture(cli) => picture::run(cli),
             Self::Study(cli) => study::run(cli, &run_command),
             Self::Bids(cli) => bids::run(cli, &run_command),
+            Self::Report(cli) => report::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
             Self::Store(cli) => store::run(cli),
             Self::Generate(cli) => generate::run(cli),

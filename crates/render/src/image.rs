@@ -1,6 +1,6 @@
 //! Pixels, and PNG files of them.
 
-use std::io;
+use std::io::{self, Write};
 use std::path::Path;
 
 use spharm_surface::io::{Output, WriteOptions, check_output, write_new};
@@ -58,14 +58,21 @@ impl Image {
 pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) -> Result<(), RenderError> {
     let path = path.as_ref();
     check_output(path, Output::Ending(&[".png"]))?;
-    Ok(write_new(path, options.overwrite, |out| {
-        let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
-        let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-        let mut writer = encoder.write_header().map_err(io::Error::other)?;
-        writer.write_image_data(image.pixels.as_flattened()).map_err(io::Error::other)?;
-        writer.finish().map_err(io::Error::other)
-    })?)
+    Ok(write_new(path, options.overwrite, |out| encode_png(image, out))?)
+}
+
+/// Writes the bytes of a PNG file.
+///
+/// # Errors
+///
+/// Those of `out`, and a picture of more than 2^32 - 1 pixels on a side.
+pub fn encode_png(image: &Image, out: &mut dyn Write) -> io::Result<()> {
+    let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
+    let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    let mut writer = encoder.write_header().map_err(io::Error::other)?;
+    writer.write_image_data(image.pixels.as_flattened()).map_err(io::Error::other)?;
+    writer.finish().map_err(io::Error::other)
 }

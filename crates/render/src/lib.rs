@@ -33,7 +33,7 @@ pub use animation::{render_frames, write_gif};
 use camera::Camera;
 pub use camera::View;
 pub use error::RenderError;
-pub use image::{Image, write_png};
+pub use image::{Image, encode_png, write_png};
 use raster::Raster;
 pub use scale::{fit_into, symmetric_range};
 use text::Label;

@@ -1,0 +1,122 @@
+//! Maps of a test in a page.
+
+use serde::Serialize;
+use spharm_render::{Paint, Panel, symmetric_range};
+
+use crate::ReportError;
+use crate::blocks::{Block, Blocks};
+use crate::contents::Maps;
+use crate::model_item::Drawn;
+use crate::still::still;
+use crate::text::number;
+
+/// Level of significance whose vertices are counted.
+const LEVEL: f64 = 0.05;
+
+/// Maps, as the page's script gets them.
+#[derive(Debug, Serialize)]
+pub(crate) struct MapsItem {
+    kind: &'static str,
+    name: String,
+    meaning: String,
+    mesh: Drawn,
+    maps: Vec<Map>,
+}
+
+#[derive(Debug, Serialize)]
+struct Map {
+    name: String,
+    values: Block,
+    /// Whether these are p values or false-discovery rates, to be shown as their logarithms.
+    probability: bool,
+    /// The values of the first and the last colour, before logarithms.
+    range: [f64; 2],
+}
+
+impl MapsItem {
+    /// The maps with their picture.
+    pub(crate) fn new(test: &Maps, max_vertices: usize, blocks: &mut Blocks) -> Result<(Self, Vec<u8>), ReportError> {
+        let expected = test.mesh.vertices.len();
+        if expected > max_vertices {
+            return Err(ReportError::TooLarge { name: test.name.clone(), found: expected, most: max_vertices });
+        }
+        for (map, values) in &test.maps {
+            if values.len() != expected {
+                let (name, map, found) = (test.name.clone(), map.clone(), values.len());
+                return Err(ReportError::ValueCount { name, map, expected, found });
+            }
+        }
+        let mut panels: Vec<Panel<'_>> = test
+            .maps
+            .iter()
+            .filter(|(name, _)| ["effect", "statistic", "p-fwe"].contains(&name.as_str()))
+            .map(|(name, values)| {
+                let paint = Paint::Scalar { values, range: range(values), label: name };
+                Panel { paint, ..Panel::new(&test.mesh, "") }
+            })
+            .collect();
+        if panels.is_empty() {
+            panels.push(Panel::new(&test.mesh, ""));
+        }
+        let still = still(&panels)?;
+        let mut maps = Vec::new();
+        for (name, values) in &test.maps {
+            let probability = is_probability(name);
+            let (low, high) = range(values);
+            let values = blocks.f32(values.iter().copied());
+            maps.push(Map { name: name.clone(), values, probability, range: [low, high] });
+        }
+        let mesh = Drawn::new(&test.mesh, blocks);
+        let (name, meaning) = (test.name.clone(), test.meaning.clone());
+        Ok((Self { kind: "maps", name, meaning, mesh, maps }, still))
+    }
+}
+
+/// What each map holds, for the table under the view.
+pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
+    let mut rows = vec![("Vertices".to_owned(), test.mesh.vertices.len().to_string())];
+    if !test.meaning.is_empty() {
+        rows.insert(0, ("Tested".to_owned(), test.meaning.clone()));
+    }
+    for (name, values) in &test.maps {
+        let finite = || values.iter().copied().filter(|value| value.is_finite());
+        let (low, high) = finite().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
+        let of = match finite().next() {
+            None => "no finite value".to_owned(),
+            Some(_) => format!("{} to {}", number(low), number(high)),
+        };
+        let below = finite().filter(|value| *value <= LEVEL).count();
+        let text = if is_probability(name) { format!("{of}; at {below} vertices at most {LEVEL}") } else { of };
+        rows.push((name.clone(), text));
+    }
+    rows
+}
+
+/// Whether a map is of p values or false-discovery rates.
+fn is_probability(name: &str) -> bool {
+    name == "p" || name == "q" || name.starts_with("p-")
+}
+
+/// Symmetric about 0 where values have both signs, else from the least to the largest.
+fn range(values: &[f64]) -> (f64, f64) {
+    let finite = || values.iter().copied().filter(|value| value.is_finite());
+    let (low, high) = finite().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
+    if low < 0.0 && high > 0.0 {
+        let finite: Vec<f64> = finite().collect();
+        return symmetric_range(&finite);
+    }
+    if low < high { (low, high) } else { (0.0, 1.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::range;
+
+    #[test]
+    fn ranges_are_symmetric_where_signs_differ() {
+        assert_eq!(range(&[-1.0, 3.0, f64::NAN]).0, -range(&[-1.0, 3.0]).1);
+        assert_eq!(range(&[0.25, 0.5]), (0.25, 0.5));
+        assert_eq!(range(&[f64::NAN]), (0.0, 1.0));
+        assert_eq!(range(&[]), (0.0, 1.0));
+    }
+}

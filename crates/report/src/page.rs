@@ -1,0 +1,215 @@
+//! The page: one HTML file, which asks for nothing beside itself.
+//!
+//! The policy in its head lets this script and this style sheet run, by their hashes, and nothing else: what a name holds can
+//! only be text.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use spharm_monitor::{Monitor, Stage};
+use spharm_surface::metrics::viridis;
+
+use crate::ReportError;
+use crate::assets::{STYLE, VIEW, WASM, script};
+use crate::blocks::Blocks;
+use crate::contents::{Contents, Params, Shown};
+use crate::curves::{convergence, detail, spectrum};
+use crate::maps_item::{self, MapsItem};
+use crate::model_item::{Made, ModelItem};
+use crate::modes_item::ModesItem;
+use crate::provenance;
+use crate::table::{Table, pairs};
+use crate::text::{escape, json, name, number};
+
+/// Blue to red through grey, each as light as its opposite: for values about 0.
+const DIVERGING: [[u8; 3]; 9] = [
+    [33, 75, 155],
+    [74, 118, 189],
+    [125, 161, 213],
+    [181, 201, 229],
+    [228, 226, 224],
+    [236, 190, 172],
+    [221, 139, 117],
+    [193, 84, 72],
+    [152, 27, 43],
+];
+
+/// What the script reads.
+#[derive(Serialize)]
+struct Info<'a> {
+    items: &'a [Item],
+    /// Colours at even steps.
+    viridis: Vec<[u8; 3]>,
+    diverging: [[u8; 3]; 9],
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Item {
+    Model(ModelItem),
+    Modes(ModesItem),
+    Maps(MapsItem),
+}
+
+/// Returns the page, the same bytes for the same contents.
+///
+/// # Errors
+///
+/// [`ReportError`]: no contents; a model of a signal; maps that don't fit their mesh; a cancelled monitor, as an error of the
+/// surface.
+pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
+    let Contents { title, models, modes, tests, tables, version } = contents;
+    if models.is_empty() && modes.is_empty() && tests.is_empty() && tables.is_empty() {
+        return Err(ReportError::Empty);
+    }
+    let (mut blocks, mut items, mut sections) = (Blocks::default(), Vec::new(), String::new());
+    // The page's heading is that of its only item.
+    let alone = models.len() + modes.len() + tests.len() == 1;
+    let mut section = |name: &str, still: &[u8], details: &str| {
+        let heading = if alone && name == title.as_str() { None } else { Some(name) };
+        sections += &item(heading, name, still, details);
+    };
+    monitor.begin(Stage::counted("page", "models"), models.len() as u64);
+    let mut errors = Vec::new();
+    for shown in models {
+        let Made { item, still, errors: of_model } = ModelItem::make(shown, params.max_vertices, &mut blocks, monitor)?;
+        section(&shown.name, &still, &details(shown));
+        items.push(Item::Model(item));
+        errors.push(of_model);
+        monitor.step(1);
+    }
+    monitor.end();
+    for (name, shapes) in modes {
+        let (item, still) = ModesItem::new(name, shapes, params.max_vertices, &mut blocks)?;
+        section(name, &still, &spectrum_of_variance(shapes));
+        items.push(Item::Modes(item));
+    }
+    for test in tests {
+        let (item, still) = MapsItem::new(test, params.max_vertices, &mut blocks)?;
+        section(&test.name, &still, &pairs("Maps", &maps_item::rows(test)));
+        items.push(Item::Maps(item));
+    }
+    let mut rows = String::new();
+    if models.len() > 1 {
+        rows += &models_table(models, &errors).html()?;
+    }
+    for table in tables {
+        rows += &table.html()?;
+    }
+
+    let stops = (0..=16).map(|i| viridis(f64::from(i) / 16.0)).collect();
+    let info = json(&Info { items: &items, viridis: stops, diverging: DIVERGING })?;
+    let script = script()?;
+    let policy = format!(
+        "default-src 'none'; script-src '{}' 'wasm-unsafe-eval'; style-src '{}'; img-src data:; base-uri 'none'; \
+         form-action 'none'",
+        hash(&script),
+        hash(STYLE)
+    );
+    let view = if items.is_empty() { "" } else { VIEW };
+    let heading = escape(title);
+    let summary = if alone && tables.is_empty() { String::new() } else { summary(contents) };
+    let version = escape(version);
+    let (wasm, data) = (STANDARD.encode(WASM), blocks.html());
+    Ok(format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n<title>{heading}</title>\n<style>{STYLE}</style>\n</head>\n\
+         <body>\n<header><h1><bdi>{heading}</bdi></h1><p>{summary}</p></header>\n<main>\n{view}\n\
+         <div id=\"items\">\n{sections}</div>\n{rows}</main>\n\
+         <footer>spharm {version}. Drawn with three.js (MIT licence).</footer>\n\
+         <script type=\"application/json\" id=\"info\">{info}</script>\n\
+         <script type=\"application/octet-stream\" id=\"wasm\">{wasm}</script>\n{data}<script>{script}</script>\n</body>\n</html>\n"
+    ))
+}
+
+/// A hash as policies have it.
+fn hash(text: &str) -> String {
+    format!("sha256-{}", STANDARD.encode(Sha256::digest(text.as_bytes())))
+}
+
+/// What is known of an item beside its view: the picture goes when the view is there.
+fn item(heading: Option<&str>, title: &str, still: &[u8], details: &str) -> String {
+    let png = STANDARD.encode(still);
+    let heading = heading.map_or_else(String::new, |heading| format!("<h2>{}</h2>", name(heading)));
+    format!(
+        "<section class=\"item\">{heading}\n<figure class=\"still\"><img alt=\"{}\" src=\"data:image/png;base64,{png}\">\
+         </figure>\n<div class=\"details\">{details}</div></section>\n",
+        escape(&format!("Picture of {title}"))
+    )
+}
+
+/// Charts and provenance of a model.
+fn details(shown: &Shown) -> String {
+    let coefficients = &shown.model.coefficients;
+    let charts = [spectrum(coefficients), detail(coefficients), shown.fit.as_ref().and_then(convergence)];
+    let mut html: String = charts.into_iter().flatten().collect();
+    let mut rows = provenance::rows(&shown.model);
+    if let Some((surface, _)) = &shown.surface {
+        rows.insert(0, ("Compared with".to_owned(), surface.clone()));
+    }
+    html += &pairs("Provenance", &rows);
+    html
+}
+
+/// The modes' shares of the variance, and the group.
+fn spectrum_of_variance(shapes: &spharm_shape::pca::file::ShapeModel) -> String {
+    let total = shapes.modes.total_variance;
+    let row = |(k, variance): (usize, &f64)| {
+        let percent = if total > 0.0 { 100.0 * variance / total } else { 0.0 };
+        (
+            format!("Mode {}", k + 1),
+            format!("{percent:.1} % of the variance, {} standard deviation", number(variance.sqrt())),
+        )
+    };
+    let mut rows = vec![
+        ("Members".to_owned(), shapes.members.len().to_string()),
+        ("Total variance, length²".to_owned(), number(total)),
+    ];
+    rows.extend(shapes.modes.variances.iter().take(10).enumerate().map(row));
+    pairs("Modes", &rows)
+}
+
+/// The table of the models.
+fn models_table(models: &[Shown], errors: &[Option<[f64; 2]>]) -> Table {
+    let columns = ["model", "degree", "method", "msd", "xsd", "rms error", "largest error"];
+    let row = |(shown, errors): (&Shown, &Option<[f64; 2]>)| {
+        let made = &shown.model.provenance;
+        let fitted = made.distances.as_ref();
+        let cell = |value: Option<f64>| value.map_or("–".to_owned(), number);
+        let raw = fitted.map(|d| [d.msd_raw.sqrt(), d.xsd_raw.sqrt()]);
+        let errors = errors.or(raw);
+        vec![
+            shown.name.clone(),
+            shown.model.coefficients.max_degree().to_string(),
+            made.settings.as_ref().map_or("–".to_owned(), |settings| settings.method.clone()),
+            cell(fitted.and_then(|d| d.msd)),
+            cell(fitted.and_then(|d| d.xsd)),
+            cell(errors.map(|e| e[0])),
+            cell(errors.map(|e| e[1])),
+        ]
+    };
+    Table {
+        title: "Models".to_owned(),
+        columns: columns.map(str::to_owned).to_vec(),
+        rows: models.iter().zip(errors).map(row).collect(),
+    }
+}
+
+fn summary(contents: &Contents) -> String {
+    let counted = |count: usize, one: &str, more: &str| match count {
+        0 => None,
+        1 => Some(format!("1 {one}")),
+        _ => Some(format!("{count} {more}")),
+    };
+    let rows = contents.tables.iter().map(|table| table.rows.len()).sum();
+    let parts = [
+        counted(contents.models.len(), "model", "models"),
+        counted(contents.modes.len(), "group's modes", "groups' modes"),
+        counted(contents.tests.len(), "test", "tests"),
+        counted(rows, "row of status", "rows of status"),
+    ];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,62 @@
+//! Arguments of `report`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use spharm_cli::Common;
+use spharm_cli::help::{self, INPUT, OUTPUT};
+use spharm_cli::threads::Threads;
+
+/// Make a page of models, modes and tests, to turn in a browser
+///
+/// One HTML file that asks for nothing beside itself: surface, model and distance side by side, at any degree; spectra and
+/// provenance; modes of a group by sliders, maps of a test by thresholds, tables that are sorted by a click.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm report bunny.spharm.npz --surface bunny.ply -o bunny.html",
+        "spharm report models -o models.html --fit-report fit.json",
+        "spharm report --modes group.shape-model.npz --test test --status status.tsv -o study.html",
+    ],
+    &["Without --surface each model is compared with the file that it was fitted to, where that is still there unchanged.", help::MESHES],
+))]
+pub(crate) struct Cli {
+    /// Models, as `spharm fit` writes them
+    ///
+    /// Files, folders, whose .npz files are taken, or @LIST with a path a line.
+    #[arg(value_name = "MODEL.spharm.npz", help_heading = INPUT)]
+    pub(super) models: Vec<PathBuf>,
+    /// Surfaces to compare the models with, in their order [default: what they were fitted to]
+    #[arg(long, value_name = "SURFACE", num_args = 1.., requires = "models", help_heading = INPUT)]
+    pub(super) surface: Vec<PathBuf>,
+    /// Reports of `spharm fit --report`, for how the fits converged
+    #[arg(long, value_name = "FILE.json", num_args = 1.., requires = "models", help_heading = INPUT)]
+    pub(super) fit_report: Vec<PathBuf>,
+    /// Modes of groups, as `spharm shape pca` writes them
+    #[arg(long, value_name = "FILE.shape-model.npz", num_args = 1.., help_heading = INPUT)]
+    pub(super) modes: Vec<PathBuf>,
+    /// Folders of maps, as `spharm shape test` writes them
+    #[arg(long, value_name = "DIR", num_args = 1.., help_heading = INPUT)]
+    pub(super) test: Vec<PathBuf>,
+    /// Tables of status, CSV or TSV with a header
+    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = INPUT)]
+    pub(super) status: Vec<PathBuf>,
+    /// Page to write
+    #[arg(short, long, value_name = "OUT.html", help_heading = OUTPUT)]
+    pub(super) output: PathBuf,
+    /// The page's heading [default: the model's name, or what there is]
+    #[arg(long, value_name = "TEXT", help_heading = OUTPUT)]
+    pub(super) title: Option<String>,
+    /// Most vertices of a mesh in the page
+    ///
+    /// A model over more is evaluated on an icosphere of fewer, and a surface of more isn't shown.
+    #[arg(long, value_name = "N", default_value_t = 163_842, value_parser = clap::value_parser!(u32).range(12..=10_000_000), help_heading = OUTPUT)]
+    pub(super) max_vertices: u32,
+    /// Replace an output that exists
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) threads: Threads,
+    #[command(flatten)]
+    pub(super) common: Common,
+}

@@ -1,0 +1,59 @@
+//! `report`: models, modes and tests as a page for the browser.
+
+mod args;
+mod read;
+
+use anyhow::{Result, anyhow};
+use spharm_cli::Usage;
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
+use spharm_cli::size::Size;
+use spharm_report::{Contents, Params, ReportError, page};
+use spharm_surface::io::write_new;
+
+pub(crate) use self::args::Cli;
+
+/// Runs the verb.
+pub(crate) fn run(cli: &Cli) -> Result<()> {
+    if [&cli.models, &cli.modes, &cli.test, &cli.status].iter().all(|given| given.is_empty()) {
+        return Err(Usage::missing("models, --modes, --test or --status say what the page is of").into());
+    }
+    check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".html"])], cli.force)?;
+    let monitor = ConsoleMonitor::new(cli.common.console());
+    let models = read::models(cli, monitor.console())?;
+    let mut contents = Contents {
+        models,
+        modes: read::modes(&cli.modes)?,
+        tests: read::tests(&cli.test)?,
+        tables: read::tables(&cli.status)?,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        ..Contents::default()
+    };
+    contents.title = cli.title.clone().unwrap_or_else(|| title(&contents));
+    let params = Params { max_vertices: cli.max_vertices as usize };
+    let html = cli.threads.pool()?.install(|| page(&contents, params, &monitor)).map_err(advise)?;
+    prepare(&cli.output)?;
+    write_new(&cli.output, cli.force, |out| out.write_all(html.as_bytes()))?;
+    print(&format!("{}: {}", cli.output.display(), Size(html.len())))
+}
+
+/// Says which option helps.
+fn advise(error: ReportError) -> anyhow::Error {
+    match error {
+        ReportError::TooLarge { .. } => anyhow!("{error}; raise --max-vertices"),
+        error => error.into(),
+    }
+}
+
+/// The name of the only item, or what there is.
+fn title(contents: &Contents) -> String {
+    let Contents { models, modes, tests, .. } = contents;
+    let names = models.iter().map(|shown| &shown.name).chain(modes.iter().map(|(name, _)| name));
+    let names: Vec<&String> = names.chain(tests.iter().map(|test| &test.name)).collect();
+    match names[..] {
+        [name] => name.clone(),
+        _ if !models.is_empty() => "Models".to_owned(),
+        [] => "Status".to_owned(),
+        _ => "Group".to_owned(),
+    }
+}

@@ -1,0 +1,175 @@
+//! What a page is made of, from files.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use spharm::parametrize::volume::is_volume;
+use spharm::shape::pca::file::ShapeModel;
+use spharm_cli::console::Console;
+use spharm_cli::inputs::{expand_lists, stem};
+use spharm_cli::output::counted;
+use spharm_cli::paths::{expand, model_name};
+use spharm_model::{FileRecord, Model};
+use spharm_report::{Maps, Shown, Table};
+use spharm_surface::Mesh;
+use spharm_surface::io::{read_mesh, read_signal};
+
+use super::args::Cli;
+
+/// Maps in the order of their names in a page; `spharm shape test` writes some of them.
+const MAPS: [&str; 12] = [
+    "effect",
+    "effect-x",
+    "effect-y",
+    "effect-z",
+    "statistic",
+    "p-fwe",
+    "q",
+    "p",
+    "p-permutation",
+    "size",
+    "margin",
+    "value",
+];
+/// What a report of a fit may be, in bytes: larger files aren't reports.
+const LARGEST_REPORT: u64 = 1 << 30;
+
+/// The models, each with its surface and its entry in the reports of fits.
+pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
+    if cli.models.is_empty() {
+        return Ok(Vec::new());
+    }
+    let paths = expand(&cli.models, ".npz")?;
+    let surfaces = expand_lists(&cli.surface)?;
+    if !surfaces.is_empty() && surfaces.len() != paths.len() {
+        let (models, surfaces) = (counted(paths.len(), "model"), counted(surfaces.len(), "surface"));
+        bail!("expected a --surface for each model, in their order; found {models} and {surfaces}");
+    }
+    let reports = cli.fit_report.iter().map(|path| report(path)).collect::<Result<Vec<_>>>()?;
+    let one = |(k, path): (usize, &PathBuf)| {
+        let model = Model::read(path)?;
+        let surface = match surfaces.get(k) {
+            Some(surface) => Some((surface.display().to_string(), read_mesh(surface)?)),
+            None => fitted_to(&model, path, console),
+        };
+        let name = model_name(path);
+        let fit = reports.iter().flatten().find(|entry| is_of(entry, path)).cloned();
+        Ok(Shown { name, model, surface, fit })
+    };
+    paths.iter().enumerate().map(one).collect()
+}
+
+/// The surface that a model was fitted to, where its file is there as it was.
+fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, Mesh)> {
+    let record = model.provenance.input.as_ref()?;
+    let input = Path::new(&record.path);
+    let left_out = |why: &str| {
+        console.note(format!(
+            "{}: without its surface, {}: {why}; --surface names it",
+            path.display(),
+            input.display()
+        ));
+        None
+    };
+    if record.label.is_some() || is_volume(input) {
+        return left_out("a volume");
+    }
+    if !input.is_file() {
+        return left_out("there is no such file");
+    }
+    match FileRecord::of(input) {
+        Ok(found) if found.same_contents(record) => {}
+        Ok(_) => return left_out("it has changed"),
+        Err(error) => return left_out(&error.to_string()),
+    }
+    match read_mesh(input) {
+        Ok(mesh) => Some((record.path.clone(), mesh)),
+        Err(error) => left_out(&error.to_string()),
+    }
+}
+
+/// The entries of a report of `spharm fit`.
+fn report(path: &Path) -> Result<Vec<Value>> {
+    let open = || format!("{}: cannot read the report", path.display());
+    let size = std::fs::metadata(path).with_context(open)?.len();
+    if size > LARGEST_REPORT {
+        bail!("{}: {size} bytes are no report of `spharm fit --report`", path.display());
+    }
+    let text = std::fs::read_to_string(path).with_context(open)?;
+    let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
+    match value.get("surfaces").and_then(Value::as_array) {
+        Some(entries) => Ok(entries.clone()),
+        None => bail!("{}: expected a report of `spharm fit --report`, found JSON without `surfaces`", path.display()),
+    }
+}
+
+/// Whether an entry is of a model: by its file, else by its name.
+fn is_of(entry: &Value, model: &Path) -> bool {
+    let of = |key: &str| entry.get(key).and_then(Value::as_str);
+    let file = |path: &Path| path.file_name().map(std::ffi::OsStr::to_owned);
+    of("output").is_some_and(|output| Path::new(output) == model || file(Path::new(output)) == file(model))
+}
+
+/// Modes of groups.
+pub(super) fn modes(paths: &[PathBuf]) -> Result<Vec<(String, ShapeModel)>> {
+    let name = |path: &Path| {
+        let name = model_name(path);
+        name.strip_suffix(".shape-model").map_or(name.clone(), str::to_owned)
+    };
+    paths.iter().map(|path| Ok((format!("{}: modes", name(path)), ShapeModel::read(path)?))).collect()
+}
+
+/// Tests: folders of a mean and maps.
+pub(super) fn tests(folders: &[PathBuf]) -> Result<Vec<Maps>> {
+    folders.iter().map(|folder| test(folder)).collect()
+}
+
+fn test(folder: &Path) -> Result<Maps> {
+    let mesh = folder.join("mean.surf.gii");
+    if !mesh.is_file() {
+        bail!("{}: expected a folder of `spharm shape test`, found no mean.surf.gii in it", folder.display());
+    }
+    let mesh = read_mesh(mesh)?;
+    let mut maps = Vec::new();
+    for name in MAPS {
+        let path = folder.join(format!("{name}.shape.gii"));
+        if !path.is_file() {
+            continue;
+        }
+        let signal = read_signal(&path)?;
+        if signal.channels != 1 || signal.vertices != mesh.vertices.len() {
+            let (found, expected) = (signal.vertices * signal.channels, mesh.vertices.len());
+            bail!(
+                "{}: expected a value for each of {expected} vertices of mean.surf.gii, found {found}",
+                path.display()
+            );
+        }
+        maps.push((name.to_owned(), signal.values));
+    }
+    if maps.is_empty() {
+        bail!("{}: expected maps of `spharm shape test`, such as statistic.shape.gii; found none", folder.display());
+    }
+    let name = folder.file_name().map_or_else(|| "test".to_owned(), |name| name.to_string_lossy().into_owned());
+    Ok(Maps { name: format!("{name}: test"), meaning: String::new(), mesh, maps })
+}
+
+/// Tables with a header.
+pub(super) fn tables(paths: &[PathBuf]) -> Result<Vec<Table>> {
+    paths.iter().map(|path| table(path)).collect()
+}
+
+fn table(path: &Path) -> Result<Table> {
+    let open = || format!("{}: cannot read the table", path.display());
+    let text = std::fs::read_to_string(path).with_context(open)?;
+    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    let tabs = text.lines().next().is_some_and(|line| line.contains('\t'));
+    let mut reader = csv::ReaderBuilder::new().delimiter(if tabs { b'\t' } else { b',' }).from_reader(text.as_bytes());
+    let cells = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
+    let columns = cells(reader.headers().with_context(open)?);
+    if columns.is_empty() {
+        bail!("{}: expected a table with a header, found nothing", path.display());
+    }
+    let rows = reader.records().map(|record| Ok(cells(&record?))).collect::<Result<Vec<_>, csv::Error>>();
+    Ok(Table { title: stem(path), columns, rows: rows.with_context(open)? })
+}

@@ -1,0 +1,123 @@
+// The page's script: reads what the page holds, and shows it.
+
+import { byId, make } from './dom.js';
+import { Engine } from './engine.js';
+import { mapsControls, modelControls, modesControls, stop } from './controls.js';
+import { MapsView } from './maps.js';
+import { ModelView } from './model.js';
+import { ModesView } from './modes.js';
+import { Panel } from './panels.js';
+import { ply, png, say } from './save.js';
+import { Stage, VIEWS } from './stage.js';
+import { sortable } from './tables.js';
+
+const KINDS = {
+  model: [ModelView, modelControls],
+  modes: [ModesView, modesControls],
+  maps: [MapsView, mapsControls],
+};
+
+// What tests look at.
+const report = { ready: null, view: null };
+window.spharmReport = report;
+
+async function start() {
+  document.querySelectorAll('table.sortable').forEach(sortable);
+  const { items, ...colours } = JSON.parse(byId('info').textContent);
+  if (items.length === 0) return;
+  const sections = [...document.querySelectorAll('section.item')];
+  const viewer = byId('viewer');
+  viewer.hidden = false;
+  const panels = [...viewer.querySelectorAll('.panel')].map((element) => new Panel(element));
+  // Where there is room for one view only.
+  const tabs = [...viewer.querySelectorAll('.tabs button')];
+  let view = null;
+  const pick = (vertex, panel) => {
+    say(view.describe(vertex, panel));
+    byId('vertex').value = vertex;
+    report.picked = [vertex, panel];
+    stage.draw();
+  };
+  let stage;
+  let engine;
+  try {
+    stage = new Stage(byId('stage'), panels.map((panel) => panel.element), pick);
+    engine = await Engine.start();
+  } catch (error) {
+    // The pictures stay.
+    viewer.hidden = true;
+    byId('failed').hidden = false;
+    byId('failed').textContent = `The views can't be drawn here (${error.message}): pictures take their place.`;
+    return;
+  }
+  document.body.classList.add('drawn');
+
+  /** After each change of what is shown. */
+  const again = () => {
+    tabs.forEach((button, k) => {
+      button.textContent = view.tabs[k] ?? '';
+      button.hidden = panels[k].element.hidden;
+    });
+    const vertex = Number(byId('vertex').value);
+    if (byId('vertex').value === '' || vertex >= view.vertices) return;
+    say(view.describe(vertex, 1));
+    stage.draw();
+  };
+  const open = async (number) => {
+    stop();
+    const item = items[number];
+    select.value = number;
+    const [View, controls] = KINDS[item.kind];
+    view = await View.open(item, { engine, stage, panels, colours });
+    report.view = view;
+    byId('vertex').value = '';
+    byId('vertex').max = view.vertices - 1;
+    say('Click on a surface for its vertex.');
+    controls(view, again);
+    sections.forEach((section, k) => {
+      section.hidden = k !== number;
+    });
+    tab(0);
+  };
+
+  const tab = (number) => {
+    const shown = panels[number].element.hidden ? 1 : number;
+    byId('stage').dataset.shown = shown;
+    tabs.forEach((button, k) => {
+      button.ariaPressed = k === shown;
+    });
+    stage.resize();
+  };
+  tabs.forEach((button, k) => button.addEventListener('click', () => tab(k)));
+
+  const select = byId('item');
+  items.forEach((item, k) => select.append(make('option', { value: k }, item.name)));
+  select.parentElement.hidden = items.length < 2;
+  select.onchange = () => open(Number(select.value));
+  for (const [name, [from, up]] of Object.entries(VIEWS)) {
+    const button = make('button', { type: 'button' }, name);
+    button.onclick = () => stage.view(from, up);
+    byId('views').append(button);
+  }
+  byId('wireframe').onchange = (event) => {
+    stage.wireframe = event.target.checked;
+  };
+  byId('vertex').oninput = (event) => {
+    const vertex = Number(event.target.value);
+    if (event.target.value === '' || !Number.isInteger(vertex) || vertex < 0 || vertex >= view.vertices) return;
+    say(view.describe(vertex, 1));
+    stage.draw();
+  };
+  byId('save-png').onclick = () => png(stage, panels, items[select.value || 0].name);
+  byId('save-ply').onclick = () => ply(view.mesh());
+  stage.canvas.addEventListener('webglcontextlost', () => {
+    document.body.classList.remove('drawn');
+    viewer.hidden = true;
+  });
+  Object.assign(report, { stage, open });
+  await open(0);
+  stage.drawNow();
+  report.ready = performance.now();
+}
+
+start();
