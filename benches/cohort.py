@@ -20,13 +20,15 @@ import time
 from pathlib import Path
 
 import numpy as np
-from cluster import EXAMPLES, Skipped, Slurm, run, say, unpacked_slurm, wait_for
+from cluster import EXAMPLES, Skipped, Slurm, run, say, unpacked_slurm
 
 SHARDS, DEGREE = 10, 20
 KILLED, STOPPED, FULL = (0, 1, 2), (3, 4), 5
 #: Models of one shard that go to the small disk, and its size.
 SMALL_DISK = "16M"
 SEED = 20
+#: Nothing here takes this long, seconds.
+PATIENCE = 1800
 
 
 def read_ply(path):
@@ -140,18 +142,21 @@ def by_slurm(folder, count, bad):
         chance = random.Random(SEED)
         share = count // SHARDS
         try:
-            for shard in (*KILLED, *STOPPED):
-                after = chance.randrange(share // 10, share // 2)
-                wait_for(f"shard {shard} at {after} rows", lambda shard=shard, after=after: lines(shard) > after, patience=900)
-                if shard in KILLED:
-                    pid = program(shard)
-                    if pid:
+            waiting = {shard: chance.randrange(share // 10, share // 2) for shard in (*KILLED, *STOPPED)}
+            end = started + PATIENCE
+            while waiting and time.monotonic() < end:
+                for shard in [shard for shard, after in waiting.items() if lines(shard) > after]:
+                    after, pid = waiting.pop(shard), program(shard)
+                    if pid and shard in KILLED:
                         os.kill(pid, signal.SIGKILL)
                         notes.append(f"shard {shard} killed after {after} rows")
-                else:
-                    run(["scancel", "--signal=TERM", "--batch", f"{array}_{shard}"], env=slurm.environment)
-                    notes.append(f"shard {shard} stopped after {after} rows")
-            slurm.idle(patience=1800)
+                    elif pid:
+                        run(["scancel", "--signal=TERM", "--batch", f"{array}_{shard}"], env=slurm.environment)
+                        notes.append(f"shard {shard} stopped after {after} rows, and queued again")
+                time.sleep(0.05)
+            if len(notes) < len(KILLED) + len(STOPPED):
+                raise RuntimeError(f"only {notes}: the tasks ended too early")
+            slurm.idle(patience=PATIENCE)
         except RuntimeError as error:
             raise RuntimeError(f"{error}\n{slurm.logs()}") from error
         first = time.monotonic() - started
@@ -170,7 +175,7 @@ def by_slurm(folder, count, bad):
                 raise RuntimeError(f"{entry} is empty")
         again = time.monotonic()
         submit()
-        slurm.idle(patience=1800)
+        slurm.idle(patience=PATIENCE)
         seconds = first + time.monotonic() - again
         compare(folder, out, count, bad)
         version = slurm.ask("sinfo", "--version").split()[-1]

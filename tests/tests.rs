@@ -10,6 +10,7 @@ mod denoise;
 mod facade;
 mod first_users;
 mod fit_arguments;
+mod freesurfer;
 mod full_least_squares;
 mod handles;
 mod inputs;

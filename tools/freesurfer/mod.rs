@@ -38,6 +38,7 @@ fn options(cli: &Cli) -> Options {
         params: FitParams {
             smoothness: cli.smoothness.unwrap_or_default(),
             strict: cli.strict,
+            surface_distance: !cli.no_surface_distance,
             memory: cli.memory.map(|size| size.0),
             threads: Some(cli.threads.count()),
             ..FitParams::lsq(cli.max_degree)
