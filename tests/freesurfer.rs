@@ -71,7 +71,8 @@ fn every_subject_is_fitted_on_its_own_sphere_and_seen_on_a_common_one() {
             let values =
                 read_signal(subjects.out(&format!("{name}.{hemisphere}.thickness.ico2.shape.gii"))).expect("values");
             // Of degree 2, so that the model is exact, whatever the vertices were.
-            let off = values.values.iter().zip(&icosphere(2).vertices).map(|(value, p)| value - 2.0 - p[0] * p[1]);
+            let sphere = icosphere(2);
+            let off = values.values.iter().zip(&sphere.vertices).map(|(value, p)| value - 2.0 - p[0] * p[1]);
             assert!(off.fold(0.0f64, |most, off| most.max(off.abs())) < 1e-5);
         }
     }

@@ -62,6 +62,8 @@ fn every_verb_has_help_with_examples_completions_and_a_manual_page() {
         "compare",
         "picture",
         "moments",
+        "status",
+        "freesurfer",
         "shape",
         "basis-build",
         "store",

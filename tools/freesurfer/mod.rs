@@ -87,6 +87,17 @@ fn subjects(cli: &Cli, console: &Console) -> Result<Vec<String>> {
             console.note(format!("{} named fsaverage* left out; --subject takes them", counted(others, "folder")));
         }
     }
+    for name in cli.surface.iter().chain(&cli.signal).chain([&cli.sphere]) {
+        if let Err(expected) = check_id(name) {
+            bail!("{name:?}: expected {expected}, such as white for lh.white and rh.white");
+        }
+    }
+    let names: Vec<&String> = cli.surface.iter().chain(&cli.signal).collect();
+    let twice = names.iter().enumerate().find(|(at, name)| names[..*at].contains(name)).map(|(_, name)| name.as_str());
+    let hemispheres = || cli.hemi.iter().enumerate().find(|(at, hemi)| cli.hemi[..*at].contains(hemi));
+    if let Some(name) = twice.or_else(|| hemispheres().map(|(_, hemi)| hemi.name())) {
+        bail!("{name} is given twice");
+    }
     if found.is_empty() {
         bail!("{}: expected folders of subjects with a folder surf, found none; is it SUBJECTS_DIR?", folder.display());
     }
