@@ -91,6 +91,7 @@ def unpacked_slurm():
         with tempfile.TemporaryDirectory() as downloads:
             run(["apt-get", "download", *names], cwd=downloads)
             shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
             for package in Path(downloads).glob("*.deb"):
                 run(["dpkg-deb", "-x", package, folder])
     except RuntimeError as error:

@@ -11,6 +11,7 @@ mod exchange;
 mod facade;
 mod first_users;
 mod fit_arguments;
+mod freesurfer;
 mod full_least_squares;
 mod handles;
 mod inputs;

@@ -56,7 +56,10 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     let streamed = !matches!(method, Lsq | Quadrature);
     let needs = [
         (cli.input.store.is_none(), "--store DIR, with a basis that basis-build has made"),
-        (cli.input.sphere.is_none(), "--sphere SPHERE, the one that the basis was built for"),
+        (
+            cli.input.sphere.is_none() && cli.input.manifest.is_none(),
+            "--sphere SPHERE, the one that the basis was built for",
+        ),
     ];
     if let Some((_, needed)) = needs.iter().find(|(missing, _)| streamed && *missing) {
         return Err(Usage::missing(format!("--method {name} needs {needed}")));

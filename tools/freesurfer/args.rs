@@ -52,6 +52,9 @@ pub(crate) struct Cli {
     /// Smoothness penalty [default: 0]
     #[arg(long, value_name = "LAMBDA|auto", help_heading = help::METHOD)]
     pub(super) smoothness: Option<Smoothness>,
+    /// Don't measure how far model and surface are apart, which takes a second or so for each
+    #[arg(long, help_heading = help::METHOD)]
+    pub(super) no_surface_distance: bool,
     /// Folder for the models, SUBJECT.HEMI.NAME.spharm.npz
     #[arg(short, long, value_name = "DIR", help_heading = help::OUTPUT)]
     pub(super) output: PathBuf,

@@ -38,6 +38,7 @@ fn options(cli: &Cli) -> Options {
         params: FitParams {
             smoothness: cli.smoothness.unwrap_or_default(),
             strict: cli.strict,
+            surface_distance: !cli.no_surface_distance,
             memory: cli.memory.map(|size| size.0),
             threads: Some(cli.threads.count()),
             ..FitParams::lsq(cli.max_degree)
@@ -87,6 +88,17 @@ fn subjects(cli: &Cli, console: &Console) -> Result<Vec<String>> {
         if others > 0 {
             console.note(format!("{} named fsaverage* left out; --subject takes them", counted(others, "folder")));
         }
+    }
+    for name in cli.surface.iter().chain(&cli.signal).chain([&cli.sphere]) {
+        if let Err(expected) = check_id(name) {
+            bail!("{name:?}: expected {expected}, such as white for lh.white and rh.white");
+        }
+    }
+    let names: Vec<&String> = cli.surface.iter().chain(&cli.signal).collect();
+    let twice = names.iter().enumerate().find(|(at, name)| names[..*at].contains(name)).map(|(_, name)| name.as_str());
+    let hemispheres = || cli.hemi.iter().enumerate().find(|(at, hemi)| cli.hemi[..*at].contains(hemi));
+    if let Some(name) = twice.or_else(|| hemispheres().map(|(_, hemi)| hemi.name())) {
+        bail!("{name} is given twice");
     }
     if found.is_empty() {
         bail!("{}: expected folders of subjects with a folder surf, found none; is it SUBJECTS_DIR?", folder.display());

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use spharm::generate::{Cortex, cortex};
-use spharm::{Error, FitParams, Silent, Sphere, Target, fit, fit_many, fit_with};
+use spharm::{Error, FitParams, Silent, Sphere, Target, fit, fit_each, fit_many, fit_with};
 use spharm_surface::Signal;
 
 const COUNT: usize = 70;
@@ -42,9 +42,7 @@ fn results_are_in_order_and_those_of_each_alone() {
     assert!(most.into_inner() <= 32 + 2);
     for number in [0, 31, 32, COUNT - 1] {
         let alone = fit(&sphere, &target(number), &params()).expect("a fit");
-        let (one, all) = (alone.coefficients.values(), found[number].1.values());
-        let norm = one.iter().fold(0.0f64, |most, a| most.max(a.abs()));
-        assert!((one - all).iter().all(|d| d.abs() <= 1e-12 * norm), "{number}");
+        assert!(alone.coefficients == found[number].1, "{number}: not the same bits");
     }
 }
 
@@ -90,6 +88,61 @@ fn errors_of_the_caller_and_of_the_library_come_back_as_they_are() {
     let read = |_| Ok::<_, Mine>(Target { values: small.values.clone(), channels: 1, ..target(0) });
     let error = fit_many(&sphere, 1, &read, &params(), &|_, _| Ok(()), &Silent).expect_err("five values");
     assert!(matches!(error, Mine::Library(Error::Surface(_))), "{error:?}");
+}
+
+/// Of targets that can't be read, that have too few values, and all others.
+#[test]
+fn targets_that_fail_are_handed_over_and_change_no_other() {
+    let sphere = sphere();
+    let small = |number| Target { values: vec![0.0; 15], ..target(number) };
+    let read = |number: usize| match number {
+        0 | 5 | 6 | 69 => Err(Mine::Missing(number)),
+        7 => Ok(small(number)),
+        _ => Ok(target(number)),
+    };
+    let done = |number: usize, fit: Result<spharm::Fit, Mine>| match fit {
+        Ok(fit) => Ok(Some(fit.coefficients)),
+        Err(Mine::Missing(_)) => Ok(None),
+        Err(Mine::Library(Error::Surface(_))) if number == 7 => Ok(None),
+        Err(other) => Err(other),
+    };
+    let (found, _) = fit_each(&sphere, COUNT, &read, &params(), &done, &Silent).expect("the others");
+    assert_eq!(found.len(), COUNT);
+    for (number, found) in found.iter().enumerate() {
+        assert_eq!(found.is_none(), [0, 5, 6, 7, 69].contains(&number), "{number}");
+    }
+    for number in [1, 8, 33, 68] {
+        let alone = fit(&sphere, &target(number), &params()).expect("a fit");
+        assert!(found[number] == Some(alone.coefficients), "{number}: not the same bits");
+    }
+    let (none, report) =
+        fit_each(&sphere, 3, &|number| Err(Mine::Missing(number)), &params(), &done, &Silent).expect("none");
+    assert!(none == [None, None, None] && report.batches.is_empty());
+}
+
+/// Each of those that meet the tolerance has its fit.
+#[test]
+fn a_fit_that_does_not_converge_is_named_alone() {
+    let sphere = sphere();
+    // Zero from the start; the others take some iterations.
+    let read = |number: usize| match number {
+        2 => Target::from_signal(Signal::new(vec![0.0; 642 * 3], 642, 3), &sphere).map_err(Error::from),
+        _ => Ok(target(number)),
+    };
+    let params = FitParams {
+        strict: true,
+        max_iterations: 1,
+        target: spharm::FitTo::Vertices,
+        preconditioner: spharm::Preconditioner::None,
+        ..params()
+    };
+    let done = |_, fit: Result<spharm::Fit, Error>| match fit {
+        Ok(_) => Ok(true),
+        Err(Error::NotConverged(_)) => Ok(false),
+        Err(other) => Err(other),
+    };
+    let (found, _) = fit_each(&sphere, 4, &read, &params, &done, &Silent).expect("it goes on");
+    assert_eq!(found, [false, false, true, false]);
 }
 
 #[test]

@@ -1,0 +1,128 @@
+//! FreeSurfer's subjects, whole and broken.
+
+use std::path::PathBuf;
+
+use serde_json::Value;
+use spharm_model::Model;
+use spharm_surface::Signal;
+use spharm_surface::generate::{Cortex, cortex, icosphere};
+use spharm_surface::io::{read_mesh, read_signal, write_mesh, write_signal};
+
+use crate::common::{error_line, finish, succeed, text, tool};
+use crate::first_users::OPTIONS;
+
+/// A SUBJECTS_DIR: the second subject has more vertices than the first.
+struct Subjects {
+    folder: tempfile::TempDir,
+}
+
+impl Subjects {
+    fn new() -> Self {
+        let subjects = Self { folder: tempfile::tempdir().expect("a folder") };
+        for (number, name) in ["bert", "ernie b."].into_iter().enumerate() {
+            std::fs::create_dir_all(subjects.path(&format!("{name}/surf"))).expect("a folder");
+            for (hemisphere, side) in [("lh", 0), ("rh", 1)] {
+                let subdivisions = 3 + number as u32;
+                let (surface, sphere) = cortex(&Cortex { subdivisions, variant: 2 * number as u64 + side });
+                let write = |kind: &str, mesh| {
+                    write_mesh(subjects.path(&format!("{name}/surf/{hemisphere}.{kind}")), mesh, &OPTIONS)
+                        .expect("a mesh");
+                };
+                write("white", &surface);
+                write("sphere.reg", &sphere);
+                let thickness: Vec<f64> = sphere.vertices.iter().map(|p| 2.0 + p[0] * p[1]).collect();
+                let path = subjects.path(&format!("{name}/surf/{hemisphere}.thickness"));
+                write_signal(path, &Signal::new(thickness, sphere.vertices.len(), 1), &OPTIONS).expect("values");
+            }
+        }
+        std::fs::create_dir_all(subjects.path("fsaverage5/surf")).expect("a folder");
+        subjects
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join("subjects").join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> std::process::Command {
+        let mut command = tool("freesurfer");
+        command.args(["subjects", "--max-degree", "5", "-o", "out", "--no-surface-distance"]).args(arguments);
+        command.current_dir(self.folder.path());
+        command
+    }
+
+    fn out(&self, name: &str) -> PathBuf {
+        self.folder.path().join("out").join(name)
+    }
+}
+
+#[test]
+fn every_subject_is_fitted_on_its_own_sphere_and_seen_on_a_common_one() {
+    let subjects = Subjects::new();
+    let all = ["--surface", "white", "--signal", "thickness", "--evaluate-on", "icosphere:2", "-q"];
+    succeed(&mut subjects.run(&all));
+    for (name, vertices) in [("bert", 642), ("ernie b.", 2562)] {
+        for hemisphere in ["lh", "rh"] {
+            let id = format!("{name}.{hemisphere}.white");
+            let model = Model::read(subjects.out(&format!("{id}.spharm.npz"))).expect("a model");
+            assert_eq!(model.sphere.as_ref().map(|sphere| sphere.directions.len()), Some(vertices));
+            assert_eq!(model.provenance.id, Some(id.clone()));
+            let mesh = read_mesh(subjects.out(&format!("{id}.ico2.surf.gii"))).expect("a mesh");
+            assert_eq!(mesh.faces, icosphere(2).faces);
+            let values =
+                read_signal(subjects.out(&format!("{name}.{hemisphere}.thickness.ico2.shape.gii"))).expect("values");
+            // Of degree 2, so that the model is exact, whatever the vertices were.
+            let sphere = icosphere(2);
+            let off = values.values.iter().zip(&sphere.vertices).map(|(value, p)| value - 2.0 - p[0] * p[1]);
+            assert!(off.fold(0.0f64, |most, off| most.max(off.abs())) < 1e-5);
+        }
+    }
+    assert!(!subjects.out("fsaverage5.lh.white.spharm.npz").exists());
+    let again: Vec<&str> = all.iter().copied().chain(["--skip-existing"]).collect();
+    assert!(succeed(&mut subjects.run(&again)).contains("nothing to do"));
+    // What is missing beside a model is made again.
+    std::fs::remove_file(subjects.out("bert.lh.thickness.ico2.shape.gii")).expect("it is there");
+    assert!(succeed(&mut subjects.run(&again)).contains("bert.lh.thickness"));
+    assert!(subjects.out("bert.lh.thickness.ico2.shape.gii").exists());
+}
+
+#[test]
+fn broken_subjects_are_named_and_stop_no_other() {
+    let subjects = Subjects::new();
+    // Without a sphere; on the other subject's; on one that is mirrored.
+    std::fs::remove_file(subjects.path("bert/surf/rh.sphere.reg")).expect("it is there");
+    let other = subjects.path("ernie b./surf/lh.sphere.reg");
+    std::fs::copy(&other, subjects.path("bert/surf/lh.sphere.reg")).expect("copied");
+    let right = subjects.path("ernie b./surf/rh.sphere.reg");
+    let mut mirrored = read_mesh(&right).expect("a sphere");
+    mirrored.vertices.iter_mut().for_each(|p| p[0] = -p[0]);
+    write_mesh(&right, &mirrored, &OPTIONS).expect("a sphere");
+    let all = ["--surface", "white", "--signal", "thickness", "--report", "r.json"];
+    let output = finish(&mut subjects.run(&all));
+    assert!(error_line(&output).contains("6 of 8 surfaces failed"), "{}", text(&output));
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(subjects.folder.path().join("r.json")).expect("a report")).expect("JSON");
+    let error = |id: &str| {
+        let failed = report["failed"].as_array().expect("a list").iter().find(|failed| failed["id"] == id);
+        failed.unwrap_or_else(|| panic!("{id} failed: {report}"))["error"].to_string()
+    };
+    assert!(error("bert.rh.white").contains("rh.sphere.reg"));
+    assert!(error("bert.lh.thickness").contains("642") && error("bert.lh.white").contains("2562"));
+    assert!(error("ernie b..rh.white").contains("inside out"), "{report}");
+    assert!(error("ernie b..rh.thickness").contains("inside out"), "{report}");
+    assert!(subjects.out("ernie b..lh.white.spharm.npz").exists());
+}
+
+#[test]
+fn the_other_hemispheres_sphere_is_known_by_its_vertices() {
+    let subjects = Subjects::new();
+    let bert = |name: &str| subjects.path(&format!("bert/surf/{name}"));
+    for kind in ["white", "sphere.reg"] {
+        std::fs::copy(subjects.path(&format!("ernie b./surf/rh.{kind}")), bert(&format!("rh.{kind}"))).expect("copied");
+    }
+    std::fs::copy(bert("rh.sphere.reg"), bert("lh.sphere.reg")).expect("copied");
+    let output = finish(&mut subjects.run(&["--surface", "white", "--subject", "bert", "--hemi", "lh"]));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("rh.white: is it of that hemisphere?"), "{said}");
+    let missing = finish(&mut subjects.run(&["--surface", "white", "--subject", "oscar"]));
+    assert!(error_line(&missing).contains("oscar: no such subject"));
+}
