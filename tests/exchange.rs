@@ -190,9 +190,9 @@ fn damaged_files_get_one_line_that_names_them() {
     for (format, file) in exports {
         succeed(&mut site.run("export", &["m.npz", "--to", format, "-o", file]));
         let whole = std::fs::read(site.path(file)).expect("a file");
-        // The end of a FITS file is padding.
-        let last = if format == "healpy" { whole.len() / 2 } else { whole.len() * 9 / 10 };
-        for cut in [0, 1, 7, 100, whole.len() / 3, last] {
+        // A FITS file ends in padding, and is one of fewer channels without its last tables.
+        let part = if format == "healpy" { 4 } else { 1 };
+        for cut in [0, 1, 7, 100, whole.len() / 3 / part, whole.len() * 9 / 10 / part] {
             std::fs::write(site.path("cut"), &whole[..cut]).expect("written");
             let said = fail(&mut site.run("import", &["cut", "--from", format, "-o", "y.npz"]));
             assert!(said.starts_with("error: cut: "), "{format} {cut}: {said}");
