@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """What other packages make of exported models: `./run peers [PACKAGE ...]`.
 
-A model is exported by the program at degrees 20 and 100, read by the package's own reader, and evaluated by its own code.
-Compared is the largest difference from `spharm reconstruct` relative to the largest value; bars 1e-13 and 1e-12.
+A model is exported by the program at degrees 20 and 100, read by the package's own reader, and evaluated by its own
+code. Compared is the largest difference from `spharm reconstruct` relative to the largest value; bars 1e-13 and 1e-12.
 """
 
 import argparse

@@ -171,8 +171,9 @@ fn a_mesh_is_put_on_a_shared_sampling() {
         let hausdorff = report["distance"]["hausdorff"].as_f64().unwrap();
         assert!(surface.vertices.len() == 642 && hausdorff > 0.0 && hausdorff < 0.2, "{arguments:?}: {hausdorff}");
     }
-    let fit =
-        fail(tool("fit").arg("--surface").arg(&path).args(["--max-degree", "4", "--fix", "-o"]).arg(folder.path()));
+    let fit = fail(
+        tool("fit").arg("--surface").arg(&path).args(["--max-degree", "4", "--label", "3", "-o"]).arg(folder.path()),
+    );
     assert!(fit.contains("for volumes"), "{fit}");
     // A sphere's file; and what doesn't go together.
     let shared = folder.path().join("shared.ply");
@@ -182,7 +183,7 @@ fn a_mesh_is_put_on_a_shared_sampling() {
         (&["--method", "equal-area"][..], "for volumes"),
         (&["--resample-to", "icosphere:2"], "--surface-output"),
         (&["--method", "deform", "--resample-to", "icosphere:2"], "leave out --resample-to"),
-        (&["--fix"], "for volumes"),
+        (&["--label", "3"], "for volumes"),
     ] {
         let sphere = folder.path().join("refused.obj");
         let error = fail(tool("parametrize").arg("--input").arg(&path).args(arguments).arg("-o").arg(&sphere));

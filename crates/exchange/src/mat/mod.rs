@@ -27,7 +27,7 @@ pub(crate) use write::{Surface, write};
 pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw> {
     let [fvec, sph_verts, faces] = read::matrices(bytes, ["fvec", "sph_verts", "faces"])?;
     let fvec = fvec.ok_or_else(|| Flaw::new("a matrix `fvec`", "none"))?;
-    let complex = fvec.to_array(|re, im| Complex64::new(re, im));
+    let complex = fvec.to_array(Complex64::new);
     let coefficients = Coefficients::from_complex(&complex)
         .map_err(|_| Flaw::new("fvec of (L + 1)^2 rows", format!("{} rows", fvec.rows)))?;
     let sphere = sph_verts.map(|directions| sphere(&directions, faces.as_ref())).transpose()?;

@@ -34,7 +34,9 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let affine = source.affine(None, "a NumPy array")?;
     let layout = Layout { voxels: x * y * z, scalar, little_endian: header.little, scaling: None };
     let values = layout.read(source.path, &mut stream, source.monitor)?;
-    if stream.bytes().next().is_some() {
+    // Also on to the end of what was compressed, where its checksum is.
+    let beyond = stream.take(1).read_to_end(&mut Vec::new());
+    if beyond.map_err(|error| cut_short(source.path, &error.to_string()))? > 0 {
         return Err(cut_short(source.path, "more bytes than its shape says"));
     }
     let size = [x, y, z];

@@ -118,8 +118,7 @@ fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Description {
     }
     if text.starts_with("ImageJ=") {
         let mut pitch = |tag| match decoder.find_tag(tag) {
-            Ok(Some(tiff::decoder::ifd::Value::Rational(pixels, 1..))) if pixels == 0 => None,
-            Ok(Some(tiff::decoder::ifd::Value::Rational(pixels, units @ 1..))) => {
+            Ok(Some(tiff::decoder::ifd::Value::Rational(pixels @ 1.., units @ 1..))) => {
                 Some(f64::from(units) / f64::from(pixels))
             }
             _ => None,
