@@ -99,6 +99,13 @@ async function standalone(browser, file, most) {
   bar(`${file}, at most ${most} MB`, `${megabytes(file).toFixed(2)} MB`, megabytes(file) <= most);
   const { page, heard } = await open(browser, at(file));
   const measured = await times(page);
+  const ready = [measured.ready];
+  for (let k = 0; k < 2; k++) {
+    const again = await open(browser, at(file));
+    ready.push(await again.page.evaluate('window.spharmReport.ready'));
+    await again.page.context().close();
+  }
+  measured.ready = median(ready);
   bar(`${file}: requests and messages of the console, none`, heard.length === 0 ? 'none' : heard.join('; '), heard.length === 0);
   return { page, ...measured };
 }
@@ -216,7 +223,7 @@ if (!program()) {
 prepare();
 const browser = await launch();
 const small = await standalone(browser, 'small.html', 2.0);
-bar('small.html: ready, at most 2 s', `${(small.ready / 1e3).toFixed(2)} s`, small.ready <= 2000);
+bar('small.html: ready, at most 2 s', `${(small.ready / 1e3).toFixed(2)} s, median of 3`, small.ready <= 2000);
 bar('small.html: a step of the slider, at most 60 ms', `${small.step.toFixed(0)} ms, median of 31; ${small.drawn.toFixed(0)} ms until it is drawn`, small.step <= 60);
 await compare(small.page);
 await use(small.page);
