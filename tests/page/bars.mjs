@@ -176,6 +176,29 @@ async function hostile(browser) {
   await page.context().close();
 }
 
+/** A list and a table that show one model of several. */
+async function several(browser) {
+  run('report', 'small.spharm.npz', 'mode.spharm.npz', '-o', 'several.html');
+  const { page, heard } = await open(browser, at('several.html'));
+  const shown = 'window.spharmReport.view.item.name';
+  await page.locator('#item').selectOption('1');
+  await until(page, `${shown} === 'mode'`);
+  await page.locator('table.models td button').first().click();
+  await until(page, `${shown} === 'small'`);
+  bar('list and table show a model', heard.join('; ') || 'yes', heard.length === 0);
+  await page.context().close();
+}
+
+/** The pictures of a page whose scripts don't run. */
+async function still(browser) {
+  const { page } = await open(browser, at('group.html'), { scripts: false, wait: false });
+  const pictures = await page.locator('.still img').count();
+  const first = await page.locator('.still img').first().isVisible();
+  bar('without scripts there are pictures', pictures, pictures === 2 && first);
+  await page.screenshot({ path: at('without-scripts.png'), fullPage: true });
+  await page.context().close();
+}
+
 async function without(file) {
   const plain = await launch('--disable-gpu', '--disable-3d-apis');
   const { page, heard } = await open(plain, at(file), { wait: false });
@@ -241,6 +264,8 @@ console.log(`        large.html: ready ${(large.ready / 1e3).toFixed(2)} s, a st
 await large.page.context().close();
 await group(browser);
 await hostile(browser);
+await several(browser);
+await still(browser);
 if (data && existsSync(`${data}/cort40962.surf.gii`)) {
   if (!existsSync(at('cort.spharm.npz'))) {
     run('fit', '--surface', `${data}/cort40962.surf.gii`, '--sphere', `${data}/cort40962.sphere.surf.gii`, '--max-degree', 100, '-o', 'cort.spharm.npz');
