@@ -136,6 +136,7 @@ fn names_from_files_are_text() {
     let expected = name.strip_suffix(".spharm.npz").expect("the ending");
     assert_eq!(info(&html)["items"][0]["name"], expected);
     assert!(html.contains("<td class=\"failed\"><bdi>failed</bdi></td>"));
+    assert_eq!(html.matches("class=\"sortable models\"").count(), 1);
 }
 
 #[test]

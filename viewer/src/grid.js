@@ -23,19 +23,34 @@ function sums(differences) {
   return faces;
 }
 
-/** Unit normals at vertices, (n, 3), for a mesh that doesn't change. */
+/** Unit normals at vertices, (n, 3), for a mesh that doesn't change. Written out, as a page makes them before it is seen. */
 export function normals(positions, faces) {
   const sums = new Float32Array(positions.length);
   for (let i = 0; i < faces.length; i += 3) {
-    const [a, b, c] = [3 * faces[i], 3 * faces[i + 1], 3 * faces[i + 2]];
-    const [ux, uy, uz] = [0, 1, 2].map((k) => positions[b + k] - positions[a + k]);
-    const [vx, vy, vz] = [0, 1, 2].map((k) => positions[c + k] - positions[a + k]);
-    const normal = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
-    for (const at of [a, b, c]) for (let k = 0; k < 3; k++) sums[at + k] += normal[k];
+    const a = 3 * faces[i];
+    const b = 3 * faces[i + 1];
+    const c = 3 * faces[i + 2];
+    const ux = positions[b] - positions[a];
+    const uy = positions[b + 1] - positions[a + 1];
+    const uz = positions[b + 2] - positions[a + 2];
+    const vx = positions[c] - positions[a];
+    const vy = positions[c + 1] - positions[a + 1];
+    const vz = positions[c + 2] - positions[a + 2];
+    const x = uy * vz - uz * vy;
+    const y = uz * vx - ux * vz;
+    const z = ux * vy - uy * vx;
+    for (let corner = 0; corner < 3; corner++) {
+      const at = corner === 0 ? a : corner === 1 ? b : c;
+      sums[at] += x;
+      sums[at + 1] += y;
+      sums[at + 2] += z;
+    }
   }
   for (let i = 0; i < sums.length; i += 3) {
-    const length = Math.hypot(sums[i], sums[i + 1], sums[i + 2]) || 1;
-    for (let k = 0; k < 3; k++) sums[i + k] /= length;
+    const factor = 1 / (Math.sqrt(sums[i] ** 2 + sums[i + 1] ** 2 + sums[i + 2] ** 2) || 1);
+    sums[i] *= factor;
+    sums[i + 1] *= factor;
+    sums[i + 2] *= factor;
   }
   return sums;
 }

@@ -29,7 +29,7 @@ function icosahedron() {
 }
 
 function normalise(vertices, at) {
-  const length = Math.hypot(vertices[at], vertices[at + 1], vertices[at + 2]);
+  const length = Math.sqrt(vertices[at] ** 2 + vertices[at + 1] ** 2 + vertices[at + 2] ** 2);
   for (let c = 0; c < 3; c++) vertices[at + c] /= length;
 }
 
@@ -43,7 +43,8 @@ function split(old, oldFaces) {
   const middle = new Uint32Array(6 * count);
   let next = count;
   const midpoint = (a, b) => {
-    const [low, high] = a < b ? [a, b] : [b, a];
+    const low = Math.min(a, b);
+    const high = Math.max(a, b);
     let slot = 6 * low;
     while (middle[slot] !== 0 && upper[slot] !== high) slot++;
     if (middle[slot] === 0) {
@@ -56,8 +57,12 @@ function split(old, oldFaces) {
     return middle[slot];
   };
   for (let i = 0; i < oldFaces.length; i += 3) {
-    const [a, b, c] = oldFaces.subarray(i, i + 3);
-    const [ab, bc, ca] = [midpoint(a, b), midpoint(b, c), midpoint(c, a)];
+    const a = oldFaces[i];
+    const b = oldFaces[i + 1];
+    const c = oldFaces[i + 2];
+    const ab = midpoint(a, b);
+    const bc = midpoint(b, c);
+    const ca = midpoint(c, a);
     faces.set([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], 4 * i);
   }
   return { vertices, faces };

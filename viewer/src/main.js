@@ -94,6 +94,15 @@ async function start() {
   items.forEach((item, k) => select.append(make('option', { value: k }, item.name)));
   select.parentElement.hidden = items.length < 2;
   select.onchange = () => open(Number(select.value));
+  document.querySelectorAll('table.models tbody tr').forEach((row, k) => {
+    const [cell] = row.cells;
+    const button = make('button', { type: 'button', title: 'Show' }, ...cell.childNodes);
+    button.onclick = async () => {
+      await open(k);
+      viewer.scrollIntoView({ block: 'nearest' });
+    };
+    cell.append(button);
+  });
   for (const [name, [from, up]] of Object.entries(VIEWS)) {
     const button = make('button', { type: 'button' }, name);
     button.onclick = () => stage.view(from, up);

@@ -148,9 +148,9 @@ export class Stage {
     }
     this.centre.set(...low.map((value, k) => 0.5 * (value + high[k])));
     let most = 0;
+    const [cx, cy, cz] = this.centre.toArray();
     for (let i = 0; i < points.length; i += 3) {
-      const [x, y, z] = [0, 1, 2].map((k) => points[i + k] - this.centre.getComponent(k));
-      most = Math.max(most, x * x + y * y + z * z);
+      most = Math.max(most, (points[i] - cx) ** 2 + (points[i + 1] - cy) ** 2 + (points[i + 2] - cz) ** 2);
     }
     this.radius = Math.sqrt(most) || 1;
     // From the left, unless another side is much wider.

@@ -1,7 +1,7 @@
 //! Models as a page for the browser: one HTML file, which asks for nothing beside itself and evaluates the models at any
 //! degree.
 //!
-//! [`page`] makes it of [`Contents`]: models beside the surfaces that they were fitted to, modes of a group, maps of a test,
+//! [`page()`] makes it of [`Contents`]: models beside the surfaces that they were fitted to, modes of a group, maps of a test,
 //! tables of status. Coefficients, directions and triangles are in the page as arrays; WebAssembly of `crates/viewer` evaluates
 //! them there and `viewer/` draws. Without scripts, or without WebGL, pictures stand in place of the views.
 //!

@@ -92,7 +92,8 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
     }
     let mut rows = String::new();
     if models.len() > 1 {
-        rows += &models_table(models, &errors).html()?;
+        // The script makes the names of this one buttons.
+        rows += &models_table(models, &errors).html()?.replace("class=\"sortable\"", "class=\"sortable models\"");
     }
     for table in tables {
         rows += &table.html()?;
