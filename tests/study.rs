@@ -171,7 +171,7 @@ fn studies_that_are_none_are_refused_in_words() {
     assert!(fail(&mut again).contains("mine.toml"));
     for (from, to, expected) in [
         ("max_degree", "max_degre", "did you mean `max_degree`?"),
-        ("effect = \"group\"", "effect = \"grup\"", "has no column \"grup\"; it has group"),
+        ("effect = \"group\"", "effect = \"site\"", "has no column \"site\"; it has group"),
         ("meshes/study.csv", "meshes/other.csv", "other.csv"),
         ("max_degree = 4", "max_degree = ", "line "),
     ] {

@@ -226,7 +226,7 @@ mod tests {
     fn what_is_wrong_is_named_with_the_nearest_key() {
         for (from, to, expected) in [
             ("max_degree", "max_degre", "unknown key `max_degre` in [fit]: did you mean `max_degree`?"),
-            ("effect =", "efect =", "unknown key `efect` in [[test]]: did you mean `effect`?"),
+            ("effect =", "effects =", "unknown key `effects` in [[test]]: did you mean `effect`?"),
             ("[modes]", "[mode]", "unknown key `mode`: did you mean `modes`?"),
             ("count =", "colour =", "unknown key `colour` in [modes]: expected one of count"),
             ("table = \"subjects.tsv\"", "", "expected a key `table` in [subjects], found none"),
