@@ -35,10 +35,21 @@ impl Default for Study {
     }
 }
 
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default)]
 pub(super) struct Subjects {
     pub(super) table: PathBuf,
+    /// The column of the ids, where files are named by patterns.
+    pub(super) id: String,
+    /// Patterns with `{id}`.
+    pub(super) surface: Option<String>,
+    pub(super) sphere: Option<String>,
+}
+
+impl Default for Subjects {
+    fn default() -> Self {
+        Self { table: PathBuf::new(), id: "id".to_owned(), surface: None, sphere: None }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
@@ -97,7 +108,7 @@ pub(super) struct Test {
 /// Keys of each section; those that a study must have come first.
 const SECTIONS: [(&str, usize, &[&str]); 7] = [
     ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "test", "page"]),
-    ("subjects", 1, &["table"]),
+    ("subjects", 1, &["table", "id", "surface", "sphere"]),
     ("fit", 1, &["max_degree", "arguments"]),
     ("align", 0, &["method", "scale", "mirror"]),
     ("modes", 0, &["count"]),

@@ -1,11 +1,12 @@
 //! `study`: from a table of subjects to a page, in stages that are commands of spharm.
 //!
-//! `config` is the study's file, `plan` the commands that it asks for, `stage` what makes one of them run or not.
+//! `config` is the study's file, `subjects` its table, `plan` the commands that it asks for, `stage` what makes one of them run or not.
 
 mod args;
 mod config;
 mod plan;
 mod stage;
+mod subjects;
 
 use std::time::Instant;
 
@@ -43,6 +44,7 @@ pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     }
     std::fs::create_dir_all(plan.records()).with_context(|| plan.records().display().to_string())?;
     std::fs::create_dir_all(plan.status()).with_context(|| plan.status().display().to_string())?;
+    plan.write_manifest()?;
     call.run()
 }
 

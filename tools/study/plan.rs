@@ -8,6 +8,10 @@ use spharm_surface::io::write_new;
 
 use super::config::{Method, Study, Test};
 use super::stage::Stage;
+use super::subjects;
+
+/// The folder in the output of what makes a study resumable.
+const RECORDS: &str = ".study";
 
 /// A study in its place.
 pub(super) struct Plan {
@@ -16,6 +20,8 @@ pub(super) struct Plan {
     pub(super) output: PathBuf,
     pub(super) table: PathBuf,
     pub(super) manifest: Manifest,
+    /// The manifest's text, where it isn't the table itself.
+    made_text: Option<Vec<u8>>,
     /// Arguments that all stages share, such as the number of threads.
     pub(super) common: Vec<String>,
 }
@@ -33,7 +39,9 @@ impl Plan {
         let study = Study::read(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let table = folder.join(&study.subjects.table);
-        let manifest = Manifest::read(&table)?;
+        let output = folder.join(&study.output);
+        let made = output.join(RECORDS).join("manifest.tsv");
+        let (manifest, made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
         if let Some(row) = manifest.rows.iter().find(|row| row.output.is_some()) {
             bail!(
                 "{}: line {}: a study names its models by the ids; leave the column `output` out",
@@ -54,12 +62,12 @@ impl Plan {
                 }
             }
         }
-        Ok(Self { output: folder.join(&study.output), study, table, manifest, common })
+        Ok(Self { output, study, table, manifest, made_text, common })
     }
 
     /// The folder of what makes a study resumable: lists, tables for the tests, records of the stages.
     pub(super) fn records(&self) -> PathBuf {
-        self.output.join(".study")
+        self.output.join(RECORDS)
     }
 
     pub(super) fn status(&self) -> PathBuf {
@@ -110,9 +118,15 @@ impl Plan {
         self.manifest.columns.iter().map(String::as_str)
     }
 
+    /// Writes the manifest, where it isn't the table itself.
+    pub(super) fn write_manifest(&self) -> Result<()> {
+        self.made_text.as_deref().map_or(Ok(()), |text| self.write("manifest.tsv", std::str::from_utf8(text)?))
+    }
+
     /// The fits, of which `fit` itself knows what is done.
     pub(super) fn fit(&self, shard: Option<&str>, force: bool) -> Stage {
-        let mut arguments = words(&["fit", "--manifest", &text(&self.table), "--output", &text(&self.models())]);
+        let mut arguments =
+            words(&["fit", "--manifest", &text(&self.manifest.path), "--output", &text(&self.models())]);
         arguments.extend(words(&["--max-degree", &self.study.fit.max_degree.to_string(), "--keep-going"]));
         arguments.extend(words(&["--status", &text(&self.status().join(status_name(shard)))]));
         arguments.extend(words(&[if force { "--force" } else { "--update" }]));

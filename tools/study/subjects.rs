@@ -1,0 +1,116 @@
+//! The subjects of a study: its table as it is, or a table of ids and covariates whose files are named by patterns.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use spharm::cohort::Manifest;
+
+use super::config::Subjects;
+
+/// The place of the id in a pattern.
+const ID: &str = "{id}";
+/// Most bytes of a table, far above any study's.
+const LARGEST: u64 = 64 << 20;
+
+/// Returns the manifest of a study's subjects, and its text where it had to be made, for a file at `made`. Patterns are
+/// relative to `folder`, that of the study's file.
+///
+/// # Errors
+///
+/// When the table can't be read or isn't one, or a pattern has no `{id}`.
+pub(super) fn manifest(
+    subjects: &Subjects,
+    folder: &Path,
+    table: &Path,
+    made: &Path,
+) -> Result<(Manifest, Option<Vec<u8>>)> {
+    let Some(surface) = &subjects.surface else {
+        if subjects.sphere.is_some() {
+            bail!("`sphere` in [subjects] is a pattern, and goes with a pattern `surface`");
+        }
+        return Ok((Manifest::read(table)?, None));
+    };
+    for (key, pattern) in [("surface", Some(surface)), ("sphere", subjects.sphere.as_ref())] {
+        if let Some(pattern) = pattern.filter(|pattern| !pattern.contains(ID)) {
+            bail!("`{key}` in [subjects]: expected a pattern with {ID}, found {pattern:?}");
+        }
+    }
+    let text = text(subjects, folder, table, surface).with_context(|| table.display().to_string())?;
+    // Its own lines are not those of the table, whose ids are what may be wrong.
+    let manifest = Manifest::parse(made, &text).with_context(|| table.display().to_string())?;
+    Ok((manifest, Some(text)))
+}
+
+fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Result<Vec<u8>> {
+    let size = std::fs::metadata(table)?.len();
+    if size > LARGEST {
+        bail!("expected a table of at most {LARGEST} bytes, found {size}");
+    }
+    let bytes = std::fs::read(table)?;
+    let given = std::str::from_utf8(&bytes).context("expected UTF-8 text")?.trim_start_matches('\u{feff}');
+    let commas = table.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
+    let mut reader = csv::ReaderBuilder::new()
+        .delimiter(if commas { b',' } else { b'\t' })
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(given.as_bytes());
+    let header = reader.headers()?.clone();
+    let Some(id) = header.iter().position(|name| name == subjects.id) else {
+        bail!("expected a column {:?}, found {}", subjects.id, header.iter().collect::<Vec<_>>().join(", "));
+    };
+    let reserved = ["id", "surface", "sphere", "weights", "output", "label"];
+    if let Some(taken) = header.iter().enumerate().find(|(at, name)| *at != id && reserved.contains(name)) {
+        bail!("column {:?} doesn't go with a pattern `surface` in [subjects]", taken.1);
+    }
+    let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
+    let others = |record: &csv::StringRecord| -> Vec<String> {
+        record.iter().enumerate().filter(|(at, _)| *at != id).map(|(_, cell)| cell.to_owned()).collect()
+    };
+    let own = ["id", "surface", "sphere"].map(str::to_owned);
+    writer.write_record(own.into_iter().chain(others(&header)))?;
+    for record in reader.records() {
+        let record = record?;
+        let name = record.get(id).unwrap_or_default();
+        let file = |pattern: &str| -> Result<String> {
+            let path: PathBuf = std::path::absolute(folder.join(pattern.replace(ID, name)))?;
+            Ok(path.display().to_string())
+        };
+        let sphere = subjects.sphere.as_deref().map_or(Ok(String::new()), file)?;
+        writer.write_record([name.to_owned(), file(surface)?, sphere].into_iter().chain(others(&record)))?;
+    }
+    Ok(writer.into_inner()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_name_the_files_of_ids() {
+        let site = tempfile::tempdir().unwrap();
+        let table = site.path().join("participants.tsv");
+        std::fs::write(&table, "participant_id\tgroup\nsub-01\ta\nsub-02\tb\n").unwrap();
+        let subjects = Subjects {
+            surface: Some("fs/{id}/surf/lh.pial".to_owned()),
+            sphere: Some("fs/{id}/surf/lh.sphere.reg".to_owned()),
+            id: "participant_id".to_owned(),
+            ..Subjects::default()
+        };
+        let of = |subjects: &Subjects| manifest(subjects, site.path(), &table, &site.path().join("made.tsv"));
+        let (found, text) = of(&subjects).unwrap();
+        assert!(text.is_some());
+        assert_eq!((found.rows.len(), &found.columns), (2, &vec!["group".to_owned()]));
+        assert_eq!(found.rows[1].surface, site.path().join("fs/sub-02/surf/lh.pial"));
+        assert_eq!(found.rows[1].sphere, Some(site.path().join("fs/sub-02/surf/lh.sphere.reg")));
+        for (subjects, expected) in [
+            (Subjects { surface: Some("lh.pial".to_owned()), ..subjects.clone() }, "{id}"),
+            (Subjects { surface: None, ..subjects.clone() }, "goes with"),
+            (Subjects { id: "id".to_owned(), ..subjects.clone() }, "participant_id"),
+        ] {
+            let error = format!("{:#}", of(&subjects).unwrap_err());
+            assert!(error.contains(expected), "{error}");
+        }
+        std::fs::write(&table, "participant_id\tgroup\nsub-01\ta\n../x\tb\n").unwrap();
+        assert!(format!("{:#}", of(&subjects).unwrap_err()).contains("separators"));
+    }
+}
