@@ -42,7 +42,7 @@ impl Work<'_> {
         let Some(item) = self.decide(number, None, &params)? else { return Ok(None) };
         let found = self.map(row, &item, &params, monitor)?;
         let report = found.parametrized.map.report.clone();
-        let (repair, handles) = (found.repair.clone(), found.handles.clone());
+        let (repair, handles) = (found.repair, found.handles.clone());
         totals.parametrize += report.seconds;
         let mapped = Mapped { sphere: item.files.sphere(), repair, handles, report };
         let fit_and_write = || -> Result<Fitted> {
@@ -54,7 +54,7 @@ impl Work<'_> {
             let fit = fits.pop().context("a surface that was read has been fitted")?;
             let made_of =
                 MadeOf { repair: found.repair.as_ref(), handles: found.handles.as_ref(), ..MadeOf::default() };
-            self.write(row, &item, sphere, fit, made_of, &params, Some(mapped))
+            self.write((row, &item), sphere, fit, made_of, &params, Some(mapped))
         };
         let fitted = fit_and_write();
         if fitted.is_err() {

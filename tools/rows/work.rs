@@ -249,7 +249,7 @@ impl<'a> Work<'a> {
                 // A sphere of the same contents may have had another name.
                 let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
                 let own = own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() });
-                self.write(row, &item, own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params, None)
+                self.write((row, &item), own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params, None)
             }
             Err(Broken::Skip) => return Ok(()),
             Err(Broken::Row(error)) => Err(error),
@@ -280,8 +280,7 @@ impl<'a> Work<'a> {
 
     pub(super) fn write(
         &self,
-        row: &Row,
-        item: &Item,
+        (row, item): (&Row, &Item),
         sphere: &Sphere,
         fit: Fit,
         made_of: MadeOf<'_>,
