@@ -328,3 +328,34 @@ fn manifests_that_are_wrong_are_refused_before_any_work() {
     let output = finish(&mut study.fit("all.tsv", "out", &["--shard", "2/2"]));
     assert_eq!(output.status.code(), Some(2), "{}", text(&output));
 }
+
+/// A full disk, as a limit on the size of files: every other row would fail alike.
+#[test]
+fn a_disk_that_is_full_ends_the_call_and_loses_nothing() {
+    let study = Study::new(40);
+    let run = |limited: bool| {
+        let arguments = ["--keep-going", "--skip-existing", "--status", "s.tsv"];
+        let fit = study.fit("all.tsv", "out", &arguments);
+        if !limited {
+            return fit;
+        }
+        // Writing then fails, in place of ending the process by a signal.
+        let mut shell = Command::new("sh");
+        shell
+            .arg("-c")
+            .arg("trap '' XFSZ; ulimit -f 16; exec \"$@\"")
+            .arg("sh")
+            .arg(fit.get_program())
+            .args(fit.get_args());
+        shell.current_dir(study.folder.path());
+        shell
+    };
+    let error = fail(&mut run(true));
+    assert!(error.contains(".spharm.npz") && error.contains("File too large"), "{error}");
+    assert!(study.models("out").is_empty());
+    let found = study.status(&["s.tsv", "--manifest", "all.tsv"]);
+    assert!(found["done"] == 0 && found["not_started"].as_u64() >= Some(1), "{found}");
+    succeed(&mut run(false));
+    let found = study.status(&["s.tsv", "--manifest", "all.tsv"]);
+    assert_eq!((&found["done"], study.models("out").len()), (&40.into(), 40));
+}

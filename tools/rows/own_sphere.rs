@@ -41,7 +41,7 @@ impl Work<'_> {
         let Some(item) = self.decide(number, None, &params)? else { return Ok(None) };
         let found = self.map(row, &item, &params, monitor)?;
         let report = found.parametrized.map.report.clone();
-        let (repair, handles) = (found.repair.clone(), found.handles.clone());
+        let (repair, handles) = (found.repair, found.handles.clone());
         let mesh_repair = found.mesh_repair.map(|repair| repair.counts().into_iter().collect());
         totals.parametrize += report.seconds;
         let mapped = Mapped { sphere: item.files.sphere(), repair, mesh_repair, handles, report };
@@ -58,7 +58,7 @@ impl Work<'_> {
                 handles: found.handles.as_ref(),
                 ..MadeOf::default()
             };
-            self.write(row, &item, sphere, fit, made_of, &params, Some(mapped))
+            self.write((row, &item), sphere, fit, made_of, &params, Some(mapped))
         };
         let fitted = fit_and_write();
         if fitted.is_err() {

@@ -10,7 +10,8 @@ use spharm::cohort::Row;
 use spharm::files::MadeOf;
 use spharm::parametrize::volume::is_volume;
 use spharm::{
-    Error, FileRecord, Fit, FitParams, FitWarning, Monitor, Sphere, Stage, SurfaceError, Target, Weights, fit_each,
+    Error, FileRecord, Fit, FitParams, FitWarning, ModelError, Monitor, Sphere, Stage, SurfaceError, Target, Weights,
+    fit_each,
 };
 use spharm_cli::advice;
 use spharm_cli::exit::is_interrupted;
@@ -281,7 +282,7 @@ impl<'a> Work<'a> {
                 // A sphere of the same contents may have had another name.
                 let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
                 let own = own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() });
-                self.write(row, &item, own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params, None)
+                self.write((row, &item), own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params, None)
             }
             Err(Broken::Skip) => return Ok(()),
             Err(Broken::Row(error)) => Err(error),
@@ -315,8 +316,7 @@ impl<'a> Work<'a> {
 
     pub(super) fn write(
         &self,
-        row: &Row,
-        item: &Item,
+        (row, item): (&Row, &Item),
         sphere: &Sphere,
         fit: Fit,
         made_of: MadeOf<'_>,
@@ -343,10 +343,13 @@ impl<'a> Work<'a> {
 
 /// Whether every other row would fail alike: there is no room for models, or no right to write them.
 fn concerns_all(error: &anyhow::Error) -> bool {
-    let cause = error.chain().find_map(|cause| match cause.downcast_ref() {
-        Some(SurfaceError::Io { cause, action, .. }) if *action != "read" => Some(cause.kind()),
-        _ => None,
-    });
     use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
-    cause.is_some_and(|kind| matches!(kind, StorageFull | QuotaExceeded | ReadOnlyFilesystem | FileTooLarge))
+    // None of these is an error of reading.
+    let kind = |cause: &(dyn std::error::Error + 'static)| match (cause.downcast_ref(), cause.downcast_ref()) {
+        (Some(SurfaceError::Io { cause, .. }), _) => Some(cause.kind()),
+        (_, Some(Error::Model(ModelError::Surface(SurfaceError::Io { cause, .. })))) => Some(cause.kind()),
+        _ => cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind),
+    };
+    let mut kinds = error.chain().filter_map(kind);
+    kinds.any(|kind| matches!(kind, StorageFull | QuotaExceeded | ReadOnlyFilesystem | FileTooLarge))
 }

@@ -68,7 +68,7 @@ fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         }
         let before = files.len();
         for file in spharm_cli::paths::expand(std::slice::from_ref(path), ".tsv")? {
-            match Merged::read(std::slice::from_ref(&file)) {
+            match Merged::read([&file]) {
                 Err(CohortError::NotStatus { .. }) => {}
                 _ => files.push(file),
             }

@@ -20,7 +20,7 @@
 //! for row in shard.of(&manifest.rows) {
 //!     file.append(&Entry { seconds: Some(0.5), ..Entry::new(&row.id, State::Done) })?;
 //! }
-//! let merged = Merged::read(&[status])?;
+//! let merged = Merged::read([status])?;
 //! assert_eq!(merged.count(State::Done), 1);
 //! assert!(merged.entry("b").is_some() && merged.entry("a").is_none());
 //! # Ok::<(), Box<dyn std::error::Error>>(())

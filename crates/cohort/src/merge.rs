@@ -1,7 +1,7 @@
 //! What all processes have done.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::error::CohortError;
 use crate::status::{Entry, HEADER, State};
@@ -26,10 +26,10 @@ impl Merged {
     /// # Errors
     ///
     /// [`CohortError::NotStatus`] for a file that is something else, and those of reading it.
-    pub fn read(paths: &[PathBuf]) -> Result<Self, CohortError> {
+    pub fn read(paths: impl IntoIterator<Item = impl AsRef<Path>>) -> Result<Self, CohortError> {
         let mut merged = Self::default();
         for path in paths {
-            let (entries, damaged) = read_one(path)?;
+            let (entries, damaged) = read_one(path.as_ref())?;
             merged.damaged += damaged;
             entries.into_iter().for_each(|entry| merged.add(entry));
         }

@@ -1,6 +1,6 @@
 //! Status files through kills, full disks and other people's files.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use proptest::prelude::*;
 use spharm_cohort::{CohortError, Entry, Merged, State, StatusFile};
@@ -34,7 +34,7 @@ fn lines_come_back_as_they_were_and_are_lines() {
     let text = std::fs::read_to_string(&path).expect("a table");
     assert_eq!(text.lines().next(), Some("id\tstate\tmsd\txsd\tseconds\terror\toutput"));
     assert_eq!(text.lines().count(), 3);
-    let merged = Merged::read(&[path]).expect("a status");
+    let merged = Merged::read([path]).expect("a status");
     assert_eq!(merged.entry("#a"), Some(&full));
     assert_eq!(merged.entry("b").map(|entry| entry.error.as_str()), Some("x.ply: line 3: \"no\" number"));
 }
@@ -48,7 +48,7 @@ fn the_last_line_of_a_row_counts_but_that_it_was_there_hides_nothing() {
     // A call that goes on, and a shard of another partition.
     write(&path("0.tsv"), &[entry("a", State::Skipped), entry("b", State::Done)]);
     write(&path("1.tsv"), &[entry("b", State::Failed), entry("c", State::Skipped), entry("d", State::Failed)]);
-    let merged = Merged::read(&[path("0.tsv"), path("1.tsv")]).expect("a status");
+    let merged = Merged::read([path("0.tsv"), path("1.tsv")]).expect("a status");
     let expected = [("b", State::Done), ("a", State::Done), ("c", State::Skipped), ("d", State::Failed)];
     assert_eq!(states(&merged), expected);
     assert_eq!(merged.entry("a"), Some(&done));
@@ -56,7 +56,7 @@ fn the_last_line_of_a_row_counts_but_that_it_was_there_hides_nothing() {
     // Within a file a later failure is the last word.
     write(&path("0.tsv"), &[entry("b", State::Failed)]);
     assert_eq!(
-        Merged::read(&[path("0.tsv")]).expect("a status").entry("b").map(|entry| entry.state),
+        Merged::read([path("0.tsv")]).expect("a status").entry("b").map(|entry| entry.state),
         Some(State::Failed)
     );
 }
@@ -66,11 +66,11 @@ fn what_is_no_status_file_is_not_written_to() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("subjects.tsv");
     std::fs::write(&path, "id\tsurface\na\tb\n").expect("written");
-    for error in [StatusFile::open(&path).expect_err("refused"), Merged::read(&[path.clone()]).expect_err("refused")] {
+    for error in [StatusFile::open(&path).expect_err("refused"), Merged::read([&path]).expect_err("refused")] {
         assert!(matches!(error, CohortError::NotStatus { .. }), "{error}");
     }
     assert_eq!(std::fs::read(&path).expect("there"), b"id\tsurface\na\tb\n");
-    let missing = Merged::read(&[PathBuf::from("no/such.tsv")]).expect_err("refused").to_string();
+    let missing = Merged::read(["no/such.tsv"]).expect_err("refused").to_string();
     assert!(missing.starts_with("no/such.tsv: cannot read"), "{missing}");
 }
 
@@ -98,10 +98,10 @@ proptest! {
         let cut = cut.min(bytes.len());
         std::fs::write(&path, &bytes[..cut]).expect("cut");
         let whole = bytes[..cut].iter().filter(|&&byte| byte == b'\n').count().saturating_sub(1);
-        let before = Merged::read(&[path.clone()]).expect("a status");
+        let before = Merged::read([&path]).expect("a status");
         prop_assert_eq!(before.entries(), &all[..whole]);
         write(&path, &all[whole..]);
-        let after = Merged::read(&[path.clone()]).expect("a status");
+        let after = Merged::read([&path]).expect("a status");
         prop_assert_eq!(after.entries(), &all[..]);
         prop_assert_eq!(after.damaged, 0);
         prop_assert_eq!(std::fs::read(&path).expect("a table"), bytes);
