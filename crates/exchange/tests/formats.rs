@@ -159,9 +159,9 @@ fn what_is_cut_short_is_an_error() {
         for length in (0..last).filter(|length| length % 7 == 0 || *length > last - 9) {
             std::fs::write(&path, &whole[..length]).unwrap();
             match read(&path, format) {
-                // A table's last number loses digits and stays one; padding of a block is nobody's.
+                // A table's last number loses digits and stays one; a FITS file is one of fewer channels without its last tables.
                 Ok(_) => {
-                    assert!(length > last - 40 || (format == Format::Healpy && length > 8640), "{format} {length}")
+                    assert!(length > last - 40 || (format == Format::Healpy && length >= 6000), "{format} {length}")
                 }
                 Err(error) => assert!(error.to_string().len() < 500, "{error}"),
             }
@@ -222,7 +222,7 @@ fn bombs_and_lying_headers_are_refused() {
     refused(&changed("TFORM1  = 'K       '", "TFORM1  = 'A       '"), Format::Healpy, "column 1 of numbers");
     // An index far beyond the rows.
     let mut far = fits.clone();
-    far[5760..5768].copy_from_slice(&1_000_001_i64.to_be_bytes());
+    far[5760..5768].copy_from_slice(&1_001_001_i64.to_be_bytes());
     refused(&far, Format::Healpy, "rows up to degree 1000");
 }
 
