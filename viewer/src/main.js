@@ -40,9 +40,12 @@ async function start() {
   };
   let stage;
   let engine;
+  // Compiled while the browser starts to draw.
+  const starting = Engine.start();
+  starting.catch(() => {});
   try {
     stage = new Stage(byId('stage'), panels.map((panel) => panel.element), pick);
-    engine = await Engine.start();
+    engine = await starting;
   } catch (error) {
     // The pictures stay.
     viewer.hidden = true;

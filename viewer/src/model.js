@@ -80,7 +80,7 @@ export class ModelView {
       this.values = fixed ? this.fixed : this.engine.distances(this.signed);
       const signed = this.signed && !fixed;
       let most = 0;
-      for (const value of this.values) most = Math.max(most, Math.abs(value));
+      for (const value of this.values) if (Math.abs(value) > most) most = Math.abs(value);
       this.largest = most;
       const limit = this.limit ?? most;
       this.range = signed ? [-limit, limit] : [0, limit];

@@ -32,7 +32,7 @@ enum Reference {
     Model,
     /// The surface, vertex by vertex: its offset from the model to its highest degree, in steps.
     Vertices { name: String, offsets: Block, step: f64 },
-    /// A surface of other triangles: the distance of each vertex of the model to its highest degree from the nearest point.
+    /// A surface of other triangles: the distance (NaN for what isn't of the surface) of each vertex of the model to its highest degree from the nearest point.
     Surface { name: String, mesh: Option<Drawn>, distances: Block },
 }
 
@@ -78,13 +78,17 @@ impl ModelItem {
         let (mut distances, mut reference) = (None, Reference::Model);
         if let Some((surface_name, surface)) = surface {
             let surface_name = surface_name.clone();
-            let found;
+            let mut found;
             if correspond(surface, &mesh) {
                 found = vertex_distances(&surface.vertices, &mesh.vertices).map_err(of_surface)?;
                 let (offsets, step) = offsets(&surface.vertices, &mesh.vertices);
                 reference = Reference::Vertices { name: surface_name, offsets: blocks.i16(offsets), step };
             } else {
                 found = distances_to_surface(surface, &mesh.vertices, monitor).map_err(of_surface)?;
+                // What fills the ends where handles were cut is no part of the surface.
+                if let Some(seam) = &sphere.seam {
+                    found.iter_mut().skip(seam.vertices + seam.copies.len()).for_each(|distance| *distance = f64::NAN);
+                }
                 let mesh = (surface.vertices.len() <= max_vertices).then(|| Drawn::new(surface, blocks));
                 let distances = blocks.f32(found.iter().copied());
                 reference = Reference::Surface { name: surface_name, mesh, distances };
@@ -100,7 +104,8 @@ impl ModelItem {
         }
         let still = still(&panels)?;
         let errors = distances.map(|values| {
-            let mean_square = values.iter().map(|d| d * d).sum::<f64>() / values.len().max(1) as f64;
+            let known: Vec<f64> = values.iter().copied().filter(|distance| !distance.is_nan()).collect();
+            let mean_square = known.iter().map(|d| d * d).sum::<f64>() / known.len().max(1) as f64;
             [mean_square.sqrt(), largest(&values)]
         });
         let item = Self {
