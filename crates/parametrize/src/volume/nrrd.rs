@@ -5,13 +5,14 @@
 //! Source: <https://teem.sourceforge.net/nrrd/format.html>.
 
 use std::collections::HashMap;
+use std::io::Read;
 use std::path::{Component, Path};
 
 use spharm_surface::io::MOST_EXPANSION;
 
 use super::affine::Affine;
 use super::source::{Source, load};
-use super::values::{Layout, Scalar, Volume};
+use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
 /// A header is far shorter.
@@ -80,7 +81,14 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         Some("raw") => layout.read(source.path, values, source.monitor)?,
         Some("gzip" | "gz") => match (values.len() as u64).saturating_mul(MOST_EXPANSION) {
             most if layout.bytes() > most => return too_many(most),
-            _ => layout.read(source.path, flate2::bufread::MultiGzDecoder::new(values), source.monitor)?,
+            _ => {
+                let mut stream = flate2::bufread::MultiGzDecoder::new(values);
+                let labels = layout.read(source.path, &mut stream, source.monitor)?;
+                // On to the end, where the checksum is.
+                let rest = std::io::copy(&mut stream.take(1 << 20), &mut std::io::sink());
+                rest.map_err(|error| cut_short(source.path, &error.to_string()))?;
+                labels
+            }
         },
         other => return Err(source.wrong("encoding: raw or gzip", other.unwrap_or("none").to_owned())),
     };

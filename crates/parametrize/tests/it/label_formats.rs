@@ -172,10 +172,10 @@ fn tiff_stacks() {
     folder.refused("d.tif", &tiff(ome, 3), "as many pages as slices");
     folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time");
     let whole = tiff(imagej, 2);
-    for length in 0..whole.len() {
+    for length in (0..whole.len()).step_by(3) {
         let _ = folder.read("t.tif", &whole[..length]);
     }
-    for at in 0..whole.len() {
+    for at in (0..whole.len()).step_by(3) {
         let mut changed = whole.clone();
         changed[at] = 0xff;
         let _ = folder.read("f.tif", &changed);
