@@ -221,7 +221,9 @@ mod tests {
         let at = |name: &str| site.path().join(name);
         std::fs::create_dir(at("a")).unwrap();
         std::fs::write(at("a/in.ply"), "x").unwrap();
-        let file = |path| OutputFile::new(path, "--output");
+        fn file(path: &Path) -> OutputFile<'_> {
+            OutputFile::new(path, "--output")
+        }
         for (first, second) in [("x.npz", "./x.npz"), ("x.npz", "a/../x.npz"), ("new/x.npz", "a/../new/x.npz")] {
             let (first, second) = (at(first), at(second));
             assert!(check_outputs([file(&first), file(&second)], true).is_err(), "{}", second.display());
