@@ -105,8 +105,8 @@ fn with_bad_rows(study: &Study) {
     let whole = std::fs::read(study.path("s0.ply")).expect("a surface");
     std::fs::write(study.path("cut.ply"), &whole[..whole.len() / 2]).expect("written");
     write_mesh(study.path("small.ply"), &icosphere(2), &OPTIONS).expect("a surface");
-    let rows: String = (0..642).map(|row| if row == 5 { "nan\n".to_owned() } else { format!("{row}\n") }).collect();
-    study.write("nan.csv", &rows);
+    let rows: String = (0..642).map(|row| if row == 5 { "inf\n".to_owned() } else { format!("{row}\n") }).collect();
+    study.write("infinite.csv", &rows);
     let mut open = icosphere(2);
     open.faces.truncate(200);
     write_mesh(study.path("open.ply"), &open, &OPTIONS).expect("a surface");
@@ -114,8 +114,8 @@ fn with_bad_rows(study: &Study) {
         "bad.tsv",
         "id\tsurface\tsphere\tweights\na\ts0.ply\tsphere.ply\t\nmissing\tno.ply\tsphere.ply\t\n\
          b\ts1.ply\tsphere.ply\t\ncut\tcut.ply\tsphere.ply\t\nc\ts2.ply\tsphere.ply\t\n\
-         small\tsmall.ply\tsphere.ply\t\nnan\tnan.csv\tsphere.ply\t\nopen\topen.ply\t\t\n\
-         sphere\ts0.ply\tcut.ply\t\nweights\ts0.ply\tsphere.ply\tnan.csv\nd\ts3.ply\tsphere.ply\t\n",
+         small\tsmall.ply\tsphere.ply\t\ninfinite\tinfinite.csv\tsphere.ply\t\nopen\topen.ply\t\t\n\
+         sphere\ts0.ply\tcut.ply\t\nweights\ts0.ply\tsphere.ply\tinfinite.csv\nd\ts3.ply\tsphere.ply\t\n",
     );
 }
 
@@ -128,7 +128,7 @@ fn bad_rows_are_named_and_cost_no_other_its_model() {
         "id\tsurface\tsphere\na\ts0.ply\tsphere.ply\nb\ts1.ply\tsphere.ply\nc\ts2.ply\tsphere.ply\nd\ts3.ply\tsphere.ply\n",
     );
     succeed(&mut study.fit("good.tsv", "good", &[]));
-    let bad = ["missing", "cut", "small", "nan", "open", "sphere", "weights"];
+    let bad = ["missing", "cut", "small", "infinite", "open", "sphere", "weights"];
     let keep = ["--keep-going", "--status", "s.tsv", "--report", "r.json"];
     let output = finish(&mut study.fit("bad.tsv", "out", &keep));
     let error = error_line(&output);
@@ -148,7 +148,7 @@ fn bad_rows_are_named_and_cost_no_other_its_model() {
     assert!(named.iter().all(|id| bad.contains(id)) && named.len() == 7, "{named:?}");
     let of = |id: &str| failures.iter().find(|failure| failure["id"] == id).expect("it failed")["error"].to_string();
     assert!(of("missing").contains("no such file") && of("small").contains("vertices"), "{failures:?}");
-    assert!(of("sphere").contains("cut.ply") && of("weights").contains("nan.csv"), "{failures:?}");
+    assert!(of("sphere").contains("cut.ply") && of("weights").contains("infinite.csv"), "{failures:?}");
     let report: Value = serde_json::from_slice(&std::fs::read(study.path("r.json")).expect("a report")).expect("JSON");
     assert_eq!((&report["rows"]["failed"], report["failed"].as_array().map(Vec::len)), (&7.into(), Some(7)));
     assert_eq!(report["surfaces"][0]["id"], "a");

@@ -42,6 +42,8 @@ pub(super) struct Part {
 /// The vertices that are read.
 pub(super) struct Kept {
     rows: Vec<usize>,
+    /// How many others there are.
+    unread: usize,
     /// The sphere at these vertices alone.
     pub(super) sphere: Sphere,
     /// The settings with their weights.
@@ -121,7 +123,12 @@ impl Kept {
             anatomical_structure: sphere.anatomical_structure.clone(),
             ..Sphere::from_directions(Directions::from_unit_vectors(vectors)?)
         };
-        Ok(Self { rows, sphere, params: FitParams { weights, ..params.clone() } })
+        Ok(Self { unread: unread.len() - rows.len(), rows, sphere, params: FitParams { weights, ..params.clone() } })
+    }
+
+    /// How many vertices are not read.
+    pub(super) fn unread(&self) -> usize {
+        self.unread
     }
 
     /// How many vertices are read.

@@ -118,8 +118,10 @@ impl<'a> Work<'a> {
     /// Decides what to do about every row, before any work; returns those that are to be fitted.
     fn check(&self, numbers: Vec<usize>) -> Result<Vec<usize>> {
         let mut left = Vec::new();
+        let sphere = self.rows.sphere.as_ref();
+        let params = self.masked(self.options.params.clone(), sphere)?;
         for number in numbers {
-            match self.decide(number, self.rows.sphere.as_ref(), &self.options.params) {
+            match self.decide(number, sphere, &params) {
                 Ok(Some(item)) => {
                     lock(&self.items).insert(number, item);
                     left.push(number);
@@ -189,16 +191,24 @@ impl<'a> Work<'a> {
         })
     }
 
+    /// The settings with the weights that a mask leaves.
+    fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams> {
+        match (&self.options.mask, sphere) {
+            (Some(mask), Some(sphere)) => {
+                Ok(FitParams { weights: unread::masked(&params.weights, mask, sphere)?, ..params })
+            }
+            _ => Ok(params),
+        }
+    }
+
     /// Fits a group over its sphere.
     fn on_sphere(&self, path: &Path, group: &Group, totals: &mut Totals, monitor: &dyn Monitor) -> Result<()> {
         let prepare = || -> Result<(Option<Sphere>, FitParams)> {
             let strict = self.options.params.strict;
             let read = || read_sphere(path, strict, self.monitor.console());
             let own = if self.rows.sphere.is_some() { None } else { Some(read()?) };
-            let mut params = self.params(group.weights.as_deref())?;
-            if let (Some(mask), Some(sphere)) = (&self.options.mask, own.as_ref().or(self.rows.sphere.as_ref())) {
-                params.weights = unread::masked(&params.weights, mask, sphere)?;
-            }
+            let params = self.params(group.weights.as_deref())?;
+            let params = self.masked(params, own.as_ref().or(self.rows.sphere.as_ref()))?;
             Ok((own, params))
         };
         let fitted = prepare().map_err(Broken::Group).and_then(|(sphere, params)| {
@@ -206,6 +216,7 @@ impl<'a> Work<'a> {
             let masked = self.options.mask.is_some();
             for part in unread::parts(&self.rows.rows, &group.rows, sphere, &params, masked).map_err(Broken::Group)? {
                 let kept = part.kept.as_ref();
+                self.note_unread(&part);
                 let read = |place: usize| self.read(part.rows[place], sphere, &params, kept);
                 let done = |place: usize, fit: Result<Fit, Broken>| {
                     self.hand_over(part.rows[place], fit, sphere, &params, kept)
@@ -228,6 +239,16 @@ impl<'a> Work<'a> {
                 }
                 Ok(())
             }
+        }
+    }
+
+    /// Says how many vertices are left out, while there are not too many rows to say it of.
+    fn note_unread(&self, part: &unread::Part) {
+        let Some(kept) = part.kept.as_ref().filter(|_| self.rows.rows.len() <= LISTED) else { return };
+        for &number in &part.rows {
+            let surface = self.rows.rows[number].surface.display();
+            let (unread, all) = (kept.unread(), kept.unread() + kept.count());
+            self.monitor.console().note(format!("{surface}: {unread} of {all} vertices aren't read"));
         }
     }
 
@@ -290,7 +311,7 @@ impl<'a> Work<'a> {
         };
         match outcome {
             Ok(mut fitted) => {
-                fitted.unread = kept.map(|kept| sphere.directions.len() - kept.count());
+                fitted.unread = kept.map(Kept::unread);
                 self.ledger.done(number, row, fitted).map_err(Broken::Stop)
             }
             Err(error) => {
