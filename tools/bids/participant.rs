@@ -34,7 +34,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         .collect();
     arguments.extend(cli.shard.iter().flat_map(|shard| ["--shard".to_owned(), shard.clone()]));
     let fitted = spharm(&super::command(cli, arguments));
-    let merged = Merged::read(&[status.clone()])?;
+    let merged = Merged::read(std::slice::from_ref(&status))?;
     let failed = found.iter().filter(|found| is(&merged, found, &[State::Failed])).count();
     if failed == 0 || fitted.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
         fitted?;

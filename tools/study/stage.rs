@@ -61,7 +61,7 @@ impl Stage {
     pub(super) fn finish(&self, records: &Path) -> Result<()> {
         let record = Record { key: self.key()?, outputs: self.hashes()? };
         let text = serde_json::to_string_pretty(&record)?;
-        write_new(&self.file(records), true, |out| writeln!(out, "{text}"))?;
+        write_new(self.file(records), true, |out| writeln!(out, "{text}"))?;
         Ok(())
     }
 
