@@ -153,12 +153,13 @@ async function use(page) {
     return { there: array[3 * picked[0]] === stage.markers[1].position.x, off: Math.hypot(x, y) };
   });
   bar('the vertex lies where the click was', picked.off.toFixed(3), picked.there || picked.off < 0.1);
-  const [saved] = await Promise.all([page.waitForEvent('download'), page.locator('#save-ply').click()]);
-  await saved.saveAs(at('saved.ply'));
   run('reconstruct', '--model', 'small.spharm.npz', '--double', '-o', 'whole.ply');
-  const report = JSON.parse(run('compare', 'whole.ply', 'saved.ply', '--json'));
-  const reached = report.xsd < 1e-11;
-  bar('the PLY that is saved is the model', `xsd ${report.xsd.toExponential(1)}`, reached);
+  for (const [kind, button, file] of [['PLY', '#save-ply', 'saved.ply'], ['GIfTI', '#save-gifti', 'saved.surf.gii']]) {
+    const [saved] = await Promise.all([page.waitForEvent('download'), page.locator(button).click()]);
+    await saved.saveAs(at(file));
+    const report = JSON.parse(run('compare', 'whole.ply', file, '--json'));
+    bar(`the ${kind} that is saved is the model`, `xsd ${report.xsd.toExponential(1)}`, report.xsd < 1e-11);
+  }
   const [picture] = await Promise.all([page.waitForEvent('download'), page.locator('#save-png').click()]);
   await picture.saveAs(at('saved.png'));
   bar('the PNG that is saved', `${statSync(at('saved.png')).size} bytes`, statSync(at('saved.png')).size > 10_000);

@@ -7,7 +7,7 @@ import { MapsView } from './maps.js';
 import { ModelView } from './model.js';
 import { ModesView } from './modes.js';
 import { Panel } from './panels.js';
-import { ply, png, say } from './save.js';
+import { gifti, ply, png, say } from './save.js';
 import { Stage, VIEWS } from './stage.js';
 import { sortable } from './tables.js';
 
@@ -122,6 +122,7 @@ async function start() {
   };
   byId('save-png').onclick = () => png(stage, panels, items[select.value || 0].name);
   byId('save-ply').onclick = () => ply(view.mesh());
+  byId('save-gifti').onclick = () => gifti(view.mesh());
   stage.canvas.addEventListener('webglcontextlost', () => {
     document.body.classList.remove('drawn');
     viewer.hidden = true;

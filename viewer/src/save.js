@@ -1,4 +1,4 @@
-// What is saved: meshes as PLY, the view as PNG.
+// What is saved: meshes as PLY and as GIfTI, the view as PNG.
 
 import { byId, fileName, save } from './dom.js';
 
@@ -34,6 +34,43 @@ export function ply({ name, positions, faces, values, tints }) {
     for (let c = 0; c < 3; c++) triangles.setInt32(at + 1 + 4 * c, faces[i + c], true);
   }
   save(`${fileName(name)}.ply`, 'application/octet-stream', header, vertices, triangles);
+}
+
+/** Writes a GIfTI surface: f32 and i32 in base64, as all readers take it. */
+export function gifti({ name, positions, faces }) {
+  const arrays = [
+    array('POINTSET', 'FLOAT32', positions),
+    array('TRIANGLE', 'INT32', Int32Array.from(faces)),
+  ];
+  const head = '<?xml version="1.0" encoding="UTF-8"?>\n<GIFTI Version="1.0" NumberOfDataArrays="2">\n';
+  save(`${fileName(name)}.surf.gii`, 'application/xml', head, ...arrays, '</GIFTI>\n');
+}
+
+/** One of its arrays, three to a row. */
+function array(intent, type, values) {
+  const attributes = {
+    Intent: `NIFTI_INTENT_${intent}`,
+    DataType: `NIFTI_TYPE_${type}`,
+    ArrayIndexingOrder: 'RowMajorOrder',
+    Dimensionality: 2,
+    Dim0: values.length / 3,
+    Dim1: 3,
+    Encoding: 'Base64Binary',
+    Endian: 'LittleEndian',
+    ExternalFileName: '',
+    ExternalFileOffset: '',
+  };
+  const said = Object.entries(attributes).map(([key, value]) => `${key}="${value}"`);
+  return `<DataArray ${said.join(' ')}>\n<Data>${base64(values)}</Data>\n</DataArray>\n`;
+}
+
+function base64(values) {
+  const bytes = new Uint8Array(values.buffer, values.byteOffset, values.byteLength);
+  // Whole groups of three bytes at a time, so that the pieces join.
+  const step = 3 << 13;
+  let text = '';
+  for (let at = 0; at < bytes.length; at += step) text += btoa(String.fromCharCode(...bytes.subarray(at, at + step)));
+  return text;
 }
 
 /** Writes the views as they are seen, with their captions and legends. */

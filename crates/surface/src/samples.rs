@@ -24,7 +24,7 @@
 
 use std::ops::Range;
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, ArrayViewMut, ArrayViewMut1, ArrayViewMut2, Axis, Dimension};
 use rayon::prelude::*;
 use spharm_harmonics::Directions;
 
@@ -220,7 +220,7 @@ impl SphereSampling {
         let unit = directions.as_slice();
         let samples = self.samples(triangles.clone());
         let mut found = vec![([0.0; 3], 0.0); samples];
-        self.parts(triangles, &mut found, 1).into_par_iter().for_each(|(cuts, found)| {
+        self.parts(triangles, ArrayViewMut1::from(&mut found[..])).into_par_iter().for_each(|(cuts, mut found)| {
             let mut out = found.iter_mut();
             for cut in cuts {
                 let [a, b, c] = cut.corners.map(|v| unit[v as usize]);
@@ -248,36 +248,48 @@ impl SphereSampling {
     /// If there are fewer rows than a triangle names.
     #[must_use]
     pub fn interpolate(&self, values: ArrayView2<'_, f64>, triangles: Range<usize>) -> Array2<f64> {
-        let c = values.ncols();
-        let mut samples = Array2::zeros((self.samples(triangles.clone()), c));
-        let Some(slice) = samples.as_slice_mut().filter(|_| c > 0) else { return samples };
-        self.parts(triangles, slice, c).into_par_iter().for_each(|(cuts, samples)| {
-            let mut out = samples.chunks_exact_mut(c);
+        let mut samples = Array2::zeros((self.samples(triangles.clone()), values.ncols()));
+        self.interpolate_to(values, triangles, samples.view_mut());
+        samples
+    }
+
+    /// Writes what [`interpolate`](Self::interpolate) returns to `samples`, (samples, c), which may be some of an array's
+    /// columns.
+    ///
+    /// # Panics
+    ///
+    /// If there are fewer rows of `values` than a triangle names, or fewer of `samples` than there are samples.
+    pub fn interpolate_to(
+        &self,
+        values: ArrayView2<'_, f64>,
+        triangles: Range<usize>,
+        samples: ArrayViewMut2<'_, f64>,
+    ) {
+        self.parts(triangles, samples).into_par_iter().for_each(|(cuts, mut samples)| {
+            let mut out = samples.rows_mut().into_iter();
             for cut in cuts {
                 let rows = cut.corners.map(|v| values.row(v as usize));
                 cut.for_each(|[u, v, w], _| {
-                    let Some(out) = out.next() else { return };
+                    let Some(mut out) = out.next() else { return };
                     for (k, out) in out.iter_mut().enumerate() {
                         *out = u * rows[0][k] + v * rows[1][k] + w * rows[2][k];
                     }
                 });
             }
         });
-        samples
     }
 
-    /// Runs of triangles, each with its samples' part of an array of `c` columns.
-    fn parts<'a, T>(
+    /// Runs of triangles, each with its samples' rows of an array.
+    fn parts<'a, T, D: Dimension>(
         &'a self,
         triangles: Range<usize>,
-        mut rows: &'a mut [T],
-        c: usize,
-    ) -> Vec<(&'a [Cut], &'a mut [T])> {
+        mut rows: ArrayViewMut<'a, T, D>,
+    ) -> Vec<(&'a [Cut], ArrayViewMut<'a, T, D>)> {
         let mut parts = Vec::with_capacity(triangles.len().div_ceil(RUN));
         let mut start = triangles.start;
         while start < triangles.end {
             let end = (start + RUN).min(triangles.end);
-            let (part, rest) = rows.split_at_mut(c * self.samples(start..end));
+            let (part, rest) = rows.split_at(Axis(0), self.samples(start..end));
             parts.push((&self.cuts[start..end], part));
             (rows, start) = (rest, end);
         }

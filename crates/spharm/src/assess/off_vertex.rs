@@ -1,6 +1,6 @@
 //! What a model does between the vertices that it was fitted to: it can meet all of them and oscillate elsewhere.
 
-use ndarray::{ArrayView1, ArrayView2};
+use ndarray::{Array2, ArrayView1, ArrayView2};
 use spharm_harmonics::{Directions, synthesis};
 use spharm_surface::Sphere;
 
@@ -41,16 +41,25 @@ impl OffVertex {
         Ok(Some(Self { faces, centres: Directions::from_vertices(&sums)? }))
     }
 
-    /// Returns the distances of the model with these coefficients, (K, 3), from the centres of the surface's triangles,
+    /// The places on the sphere, (places, 3).
+    pub(crate) fn centres(&self) -> &Directions {
+        &self.centres
+    }
+
+    /// Evaluates the model with these coefficients, (K, 3), at the places, (places, 3).
+    pub(crate) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
+        Ok(synthesis(&self.centres, coefficients)?)
+    }
+
+    /// Returns the distances of the model's values at the places, (places, 3), from the centres of the surface's triangles,
     /// and, where the model oscillates, the ratio of the rms distance there to that `at` the vertices.
     pub(crate) fn assess(
         &self,
-        coefficients: ArrayView2<'_, f64>,
+        model: ArrayView2<'_, f64>,
         vertices: ArrayView2<'_, f64>,
         at: &Distances,
         scale: Option<f64>,
-    ) -> Result<(Distances, Option<f64>), Error> {
-        let model = synthesis(&self.centres, coefficients)?;
+    ) -> (Distances, Option<f64>) {
         let (mut sum, mut most, mut sizes) = (0.0, 0.0_f64, 0.0);
         for (face, model) in self.faces.iter().zip(model.rows()) {
             let off = |k: usize| model[k] - face.iter().map(|&v| vertices[[v as usize, k]]).sum::<f64>() / 3.0;
@@ -65,6 +74,6 @@ impl OffVertex {
         let between = Distances::new(sum / self.faces.len() as f64, most, false, scale);
         let ratio = (between.msd_raw / at.msd_raw.max(f64::MIN_POSITIVE)).sqrt();
         let oscillates = ratio > OSCILLATION && sum > LEAST * LEAST * sizes;
-        Ok((between, oscillates.then_some(ratio)))
+        (between, oscillates.then_some(ratio))
     }
 }

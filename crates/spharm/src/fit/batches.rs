@@ -61,6 +61,8 @@ pub(crate) struct Solved {
     pub(crate) warnings: Vec<FitWarning>,
     /// Of each target, where they were solved one after another; empty where in step.
     pub(crate) apart: Vec<Apart>,
+    /// Of each target: its model at the centres of some triangles, (places, c). Empty where the method hasn't evaluated them.
+    pub(crate) at_centres: Vec<Array2<f64>>,
     pub(crate) report: BatchReport,
 }
 
@@ -293,7 +295,11 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
     let held_out = job.hold_out.as_ref().map(assess).transpose()?;
     let mut between = None;
     if let (Some(places), Some(at), Kind::Surface) = (&job.off_vertex, passes.last(), target.kind) {
-        let (distances, oscillation) = places.assess(coefficients.view(), values(target), at, scale)?;
+        let model = match solved.at_centres.get(index) {
+            Some(model) => model,
+            None => &places.evaluate(coefficients.view())?,
+        };
+        let (distances, oscillation) = places.assess(model.view(), values(target), at, scale);
         warnings.extend(oscillation.map(|ratio| FitWarning::Oscillation { ratio }));
         between = Some(distances);
     }

@@ -56,6 +56,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             surface_distances: Vec::new(),
             warnings: FitWarning::of_blocks(&fit.report.blocks),
             apart: Vec::new(),
+            at_centres: Vec::new(),
             report: BatchReport::Streamed(fit.report),
         })
     })

@@ -169,6 +169,7 @@ impl<'a> Equations<'a> {
             surface_distances: Vec::new(),
             warnings,
             apart: Vec::new(),
+            at_centres: Vec::new(),
             report: BatchReport::LeastSquares { report, gcv },
         })
     }

@@ -52,6 +52,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             surface_distances: Vec::new(),
             warnings: Vec::new(),
             apart: Vec::new(),
+            at_centres: Vec::new(),
             report: BatchReport::Quadrature { max_degree, grid: quadrature.grid(), residuals },
         })
     })?;

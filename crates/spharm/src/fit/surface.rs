@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 use ndarray::{Array2, ArrayView2, Axis, aview1, s};
-use spharm_harmonics::basis_size;
+use spharm_harmonics::{Directions, basis_size};
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments, solve_moments_of_groups};
 use spharm_solver::{LsqParams, ResidualNorms};
@@ -64,6 +64,15 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     })
 }
 
+/// The vertices, and after them the centres of triangles at which models are assessed.
+fn places(job: &Job<'_>) -> Result<Directions, Error> {
+    let mut places = job.sphere.directions.as_slice().to_vec();
+    if let Some(off_vertex) = &job.off_vertex {
+        places.extend_from_slice(off_vertex.centres().as_slice());
+    }
+    Ok(Directions::from_unit_vectors(places)?)
+}
+
 /// What fits of surfaces over one sphere share.
 struct Fitter<'a> {
     sphere: &'a Sphere,
@@ -71,8 +80,8 @@ struct Fitter<'a> {
     /// What the vertices count, (n).
     weights: Option<Vec<f64>>,
     sampling: SphereSampling,
-    /// At the vertices, where msd and xsd are taken.
-    vertices: Transform,
+    /// At the vertices, where msd and xsd are taken, and after them at the centres of some triangles.
+    evaluation: Transform,
     model_surface: Option<ModelSurface>,
     solver: LsqParams,
 }
@@ -92,7 +101,7 @@ impl<'a> Fitter<'a> {
             params,
             weights: job.weights.clone(),
             sampling: SphereSampling::for_degree(&sphere.directions, &sphere.faces, max_degree)?,
-            vertices: Transform::new(&sphere.directions, &transform(max_degree, plan.sizes.channels))?,
+            evaluation: Transform::new(&places(job)?, &transform(max_degree, plan.sizes.channels))?,
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
             solver: LsqParams {
                 smoothness: match params.smoothness {
@@ -142,10 +151,12 @@ impl<'a> Fitter<'a> {
         let mut report = reports.into_iter().reduce(together).expect("a batch has a target");
         report.seconds.total = started.elapsed().as_secs_f64();
         note_solution(&report, monitor);
-        let at_vertices = |(group, target): (Range<usize>, ArrayView2<'_, f64>)| -> Result<ResidualNorms, Error> {
-            Ok(ResidualNorms::of(self.residual(target, coefficients.slice(s![.., group]))?.view()))
-        };
-        let residuals = batch.targets().map(at_vertices).collect::<Result<Vec<_>, _>>()?;
+        let (mut residuals, mut at_centres) = (Vec::new(), Vec::new());
+        for (group, target) in batch.targets() {
+            let (residual, centres) = self.residual(target, coefficients.slice(s![.., group]))?;
+            residuals.push(ResidualNorms::of(residual.view()));
+            at_centres.push(centres);
+        }
         let surface_distances = match &self.model_surface {
             Some(model) => batch.surface_distances(model, coefficients.view(), self.sphere, monitor)?,
             None => Vec::new(),
@@ -158,13 +169,20 @@ impl<'a> Fitter<'a> {
             surface_distances,
             warnings: Vec::new(),
             apart,
+            at_centres,
             report: BatchReport::LeastSquares { report, gcv: None },
         })
     }
 
-    /// Targets minus their models at the vertices, (n, c).
-    fn residual(&self, target: ArrayView2<'_, f64>, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
-        Ok(&target - &self.vertices.synthesis(coefficients)?)
+    /// Returns a target minus its model at the vertices, (n, c), and the model at the centres of some triangles, (places, c).
+    fn residual(
+        &self,
+        target: ArrayView2<'_, f64>,
+        coefficients: ArrayView2<'_, f64>,
+    ) -> Result<(Array2<f64>, Array2<f64>), Error> {
+        let model = self.evaluation.synthesis(coefficients)?;
+        let (vertices, centres) = model.view().split_at(Axis(0), target.nrows());
+        Ok((&target - &vertices, centres.to_owned()))
     }
 
     /// Fits noise of the vertices, (n, c), as targets are: linear on each triangle.
@@ -176,7 +194,7 @@ impl<'a> Fitter<'a> {
         for (fit, column) in fits.iter().zip(&columns) {
             set_columns(&mut coefficients, column, fit.coefficients.values().view());
         }
-        let residual = self.residual(noise.view(), coefficients.view())?;
+        let (residual, _) = self.residual(noise.view(), coefficients.view())?;
         Ok((coefficients, residual))
     }
 
@@ -192,7 +210,7 @@ impl<'a> Fitter<'a> {
     ) -> Result<Vec<Vec<Denoised>>, Error> {
         let mut denoised = Vec::new();
         for (((group, target), parts), report) in batch.targets().zip(batch.parts()).zip(reports) {
-            let residual = self.residual(target, coefficients.slice(s![.., group.clone()]))?;
+            let (residual, _) = self.residual(target, coefficients.slice(s![.., group.clone()]))?;
             let mut of_target = Vec::new();
             for part in parts {
                 let of_group = part.start - group.start..part.end - group.start;
@@ -255,8 +273,8 @@ impl<'a> Fitter<'a> {
             }
             let mut values = Array2::zeros((weights.len(), columns));
             for (group, target) in targets {
-                let at_samples = self.sampling.interpolate(target.view(), triangles.clone());
-                values.slice_mut(s![.., group.clone()]).assign(&at_samples);
+                let columns = values.slice_mut(s![.., group.clone()]);
+                self.sampling.interpolate_to(target.view(), triangles.clone(), columns);
             }
             sums.add(directions.as_slice(), Some(&weights), values.view())?;
         }
