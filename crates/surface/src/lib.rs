@@ -57,6 +57,7 @@ pub mod geometry;
 mod hemisphere;
 mod mesh;
 mod seam;
+mod sliver_tree;
 mod sphere;
 mod target;
 
