@@ -67,6 +67,7 @@ pub mod locator;
 pub mod metrics;
 pub mod nearest;
 pub mod npy;
+pub mod range;
 pub mod repair;
 pub mod samples;
 pub mod topology;
