@@ -155,6 +155,9 @@ def full(case: Case, found: list[Decimal], report: dict[str, Any], smoothness: f
     weight = sum(problem.weights, ZERO)
     scale = norm(problem.gradient([ZERO] * len(found)))
     rounding = float(norm(found) * (weight + max(problem.penalty)) / scale) * 1e-12 if scale else 0.0
+    nothing = problem.objective([ZERO] * len(found))
+    if problem.objective(found) > nothing * Decimal("1.000001"):
+        raise Failure(f"is further from its target than zero is: {told}")
     if clear and said:
         raise Failure(f"warns of a problem of condition {float(condition):.1e}: {told}")
     if optimality > OPTIMAL + rounding and not said:

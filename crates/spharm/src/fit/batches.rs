@@ -219,7 +219,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         match (solved, &batch.numbers[..]) {
             (Ok(mut solved), _) => {
                 self.results.extend(self.hand_over(&batch, &solved)?);
-                restore_batch(&mut solved.report, &batch, self.job.weight_exponent);
+                restore_batch(&mut solved.report, &batch.exponents, self.job.weight_exponent);
                 self.batches.push(solved.report);
             }
             (Err(error @ Error::NotConverged(_)), &[number]) => {
@@ -251,8 +251,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         while self.ready.is_empty() && self.next < self.count {
             self.monitor.check().map_err(Error::from)?;
             let end = self.count.min(self.next + self.readers);
-            let found: Vec<Found<E>> =
-                (self.next..end).into_par_iter().map(one).collect();
+            let found: Vec<Found<E>> = (self.next..end).into_par_iter().map(one).collect();
             self.next = end;
             for (number, target) in found {
                 match target {
@@ -304,7 +303,8 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         })
         .collect();
     let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
-    if let Some(distances) = distances_of_mixed(job, exponents, values(target), coefficients.view())? {
+    if let Some(distances) = distances_of_mixed(&job.sphere.directions, exponents, values(target), coefficients.view())?
+    {
         passes = vec![distances];
     }
     let mut warnings = solved.warnings.clone();

@@ -6,18 +6,16 @@
 //! would leave it. A surface has one exponent, each channel of a signal its own.
 
 use ndarray::{ArrayView2, ArrayViewMut1, ArrayViewMut2};
+use spharm_harmonics::Directions;
 use spharm_solver::ResidualNorms;
 use spharm_solver::lsq::{LsqReport, LsqWarning, MomentFit};
 use spharm_surface::range::{exponent, scale_all, times, times_within};
 use spharm_surface::{Kind, Target};
 use spharm_transform::{SampleSums, synthesis};
 
-use super::Fit;
-use super::batches::Batch;
-use super::job::Job;
 use crate::assess::{Distances, SurfaceDistances};
 use crate::report::{BatchReport, Denoised};
-use crate::{Error, FitWarning};
+use crate::{Error, Fit, FitWarning};
 
 /// Largest smoothness in the scaled weights' unit: products with degrees stay in the range.
 const MOST: i32 = 900;
@@ -119,7 +117,7 @@ fn restore_warning(warning: &mut FitWarning, exponent: i32) {
 /// Distances at the vertices of a signal whose channels have been divided by different powers of two. Sums over channels
 /// that a solver formed mean nothing there.
 pub(crate) fn distances_of_mixed(
-    job: &Job<'_>,
+    directions: &Directions,
     exponents: &[i32],
     values: ArrayView2<'_, f64>,
     coefficients: ArrayView2<'_, f64>,
@@ -128,7 +126,7 @@ pub(crate) fn distances_of_mixed(
     if exponents.iter().all(|&e| e == all) {
         return Ok(None);
     }
-    let mut residual = &values - &synthesis(&job.sphere.directions, coefficients)?;
+    let mut residual = &values - &synthesis(directions, coefficients)?;
     let relative: Vec<i32> = exponents.iter().map(|e| e - all).collect();
     scale_columns(residual.view_mut(), &relative);
     let ResidualNorms { mean_square, max_square } = ResidualNorms::of(residual.view());
@@ -136,8 +134,8 @@ pub(crate) fn distances_of_mixed(
 }
 
 /// Puts a batch's report back into the unit of its targets, which have the same exponents.
-pub(crate) fn restore_batch(report: &mut BatchReport, batch: &Batch, weights: i32) {
-    let exponent = batch.exponents.iter().map(|of_target| largest(of_target)).max().unwrap_or(0);
+pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], weights: i32) {
+    let exponent = exponents.iter().map(|of_target| largest(of_target)).max().unwrap_or(0);
     if exponent == 0 && weights == 0 {
         return;
     }
