@@ -21,6 +21,7 @@ mod moments;
 mod moments_faults;
 mod paper;
 mod pipeline;
+mod range;
 mod readme;
 mod report;
 mod reruns;

@@ -96,5 +96,5 @@ def compare(
         raise ValueError(
             f"other: {second!r} doesn't have the triangles of {first!r}; surface_distance=True compares any surfaces"
         )
-    (msd, xsd, msd_raw, xsd_raw, scale), _, by_vertex = _core.compare(*arrays)
-    return Distances(msd, xsd, msd_raw**0.5, xsd_raw**0.5, scale, by_vertex if each is None else each, between)
+    (msd, xsd, rms, largest, scale), _, by_vertex = _core.compare(*arrays)
+    return Distances(msd, xsd, rms, largest, scale, by_vertex if each is None else each, between)

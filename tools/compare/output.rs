@@ -23,6 +23,8 @@ struct Vertexwise {
     xsd: f64,
     msd_raw: f64,
     xsd_raw: f64,
+    rms_raw: f64,
+    max_raw: f64,
     worst_vertex: usize,
 }
 
@@ -64,7 +66,8 @@ impl Report {
 
 impl From<Distances> for Vertexwise {
     fn from(d: Distances) -> Self {
-        Self { msd: d.msd, xsd: d.xsd, msd_raw: d.msd_raw, xsd_raw: d.xsd_raw, worst_vertex: d.worst_vertex }
+        let Distances { msd, xsd, msd_raw, xsd_raw, rms_raw, max_raw, worst_vertex, .. } = d;
+        Self { msd, xsd, msd_raw, xsd_raw, rms_raw, max_raw, worst_vertex }
     }
 }
 
@@ -90,8 +93,8 @@ pub(super) fn rows(report: &Report) -> Vec<Vec<String>> {
         rows.extend([
             row("mean squared distance (msd)", d.msd, d.msd_raw),
             row("maximal squared distance (xsd)", d.xsd, d.xsd_raw),
-            row("root mean square", d.msd.sqrt(), d.msd_raw.sqrt()),
-            row("maximum", d.xsd.sqrt(), d.xsd_raw.sqrt()),
+            row("root mean square", d.msd.sqrt(), d.rms_raw),
+            row("maximum", d.xsd.sqrt(), d.max_raw),
         ]);
     }
     if let Some(d) = &report.surface_distance {

@@ -79,8 +79,8 @@ impl Fitted {
         }
         cells.extend([number(last.msd), number(last.xsd)]);
         if !columns.surface {
-            cells.extend([number(Some(last.msd_raw.sqrt())), number(Some(last.xsd_raw.sqrt()))]);
-            cells.push(number(self.report.between.map(|between| between.msd_raw.sqrt())));
+            cells.extend([number(Some(last.rms())), number(Some(last.max()))]);
+            cells.push(number(self.report.between.map(|between| between.rms())));
         }
         if columns.held_out {
             let held_out = self.report.held_out.as_ref();

@@ -165,7 +165,7 @@ impl Call<'_> {
             Decision::Fit { replace, .. } => (false, Some(self.fit(volume, &record, &files, replace)?)),
         };
         let model = Model::read(&files.model)?;
-        let recorded = || model.provenance.distances.as_ref().map(|distances| distances.msd_raw.sqrt());
+        let recorded = || model.provenance.distances.as_ref().map(|distances| distances.rms());
         let named = || record.to_string();
         let measures = MeasureParams { tolerance: AREA, most_rings: None };
         Ok(table::Model {
@@ -196,7 +196,7 @@ impl Call<'_> {
             let made_of = MadeOf { input: Some(record), repair, ..MadeOf::default() };
             files.write(&parametrized.sphere, &fit, &made_of, false, replace)?;
             console.note(format!("{record}: {}", files.model.display()));
-            Ok(fit.report.passes.last().map_or(f64::NAN, |distances| distances.msd_raw.sqrt()))
+            Ok(fit.report.passes.last().map_or(f64::NAN, |distances| distances.rms()))
         };
         fitted().inspect_err(|_| found.remove()).with_context(named)
     }

@@ -10,6 +10,7 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 use spharm_surface::Meta;
+use spharm_surface::range::{times, times_within};
 
 use crate::error::ModelError;
 use crate::geometry::Geometry;
@@ -179,6 +180,12 @@ pub struct Distances {
     pub msd_raw: f64,
     /// Maximal squared distance, in the input's unit squared.
     pub xsd_raw: f64,
+    /// Root of `msd_raw`, in the input's unit, where the square leaves the range of f64; `msd_raw` is at its end then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rms_raw: Option<f64>,
+    /// Root of `xsd_raw`, likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_raw: Option<f64>,
 }
 
 impl Distances {
@@ -193,6 +200,35 @@ impl Distances {
             xsd: normalised(max_square),
             msd_raw: mean_square,
             xsd_raw: max_square,
+            rms_raw: None,
+            max_raw: None,
+        }
+    }
+
+    /// Returns the root of the mean squared distance, in the input's unit.
+    #[must_use]
+    pub fn rms(&self) -> f64 {
+        self.rms_raw.unwrap_or_else(|| self.msd_raw.sqrt())
+    }
+
+    /// Returns the largest distance, in the input's unit.
+    #[must_use]
+    pub fn max(&self) -> f64 {
+        self.max_raw.unwrap_or_else(|| self.xsd_raw.sqrt())
+    }
+
+    /// Returns the distances where the input is 2^exponent times as large.
+    #[must_use]
+    pub fn times(self, exponent: i32) -> Self {
+        if exponent == 0 {
+            return self;
+        }
+        Self {
+            msd_raw: times_within(self.msd_raw, 2 * exponent),
+            xsd_raw: times_within(self.xsd_raw, 2 * exponent),
+            rms_raw: Some(times(self.rms(), exponent)),
+            max_raw: Some(times(self.max(), exponent)),
+            ..self
         }
     }
 }

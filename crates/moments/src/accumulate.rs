@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
 use std::time::Instant;
 
+use ndarray::ArrayView2;
 use serde::Serialize;
 use spharm_monitor::{Monitor, Stage};
 use spharm_transform::{Accumulated as Found, Accumulator};
@@ -113,6 +114,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     let mut sums = Accumulator::new(request.max_degree, channels)?;
     let mut key = Key::new(&request.columns);
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
+    let mut has_values = vec![false; channels];
     monitor.begin(Stage::counted("moments", "rows"), 0);
     for path in &request.files {
         let mut opened = open(path, request.shard)?;
@@ -121,7 +123,14 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
         if let Some(rows) = opened.rows {
             monitor.begin(Stage::counted("moments", "rows"), rows);
         }
-        let mut reading = Reading { path, plan: &plan, sums: &mut sums, seconds: &mut seconds, largest: &mut largest };
+        let mut reading = Reading {
+            path,
+            plan: &plan,
+            sums: &mut sums,
+            seconds: &mut seconds,
+            largest: &mut largest,
+            has_values: &mut has_values,
+        };
         let rows = reading.all(&mut opened, monitor)?;
         if rows == 0 && request.shard == Shard::WHOLE {
             return Err(MomentsError::Empty { path: path.clone() });
@@ -147,6 +156,12 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
         warnings.push(Warning::LooksLikeRadians { longitude, latitude });
     }
     let moments = Moments { channels: request.columns.values.clone(), sums, rows, occupied, sources };
+    let lost =
+        |((has, square), channel): ((&bool, &f64), &'_ String)| (*has && *square == 0.0).then(|| channel.clone());
+    let lost = has_values.iter().zip(&moments.sums.squares).zip(&moments.channels).find_map(lost);
+    if let Some(channel) = lost.as_deref().or(moments.out_of_range()) {
+        return Err(MomentsError::Range { channel: channel.to_owned() });
+    }
     Ok(Accumulated { moments, warnings, seconds })
 }
 
@@ -240,6 +255,8 @@ struct Reading<'a> {
     sums: &'a mut Accumulator,
     seconds: &'a mut Seconds,
     largest: &'a mut [f64; 2],
+    /// Whether each channel has a value other than zero, of a sample with weight.
+    has_values: &'a mut [bool],
 }
 
 impl Reading<'_> {
@@ -283,7 +300,16 @@ impl Reading<'_> {
             return Ok(Some(bad));
         }
         self.seconds.convert += started.elapsed().as_secs_f64();
+        note_values(self.has_values, chunk.weights.as_deref(), chunk.values.view());
         self.sums.add(&chunk.directions, chunk.weights.as_deref(), chunk.values.view())?;
         Ok(None)
+    }
+}
+
+/// Takes note of the channels that have a value other than zero of a sample with weight: their squares may underflow.
+fn note_values(has: &mut [bool], weights: Option<&[f64]>, values: ArrayView2<'_, f64>) {
+    let counts = |row: usize| weights.is_none_or(|weights| weights[row] != 0.0);
+    for (has, column) in has.iter_mut().zip(values.columns()) {
+        *has = *has || column.iter().enumerate().any(|(row, value)| *value != 0.0 && counts(row));
     }
 }

@@ -79,7 +79,11 @@ pub fn accumulate_samples(
     monitor.end();
     let Found { sums, rows, occupied } = sums.finish()?;
     let sources = vec![Source { key: samples.key(part), shard: part.shard, rows }];
-    Ok(Moments { channels, sums, rows, occupied, sources })
+    let moments = Moments { channels, sums, rows, occupied, sources };
+    match moments.out_of_range() {
+        Some(channel) => Err(MomentsError::Range { channel: channel.to_owned() }),
+        None => Ok(moments),
+    }
 }
 
 fn units(directions: ArrayView2<'_, f64>, start: usize) -> Result<Vec<[f64; 3]>, MomentsError> {

@@ -97,6 +97,14 @@ pub enum MomentsError {
         /// How many there are.
         found: usize,
     },
+    /// Values, or weights, whose sum of squares leaves the range of f64.
+    #[error(
+        "column {channel}: expected values whose weighted squares sum to 1e-307 to 1e308, found others; scale the values, or the weights"
+    )]
+    Range {
+        /// The column.
+        channel: String,
+    },
     /// A table without rows.
     #[error("{}: expected samples, found none", .path.display())]
     Empty {

@@ -58,6 +58,25 @@ pub struct Moments {
     pub sources: Vec<Source>,
 }
 
+impl Moments {
+    /// Returns the first channel whose sum of squares has left the range of f64 or is too small to have its digits, although
+    /// it has values: no fit could tell how far off it is. `of the weights` where it is theirs.
+    pub fn out_of_range(&self) -> Option<&str> {
+        let sums = &self.sums;
+        let weights_are = sums.weight.is_normal() && sums.moments.iter().all(|moment| moment.is_finite());
+        if !weights_are && (sums.weight != 0.0 || sums.count > 0) {
+            return Some("of the weights");
+        }
+        let columns = sums.right_sides.columns().into_iter().zip(&sums.squares).zip(&self.channels);
+        let mut beyond = columns.filter(|((right_sides, square), _)| {
+            let has_values = right_sides.iter().any(|sum| *sum != 0.0);
+            let finite = square.is_finite() && right_sides.iter().all(|sum| sum.is_finite());
+            !finite || (has_values && !square.is_normal())
+        });
+        beyond.next().map(|(_, channel)| channel.as_str())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

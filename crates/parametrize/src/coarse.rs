@@ -27,7 +27,8 @@ const LEAST_RADIUS: usize = 4;
 /// Most patches, nearly: their matrix is factored in each step.
 const MOST_PATCHES: usize = 10_000;
 
-/// Patches don't reach beyond vertices of this many neighbours: what lies around those is all as near as they are.
+/// Vertices of more neighbours have a patch of their own, and others don't reach them: a patch for each few of their
+/// neighbours would have them all, and all patches each other as neighbours.
 const HUB: usize = 64;
 
 /// Relative shift of the diagonal. A patch of one vertex has nothing to turn about itself.
@@ -220,7 +221,7 @@ fn balls(pattern: &Pattern, radius: usize) -> Vec<(u32, u32, f32)> {
                     continue;
                 }
                 for &w in row {
-                    if reached[w as usize] != patch {
+                    if reached[w as usize] != patch && pattern.columns_of(w).len() <= HUB {
                         reached[w as usize] = patch;
                         next.push(w);
                     }
@@ -232,4 +233,25 @@ fn balls(pattern: &Pattern, radius: usize) -> Vec<(u32, u32, f32)> {
         patch += 1;
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_monitor::Silent;
+
+    /// The blocks of the coarse matrix of a fan, a vertex.
+    fn blocks(sides: u32) -> f64 {
+        let next = |k: u32| (k + 1) % sides;
+        let faces: Vec<[u32; 3]> = (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect();
+        let pattern = Pattern::new(sides as usize + 2, &faces);
+        let coarse = Coarse::new(&pattern, &Silent).unwrap().unwrap();
+        coarse.columns.len() as f64 / f64::from(sides)
+    }
+
+    #[test]
+    fn patches_at_a_vertex_of_high_degree_dont_all_become_neighbours() {
+        let (few, many) = (blocks(500), blocks(8000));
+        assert!(many < 1.2 * few && many < 5.0, "{few} {many}");
+    }
 }

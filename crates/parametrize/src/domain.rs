@@ -1,6 +1,7 @@
 //! The surface in the form that the methods expect: checked, outward, of area 4 pi.
 
 use spharm_surface::Mesh;
+use spharm_surface::range::{scaled_meshes, times};
 use spharm_surface::topology::is_outward;
 
 use crate::error::ParametrizeError;
@@ -33,7 +34,9 @@ impl Domain {
     ///
     /// [`ParametrizeError::BadSurface`] with all problems found.
     pub(crate) fn new(mesh: &Mesh) -> Result<Self, ParametrizeError> {
-        check(mesh)?;
+        let scaled = scaled_meshes([mesh]);
+        let (mesh, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
+        check(mesh, exponent)?;
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
         let total: f64 = mesh.faces.iter().map(|face| area(corners(face))).sum();
         let factor = (4.0 * std::f64::consts::PI / total).sqrt();
@@ -58,8 +61,9 @@ impl Domain {
     }
 }
 
-/// Refuses meshes that can't be mapped to the sphere one to one, or only by chance.
-fn check(mesh: &Mesh) -> Result<(), ParametrizeError> {
+/// Refuses meshes that can't be mapped to the sphere one to one, or only by chance. Their coordinates have been divided by
+/// 2^exponent.
+fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
     let found = Flaws::of(mesh)?;
     let handles = found.handles();
     let mut problems = found.problems;
@@ -67,7 +71,7 @@ fn check(mesh: &Mesh) -> Result<(), ParametrizeError> {
         return Ok(());
     }
     if handles > 0 {
-        problems.push(with_lengths(mesh, handles, problems.is_empty()));
+        problems.push(with_lengths(mesh, handles, problems.is_empty(), exponent));
     }
     let remedy =
         if handles > 0 { "cut or fill the handles first: they are often errors of segmentation" } else { found.remedy };
@@ -75,7 +79,7 @@ fn check(mesh: &Mesh) -> Result<(), ParametrizeError> {
 }
 
 /// How many handles there are, and of a mesh where that is quickly found how long the loops are along which it could be cut.
-fn with_lengths(mesh: &Mesh, handles: usize, clean: bool) -> String {
+fn with_lengths(mesh: &Mesh, handles: usize, clean: bool, exponent: i32) -> String {
     let text = match handles {
         1 => "the surface has a handle (genus 1)".to_owned(),
         handles => format!("the surface has {handles} handles (genus {handles})"),
@@ -84,9 +88,14 @@ fn with_lengths(mesh: &Mesh, handles: usize, clean: bool) -> String {
         return text;
     }
     let lengths = shortest_loops(mesh, handles);
-    let lengths: Vec<String> = lengths.iter().map(|length| format!("{length:.4}")).collect();
+    let lengths: Vec<String> = lengths.iter().map(|length| written(times(*length, exponent))).collect();
     let loops = if lengths.len() == 1 { "a loop" } else { "loops" };
     format!("{text}, which {loops} of length {} would cut", lengths.join(", "))
+}
+
+/// A length, with all of its digits before the point only where they are few.
+fn written(length: f64) -> String {
+    if (1e-3..1e9).contains(&length) { format!("{length:.4}") } else { format!("{length:.4e}") }
 }
 
 #[cfg(test)]

@@ -10,7 +10,9 @@
 //! out over the triangles that take its place, so each coarse mesh carries the whole surface's area where it belongs: a
 //! map that equalises areas has the area of an arm before it has the arm.
 //!
-//! O(n log n): a heap of vertices by cost, which is looked at again when a vertex comes to the top.
+//! O(n log n): a heap of vertices by cost, which is looked at again when a vertex comes to the top. Vertices of many
+//! triangles stay until they have fewer: to look at one takes time quadratic in their number, and there always is a vertex
+//! of five or fewer that can go.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -20,13 +22,10 @@ use spharm_monitor::{Interrupted, Monitor};
 
 use crate::energy::{Shape, least_area};
 use crate::geometry::{Vec3, area, dot, sub};
+use crate::hubs::{HUB, Hubs, looked_at};
 
 /// Collapses between which the monitor is asked and given the progress.
 const CHUNK: u64 = 256;
-
-/// Vertices with more triangles stay until they have fewer: to look at one takes time quadratic in their number, and
-/// there always is a vertex of five or fewer that can go.
-const HUB: usize = 64;
 
 /// A triangulated sphere that can be coarsened and refined. Vertices and triangles keep their numbers.
 pub(crate) struct Hierarchy {
@@ -37,6 +36,7 @@ pub(crate) struct Hierarchy {
     pub(crate) shapes: Vec<Shape>,
     /// The triangles around each vertex, in no particular order (but always the same); none where it is away.
     pub(crate) around: Vec<Vec<u32>>,
+    hubs: Hubs,
     collapses: Vec<Collapse>,
     /// How many vertices there are now.
     pub(crate) present: usize,
@@ -81,6 +81,7 @@ impl Hierarchy {
             positions: positions.to_vec(),
             faces: faces.to_vec(),
             shapes: faces.iter().zip(areas).map(shape).collect(),
+            hubs: Hubs::new(&around, faces),
             around,
             collapses: Vec::new(),
             present: positions.len(),
@@ -118,7 +119,13 @@ impl Hierarchy {
     }
 
     fn is_neighbour(&self, v: u32, w: u32) -> bool {
-        self.around[v as usize].iter().any(|&f| self.faces[f as usize].contains(&w))
+        let fewer = self.around[v as usize].len() <= self.around[w as usize].len();
+        let (v, w) = if fewer { (v, w) } else { (w, v) };
+        let look = || {
+            looked_at(self.around[v as usize].len());
+            self.around[v as usize].iter().any(|&f| self.faces[f as usize].contains(&w))
+        };
+        self.hubs.is_neighbour(v, w).unwrap_or_else(look)
     }
 
     /// Collapses vertices, a step of the monitor each, down to a tetrahedron. Returns its four vertices, as a triangle
@@ -178,6 +185,7 @@ impl Hierarchy {
         }
         let ring = self.ring(v);
         let k = ring.len();
+        looked_at(k);
         let mut best: Option<(f64, u32)> = None;
         for i in 0..k {
             let u = ring[i].0;
@@ -201,12 +209,13 @@ impl Hierarchy {
 
     fn collapse(&mut self, vertex: u32, into: u32) {
         let mut star = std::mem::take(&mut self.around[vertex as usize]);
+        self.hubs.forget(vertex);
         star.sort_by_key(|&f| !self.faces[f as usize].contains(&into));
         let faces: Vec<_> = star.iter().map(|&f| (f, self.faces[f as usize], self.shapes[f as usize])).collect();
         let total: f64 = faces.iter().map(|(_, _, shape)| shape.area).sum();
         for &(f, corners, _) in &faces[..2] {
             for w in corners.into_iter().filter(|&w| w != vertex) {
-                self.around[w as usize].retain(|&g| g != f);
+                self.hubs.remove(w, &mut self.around[w as usize], f, corners);
             }
         }
         let kept =
@@ -224,7 +233,8 @@ impl Hierarchy {
         for (f, corners, shape) in new {
             self.faces[f as usize] = corners;
             self.shapes[f as usize] = shape;
-            self.around[into as usize].push(f);
+            self.hubs.push(into, &mut self.around[into as usize], f, &self.faces);
+            corners.into_iter().filter(|&w| w != into).for_each(|w| self.hubs.rename(w, vertex, into));
         }
         self.collapses.push(Collapse { vertex, into, faces });
         self.present -= 1;
@@ -237,14 +247,16 @@ impl Hierarchy {
     }
 
     fn undo(&mut self, Collapse { vertex, into, faces }: Collapse) -> (u32, u32) {
-        for &(f, corners, shape) in &faces {
-            self.faces[f as usize] = corners;
-            self.shapes[f as usize] = shape;
+        for &(f, corners, shape) in &faces[2..] {
+            let merged = self.faces[f as usize];
+            self.hubs.remove(into, &mut self.around[into as usize], f, merged);
+            merged.into_iter().filter(|&w| w != into).for_each(|w| self.hubs.rename(w, into, vertex));
+            (self.faces[f as usize], self.shapes[f as usize]) = (corners, shape);
         }
-        self.around[into as usize].retain(|f| !faces[2..].iter().any(|(g, _, _)| g == f));
-        for &(f, corners, _) in &faces[..2] {
+        for &(f, corners, shape) in &faces[..2] {
+            (self.faces[f as usize], self.shapes[f as usize]) = (corners, shape);
             for w in corners.into_iter().filter(|&w| w != vertex) {
-                self.around[w as usize].push(f);
+                self.hubs.push(w, &mut self.around[w as usize], f, &self.faces);
             }
         }
         self.around[vertex as usize] = faces.iter().map(|&(f, _, _)| f).collect();
@@ -281,6 +293,7 @@ impl Hierarchy {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hubs::tests::LOOKED_AT;
     use spharm_monitor::Silent;
     use spharm_surface::Mesh;
     use spharm_surface::generate::icosphere;
@@ -323,15 +336,37 @@ mod tests {
         assert_eq!(hierarchy.faces, mesh.faces);
     }
 
-    #[test]
-    fn hubs_wait_until_they_have_fewer_triangles_and_groups_lead_back_to_the_start() {
-        // A double pyramid: two vertices of 300 triangles each.
-        let sides = 300_u32;
+    /// A double pyramid: two vertices with as many triangles as the polygon between them has sides.
+    fn double_pyramid(sides: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
         let round = |k: u32| f64::from(k) * std::f64::consts::TAU / f64::from(sides);
         let mut vertices: Vec<Vec3> = (0..sides).map(|k| [round(k).cos(), round(k).sin(), 0.0]).collect();
         vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
         let next = |k: u32| (k + 1) % sides;
-        let faces: Vec<[u32; 3]> = (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect();
+        (vertices, (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect())
+    }
+
+    #[test]
+    fn what_a_vertex_costs_doesnt_grow_with_the_degree_of_its_neighbours() {
+        let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let cost = |sides: u32| {
+            let (vertices, faces) = double_pyramid(sides);
+            one_thread.install(|| {
+                LOOKED_AT.with(|count| count.set(0));
+                let mut hierarchy = Hierarchy::new(&vertices, &faces, &vec![6.0 / f64::from(sides); faces.len()]);
+                hierarchy.coarsen(&Silent).unwrap();
+                while hierarchy.refine().is_some() {}
+                assert_eq!(hierarchy.faces, faces);
+                LOOKED_AT.with(|count| count.get()) as f64 / f64::from(sides)
+            })
+        };
+        let (few, many) = (cost(500), cost(8000));
+        assert!(many < 1.2 * few && many < 1000.0, "{few} {many}");
+    }
+
+    #[test]
+    fn hubs_wait_until_they_have_fewer_triangles_and_groups_lead_back_to_the_start() {
+        let sides = 300_u32;
+        let (vertices, faces) = double_pyramid(sides);
         let mut hierarchy = Hierarchy::new(&vertices, &faces, &vec![0.02; faces.len()]);
         assert!(hierarchy.best(sides).is_none() && hierarchy.best(0).is_some());
         hierarchy.coarsen(&Silent).unwrap();

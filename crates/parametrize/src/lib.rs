@@ -75,6 +75,7 @@ mod flaws;
 mod geometry;
 pub mod handles;
 mod hierarchy;
+mod hubs;
 mod input;
 mod local;
 mod method;

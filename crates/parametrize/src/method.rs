@@ -2,6 +2,7 @@
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
+use spharm_surface::range::{scale_all, scaled_meshes};
 
 use crate::auto::auto;
 use crate::cald::{CaldParams, cald};
@@ -104,6 +105,14 @@ impl Method {
                 expected: "the quadrangles around a label of a volume",
                 found: "a mesh of triangles".to_owned(),
             }),
+            Self::Deform { .. } if let Some(([scaled], exponent)) = scaled_meshes([mesh]) => {
+                let mut found = self.run(&scaled, monitor)?;
+                scale_all(found.surface.vertices.iter_mut().flatten(), exponent);
+                if let Some(resampling) = &mut found.resampling {
+                    resampling.distance = resampling.distance.times(exponent);
+                }
+                Ok(found)
+            }
             Self::Deform { params, map } => {
                 let first = auto(mesh, map, monitor)?;
                 Ok(deform(&first.surface, &first.sphere, params, monitor)?.after(&first.report))

@@ -20,6 +20,7 @@
 use rayon::prelude::*;
 use serde::Serialize;
 use spharm_surface::Mesh;
+use spharm_surface::range::scaled_meshes;
 
 use crate::geometry::{Vec3, area, cross, dot, norm, orientation, solid_angle, sub};
 
@@ -62,6 +63,8 @@ impl Quality {
     #[must_use]
     pub fn of(surface: &Mesh, sphere: &Mesh) -> Self {
         assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
+        let scaled = scaled_meshes([surface]);
+        let surface = scaled.as_ref().map_or(surface, |([surface], _)| surface);
         Self::measure(&surface.vertices, &sphere.vertices, &surface.faces)
     }
 

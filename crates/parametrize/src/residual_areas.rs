@@ -42,6 +42,10 @@ pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     asked.map_or(most(PER_FUNCTION[0]).min(MAX_DEFAULT_DEGREE), |degree| degree.min(most(PER_FUNCTION[1])))
 }
 
+/// Most samples of a triangle, on average, and how many are few: triangles as they are have 3 where there are many of them.
+const MOST_SAMPLES: usize = 16;
+const FEW_SAMPLES: usize = 1_000_000;
+
 /// Residual of a SPHARM fit over a map.
 pub(crate) struct Residual {
     /// Root mean square over the surface, of area 4 pi, of the distance between a point and its model.
@@ -60,7 +64,7 @@ pub(crate) fn residual(
 ) -> Result<Residual, ParametrizeError> {
     let directions = Directions::from_vertices(map).map_err(spharm_solver::SolverError::from)?;
     monitor.check()?;
-    let sampling = SphereSampling::for_degree(&directions, &domain.faces, degree)?;
+    let (sampling, degree) = sampling(&directions, &domain.faces, degree)?;
     let all = 0..domain.faces.len();
     let samples = sampling.at(&directions, all.clone())?;
     let transform = TransformParams { max_degree: degree, accuracy: 1e-6, ..TransformParams::default() };
@@ -91,6 +95,22 @@ pub(crate) fn residual(
     average(&domain.faces, map.len(), &mut excess);
     normalise(&mut excess);
     Ok(Residual { rms, excess })
+}
+
+/// Samples for a degree: for a lower one where slivers that cross the sphere would have more than [`MOST_SAMPLES`] a triangle.
+fn sampling(
+    directions: &Directions,
+    faces: &[[u32; 3]],
+    mut degree: usize,
+) -> Result<(SphereSampling, usize), ParametrizeError> {
+    loop {
+        let sampling = SphereSampling::for_degree(directions, faces, degree)?;
+        let samples = sampling.samples(0..faces.len());
+        if degree <= 2 || samples <= (MOST_SAMPLES * faces.len()).max(FEW_SAMPLES) {
+            return Ok((sampling, degree));
+        }
+        degree = (degree * 3 / 4).max(2);
+    }
 }
 
 /// Replaces each triangle's value by the mean over its vertices of the means over their triangles, a few times.

@@ -281,7 +281,7 @@ fn compare<'py>(
         let found = compare_meshes(&first, &second)?;
         Ok((found, vertex_distances(&first.vertices, &second.vertices)?))
     })?;
-    let figures = [found.msd, found.xsd, found.msd_raw, found.xsd_raw, found.scale];
+    let figures = [found.msd, found.xsd, found.rms_raw, found.max_raw, found.scale];
     Ok((figures, found.worst_vertex, each.into_pyarray(py)))
 }
 

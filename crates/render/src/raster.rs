@@ -1,5 +1,7 @@
 //! Triangles into pixels: a z-buffer at twice the resolution, averaged down.
 
+use std::ops::Range;
+
 use spharm_surface::Mesh;
 use spharm_surface::geometry::{Vec3, add, dot, face_normal, scale, unit};
 
@@ -73,8 +75,9 @@ impl Raster {
             let high = a[axis].max(b[axis]).max(c[axis]).ceil().min(most as f64);
             low as usize..high as usize
         };
+        let across = range(0, columns);
         for row in range(1, rows) {
-            for column in range(0, columns) {
+            for column in columns_of([a, b, c], row as f64 + 0.5, &across) {
                 let p = [column as f64 + 0.5, row as f64 + 0.5, 0.0];
                 let weights = [cross(p, b, c) / area, cross(a, p, c) / area, cross(a, b, p) / area];
                 if weights.iter().any(|&w| w < 0.0) {
@@ -115,6 +118,27 @@ impl Raster {
             }
         }
     }
+}
+
+/// The columns in which a triangle may have samples of the row at y: of a sliver few of those that its box has.
+fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize> {
+    /// What rounding may be off by, in samples.
+    const SLACK: f64 = 1e-3;
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for k in 0..3 {
+        let (p, q) = (corners[k], corners[(k + 1) % 3]);
+        if y < p[1].min(q[1]) - SLACK || y > p[1].max(q[1]) + SLACK {
+            continue;
+        }
+        let rise = q[1] - p[1];
+        // A level edge is in the row from end to end.
+        let ends = if rise.abs() < 1.0 { [0.0, 1.0] } else { [((y - p[1]) / rise).clamp(0.0, 1.0); 2] };
+        for x in ends.map(|t| p[0] + t * (q[0] - p[0])) {
+            (low, high) = (low.min(x), high.max(x));
+        }
+    }
+    let start = across.start.max((low - 1.0).floor().max(0.0) as usize);
+    start..across.end.min((high + 1.0).ceil().max(0.0) as usize).max(start)
 }
 
 /// Lambert's cosine law over an ambient floor.

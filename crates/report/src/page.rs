@@ -180,7 +180,7 @@ fn models_table(models: &[Shown], errors: &[Option<[f64; 2]>]) -> Table {
         let made = &shown.model.provenance;
         let fitted = made.distances.as_ref();
         let cell = |value: Option<f64>| value.map_or("–".to_owned(), number);
-        let raw = fitted.map(|d| [d.msd_raw.sqrt(), d.xsd_raw.sqrt()]);
+        let raw = fitted.map(|d| [d.rms(), d.max()]);
         let errors = errors.or(raw);
         vec![
             shown.name.clone(),

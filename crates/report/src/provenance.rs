@@ -35,8 +35,8 @@ pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
     if let Some(distances) = &made.distances {
         add("msd, box of volume 1", distances.msd.map(number));
         add("xsd, box of volume 1", distances.xsd.map(number));
-        add("Rms error", Some(number(distances.msd_raw.sqrt())));
-        add("Largest error", Some(number(distances.xsd_raw.sqrt())));
+        add("Rms error", Some(number(distances.rms())));
+        add("Largest error", Some(number(distances.max())));
     }
     add("Box, cube root of volume", made.scale.map(number));
     for (key, value) in &made.other {

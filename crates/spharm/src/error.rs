@@ -124,6 +124,18 @@ pub enum Error {
     /// With [`FitParams::strict`](crate::FitParams::strict): the iteration ended before the tolerance was met.
     #[error("{0}")]
     NotConverged(crate::FitWarning),
+    /// A target whose coefficients leave the range of f64.
+    #[error(
+        "the model has a coefficient that is {found}, in row {row} of channel {channel}; expected finite ones: divide the target's values by their largest"
+    )]
+    NotFinite {
+        /// Row of the coefficients, l^2 + l + m.
+        row: usize,
+        /// Channel, counted from 0.
+        channel: usize,
+        /// The coefficient.
+        found: f64,
+    },
     /// Threads that the system refuses.
     #[error("cannot start {threads} threads: {message}")]
     Threads {

@@ -10,6 +10,7 @@ mod job;
 mod lsq;
 mod lsq_plan;
 mod quadrature;
+mod range;
 mod shared;
 mod surface;
 mod surface_plan;

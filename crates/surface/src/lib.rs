@@ -57,6 +57,7 @@ pub mod geometry;
 mod hemisphere;
 mod mesh;
 mod seam;
+mod sliver_tree;
 mod sphere;
 mod target;
 
@@ -66,6 +67,7 @@ pub mod locator;
 pub mod metrics;
 pub mod nearest;
 pub mod npy;
+pub mod range;
 pub mod repair;
 pub mod samples;
 pub mod topology;

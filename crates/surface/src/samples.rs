@@ -16,7 +16,8 @@
 //! degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section 4.3): a distance to a surface
 //! that is linear there is squared exactly. A larger one is cut parallel to its shortest edge into layers that are no
 //! thicker than the spacing, measured along its sides, and each layer into cells that are no wider. A cell has 2 x 2
-//! points of Gauss's rule, across and down with the cell's width as weight, which is exact for degree 3. Slivers get a single
+//! points of Gauss's rule, across and down with the cell's width as weight, which is exact for degree 3. Triangles that come
+//! near the sphere's centre, whose points lie further apart on the sphere than on themselves, have smaller cells. Slivers get a single
 //! row of cells, where a grid of similar triangles would spend the square of it.
 //!
 //! With a spacing of 3 / L the points are about as dense as midpoints 1.5 / L apart would be, and the fit is that of twice as
@@ -74,6 +75,7 @@ impl Cut {
         let lengths = [length(0), length(1), length(2)];
         let shortest = (0..3).fold(0, |least, k| if lengths[k] < lengths[least] { k } else { least });
         let longest = lengths.into_iter().fold(0.0, f64::max);
+        let spacing = spacing * deepest(face.map(|v| unit[v as usize]));
         Self {
             corners: [face[(shortest + 2) % 3], face[shortest], face[(shortest + 1) % 3]],
             layers: (longest / spacing).ceil().max(1.0) as u32,
@@ -122,6 +124,19 @@ impl Cut {
             }
         }
     }
+}
+
+/// How near a triangle comes to the sphere's centre where it is so large that its samples are further apart on the sphere than
+/// on itself; 1 for others.
+fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
+    /// Of triangles with edges of about 50 degrees.
+    const LARGE: f64 = 0.9;
+    let mean = |points: &[Vec3]| {
+        let sum = points.iter().fold([0.0; 3], |sum, p| add(sum, *p));
+        dot(sum, sum).sqrt() / points.len() as f64
+    };
+    let depth = [mean(&[a, b]), mean(&[b, c]), mean(&[c, a]), mean(&[a, b, c])].into_iter().fold(1.0, f64::min);
+    if depth < LARGE { depth.max(0.1) } else { 1.0 }
 }
 
 /// The nodes of Gauss's rule of two points on -1 to 1 are at plus and minus 1 / sqrt 3.

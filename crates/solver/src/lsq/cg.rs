@@ -104,6 +104,8 @@ pub(crate) struct Cg {
     /// Norms of `A^T W f`.
     pub(crate) scale: Vec<f64>,
     pub(crate) iterations: usize,
+    /// The iteration at which the optimality halved for the last time.
+    pub(crate) best_at: usize,
     /// Of N preconditioned, from the iteration's own coefficients; of the column with the largest.
     pub(crate) condition: f64,
     /// Wall time of the iterations.
@@ -119,7 +121,8 @@ impl Cg {
     /// Starts from x = 0 with right-hand sides, (K, c).
     pub(crate) fn from_right_sides(gradient: Array2<f64>) -> Self {
         let scale = norms(&gradient);
-        Self { x: Array2::zeros(gradient.dim()), gradient, scale, iterations: 0, condition: 1.0, seconds: 0.0 }
+        let x = Array2::zeros(gradient.dim());
+        Self { x, gradient, scale, iterations: 0, best_at: 0, condition: 1.0, seconds: 0.0 }
     }
 
     /// The largest relative gradient of all columns.
@@ -191,6 +194,7 @@ impl Cg {
             since_best += 1;
             if optimality <= 0.5 * best {
                 (best, since_best) = (optimality, 0);
+                self.best_at = self.iterations;
             } else if since_best >= params.patience {
                 self.condition = self.condition.max(lanczos.condition());
                 return Ok(Stop::Stalled);

@@ -75,6 +75,19 @@ impl LsqSolver<'_> {
         let preconditioner = self.preconditioner();
         let (mut stop, mut residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
         let name = preconditioner.name();
+        if stop != Stop::Converged && cg.optimality() >= 1.0 {
+            // Rounding has carried it further from the solution than zero is: up to where it was best, it hadn't.
+            let before = cg.iterations;
+            let first = CgParams { max_iterations: cg.best_at, ..params };
+            *cg = Cg::new(&*self.problem(given))?;
+            cg.run(&*self.problem(given), &*preconditioner, &first, monitor)?;
+            (_, residual) = cg.confirm(Stop::Stalled, &*self.problem(given), &*preconditioner, &params, monitor)?;
+            if cg.optimality() >= 1.0 {
+                *cg = Cg::new(&*self.problem(given))?;
+                (_, residual) = cg.confirm(Stop::Stalled, &*self.problem(given), &*preconditioner, &params, monitor)?;
+            }
+            cg.iterations += before;
+        }
         drop(preconditioner);
         if stop == Stop::Converged && cg.optimality() > 1.5 * params.tolerance && self.moments.is_some() {
             self.warnings.push(LsqWarning::MomentsLoseDigits { optimality: cg.optimality() });

@@ -11,7 +11,7 @@ use spharm_harmonics::{Directions, basis_size};
 use spharm_monitor::{Monitor, OnlyCancel};
 use spharm_surface::generate::icosphere;
 use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
-use spharm_surface::{Mesh, Sphere};
+use spharm_surface::{Mesh, Sphere, SurfaceError};
 use spharm_transform::{Transform, TransformParams};
 
 use crate::Error;
@@ -97,7 +97,7 @@ impl ModelSurface {
     }
 
     /// Returns the distances between a surface, (n, 3) over a sphere's triangles, and the model with these coefficients,
-    /// (K, 3); `None` for a surface whose bounding box has no volume.
+    /// (K, 3); `None` for a surface whose bounding box has no volume, or that has no area.
     pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -111,7 +111,11 @@ impl ModelSurface {
         let surface = Mesh::new(points(vertices), sphere.faces.clone());
         let model = self.sphere.with_vertices(points(self.transform.synthesis(coefficients)?.view()));
         let params = SurfaceDistanceParams { samples: self.points };
-        let found = surface_distance(&surface, &model, &params, &OnlyCancel(monitor))?;
+        let found = match surface_distance(&surface, &model, &params, &OnlyCancel(monitor)) {
+            // Without an area, as where one vertex lies 1e300 times further out than the others.
+            Err(SurfaceError::Argument { .. }) => return Ok(None),
+            found => found?,
+        };
         Ok(Some(SurfaceDistances {
             rms: found.rms / scale,
             percentile95: found.percentile95 / scale,

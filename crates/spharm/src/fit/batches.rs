@@ -9,10 +9,12 @@ use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
 use spharm_solver::ResidualNorms;
+use spharm_surface::range::times;
 use spharm_surface::{Kind, Sphere, SurfaceError, Target};
 
 use super::denoise::parts;
 use super::job::Job;
+use super::range::{Exponents, distances_of_mixed, into_range, restore, restore_batch};
 use crate::assess::{Distances, ModelSurface, SurfaceDistances, scale_of};
 use crate::report::{BatchReport, Denoised, FitReport, Seconds, Settings};
 use crate::{Error, Fit, FitTo, FitWarning};
@@ -35,13 +37,21 @@ pub(crate) struct Run<'a, T, E> {
     done: Done<'a, T, E>,
     /// The next target to read, and those read that no batch has taken.
     next: usize,
-    ready: VecDeque<(usize, Target)>,
+    ready: VecDeque<Ready>,
 }
+
+/// A target that was read: its number, itself in the range of its squares, and the exponents of what it was divided by.
+type Ready = (usize, Target, Exponents);
+
+/// A target that can perhaps be read.
+type Found<E> = (usize, Result<(Target, Exponents), E>);
 
 /// Targets that are fitted together, and the columns of each.
 pub(crate) struct Batch {
     numbers: Vec<usize>,
     targets: Vec<Target>,
+    /// Of each target.
+    pub(crate) exponents: Vec<Exponents>,
     pub(crate) groups: Vec<Range<usize>>,
 }
 
@@ -73,15 +83,20 @@ pub(crate) struct Apart {
 }
 
 impl Batch {
-    fn new(taken: Vec<(usize, Target)>) -> Self {
+    fn new(taken: Vec<Ready>) -> Self {
         let mut end = 0;
-        let groups = taken.iter().map(|(_, target)| {
+        let groups = taken.iter().map(|(_, target, _)| {
             end += target.channels;
             end - target.channels..end
         });
         let groups = groups.collect();
-        let (numbers, targets) = taken.into_iter().unzip();
-        Self { numbers, targets, groups }
+        let mut batch = Self { numbers: Vec::new(), targets: Vec::new(), exponents: Vec::new(), groups };
+        for (number, target, exponents) in taken {
+            batch.numbers.push(number);
+            batch.targets.push(target);
+            batch.exponents.push(exponents);
+        }
+        batch
     }
 
     /// Columns of all targets.
@@ -163,7 +178,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
 
     /// Channels of the next target: of all of them, in most studies.
     pub(crate) fn channels(&self) -> usize {
-        self.ready.front().map_or(1, |(_, target)| target.channels)
+        self.ready.front().map_or(1, |(_, target, _)| target.channels)
     }
 
     /// Whether the next target is fitted as a surface; `None` when all are done.
@@ -171,7 +186,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         if self.ready.is_empty() {
             self.fill()?;
         }
-        Ok(self.ready.front().map(|(_, target)| self.job.fits_surface(target.kind)))
+        Ok(self.ready.front().map(|(_, target, _)| self.job.fits_surface(target.kind)))
     }
 
     /// Fits batch after batch with at most `columns` columns, or one target with more, and hands over the fits; until all
@@ -204,16 +219,17 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         self.seconds.solve += mark.elapsed().as_secs_f64();
         let mark = Instant::now();
         match (solved, &batch.numbers[..]) {
-            (Ok(solved), _) => {
+            (Ok(mut solved), _) => {
                 self.results.extend(self.hand_over(&batch, &solved)?);
+                restore_batch(&mut solved.report, &batch.exponents, self.job.weight_exponent);
                 self.batches.push(solved.report);
             }
             (Err(error @ Error::NotConverged(_)), &[number]) => {
                 self.results.push((number, (self.done)(number, Err(error.into()))?));
             }
             (Err(Error::NotConverged(_)), _) => {
-                for taken in batch.numbers.into_iter().zip(batch.targets) {
-                    self.solve(Batch::new(vec![taken]), solve)?;
+                for ((number, target), exponents) in batch.numbers.into_iter().zip(batch.targets).zip(batch.exponents) {
+                    self.solve(Batch::new(vec![(number, target, exponents)]), solve)?;
                 }
                 return Ok(());
             }
@@ -226,18 +242,22 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
     /// Reads the next few targets, more where none of them can be read.
     fn fill(&mut self) -> Result<(), E> {
         let (read, sphere) = (self.read, self.job.sphere);
-        let one = |number: usize| -> (usize, Result<Target, E>) {
-            let checked = |target: Target| check(&target, sphere).map(|()| target).map_err(E::from);
+        let one = |number: usize| -> Found<E> {
+            let checked = |mut target: Target| -> Result<(Target, Exponents), E> {
+                check(&target, sphere)?;
+                let exponents = into_range(&mut target);
+                Ok((target, exponents))
+            };
             (number, read(number).and_then(checked))
         };
         while self.ready.is_empty() && self.next < self.count {
             self.monitor.check().map_err(Error::from)?;
             let end = self.count.min(self.next + self.readers);
-            let found: Vec<(usize, Result<Target, E>)> = (self.next..end).into_par_iter().map(one).collect();
+            let found: Vec<Found<E>> = (self.next..end).into_par_iter().map(one).collect();
             self.next = end;
             for (number, target) in found {
                 match target {
-                    Ok(target) => self.ready.push_back((number, target)),
+                    Ok((target, exponents)) => self.ready.push_back((number, target, exponents)),
                     Err(error) => self.results.push((number, (self.done)(number, Err(error))?)),
                 }
             }
@@ -246,13 +266,15 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
     }
 
     /// As many targets as have at most `columns` columns together, and at least one, of those that are fitted as surfaces or
-    /// of those that aren't.
+    /// of those that aren't, and of one unit.
     fn next_batch(&mut self, columns: usize) -> Result<Batch, E> {
-        let (mut taken, mut width) = (Vec::new(), 0);
+        let (mut taken, mut width): (Vec<Ready>, usize) = (Vec::new(), 0);
         let surface = self.next_is_surface()?;
         while self.next_is_surface()? == surface {
-            let Some((_, target)) = self.ready.front() else { break };
-            if !taken.is_empty() && width + target.channels > columns {
+            let Some((_, target, exponents)) = self.ready.front() else { break };
+            if let Some((_, _, others)) = taken.last()
+                && (width + target.channels > columns || exponents != others)
+            {
                 break;
             }
             width += target.channels;
@@ -273,9 +295,9 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
 
 /// One target's part of a batch, assessed.
 fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result<Fit, Error> {
-    let (target, group) = (&batch.targets[index], batch.groups[index].clone());
+    let (target, group, exponents) = (&batch.targets[index], batch.groups[index].clone(), &batch.exponents[index]);
     let scale = scale_of(target);
-    let passes: Vec<Distances> = solved
+    let mut passes: Vec<Distances> = solved
         .sweeps
         .iter()
         .map(|(refinement, residuals)| {
@@ -283,13 +305,19 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         })
         .collect();
     let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
+    if let Some(distances) = distances_of_mixed(&job.sphere.directions, exponents, values(target), coefficients.view())?
+    {
+        passes = vec![distances];
+    }
     let mut warnings = solved.warnings.clone();
     let apart = solved.apart.get(index);
     warnings.extend(apart.iter().flat_map(|of_target| of_target.warnings.iter().cloned()));
     let denoise = solved.denoised.get(index).cloned().unwrap_or_default();
-    warnings.extend(
-        denoise.iter().find_map(|of| FitWarning::of_denoised(of.left_out?, of.noise.sigma, job.params.max_degree)),
-    );
+    let detail = |of: &Denoised| {
+        let sigma = times(of.noise.sigma, job.weight_exponent / 2);
+        FitWarning::of_denoised(of.left_out?, sigma, job.params.max_degree)
+    };
+    warnings.extend(denoise.iter().find_map(detail));
     let assess =
         |held: &crate::assess::HoldOut| held.assess(&job.sphere.directions, coefficients.view(), values(target), scale);
     let held_out = job.hold_out.as_ref().map(assess).transpose()?;
@@ -335,5 +363,10 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         },
     };
     let standard_errors = solved.standard_errors.as_ref().map(|errors| errors.slice(s![.., group]).to_owned());
-    Ok(Fit { coefficients: Coefficients::new(coefficients)?, standard_errors, report })
+    let mut fit = Fit { coefficients: Coefficients::new(coefficients)?, standard_errors, report };
+    restore(&mut fit, exponents, job.weight_exponent);
+    match fit.coefficients.values().indexed_iter().find(|(_, value)| !value.is_finite()) {
+        Some(((row, channel), &found)) => Err(Error::NotFinite { row, channel, found }),
+        None => Ok(fit),
+    }
 }

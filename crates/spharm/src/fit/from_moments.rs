@@ -13,11 +13,13 @@ use spharm_solver::lsq::{
 };
 use spharm_store::Scalar;
 use spharm_surface::Kind;
+use spharm_surface::range::{times, times_within};
 use spharm_transform::{MomentGram, MomentOperator};
 
 use super::denoise::{merge, parts, set_columns};
 use super::in_pool;
-use super::shared::{converged, strategy};
+use super::range::{restore_moments, smoothness_into_range, sums_into_range};
+use super::shared::{check_auto, converged, strategy};
 use crate::{Error, FitParams, FitWarning, Model, Smoothness};
 
 /// A fit from moments.
@@ -109,14 +111,24 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     if held > budget {
         return Err(Error::Memory { budget, needed: held });
     }
-    let problem = MomentProblem::new(&moments.sums, max_degree).map_err(Error::from)?;
-    let gcv = match params.smoothness {
-        Smoothness::Auto => Some(choose_smoothness_by_moments(&problem, monitor)?),
+    check_range(moments)?;
+    let scaled = sums_into_range(&moments.sums, is_surface(&moments.channels));
+    let none = (vec![0; channels], 0);
+    let (sums, (exponents, weight_exponent)) = match scaled {
+        Some((ref sums, exponents, weights)) => (sums, (exponents, weights)),
+        None => (&moments.sums, none),
+    };
+    let problem = MomentProblem::new(sums, max_degree).map_err(Error::from)?;
+    let mut gcv = match params.smoothness {
+        Smoothness::Auto => {
+            check_auto(problem.rows(), max_degree)?;
+            Some(choose_smoothness_by_moments(&problem, monitor)?)
+        }
         _ => None,
     };
     let smoothness = match (&gcv, params.smoothness) {
         (Some(gcv), _) => gcv.smoothness,
-        (None, Smoothness::Fixed(smoothness)) => smoothness,
+        (None, Smoothness::Fixed(smoothness)) => smoothness_into_range(smoothness, weight_exponent),
         _ => 0.0,
     };
     let solver = LsqParams {
@@ -131,7 +143,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     };
     let mut found =
         solve_moments(&problem, &solver, params.standard_errors && !params.denoise, monitor).map_err(Error::from)?;
-    let denoised =
+    let mut denoised =
         if params.denoise { denoise(&problem, &solver, params, &mut found, moments, monitor)? } else { Vec::new() };
     let largest_gap = moments.occupied.largest_gap().to_degrees();
     let resolved = (max_degree > 0).then(|| 180.0 / max_degree as f64);
@@ -145,15 +157,26 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let converged = converged(params, &warnings)?;
     let text = format_args!("{} iterations, optimality {:.1e}", found.report.iterations, found.report.optimality);
     monitor.note(Level::Detail, text);
-    let weight = moments.sums.weight;
-    let rms = found.residual_squares.iter().map(|square| (square / weight).sqrt()).collect();
-    let shares = found.residual_squares.iter().zip(&moments.sums.squares);
+    let mean = |(square, e): (&f64, &i32)| times((square / sums.weight).sqrt(), *e);
+    let rms = found.residual_squares.iter().zip(&exponents).map(mean).collect();
+    let shares = found.residual_squares.iter().zip(&sums.squares);
     let explained = shares.map(|(left, all)| if *all > 0.0 { 1.0 - left / all } else { 1.0 }).collect();
+    restore_moments(&mut found, &exponents, weight_exponent);
+    for (removed, e) in denoised.iter_mut().zip(&exponents) {
+        removed.sigma = times(removed.sigma, e + weight_exponent / 2);
+    }
+    if let Some(gcv) = &mut gcv {
+        gcv.smoothness = times_within(gcv.smoothness, weight_exponent);
+        gcv.tried.iter_mut().for_each(|tried| tried[0] = times_within(tried[0], weight_exponent));
+    }
+    if let Some(((row, channel), &found)) = found.coefficients.values().indexed_iter().find(|(_, x)| !x.is_finite()) {
+        return Err(Error::NotFinite { row, channel, found });
+    }
     let provenance = provenance(params, &found.report, converged);
     let report = MomentsReport {
         channels: moments.channels.clone(),
         samples: moments.sums.count,
-        weight,
+        weight: moments.sums.weight,
         rms,
         explained,
         largest_gap,
@@ -164,6 +187,17 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         warnings,
     };
     Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
+}
+
+/// Refuses sums of squares that have left the range of f64, or lost digits beneath it.
+fn check_range(moments: &Moments) -> Result<(), Error> {
+    moments.out_of_range().map_or(Ok(()), |channel| {
+        Err(Error::Setting {
+            what: "a fit from moments",
+            expected: "sums of squares from 1e-307 to 1e308; scale the values and form the moments again",
+            found: format!("those of the channel {channel:?} beyond"),
+        })
+    })
 }
 
 /// Whether the channels are those of a surface.

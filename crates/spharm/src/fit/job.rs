@@ -5,6 +5,7 @@ use spharm_monitor::{Level, Monitor};
 use spharm_store::{Scalar, Scheme, SchemeKey};
 use spharm_surface::{Kind, Sphere};
 
+use super::range::{smoothness_into_range, weights_into_range};
 use crate::assess::{HoldOut, OffVertex};
 use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
 
@@ -12,8 +13,9 @@ use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
 pub(crate) struct Job<'a> {
     pub(crate) sphere: &'a Sphere,
     pub(crate) params: &'a FitParams,
-    /// Weights of the vertices, (n); zero for those that are held out.
+    /// Weights of the vertices divided by 2^`weight_exponent`, (n); zero for those that are held out.
     pub(crate) weights: Option<Vec<f64>>,
+    pub(crate) weight_exponent: i32,
     pub(crate) hold_out: Option<HoldOut>,
     pub(crate) off_vertex: Option<OffVertex>,
     /// The basis, for the methods over a store.
@@ -30,6 +32,7 @@ impl<'a> Job<'a> {
         let n = sphere.directions.len();
         let hold_out = params.hold_out.map(|fraction| HoldOut::new(n, fraction)).transpose()?;
         let mut weights = weights(&params.weights, sphere)?;
+        let weight_exponent = weights_into_range(weights.as_mut());
         if let Some(hold_out) = &hold_out {
             monitor.note(Level::Info, format_args!("{} vertices are held out", hold_out.count()));
             weights = Some(hold_out.apply(weights));
@@ -48,6 +51,7 @@ impl<'a> Job<'a> {
             sphere,
             params,
             weights,
+            weight_exponent,
             hold_out,
             off_vertex: OffVertex::new(sphere, basis_size(params.max_degree))?,
             scheme,
@@ -70,11 +74,16 @@ impl<'a> Job<'a> {
         default && sphere.parametrized && params.method == Method::Lsq
     }
 
+    /// Returns a smoothness penalty that was asked for, as it is for the weights as they are here.
+    pub(crate) fn fixed_smoothness(&self, lambda: f64) -> f64 {
+        smoothness_into_range(lambda, self.weight_exponent)
+    }
+
     /// Returns the smoothness penalty of all targets that are fitted at their vertices, where it isn't chosen for each of them.
     pub(crate) fn smoothness(&self) -> f64 {
         let Self { params, sphere, weights, .. } = self;
         match params.smoothness {
-            Smoothness::Fixed(lambda) => lambda,
+            Smoothness::Fixed(lambda) => self.fixed_smoothness(lambda),
             Smoothness::Default if self.smooth_by_default() => {
                 let total = weights.as_ref().map_or(sphere.directions.len() as f64, |weights| weights.iter().sum());
                 defaults::parametrized_smoothness(params.max_degree, total)

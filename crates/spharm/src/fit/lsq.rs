@@ -17,7 +17,7 @@ use super::batches::{Batch, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
-use super::shared::{Within, allowed, converged, note_solution, strategy};
+use super::shared::{Within, allowed, check_auto, converged, note_solution, strategy};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
 
@@ -28,6 +28,10 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let (params, directions) = (job.params, &job.sphere.directions);
     let smoothness = smoothness(job, monitor);
     let automatic = params.smoothness == Smoothness::Auto;
+    if automatic {
+        let rows = job.weights.as_ref().map_or(directions.len(), |w| w.iter().filter(|w| **w > 0.0).count());
+        check_auto(rows, params.max_degree)?;
+    }
     // With a smoothness of its own, each target is a batch.
     let most = if automatic { 1 } else { (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1)) };
     let (plan, together) = plan(job, channels, most)?;
@@ -296,7 +300,8 @@ fn stored_factor(
     warnings: &mut Vec<FitWarning>,
     monitor: &dyn Monitor,
 ) -> Result<Option<StoredFactor>, Error> {
-    let Some(store) = &job.params.store else { return Ok(None) };
+    // Factors in the store are of weights and smoothness as they were given.
+    let Some(store) = job.params.store.as_ref().filter(|_| job.weight_exponent == 0) else { return Ok(None) };
     let mut refused = None;
     // Of the scheme with either scalar type of its basis.
     for scalar in [Scalar::F64, Scalar::F32] {

@@ -41,6 +41,23 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
     }
 }
 
+/// Coefficients for each vertex or sample above which cross-validation has nothing to go by.
+const MOST_FOR_AUTO: usize = 100;
+
+/// Refuses to choose a smoothness where coefficients are far more than vertices or samples: some 25 fits of a high degree, to
+/// learn from a few residuals.
+pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
+    let functions = spharm_harmonics::basis_size(max_degree);
+    if functions <= MOST_FOR_AUTO * rows {
+        return Ok(());
+    }
+    Err(Error::Setting {
+        what: "a smoothness by cross-validation",
+        expected: "a vertex or sample for each 100 coefficients; lower the degree, or give the smoothness",
+        found: format!("{rows} for {functions}"),
+    })
+}
+
 /// Returns whether the tolerance was met, by a fit's warnings; with strict settings it is an error that it wasn't.
 pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<bool, Error> {
     let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));

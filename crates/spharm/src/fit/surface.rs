@@ -105,7 +105,7 @@ impl<'a> Fitter<'a> {
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
             solver: LsqParams {
                 smoothness: match params.smoothness {
-                    Smoothness::Fixed(smoothness) => smoothness,
+                    Smoothness::Fixed(smoothness) => job.fixed_smoothness(smoothness),
                     Smoothness::Default | Smoothness::Auto => 0.0,
                 },
                 strategy: strategy(params.preconditioner),

@@ -34,6 +34,7 @@ use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, dot, face_normal, scale, sub};
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
+use crate::range::{scaled_meshes, times};
 
 /// Sampling density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,6 +110,9 @@ pub fn surface_distance(
     params: &SurfaceDistanceParams,
     monitor: &dyn Monitor,
 ) -> Result<SurfaceDistance, SurfaceError> {
+    if let Some(([first, second], exponent)) = scaled_meshes([first, second]) {
+        return Ok(surface_distance(&first, &second, params, monitor)?.times(exponent));
+    }
     let scale = bounding_box_scale(&first.vertices)?;
     let there = Samples::towards(first, &TriangleTree::new(second), params, monitor)?;
     let back = Samples::towards(second, &TriangleTree::new(first), params, monitor)?;
@@ -121,6 +125,39 @@ pub fn surface_distance(
     let percentile95 = percentile(there.weighted.iter().chain(&back.weighted).copied().collect(), 0.95);
     let hausdorff = forward.max.max(backward.max);
     Ok(SurfaceDistance { mean, rms: square.sqrt(), percentile95, hausdorff, forward, backward, bound, scale })
+}
+
+impl Directed {
+    fn times(self, exponent: i32) -> Self {
+        let by = |length: f64| times(length, exponent);
+        Self {
+            mean: by(self.mean),
+            rms: by(self.rms),
+            percentile95: by(self.percentile95),
+            max: by(self.max),
+            worst: self.worst.map(by),
+            spacing: by(self.spacing),
+            ..self
+        }
+    }
+}
+
+impl SurfaceDistance {
+    /// Returns the distance of surfaces that are 2^exponent times as large.
+    #[must_use]
+    pub fn times(self, exponent: i32) -> Self {
+        let by = |length: f64| times(length, exponent);
+        Self {
+            mean: by(self.mean),
+            rms: by(self.rms),
+            percentile95: by(self.percentile95),
+            hausdorff: by(self.hausdorff),
+            forward: self.forward.times(exponent),
+            backward: self.backward.times(exponent),
+            bound: by(self.bound),
+            scale: by(self.scale),
+        }
+    }
 }
 
 /// The points of one surface, with their distances to the other.

@@ -8,6 +8,7 @@ use crate::error::SurfaceError;
 use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
+use crate::range::{exponent, scale_all, scaled_points};
 use crate::topology::different_triangles;
 
 /// Returns whether two meshes have as many vertices and the same triangles, so that their vertices correspond.
@@ -23,7 +24,14 @@ pub fn correspond(a: &Mesh, b: &Mesh) -> bool {
 ///
 /// [`LengthMismatch`](SurfaceError::LengthMismatch) where the numbers of vertices differ.
 pub fn vertex_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> Result<Vec<f64>, SurfaceError> {
-    Ok(squared_distances(original, reconstruction)?.into_iter().map(f64::sqrt).collect())
+    let exponent = exponent(original.iter().chain(reconstruction).flatten().copied());
+    if exponent == 0 {
+        return Ok(squared_distances(original, reconstruction)?.into_iter().map(f64::sqrt).collect());
+    }
+    let [original, reconstruction] = [original, reconstruction].map(|points| scaled_points(points, exponent));
+    let mut distances = vertex_distances(&original, &reconstruction)?;
+    scale_all(&mut distances, exponent);
+    Ok(distances)
 }
 
 /// Returns the distance of each point from the nearest point of a surface, in the coordinates' unit.
@@ -41,6 +49,13 @@ pub fn distances_to_surface(
     points: &[[f64; 3]],
     monitor: &dyn Monitor,
 ) -> Result<Vec<f64>, SurfaceError> {
+    let exponent = exponent(surface.vertices.iter().chain(points).flatten().copied());
+    if exponent != 0 {
+        let surface = surface.with_vertices(scaled_points(&surface.vertices, exponent));
+        let mut distances = distances_to_surface(&surface, &scaled_points(points, exponent), monitor)?;
+        scale_all(&mut distances, exponent);
+        return Ok(distances);
+    }
     let tree = TriangleTree::new(surface);
     let none = |point: Vec3| SurfaceError::Argument {
         what: "point to measure the distance of a surface from",

@@ -3,6 +3,7 @@
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, bounds, dot, sub};
 use crate::mesh::Mesh;
+use crate::range::{scaled_meshes, times, times_within};
 use crate::topology::different_triangles;
 
 /// Distances between a surface and its reconstruction, vertex by vertex.
@@ -20,6 +21,11 @@ pub struct Distances {
     pub msd_raw: f64,
     /// Maximal squared distance, in squared units of the coordinates (mm^2).
     pub xsd_raw: f64,
+    /// Root of `msd_raw`, in units of the coordinates (mm): also where the square leaves the range of f64, and `msd_raw` is at
+    /// its end.
+    pub rms_raw: f64,
+    /// Root of `xsd_raw`, likewise.
+    pub max_raw: f64,
     /// The vertex where the maximum is.
     pub worst_vertex: usize,
     /// The original's [`bounding_box_scale`], in units of the coordinates.
@@ -84,9 +90,21 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
     {
         return Err(SurfaceError::TopologyDiffers { face, expected: *expected, found: *found });
     }
+    let scaled = scaled_meshes([original, reconstruction]);
+    let ([original, reconstruction], exponent) = match &scaled {
+        Some(([original, reconstruction], exponent)) => ([original, reconstruction], *exponent),
+        None => ([original, reconstruction], 0),
+    };
     let squared = squared_distances(&original.vertices, &reconstruction.vertices)?;
-    let scale = bounding_box_scale(&original.vertices)?;
-    Ok(summarise(&squared, scale))
+    let found = summarise(&squared, bounding_box_scale(&original.vertices)?);
+    Ok(Distances {
+        msd_raw: times_within(found.msd_raw, 2 * exponent),
+        xsd_raw: times_within(found.xsd_raw, 2 * exponent),
+        rms_raw: times(found.rms_raw, exponent),
+        max_raw: times(found.max_raw, exponent),
+        scale: times(found.scale, exponent),
+        ..found
+    })
 }
 
 /// Mean, maximum and its place. A NaN anywhere makes both NaN, so that a broken reconstruction isn't taken for a good one.
@@ -103,5 +121,6 @@ fn summarise(squared: &[f64], scale: f64) -> Distances {
         }
     }
     let (worst_vertex, xsd_raw) = worst;
-    Distances { msd: msd_raw / (scale * scale), xsd: xsd_raw / (scale * scale), msd_raw, xsd_raw, worst_vertex, scale }
+    let (msd, xsd) = (msd_raw / (scale * scale), xsd_raw / (scale * scale));
+    Distances { msd, xsd, msd_raw, xsd_raw, rms_raw: msd_raw.sqrt(), max_raw: xsd_raw.sqrt(), worst_vertex, scale }
 }

@@ -1,0 +1,208 @@
+//! Targets and weights beyond the range in which their squares are numbers.
+//!
+//! A fit is linear in its target and in the weights together with the penalty. So what is beyond 1e60 or below 1e-60 is
+//! divided by a power of two, fitted, and what was found multiplied by it: the coefficients are those that exact arithmetic
+//! on the digits of an ordinary target gives, and figures that are squares stay at the ends of the range of f64 where they
+//! would leave it. A surface has one exponent, each channel of a signal its own.
+
+use ndarray::{ArrayView2, ArrayViewMut1, ArrayViewMut2};
+use spharm_harmonics::Directions;
+use spharm_solver::ResidualNorms;
+use spharm_solver::lsq::{LsqReport, LsqWarning, MomentFit};
+use spharm_surface::range::{exponent, scale_all, times, times_within};
+use spharm_surface::{Kind, Target};
+use spharm_transform::{SampleSums, synthesis};
+
+use crate::assess::{Distances, SurfaceDistances};
+use crate::report::{BatchReport, Denoised};
+use crate::{Error, Fit, FitWarning};
+
+/// Largest smoothness in the scaled weights' unit: products with degrees stay in the range.
+const MOST: i32 = 900;
+
+/// The exponents of a target's channels; none for a target in the range.
+pub(crate) type Exponents = Vec<i32>;
+
+/// Divides a target by powers of two, and returns their exponents.
+pub(crate) fn into_range(target: &mut Target) -> Exponents {
+    let channels = target.channels;
+    let of = |channel: usize, step: usize| exponent(target.values.iter().skip(channel).step_by(step).copied());
+    let exponents: Exponents = match target.kind {
+        Kind::Surface => vec![of(0, 1); channels],
+        Kind::Signal => (0..channels).map(|channel| of(channel, channels)).collect(),
+    };
+    if exponents.iter().all(|&e| e == 0) {
+        return Vec::new();
+    }
+    for row in target.values.chunks_exact_mut(channels) {
+        row.iter_mut().zip(&exponents).for_each(|(value, &e)| *value = times(*value, -e));
+    }
+    exponents
+}
+
+/// Divides weights by a power of two, and returns its exponent.
+pub(crate) fn weights_into_range(weights: Option<&mut Vec<f64>>) -> i32 {
+    let Some(weights) = weights else { return 0 };
+    let exponent = exponent(weights.iter().copied());
+    scale_all(weights.iter_mut(), -exponent);
+    exponent
+}
+
+/// A smoothness where weights have been divided by 2^exponent.
+pub(crate) fn smoothness_into_range(smoothness: f64, exponent: i32) -> f64 {
+    if exponent == 0 { smoothness } else { times(smoothness, -exponent).min(times(1.0, MOST)) }
+}
+
+/// The largest exponent: that of sums over channels.
+fn largest(exponents: &[i32]) -> i32 {
+    exponents.iter().copied().max().unwrap_or(0)
+}
+
+/// Puts a target's fit back into its unit.
+pub(crate) fn restore(fit: &mut Fit, exponents: &[i32], weights: i32) {
+    fit.report.smoothness = times_within(fit.report.smoothness, weights);
+    let all = largest(exponents);
+    for denoised in fit.report.denoise.iter_mut().zip(exponents.iter().copied().chain(std::iter::repeat(0))) {
+        restore_denoised(denoised, weights);
+    }
+    fit.report.warnings.iter_mut().for_each(|warning| restore_warning(warning, all));
+    if exponents.is_empty() {
+        return;
+    }
+    let mut coefficients = fit.coefficients.values().to_owned();
+    scale_columns(coefficients.view_mut(), exponents);
+    if let Ok(restored) = spharm_harmonics::Coefficients::new(coefficients) {
+        fit.coefficients = restored;
+    }
+    if let Some(errors) = &mut fit.standard_errors {
+        scale_columns(errors.view_mut(), exponents);
+    }
+    let report = &mut fit.report;
+    report.scale = report.scale.map(|scale| times(scale, all));
+    report.passes.iter_mut().for_each(|distances| *distances = distances.times(all));
+    report.between = report.between.map(|distances| distances.times(all));
+    if let Some(held_out) = &mut report.held_out {
+        held_out.held_out = held_out.held_out.times(all);
+        held_out.seen = held_out.seen.times(all);
+    }
+    if let Some(SurfaceDistances { rms_raw, percentile95_raw, hausdorff_raw, .. }) = &mut report.surface_distance {
+        scale_all([rms_raw, percentile95_raw, hausdorff_raw], all);
+    }
+}
+
+fn scale_columns(mut values: ArrayViewMut2<'_, f64>, exponents: &[i32]) {
+    let scale = |(mut column, &e): (ArrayViewMut1<'_, f64>, &i32)| scale_all(column.iter_mut(), e);
+    values.columns_mut().into_iter().zip(exponents).for_each(scale);
+}
+
+/// Noise is that of a vertex of weight 1 where weights say how exact vertices are.
+fn restore_denoised((denoised, exponent): (&mut Denoised, i32), weights: i32) {
+    denoised.noise.sigma = times_within(denoised.noise.sigma, exponent + weights / 2);
+    denoised.left_out = denoised.left_out.map(|left_out| times_within(left_out, exponent));
+}
+
+fn restore_warning(warning: &mut FitWarning, exponent: i32) {
+    match warning {
+        FitWarning::Singular { norm, .. } | FitWarning::Solver(LsqWarning::Underdetermined { norm, .. }) => {
+            *norm = times_within(*norm, exponent);
+        }
+        FitWarning::Detail { left_out, sigma, .. } => {
+            *left_out = times_within(*left_out, exponent);
+            *sigma = times_within(*sigma, exponent);
+        }
+        _ => {}
+    }
+}
+
+/// Distances at the vertices of a signal whose channels have been divided by different powers of two. Sums over channels
+/// that a solver formed mean nothing there.
+pub(crate) fn distances_of_mixed(
+    directions: &Directions,
+    exponents: &[i32],
+    values: ArrayView2<'_, f64>,
+    coefficients: ArrayView2<'_, f64>,
+) -> Result<Option<Distances>, Error> {
+    let all = largest(exponents);
+    if exponents.iter().all(|&e| e == all) {
+        return Ok(None);
+    }
+    let mut residual = &values - &synthesis(directions, coefficients)?;
+    let relative: Vec<i32> = exponents.iter().map(|e| e - all).collect();
+    scale_columns(residual.view_mut(), &relative);
+    let ResidualNorms { mean_square, max_square } = ResidualNorms::of(residual.view());
+    Ok(Some(Distances::new(mean_square, max_square, false, None)))
+}
+
+/// Puts a batch's report back into the unit of its targets, which have the same exponents.
+pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], weights: i32) {
+    let exponent = exponents.iter().map(|of_target| largest(of_target)).max().unwrap_or(0);
+    if exponent == 0 && weights == 0 {
+        return;
+    }
+    let restore = |residuals: &mut Vec<ResidualNorms>| {
+        for of in residuals {
+            of.mean_square = times_within(of.mean_square, 2 * exponent);
+            of.max_square = times_within(of.max_square, 2 * exponent);
+        }
+    };
+    match report {
+        BatchReport::Streamed(report) => report.history.iter_mut().for_each(|pass| restore(&mut pass.residuals)),
+        BatchReport::Quadrature { residuals, .. } => restore(residuals),
+        BatchReport::LeastSquares { report, gcv } => {
+            restore(&mut report.residuals);
+            restore_solution(report, exponent, weights);
+            if let Some(gcv) = gcv {
+                gcv.smoothness = times_within(gcv.smoothness, weights);
+                for [smoothness, score, _] in &mut gcv.tried {
+                    *smoothness = times_within(*smoothness, weights);
+                    *score = times_within(*score, 2 * exponent + weights);
+                }
+            }
+        }
+    }
+}
+
+/// Puts what a solver reports of all of its targets back into their unit.
+pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i32) {
+    report.norm = times_within(report.norm, exponent);
+    report.smoothness = times_within(report.smoothness, weights);
+    for warning in &mut report.warnings {
+        if let LsqWarning::Underdetermined { norm, .. } = warning {
+            *norm = times_within(*norm, exponent);
+        }
+    }
+}
+
+/// Divides sums over samples by powers of two: weights by that of the exponent which is returned, and channels by those of the
+/// others. Channels `together` have the same. None for sums in the range.
+pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(SampleSums, Exponents, i32)> {
+    let weights = exponent(sums.moments.iter().copied().chain([sums.weight]));
+    let of = |column: ndarray::ArrayView1<'_, f64>| exponent(column.iter().map(|&sum| times(sum, -weights)));
+    let mut exponents: Exponents = sums.right_sides.columns().into_iter().map(of).collect();
+    if together {
+        exponents = vec![largest(&exponents); exponents.len()];
+    }
+    if weights == 0 && exponents.iter().all(|&e| e == 0) {
+        return None;
+    }
+    let mut scaled = sums.clone();
+    scale_all(scaled.moments.iter_mut().chain([&mut scaled.weight]), -weights);
+    scale_columns(scaled.right_sides.view_mut(), &exponents.iter().map(|e| -weights - e).collect::<Vec<_>>());
+    for (square, e) in scaled.squares.iter_mut().zip(&exponents) {
+        *square = times(*square, -weights - 2 * e);
+    }
+    Some((scaled, exponents, weights))
+}
+
+/// Puts a fit of sums back into their unit, but for its squares.
+pub(crate) fn restore_moments(fit: &mut MomentFit, exponents: &[i32], weights: i32) {
+    let mut coefficients = fit.coefficients.values().to_owned();
+    scale_columns(coefficients.view_mut(), exponents);
+    if let Ok(restored) = spharm_harmonics::Coefficients::new(coefficients) {
+        fit.coefficients = restored;
+    }
+    if let Some(errors) = &mut fit.standard_errors {
+        scale_columns(errors.view_mut(), exponents);
+    }
+    restore_solution(&mut fit.report, largest(exponents), weights);
+}

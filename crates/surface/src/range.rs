@@ -1,0 +1,103 @@
+//! Numbers whose squares leave the range of f64.
+//!
+//! Squares of what is beyond 1e154 overflow, those of what is below 1e-162 underflow: sums of squares are infinite or zero
+//! there, though the numbers themselves, and what is computed from them, have all their digits. Such numbers are multiplied
+//! by a power of two first, and results by its inverse afterwards. Both are exact but for what is too small for a normal
+//! number. Ordinary numbers aren't touched.
+
+use crate::geometry::Vec3;
+use crate::mesh::Mesh;
+
+/// Numbers from 2^-200 to 2^200, some 1e-60 to 1e60, are left as they are: products of a few of them are in the range.
+const SAFE: i32 = 200;
+
+/// The largest power of two that a step multiplies by.
+const STEP: i32 = 1000;
+
+/// Returns the exponent e for which the largest magnitude divided by 2^e is from 1 to 4, an even number: roots of 2^e are
+/// exact. 0 where that magnitude is from 1e-60 to 1e60, is zero, or isn't finite.
+#[must_use]
+pub fn exponent(values: impl IntoIterator<Item = f64>) -> i32 {
+    let largest = values.into_iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    if largest == 0.0 || !largest.is_finite() {
+        return 0;
+    }
+    // Of subnormal numbers after they have been brought to normal ones.
+    let of = |normal: f64| (normal.to_bits() >> 52) as i32 - 1023;
+    let exponent = if largest.is_normal() { of(largest) } else { of(times(largest, STEP)) - STEP };
+    if exponent.abs() <= SAFE { 0 } else { exponent - exponent.rem_euclid(2) }
+}
+
+/// Returns `value * 2^exponent`: exact unless that is below the smallest normal number, infinite where it is too large.
+#[must_use]
+pub fn times(value: f64, exponent: i32) -> f64 {
+    let power = |e: i32| f64::from_bits(((1023 + e) as u64) << 52);
+    let (mut value, mut left) = (value, exponent);
+    while left != 0 {
+        let step = left.clamp(-STEP, STEP);
+        value *= power(step);
+        left -= step;
+    }
+    value
+}
+
+/// As [`times`], at the ends of the range where it would leave it: the largest finite number, and for what isn't zero the
+/// smallest above zero. For figures of a report, where infinity and zero would say something else.
+#[must_use]
+pub fn times_within(value: f64, exponent: i32) -> f64 {
+    let found = times(value, exponent);
+    if found.is_infinite() && value.is_finite() {
+        f64::MAX.copysign(value)
+    } else if found == 0.0 && value != 0.0 {
+        f64::from_bits(1).copysign(value)
+    } else {
+        found
+    }
+}
+
+/// Multiplies all values by `2^exponent`.
+pub fn scale_all<'a>(values: impl IntoIterator<Item = &'a mut f64>, exponent: i32) {
+    if exponent != 0 {
+        values.into_iter().for_each(|value| *value = times(*value, exponent));
+    }
+}
+
+/// Returns points divided by 2^exponent.
+pub(crate) fn scaled_points(points: &[Vec3], exponent: i32) -> Vec<Vec3> {
+    points.iter().map(|point| point.map(|x| times(x, -exponent))).collect()
+}
+
+/// Returns meshes with coordinates divided by 2^e, and e, the [`exponent`] of all of them; `None` where it is 0.
+#[must_use]
+pub fn scaled_meshes<const N: usize>(meshes: [&Mesh; N]) -> Option<([Mesh; N], i32)> {
+    let exponent = exponent(meshes.iter().flat_map(|mesh| mesh.vertices.iter().flatten().copied()));
+    let each = |mesh: &Mesh| mesh.with_vertices(scaled_points(&mesh.vertices, exponent));
+    (exponent != 0).then(|| (meshes.map(each), exponent))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponents_bring_the_largest_near_one_and_leave_ordinary_numbers_alone() {
+        for ordinary in [0.0, 1.0, -3e5, 1e-59, 1e59, f64::NAN, f64::INFINITY] {
+            assert_eq!(exponent([ordinary, 0.0]), 0, "{ordinary}");
+        }
+        for value in [1e300, -1e154, 1e61, 1e-61, -1e-162, 1e-300, 1e-308, 3e-320, f64::from_bits(1), f64::MAX] {
+            let e = exponent([0.0, value, value / 3.0]);
+            let near = times(value, -e);
+            assert!(e % 2 == 0 && (1.0..4.0).contains(&near.abs()), "{value:e}: {e}, {near}");
+            assert_eq!(times(near, e).to_bits(), value.to_bits());
+        }
+    }
+
+    #[test]
+    fn figures_stay_within_the_range() {
+        assert_eq!(times(1.5, 2000), f64::INFINITY);
+        assert_eq!((times_within(1.5, 2000), times_within(-1.5, 2000)), (f64::MAX, -f64::MAX));
+        assert_eq!((times_within(1.5, -2000), times_within(0.0, -2000)), (f64::from_bits(1), 0.0));
+        assert_eq!(times_within(1.5, 10), 1536.0);
+        assert!(times_within(f64::NAN, 4000).is_nan() && times_within(f64::INFINITY, -4000).is_infinite());
+    }
+}
