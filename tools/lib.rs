@@ -19,6 +19,7 @@ mod parametrize;
 mod picture;
 mod reconstruct;
 mod report;
+mod roles;
 mod rows;
 mod shape;
 mod status;
@@ -26,11 +27,15 @@ mod store;
 mod study;
 mod volumes;
 
+use std::borrow::Cow;
 use std::ffi::OsString;
 use std::path::Path;
 
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 use spharm_cli::exit;
+use spharm_cli::machine::available_memory;
+use spharm_cli::printable::one_line;
+use spharm_surface::io::ask_for_free_memory;
 
 /// Spherical-harmonic (SPHARM) models of surfaces, from meshes to coefficients and back
 #[derive(Debug, Parser)]
@@ -97,16 +102,35 @@ impl Verb {
 
 /// Runs a command that a verb is made of; its first word is `spharm`.
 fn run_command(arguments: &[String]) -> anyhow::Result<()> {
-    Spharm::try_parse_from(arguments).map_err(|error| anyhow::anyhow!("{}", error.to_string().trim_end()))?.verb.run()
+    let wrong = |error: clap::Error| anyhow::anyhow!("{}", error.to_string().trim_end());
+    let matches = Spharm::command().try_get_matches_from(arguments).map_err(wrong)?;
+    Spharm::from_arg_matches(&matches).map_err(wrong)?.run(&matches)
 }
 
-/// Runs the program with these arguments, the program's name first, and returns its exit code. Ends the process where the
+impl Spharm {
+    /// Checks the files that were named, then runs the verb.
+    fn run(&self, matches: &ArgMatches) -> anyhow::Result<()> {
+        let mut command = Self::command();
+        command.build();
+        roles::check_arguments(&command, matches)?;
+        self.verb.run()
+    }
+}
+
+/// Runs the program with these arguments, the program's name first, and returns its exit code, also where the
 /// arguments are wrong, or ask for help.
 pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
-    let matches = Spharm::command().get_matches_from(arguments(given));
-    let spharm = Spharm::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    ask_for_free_memory(available_memory);
+    let given = arguments(given);
+    let tame = given.iter().any(|argument| matches!(one_line(&argument.to_string_lossy()), Cow::Owned(_)));
+    let parsed = Spharm::command().try_get_matches_from(given);
+    let parsed = parsed.and_then(|matches| Ok((Spharm::from_arg_matches(&matches)?, matches)));
+    let (spharm, matches) = match parsed {
+        Ok(parsed) => parsed,
+        Err(error) => return exit::wrong_usage(&error, tame),
+    };
     let verb = matches.subcommand_name().unwrap_or_default();
-    exit::run(|| spharm.verb.run(), || exit::command_of(Spharm::command(), verb))
+    exit::run(|| spharm.run(&matches), || exit::command_of(Spharm::command(), verb))
 }
 
 /// The arguments with the verb in front, also where this program was called by a verb's name, through a link.

@@ -11,7 +11,7 @@ use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::{memory, raise_file_limit};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, STDOUT, check_outputs, print, print_json, table, write_json};
+use spharm_cli::output::{OutputFile, check_outputs, is_stdout, print, print_json, table, write_json};
 use spharm_cli::size::Size;
 use spharm_store::{BuildParams, BuildReport, Scalar, SchemeKey, build};
 use spharm_surface::Sphere;
@@ -63,7 +63,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         write_json(path, cli.force, &report)?;
     }
     match report_file {
-        Some(path) if path.as_os_str() == STDOUT => Ok(()),
+        Some(path) if is_stdout(path) => Ok(()),
         None if cli.json => print_json(&report),
         _ => print(&table(&lines(&report))),
     }

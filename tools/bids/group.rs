@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use ndarray::Array3;
 use spharm::Model;
 use spharm::cohort::Merged;
-use spharm_cli::output::{counted, print};
+use spharm_cli::output::{counted, print_line};
 use spharm_cli::paths::model_name;
 use spharm_model::arrays::{Entry, write_arrays};
 
@@ -49,7 +49,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         arguments.extend(["--output", &shown(&page)].map(str::to_owned));
         spharm(&super::command(cli, arguments))?;
     }
-    print(&format!("{}: {}", cli.output.display(), counted(models, "model")))
+    print_line(&format!("{}: {}", cli.output.display(), counted(models, "model")))
 }
 
 /// Writes what became of each surface of all calls.

@@ -8,7 +8,7 @@ use spharm::cohort::{Merged, State};
 use spharm::shape::descriptors;
 use spharm::{Model, Sphere};
 use spharm_cli::console::Console;
-use spharm_cli::output::{counted, print};
+use spharm_cli::output::{counted, print_line};
 use spharm_surface::Signal;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal};
 use spharm_surface::metrics::vertex_distances;
@@ -51,7 +51,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     if !cli.no_pages {
         pages(cli, &done, &console, spharm)?;
     }
-    print(&format!(
+    print_line(&format!(
         "{}: {} of {}",
         cli.output.display(),
         counted(done.len(), "model"),

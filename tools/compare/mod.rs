@@ -5,7 +5,7 @@ mod output;
 
 use anyhow::{Context, Result};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print, print_json, table, write_json};
+use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, print_json, table, write_json};
 use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mesh, write_painted};
 use spharm_surface::metrics::{
     SurfaceDistanceParams, colors, compare, correspond, distances_to_surface, surface_distance, vertex_distances,
@@ -54,6 +54,9 @@ fn work(cli: &Cli) -> Result<()> {
     let report = Report::new(original.vertices.len(), vertexwise, surfaces);
     if let Some(path) = &cli.report {
         write_json(path, cli.force, &report)?;
+    }
+    if cli.report.as_deref().is_some_and(is_stdout) {
+        return Ok(());
     }
     if cli.json { print_json(&report) } else { print(&table(&rows(&report))) }
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use spharm_cli::Usage;
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
 use spharm_cli::paths::{expand, model_name, with_ending};
 use spharm_exchange::{ExportOptions, Exported, Format, Normalization, check, export, files};
 use spharm_model::Model;
@@ -42,7 +42,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
             export(&model, cli.to, target, &options).with_context(|| path.display().to_string())?;
         warnings.iter().for_each(|warning| console.warn(format!("{}: {warning}", path.display())));
         for file in files {
-            print(&format!("{}: {}, degree {}", file.display(), cli.to, model.coefficients.max_degree()))?;
+            print_line(&format!("{}: {}, degree {}", file.display(), cli.to, model.coefficients.max_degree()))?;
         }
     }
     Ok(())

@@ -11,7 +11,7 @@ use spharm_cli::Usage;
 use spharm_cli::machine::memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print, print_json, table, write_json};
+use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, print_json, table, write_json};
 use spharm_model::csv::write_complex_csv;
 use spharm_surface::io::write_new;
 
@@ -49,6 +49,9 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
     });
     if let Some(path) = &cli.output.report {
         write_json(path, cli.output.force, &report)?;
+    }
+    if cli.output.report.as_deref().is_some_and(is_stdout) {
+        return Ok(());
     }
     if cli.output.json {
         return print_json(&report);

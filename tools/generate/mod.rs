@@ -5,7 +5,7 @@ mod args;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
 use spharm_surface::generate::{Cortex, Study, cortex};
 use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
@@ -26,7 +26,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         if let Some(path) = path {
             prepare(path)?;
             write_mesh(path, mesh, &options)?;
-            print(&format!("{}: {} vertices", path.display(), mesh.vertices.len()))?;
+            print_line(&format!("{}: {} vertices", path.display(), mesh.vertices.len()))?;
         }
     }
     Ok(())
@@ -58,5 +58,5 @@ fn study(cli: &Cli, folder: &Path) -> Result<()> {
         text += &format!("{name},{name}.ply,{group}\n");
     }
     write_new(&table, cli.force, |out| out.write_all(text.as_bytes()))?;
-    print(&format!("{}: {} meshes, study.csv", folder.display(), meshes.len()))
+    print_line(&format!("{}: {} meshes, study.csv", folder.display(), meshes.len()))
 }

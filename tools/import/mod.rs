@@ -5,7 +5,7 @@ mod args;
 use anyhow::{Result, anyhow};
 use serde_json::Value;
 use spharm_cli::inputs::read_sphere;
-use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_exchange::{ExchangeError, ImportOptions, Imported, import};
 use spharm_model::{FileRecord, Model};
 use spharm_surface::Kind;
@@ -42,5 +42,9 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         .sphere
         .as_ref()
         .map_or("no sphere".to_owned(), |sphere| format!("a sphere of {} vertices", sphere.directions.len()));
-    print(&format!("{}: {format}, degree {degree}, {}, {sphere}", cli.output.display(), counted(channels, "channel")))
+    print_line(&format!(
+        "{}: {format}, degree {degree}, {}, {sphere}",
+        cli.output.display(),
+        counted(channels, "channel")
+    ))
 }

@@ -11,7 +11,7 @@ use spharm::moments::{Accumulated, Moments, Request, accumulate, merge_named};
 use spharm_cli::Usage;
 use spharm_cli::machine::memory;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print, print_json, write_json};
+use spharm_cli::output::{OutputFile, check_outputs, counted, is_stdout, prepare, print_json, print_line, write_json};
 
 pub(crate) use self::args::Cli;
 use self::args::{Command, Form, Merge, OutputArgs};
@@ -104,11 +104,14 @@ impl<'a> Output<'a> {
         if let Some(path) = &self.args.report {
             write_json(path, self.args.force, report)?;
         }
+        if self.args.report.as_deref().is_some_and(is_stdout) {
+            return Ok(());
+        }
         if self.args.json {
             return print_json(report);
         }
         let (rows, channels) = (counted(moments.rows as usize, "sample"), counted(moments.channels.len(), "channel"));
         let degree = moments.sums.max_degree;
-        print(&format!("{}: {rows}, {channels}, degree {degree}, {seconds:.2} s", self.path.display()))
+        print_line(&format!("{}: {rows}, {channels}, degree {degree}, {seconds:.2} s", self.path.display()))
     }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use spharm_cli::inputs::stem;
-use spharm_cli::output::{OutputFile, check_outputs};
+use spharm_cli::output::{OutputFile, check_files, check_outputs};
 use spharm_cli::surfaces::{Labels, SurfaceReader};
 use spharm_parametrize::volume::is_volume;
 use spharm_surface::io::Output;
@@ -57,13 +57,8 @@ pub(super) fn items(cli: &Cli, reader: &mut SurfaceReader, monitor: &dyn spharm:
     let spheres = items.iter().map(|item| OutputFile::holding(&item.sphere, "--output", Output::OrderedMesh));
     let surfaces = items.iter().filter_map(|item| item.surface.as_deref());
     let surfaces = surfaces.map(|path| OutputFile::holding(path, "--surface-output", Output::OrderedMesh));
-    check_outputs(spheres.chain(surfaces).chain(report), cli.force)?;
-    for item in &items {
-        let outputs = [Some(&item.sphere), item.surface.as_ref()];
-        if let Some(path) = outputs.into_iter().flatten().find(|path| same_file(path, &item.input)) {
-            bail!("{}: the input; choose another --output or --surface-output", path.display());
-        }
-    }
+    let given = items.iter().map(|item| item.input.as_path());
+    check_files(given, spheres.chain(surfaces).chain(report), cli.force)?;
     Ok(items)
 }
 
@@ -136,8 +131,4 @@ fn several(cli: &Cli, inputs: Vec<(PathBuf, Option<i64>)>) -> Result<Vec<Item>> 
         Item { surface: wanted.then_some(surface), input, label, sphere }
     };
     Ok(inputs.into_iter().zip(spheres).zip(surfaces).map(item).collect())
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

@@ -7,7 +7,7 @@ mod output;
 use anyhow::{Context, Result};
 use spharm_cli::console::Console;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{prepare, print, print_json, write_json};
+use spharm_cli::output::{is_stdout, prepare, print, print_json, write_json};
 use spharm_cli::surfaces::SurfaceReader;
 use spharm_parametrize::volume::VolumeSurface;
 use spharm_parametrize::{
@@ -28,10 +28,11 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let mut reader = SurfaceReader::new(cli.fix, cli.cut_handles, cli.voxel_size);
     let items = items(cli, &mut reader, &monitor)?;
     let pool = cli.threads.pool()?;
+    let to_stdout = cli.report.as_deref().is_some_and(is_stdout);
     let mut written = Vec::new();
     for item in &items {
         let one = pool.install(|| one(cli, item, &mut reader, &console, &monitor))?;
-        if !cli.json {
+        if !cli.json && !to_stdout {
             print(&one.table())?;
         }
         written.push(one);
@@ -43,7 +44,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         }
     }
     match &written[..] {
-        _ if !cli.json => Ok(()),
+        _ if !cli.json || to_stdout => Ok(()),
         [one] => print_json(one),
         several => print_json(&several),
     }

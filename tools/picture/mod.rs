@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use spharm_cli::inputs::stem;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_harmonics::Directions;
 use spharm_parametrize::quality::log_area_ratios;
 use spharm_render::{Paint, Panel, Settings, fit_into, render, symmetric_range, write_png};
@@ -58,7 +58,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let settings = Settings { width: size, height: size, columns: cli.columns, view, ..Settings::default() };
     prepare(&cli.output)?;
     write_png(&cli.output, &render(&panels, &settings)?, &WriteOptions { overwrite: cli.force, double: false })?;
-    print(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
+    print_line(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
 }
 
 /// Values on a surface's vertices.

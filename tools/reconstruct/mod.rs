@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::available_memory;
-use spharm_cli::output::{prepare, print};
+use spharm_cli::output::{prepare, print_line};
 use spharm_cli::size::Size;
 use spharm_model::Model;
 use spharm_surface::io::{Output, WriteOptions, check_output, write_mesh, write_signal};
@@ -102,7 +102,7 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
         write_signal(&output, &signal, &options)?;
     }
     let seconds = started.elapsed().as_secs_f64();
-    print(&format!("{}: {vertices} vertices, degree {degree}, {seconds:.2} s", output.display()))
+    print_line(&format!("{}: {vertices} vertices, degree {degree}, {seconds:.2} s", output.display()))
 }
 
 /// The surface at the vertices that were fitted, with its handles where they were cut.

@@ -6,7 +6,7 @@ mod read;
 use anyhow::{Result, anyhow};
 use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print};
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
 use spharm_cli::size::Size;
 use spharm_report::{Contents, Params, ReportError, page};
 use spharm_surface::io::write_new;
@@ -34,7 +34,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let html = cli.threads.pool()?.install(|| page(&contents, params, &monitor)).map_err(advise)?;
     prepare(&cli.output)?;
     write_new(&cli.output, cli.force, |out| out.write_all(html.as_bytes()))?;
-    print(&format!("{}: {}", cli.output.display(), Size(html.len())))
+    print_line(&format!("{}: {}", cli.output.display(), Size(html.len())))
 }
 
 /// Says which option helps.

@@ -7,7 +7,7 @@ use serde_json::Value;
 use spharm::parametrize::volume::is_volume;
 use spharm::shape::pca::file::ShapeModel;
 use spharm_cli::console::Console;
-use spharm_cli::inputs::{expand_lists, stem};
+use spharm_cli::inputs::{expand_lists, read_text, stem};
 use spharm_cli::output::counted;
 use spharm_cli::paths::{expand, model_name};
 use spharm_model::{FileRecord, Model};
@@ -34,6 +34,9 @@ const MAPS: [&str; 12] = [
 ];
 /// What a report of a fit may be, in bytes: larger files aren't reports.
 const LARGEST_REPORT: u64 = 1 << 30;
+
+/// Most bytes of a table, far above what a page could show.
+const LARGEST_TABLE: u64 = 64 << 20;
 
 /// The models, each with its surface and its entry in the reports of fits.
 pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
@@ -91,12 +94,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
 
 /// The entries of a report of `spharm fit`.
 fn report(path: &Path) -> Result<Vec<Value>> {
-    let open = || format!("{}: cannot read the report", path.display());
-    let size = std::fs::metadata(path).with_context(open)?.len();
-    if size > LARGEST_REPORT {
-        bail!("{}: {size} bytes are no report of `spharm fit --report`", path.display());
-    }
-    let text = std::fs::read_to_string(path).with_context(open)?;
+    let text = read_text(path, "report", LARGEST_REPORT)?;
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
     match value.get("surfaces").and_then(Value::as_array) {
         Some(entries) => Ok(entries.clone()),
@@ -161,8 +159,7 @@ pub(super) fn tables(paths: &[PathBuf]) -> Result<Vec<Table>> {
 
 fn table(path: &Path) -> Result<Table> {
     let open = || format!("{}: cannot read the table", path.display());
-    let text = std::fs::read_to_string(path).with_context(open)?;
-    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    let text = read_text(path, "table", LARGEST_TABLE)?;
     let tabs = text.lines().next().is_some_and(|line| line.contains('\t'));
     let mut reader = csv::ReaderBuilder::new().delimiter(if tabs { b'\t' } else { b',' }).from_reader(text.as_bytes());
     let cells = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();

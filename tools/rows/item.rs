@@ -8,6 +8,7 @@ use spharm::files::{ModelFiles, Replace};
 use spharm::rerun::{Decision, Request};
 use spharm::{FileRecord, FitParams, Sphere};
 use spharm_cli::console::Console;
+use spharm_cli::output::check_not_inputs;
 
 use super::options::Options;
 
@@ -45,6 +46,10 @@ impl Item {
             (options.fix && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
+        // Its inputs stay, whatever is replaced.
+        let inputs = [Some(&row.surface), row.sphere.as_ref(), row.weights.as_ref(), options.mask.as_ref()];
+        let outputs = std::iter::once(&files.model).chain(&beside).map(PathBuf::as_path);
+        check_not_inputs(inputs.into_iter().flatten().map(PathBuf::as_path), outputs)?;
         let request = Request {
             id: id(row),
             input: &record,

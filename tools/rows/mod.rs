@@ -36,10 +36,11 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use spharm::cohort::State;
+use spharm::files::ModelFiles;
 use spharm_cli::console::json_lines;
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, counted};
+use spharm_cli::output::{OutputFile, check_outputs, counted, same_place};
 
 pub(crate) use args::{CohortArgs, Log};
 pub(crate) use evaluate::Evaluate;
@@ -67,6 +68,7 @@ pub(crate) fn run(rows: Rows, options: &Options, monitor: &ConsoleMonitor, start
         return dry_run::run(&rows, options);
     }
     check_outputs(options.report.iter().map(|path| OutputFile::new(path, "--report")), options.replaces_report())?;
+    check_apart(&rows, options)?;
     raise_file_limit();
     let goes_on = options.cohort.keep_going;
     let ledger = Ledger::new(console, rows.rows.len(), options.cohort.status.as_deref(), goes_on)?;
@@ -85,6 +87,22 @@ pub(crate) fn run(rows: Rows, options: &Options, monitor: &ConsoleMonitor, start
         console.note(format!("{} {there} left alone", counted(skipped, "output")));
     }
     finish(result, &outcome, &totals, options, monitor, started)
+}
+
+/// Refuses a report or a status file with the name of a file that belongs to a row.
+fn check_apart(rows: &Rows, options: &Options) -> Result<()> {
+    let beside = [(&options.report, "--report"), (&options.cohort.status, "--status")];
+    let beside: Vec<_> = beside.iter().filter_map(|(path, flag)| Some((path.as_ref()?, flag))).collect();
+    for row in rows.rows.iter().filter(|_| !beside.is_empty()) {
+        let files = ModelFiles { model: row.model(&rows.folder) };
+        let own = [files.csv(), files.standard_errors(), files.sphere(), files.surface(), files.cut_surface()];
+        for path in own.iter().chain([&files.model, &files.fixed_surface()]) {
+            if let Some((path, flag)) = beside.iter().find(|(other, _)| same_place(other, path)) {
+                bail!("{}: a file of {}'s model has this name; choose another {flag}", path.display(), row.id);
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Writes the report whatever happened, prints it if nothing did, and returns what is wrong.

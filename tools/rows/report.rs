@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 use spharm::cohort::State;
 use spharm::{BatchReport, ManyReport, Seconds};
 use spharm_cli::machine::memory;
-use spharm_cli::output::{counted, prepare, print, print_json, table, write_json};
+use spharm_cli::output::{counted, is_stdout, print, print_json, table, write_json};
 
 use super::fitted::{Columns, number};
 use super::ledger::Outcome;
@@ -87,12 +87,14 @@ pub(super) fn report(options: &Options, outcome: &Outcome, totals: &Totals, tota
 /// Writes the report to its file, if it has one.
 pub(super) fn write(options: &Options, report: &Value) -> Result<()> {
     let Some(path) = &options.report else { return Ok(()) };
-    prepare(path)?;
     write_json(path, options.replaces_report(), report)
 }
 
 /// Prints the report, or the table.
 pub(super) fn show(options: &Options, report: &Value, outcome: &Outcome, total: f64) -> Result<()> {
+    if options.report.as_deref().is_some_and(is_stdout) {
+        return Ok(());
+    }
     if options.json {
         return print_json(report);
     }

@@ -15,7 +15,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare, write_json};
 
 use super::args::{Models, ReportArgs, Resources};
-use super::outputs::{check, finish, outputs};
+use super::outputs::{check_beside, finish, outputs};
 
 /// Align models of surfaces: to one of them, or a group to its mean
 ///
@@ -111,7 +111,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let models_out = targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"]));
     let mean_out = cli.mean.iter().map(|path| OutputFile::with_ending(path, "--mean", &[".npz"]));
     let json_out = cli.transforms.iter().map(|path| OutputFile::new(path, "--transforms"));
-    check(models_out.chain(mean_out).chain(json_out), &cli.report)?;
+    check_beside(&paths, models_out.chain(mean_out).chain(json_out), &cli.report)?;
     let params = AlignParams {
         method: match cli.method {
             How::Joint => Method::Joint,

@@ -9,11 +9,11 @@ use serde_json::json;
 use spharm::shape::{Descriptors, descriptors};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, print};
+use spharm_cli::output::{OutputFile, is_stdout, print};
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
-use super::outputs::{check, csv, finish, number, write_text};
+use super::outputs::{check, csv, finish, number, write_report, write_text};
 
 /// Describe models by numbers that rotations don't change
 ///
@@ -98,13 +98,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let header = header(degree, channels, cli.only);
     let names: Vec<&str> = header.iter().map(String::as_str).collect();
     let text = csv(&names, rows.iter().map(Vec::as_slice));
-    let Some(path) = &cli.output else {
-        return print(text.trim_end());
-    };
-    write_text(path, cli.report.force, &text)?;
+    if let Some(path) = &cli.output {
+        write_text(path, cli.report.force, &text)?;
+    }
     let seconds = started.elapsed().as_secs_f64();
     let report = json!({
-        "output": path,
+        "output": cli.output,
         "models": paths.len(),
         "degree": degree,
         "channels": channels,
@@ -112,6 +111,11 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "warnings": warnings,
         "seconds": seconds,
     });
+    let Some(path) = &cli.output else {
+        write_report("describe", &report, &cli.report)?;
+        let instead = cli.report.report.as_deref().is_some_and(is_stdout);
+        return if instead { Ok(()) } else { print(text.trim_end()) };
+    };
     let line = format!("{}: {} models, degree {degree}, {seconds:.2} s", path.display(), paths.len());
     finish("describe", &report, &[vec![line]], &cli.report)
 }

@@ -15,7 +15,7 @@ use spharm_cli::output::{OutputFile, prepare};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
-use super::outputs::{check, finish};
+use super::outputs::{check_beside, finish};
 
 /// Average models of surfaces
 ///
@@ -45,7 +45,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if paths.len() < 2 {
         bail!("a mean is of 2 models or more, found {}", paths.len());
     }
-    check([OutputFile::with_ending(&cli.output, "--output", &[".npz"])], &cli.report)?;
+    check_beside(&paths, [OutputFile::with_ending(&cli.output, "--output", &[".npz"])], &cli.report)?;
     let read = || read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console());
     let group = cli.resources.threads.pool()?.install(read)?;
     let mean = mean(&group.members)?;

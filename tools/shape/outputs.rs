@@ -7,7 +7,9 @@ use anyhow::Result;
 use serde_json::{Value, json};
 use spharm_cli::Usage;
 use spharm_cli::machine::memory;
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print, print_json, table, write_json};
+use spharm_cli::output::{
+    OutputFile, check_files, check_outputs, is_stdout, prepare, print, print_json, table, write_json,
+};
 use spharm_cli::paths::{model_name, with_ending};
 use spharm_surface::io::{to_write_mesh, write_new};
 
@@ -33,8 +35,27 @@ pub(super) fn check<'a>(files: impl IntoIterator<Item = OutputFile<'a>>, report:
     check_outputs(files.into_iter().chain(of_report), report.force)
 }
 
+/// As [`check`], for outputs whose names are made of those of models, which may be in the same folder.
+pub(super) fn check_beside<'a>(
+    models: &[PathBuf],
+    files: impl IntoIterator<Item = OutputFile<'a>>,
+    report: &'a ReportArgs,
+) -> Result<()> {
+    let of_report = report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
+    check_files(models.iter().map(PathBuf::as_path), files.into_iter().chain(of_report), report.force)
+}
+
 /// Writes and prints a report; `rows` are the table for people, its first row the names of the columns.
 pub(super) fn finish(subcommand: &str, report: &Value, rows: &[Vec<String>], args: &ReportArgs) -> Result<()> {
+    let whole = write_report(subcommand, report, args)?;
+    if args.report.as_deref().is_some_and(is_stdout) {
+        return Ok(());
+    }
+    if args.json { print_json(&whole) } else { print(&table(rows)) }
+}
+
+/// Writes a report where one was asked for, and returns it with what all have.
+pub(super) fn write_report(subcommand: &str, report: &Value, args: &ReportArgs) -> Result<Value> {
     let mut whole = json!({
         "tool": format!("shape {subcommand}"),
         "versions": spharm::versions(),
@@ -46,7 +67,7 @@ pub(super) fn finish(subcommand: &str, report: &Value, rows: &[Vec<String>], arg
     if let Some(path) = &args.report {
         write_json(path, args.force, &whole)?;
     }
-    if args.json { print_json(&whole) } else { print(&table(rows)) }
+    Ok(whole)
 }
 
 /// Text of a CSV table; [`number`] makes cells of numbers.

@@ -17,7 +17,7 @@ use spharm_cli::output::{OutputFile, prepare};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
-use super::outputs::{check, csv, finish, number, write_text};
+use super::outputs::{check_beside, csv, finish, number, write_text};
 
 /// Compute a group's modes of variation: principal components
 ///
@@ -69,7 +69,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
     let table = cli.scores.iter().map(|path| OutputFile::with_ending(path, "--scores", &[".csv"]));
-    check(table.chain([OutputFile::with_ending(&cli.output, "--output", &[".npz"])]), &cli.report)?;
+    check_beside(&paths, table.chain([OutputFile::with_ending(&cli.output, "--output", &[".npz"])]), &cli.report)?;
     let (group, mut modes, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console())?;
         let members: Vec<ArrayView2<'_, f64>> = group.members.iter().map(|member| member.values().view()).collect();

@@ -15,7 +15,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 
 use super::args::{Models, ReportArgs, Resources};
-use super::outputs::{check, finish, outputs};
+use super::outputs::{check_beside, finish, outputs};
 
 /// Rotate models: their parameters, or the surface in space
 ///
@@ -96,7 +96,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         return Err(Usage::missing("--parameters, --object, --scale or --translate says what to do").into());
     }
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
-    check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
+    check_beside(&paths, targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
     let pool = cli.resources.threads.pool()?;
     for (path, target) in paths.iter().zip(&targets) {
         spharm::Monitor::check(monitor)?;

@@ -15,7 +15,7 @@ use spharm_cli::output::{OutputFile, prepare};
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs};
-use super::outputs::{check, finish, outputs};
+use super::outputs::{check_beside, finish, outputs};
 
 /// Smooth models by the heat kernel
 ///
@@ -67,7 +67,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
     let kernel = cli.width.kernel()?;
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
-    check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
+    check_beside(&paths, targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
     let fwhm = kernel.width().to_degrees();
     let transform = json!({ "heat_kernel": { "s": kernel.time(), "fwhm_degrees": fwhm } });
     let mut models = Vec::new();

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
 use spharm::cohort::{CohortError, Entry, Manifest, Merged, State};
 use spharm_cli::console::Console;
-use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print, print_json, table};
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print, print_json, print_line, table};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
@@ -50,7 +50,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     rows.extend(counts.iter().map(|(name, count)| vec![(*name).to_owned(), count.to_string()]));
     print(&table(&rows))?;
     for entry in failed.iter().take(SHOWN) {
-        print(&format!("{}: {}", entry.id, entry.error))?;
+        print_line(&format!("{}: {}", entry.id, entry.error))?;
     }
     if failed.len() > SHOWN {
         print(&format!("and {} more, which --json lists", failed.len() - SHOWN))?;

@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use spharm_cli::console::Console;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{counted, print, print_json, table};
+use spharm_cli::output::{counted, print, print_json, print_line, table};
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_store::SchemeKey;
@@ -38,7 +38,7 @@ fn list(dir: &Path, json: bool) -> Result<()> {
         return print_json(&rows);
     }
     if rows.is_empty() {
-        return print(&format!("{}: no schemes; build one with spharm basis-build", dir.display()));
+        return print_line(&format!("{}: no schemes; build one with spharm basis-build", dir.display()));
     }
     print(&table(&scheme_lines(rows)))
 }

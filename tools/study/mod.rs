@@ -13,7 +13,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use spharm::cohort::{Merged, State};
 use spharm_cli::console::Console;
-use spharm_cli::output::{counted, print, table};
+use spharm_cli::output::{counted, print, print_line, table};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
@@ -28,7 +28,7 @@ const LEAST: usize = 3;
 pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     if let Some(Command::Init { file }) = &cli.command {
         write_new(file, false, |out| out.write_all(include_bytes!("template.toml")))?;
-        return print(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
+        return print_line(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
     }
     let study = cli.study.as_ref().context("STUDY.toml is missing")?;
     let plan = Plan::read(study, common(cli))?;
@@ -95,7 +95,7 @@ impl Call<'_> {
             self.stage(&stage)?;
         }
         self.finish(&failed)?;
-        print(&format!("page: {}", self.plan.page().display()))
+        print_line(&format!("page: {}", self.plan.page().display()))
     }
 
     /// Fits the subjects and returns those that failed, with the reasons.

@@ -16,7 +16,7 @@ use spharm::{FileRecord, FitParams, Monitor, Target, fit_with};
 use spharm_cli::exit;
 use spharm_cli::inputs::expand_lists;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_cli::surfaces::Labels;
 use spharm_model::Model;
 use spharm_surface::io::write_new;
@@ -44,7 +44,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     write_new(&table, replaced, |out| out.write_all(table::text(&call.rows, cli.max_degree).as_bytes()))?;
     let failed = call.rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
     let models = call.rows.len() - failed;
-    print(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
+    print_line(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
     // What interrupted it, after the table of what is finished.
     done?;
     if failed > 0 {

@@ -16,6 +16,7 @@ use serde_json::{Value, json};
 
 pub use spharm_monitor::Unit;
 
+use crate::printable::{json as json_text, one_line};
 use crate::size::Size;
 
 /// A forecast of the time left is shown from this time on and from this share of the work on: earlier it would be a guess.
@@ -50,7 +51,7 @@ pub(crate) enum Kind {
     Progress,
 }
 
-/// Prints a line to stderr. A reader that has gone away is no reason to stop the work.
+/// Prints a line to stderr, after an empty one where the text begins with a line break. A reader that has gone away is no reason to stop the work.
 pub(crate) fn say(kind: Kind, text: impl Display) {
     let (event, prefix) = match kind {
         Kind::Note => ("note", ""),
@@ -61,13 +62,15 @@ pub(crate) fn say(kind: Kind, text: impl Display) {
     if is_json() {
         print(&json!({ "event": event, "text": text.to_string() }));
     } else {
-        let _ = writeln!(std::io::stderr().lock(), "{prefix}{text}");
+        let text = text.to_string();
+        let (gap, text) = text.strip_prefix('\n').map_or(("", text.as_str()), |rest| ("\n", rest));
+        let _ = writeln!(std::io::stderr().lock(), "{gap}{prefix}{}", one_line(text));
     }
 }
 
 fn print(value: &Value) {
     // In one call, so that lines of several threads stay whole.
-    let _ = std::io::stderr().lock().write_all(format!("{value}\n").as_bytes());
+    let _ = std::io::stderr().lock().write_all(format!("{}\n", json_text(&value.to_string())).as_bytes());
 }
 
 impl Console {
@@ -127,7 +130,7 @@ impl Console {
         });
         let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
         bar.set_style(style.progress_chars("=> "));
-        bar.set_prefix(label.to_owned());
+        bar.set_prefix(one_line(label).into_owned());
         if total == 0 {
             // Nothing else would show that it is at work.
             bar.enable_steady_tick(Duration::from_millis(200));
@@ -157,7 +160,7 @@ impl Progress {
     /// Sets the text beside the progress: what is being done now.
     pub fn say(&self, text: impl Display) {
         if let Some(bar) = &self.bar {
-            bar.set_message(text.to_string());
+            bar.set_message(one_line(&text.to_string()).into_owned());
         }
         if let Some(lines) = &self.lines {
             lines.lock().saying = text.to_string();

@@ -1,7 +1,10 @@
 //! Exit codes and signals: 0 success, 1 failure, 2 wrong usage, 75 interrupted.
 
+use std::io::Write;
+use std::panic::AssertUnwindSafe;
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use clap::Command;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -11,6 +14,7 @@ use spharm_solver::SolverError;
 
 use crate::advice::advice;
 use crate::console::{Kind, say};
+use crate::printable;
 use crate::usage::Usage;
 
 /// EX_TEMPFAIL of sysexits.h: the same command may succeed later.
@@ -54,30 +58,71 @@ pub fn command_of(mut program: Command, verb: &str) -> Command {
     program.find_subcommand(verb).cloned().unwrap_or(program)
 }
 
-/// Runs a verb and returns the exit code. An error is printed as one line to stderr; a [`Usage`] error as clap prints its
-/// own, with the usage of `command`.
+/// Runs a verb and returns the exit code. An error is printed as one line to stderr, and so is a panic; a [`Usage`] error as
+/// clap prints its own, with the usage of `command`.
 pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> Command) -> u8 {
-    let Err(error) = work() else { return 0 };
+    let Err(error) = caught(work) else { return 0 };
     if is_closed_pipe(&error) {
         return 0;
     }
     if let Some(usage) = error.downcast_ref::<Usage>() {
-        // Where stderr is gone, there is nobody to tell.
-        let _ = usage.of(command()).print();
-        return USAGE;
+        return wrong_usage(&usage.of(command()), false);
     }
     say(Kind::Error, line_with_advice(&error));
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
 }
 
+/// Prints what clap has to say of the arguments, be it an error or the help that was asked for, and returns the exit code;
+/// `tame` for arguments that a terminal would obey, which clap would quote as they are.
+pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
+    // Where stderr is gone, there is nobody to tell.
+    let _ = if error.use_stderr() && tame {
+        let text = error.render().to_string();
+        std::io::stderr().lock().write_all(printable::lines(&text).as_bytes())
+    } else {
+        error.print()
+    };
+    if error.use_stderr() { USAGE } else { 0 }
+}
+
+/// What the first panic said.
+static PANIC: Mutex<Option<String>> = Mutex::new(None);
+
+/// Runs work, and makes an error of a panic: of a defect, or of a failure that the standard library doesn't hand on, such as
+/// that of closing a folder. With `RUST_BACKTRACE` it is printed as usual, too.
+fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
+    PANIC.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let usual = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if std::env::var_os("RUST_BACKTRACE").is_some_and(|wanted| wanted != "0") {
+            usual(panic);
+        }
+        let text = panic.payload_as_str().unwrap_or("no reason given");
+        let at = panic.location().map_or(String::new(), |at| {
+            let file = Path::new(at.file()).file_name().unwrap_or_default();
+            format!(" ({}:{})", file.display(), at.line())
+        });
+        // One that follows from another says less.
+        PANIC.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(format!("{text}{at}"));
+    }));
+    // What was being changed isn't used again: the process ends.
+    let done = std::panic::catch_unwind(AssertUnwindSafe(work));
+    // Whoever carries the program in a process of its own goes on with the standard library's.
+    drop(std::panic::take_hook());
+    done.unwrap_or_else(|_| {
+        let text = PANIC.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default();
+        Err(anyhow::anyhow!("unexpected failure: {text}; if it happens again, please report it"))
+    })
+}
+
 /// Returns an error in one line, as the program shows it: the chain's messages, with what to do.
 pub fn line_with_advice(error: &anyhow::Error) -> String {
     let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
-    format!("{}{advice}", one_line(error))
+    printable::one_line(&format!("{}{advice}", chained(error))).into_owned()
 }
 
 /// Joins the error chain, skipping repeated messages, and names of files that the next message begins with.
-fn one_line(error: &anyhow::Error) -> String {
+fn chained(error: &anyhow::Error) -> String {
     let mut parts: Vec<String> = Vec::new();
     for text in error.chain().map(ToString::to_string) {
         if parts.iter().any(|part| part.contains(&text)) {
@@ -88,7 +133,7 @@ fn one_line(error: &anyhow::Error) -> String {
         }
         parts.push(text);
     }
-    parts.join(": ").replace('\n', " ")
+    parts.join(": ")
 }
 
 /// Returns whether work was asked to stop, and did.
@@ -123,12 +168,29 @@ mod tests {
     }
 
     #[test]
+    fn a_panic_is_a_failure() {
+        let command = || Command::new("x");
+        assert_eq!(run(|| panic!("unexpected error during closedir"), command), FAILURE);
+        assert_eq!(
+            run(
+                || Err(std::thread::spawn(|| panic!("in a thread"))
+                    .join()
+                    .map_err(|_| anyhow::anyhow!("x"))
+                    .unwrap_err()),
+                command
+            ),
+            FAILURE
+        );
+        assert_eq!(run(|| Ok(()), command), 0);
+    }
+
+    #[test]
     fn a_file_is_named_once() {
         let line = |chain: &[&str]| {
             let (root, contexts) = chain.split_last().expect("a message");
             let error =
                 contexts.iter().rev().fold(anyhow::anyhow!("{root}"), |error, text| error.context(text.to_string()));
-            one_line(&error)
+            chained(&error)
         };
         assert_eq!(line(&["x.nii", "x.nii: expected one label"]), "x.nii: expected one label");
         assert_eq!(line(&["x.ply", "not closed"]), "x.ply: not closed");

@@ -1,5 +1,6 @@
 //! Spheres, surfaces and signals from files, checked before any work starts.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -43,6 +44,9 @@ pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console
     Ok(target)
 }
 
+/// Most bytes of a list of paths: a million long ones.
+const LONGEST_LIST: u64 = 1 << 28;
+
 /// Paths as given, with each `@list.txt` replaced by the paths that the file names, one a line; blank lines and lines
 /// that begin with `#` are skipped, and relative paths are relative to the list's folder.
 ///
@@ -60,11 +64,8 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         if !list.is_file() {
             bail!("{}: no such list of paths", list.display());
         }
-        let text =
-            std::fs::read_to_string(list).with_context(|| format!("{}: cannot read the list", list.display()))?;
+        let text = read_text(list, "list", LONGEST_LIST)?;
         let base = list.parent().unwrap_or(Path::new(""));
-        // A byte-order mark, as some editors write it.
-        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
         let before = expanded.len();
         expanded.extend(lines.map(|line| base.join(line)));
@@ -73,6 +74,26 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         }
     }
     Ok(expanded)
+}
+
+/// Reads a text of at most `most` bytes, without the byte-order mark that some editors write; `what` names it in messages.
+///
+/// # Errors
+///
+/// When it can't be read, isn't a regular file (a pipe would be waited for), is longer, or isn't UTF-8.
+pub fn read_text(path: &Path, what: &str, most: u64) -> Result<String> {
+    let cannot = || format!("{}: cannot read the {what}", path.display());
+    let found = std::fs::metadata(path).with_context(cannot)?;
+    if !found.is_file() {
+        bail!("{}: expected a {what}, found what isn't a regular file", path.display());
+    }
+    if found.len() > most {
+        bail!("{}: expected a {what} of at most {most} bytes, found {}", path.display(), found.len());
+    }
+    let mut text = String::new();
+    // It may grow meanwhile.
+    std::fs::File::open(path).and_then(|file| file.take(most).read_to_string(&mut text)).with_context(cannot)?;
+    Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
 }
 
 /// Name of an input without folder and format: `lh.pial.surf.gii` becomes `lh.pial`.

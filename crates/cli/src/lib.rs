@@ -15,6 +15,8 @@
 //! | [`monitor`] | the progress of the library on the console |
 //! | [`surfaces`] | files, and labels of volumes |
 //! | [`names`] | names of outputs, from each input's path alone |
+//! | [`printable`] | text from outside on its way to a terminal |
+//! | [`roles`] | which arguments name inputs and which outputs |
 //! | [`values`] | numbers in arguments |
 //! | [`usage`] | arguments that exclude each other |
 //! | [`paths`] | lists and folders of inputs, names of models |
@@ -31,6 +33,8 @@ pub mod monitor;
 pub mod names;
 pub mod output;
 pub mod paths;
+pub mod printable;
+pub mod roles;
 pub mod size;
 pub mod surfaces;
 pub mod threads;

@@ -1,11 +1,15 @@
 //! Checks of output files before any work; results to stdout, reports to files.
 
+use std::borrow::Cow;
+use std::collections::HashSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use spharm_surface::io::{Output, check_output, write_new};
+
+use crate::printable;
 
 /// The context of errors in writing to stdout.
 #[derive(Debug, Clone, Copy)]
@@ -17,14 +21,24 @@ impl std::fmt::Display for ToStdout {
     }
 }
 
-/// Prints a text and a line break to stdout.
+/// Prints a text of lines, and a line break, to stdout. What a terminal would obey in it is escaped.
 ///
 /// # Errors
 ///
 /// When stdout can't be written to; a closed pipe ends the program without a message.
 pub fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
+    let text = printable::lines(text);
     out.write_all(text.as_bytes()).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).context(ToStdout)
+}
+
+/// Prints one line to stdout, whatever is in it.
+///
+/// # Errors
+///
+/// As for [`print()`].
+pub fn print_line(text: &str) -> Result<()> {
+    print(&printable::one_line(text))
 }
 
 /// Prints a value as JSON.
@@ -33,20 +47,29 @@ pub fn print(text: &str) -> Result<()> {
 ///
 /// As for [`print()`].
 pub fn print_json(value: &impl Serialize) -> Result<()> {
-    print(&serde_json::to_string_pretty(value)?)
+    print(&json_text(value)?)
 }
 
-/// Writes a value as a JSON file, into a folder that is made where it isn't there; `-` is standard output.
+fn json_text(value: &impl Serialize) -> Result<String> {
+    Ok(printable::json(&serde_json::to_string_pretty(value)?).into_owned())
+}
+
+/// Writes a value as a JSON file, into a folder that is made where it isn't there; `-` is standard output, and pipes and
+/// devices are written to as they are.
 ///
 /// # Errors
 ///
 /// When the file exists and isn't to be replaced, or can't be written.
 pub fn write_json(path: &Path, force: bool, value: &impl Serialize) -> Result<()> {
-    if path.as_os_str() == STDOUT {
+    if is_stdout(path) {
         return print_json(value);
     }
+    let text = json_text(value)?;
+    if is_stream(path) {
+        let mut out = std::fs::File::options().write(true).open(path).with_context(|| path.display().to_string())?;
+        return writeln!(out, "{text}").with_context(|| format!("{}: cannot write", path.display()));
+    }
     prepare(path)?;
-    let text = serde_json::to_string_pretty(value)?;
     write_new(path, force, |out| writeln!(out, "{text}"))?;
     Ok(())
 }
@@ -77,6 +100,15 @@ impl<'a> OutputFile<'a> {
 
     fn check(&self, force: bool) -> Result<()> {
         let Self { path, flag, holds } = *self;
+        if flag == REPORT && (is_stdout(path) || is_stream(path)) {
+            return Ok(());
+        }
+        if is_stdout(path) {
+            bail!("{}: only {REPORT} goes to standard output; {flag} is the name of a file", path.display());
+        }
+        if is_stream(path) {
+            bail!("{}: a pipe or a device; {flag} is the name of a file", path.display());
+        }
         if let Some(holds) = holds {
             check_output(path, holds).context(flag)?;
         }
@@ -103,10 +135,10 @@ impl<'a> OutputFile<'a> {
 pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, force: bool) -> Result<()> {
     let mut seen: Vec<PathBuf> = Vec::new();
     for output in outputs {
-        if output.path.as_os_str() == STDOUT {
+        output.check(force)?;
+        if is_stdout(output.path) || is_stream(output.path) {
             continue;
         }
-        output.check(force)?;
         let place = place(output.path);
         if seen.contains(&place) {
             bail!("{}: the outputs must have different names", output.path.display());
@@ -117,7 +149,7 @@ pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, forc
 }
 
 /// The file that a path means, however it is written: its folder without links and dots, as far as it is there.
-fn place(path: &Path) -> PathBuf {
+pub(crate) fn place(path: &Path) -> PathBuf {
     if let Ok(place) = path.canonicalize() {
         return place;
     }
@@ -134,44 +166,85 @@ fn place(path: &Path) -> PathBuf {
     tidy.join(path.file_name().unwrap_or_default())
 }
 
+/// As [`check_outputs`], and refuses outputs that are inputs, however their paths are written; links of either sort count, and
+/// inputs that aren't there don't.
+///
+/// # Errors
+///
+/// Those of [`check_outputs`] and of [`check_not_inputs`].
+pub fn check_files<'i, 'a>(
+    inputs: impl IntoIterator<Item = &'i Path>,
+    outputs: impl IntoIterator<Item = OutputFile<'a>>,
+    force: bool,
+) -> Result<()> {
+    let outputs: Vec<OutputFile<'_>> = outputs.into_iter().collect();
+    check_outputs(outputs.iter().copied(), force)?;
+    check_not_inputs(inputs, outputs.iter().map(|output| output.path))
+}
+
+/// Whether two paths mean one file, however they are written.
+#[must_use]
+pub fn same_place(a: &Path, b: &Path) -> bool {
+    a.file_name() == b.file_name() && place(a) == place(b)
+}
+
 /// Refuses outputs that are inputs, however their paths are written; links of either sort count.
 ///
 /// # Errors
 ///
 /// When an output is an input: with `--force` it would be replaced by something else.
-pub fn check_not_inputs<'a>(
-    inputs: impl IntoIterator<Item = &'a Path>,
+pub fn check_not_inputs<'i, 'a>(
+    inputs: impl IntoIterator<Item = &'i Path>,
     outputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<()> {
-    let inputs: std::collections::HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();
-    for output in outputs {
-        if file_id(output).is_some_and(|id| inputs.contains(&id)) {
+    // An output that isn't there is no input, and most aren't.
+    let mut outputs = outputs.into_iter().filter_map(|path| Some((path, file_id(path)?))).peekable();
+    if outputs.peek().is_none() {
+        return Ok(());
+    }
+    let inputs: HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();
+    for (output, id) in outputs {
+        if inputs.contains(&id) {
             bail!("{}: an input; choose another name for the output", output.display());
         }
     }
     Ok(())
 }
 
-/// Device and inode of a file that is there.
+/// Device and inode of a regular file that is there.
 #[cfg(unix)]
-type FileId = (u64, u64);
+pub(crate) type FileId = (u64, u64);
 
 #[cfg(unix)]
-fn file_id(path: &Path) -> Option<FileId> {
+pub(crate) fn file_id(path: &Path) -> Option<FileId> {
     use std::os::unix::fs::MetadataExt;
-    std::fs::metadata(path).ok().map(|found| (found.dev(), found.ino()))
+    std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|found| (found.dev(), found.ino()))
 }
 
 #[cfg(not(unix))]
-type FileId = PathBuf;
+pub(crate) type FileId = PathBuf;
 
 #[cfg(not(unix))]
-fn file_id(path: &Path) -> Option<FileId> {
-    path.canonicalize().ok()
+pub(crate) fn file_id(path: &Path) -> Option<FileId> {
+    path.canonicalize().ok().filter(|path| path.is_file())
 }
 
 /// A report of this name goes to standard output.
 pub const STDOUT: &str = "-";
+
+/// The flag of reports.
+pub const REPORT: &str = "--report";
+
+/// Whether a report of this name goes to standard output, in place of the table.
+#[must_use]
+pub fn is_stdout(path: &Path) -> bool {
+    [STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path.as_os_str() == *name)
+}
+
+/// Whether there is a pipe or a device of this name, which is written to and never replaced: `/dev/null`, `/dev/fd/63`.
+pub(crate) fn is_stream(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
+}
 
 /// Makes the folder that a file is about to be written to, where it isn't there.
 ///
@@ -197,10 +270,11 @@ pub fn counted(count: usize, noun: &str) -> String {
 
 /// Aligns the cells of rows in columns: the first to the left, the others to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
+    let rows: Vec<Vec<_>> = rows.iter().map(|row| row.iter().map(|cell| printable::one_line(cell)).collect()).collect();
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let cell = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());
+    let cell = |row: &Vec<Cow<'_, str>>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());
     let widths: Vec<usize> = (0..columns).map(|c| rows.iter().map(|row| cell(row, c)).max().unwrap_or(0)).collect();
-    let line = |row: &Vec<String>| {
+    let line = |row: &Vec<Cow<'_, str>>| {
         let cells = row.iter().zip(&widths).enumerate();
         let padded = cells.map(|(c, (cell, &width))| match c {
             0 => format!("{cell:<width$}"),

@@ -2,6 +2,8 @@
 
 use clap::error::ErrorKind;
 
+use crate::printable::one_line;
+
 /// An error in how a verb was called, shown as clap shows its own: with the usage, and exit code 2.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{message}")]
@@ -28,6 +30,6 @@ impl Usage {
 
     /// The error as clap would show it for `command`.
     pub(crate) fn of(&self, mut command: clap::Command) -> clap::Error {
-        command.error(self.kind, &self.message)
+        command.error(self.kind, one_line(&self.message))
     }
 }

@@ -7,6 +7,7 @@ use std::path::Path;
 use ndarray::Array2;
 use spharm_harmonics::Coefficients;
 use spharm_surface::Sphere;
+use spharm_surface::io::check_room;
 
 use crate::error::ExchangeError;
 use crate::flaw::Flaw;
@@ -89,9 +90,13 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
 
 /// Reads a regular file whole; a FIFO would be waited for.
 fn load(path: &Path) -> io::Result<Vec<u8>> {
-    if !std::fs::metadata(path)?.is_file() {
+    let found = std::fs::metadata(path)?;
+    if !found.is_file() {
         return Err(io::Error::other("not a regular file"));
     }
+    // A sparse file takes no room on a disk; of a text of numbers each takes about as many bytes.
+    check_room(found.len().saturating_mul(2))
+        .map_err(|room| io::Error::other(format!("what it holds takes {room}")))?;
     let mut bytes = Vec::new();
     File::open(path)?.read_to_end(&mut bytes)?;
     Ok(bytes)

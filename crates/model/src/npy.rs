@@ -9,6 +9,7 @@ use std::io::{self, Read, Write};
 
 use ndarray::{Array2, ArrayD, ArrayViewD, IxDyn, ShapeBuilder};
 use num_complex::Complex64;
+use spharm_surface::io::check_room;
 use spharm_surface::npy::{Header, MAGIC};
 
 /// What is wrong with an array file.
@@ -65,7 +66,14 @@ impl Array {
     /// Reads an array of at most `most` bytes.
     pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
         let header = Header::read(input).map_err(|error| error.to_string())?;
-        let count = header.bytes().filter(|&count| count <= most).ok_or("its shape doesn't fit its length")?;
+        let count = header.bytes().ok_or("its shape doesn't fit its length: more values than can be")?;
+        if count > most {
+            return Err(format!("its shape doesn't fit its length: {count} bytes of values, of {most} that can be"));
+        }
+        // The bytes, the numbers made of them, and those in the order of rows; of complex ones the parts as well.
+        let each = if header.kind == 'c' { 48 } else { 16 };
+        let numbers = header.count().map_or(u64::MAX, |values| values.saturating_mul(each));
+        check_room(count.saturating_add(numbers)).map_err(|room| format!("its values take {room}"))?;
         let mut bytes = Vec::new();
         // One more, so that the archive's checksum is compared, which it is at the end.
         input.take(count + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
@@ -124,7 +132,7 @@ impl Array {
 
     /// Returns a text.
     pub(crate) fn text(&self) -> Result<String, String> {
-        if self.header.kind != 'U' || self.header.shape.iter().product::<usize>() != 1 {
+        if self.header.kind != 'U' || self.header.count() != Some(1) {
             return Err("expected a text".to_owned());
         }
         let code = |&bytes: &[u8; 4]| {

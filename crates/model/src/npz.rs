@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, Directions};
-use spharm_surface::io::MOST_EXPANSION;
+use spharm_surface::io::most_expanded;
 use spharm_surface::{Seam, Sphere};
 use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
@@ -170,7 +170,10 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
             Err(ZipError::FileNotFound) => return Ok(None),
             Err(error) => return Err(problem(error.to_string())),
         };
-        let most = entry.compressed_size().saturating_mul(MOST_EXPANSION);
+        let most = match entry.compression() {
+            CompressionMethod::Stored => entry.compressed_size(),
+            _ => most_expanded(entry.compressed_size()),
+        };
         let array = Array::read(&mut entry, most).map_err(problem)?;
         convert(&array).map(Some).map_err(problem)
     }

@@ -4,6 +4,8 @@
 mod arrow;
 mod csv;
 #[cfg(feature = "tables")]
+mod ipc;
+#[cfg(feature = "tables")]
 mod las;
 mod npy;
 mod npz;

@@ -160,6 +160,52 @@ fn tables_by_columns() {
     }
 }
 
+/// What a compressed Arrow file says of its buffers and blocks is held against the file before anything is allocated.
+#[test]
+fn sizes_in_arrow_files_are_held_against_the_file() {
+    use arrow_ipc::writer::{FileWriter, IpcWriteOptions};
+    let folder = tempfile::tempdir().unwrap();
+    let column = |c: usize| Arc::new(Float64Array::from(column(c))) as ArrayRef;
+    let all = [("x", column(0)), ("y", column(1)), ("z", column(2)), ("f", column(3))];
+    let all = RecordBatch::try_from_iter(all).unwrap();
+    for codec in [arrow_ipc::CompressionType::LZ4_FRAME, arrow_ipc::CompressionType::ZSTD] {
+        let path = folder.path().join("whole.arrow");
+        let options = IpcWriteOptions::default().try_with_compression(Some(codec)).unwrap();
+        let file = std::fs::File::create(&path).unwrap();
+        let mut writer = FileWriter::try_new_with_options(file, &all.schema(), options).unwrap();
+        writer.write(&all).unwrap();
+        writer.finish().unwrap();
+        is_the_same(folder.path(), &path);
+        let bytes = std::fs::read(&path).unwrap();
+        let tail = bytes.len() - 10;
+        let length = arrow_ipc::reader::read_footer_length(bytes[tail..].try_into().unwrap()).unwrap();
+        let footer_at = tail - length;
+        let footer = arrow_ipc::root_as_footer(&bytes[footer_at..tail]).unwrap();
+        let block = *footer.recordBatches().unwrap().get(0);
+        let body = (block.offset() + i64::from(block.metaDataLength())) as usize;
+        let message = arrow_ipc::root_as_message(&bytes[block.offset() as usize + 8..body]).unwrap();
+        let buffers = message.header_as_record_batch().unwrap().buffers().unwrap();
+        let buffer = buffers.iter().find(|buffer| buffer.length() > 8).unwrap();
+        let changed = |name: &str, at: usize, value: i64| {
+            let mut bytes = bytes.clone();
+            bytes[at..at + 8].copy_from_slice(&value.to_le_bytes());
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            path
+        };
+        // The number of bytes that a buffer expands to.
+        let at = body + buffer.offset() as usize;
+        refused(&changed("expands.arrow", at, 1 << 46), &["expands.arrow", "bytes in a buffer of"]);
+        refused(&changed("less.arrow", at, -2), &["less.arrow", "less than no bytes"]);
+        // The length of a block, in the footer.
+        let own = block.bodyLength().to_le_bytes();
+        let at = footer_at + bytes[footer_at..tail].windows(8).rposition(|found| found == own).unwrap();
+        for length in [i64::MAX, -1, 1 << 46] {
+            refused(&changed("block.arrow", at, length), &["block.arrow", "not in the file"]);
+        }
+    }
+}
+
 #[test]
 fn point_clouds_of_scanners() {
     let folder = tempfile::tempdir().unwrap();

@@ -49,6 +49,8 @@ fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    // Files that don't fit in memory are refused before they are read.
+    spharm::io::ask_for_free_memory(spharm::machine::available_memory);
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<models::Model>()?;
     module.add_class::<moments::Moments>()?;

@@ -94,6 +94,15 @@ pub enum SurfaceError {
         remedy: &'static str,
     },
 
+    /// What the file holds takes more memory than is free.
+    #[error("{}: what it holds takes {room}; give the program more, or make the file smaller", path.display())]
+    NoRoom {
+        /// The file.
+        path: PathBuf,
+        /// What is needed, and what is there.
+        room: crate::room::NoRoom,
+    },
+
     /// The file holds values on vertices where a surface is expected.
     #[error(
         "{}: expected a surface, found a signal ({vertices} vertices, {channels} values each): \

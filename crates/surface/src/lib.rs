@@ -56,6 +56,7 @@ mod error;
 pub mod geometry;
 mod hemisphere;
 mod mesh;
+mod room;
 mod seam;
 mod sliver_tree;
 mod sphere;

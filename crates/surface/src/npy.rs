@@ -1,7 +1,19 @@
-//! Headers of NumPy's array files (`.npy`), versions 1 to 3.
+//! Headers of NumPy's array files (`.npy`), versions 1 to 3: the one parser of them, for every reader.
 //!
-//! Magic, version, length of the header, the header: a Python dictionary of type, order and shape. The values follow. Source:
-//! NumPy Enhancement Proposal 1, and `numpy.lib.format`.
+//! Magic, version, length of the header, the header, the values. The header is the text of a Python dictionary of exactly
+//! three keys, and this is the whole grammar of it that is read, blanks and line breaks between the tokens aside:
+//!
+//! ```text
+//! header = "{" entry ("," entry)* [","] "}"                 each key once
+//! entry  = "'descr':" (type | "[" field ("," field)* [","] "]")
+//!        | "'fortran_order':" ("True" | "False")
+//!        | "'shape':" "(" [number ("," number)* [","]] ")"
+//! field  = "(" string "," type ")"
+//! type   = a string of "<", ">", "|" or "=", a letter and a number of bytes (of characters for "U")
+//! ```
+//!
+//! A string is in either quotes and has no escapes. Nothing in it nests, so that no input makes the parser recurse; nothing
+//! is allocated for what a number says. Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
 
 use std::io::{self, Read};
 
@@ -9,11 +21,13 @@ use std::io::{self, Read};
 pub const MAGIC: &[u8] = b"\x93NUMPY";
 /// NumPy's own limit is 10,000 characters.
 const LONGEST: usize = 1 << 16;
+/// NumPy's own limit.
+const MOST_AXES: usize = 64;
 
 /// What an array's header says.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Kind of the values, as NumPy has it: `f`, `i`, `u`, `c`, `b`, `U`.
+    /// Kind of the values, as NumPy has it: `f`, `i`, `u`, `c`, `b`, `U`; `V` of an array with fields.
     pub kind: char,
     /// Bytes of a value.
     pub size: usize,
@@ -23,6 +37,23 @@ pub struct Header {
     pub fortran: bool,
     /// Lengths of the axes.
     pub shape: Vec<usize>,
+    /// Fields of a value, one after another; none of a plain array.
+    pub fields: Vec<Field>,
+    /// The file's byte at which the values begin.
+    pub start: u64,
+}
+
+/// A field of the values of a structured array.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its name.
+    pub name: String,
+    /// As of a [`Header`].
+    pub kind: char,
+    /// As of a [`Header`].
+    pub size: usize,
+    /// As of a [`Header`].
+    pub little: bool,
 }
 
 impl Header {
@@ -33,52 +64,273 @@ impl Header {
     /// Those of `input`; [`InvalidData`](io::ErrorKind::InvalidData) for anything but such a header.
     pub fn read(input: &mut dyn Read) -> io::Result<Self> {
         let invalid = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
-        let mut start = [0; 8];
-        input.read_exact(&mut start)?;
-        let length = match start {
+        let mut begin = [0; 8];
+        input.read_exact(&mut begin)?;
+        let (length, before) = match begin {
             [magic @ .., 1, _] if magic == MAGIC => {
                 let mut length = [0; 2];
                 input.read_exact(&mut length)?;
-                u16::from_le_bytes(length).into()
+                (u16::from_le_bytes(length).into(), 10)
             }
             [magic @ .., 2 | 3, _] if magic == MAGIC => {
                 let mut length = [0; 4];
                 input.read_exact(&mut length)?;
-                u32::from_le_bytes(length) as usize
+                (u32::from_le_bytes(length) as usize, 12)
             }
             _ => return Err(invalid("not a NumPy array of version 1 to 3".to_owned())),
         };
         if length > LONGEST {
-            return Err(invalid("its header is too long".to_owned()));
+            return Err(invalid(format!("a header of {length} bytes; expected at most {LONGEST}")));
         }
         let mut text = vec![0; length];
         input.read_exact(&mut text)?;
-        let text = String::from_utf8(text).map_err(|_| invalid("its header isn't text".to_owned()))?;
-        Self::parse(&text).ok_or_else(|| invalid(format!("the header {text:?} is not understood")))
+        let text = String::from_utf8(text).map_err(|_| invalid("a header that isn't text".to_owned()))?;
+        let header = Parser { text: &text, rest: &text }.header();
+        let header = header.map_err(|problem| invalid(format!("the header is not understood: {problem}")))?;
+        Ok(Self { start: (before + length) as u64, ..header })
     }
 
-    fn parse(text: &str) -> Option<Self> {
-        let value = |key: &str| Some(text.split_once(&format!("'{key}':"))?.1.trim_start());
-        let descr = value("descr")?.strip_prefix('\'')?.split_once('\'')?.0;
-        let order = descr.chars().next()?;
-        let descr = descr.trim_start_matches(['<', '>', '|', '=']);
-        let kind = descr.chars().next()?;
-        let size: usize = descr.get(kind.len_utf8()..)?.parse().ok()?;
-        let shape = value("shape")?.strip_prefix('(')?.split_once(')')?.0;
-        let shape = shape.split(',').map(str::trim).filter(|n| !n.is_empty());
-        Some(Self {
-            kind,
-            // Characters have four bytes.
-            size: if kind == 'U' { size.checked_mul(4)? } else { size },
-            little: order != '>',
-            fortran: value("fortran_order")?.starts_with("True"),
-            shape: shape.map(|n| n.parse().ok()).collect::<Option<_>>()?,
-        })
+    /// Returns the number of values; `None` where there are more than can be.
+    #[must_use]
+    pub fn count(&self) -> Option<u64> {
+        self.shape.iter().try_fold(1_u64, |product, &n| product.checked_mul(n as u64))
     }
 
     /// Returns the bytes of all values; `None` where there are more than can be.
     #[must_use]
     pub fn bytes(&self) -> Option<u64> {
-        self.shape.iter().try_fold(self.size as u64, |product, &n| product.checked_mul(n as u64))
+        self.count()?.checked_mul(self.size as u64)
+    }
+}
+
+/// A type of values.
+struct Type {
+    kind: char,
+    size: usize,
+    little: bool,
+}
+
+impl Type {
+    fn parse(text: &str) -> Option<Self> {
+        let (rest, order) = match text.chars().next()? {
+            order @ ('<' | '>' | '|' | '=') => (text.get(1..)?, order),
+            _ => (text, '='),
+        };
+        let kind = rest.chars().next().filter(char::is_ascii_alphabetic)?;
+        let digits = rest.get(1..).filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))?;
+        let size: usize = digits.parse().ok()?;
+        // Characters have four bytes. Texts may have none; of other values there would be any number in no bytes.
+        let size = if kind == 'U' { size.checked_mul(4)? } else { Some(size).filter(|&size| size > 0)? };
+        let little = if order == '=' { cfg!(target_endian = "little") } else { order != '>' };
+        Some(Self { kind, size, little })
+    }
+}
+
+/// The text of a header, and what of it hasn't been read.
+struct Parser<'a> {
+    text: &'a str,
+    rest: &'a str,
+}
+
+impl<'a> Parser<'a> {
+    fn header(mut self) -> Result<Header, String> {
+        let (mut types, mut fortran, mut shape) = (None, None, None);
+        self.expect("{")?;
+        loop {
+            if self.take("}") {
+                break;
+            }
+            let key = self.string()?;
+            self.expect(":")?;
+            let again = match key {
+                "descr" => types.replace(self.types()?).is_some(),
+                "fortran_order" => fortran.replace(self.truth()?).is_some(),
+                "shape" => shape.replace(self.shape()?).is_some(),
+                _ => return Err(format!("expected the keys descr, fortran_order and shape, found {}", shown(key))),
+            };
+            if again {
+                return Err(format!("the key {key:?} is there twice"));
+            }
+            if !self.take(",") {
+                self.expect("}")?;
+                break;
+            }
+        }
+        self.blanks();
+        if !self.rest.is_empty() {
+            return Err(self.expected("nothing after the dictionary"));
+        }
+        let (Some((own, fields)), Some(fortran), Some(shape)) = (types, fortran, shape) else {
+            return Err("expected the keys descr, fortran_order and shape, found fewer".to_owned());
+        };
+        let Type { kind, size, little } = own;
+        Ok(Header { kind, size, little, fortran, shape, fields, start: 0 })
+    }
+
+    fn types(&mut self) -> Result<(Type, Vec<Field>), String> {
+        if !self.take("[") {
+            return Ok((self.one_type()?, Vec::new()));
+        }
+        let fields = self.items("]", |parser| {
+            parser.expect("(")?;
+            let name = parser.string()?.to_owned();
+            parser.expect(",")?;
+            let Type { kind, size, little } = parser.one_type()?;
+            parser.expect(")")?;
+            Ok(Field { name, kind, size, little })
+        })?;
+        let size = fields.iter().try_fold(0_usize, |sum, field| sum.checked_add(field.size));
+        let size = size.filter(|&size| size > 0).ok_or("expected fields of some bytes")?;
+        Ok((Type { kind: 'V', size, little: true }, fields))
+    }
+
+    fn one_type(&mut self) -> Result<Type, String> {
+        let text = self.string()?;
+        Type::parse(text).ok_or_else(|| format!("expected a type such as <f8, found {}", shown(text)))
+    }
+
+    fn truth(&mut self) -> Result<bool, String> {
+        if self.take("True") {
+            return Ok(true);
+        }
+        if self.take("False") { Ok(false) } else { Err(self.expected("True or False")) }
+    }
+
+    fn shape(&mut self) -> Result<Vec<usize>, String> {
+        self.expect("(")?;
+        let shape = self.items(")", Self::number)?;
+        if shape.len() <= MOST_AXES { Ok(shape) } else { Err(format!("more than {MOST_AXES} axes")) }
+    }
+
+    /// Items with commas between them, up to what closes them.
+    fn items<T>(
+        &mut self,
+        close: &'static str,
+        mut item: impl FnMut(&mut Self) -> Result<T, String>,
+    ) -> Result<Vec<T>, String> {
+        let mut items = Vec::new();
+        while !self.take(close) {
+            items.push(item(self)?);
+            if !self.take(",") {
+                self.expect(close)?;
+                break;
+            }
+        }
+        Ok(items)
+    }
+
+    fn number(&mut self) -> Result<usize, String> {
+        self.blanks();
+        let digits = self.rest.bytes().take_while(u8::is_ascii_digit).count();
+        let number = self.rest.get(..digits).and_then(|digits| digits.parse().ok());
+        let number = number.ok_or_else(|| self.expected("a length of an axis"))?;
+        self.rest = self.rest.get(digits..).unwrap_or_default();
+        // Python 2's long numbers.
+        self.rest = self.rest.strip_prefix('L').unwrap_or(self.rest);
+        Ok(number)
+    }
+
+    fn string(&mut self) -> Result<&'a str, String> {
+        self.blanks();
+        let quote = self.rest.chars().next().filter(|c| matches!(c, '\'' | '"'));
+        let found = quote.and_then(|quote| self.rest.get(1..)?.split_once(quote));
+        let Some((text, rest)) = found.filter(|(text, _)| !text.contains('\\')) else {
+            return Err(self.expected("a text in quotes, without escapes"));
+        };
+        self.rest = rest;
+        Ok(text)
+    }
+
+    fn expect(&mut self, token: &'static str) -> Result<(), String> {
+        if self.take(token) { Ok(()) } else { Err(self.expected(token)) }
+    }
+
+    fn take(&mut self, token: &str) -> bool {
+        self.blanks();
+        let rest = self.rest.strip_prefix(token);
+        self.rest = rest.unwrap_or(self.rest);
+        rest.is_some()
+    }
+
+    fn blanks(&mut self) {
+        self.rest = self.rest.trim_start_matches([' ', '\t', '\r', '\n']);
+    }
+
+    fn expected(&self, what: &str) -> String {
+        let at = self.text.len() - self.rest.len();
+        let found = if self.rest.is_empty() { "the end".to_owned() } else { shown(self.rest) };
+        format!("expected {what} at character {at}, found {found}")
+    }
+}
+
+/// A text from outside, short and printable.
+fn shown(text: &str) -> String {
+    const MOST: usize = 32;
+    let more = if text.chars().nth(MOST).is_some() { "..." } else { "" };
+    format!("{:?}{more}", text.chars().take(MOST).collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> io::Result<Header> {
+        let file = [MAGIC, &[2, 0], &(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
+        Header::read(&mut &file[..])
+    }
+
+    #[test]
+    fn headers_of_numpy_are_read() {
+        let text = "{'descr': '>f4', 'fortran_order': True, 'shape': (2, 3), }          \n";
+        let header = read(text).unwrap();
+        let expected = (('f', 4, false, true), &[2, 3][..], 12 + text.len() as u64);
+        assert_eq!(
+            ((header.kind, header.size, header.little, header.fortran), &header.shape[..], header.start),
+            expected
+        );
+        assert_eq!((header.count(), header.bytes()), (Some(6), Some(24)));
+        // In any order, with either quotes, as Python 2 wrote lengths, and without axes.
+        let header = read("{\"shape\": (7L,), 'fortran_order':False,'descr':'|u1'}").unwrap();
+        assert_eq!((header.kind, header.shape, header.little), ('u', vec![7], true));
+        assert_eq!(read("{'descr': '<U3', 'fortran_order': False, 'shape': (), }\n").unwrap().bytes(), Some(12));
+        let text = "{'descr': [('lon', '<f8'), (\"it's\", '>i2')], 'fortran_order': False, 'shape': (5,), }";
+        let header = read(text).unwrap();
+        let fields: Vec<_> = header.fields.iter().map(|f| (f.name.as_str(), f.kind, f.size, f.little)).collect();
+        assert_eq!(fields, [("lon", 'f', 8, true), ("it's", 'i', 2, false)]);
+        assert_eq!((header.kind, header.size, header.bytes()), ('V', 10, Some(50)));
+    }
+
+    #[test]
+    fn what_is_no_header_is_refused_in_one_short_line() {
+        let deep = format!("{{'descr': {}", "[(".repeat(20_000));
+        let axes = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}), }}", "1,".repeat(65));
+        for text in [
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (1,), 'shape': (4398046511104,), }",
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (1,), \"descr\": '<f4'}",
+            "{'descr': '<f8', 'fortran_order': False}",
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (1,), 'more': 1}",
+            "{'descr': '<f8', 'fortran_order': 1, 'shape': (1,)}",
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (-1,)}",
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999999999,)}",
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (1,)} os.remove('x')",
+            "{'descr': '|O', 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': '|V0', 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': '<f8\x1b[2J\n\x07', 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': '<U4611686018427387904', 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': [('a', '<f8', (2,))], 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': [], 'fortran_order': False, 'shape': (1,)}",
+            "{'a\\'': 1}",
+            "",
+            &deep,
+            &axes,
+        ] {
+            let message = read(text).unwrap_err().to_string();
+            assert!(message.len() < 160 && !message.contains(char::is_control), "{message}");
+        }
+        assert_eq!(
+            read("{'descr': '<f8', 'fortran_order': False, 'shape': (9999999999, 9999999999)}").unwrap().bytes(),
+            None
+        );
+        assert!(read(&" ".repeat(LONGEST + 1)).is_err());
     }
 }

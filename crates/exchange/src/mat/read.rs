@@ -7,6 +7,7 @@ use std::io::Read;
 
 use flate2::read::ZlibDecoder;
 use ndarray::Array2;
+use spharm_surface::io::check_room;
 
 use crate::flaw::Flaw;
 
@@ -165,6 +166,8 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     order.element(&mut matrix)?;
     let mut part = || -> Result<Vec<f64>, Flaw> {
         let (kind, bytes) = order.element(&mut matrix)?;
+        // Numbers of one byte are the shortest.
+        check_room(8 * bytes.len() as u64).map_err(|room| Flaw::new("a matrix that fits in memory", room))?;
         let values = numbers(order, kind, bytes)
             .ok_or_else(|| Flaw::new(format!("{name}: numbers"), format!("data of type {kind}")))?;
         if rows.checked_mul(columns) != Some(values.len()) {

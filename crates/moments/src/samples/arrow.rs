@@ -13,6 +13,7 @@ use arrow_schema::{ArrowError, DataType};
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
+use super::ipc;
 use super::table::Table;
 use crate::MomentsError;
 use crate::moments::Shard;
@@ -63,6 +64,8 @@ pub(super) fn open_ipc(path: &Path, file: File, shard: Shard) -> Result<(Batches
     let format = "Arrow";
     let failed = |error: ArrowError| malformed(path, format, &error);
     let again = file.try_clone().map_err(MomentsError::io(path, "open"))?;
+    let bytes = file.metadata().map_err(MomentsError::io(path, "read"))?.len();
+    ipc::check(&file, bytes).map_err(|problem| malformed(path, format, &problem))?;
     let reader = FileReader::try_new_buffered(file, None).map_err(failed)?;
     let names = reader.schema().fields().iter().map(|field| field.name().clone()).collect();
     // Without columns batches have their number of rows alone.

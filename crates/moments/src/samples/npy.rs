@@ -1,24 +1,25 @@
 //! Arrays of NumPy (`.npy`): a row a sample. Columns of a plain array are named by their numbers from 0, those of a
 //! structured one by its fields.
-//!
-//! Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
+
+use spharm_surface::npy;
 
 use super::records::{Field, Kind, Records, Stream};
 use crate::MomentsError;
 use crate::moments::Shard;
 
-pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
+pub(super) use spharm_surface::npy::MAGIC;
 const FORMAT: &str = "NumPy array";
-/// NumPy's own limit is 10,000 characters.
-const LONGEST_HEADER: usize = 1 << 16;
 /// Bytes read at a time: of several streams side by side, each has its own.
 const BUFFER: usize = 1 << 18;
 
-/// What an array's header says.
+/// Most columns of a row.
+const MOST_COLUMNS: usize = 1 << 16;
+
+/// What an array's header says of its samples.
 pub(super) struct Header {
     /// Bytes of the header, and all before it.
     pub(super) length: u64,
@@ -37,7 +38,7 @@ impl Header {
     }
 
     /// Bytes of the values; `None` where there are more than can be.
-    fn bytes(&self) -> Option<u64> {
+    pub(super) fn bytes(&self) -> Option<u64> {
         self.rows.checked_mul(self.row as u64)
     }
 }
@@ -77,6 +78,9 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
 /// Takes an array from a stream.
 pub(super) fn of_stream(path: &Path, mut input: Box<dyn Read + Send>) -> Result<(Records, u64), MomentsError> {
     let header = read_header(path, &mut input)?;
+    if header.bytes().is_none() {
+        return Err(malformed(path, "rows that can be".to_owned(), format!("{} rows", header.rows)));
+    }
     if header.fortran && header.fields.len() > 1 {
         return Err(malformed(path, "an array in C order on standard input".to_owned(), "Fortran order".to_owned()));
     }
@@ -91,92 +95,56 @@ fn malformed(path: &Path, expected: String, found: String) -> MomentsError {
 
 /// Reads an array's header.
 pub(super) fn read_header(path: &Path, input: &mut dyn Read) -> Result<Header, MomentsError> {
-    let short = |_| malformed(path, "a header of NumPy".to_owned(), "the end of the file".to_owned());
-    let mut start = [0; 8];
-    input.read_exact(&mut start).map_err(short)?;
-    let (length, before) = match start {
-        [magic @ .., 1, _] if magic == MAGIC => {
-            let mut length = [0; 2];
-            input.read_exact(&mut length).map_err(short)?;
-            (u16::from_le_bytes(length).into(), 10)
+    let found = npy::Header::read(input).map_err(|error| match error.kind() {
+        io::ErrorKind::UnexpectedEof => {
+            malformed(path, "a header of NumPy".to_owned(), "the end of the file".to_owned())
         }
-        [magic @ .., 2 | 3, _] if magic == MAGIC => {
-            let mut length = [0; 4];
-            input.read_exact(&mut length).map_err(short)?;
-            (u32::from_le_bytes(length) as usize, 12)
-        }
-        _ => return Err(malformed(path, "an array of version 1 to 3".to_owned(), start.escape_ascii().to_string())),
-    };
-    if length > LONGEST_HEADER {
-        return Err(malformed(path, format!("a header of at most {LONGEST_HEADER} bytes"), format!("{length} bytes")));
-    }
-    let mut text = vec![0; length];
-    input.read_exact(&mut text).map_err(short)?;
-    let text = String::from_utf8_lossy(&text).into_owned();
-    let unclear = || {
+        _ => malformed(path, "an array of NumPy".to_owned(), error.to_string()),
+    })?;
+    of_samples(&found).ok_or_else(|| {
         let expected = "numbers of 8 to 64 bits, a row a sample, or fields of these".to_owned();
-        malformed(path, expected, text.trim().escape_debug().to_string())
-    };
-    let mut header = parse(&text).ok_or_else(unclear)?;
-    header.length = (before + length) as u64;
-    Ok(header)
+        let what =
+            if found.fields.is_empty() { format!("type {}{}", found.kind, found.size) } else { "fields".to_owned() };
+        malformed(path, expected, format!("{what}, shape {:?}", found.shape))
+    })
 }
 
-fn parse(text: &str) -> Option<Header> {
-    let value = |key: &str| Some(text.split_once(&format!("'{key}':"))?.1.trim_start());
-    let shape = value("shape")?.strip_prefix('(')?.split_once(')')?.0;
-    let shape: Option<Vec<u64>> =
-        shape.split(',').map(str::trim).filter(|n| !n.is_empty()).map(|n| n.parse().ok()).collect();
-    let (rows, columns) = match shape?[..] {
+/// The columns of an array, if they are numbers.
+fn of_samples(found: &npy::Header) -> Option<Header> {
+    let (rows, columns) = match found.shape[..] {
         [rows] => (rows, 1),
-        [rows, columns] if columns <= 1 << 16 => (rows, columns as usize),
+        [rows, columns] if (1..=MOST_COLUMNS).contains(&columns) && found.fields.is_empty() => (rows, columns),
         _ => return None,
     };
-    let descr = value("descr")?;
     let (mut fields, mut names, mut at) = (Vec::new(), Vec::new(), 0);
-    if let Some(list) = descr.strip_prefix('[') {
-        // [('lon', '<f8'), ('lat', '<f8')]
-        for entry in list.split_once(']')?.0.split('(').skip(1) {
-            let mut quoted = entry.split('\'').skip(1).step_by(2);
-            let (name, kind) = (quoted.next()?, quoted.next()?);
-            let (kind, little) = kind_of(kind)?;
-            // Not a number each where there is a shape after the type.
-            if entry.split_once(&format!("'{}'", entry.split('\'').nth(3)?))?.1.contains(['0', '1', '2', '3', '4', '5'])
-            {
-                return None;
-            }
-            fields.push(Field { at, kind, little });
-            names.push(Some(name.to_owned()));
-            at += kind.size();
-        }
-        if columns != 1 {
-            return None;
-        }
-    } else {
-        let (kind, little) = kind_of(descr.strip_prefix('\'')?.split_once('\'')?.0)?;
-        for _ in 0..columns {
-            fields.push(Field { at, kind, little });
-            names.push(None);
-            at += kind.size();
-        }
+    let mut add = |name: Option<&String>, kind: Kind, little: bool| {
+        fields.push(Field { at, kind, little });
+        names.push(name.cloned());
+        at += kind.size();
+    };
+    if found.fields.is_empty() {
+        let kind = kind_of(found.kind, found.size)?;
+        (0..columns).for_each(|_| add(None, kind, found.little));
     }
-    let fortran = value("fortran_order")?.starts_with("True") && columns > 1;
-    (!fields.is_empty()).then_some(Header { length: 0, rows, names, fields, row: at, fortran })
+    for field in &found.fields {
+        add(Some(&field.name), kind_of(field.kind, field.size)?, field.little);
+    }
+    let (length, rows, fortran) = (found.start, rows as u64, found.fortran && columns > 1);
+    Some(Header { length, rows, names, fields, row: at, fortran })
 }
 
-fn kind_of(descr: &str) -> Option<(Kind, bool)> {
-    let kind = match descr.trim_start_matches(['<', '>', '|', '=']) {
-        "f8" => Kind::F64,
-        "f4" => Kind::F32,
-        "i1" => Kind::I8,
-        "u1" => Kind::U8,
-        "i2" => Kind::I16,
-        "u2" => Kind::U16,
-        "i4" => Kind::I32,
-        "u4" => Kind::U32,
-        "i8" => Kind::I64,
-        "u8" => Kind::U64,
+fn kind_of(kind: char, size: usize) -> Option<Kind> {
+    Some(match (kind, size) {
+        ('f', 8) => Kind::F64,
+        ('f', 4) => Kind::F32,
+        ('i', 1) => Kind::I8,
+        ('u', 1) => Kind::U8,
+        ('i', 2) => Kind::I16,
+        ('u', 2) => Kind::U16,
+        ('i', 4) => Kind::I32,
+        ('u', 4) => Kind::U32,
+        ('i', 8) => Kind::I64,
+        ('u', 8) => Kind::U64,
         _ => return None,
-    };
-    Some((kind, !descr.starts_with('>')))
+    })
 }

@@ -39,6 +39,9 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
         if header.fortran {
             return Err(malformed("arrays in C order", format!("{} in Fortran order", entry.name)));
         }
+        if header.bytes().is_none() {
+            return Err(malformed("rows that can be", format!("{} rows of {}", header.rows, entry.name)));
+        }
         let expected = *rows.get_or_insert(header.rows);
         if header.rows != expected {
             let found = format!("{} rows of {}, {expected} of the array before", header.rows, entry.name);

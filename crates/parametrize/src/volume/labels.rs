@@ -8,6 +8,7 @@ use spharm_monitor::Monitor;
 use super::affine::Affine;
 use super::mask::Mask;
 use super::open::read;
+use super::runs::{Extent, Runs};
 use super::source::Source;
 use super::values::Volume;
 use crate::error::ParametrizeError;
@@ -19,17 +20,8 @@ pub struct LabelVolume {
     /// Matrix from voxels to mm.
     pub affine: Affine,
     size: [usize; 3],
-    /// (size), x fastest.
-    values: Vec<i32>,
+    found: Runs,
     extents: BTreeMap<i32, Extent>,
-}
-
-/// A label's number of voxels and the box around them, both ends included.
-#[derive(Clone, Copy, Debug)]
-struct Extent {
-    voxels: usize,
-    low: [usize; 3],
-    high: [usize; 3],
 }
 
 impl LabelVolume {
@@ -71,16 +63,17 @@ impl LabelVolume {
     ///
     /// # Panics
     ///
-    /// When the number of values isn't that of the voxels.
+    /// When the number of values isn't that of the voxels, or there is no memory for their labels.
     #[must_use]
     pub fn new(size: [usize; 3], values: Vec<i32>, affine: Affine) -> Self {
         assert_eq!(values.len(), size.iter().product(), "values of {size:?} voxels");
-        Self::of(PathBuf::from("the volume"), Volume { size, affine, values })
+        let labels = Runs::of(size, &values).unwrap_or_else(|room| panic!("the labels take {room}"));
+        Self::of(PathBuf::from("the volume"), Volume { size, affine, labels })
     }
 
-    fn of(path: PathBuf, Volume { size, affine, values }: Volume) -> Self {
-        let extents = extents(size, &values);
-        Self { path, affine, size, values, extents }
+    fn of(path: PathBuf, Volume { size, affine, labels }: Volume) -> Self {
+        let extents = labels.extents();
+        Self { path, affine, size, found: labels, extents }
     }
 
     /// The file; "the volume" for one that was made in memory.
@@ -106,12 +99,17 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel), with the labels of the volume.
+    /// [`NoLabel`](ParametrizeError::NoLabel), with the labels of the volume; [`NotAVolume`](ParametrizeError::NotAVolume) where
+    /// there are none.
     pub fn choose(&self, label: Option<i64>) -> Result<i64, ParametrizeError> {
         let labels = self.labels();
         match (label, labels.len()) {
             (Some(label), _) if labels.contains_key(&label) => Ok(label),
             (None, 1) => Ok(labels.into_keys().next().unwrap_or_default()),
+            (_, 0) => {
+                let (expected, found) = ("a label", "none but 0, the background".to_owned());
+                Err(ParametrizeError::NotAVolume { path: self.path.clone(), expected, found })
+            }
             _ => Err(ParametrizeError::NoLabel { path: self.path.clone(), label, there: listed(&labels) }),
         }
     }
@@ -127,34 +125,15 @@ impl LabelVolume {
             let there = listed(&self.labels());
             return Err(ParametrizeError::NoLabel { path: self.path.clone(), label: Some(label), there });
         };
-        let [nx, ny, _] = self.size;
-        let inside = |[x, y, z]: [usize; 3]| self.values[x + nx * (y + ny * z)] == label;
-        Ok(Mask::of_box(extent.low, extent.high, inside))
-    }
-}
-
-/// The extent of every label but 0, in one pass.
-fn extents(size: [usize; 3], values: &[i32]) -> BTreeMap<i32, Extent> {
-    let mut extents = BTreeMap::new();
-    let rows = values.chunks_exact(size[0].max(1));
-    for (row, values) in rows.enumerate() {
-        let (y, z) = (row % size[1], row / size[1]);
-        let mut x = 0;
-        for run in values.chunk_by(|a, b| a == b) {
-            let (low, high) = ([x, y, z], [x + run.len() - 1, y, z]);
-            x += run.len();
-            if run[0] == 0 {
-                continue;
+        let mut mask = Mask::around(extent.low, extent.high);
+        self.found.within(extent.low, extent.high, |from, to, found| {
+            if found == label {
+                let first = mask.index(std::array::from_fn(|k| from[k] - extent.low[k] + 1));
+                mask.inside[first..=first + (to - from[0])].fill(true);
             }
-            let extent = extents.entry(run[0]).or_insert(Extent { voxels: 0, low, high });
-            extent.voxels += run.len();
-            for k in 0..3 {
-                extent.low[k] = extent.low[k].min(low[k]);
-                extent.high[k] = extent.high[k].max(high[k]);
-            }
-        }
+        });
+        Ok(mask)
     }
-    extents
 }
 
 /// The first labels with their voxels, for an error message.

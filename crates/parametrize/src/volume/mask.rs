@@ -34,11 +34,16 @@ impl Mask {
         Self::of_box(low, high, inside)
     }
 
-    /// The box from voxel `low` to voxel `high`, both included, with a rim around it.
-    pub(super) fn of_box(low: [usize; 3], high: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
+    /// The box from voxel `low` to voxel `high`, both included, with a rim around it, and nothing inside.
+    pub(super) fn around(low: [usize; 3], high: [usize; 3]) -> Self {
         let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 3);
-        let mut mask = Self { size: own, origin: low.map(|x| x as i64 - 1), inside: vec![false; own.iter().product()] };
-        for_each(own.map(|n| n - 2), |at| {
+        Self { size: own, origin: low.map(|x| x as i64 - 1), inside: vec![false; own.iter().product()] }
+    }
+
+    /// The box from voxel `low` to voxel `high`, both included, with a rim around it.
+    fn of_box(low: [usize; 3], high: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
+        let mut mask = Self::around(low, high);
+        for_each(mask.size.map(|n| n - 2), |at| {
             let index = mask.index(at.map(|x| x + 1));
             mask.inside[index] = inside(std::array::from_fn(|k| at[k] + low[k]));
         });

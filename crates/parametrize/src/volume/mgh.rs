@@ -63,13 +63,13 @@ pub(super) fn parse(
         other => return Err(wrong("whole numbers as labels", format!("values of type {other}"))),
     };
     let size = [x, y, z].map(usize::from);
-    let layout = Layout { voxels: size.iter().product(), scalar, little_endian: false, scaling: None };
+    let layout = Layout { size, scalar, little_endian: false, scaling: None };
     if layout.bytes() > most {
         let found =
             format!("{x} x {y} x {z} voxels of {} bytes claimed by a file that can't hold them", scalar.width());
         return Err(not_mgh(found));
     }
-    let values = layout.read(path, &mut stream, monitor)?;
+    let labels = layout.read(path, &mut stream, monitor)?;
     // On to the end of what was compressed, where its checksum is; tags may follow the values.
     let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
     rest.map_err(|error| cut_short(path, &error.to_string()))?;
@@ -90,5 +90,5 @@ pub(super) fn parse(
     if !affine.is_valid() {
         return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, values })
+    Ok(Volume { size, affine, labels })
 }

@@ -21,6 +21,7 @@
 //! | `labels` | a label volume: its labels, and the mask of each |
 //! | `open`, `source` | a file: which format it is in, its bytes |
 //! | `nifti`, `nifti2`, `mgh`, `nrrd`, `tiff`, `npy`, `values` | the formats: the values, and the voxels' positions in space |
+//! | `runs` | the labels while they are read and after: runs of equal ones, so that background takes no room |
 //! | `mask` | the voxels of one label, with a rim of background around them |
 //! | `pieces` | connected pieces, and the cavities inside |
 //! | `boundary` | the quadrangles between inside and outside, as a closed surface |
@@ -52,6 +53,7 @@ mod nrrd;
 mod open;
 mod pieces;
 mod repair;
+mod runs;
 mod simple;
 mod source;
 mod surface;

@@ -46,8 +46,7 @@ pub(super) fn parse(
     // A slope of 0 means no scaling.
     let scaled = slope != 0.0 && slope.is_finite() && intercept.is_finite() && (slope, intercept) != (1.0, 0.0);
     let layout = Layout {
-        // At most 2^48 voxels: no overflow.
-        voxels: size.iter().product(),
+        size,
         scalar,
         little_endian: header.endianness == Endianness::Little,
         scaling: scaled.then_some((slope, intercept)),
@@ -62,14 +61,14 @@ pub(super) fn parse(
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
     // Extensions between header and values.
     std::io::copy(&mut (&mut stream).take(offset - HEADER as u64), &mut std::io::sink()).map_err(broken)?;
-    let values = layout.read(path, &mut stream, monitor)?;
+    let labels = layout.read(path, &mut stream, monitor)?;
     // On to the end of what was compressed, where its checksum is; files may have something after their values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let affine = Forms::of(&header).affine();
     if !affine.is_valid() {
         return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, values })
+    Ok(Volume { size, affine, labels })
 }
 
 /// What a header says of the voxels' positions.

@@ -97,12 +97,7 @@ pub(super) fn parse(
     let size = [x, y, z].map(usize::from);
     let [slope, intercept] = header.floats(176);
     let scaled = slope != 0.0 && slope.is_finite() && intercept.is_finite() && (slope, intercept) != (1.0, 0.0);
-    let layout = Layout {
-        voxels: size.iter().product(),
-        scalar,
-        little_endian: header.little,
-        scaling: scaled.then_some((slope, intercept)),
-    };
+    let layout = Layout { size, scalar, little_endian: header.little, scaling: scaled.then_some((slope, intercept)) };
     let offset = header.long(168).max(HEADER as i64 + 4) as u64;
     if layout.bytes() > most || offset > most {
         let found =
@@ -111,7 +106,7 @@ pub(super) fn parse(
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
     std::io::copy(&mut (&mut stream).take(offset - HEADER as u64), &mut std::io::sink()).map_err(broken)?;
-    let values = layout.read(path, &mut stream, monitor)?;
+    let labels = layout.read(path, &mut stream, monitor)?;
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let code = |at| i32::from_le_bytes(header.bytes(at));
     let forms = Forms {
@@ -124,5 +119,5 @@ pub(super) fn parse(
     if !affine.is_valid() {
         return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, values })
+    Ok(Volume { size, affine, labels })
 }

@@ -5,7 +5,7 @@ use std::io::Read;
 use spharm_surface::npy::Header;
 
 use super::source::Source;
-use super::values::{Layout, Scalar, Volume, cut_short};
+use super::values::{Layout, Scalar, Volume, cut_short, no_room};
 use crate::error::ParametrizeError;
 
 /// Parses a stream that holds at most `most` bytes.
@@ -32,24 +32,16 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         return Err(source.wrong("a NumPy array", found));
     }
     let affine = source.affine(None, "a NumPy array")?;
-    let layout = Layout { voxels: x * y * z, scalar, little_endian: header.little, scaling: None };
-    let values = layout.read(source.path, &mut stream, source.monitor)?;
+    // In C order the last axis runs fastest.
+    let stored = if header.fortran { [x, y, z] } else { [z, y, x] };
+    let layout = Layout { size: stored, scalar, little_endian: header.little, scaling: None };
+    let labels = layout.read(source.path, &mut stream, source.monitor)?;
     // Also on to the end of what was compressed, where its checksum is.
     let beyond = stream.take(1).read_to_end(&mut Vec::new());
     if beyond.map_err(|error| cut_short(source.path, &error.to_string()))? > 0 {
         return Err(cut_short(source.path, "more bytes than its shape says"));
     }
-    let size = [x, y, z];
-    Ok(Volume { size, affine, values: if header.fortran { values } else { x_fastest(size, &values) } })
-}
-
-/// Values whose last axis runs fastest, x fastest.
-fn x_fastest([nx, ny, nz]: [usize; 3], values: &[i32]) -> Vec<i32> {
-    let mut found = Vec::with_capacity(values.len());
-    for z in 0..nz {
-        for y in 0..ny {
-            found.extend((0..nx).map(|x| values[z + nz * (y + ny * x)]));
-        }
-    }
-    found
+    let labels =
+        if header.fortran { labels } else { labels.transposed().map_err(|room| no_room(source.path, room))? };
+    Ok(Volume { size: [x, y, z], affine, labels })
 }

@@ -69,14 +69,14 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         None if scalar.width() == 1 => true,
         other => return Err(source.wrong("endian: little or big", format!("{other:?}"))),
     };
-    let layout = Layout { voxels: size.iter().product(), scalar, little_endian, scaling: None };
+    let layout = Layout { size, scalar, little_endian, scaling: None };
     let other = header.get("datafile").map(|name| beside(source, name)).transpose()?;
     let values = other.as_deref().or(bytes.get(start..)).unwrap_or_default();
     let too_many = |most: u64| {
         let found = format!("{x} x {y} x {z} voxels claimed by {most} bytes of values at most");
         Err(source.wrong("values of the sizes in the header", found))
     };
-    let values = match header.get("encoding").map(str::to_ascii_lowercase).as_deref() {
+    let labels = match header.get("encoding").map(str::to_ascii_lowercase).as_deref() {
         Some("raw") if layout.bytes() > values.len() as u64 => return too_many(values.len() as u64),
         Some("raw") => layout.read(source.path, values, source.monitor)?,
         Some("gzip" | "gz") => match (values.len() as u64).saturating_mul(MOST_EXPANSION) {
@@ -93,7 +93,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         other => return Err(source.wrong("encoding: raw or gzip", other.unwrap_or("none").to_owned())),
     };
     let affine = affine(source, &header)?;
-    Ok(Volume { size, affine, values })
+    Ok(Volume { size, affine, labels })
 }
 
 /// The values of a detached header: one file in its folder, or in one beneath.

@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use spharm_monitor::Monitor;
+use spharm_surface::io::check_room;
 
 use super::affine::Affine;
+use super::values::no_room;
 use crate::error::ParametrizeError;
 
 /// A file that is read.
@@ -35,9 +37,12 @@ impl Source<'_> {
 /// Reads a regular file whole; opening a pipe would wait for whoever writes it.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
     let io = |cause| ParametrizeError::Io { path: path.to_owned(), cause };
-    if !std::fs::metadata(path).map_err(io)?.is_file() {
+    let there = std::fs::metadata(path).map_err(io)?;
+    if !there.is_file() {
         let (expected, found) = ("a regular file", "something else".to_owned());
         return Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected, found });
     }
+    // A sparse file takes no room on a disk.
+    check_room(there.len()).map_err(|room| no_room(path, room))?;
     std::fs::read(path).map_err(io)
 }

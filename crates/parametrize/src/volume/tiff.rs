@@ -9,13 +9,14 @@ use std::io::Cursor;
 use quick_xml::Reader;
 use quick_xml::events::Event;
 use spharm_monitor::Stage;
-use spharm_surface::io::MOST_EXPANSION;
+use spharm_surface::io::{MOST_EXPANSION, check_room};
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
+use super::runs::Builder;
 use super::source::Source;
-use super::values::{Volume, whole};
+use super::values::{Volume, no_room, whole};
 use crate::error::ParametrizeError;
 
 /// Bytes of the largest page: 32,768 x 32,768 values of 8 bits.
@@ -53,7 +54,8 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     }
     let affine = source.affine(description.voxel_size, "a TIFF file without OME-XML or ImageJ's spacing")?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
-    let mut values = Vec::new();
+    let plane = u64::from(width) * u64::from(height);
+    let mut labels = Builder::new([width as usize, height as usize, 0]);
     let mut pages = 0;
     source.monitor.begin(Stage::counted("reading", "slices"), description.slices.unwrap_or(0) as u64);
     loop {
@@ -65,13 +67,16 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
             ColorType::Gray(_) => {}
             other => return Err(source.wrong("one whole number a pixel", format!("{other:?} at slice {pages}"))),
         }
-        if 4 * (values.len() as u64 + u64::from(width) * u64::from(height)) > 8 * most {
+        let voxels = (labels.len() as u64).saturating_add(plane);
+        if voxels > 2 * most {
             return Err(source.wrong(
                 "a stack that its file can hold",
                 format!("more than {pages} slices in {} bytes", bytes.len()),
             ));
         }
-        append(source, decoder.read_image().map_err(broken)?, &mut values)?;
+        // A page's values, and the labels if every voxel had one.
+        check_room(voxels.saturating_mul(5)).map_err(|room| no_room(source.path, room))?;
+        append(source, decoder.read_image().map_err(broken)?, &mut labels)?;
         pages += 1;
         source.monitor.step(1);
         if !decoder.more_images() {
@@ -81,17 +86,20 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     }
     source.monitor.end();
     let size = [width as usize, height as usize, pages];
-    if description.slices.is_some_and(|slices| slices != pages) || values.len() != size.iter().product::<usize>() {
+    if description.slices.is_some_and(|slices| slices != pages) || labels.len() as u64 != plane * pages as u64 {
         let told = description.slices.unwrap_or(pages);
         return Err(source.wrong("as many pages as slices", format!("{pages} pages, {told} slices in the description")));
     }
-    Ok(Volume { size, affine, values })
+    labels.slices(pages);
+    let labels = labels.finish().map_err(|room| no_room(source.path, room))?;
+    Ok(Volume { size, affine, labels })
 }
 
-fn append(source: &Source<'_>, page: DecodingResult, labels: &mut Vec<i32>) -> Result<(), ParametrizeError> {
+fn append(source: &Source<'_>, page: DecodingResult, labels: &mut Builder) -> Result<(), ParametrizeError> {
     let mut all = |values: &mut dyn Iterator<Item = f64>| -> Result<(), ParametrizeError> {
         for value in values {
-            labels.push(whole(source.path, labels.len(), value)?);
+            let label = whole(source.path, labels.len(), value)?;
+            labels.push(label).map_err(|room| no_room(source.path, room))?;
         }
         Ok(())
     };

@@ -4,15 +4,18 @@ use std::io::Read;
 use std::path::Path;
 
 use spharm_monitor::{Monitor, Stage};
+use spharm_surface::SurfaceError;
+use spharm_surface::io::{NoRoom, check_room};
 
 use super::affine::Affine;
+use super::runs::{Builder, Runs};
 use crate::error::ParametrizeError;
 
-/// A volume as a file has it: number of voxels along x, y, z, their positions, their values, x fastest.
+/// A volume as a file has it: number of voxels along x, y, z, their positions, their labels.
 pub(super) struct Volume {
     pub(super) size: [usize; 3],
     pub(super) affine: Affine,
-    pub(super) values: Vec<i32>,
+    pub(super) labels: Runs,
 }
 
 /// The type of a voxel's value.
@@ -62,8 +65,8 @@ impl Scalar {
 /// The values of a file, as its header describes them.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
-    /// Number of voxels.
-    pub(super) voxels: usize,
+    /// Number of voxels, that of the fastest axis first.
+    pub(super) size: [usize; 3],
     /// Type of a value.
     pub(super) scalar: Scalar,
     /// Whether the least significant byte comes first.
@@ -78,19 +81,21 @@ const CHUNK: usize = 1 << 20;
 impl Layout {
     /// Bytes of all values.
     pub(super) fn bytes(&self) -> u64 {
-        self.voxels as u64 * self.scalar.width() as u64
+        self.size.iter().fold(self.scalar.width() as u64, |bytes, &n| bytes.saturating_mul(n as u64))
     }
 
-    /// Reads the values from a stream. The caller has compared their size with that of the file.
+    /// Reads the values from a stream, and keeps the labels. The caller has compared their size with that of the file.
     pub(super) fn read(
         &self,
         path: &Path,
         mut stream: impl Read,
         monitor: &dyn Monitor,
-    ) -> Result<Vec<i32>, ParametrizeError> {
+    ) -> Result<Runs, ParametrizeError> {
+        // A label and a place in its mask, if every voxel had one.
+        let room = |room| no_room(path, room);
+        check_room(self.bytes() / self.scalar.width() as u64 * 5).map_err(room)?;
         monitor.begin(Stage::bytes("reading"), self.bytes());
-        // Not all at once: the header may claim more than a compressed file holds.
-        let mut labels = Vec::with_capacity(self.voxels.min(CHUNK));
+        let mut labels = Builder::new(self.size);
         let mut left = self.bytes();
         let mut bytes = Vec::with_capacity(CHUNK);
         while left > 0 {
@@ -102,14 +107,18 @@ impl Layout {
                 let there = self.bytes() - left + bytes.len() as u64;
                 return Err(cut_short(path, &format!("{there} bytes of values in place of {}", self.bytes())));
             }
-            for raw in bytes.chunks_exact(self.scalar.width()) {
-                labels.push(self.label(path, labels.len(), raw)?);
+            if self.scaling.is_none() && bytes.iter().all(|&byte| byte == 0) {
+                labels.to(labels.len() + bytes.len() / self.scalar.width()).map_err(room)?;
+            } else {
+                for raw in bytes.chunks_exact(self.scalar.width()) {
+                    labels.push(self.label(path, labels.len(), raw)?).map_err(room)?;
+                }
             }
             left -= wanted;
             monitor.step(wanted);
         }
         monitor.end();
-        Ok(labels)
+        labels.finish().map_err(room)
     }
 
     fn label(&self, path: &Path, index: usize, bytes: &[u8]) -> Result<i32, ParametrizeError> {
@@ -131,6 +140,11 @@ pub(super) fn whole(path: &Path, index: usize, value: f64) -> Result<i32, Parame
     }
     let found = format!("{value} at voxel {index} (counted from 0, x fastest); threshold or round the volume first");
     Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected: "whole numbers as labels", found })
+}
+
+/// The error for a volume that takes more memory than there is.
+pub(super) fn no_room(path: &Path, room: NoRoom) -> ParametrizeError {
+    SurfaceError::NoRoom { path: path.to_owned(), room }.into()
 }
 
 /// The error for a file that ends too early.

@@ -30,12 +30,20 @@ impl HoldOut {
     ///
     /// # Errors
     ///
-    /// [`Error::HoldOut`] where that is none.
+    /// [`Error::HoldOut`] where that is none, [`Error::Setting`] where it is all.
     pub(crate) fn new(n: usize, fraction: f64) -> Result<Self, Error> {
         let mut random = SplitMix64::new(0);
         let found = Self { held: (0..n).map(|_| random.between(0.0, 1.0) < fraction).collect() };
         if found.count() == 0 {
             return Err(Error::HoldOut { fraction, vertices: n });
+        }
+        if found.count() == n {
+            let (what, expected) = ("hold-out", "a fraction that leaves vertices to fit to");
+            return Err(Error::Setting {
+                what,
+                expected,
+                found: format!("{fraction}, which holds out all {n} vertices"),
+            });
         }
         Ok(found)
     }

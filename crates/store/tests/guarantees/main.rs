@@ -5,6 +5,7 @@ mod basis;
 mod catalog;
 mod checks;
 mod factor;
+mod fields;
 mod forge;
 
 use std::path::{Path, PathBuf};

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::error::SurfaceError;
+use crate::room::{NoRoom, check_room};
 
 /// An error of a parser. [`Flaw::at`] adds the file's name.
 #[derive(Debug)]
@@ -11,6 +12,14 @@ pub(super) enum Flaw {
     Malformed { expected: String, found: String },
     /// The bytes follow them, and this reader doesn't.
     Unsupported { found: String, remedy: &'static str },
+    /// What they hold takes more memory than there is.
+    NoRoom(NoRoom),
+}
+
+impl From<NoRoom> for Flaw {
+    fn from(room: NoRoom) -> Self {
+        Self::NoRoom(room)
+    }
 }
 
 impl Flaw {
@@ -31,6 +40,7 @@ impl Flaw {
             Self::Unsupported { found, remedy } => {
                 SurfaceError::Unsupported { path, format, found: one_line(&found), remedy }
             }
+            Self::NoRoom(room) => SurfaceError::NoRoom { path, room },
         }
     }
 }
@@ -61,10 +71,13 @@ pub(super) fn shown(bytes: &[u8]) -> String {
 
 /// A count from a header, held against what is left of the file, so that it may be allocated for.
 ///
-/// `least` is the fewest bytes one item takes.
+/// `least` is the fewest bytes one item takes in the file; in memory none takes less than a number of 64 bits.
 pub(super) fn bounded(count: u64, least: usize, remaining: usize, what: &str) -> Result<usize, Flaw> {
     match usize::try_from(count) {
-        Ok(n) if n.checked_mul(least).is_some_and(|bytes| bytes <= remaining) => Ok(n),
+        Ok(n) if n.checked_mul(least).is_some_and(|bytes| bytes <= remaining) => {
+            check_room(count.saturating_mul(8))?;
+            Ok(n)
+        }
         _ => Err(Flaw::new(
             format!("{count} {what} (at least {least} bytes each), as its header says"),
             format!("{remaining} bytes"),

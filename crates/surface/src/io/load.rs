@@ -6,15 +6,19 @@ use std::path::Path;
 
 use super::flaw::Flaw;
 use crate::error::SurfaceError;
+use crate::room::{Bytes, check_room, most_expanded};
 
 /// Reads a regular file whole. Directories, FIFOs and devices are refused before they are opened, since opening a FIFO
 /// waits for whoever writes it.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
-    let kind = fs::metadata(path).map_err(io("open"))?.file_type();
+    let found = fs::metadata(path).map_err(io("open"))?;
+    let kind = found.file_type();
     if !kind.is_file() {
         return Err(SurfaceError::NotAFile { path: path.to_owned(), found: kind_name(kind) });
     }
+    // A sparse file takes no room on a disk.
+    check_room(found.len()).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     fs::read(path).map_err(io("read"))
 }
 
@@ -44,17 +48,29 @@ pub(super) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1f, 0x8b])
 }
 
-/// Inflates a gzipped file.
-///
-/// Text compresses two- to tenfold. A file that swells beyond 64 MiB and 256 times its size is taken for a bomb.
+/// Bytes that are inflated at a time.
+const PIECE: usize = 1 << 20;
+
+/// Inflates a gzipped file. What goes beyond [`most_expanded`] is taken for a bomb, and what is free is asked for before each
+/// time that more memory is taken.
 pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Flaw> {
-    let limit = (bytes.len() as u64).saturating_mul(256).saturating_add(64 << 20);
-    let mut text = Vec::new();
+    let limit = most_expanded(bytes.len() as u64);
     let mut decoder = flate2::read::MultiGzDecoder::new(bytes).take(limit);
-    decoder.read_to_end(&mut text).map_err(|e| Flaw::new("a gzip stream", e.to_string()))?;
+    let mut text = Vec::new();
+    loop {
+        if text.capacity() - text.len() < PIECE {
+            let more = text.len().max(PIECE);
+            check_room((text.len() + more) as u64)?;
+            text.reserve_exact(more);
+        }
+        let piece = decoder.by_ref().take(PIECE as u64).read_to_end(&mut text);
+        if piece.map_err(|e| Flaw::new("a gzip stream", e.to_string()))? == 0 {
+            break;
+        }
+    }
     if text.len() as u64 >= limit {
         return Err(Flaw::unsupported(
-            format!("more than {limit} bytes in {} compressed ones", bytes.len()),
+            format!("more than {} in {} compressed bytes", Bytes(limit), bytes.len()),
             "unpack it with gunzip if it is to be trusted",
         ));
     }

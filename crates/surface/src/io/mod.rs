@@ -16,8 +16,9 @@
 //!
 //! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of them, [`check_output`] the check of an output's name.
 //!
-//! A count in a header is compared with the bytes of the file before memory is allocated for it. A file is read whole: what it holds takes a few times its bytes in memory at most, and the
-//! expansion of compressed ones is bounded.
+//! A count in a header is compared with the bytes of the file before memory is allocated for it. A file is read whole: what
+//! it holds takes a few times its bytes in memory at most. What compressed ones expand to is held against [`most_expanded`]
+//! and the memory that is free, before and while they are decoded.
 
 mod atomic;
 mod bytes;
@@ -51,6 +52,7 @@ use flate2::write::GzEncoder;
 use crate::error::SurfaceError;
 use crate::mesh::{Input, Mesh, Signal};
 
+pub use crate::room::{NoRoom, ask_for_free_memory, check_room, most_expanded};
 pub use atomic::write_new;
 pub use check::mesh as check_mesh;
 pub(crate) use check::{indices as check_indices, signal as check_signal};
@@ -139,6 +141,8 @@ fn parse(path: &Path) -> Result<Input, SurfaceError> {
     if load::is_gzip(&bytes) {
         bytes = load::gunzip(&bytes).map_err(|flaw| flaw.at(path, "a gzipped file"))?;
     }
+    // No format takes less for what it holds, beside the bytes themselves.
+    check_room(bytes.len() as u64).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     if let Some(format) = volume::kind(&bytes) {
         return Err(SurfaceError::VolumeInput { path: path.to_owned(), format });
     }

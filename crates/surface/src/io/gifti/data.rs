@@ -8,8 +8,8 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::super::bytes::Endian;
 use super::super::flaw::{Flaw, bounded, shown};
-use super::super::load::MOST_EXPANSION;
 use super::super::text::{number, words};
+use crate::room::{Bytes, check_room};
 
 /// A decoded array.
 ///
@@ -55,8 +55,8 @@ pub(super) struct Description {
     pub(super) dimensions: [Option<String>; 6],
 }
 
-/// Decodes the content of a Data element.
-pub(super) fn decode(description: &Description, text: &str) -> Result<Array, Flaw> {
+/// Decodes the content of a Data element; `left` is what compressed data may still expand to.
+pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> Result<Array, Flaw> {
     let data_type = match description.data_type.as_str() {
         "NIFTI_TYPE_FLOAT32" => DataType::Float32,
         "NIFTI_TYPE_FLOAT64" => DataType::Float64,
@@ -77,7 +77,7 @@ pub(super) fn decode(description: &Description, text: &str) -> Result<Array, Fla
         }
     };
     let (rows, columns, count) = shape(description)?;
-    // Text takes two bytes a value; a compressed byte stands for at most 1032 (deflate's bound); base64 takes 4 for 3.
+    // Text takes two bytes a value, and base64 4 for 3.
     let values = match description.encoding.as_str() {
         "ASCII" => {
             // The last value needs no blank after it.
@@ -90,7 +90,7 @@ pub(super) fn decode(description: &Description, text: &str) -> Result<Array, Fla
             binary(&raw, n, data_type, endian(description)?)?
         }
         "GZipBase64Binary" => {
-            let n = bounded(count, data_type.size(), text.len().saturating_mul(MOST_EXPANSION as usize), "values")?;
+            let n = expanded(count, data_type, text.len(), left)?;
             let raw = inflate(&base64(text)?, n * data_type.size())?;
             binary(&raw, n, data_type, endian(description)?)?
         }
@@ -116,6 +116,21 @@ pub(super) fn decode(description: &Description, text: &str) -> Result<Array, Fla
         values
     };
     Ok(Array { values, rows, columns })
+}
+
+/// A count of values that compressed text is said to hold, taken off what may be.
+fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Result<usize, Flaw> {
+    let bytes = count.saturating_mul(data_type.size() as u64);
+    match left.checked_sub(bytes) {
+        Some(rest) => *left = rest,
+        None => {
+            let found = format!("{count} values ({}) in {text} bytes of compressed text", Bytes(bytes));
+            return Err(Flaw::unsupported(found, "write the file again without compression if it is to be trusted"));
+        }
+    }
+    // The bytes and the numbers made of them are there at once.
+    check_room(count.saturating_mul(8).saturating_add(bytes))?;
+    usize::try_from(count).map_err(|_| Flaw::new("values that fit in memory", count.to_string()))
 }
 
 fn attribute(name: &str, expected: &str, found: &str) -> Flaw {

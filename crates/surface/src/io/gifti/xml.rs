@@ -9,6 +9,7 @@ use super::super::flaw::{Flaw, shown};
 use super::super::text::{number, words};
 use super::data::{Array, Description, decode};
 use crate::mesh::CoordinateSystem;
+use crate::room::most_expanded;
 
 /// What a GIfTI file holds.
 #[derive(Debug, Default)]
@@ -44,6 +45,8 @@ enum Leaf {
 #[derive(Default)]
 struct State<'a> {
     document: Document,
+    /// Bytes that all compressed data may still expand to.
+    left: u64,
     /// Open elements.
     open: Vec<Leaf>,
     /// Whether the root has been seen.
@@ -60,7 +63,7 @@ struct State<'a> {
 pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
     let mut reader = Reader::from_str(text);
     reader.config_mut().expand_empty_elements = true;
-    let mut state = State::default();
+    let mut state = State { left: most_expanded(text.len() as u64), ..State::default() };
     loop {
         let event = reader.read_event().map_err(|e| {
             let at = reader.error_position();
@@ -174,7 +177,7 @@ impl<'a> State<'a> {
                     if *has_data {
                         return Err(Flaw::new("one Data element to a DataArray", "two"));
                     }
-                    array.values = decode(description, &text)?;
+                    array.values = decode(description, &text, &mut self.left)?;
                     *has_data = true;
                 }
             }

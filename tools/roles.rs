@@ -1,0 +1,57 @@
+//! What each argument that names a file is: an input, an output, or a report beside it.
+
+use clap::{ArgMatches, Command};
+use spharm_cli::roles::{Role, check, given};
+
+/// Refuses outputs that are inputs, and reports that are outputs, among the arguments of any verb.
+pub(crate) fn check_arguments(command: &Command, matches: &ArgMatches) -> anyhow::Result<()> {
+    check(&given(command, matches, &role))
+}
+
+/// The role of an argument by its verb and its name.
+fn role(verb: &str, name: &str) -> Option<Role> {
+    Some(match (verb, name) {
+        ("generate", "surface" | "sphere" | "study") => Role::Output,
+        ("report", "status") | ("shape test", "table") => Role::Input,
+        ("man", "folder") => Role::Other,
+        (_, "report" | "json_file" | "status" | "failed" | "table" | "transforms") => Role::Report,
+        (_, "output" | "surface_output" | "mean" | "scores" | "maps" | "animation") => Role::Output,
+        // Weights are a file or a word; there may be a file of that name, which isn't written to either.
+        (_, "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "weights" | "original")
+        | (_, "reconstruction" | "model" | "models" | "files" | "file" | "samples" | "parts" | "map" | "fit_report")
+        | (_, "modes" | "test" | "a" | "b" | "to" | "from" | "among" | "study" | "volumes") => Role::Input,
+        (_, "store" | "dir" | "dataset" | "data" | "subjects_dir" | "freesurfer") => Role::Other,
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::any::TypeId;
+    use std::path::PathBuf;
+
+    use clap::CommandFactory;
+
+    use super::*;
+
+    fn unknown(verb: &str, command: &Command, found: &mut Vec<String>) {
+        for argument in command.get_arguments() {
+            let name = argument.get_id().as_str();
+            if argument.get_value_parser().type_id() == TypeId::of::<PathBuf>() && role(verb, name).is_none() {
+                found.push(format!("{verb} {name}"));
+            }
+        }
+        for subcommand in command.get_subcommands() {
+            unknown(format!("{verb} {}", subcommand.get_name()).trim_start(), subcommand, found);
+        }
+    }
+
+    #[test]
+    fn every_path_has_a_role() {
+        let mut found = Vec::new();
+        unknown("", &crate::Spharm::command(), &mut found);
+        assert_eq!(found, Vec::<String>::new(), "say in `role` what these are");
+        assert_eq!(role("generate", "sphere"), Some(Role::Output));
+        assert_eq!(role("fit", "sphere"), Some(Role::Input));
+    }
+}
