@@ -12,9 +12,15 @@ import time
 from pathlib import Path
 
 from common import KEPT, KINDS, ROOT, Row, Site
+from scripts import run_script
 
 #: Parts in their order, with their share of the time in parts of 30.
-PARTS = {"faults": 6, "full": 2, "power": 3, "races": 3}
+PARTS = {
+    "fuzz": 10, "faults": 5, "full": 2, "power": 3, "races": 2, "media": 1, "clock": 0.5, "protocol": 0.5, "mutants": 3,
+    "memory": 2, "numbers": 1,
+}
+#: Parts that are scripts of their own, in the folder above.
+SCRIPTS = {"memory", "numbers"}
 
 
 def arguments():
@@ -68,7 +74,10 @@ def main():
             site.say(f"== {part}, {seconds:.0f} s")
             begun = time.monotonic()
             try:
-                row = importlib.import_module(part).run_part(site, seconds)
+                if part in SCRIPTS:
+                    row = run_script(site, part, seconds)
+                else:
+                    row = importlib.import_module(part).run_part(site, seconds)
             except Exception as error:
                 row = Row(part, done="broke off")
                 site.find(row, "wrong", f"the part broke off: {type(error).__name__}: {error}")
