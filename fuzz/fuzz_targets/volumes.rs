@@ -1,0 +1,6 @@
+#![no_main]
+
+#[path = "../src/mod.rs"]
+mod readers;
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| readers::run("volumes", readers::scratch(), data));
