@@ -3,7 +3,7 @@
 
 use crate::common::root;
 
-#[path = "../fuzz/src/mod.rs"]
+#[path = "../fuzz/src/readers/mod.rs"]
 mod readers;
 
 #[test]

@@ -1,6 +1,3 @@
 #![no_main]
 
-#[path = "../src/mod.rs"]
-mod readers;
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| readers::run("moments", readers::scratch(), data));
+libfuzzer_sys::fuzz_target!(|input: &[u8]| spharm_fuzz::run("moments", input));

@@ -1,6 +1,6 @@
 """Seed corpora of the fuzz targets, made of the fixtures in `tests/data` and of what the program writes.
 
-An input is a file and one byte more, which chooses the file's name or what is mended; see `fuzz/src/mod.rs`, whose order of
+An input is a file and one byte more, which chooses the file's name or what is mended; see `fuzz/src/readers/mod.rs`, whose order of
 names these follow.
 """
 
@@ -97,9 +97,6 @@ def make(site, folder):
     descr = "[('x', '<f8'), ('y', '<f8'), ('z', '<f8'), ('v', '<f8')]"
     corpora.add("tables", "a.npy", npy(descr, f"({len(numbers) // 4},)", packed), 2)
     corpora.add("tables", "s.ply", (work / "s.ply").read_bytes(), 4)
-    corpora.add("tables", "a.las", b"LASF" + bytes(371), 5)
-    corpora.add("tables", "a.parquet", b"PAR1" + bytes(64) + b"PAR1", 6)
-    corpora.add("tables", "a.arrow", b"ARROW1\0\0" + bytes(64) + b"ARROW1", 7)
 
     program("fit", "--sphere", "sphere.obj", "--surface", "s.ply", "--max-degree", 1, "-o", "m.npz", "-q")
     model = (work / "m.npz").read_bytes()
@@ -126,6 +123,10 @@ def make(site, folder):
             for file in [path] if path.is_file() else sorted(path.iterdir()):
                 corpora.add("exchange", f"{name}-{file.name}", file.read_bytes(), number)
                 corpora.add("exchange", f"{name}-{file.name}-told", file.read_bytes(), len(FORMATS))
+    # What has been found before, and the formats that nothing here writes.
+    for path in sorted((data / "hostile").glob("*/*")):
+        content = path.read_bytes()
+        corpora.add(path.parent.name, f"hostile-{path.name}", content[:-1], content[-1])
     lines = [f'"{word}"' for word in WORDS]
     (folder / "words.dict").write_text("\n".join(lines) + "\n")
 

@@ -17,7 +17,7 @@ use spharm_moments::{Moments, Request, accumulate};
 use spharm_monitor::Silent;
 use spharm_parametrize::volume::LabelVolume;
 use spharm_shape::codec::{ExpandParams, expand};
-use spharm_shape::pca::ShapeModel;
+use spharm_shape::pca::file::ShapeModel;
 use spharm_surface::io::{read_input, read_signal_with_gaps};
 use spharm_surface::topology::Topology;
 use spharm_surface::{Input, Mesh};
