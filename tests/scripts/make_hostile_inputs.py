@@ -189,6 +189,8 @@ def others():
     put("tables", "numbers.csv", "x,y,z\n1e400,0,0\n0x1,1,1\n1,,\n", 0)
     put("tables", "rows.ply", f"ply\nformat binary_little_endian 1.0\nelement vertex {HUGE}\nproperty double x\nproperty double y\n"
         "property double z\nend_header\n", 4)
+    put("tables", "elements.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty double x\nproperty double y\n"
+        f"property double z\nelement a {HUGE}\nelement b {HUGE}\nend_header\n", 4)
     put("tables", "points.las", b"LASF" + bytes(90) + struct.pack("<HIIBHI", 227, 227, 2**32 - 1, 1, 65535, 2**32 - 1) + bytes(300), 5)
     put("tables", "footer.parquet", b"PAR1" + struct.pack("<I", 2**32 - 1) + b"PAR1", 6)
     put("tables", "footer.arrow", b"ARROW1\0\0" + struct.pack("<i", 2**31 - 1) + b"ARROW1", 7)

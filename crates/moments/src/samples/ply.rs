@@ -104,7 +104,7 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
                 match (name, vertices) {
                     ("vertex", None) => (header.rows, vertices) = (count, Some(true)),
                     (_, None) => return unclear("the vertices before other elements"),
-                    _ => (header.others, vertices) = (header.others + count, Some(false)),
+                    _ => (header.others, vertices) = (header.others.saturating_add(count), Some(false)),
                 }
             }
             ["property", kind, name] if vertices == Some(true) => {
