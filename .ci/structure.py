@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ["crates", "tools", "tests", "benches", "examples"]
+SOURCES = ["crates", "tools", "tests", "benches", "examples", "fuzz/src"]
 MOST_LINES = 400
 
 

@@ -6,6 +6,7 @@ mod bare;
 mod cohorts;
 mod common;
 mod compressed;
+mod corpus;
 mod denoise;
 mod exchange;
 mod facade;

@@ -48,7 +48,7 @@ fn sphere(vertices: &Matrix, faces: Option<&Matrix>) -> Result<Sphere, Flaw> {
         let corner = |row, axis| {
             let index = faces.real(row, axis);
             let there = index.fract() == 0.0 && index >= 1.0 && index <= vectors.len() as f64;
-            there.then_some(index as u32 - 1)
+            there.then(|| index as u32 - 1)
         };
         let triangle = |row| Some([corner(row, 0)?, corner(row, 1)?, corner(row, 2)?]);
         let triangles: Option<Vec<[u32; 3]>> = (0..faces.rows).map(triangle).collect();

@@ -1,0 +1,43 @@
+"""Scripts of `tests/attack` that stand on their own: each gets the program and prints a JSON object as its last line.
+
+Of the object `cases` says what was done, `failures` what went wrong, a number or a list; `skipped`, where it is there, what
+couldn't be tried.
+"""
+
+import json
+import os
+import sys
+
+from common import ROOT, Row, run
+
+
+def run_script(site, name, seconds):
+    row = Row(name)
+    script = ROOT / "tests/attack" / f"{name}.py"
+    if not script.is_file():
+        site.skip(row, f"there is no {script.relative_to(ROOT)}")
+        return row
+    # Where it needs NumPy or mpmath, `./run` has made an environment that has it.
+    python = os.environ.get("SPHARM_PYTHON", sys.executable)
+    # A script decides itself how much is enough; it is ended only where it is far beyond its time.
+    ended = run([python, script, site.program], limit=max(900, 4 * seconds), env={"SPHARM_ATTACK_SECONDS": f"{seconds:.0f}"})
+    text = ended.out.decode(errors="replace")
+    site.log(text + ended.err.decode(errors="replace"))
+    try:
+        found = json.loads(text.strip().splitlines()[-1])
+    except (ValueError, IndexError):
+        site.find(row, "hangs" if ended.hung else "crashes", f"ends with {ended.code} without its row: {ended.last()}")
+        return row
+    counts = {key: value for key, value in found.items() if key not in ("name", "failures", "skipped")}
+    row.part = found.get("name", name)
+    row.done = ", ".join(f"{value} {key}" if isinstance(value, int) else f"{key} {value}" for key, value in counts.items())
+    skipped = found.get("skipped") or []
+    for text in [skipped] if isinstance(skipped, str) else skipped:
+        site.skip(row, text)
+    failures = found.get("failures") or []
+    failures = [f"{failures} failures"] if isinstance(failures, int) else failures
+    for failure in [failures] if isinstance(failures, str) else failures:
+        site.find(row, "wrong", str(failure))
+    if ended.code != 0 and not failures:
+        site.find(row, "wrong", f"ends with {ended.code} and names no failure: {ended.last()}")
+    return row

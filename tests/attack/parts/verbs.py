@@ -1,0 +1,275 @@
+"""Every verb that writes, with small inputs, and what must hold of its outputs however it ended.
+
+A verb runs in a folder of its own, with its inputs in `in` and its outputs in `out`; the paths are relative, so that every
+folder gets the same bytes.
+"""
+
+import dataclasses
+import hashlib
+import json
+import math
+import shutil
+import struct
+import zipfile
+
+from common import HANG, run
+
+
+@dataclasses.dataclass
+class Verb:
+    """A command."""
+
+    name: str
+    arguments: str
+    #: It replaces outputs only with `--force`; else it is repeated as it is.
+    force: bool = True
+    #: Commands that make what it adds to.
+    prepare: tuple = ()
+    #: It goes on without what failed, so that other outputs may be whole and yet differ until it is repeated.
+    goes_on: bool = False
+    #: Hashes of the files of an undisturbed run; `None` where two such runs differ (times).
+    expected: dict = dataclasses.field(default_factory=dict)
+    bytes_written: int = 0
+    seconds: float = 0.0
+
+    def command(self, program, again=False):
+        words = self.arguments.split()
+        return [program, *words, *(["--force"] if again and self.force else [])]
+
+
+def verbs():
+    build = "basis-build --sphere in/sphere.ply --store out/store --max-degree 6 --threads 1 -q"
+    return [
+        Verb("fit", "fit --sphere in/sphere.ply --surface in/a.ply --max-degree 8 -o out/a.npz --report out/a.json "
+             "--coefficients-csv --stderr --threads 1"),
+        Verb("fit, no sphere", "fit --surface in/a.ply --max-degree 4 -o out/a.npz --threads 1"),
+        Verb("fit --manifest", "fit --manifest in/list.tsv --sphere in/sphere.ply --max-degree 4 -o out/models "
+             "--status out/log.status.tsv --threads 1"),
+        Verb("fit --store", "fit --store in/store --sphere in/sphere.ply --surface in/a.ply --max-degree 4 -o out/a.npz "
+             "--threads 1"),
+        Verb("parametrize", "parametrize --surface in/a.ply -o out/s.ply --report out/s.json --threads 1"),
+        Verb("reconstruct", "reconstruct --model in/a.npz in/b.npz --icosphere 2 -o out/shapes --threads 1"),
+        Verb("compare", "compare in/a.ply in/b.ply -o out/error.ply --report out/error.json --threads 1"),
+        Verb("picture", "picture in/a.ply in/b.ply --error --size 64 -o out/p.png"),
+        Verb("generate", "generate --subdivisions 2 --surface out/x.surf.gii --sphere out/x.sphere.surf.gii"),
+        Verb("basis-build", build, force=False),
+        Verb("basis-build zstd", build + " --codec zstd", force=False),
+        Verb("basis-build factor", build + " --factor 4", force=False),
+        Verb("basis-build extend", build, force=False, prepare=(build.replace("degree 6", "degree 3"),)),
+        Verb("moments", "moments --samples in/samples.csv --values v --max-degree 4 -o out/s.moments --report out/s.json "
+             "--threads 1"),
+        Verb("moments merge", "moments merge in/1.moments in/2.moments -o out/all.moments"),
+        Verb("shape compress", "shape compress in/a.npz in/b.npz --tolerance 1e-3 -o out/small --threads 1"),
+        Verb("shape expand", "shape expand in/a.sphz -o out/a.npz"),
+        Verb("shape mean", "shape mean in/a.npz in/b.npz -o out/mean.npz --report out/mean.json --threads 1"),
+        Verb("shape align", "shape align in/a.npz in/b.npz in/c.npz --group -o out/aligned --mean out/mean.npz --threads 1"),
+        Verb("export", "export in/a.npz in/b.npz --to pyshtools -o out/sh"),
+        Verb("import", "import in/a.coef -o out/a.npz"),
+        Verb("report", "report in/a.npz -o out/page.html --threads 1"),
+        Verb("volumes", "volumes in/labels.nii --max-degree 3 -o out/models --threads 1", goes_on=True),
+        # It is resumed without --force.
+        Verb("study", "study out/study.toml --threads 1", force=False, prepare=("study init out/study.toml",), goes_on=True),
+    ]
+
+
+def inputs(site):
+    """Makes the inputs of all verbs, once."""
+    folder = site.folder("inputs")
+    program = site.program
+
+    def make(*words):
+        ended = run([program, *words], cwd=folder, limit=120)
+        if ended.code != 0:
+            raise RuntimeError(f"the inputs can't be made: {' '.join(map(str, words))}: {ended.last()}")
+
+    make("generate", "--subdivisions", 2, "--surface", "a.ply", "--sphere", "sphere.ply")
+    for variant, name in ((1, "b"), (2, "c")):
+        make("generate", "--subdivisions", 2, "--variant", variant, "--surface", f"{name}.ply")
+    for name in "abc":
+        make("fit", "--sphere", "sphere.ply", "--surface", f"{name}.ply", "--max-degree", 6, "-o", f"{name}.npz", "-q")
+    make("basis-build", "--sphere", "sphere.ply", "--store", "store", "--max-degree", 4, "--factor", 3, "-q")
+    make("shape", "compress", "a.npz", "--step", "1e-4", "-o", "a.sphz", "-q")
+    make("export", "a.npz", "--to", "pdm", "-o", "a.coef")
+    (folder / "list.tsv").write_text("id\tsurface\nfirst\ta.ply\nsecond\tb.ply\n")
+    (folder / "samples.csv").write_text(samples())
+    for part in "12":
+        make("moments", "--samples", "samples.csv", "--values", "v", "--max-degree", 3, "--shard", f"{int(part) - 1}/2", "-o",
+             f"{part}.moments", "-q")
+    (folder / "labels.nii").write_bytes(nifti())
+    for variant in range(4):
+        make("generate", "--subdivisions", 2, "--variant", variant, "--surface", f"s{variant}.ply")
+    rows = [f"s{variant},s{variant}.ply,{'ab'[variant // 2]}" for variant in range(4)]
+    (folder / "study.csv").write_text("\n".join(["id,surface,group", *rows]) + "\n")
+    return folder
+
+
+def learned(site):
+    """The folder of the inputs, and all verbs with what they write undisturbed; found once."""
+    if site.learned is None:
+        folder, found = inputs(site), verbs()
+        place = Workplace(site, "undisturbed", folder)
+        for verb in found:
+            place.learn(verb)
+        site.learned = folder, found
+    return site.learned
+
+
+def samples(rows=400):
+    """A table of values on a spiral."""
+    lines = ["x,y,z,v"]
+    for i in range(rows):
+        z = 1 - (2 * i + 1) / rows
+        r, phi = math.sqrt(1 - z * z), 2.4 * i
+        lines.append(f"{r * math.cos(phi)},{r * math.sin(phi)},{z},{math.sin(3 * z)}")
+    return "\n".join(lines) + "\n"
+
+
+def nifti(size=12):
+    """A volume of two labels, a cube and a ball."""
+    header = struct.pack("<i36x", 348) + struct.pack("<8h", 3, size, size, size, 1, 1, 1, 1) + bytes(14)
+    header += struct.pack("<hhh", 2, 8, 0) + struct.pack("<8f", 1, 1, 1, 1, 1, 1, 1, 1) + struct.pack("<f", 352)
+    header = header.ljust(252, b"\0") + struct.pack("<hh", 0, 1)
+    header = header.ljust(280, b"\0") + struct.pack("<12f", 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
+    header = header.ljust(344, b"\0") + b"n+1\0" + bytes(4)
+
+    def label(x, y, z):
+        if 1 <= min(x, y, z) and max(x, y, z) <= 4:
+            return 1
+        return 2 if (x - 8) ** 2 + (y - 8) ** 2 + (z - 8) ** 2 <= 7 else 0
+
+    voxels = range(size)
+    return header + bytes(label(x, y, z) for z in voxels for y in voxels for x in voxels)
+
+
+class Workplace:
+    """A folder in which verbs run, one at a time."""
+
+    def __init__(self, site, name, inputs_folder, out=None):
+        self.site, self.folder = site, site.folder(name)
+        (self.folder / "in").symlink_to(inputs_folder)
+        self.out = self.folder / "out"
+        if out is not None:
+            self.out.symlink_to(out)
+
+    def fresh(self, verb):
+        """Empties `out` and makes what the verb adds to."""
+        if self.out.is_symlink():
+            for path in self.out.resolve().iterdir():
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        else:
+            shutil.rmtree(self.out, ignore_errors=True)
+            self.out.mkdir()
+        for command in verb.prepare:
+            ended = run([self.site.program, *command.split()], cwd=self.folder)
+            if ended.code != 0:
+                raise RuntimeError(f"{verb.name}: {command}: {ended.last()}")
+        if verb.name == "study":
+            edit_study(self.out / "study.toml", (self.folder / "in").resolve())
+
+    def run(self, verb, again=False, before=(), limit=None, **settings):
+        """Runs a verb, with a command before it such as strace's."""
+        limit = limit or HANG + 10 * verb.seconds
+        return run([*before, *verb.command(self.site.program, again)], cwd=self.folder, limit=limit, **settings)
+
+    def files(self):
+        """Every file of `out`, by its path, but for locks."""
+        root = self.out.resolve()
+        return {str(path.relative_to(root)): path for path in sorted(root.rglob("*")) if path.is_file() and path.name != ".lock"}
+
+    def hashes(self):
+        return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in self.files().items()}
+
+    def learn(self, verb):
+        """Runs a verb twice undisturbed, and keeps what it wrote."""
+        runs = []
+        for _ in range(2):
+            self.fresh(verb)
+            ended = self.run(verb, limit=120)
+            if ended.code != 0:
+                raise RuntimeError(f"{verb.name} fails undisturbed: {ended.last()}")
+            runs.append(self.hashes())
+            verb.seconds = max(verb.seconds, ended.seconds)
+        if runs[0].keys() != runs[1].keys():
+            raise RuntimeError(f"{verb.name} writes other files the second time: {runs[0].keys() ^ runs[1].keys()}")
+        verb.expected = {
+            name: found if runs[1][name] == found and not has_times(name) else None for name, found in runs[0].items()
+        }
+        verb.bytes_written = sum(path.stat().st_size for path in self.files().values())
+
+    def flaws(self, verb, killed, complete):
+        """What is wrong with the files that a verb left: `(kind, text)` of each."""
+        for name, path in self.files().items():
+            base = name.rsplit("/", 1)[-1]
+            if base.startswith(".") and base.endswith(".tmp"):
+                if not killed:
+                    yield "half", f"{name} is left over"
+            elif name not in verb.expected:
+                yield "half", f"{name} is no output"
+            elif verb.expected[name] is not None and (complete or not verb.goes_on):
+                if hashlib.sha256(path.read_bytes()).hexdigest() != verb.expected[name]:
+                    yield ("wrong" if complete else "half"), f"{name} has other bytes than undisturbed"
+            elif not whole(path):
+                yield "half", f"{name} isn't whole"
+        if complete:
+            for name in verb.expected.keys() - self.files().keys():
+                yield "wrong", f"{name} isn't there though the status is 0"
+
+    def judge(self, row, verb, ended, what):
+        """Checks how a disturbed run ended and what it left, then that a rerun makes everything. Returns whether all is well."""
+        failures = []
+        if ended.hung:
+            failures.append(("hangs", f"over {HANG} s"))
+        elif ended.code >= 101 or b"panicked" in ended.err:
+            failures.append(("crashes", f"status {ended.code}: {ended.last()}"))
+        elif ended.code not in (0, 1) and not ended.killed:
+            failures.append(("wrong", f"status {ended.code}: {ended.last()}"))
+        failures += self.flaws(verb, ended.killed, ended.code == 0)
+        again = self.run(verb, again=True)
+        if again.code != 0:
+            failures.append(("wrong", f"the rerun ends with {again.code}: {again.last()}"))
+        else:
+            failures += [(kind, "after the rerun: " + text) for kind, text in self.flaws(verb, ended.killed, True)]
+        for kind, text in failures:
+            self.site.find(row, kind, f"{verb.name}, {what}: {text}")
+        return not failures
+
+
+def has_times(name):
+    """Whether an output says how long something took, or in which order: two runs may have the same by chance."""
+    return name.endswith((".json", ".status.tsv")) or "/.study/" in name or "/status/" in name
+
+
+def whole(path):
+    """Whether a file whose bytes vary, since it has times in it, is whole."""
+    data = path.read_bytes()
+    if path.name.endswith(".json"):
+        try:
+            json.loads(data)
+        except ValueError:
+            return False
+        return True
+    if path.name.endswith(".status.tsv") or path.parent.name == "status":
+        # Lines are appended: part of the last one may be missing, and the next run cuts it off.
+        return True
+    if path.name.endswith((".tsv", ".csv")):
+        return data.endswith(b"\n")
+    if path.name.endswith(".html"):
+        return data.rstrip().endswith(b"</html>")
+    if path.name.endswith(".npz"):
+        try:
+            with zipfile.ZipFile(path) as archive:
+                return archive.testzip() is None
+        except zipfile.BadZipFile:
+            return False
+    end = {".gii": b"</GIFTI>", ".png": b"IEND\xaeB`\x82"}.get(path.suffix)
+    return data.rstrip(b"\n").endswith(end) if end else len(data) > 0
+
+
+def edit_study(path, inputs_folder):
+    """Names the study's table and folder in a file that `study init` wrote."""
+    lines = []
+    for line in path.read_text().splitlines():
+        key = line.split("=")[0].strip()
+        value = {"output": '"results"', "table": f'"{inputs_folder}/study.csv"', "max_degree": "3"}.get(key)
+        lines.append(f"{key} = {value}" if value else line)
+    path.write_text("\n".join(lines) + "\n")

@@ -1,0 +1,23 @@
+//! Every reader over `tests/data/hostile`: what the fuzzer of `./run attack` found once, and what reaches each of their
+//! branches. The readers and what they promise are those of the fuzzer.
+
+use crate::common::root;
+
+#[path = "../fuzz/src/readers/mod.rs"]
+mod readers;
+
+#[test]
+fn readers_keep_their_promises_for_hostile_files() {
+    let scratch = tempfile::tempdir().expect("a folder");
+    for (name, _) in readers::READERS {
+        let folder = root().join("tests/data/hostile").join(name);
+        let mut count = 0;
+        for entry in std::fs::read_dir(&folder).expect("the inputs of each reader") {
+            let path = entry.expect("an entry").path();
+            eprintln!("{}", path.display());
+            readers::run(name, scratch.path(), &std::fs::read(&path).expect("an input"));
+            count += 1;
+        }
+        assert!(count > 0, "{} is empty", folder.display());
+    }
+}
