@@ -42,7 +42,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted};
 
 pub(crate) use args::{CohortArgs, Log};
-pub(crate) use evaluate::Evaluate;
+pub(crate) use evaluate::{Evaluate, icosphere_within};
 pub(crate) use options::{Options, Rows};
 
 use ledger::{Ledger, Outcome};

@@ -9,10 +9,12 @@ use spharm::{Coefficients, Monitor, Stage};
 use spharm_cli::console::Console;
 use spharm_cli::help::{INPUT, METHOD, OUTPUT, RESOURCES};
 use spharm_cli::inputs::read_sphere;
+use spharm_cli::memory::{Budget, Memory};
 use spharm_cli::paths::expand;
 use spharm_cli::threads::Threads;
 use spharm_model::Model;
 use spharm_surface::Sphere;
+use spharm_surface::generate::icosphere_bytes;
 
 /// The models that a subcommand works on.
 #[derive(Debug, Args)]
@@ -60,10 +62,12 @@ pub(super) struct ReportArgs {
     pub(super) force: bool,
 }
 
-/// Threads.
+/// Memory and threads.
 #[derive(Debug, Args)]
 #[command(next_help_heading = RESOURCES)]
 pub(super) struct Resources {
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) threads: Threads,
 }
@@ -84,10 +88,16 @@ pub(super) struct Sampling {
 
 impl Sampling {
     /// The sphere that all models are evaluated on, unless each has its own.
-    pub(super) fn shared(&self, console: &Console) -> Result<Option<Sphere>> {
+    pub(super) fn shared(&self, budget: Budget, console: &Console) -> Result<Option<Sphere>> {
         match (&self.sphere, self.icosphere) {
-            (Some(path), _) => Ok(Some(read_sphere(path, false, console)?)),
-            (None, Some(subdivisions)) => Ok(Some(Sphere::icosphere(subdivisions))),
+            (Some(path), _) => {
+                budget.check_inputs("shape", [path.as_path()])?;
+                Ok(Some(read_sphere(path, false, console)?))
+            }
+            (None, Some(subdivisions)) => {
+                budget.check(format_args!("--icosphere {subdivisions}"), icosphere_bytes(subdivisions))?;
+                Ok(Some(Sphere::icosphere(subdivisions)))
+            }
             (None, None) => Ok(None),
         }
     }

@@ -77,6 +77,7 @@ pub mod handles;
 mod hierarchy;
 mod input;
 mod local;
+mod memory;
 mod method;
 mod newton;
 mod pcg;

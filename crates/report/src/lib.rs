@@ -63,5 +63,5 @@ mod text;
 
 pub use contents::{Contents, Maps, Params, Shown};
 pub use error::ReportError;
-pub use page::page;
+pub use page::{mesh_bytes, page};
 pub use table::Table;

@@ -14,8 +14,8 @@ use spharm_surface::{Sphere, SurfaceError};
 
 use crate::origin::Origin;
 use crate::parametrize::volume::Repair;
-use crate::parametrize::{CaldParams, HandlesReport, Input, Parametrized, parametrize_with, with_sphere};
-use crate::{Error, Fit, FitParams, check_memory};
+use crate::parametrize::{CaldParams, HandlesReport, Input, Parametrized, Source, parametrize_with, with_sphere};
+use crate::{Error, Fit, FitParams, check_mapping, check_memory};
 
 /// Which files that exist are replaced.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -136,6 +136,7 @@ impl ModelFiles {
                 });
             }
         }
+        check_mapping(Source::from(input).vertices(), params)?;
         let mut found = parametrize_with(input, &settings, monitor)?;
         origin.write_to(&mut found.map.sphere.meta);
         if let Input::Cut(cut) = input {
