@@ -24,6 +24,7 @@ BASE = 24 * MIB
 SECONDS = 120
 # A refusal says one of these.
 WORDS = ["of memory", "memory budget", "--memory", "ulimit", "bytes of memory", "are free"]
+MOMENTS = ["--samples", "samples.csv", "--angles", "theta", "phi", "--values", "value"]
 GROUPS = [("/sys/fs/cgroup/memory", "memory.limit_in_bytes"), ("/sys/fs/cgroup", "memory.max")]
 
 
@@ -75,6 +76,7 @@ def make_inputs(program, folder):
     spharm("basis-build", "--sphere", "s4.ply", "--store", "basis", "--max-degree", "20", "-q")
     rows = "".join(f"{0.001 * k},{0.002 * k},{k}\n" for k in range(1, 1500))
     (folder / "samples.csv").write_text("theta,phi,value\n" + rows)
+    spharm("moments", *MOMENTS, "--max-degree", "30", "-o", "s.moments", "-q")
 
 
 def cases():
@@ -111,8 +113,9 @@ def cases():
                 for n in ("20", "200", "2000"))
     yield "fit irf", [*fit, "--sphere", "s4.ply", "--surface", "g4.ply", "--store", "basis", "--max-degree", "20"]
     yield "basis-build", ["basis-build", "--sphere", "s4.ply", "--store", "out.basis", "--max-degree", "30"]
-    yield "moments", ["moments", "samples.csv", "--angles", "theta,phi", "--values", "value", "--max-degree", "20", "-o", "out.moments", "--force"]
-    yield "moments", ["moments", "samples.csv", "--angles", "theta,phi", "--values", "value", "--max-degree", "1000", "-o", "out.moments", "--force"]
+    yield from (("moments", ["moments", *MOMENTS, "--max-degree", n, "-o", "out.moments", "--force"]) for n in ("20", "300", "2000"))
+    yield "moments merge", ["moments", "merge", "s.moments", "-o", "out.moments", "--force"]
+    yield "fit moments", [*fit, "--moments", "s.moments", "--max-degree", "20", "--smoothness", "1"]
     yield "shape align", ["shape", "align", "group", "--group", "-o", "out.group", "--force"]
     yield "shape mean", ["shape", "mean", "group", "-o", "out.mean.npz", "--force"]
     yield "shape pca", ["shape", "pca", "group", "-o", "out.pca.npz", "--force"]

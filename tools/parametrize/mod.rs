@@ -75,7 +75,7 @@ fn one(
     if let Some(handles) = input.handles() {
         console.warn(format_args!("{}: {handles}", item.name()));
     }
-    let mut found = parametrize(cli, item, &input, budget, monitor).with_context(|| item.name())?;
+    let mut found = parametrize(cli, &input, budget, monitor).with_context(|| item.name())?;
     if let Input::Cut(cut) = &input {
         cut.mark(&mut found.sphere);
         if Seam::of(&found.sphere.meta).is_none() {
@@ -104,13 +104,7 @@ fn one(
     Ok(Written::new(cli, item, &input, found))
 }
 
-fn parametrize(
-    cli: &Cli,
-    item: &Item,
-    input: &Input,
-    budget: Budget,
-    monitor: &ConsoleMonitor,
-) -> Result<Parametrization> {
+fn parametrize(cli: &Cli, input: &Input, budget: Budget, monitor: &ConsoleMonitor) -> Result<Parametrization> {
     let seed = cli.seed;
     let default = CaldParams::default();
     let params = CaldParams { area: cli.area.unwrap_or(default.area), degree: cli.max_degree, seed, ..default };
@@ -127,8 +121,15 @@ fn parametrize(
     };
     let vertices = Source::from(input).vertices();
     let resampling = cli.resample_to.as_ref().map_or(0, Sampling::bytes);
-    let what = || format!("parametrize: mapping the {vertices} vertices of {}", item.name());
-    budget.check(what(), method.bytes(vertices).saturating_add(resampling))?;
+    let mapping = method.bytes(vertices);
+    let what = format!("mapping its {vertices} vertices");
+    let coarser = match cli.resample_to {
+        Some(Sampling::Icosphere(subdivisions)) => 0..subdivisions,
+        _ => 0..0,
+    };
+    let coarser = coarser.rev().map(|n| (n, mapping.saturating_add(Sampling::Icosphere(n).bytes())));
+    let coarser = coarser.map(|(n, needed)| (format!("--resample-to icosphere:{n}"), needed));
+    budget.check_or(what, mapping.saturating_add(resampling), coarser)?;
     let found = method.run(input, monitor)?;
     match &cli.resample_to {
         Some(sampling) => Ok(found.resampled(&sampling.sphere()?, monitor)?),

@@ -78,7 +78,12 @@ fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Re
     // The sphere as it is read, and to scale; values of each panel.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
     let values = 8 * vertices * (panels - cli.surfaces.len());
-    let painting = if cli.error { distances_to_surface_bytes(faces, vertices) } else { 0 };
+    let painting = match meshes {
+        [first, .., last] if cli.error && !correspond(first, last) => {
+            distances_to_surface_bytes(first.faces.len(), last.vertices.len())
+        }
+        _ => 0,
+    };
     let needed = |size: u16| {
         let drawing = settings(cli, size).bytes(panels, vertices);
         (held + spheres + values) as u64 + drawing.max(painting)

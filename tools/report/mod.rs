@@ -8,12 +8,13 @@ use std::path::PathBuf;
 use anyhow::{Result, anyhow};
 use spharm_cli::Usage;
 use spharm_cli::inputs::expand_lists;
+use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print};
 use spharm_cli::paths::expand;
 use spharm_cli::size::Size;
-use spharm_report::{Contents, Params, ReportError, mesh_bytes, page};
-use spharm_surface::io::{bytes_to_read, write_new};
+use spharm_report::{Contents, Params, ReportError, page};
+use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
 
@@ -24,7 +25,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".html"])], cli.force)?;
     let monitor = ConsoleMonitor::new(cli.common.console());
-    check_memory(cli)?;
+    let budget = cli.memory.budget(cli.threads.count());
+    check_inputs(cli, budget)?;
     let models = read::models(cli, monitor.console())?;
     let mut contents = Contents {
         models,
@@ -35,6 +37,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         ..Contents::default()
     };
     contents.title = cli.title.clone().unwrap_or_else(|| title(&contents));
+    check_page(cli, &contents, budget)?;
     let params = Params { max_vertices: cli.max_vertices as usize };
     let html = cli.threads.pool()?.install(|| page(&contents, params, &monitor)).map_err(advise)?;
     prepare(&cli.output)?;
@@ -42,27 +45,23 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     print(&format!("{}: {}", cli.output.display(), Size(html.len())))
 }
 
-/// Vertices of the icosphere for a model that has no sphere.
-const WITHOUT_SPHERE: u64 = 40_962;
-
-/// Refuses what there is no memory for: all inputs are held together, and the page as text.
-fn check_memory(cli: &Cli) -> Result<()> {
-    let budget = cli.memory.budget(cli.threads.count());
-    let models = expand(&cli.models, ".npz")?;
-    let surfaces = expand_lists(&cli.surface)?;
-    let files = models.iter().chain(&surfaces).chain(&cli.modes).chain(&cli.status).chain(&cli.fit_report);
+/// Refuses inputs that there is no memory for: they are held together.
+fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
+    let (models, surfaces) = (expand(&cli.models, ".npz")?, expand_lists(&cli.surface)?);
     let maps: Vec<PathBuf> = cli.test.iter().flat_map(|folder| read::files(folder)).collect();
-    let inputs = files.chain(&maps).map(|path| bytes_to_read(path)).fold(0_u64, u64::saturating_add);
-    // Of a model a mesh, its surface and their distance, of modes and of a test a mesh.
-    let meshes = (2 * models.len() + cli.modes.len() + cli.test.len()) as u64;
-    // No mesh has more vertices than its file has room for, or than a model without a sphere gets.
-    let largest = models.iter().chain(&surfaces).chain(&maps).map(|path| bytes_to_read(path)).max().unwrap_or(0);
-    let room = (largest / 24).max(WITHOUT_SPHERE);
-    let needed = |vertices: u64| inputs.saturating_add(meshes.saturating_mul(mesh_bytes(vertices.min(room))));
+    let files = models.iter().chain(&surfaces).chain(&maps);
+    let files = files.chain(&cli.modes).chain(&cli.status).chain(&cli.fit_report);
+    budget.check_inputs("report", files.map(PathBuf::as_path))
+}
+
+/// Refuses a page that there is no memory for, beside what it is made of.
+fn check_page(cli: &Cli, contents: &Contents, budget: Budget) -> Result<()> {
     let fewer = [100_000, 50_000, 20_000, 10_000, 5000, 2000, 1000, 500, 100].into_iter();
-    let fewer = fewer.filter(|n| *n < cli.max_vertices).map(|n| (format!("--max-vertices {n}"), needed(n.into())));
-    let what = format!("report of {}", counted(models.len(), "model"));
-    budget.check_or(what, needed(cli.max_vertices.into()), fewer)
+    let fewer = fewer.filter(|n| *n < cli.max_vertices as usize);
+    let needed = |max_vertices| contents.bytes(Params { max_vertices });
+    let fewer = fewer.map(|n| (format!("--max-vertices {n}"), needed(n)));
+    let what = format!("report of {}", counted(contents.models.len(), "model"));
+    budget.check_or(what, needed(cli.max_vertices as usize), fewer)
 }
 
 /// Says which option helps.

@@ -98,15 +98,13 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     check(table.chain(of_maps), &cli.report)?;
     let console = monitor.console();
     let plan = Plan::new("measure", &paths, &cli.resources)?;
-    let shared = cli.sampling.shared(plan.budget, console)?;
-    let icosphere = cli.sampling.icosphere;
     let degree = plan.group.max_degree;
     // Maps are written one after another, or all as a table.
     let needed = |[vertices, faces]: [u64; 2]| {
         let maps = local_geometry_bytes(vertices, degree).saturating_add(TABLE * vertices + 24 * (vertices + faces));
         plan.one().saturating_add(measure_bytes(degree).max(if cli.maps.is_some() { maps } else { 0 }))
     };
-    plan.check_sampling(icosphere, plan.sampling(icosphere, shared.as_ref()), needed)?;
+    let shared = cli.sampling.within(&plan, needed, console)?;
     let params = MeasureParams { tolerance: cli.tolerance, most_rings: None };
     let pool = cli.resources.threads.pool()?;
     let mut reports = Vec::new();

@@ -104,7 +104,6 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let files = targets.iter().flatten().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
     check(files, &cli.report)?;
     let plan = Plan::new("remesh", &paths, &cli.resources)?;
-    let shared = cli.sampling.shared(plan.budget, monitor.console())?;
     // What relocation takes of a vertex: four velocities, their directions, and the density.
     let even = if cli.even { 480 } else { 0 };
     let needed = |[vertices, faces]: [u64; 2]| {
@@ -112,8 +111,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         plan.one().saturating_add(evaluating).saturating_add(even * vertices)
     };
     let grid = if cli.even { measure_bytes(2 * plan.group.max_degree) } else { 0 };
-    let icosphere = cli.sampling.icosphere;
-    plan.check_sampling(icosphere, plan.sampling(icosphere, shared.as_ref()), |counts| needed(counts).max(grid))?;
+    let shared = cli.sampling.within(&plan, |counts| needed(counts).max(grid), monitor.console())?;
     let pool = cli.resources.threads.pool()?;
     let mut reports = Vec::new();
     let mut rows = vec![["mesh", "vertices", "degree", "distance", "spread of areas"].map(str::to_owned).to_vec()];

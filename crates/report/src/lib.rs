@@ -53,6 +53,7 @@ mod curves;
 mod error;
 mod grid;
 mod maps_item;
+mod memory;
 mod model_item;
 mod modes_item;
 pub mod page;
@@ -63,5 +64,5 @@ mod text;
 
 pub use contents::{Contents, Maps, Params, Shown};
 pub use error::ReportError;
-pub use page::{mesh_bytes, page};
+pub use page::page;
 pub use table::Table;

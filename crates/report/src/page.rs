@@ -52,15 +52,6 @@ enum Item {
     Maps(MapsItem),
 }
 
-/// Returns the bytes that a mesh of so many vertices takes in a page, beside its inputs: its positions and triangles, as they are
-/// evaluated, in binary, and as text, twice while it grows; the tree that distances from it are found by; its picture.
-#[must_use]
-pub fn mesh_bytes(vertices: u64) -> u64 {
-    const BYTES_PER_VERTEX: u64 = 800;
-    const PICTURE: u64 = 4 << 20;
-    vertices.saturating_mul(BYTES_PER_VERTEX).saturating_add(PICTURE)
-}
-
 /// Returns the page, the same bytes for the same contents.
 ///
 /// # Errors
