@@ -42,7 +42,8 @@ fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<
             // Of models that haven't been read yet.
             let smallest = |subdivisions| on_icosphere(subdivisions, 1, 0);
             let fewer = (0..subdivisions).rev().map(|fewer| (format!("--icosphere {fewer}"), smallest(fewer)));
-            let what = format!("reconstruct --icosphere {subdivisions}");
+            let vertices = icosphere_counts(subdivisions)[0];
+            let what = format!("reconstruct --icosphere {subdivisions} ({vertices} vertices)");
             budget.check_or(what, smallest(subdivisions), fewer)?;
             Ok(Some(Sphere::icosphere(subdivisions)))
         }

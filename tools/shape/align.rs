@@ -125,7 +125,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         mirror: cli.mirror,
         ..AlignParams::default()
     };
-    let plan = Plan::new("align", &paths, &cli.resources)?;
+    let plan = Plan::new("align", &paths, cli.resources.both())?;
     let work = if cli.target.group { plan.group.procrustes(plan.threads) } else { align_bytes(plan.group.max_degree) };
     plan.check(plan.whole().saturating_add(work), [])?;
     let pool = cli.resources.threads.pool()?;

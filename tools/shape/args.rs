@@ -73,6 +73,12 @@ pub(super) struct Resources {
     pub(super) threads: Threads,
 }
 
+impl Resources {
+    pub(super) fn both(&self) -> (Memory, Threads) {
+        (self.memory, self.threads)
+    }
+}
+
 /// Where models are evaluated; by default each on its own sphere.
 #[derive(Debug, Args)]
 #[group(multiple = false)]

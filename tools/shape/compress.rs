@@ -90,7 +90,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
     let targets = outputs(&cli.models, &paths, &cli.output, "sphz")?;
     check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".sphz"])), &cli.report)?;
-    let plan = Plan::new("compress", &paths, &cli.resources)?;
+    let plan = Plan::new("compress", &paths, cli.resources.both())?;
     // The distance is measured on a grid, by transforms.
     plan.check(plan.one().saturating_mul(2).saturating_add(measure_bytes(plan.group.max_degree)), [])?;
     let pool = cli.resources.threads.pool()?;

@@ -67,7 +67,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
-    let plan = Plan::new("describe", &paths, &cli.resources)?;
+    let plan = Plan::new("describe", &paths, cli.resources.both())?;
     // Descriptors, and the table's cells as text.
     let numbers = (paths.len() * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     plan.check(plan.one().saturating_mul(plan.threads as u64) + 130 * numbers, [])?;

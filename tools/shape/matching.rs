@@ -79,7 +79,7 @@ const COLUMNS: [&str; 6] = ["query", "rank", "model", "distance", "bound", "scor
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (queries, among) = (cli.queries.paths()?, files(&cli.among)?);
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
-    let plan = Plan::new("match", &among, &cli.resources)?;
+    let plan = Plan::new("match", &among, cli.resources.both())?;
     // Descriptors as read, to a common degree and in the library; an alignment of each thread.
     let numbers = ((among.len() + queries.len()) * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     let aligning = align_bytes(plan.group.max_degree).saturating_add(2 * plan.one());

@@ -47,7 +47,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         bail!("a mean is of 2 models or more, found {}", paths.len());
     }
     check([OutputFile::with_ending(&cli.output, "--output", &[".npz"])], &cli.report)?;
-    let plan = Plan::new("mean", &paths, &cli.resources)?;
+    let plan = Plan::new("mean", &paths, cli.resources.both())?;
     plan.check(plan.coefficients(), [])?;
     let read = || read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console());
     let group = cli.resources.threads.pool()?.install(read)?;

@@ -97,7 +97,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_maps = files.iter().map(|path| OutputFile::holding(path, "--maps", holds));
     check(table.chain(of_maps), &cli.report)?;
     let console = monitor.console();
-    let plan = Plan::new("measure", &paths, &cli.resources)?;
+    let plan = Plan::new("measure", &paths, cli.resources.both())?;
     let degree = plan.group.max_degree;
     // Maps are written one after another, or all as a table.
     let needed = |[vertices, faces]: [u64; 2]| {

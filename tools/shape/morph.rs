@@ -86,7 +86,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     let animation = cli.animation.iter().map(|path| OutputFile::with_ending(path, "--animation", &[".gif"]));
     check(files.iter().map(|path| kind(path.as_path())).chain(animation), &cli.report)?;
-    let plan = Plan::new("morph", &[cli.from.clone(), cli.to.clone()], &cli.resources)?;
+    let plan = Plan::new("morph", &[cli.from.clone(), cli.to.clone()], cli.resources.both())?;
     // Shapes are held for the animation.
     let held = if cli.animation.is_some() { u64::from(cli.steps) } else { 1 };
     let frames = if cli.animation.is_some() { 2 * held * (SIDE * SIDE * 4) as u64 } else { 0 };

@@ -72,7 +72,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
     let table = cli.scores.iter().map(|path| OutputFile::with_ending(path, "--scores", &[".csv"]));
     check(table.chain([OutputFile::with_ending(&cli.output, "--output", &[".npz"])]), &cli.report)?;
-    let plan = Plan::new("pca", &paths, &cli.resources)?;
+    let plan = Plan::new("pca", &paths, cli.resources.both())?;
     let needed = |samples: usize| plan.coefficients().saturating_add(plan.group.modes(samples, plan.threads));
     let (samples, most) = if cli.quality { (cli.samples, cli.samples as u64) } else { (0, 0) };
     let fewer = round_numbers_below(most).map(|n| (format!("--samples {n}"), needed(n as usize)));

@@ -4,13 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use spharm::shape::memory::GroupSizes;
-use spharm_cli::memory::Budget;
+use spharm_cli::memory::{Budget, Memory};
+use spharm_cli::threads::Threads;
 use spharm_model::Model;
 use spharm_surface::Sphere;
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::bytes_to_read;
-
-use super::args::Resources;
 
 /// Models that are about to be read, and what may be used for them.
 pub(super) struct Plan {
@@ -29,9 +28,13 @@ pub(super) struct Plan {
 
 impl Plan {
     /// Looks at the sizes of the files, and into the largest.
-    pub(super) fn new(subcommand: &'static str, paths: &[PathBuf], resources: &Resources) -> Result<Self> {
-        let threads = resources.threads.count();
-        let budget = resources.memory.budget(threads);
+    pub(super) fn new(
+        subcommand: &'static str,
+        paths: &[PathBuf],
+        (memory, threads): (Memory, Threads),
+    ) -> Result<Self> {
+        let threads = threads.count();
+        let budget = memory.budget(threads);
         let size = |path: &PathBuf| std::fs::metadata(path).map_or(0, |found| found.len());
         let files = paths.iter().map(size).fold(0_u64, u64::saturating_add);
         let (mut largest, mut group) = (0, GroupSizes { models: paths.len(), max_degree: 0, channels: 1 });

@@ -103,7 +103,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let targets = targets(cli, &paths)?;
     let files = targets.iter().flatten().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
     check(files, &cli.report)?;
-    let plan = Plan::new("remesh", &paths, &cli.resources)?;
+    let plan = Plan::new("remesh", &paths, cli.resources.both())?;
     // What relocation takes of a vertex: four velocities, their directions, and the density.
     let even = if cli.even { 480 } else { 0 };
     let needed = |[vertices, faces]: [u64; 2]| {

@@ -98,7 +98,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
     check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
-    let plan = Plan::new("rotate", &paths, &cli.resources)?;
+    let plan = Plan::new("rotate", &paths, cli.resources.both())?;
     plan.check(plan.one().saturating_mul(2), [])?;
     let pool = cli.resources.threads.pool()?;
     for (path, target) in paths.iter().zip(&targets) {

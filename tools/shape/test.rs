@@ -178,7 +178,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let more = [OutputFile::new(&mean_file, "--output"), OutputFile::new(&table_file, "--output")];
     let of_report = cli.report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(maps_out.chain(more).chain(of_report), cli.report.force)?;
-    let plan = Plan::new("test", &paths, &cli.resources)?;
+    let plan = Plan::new("test", &paths, cli.resources.both())?;
     let sphere = match &cli.sphere {
         Some(path) => {
             plan.budget.check_inputs("shape test", [path.as_path()])?;

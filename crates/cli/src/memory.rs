@@ -41,12 +41,14 @@ impl Memory {
     pub fn budget(self, threads: usize) -> Budget {
         match self.memory {
             Some(Size(bytes)) => Budget { bytes: bytes as u64, given: true },
-            None => {
-                let stacks = STACK.saturating_mul(threads as u64);
-                Budget { bytes: (available_memory() as u64).saturating_sub(stacks), given: false }
-            }
+            None => Budget { bytes: beside_stacks(available_memory() as u64, threads), given: false },
         }
     }
+}
+
+/// What is left of what is free once the threads have started.
+fn beside_stacks(free: u64, threads: usize) -> u64 {
+    free.saturating_sub(STACK.saturating_mul(threads as u64))
 }
 
 /// What a verb may use.
@@ -171,10 +173,10 @@ mod tests {
     }
 
     #[test]
-    fn without_a_size_there_is_less_than_what_is_free_where_threads_are_many() {
-        let free = Memory::default();
-        assert!(free.budget(1).bytes > free.budget(64).bytes || free.budget(1).bytes == 0);
-        let line = free.budget(1).check("it", u64::MAX).unwrap_err().to_string();
+    fn without_a_size_it_is_what_is_free_but_for_the_threads_stacks() {
+        assert_eq!(beside_stacks(1 << 30, 2), (1 << 30) - 2 * STACK);
+        assert_eq!(beside_stacks(1 << 20, usize::MAX), 0);
+        let line = Memory::default().budget(1).check("it", u64::MAX).unwrap_err().to_string();
         assert!(line.contains("are free"), "{line}");
     }
 
