@@ -223,3 +223,85 @@ impl Drop for Cgroup {
         let _ = fs::remove_dir(&self.0);
     }
 }
+
+/// Asks for more than there is: refused in a line, before any work, with a setting that fits.
+#[test]
+fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, sphere) = (folder.path().join("g.ply"), folder.path().join("s.ply"));
+    let mut generate = tool("generate");
+    generate.args(["--subdivisions", "3", "-q", "--surface"]).arg(&mesh).arg("--sphere").arg(&sphere);
+    succeed(&mut generate);
+    let model = folder.path().join("m.npz");
+    let mut fit = tool("fit");
+    fit.args(["--max-degree", "8", "--target", "vertices", "-q", "--surface"]).arg(&mesh).arg("--sphere").arg(&sphere);
+    succeed(fit.arg("-o").arg(&model));
+    let out = folder.path().join("out.ply");
+    let verb = |verb: &str, more: &[&str], memory: &str| {
+        let mut command = tool(verb);
+        command.args(more).args(["--memory", memory]);
+        command
+    };
+    // Whatever the machine: no more than is asked to be used.
+    let mut reconstruct = verb("reconstruct", &["--icosphere", "12"], "64MiB");
+    let line = crate::common::fail(reconstruct.arg("--model").arg(&model).arg("-o").arg(&out));
+    assert!(line.contains("(167772162 vertices) needs") && line.contains("--memory is 64.0 MiB"), "{line}");
+    let nearest = line.split(": --icosphere ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let mut reconstruct = verb("reconstruct", &["--icosphere", nearest], "64MiB");
+    let peak = peak_anonymous(reconstruct.arg("--model").arg(&model).arg("-o").arg(&out));
+    assert!(peak < 64 << 20, "{peak} bytes at --icosphere {nearest}");
+
+    for samples in ["10000000000", "18446744073709551615"] {
+        let mut compare = verb("compare", &["--surface-distance", "--samples", samples], "64MiB");
+        let line = crate::common::fail(compare.arg(&mesh).arg(&mesh));
+        let nearest = line.split(": --samples ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+        let mut compare = verb("compare", &["--surface-distance", "--samples", nearest], "64MiB");
+        let peak = peak_anonymous(compare.arg(&mesh).arg(&mesh));
+        assert!(peak > 4 << 20 && peak < 64 << 20, "{peak} bytes with {nearest} samples");
+    }
+
+    let png = folder.path().join("p.png");
+    let mut picture = verb("picture", &["--size", "4096"], "64MiB");
+    let line = crate::common::fail(picture.arg(&mesh).arg("-o").arg(&png));
+    let nearest = line.split(": --size ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let peak = peak_anonymous(verb("picture", &["--size", nearest], "64MiB").arg(&mesh).arg("-o").arg(&png));
+    assert!(peak < 64 << 20, "{peak} bytes at --size {nearest}");
+
+    let mut generate = verb("generate", &["--subdivisions", "10"], "256MiB");
+    let line = crate::common::fail(generate.arg("--surface").arg(&out).arg("--force"));
+    assert!(line.contains(": --subdivisions 8 needs"), "{line}");
+    let mut parametrize = verb("parametrize", &["--resample-to", "icosphere:9"], "256MiB");
+    parametrize.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("x.sphere.ply"));
+    assert!(crate::common::fail(&mut parametrize).contains("mapping the 642 vertices"));
+    // The map of a mesh without a sphere is within a fit's budget.
+    let mut fit = verb("fit", &["--max-degree", "4"], "16MiB");
+    let line = crate::common::fail(fit.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("bare.npz")));
+    assert!(line.contains("the smallest that works is"), "{line}");
+    let there: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|item| item.unwrap().file_name()).collect();
+    assert_eq!(there.len(), 5, "nothing is left of what was refused: {there:?}");
+}
+
+/// A limit on data stands in for `--memory` where none is given.
+#[test]
+fn a_limit_on_data_is_a_budget() {
+    if Command::new("prlimit").arg("--version").output().is_err() {
+        eprintln!("skipped: no prlimit here");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let limited = |arguments: &[&str]| {
+        let mut command = Command::new("prlimit");
+        command.arg("--data=67108864").arg(tool("generate").get_program()).args(arguments).current_dir(folder.path());
+        command
+    };
+    succeed(&mut limited(&["generate", "--subdivisions", "6", "--surface", "g.ply"]));
+    for arguments in [
+        &["generate", "--subdivisions", "10", "--surface", "x.ply"][..],
+        &["picture", "g.ply", "--size", "4096", "-o", "x.png"],
+        &["parametrize", "--surface", "g.ply", "-o", "x.ply"],
+        &["compare", "g.ply", "g.ply", "--surface-distance", "--samples", "100000000"],
+    ] {
+        let line = crate::common::fail(&mut limited(arguments));
+        assert!(line.contains("of memory, ") && line.contains(" are free"), "{arguments:?}: {line}");
+    }
+}

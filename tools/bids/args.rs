@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
 /// Fit the cortices of a BIDS dataset, as a BIDS app does
@@ -60,6 +61,8 @@ pub(crate) struct Cli {
     /// Leave the pages out
     #[arg(long, help_heading = OUTPUT)]
     pub(super) no_pages: bool,
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) threads: Threads,
     #[command(flatten)]

@@ -26,6 +26,7 @@ fn command(cli: &Cli, arguments: Vec<String>) -> Vec<String> {
     let mut command = vec!["spharm".to_owned()];
     command.extend(arguments);
     command.extend(cli.threads.threads.iter().flat_map(|count| ["--threads".to_owned(), count.to_string()]));
+    command.extend(cli.memory.arguments());
     command.extend(cli.common.quiet.then(|| "--quiet".to_owned()));
     command.extend(cli.common.verbose.then(|| "--verbose".to_owned()));
     command

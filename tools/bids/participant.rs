@@ -16,10 +16,14 @@ use spharm_surface::metrics::vertex_distances;
 use super::args::Cli;
 use super::dataset::{prepare, text};
 use super::discover::{Dataset, Found, discover};
+use crate::rows::icosphere_within;
 
 /// Fits the surfaces of the subjects and writes their derivatives.
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let console = cli.common.console();
+    // Before the fits, which take long.
+    let budget = cli.memory.budget(cli.threads.count());
+    let sphere = icosphere_within(budget, "bids --icosphere ", cli.icosphere, cli.max_degree)?;
     let Dataset { found, missing } = discover(cli)?;
     missing.iter().for_each(|missing| console.warn(missing));
     let mut subjects: Vec<&str> = found.iter().map(|found| found.subject.as_str()).collect();
@@ -40,7 +44,6 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         fitted?;
     }
     let done: Vec<&Found> = found.iter().filter(|found| is(&merged, found, &[State::Done, State::Skipped])).collect();
-    let sphere = Sphere::icosphere(cli.icosphere);
     let pool = cli.threads.pool()?;
     for found in &done {
         if spharm_cli::exit::cancel().load(std::sync::atomic::Ordering::Relaxed) {

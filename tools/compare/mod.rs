@@ -4,11 +4,14 @@ mod args;
 mod output;
 
 use anyhow::{Context, Result};
+use spharm_cli::memory::{Budget, round_numbers_below};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, print_json, table, write_json};
+use spharm_surface::Mesh;
 use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mesh, write_painted};
 use spharm_surface::metrics::{
-    SurfaceDistanceParams, colors, compare, correspond, distances_to_surface, surface_distance, vertex_distances,
+    SurfaceDistanceParams, colors, compare, correspond, distances_to_surface, distances_to_surface_bytes,
+    surface_distance, surface_distance_bytes, vertex_distances,
 };
 
 pub(crate) use self::args::Cli;
@@ -22,10 +25,36 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     cli.threads.pool()?.install(|| work(cli))
 }
 
+/// Refuses what there is no memory for.
+fn check_memory(cli: &Cli, original: &Mesh, reconstruction: &Mesh, budget: Budget) -> Result<()> {
+    let held: u64 =
+        [original, reconstruction].map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).iter().sum::<usize>()
+            as u64;
+    // Squared distances, distances and colours.
+    let at_vertices = 20 * reconstruction.vertices.len() as u64;
+    if !cli.surface_distance {
+        return budget.check(format_args!("compare {}", cli.original.display()), held + at_vertices);
+    }
+    let painting = match cli.output {
+        Some(_) => distances_to_surface_bytes(original.faces.len(), reconstruction.vertices.len()) + at_vertices,
+        None => at_vertices,
+    };
+    let needed = |samples: usize| {
+        let distance = surface_distance_bytes(original, reconstruction, &SurfaceDistanceParams { samples });
+        held + distance.max(painting)
+    };
+    let fewer = round_numbers_below(cli.samples as u64);
+    let fewer = fewer.map(|samples| (format!("--samples {samples}"), needed(samples as usize)));
+    budget.check_or(format_args!("compare --surface-distance --samples {}", cli.samples), needed(cli.samples), fewer)
+}
+
 fn work(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(cli.common.console());
+    let budget = cli.memory.budget(cli.threads.count());
+    budget.check_inputs("compare", [cli.original.as_path(), &cli.reconstruction])?;
     let original = read_mesh(&cli.original)?;
     let reconstruction = read_mesh(&cli.reconstruction)?;
+    check_memory(cli, &original, &reconstruction, budget)?;
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
     let surfaces = if cli.surface_distance {
         let params = SurfaceDistanceParams { samples: cli.samples };

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_exchange::{Format, Normalization};
 
 /// The formats, as `--help` lists them.
@@ -51,6 +52,8 @@ pub(crate) struct Cli {
     /// Replace outputs that exist
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) common: Common,
 }

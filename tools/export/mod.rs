@@ -10,8 +10,12 @@ use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
 use spharm_cli::paths::{expand, model_name, with_ending};
 use spharm_exchange::{ExportOptions, Exported, Format, Normalization, check, export, files};
 use spharm_model::Model;
+use spharm_surface::io::bytes_to_read;
 
 pub(crate) use self::args::{Cli, FORMATS, normalization};
+
+/// Bytes of the text or the arrays that are written at a time.
+const WRITING: u64 = 1 << 20;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -27,8 +31,10 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     };
     let targets: Vec<PathBuf> = models.iter().map(target).collect();
     // Every model is looked at before the first one is written.
+    let budget = cli.memory.budget(1);
     let mut outputs = Vec::new();
     for (path, target) in models.iter().zip(&targets) {
+        budget.check(format_args!("export: {}", path.display()), bytes_to_read(path).saturating_add(WRITING))?;
         let model = Model::read(path)?;
         check(&model, cli.to).with_context(|| path.display().to_string())?;
         outputs.extend(files(cli.to, model.coefficients.channels(), target));

@@ -8,16 +8,17 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, json};
+use spharm::FitParams;
 use spharm::cohort::{Row, check_id};
 use spharm::rerun::IfExists;
-use spharm::{FitParams, Sphere};
 use spharm_cli::console::Console;
+use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::counted;
 
 pub(crate) use self::args::Cli;
 use self::args::Hemi;
-use crate::rows::{self, CohortArgs, Evaluate, Options, Rows};
+use crate::rows::{self, CohortArgs, Evaluate, Options, Rows, icosphere_within};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
@@ -29,12 +30,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let shard = cli.cohort.shard.unwrap_or_default();
     let rows =
         Rows { rows: shard.of(&rows).cloned().collect(), folder: cli.output.clone(), sphere: None, check_first: false };
-    rows::run(rows, &options(cli), &monitor, started)
+    rows::run(rows, &options(cli)?, &monitor, started)
 }
 
-fn options(cli: &Cli) -> Options {
+fn options(cli: &Cli) -> Result<Options> {
     let about = [("tool", json!("freesurfer")), ("subjects_dir", json!(cli.subjects_dir)), ("sphere", json!(null))];
-    Options {
+    Ok(Options {
         params: FitParams {
             smoothness: cli.smoothness.unwrap_or_default(),
             strict: cli.strict,
@@ -60,8 +61,15 @@ fn options(cli: &Cli) -> Options {
         threads: cli.threads,
         about: about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect::<Map<_, _>>(),
         check: Some(Box::new(check::hemisphere)),
-        evaluate: cli.evaluate_on.map(|n| Evaluate { sphere: Sphere::icosphere(n), name: format!("ico{n}") }),
-    }
+        evaluate: cli.evaluate_on.map(|n| evaluate(cli, n)).transpose()?,
+    })
+}
+
+/// The icosphere on which models are evaluated.
+fn evaluate(cli: &Cli, subdivisions: u32) -> Result<Evaluate> {
+    let budget = Memory { memory: cli.memory }.budget(cli.threads.count());
+    let sphere = icosphere_within(budget, "freesurfer --evaluate-on icosphere:", subdivisions, cli.max_degree)?;
+    Ok(Evaluate { sphere, name: format!("ico{subdivisions}") })
 }
 
 /// The subjects: those that were named, or the folders with a folder `surf`, sorted by name.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use spharm_cli::Common;
 use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::memory::Memory;
 
 /// Write a folded surface and its sphere, or a study of two groups, for trying things out
 ///
@@ -55,6 +56,8 @@ pub(crate) struct Cli {
     /// Replace outputs that exist
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) common: Common,
 }

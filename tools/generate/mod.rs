@@ -6,10 +6,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
-use spharm_surface::generate::{Cortex, Study, cortex};
+use spharm_surface::generate::{Cortex, Study, cortex, cortex_bytes, icosphere_counts};
 use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 pub(crate) use self::args::Cli;
+
+/// Bytes of a vertex and its triangles while they are written: GIfTI's arrays are compressed whole.
+const WRITING: u64 = 48;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -20,6 +23,10 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let file = |path, flag| OutputFile::holding(path, flag, Output::OrderedMesh);
     let named = outputs.iter().filter_map(|(path, flag)| path.as_deref().map(|path| file(path, flag)));
     check_outputs(named, cli.force)?;
+    let needed = |subdivisions| cortex_bytes(subdivisions).saturating_add(WRITING * icosphere_counts(subdivisions)[0]);
+    let what = format!("generate --subdivisions {}", cli.subdivisions);
+    let fewer = (0..cli.subdivisions).rev().map(|fewer| (format!("--subdivisions {fewer}"), needed(fewer)));
+    cli.memory.budget(1).check_or(what, needed(cli.subdivisions), fewer)?;
     let (surface, sphere) = cortex(&Cortex { subdivisions: cli.subdivisions, variant: cli.variant });
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
     for (path, mesh) in [(&cli.surface, &surface), (&cli.sphere, &sphere)] {
@@ -45,6 +52,9 @@ fn study(cli: &Cli, folder: &Path) -> Result<()> {
         let (group, index) = if second { ("b", number - half) } else { ("a", number) };
         (format!("{group}{:0digits$}", index + 1), group, index, second)
     };
+    // One of them at a time.
+    let needed = cortex_bytes(study.subdivisions) + WRITING * icosphere_counts(study.subdivisions)[0];
+    cli.memory.budget(1).check("generate --study", needed)?;
     let subjects: Vec<_> = (0..cli.subjects).map(subject).collect();
     let meshes: Vec<PathBuf> = subjects.iter().map(|(name, ..)| folder.join(format!("{name}.ply"))).collect();
     let table = folder.join("study.csv");

@@ -2,6 +2,8 @@
 
 mod args;
 
+use std::path::PathBuf;
+
 use anyhow::{Result, anyhow};
 use serde_json::Value;
 use spharm_cli::inputs::read_sphere;
@@ -17,6 +19,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".npz"])], cli.force)?;
     let options = ImportOptions { format: cli.from, normalization: cli.normalization };
+    let budget = cli.memory.budget(1);
+    budget.check_inputs("import", cli.files.iter().chain(&cli.sphere).map(PathBuf::as_path))?;
     let found = import(&cli.files, &options).map_err(|error| match error {
         ExchangeError::Unknown { .. } => anyhow!("{error}; --from names it"),
         error => error.into(),

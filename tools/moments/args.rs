@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use spharm::moments::{Columns, Positions, Shard};
 use spharm_cli::Common;
-use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES};
-use spharm_cli::size::Size;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
 /// What tables are read, for the help.
@@ -58,6 +58,8 @@ pub(super) struct Merge {
     pub(super) partial: bool,
     #[command(flatten)]
     pub(super) output: OutputArgs,
+    #[command(flatten)]
+    pub(super) memory: Memory,
 }
 
 /// What is required here isn't where a subcommand follows.
@@ -84,9 +86,8 @@ pub(super) struct Form {
     pub(super) max_degree: Option<usize>,
     #[command(flatten)]
     pub(super) output: OutputArgs,
-    /// Memory that may be used [default: what is needed]
-    #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
-    pub(super) memory: Option<Size>,
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) threads: Threads,
 }

@@ -12,6 +12,7 @@ use spharm_cli::Usage;
 use spharm_cli::machine::memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, is_stdout, prepare, print_json, print_line, write_json};
+use spharm_surface::io::bytes_to_read;
 
 pub(crate) use self::args::Cli;
 use self::args::{Command, Form, Merge, OutputArgs};
@@ -27,12 +28,13 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 
 fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
     let output = Output::new(&form.output)?;
+    let free = usize::try_from(form.memory.budget(form.threads.count()).work()).unwrap_or(usize::MAX);
     let request = Request {
         files: form.samples.clone(),
         columns: form.columns(),
         max_degree: form.max_degree.ok_or_else(|| Usage::missing("--max-degree is needed"))?,
         shard: form.shard,
-        memory: form.memory.map(|size| size.0),
+        memory: Some(form.memory.memory.map_or(free, |size| size.0)),
     };
     let Accumulated { moments, warnings, seconds } = accumulate(&request, monitor)?;
     for warning in &warnings {
@@ -49,6 +51,9 @@ fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
 fn add(cli: &Merge) -> Result<()> {
     let started = Instant::now();
     let output = Output::new(&cli.output)?;
+    // The sum, and the part that is added.
+    let largest = cli.parts.iter().map(|path| bytes_to_read(path)).max().unwrap_or(0);
+    cli.memory.budget(1).check("moments merge", largest.saturating_mul(2))?;
     let names = cli.parts.iter().map(|path| path.display().to_string()).collect();
     let moments = merge_named(cli.parts.iter().map(|path| Moments::read(path)), names, cli.partial)?;
     let seconds = started.elapsed().as_secs_f64();

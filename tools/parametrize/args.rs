@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::surfaces::{Labels, VoxelSize};
 use spharm_cli::threads::Threads;
@@ -106,6 +107,8 @@ pub(crate) struct Cli {
     /// Replace outputs that exist
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) threads: Threads,
     #[command(flatten)]

@@ -5,13 +5,15 @@ mod items;
 mod output;
 
 use anyhow::{Context, Result};
-use spharm_cli::console::Console;
+use spharm_cli::inputs::expand_lists;
+use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{is_stdout, prepare, print, print_json, write_json};
 use spharm_cli::surfaces::SurfaceReader;
 use spharm_parametrize::volume::VolumeSurface;
 use spharm_parametrize::{
-    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
+    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, Sampling, Source,
+    StretchParams,
 };
 use spharm_surface::Seam;
 use spharm_surface::io::{WriteOptions, to_write_mesh, write_mesh};
@@ -26,12 +28,16 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let monitor = ConsoleMonitor::new(console);
     let mut reader = SurfaceReader::new(cli.fix, cli.cut_handles, cli.voxel_size);
+    let budget = cli.memory.budget(cli.threads.count());
+    for input in expand_lists(&cli.surface)? {
+        budget.check_inputs("parametrize", [input.as_path()])?;
+    }
     let items = items(cli, &mut reader, &monitor)?;
     let pool = cli.threads.pool()?;
     let to_stdout = cli.report.as_deref().is_some_and(is_stdout);
     let mut written = Vec::new();
     for item in &items {
-        let one = pool.install(|| one(cli, item, &mut reader, &console, &monitor))?;
+        let one = pool.install(|| one(cli, item, &mut reader, budget, &monitor))?;
         if !cli.json && !to_stdout {
             print(&one.table())?;
         }
@@ -55,9 +61,10 @@ fn one(
     cli: &Cli,
     item: &Item,
     reader: &mut SurfaceReader,
-    console: &Console,
+    budget: Budget,
     monitor: &ConsoleMonitor,
 ) -> Result<Written> {
+    let console = monitor.console();
     let input = reader.read(&item.input, item.label, monitor).with_context(|| item.input.display().to_string())?;
     console.note(format_args!("{}: {}", item.input.display(), described(&input)));
     if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &input {
@@ -69,7 +76,7 @@ fn one(
     if let Some(handles) = input.handles() {
         console.warn(format_args!("{}: {handles}", item.name()));
     }
-    let mut found = parametrize(cli, &input, monitor).with_context(|| item.name())?;
+    let mut found = parametrize(cli, &input, budget, monitor).with_context(|| item.name())?;
     if let Input::Cut(cut) = &input {
         cut.mark(&mut found.sphere);
         if Seam::of(&found.sphere.meta).is_none() {
@@ -98,7 +105,7 @@ fn one(
     Ok(Written::new(cli, item, &input, found))
 }
 
-fn parametrize(cli: &Cli, input: &Input, monitor: &ConsoleMonitor) -> Result<Parametrization> {
+fn parametrize(cli: &Cli, input: &Input, budget: Budget, monitor: &ConsoleMonitor) -> Result<Parametrization> {
     let seed = cli.seed;
     let default = CaldParams::default();
     let params = CaldParams { area: cli.area.unwrap_or(default.area), degree: cli.max_degree, seed, ..default };
@@ -113,6 +120,17 @@ fn parametrize(cli: &Cli, input: &Input, monitor: &ConsoleMonitor) -> Result<Par
             Method::Deform { params: deform, map: params }
         }
     };
+    let vertices = Source::from(input).vertices();
+    let resampling = cli.resample_to.as_ref().map_or(0, Sampling::bytes);
+    let mapping = method.bytes(vertices);
+    let what = format!("mapping its {vertices} vertices");
+    let coarser = match cli.resample_to {
+        Some(Sampling::Icosphere(subdivisions)) => 0..subdivisions,
+        _ => 0..0,
+    };
+    let coarser = coarser.rev().map(|n| (n, mapping.saturating_add(Sampling::Icosphere(n).bytes())));
+    let coarser = coarser.map(|(n, needed)| (format!("--resample-to icosphere:{n}"), needed));
+    budget.check_or(what, mapping.saturating_add(resampling), coarser)?;
     let found = method.run(input, monitor)?;
     match &cli.resample_to {
         Some(sampling) => Ok(found.resampled(&sampling.sphere()?, monitor)?),

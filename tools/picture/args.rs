@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_render::View;
 
 /// Draw surfaces side by side, and their distance in colour
@@ -68,6 +69,8 @@ pub(crate) struct Cli {
     /// Replace an output that exists
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) common: Common,
 }

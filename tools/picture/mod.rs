@@ -2,10 +2,11 @@
 
 mod args;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::inputs::stem;
+use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_harmonics::Directions;
@@ -13,14 +14,19 @@ use spharm_parametrize::quality::log_area_ratios;
 use spharm_render::{Paint, Panel, Settings, fit_into, render, symmetric_range, write_png};
 use spharm_surface::Mesh;
 use spharm_surface::io::{WriteOptions, read_mesh, read_signal};
-use spharm_surface::metrics::{correspond, distances_to_surface, vertex_distances};
+use spharm_surface::metrics::{correspond, distances_to_surface, distances_to_surface_bytes, vertex_distances};
 
 pub(crate) use self::args::Cli;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".png"])], cli.force)?;
+    let budget = cli.memory.budget(1);
+    let panels = cli.surfaces.len() + usize::from(cli.error) + usize::from(cli.sphere.is_some()) + cli.map.len();
+    check_memory(cli, &[], panels, budget)?;
+    budget.check_inputs("picture", cli.surfaces.iter().chain(&cli.sphere).chain(&cli.map).map(PathBuf::as_path))?;
     let meshes: Vec<Mesh> = cli.surfaces.iter().map(read_mesh).collect::<Result<_, _>>()?;
+    check_memory(cli, &meshes, panels, budget)?;
     let names: Vec<String> = cli.surfaces.iter().map(|path| stem(path)).collect();
     let mut panels: Vec<Panel<'_>> = meshes.iter().zip(&names).map(|(mesh, name)| Panel::new(mesh, name)).collect();
     let distances: Vec<f64>;
@@ -53,12 +59,39 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         panels.push(Panel { paint, ..Panel::new(&meshes[0], label) });
     }
     panels.iter_mut().zip(&cli.caption).for_each(|(panel, caption)| panel.caption = caption);
-    let size = usize::from(cli.size);
-    let view = cli.view.view();
-    let settings = Settings { width: size, height: size, columns: cli.columns, view, ..Settings::default() };
+    let settings = settings(cli, cli.size);
     prepare(&cli.output)?;
     write_png(&cli.output, &render(&panels, &settings)?, &WriteOptions { overwrite: cli.force, double: false })?;
     print_line(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
+}
+
+/// How the panels are drawn, at a size.
+fn settings(cli: &Cli, size: u16) -> Settings {
+    let size = usize::from(size);
+    Settings { width: size, height: size, columns: cli.columns, view: cli.view.view(), ..Settings::default() }
+}
+
+/// Refuses what there is no memory for; before the surfaces are read, of none.
+fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Result<()> {
+    let (vertices, faces) = meshes.iter().map(|mesh| (mesh.vertices.len(), mesh.faces.len())).max().unwrap_or((0, 0));
+    let held: usize = meshes.iter().map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).sum();
+    // The sphere as it is read, and to scale; values of each panel.
+    let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
+    let values = 8 * vertices * (panels - cli.surfaces.len());
+    let painting = match meshes {
+        [first, .., last] if cli.error && !correspond(first, last) => {
+            distances_to_surface_bytes(first.faces.len(), last.vertices.len())
+        }
+        _ => 0,
+    };
+    let needed = |size: u16| {
+        let drawing = settings(cli, size).bytes(panels, vertices);
+        (held + spheres + values) as u64 + drawing.max(painting)
+    };
+    let smaller = [2048, 1024, 512, 256, 128, 64].into_iter().filter(|size| *size < cli.size);
+    let smaller = smaller.map(|size| (format!("--size {size}"), needed(size)));
+    let what = format!("picture --size {} of {}", cli.size, counted(panels, "panel"));
+    budget.check_or(what, needed(cli.size), smaller)
 }
 
 /// Values on a surface's vertices.

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use spharm_cli::Common;
-use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES};
-use spharm_cli::size::Size;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
 /// Evaluate models at the vertices of any sphere
@@ -46,9 +46,8 @@ pub(crate) struct Cli {
     /// Replace outputs that exist
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
-    /// Memory that may be used [default: what is free]
-    #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
-    pub(super) memory: Option<Size>,
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) threads: Threads,
     #[command(flatten)]

@@ -3,16 +3,18 @@
 mod args;
 mod outputs;
 
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
-use spharm_cli::machine::available_memory;
+use spharm_cli::memory::Budget;
 use spharm_cli::output::{prepare, print_line};
 use spharm_cli::size::Size;
 use spharm_model::Model;
-use spharm_surface::io::{Output, WriteOptions, check_output, write_mesh, write_signal};
+use spharm_surface::generate::{icosphere_bytes, icosphere_counts};
+use spharm_surface::io::{Output, WriteOptions, bytes_to_read, check_output, write_mesh, write_signal};
 use spharm_surface::metrics::bounding_box_scale;
 use spharm_surface::{Kind, Mesh, Seam, Sphere, Welded};
 
@@ -23,46 +25,67 @@ use self::outputs::{Item, items};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let items = items(cli)?;
-    let shared = shared_sphere(cli, &console)?;
+    let budget = cli.memory.budget(cli.threads.count());
+    let shared = shared_sphere(cli, budget, &console)?;
     let pool = cli.threads.pool()?;
-    items.iter().try_for_each(|item| pool.install(|| one(cli, item, shared.as_ref(), &console)))
+    items.iter().try_for_each(|item| pool.install(|| one(cli, item, shared.as_ref(), budget, &console)))
 }
 
 /// The sampling that all models are evaluated on, unless each has its own.
-fn shared_sphere(cli: &Cli, console: &Console) -> Result<Option<Sphere>> {
+fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<Sphere>> {
     match (&cli.sampling.sphere, cli.sampling.icosphere) {
-        (Some(path), _) => Ok(Some(read_sphere(path, false, console)?)),
+        (Some(path), _) => {
+            budget.check_inputs("reconstruct", [path.as_path()])?;
+            Ok(Some(read_sphere(path, false, console)?))
+        }
         (None, Some(subdivisions)) => {
-            // Of models whose channels aren't known yet.
-            check_memory(cli, 10 * (1 << (2 * subdivisions)) + 2, 1, console)?;
+            // Of models that haven't been read yet.
+            let smallest = |subdivisions| on_icosphere(subdivisions, 1, 0);
+            let fewer = (0..subdivisions).rev().map(|fewer| (format!("--icosphere {fewer}"), smallest(fewer)));
+            let vertices = icosphere_counts(subdivisions)[0];
+            let what = format!("reconstruct --icosphere {subdivisions} ({vertices} vertices)");
+            budget.check_or(what, smallest(subdivisions), fewer)?;
             Ok(Some(Sphere::icosphere(subdivisions)))
         }
         (None, None) => Ok(None),
     }
 }
 
+/// Bytes for an icosphere, and values on it.
+fn on_icosphere(subdivisions: u32, channels: usize, degree: usize) -> u64 {
+    let [vertices, faces] = icosphere_counts(subdivisions);
+    icosphere_bytes(subdivisions).max(Model::bytes_to_evaluate(vertices, faces, channels, degree))
+}
+
 /// Says what a large reconstruction takes, and refuses what there is no memory for.
-fn check_memory(cli: &Cli, vertices: usize, channels: usize, console: &Console) -> Result<()> {
-    /// Directions and triangles.
-    const BYTES_PER_VERTEX: usize = 56;
-    /// The values, as they are computed, as a mesh or signal, and while they are written.
-    const BYTES_PER_VALUE: usize = 24;
+fn check_memory(
+    cli: &Cli,
+    (sphere, degree): (&Sphere, usize),
+    (model, path): (&Model, &Path),
+    budget: Budget,
+    console: &Console,
+) -> Result<()> {
     /// Below this nobody has to know.
-    const LARGE: usize = 1 << 30;
-    let needed = Size(vertices * (BYTES_PER_VERTEX + BYTES_PER_VALUE * channels));
-    let limit = cli.memory.unwrap_or(Size(available_memory()));
-    if needed > limit {
-        let limit = if cli.memory.is_some() { format!("--memory is {limit}") } else { format!("{limit} are free") };
-        bail!("{vertices} vertices take about {needed} of memory, {limit}; choose a coarser sphere, or raise --memory");
-    }
-    if needed.0 >= LARGE {
-        console.note(format!("{vertices} vertices take about {needed} of memory"));
+    const LARGE: u64 = 1 << 30;
+    let (vertices, channels) = (sphere.directions.len(), model.coefficients.channels());
+    // The model with a sphere of its own, which was read from its file.
+    let held = bytes_to_read(path);
+    let of = |vertices, faces| held.saturating_add(Model::bytes_to_evaluate(vertices, faces, channels, degree));
+    let needed = of(vertices as u64, sphere.faces.len() as u64);
+    let most = cli.sampling.icosphere.unwrap_or(13).min(13);
+    let fewer = (0..most).rev().map(|fewer| (fewer, icosphere_counts(fewer)));
+    let fewer = fewer.filter(|(_, [count, _])| *count < vertices as u64);
+    let fewer = fewer.map(|(fewer, [vertices, faces])| (format!("--icosphere {fewer}"), of(vertices, faces)));
+    budget.check_or(format_args!("{}: evaluating it at {vertices} vertices", path.display()), needed, fewer)?;
+    if needed >= LARGE {
+        console.note(format!("{vertices} vertices take about {} of memory", Size(needed as usize)));
     }
     Ok(())
 }
 
-fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Result<()> {
+fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console: &Console) -> Result<()> {
     let started = Instant::now();
+    budget.check_inputs("reconstruct", [item.model.as_path()])?;
     let model = Model::read(&item.model)?;
     let highest = model.coefficients.max_degree();
     let degree = cli.max_degree.unwrap_or(highest);
@@ -75,7 +98,7 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, console: &Console) -> Re
         None => model.own_sphere().with_context(named)?,
     };
     let mut vertices = sphere.directions.len();
-    check_memory(cli, vertices, model.coefficients.channels(), console)?;
+    check_memory(cli, (sphere, degree), (&model, &item.model), budget, console)?;
     console.detail(format!("{}: {vertices} vertices, degree {degree}", named()));
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
     let surface = model.kind() == Kind::Surface;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
 /// Make a page of models, modes and tests, to turn in a browser
@@ -55,6 +56,8 @@ pub(crate) struct Cli {
     /// Replace an output that exists
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) threads: Threads,
     #[command(flatten)]

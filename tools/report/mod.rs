@@ -3,10 +3,15 @@
 mod args;
 mod read;
 
+use std::path::PathBuf;
+
 use anyhow::{Result, anyhow};
 use spharm_cli::Usage;
+use spharm_cli::inputs::expand_lists;
+use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
+use spharm_cli::paths::expand;
 use spharm_cli::size::Size;
 use spharm_report::{Contents, Params, ReportError, page};
 use spharm_surface::io::write_new;
@@ -20,6 +25,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".html"])], cli.force)?;
     let monitor = ConsoleMonitor::new(cli.common.console());
+    let budget = cli.memory.budget(cli.threads.count());
+    check_inputs(cli, budget)?;
     let models = read::models(cli, monitor.console())?;
     let mut contents = Contents {
         models,
@@ -30,11 +37,31 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         ..Contents::default()
     };
     contents.title = cli.title.clone().unwrap_or_else(|| title(&contents));
+    check_page(cli, &contents, budget)?;
     let params = Params { max_vertices: cli.max_vertices as usize };
     let html = cli.threads.pool()?.install(|| page(&contents, params, &monitor)).map_err(advise)?;
     prepare(&cli.output)?;
     write_new(&cli.output, cli.force, |out| out.write_all(html.as_bytes()))?;
     print_line(&format!("{}: {}", cli.output.display(), Size(html.len())))
+}
+
+/// Refuses inputs that there is no memory for: they are held together.
+fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
+    let (models, surfaces) = (expand(&cli.models, ".npz")?, expand_lists(&cli.surface)?);
+    let maps: Vec<PathBuf> = cli.test.iter().flat_map(|folder| read::files(folder)).collect();
+    let files = models.iter().chain(&surfaces).chain(&maps);
+    let files = files.chain(&cli.modes).chain(&cli.status).chain(&cli.fit_report);
+    budget.check_inputs("report", files.map(PathBuf::as_path))
+}
+
+/// Refuses a page that there is no memory for, beside what it is made of.
+fn check_page(cli: &Cli, contents: &Contents, budget: Budget) -> Result<()> {
+    let fewer = [100_000, 50_000, 20_000, 10_000, 5000, 2000, 1000, 500, 100].into_iter();
+    let fewer = fewer.filter(|n| *n < cli.max_vertices as usize);
+    let needed = |max_vertices| contents.bytes(Params { max_vertices });
+    let fewer = fewer.map(|n| (format!("--max-vertices {n}"), needed(n)));
+    let what = format!("report of {}", counted(contents.models.len(), "model"));
+    budget.check_or(what, needed(cli.max_vertices as usize), fewer)
 }
 
 /// Says which option helps.

@@ -152,6 +152,12 @@ fn test(folder: &Path) -> Result<Maps> {
     Ok(Maps { name: format!("{name}: test"), meaning: String::new(), mesh, maps })
 }
 
+/// The files of a test's folder, as far as they are there.
+pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
+    let maps = MAPS.iter().map(|name| folder.join(format!("{name}.shape.gii")));
+    maps.chain([folder.join("mean.surf.gii")]).collect()
+}
+
 /// Tables with a header.
 pub(super) fn tables(paths: &[PathBuf]) -> Result<Vec<Table>> {
     paths.iter().map(|path| table(path)).collect()

@@ -4,9 +4,24 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use spharm::files::ModelFiles;
+use spharm::generate::{icosphere_bytes, icosphere_counts};
 use spharm::io::{WriteOptions, write_mesh, write_signal};
 use spharm::{Fit, Kind, Model, Sphere};
+use spharm_cli::memory::Budget;
 use spharm_cli::output::prepare;
+
+/// The icosphere on which models to a degree are evaluated, where there is memory for that; `option` is what asks for it, up to
+/// the number.
+pub(crate) fn icosphere_within(budget: Budget, option: &str, subdivisions: u32, degree: usize) -> Result<Sphere> {
+    let needed = |subdivisions: u32| {
+        let [vertices, faces] = icosphere_counts(subdivisions);
+        icosphere_bytes(subdivisions).max(Model::bytes_to_evaluate(vertices, faces, 3, degree))
+    };
+    let (verb, setting) = option.split_once(' ').unwrap_or_default();
+    let fewer = (0..subdivisions).rev().map(|fewer| (format!("{setting}{fewer}"), needed(fewer)));
+    budget.check_or(format_args!("{verb} {setting}{subdivisions}"), needed(subdivisions), fewer)?;
+    Ok(Sphere::icosphere(subdivisions))
+}
 
 /// A sphere on which every model is evaluated.
 pub(crate) struct Evaluate {

@@ -43,7 +43,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, same_place};
 
 pub(crate) use args::{CohortArgs, Log};
-pub(crate) use evaluate::Evaluate;
+pub(crate) use evaluate::{Evaluate, icosphere_within};
 pub(crate) use options::{Options, Rows};
 
 use ledger::{Ledger, Outcome};

@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use spharm::model::{made, signed};
+use spharm::shape::memory::align_bytes;
 use spharm::shape::{AlignParams, AlignReport, Method, ProcrustesParams, Transform, align, mean, procrustes, rmsd};
 use spharm::{Coefficients, Kind, Model, Silent};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
@@ -16,6 +17,7 @@ use spharm_cli::output::{OutputFile, prepare, write_json};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::outputs::{check_beside, finish, outputs};
+use super::plan::Plan;
 
 /// Align models of surfaces: to one of them, or a group to its mean
 ///
@@ -123,6 +125,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         mirror: cli.mirror,
         ..AlignParams::default()
     };
+    let plan = Plan::new("align", &paths, cli.resources.both())?;
+    let work = if cli.target.group { plan.group.procrustes(plan.threads) } else { align_bytes(plan.group.max_degree) };
+    plan.check(plan.whole().saturating_add(work), [])?;
     let pool = cli.resources.threads.pool()?;
     let models: Vec<Model> = pool.install(|| {
         super::args::read_all(&paths, monitor, |model, path| {

@@ -9,10 +9,13 @@ use spharm::{Coefficients, Monitor, Stage};
 use spharm_cli::console::Console;
 use spharm_cli::help::{INPUT, METHOD, OUTPUT, RESOURCES};
 use spharm_cli::inputs::read_sphere;
+use spharm_cli::memory::Memory;
 use spharm_cli::paths::expand;
 use spharm_cli::threads::Threads;
 use spharm_model::Model;
 use spharm_surface::Sphere;
+
+use super::plan::Plan;
 
 /// The models that a subcommand works on.
 #[derive(Debug, Args)]
@@ -60,12 +63,20 @@ pub(super) struct ReportArgs {
     pub(super) force: bool,
 }
 
-/// Threads.
+/// Memory and threads.
 #[derive(Debug, Args)]
 #[command(next_help_heading = RESOURCES)]
 pub(super) struct Resources {
     #[command(flatten)]
+    pub(super) memory: Memory,
+    #[command(flatten)]
     pub(super) threads: Threads,
+}
+
+impl Resources {
+    pub(super) fn both(&self) -> (Memory, Threads) {
+        (self.memory, self.threads)
+    }
 }
 
 /// Where models are evaluated; by default each on its own sphere.
@@ -83,13 +94,23 @@ pub(super) struct Sampling {
 }
 
 impl Sampling {
-    /// The sphere that all models are evaluated on, unless each has its own.
-    pub(super) fn shared(&self, console: &Console) -> Result<Option<Sphere>> {
-        match (&self.sphere, self.icosphere) {
-            (Some(path), _) => Ok(Some(read_sphere(path, false, console)?)),
-            (None, Some(subdivisions)) => Ok(Some(Sphere::icosphere(subdivisions))),
-            (None, None) => Ok(None),
-        }
+    /// The sphere that all models are evaluated on, unless each has its own; refused where what is `needed` for its numbers of
+    /// vertices and triangles doesn't fit.
+    pub(super) fn within(
+        &self,
+        plan: &Plan,
+        needed: impl Fn([u64; 2]) -> u64,
+        console: &Console,
+    ) -> Result<Option<Sphere>> {
+        let Some(path) = &self.sphere else {
+            // Before it is made.
+            plan.check_sampling(self.icosphere, plan.sampling(self.icosphere, None), needed)?;
+            return Ok(self.icosphere.map(Sphere::icosphere));
+        };
+        plan.budget.check_inputs("shape", [path.as_path()])?;
+        let sphere = read_sphere(path, false, console)?;
+        plan.check_sampling(None, plan.sampling(None, Some(&sphere)), needed)?;
+        Ok(Some(sphere))
     }
 }
 

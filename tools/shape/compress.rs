@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::{Value, json};
 use spharm::shape::codec::{CompressParams, Target, VERSION, compress};
+use spharm::shape::memory::measure_bytes;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
@@ -15,6 +16,7 @@ use spharm_surface::io::write_new;
 
 use super::args::{Models, ReportArgs, Resources};
 use super::outputs::{check, finish, outputs};
+use super::plan::Plan;
 
 /// Compress models, to a distance or to a size
 ///
@@ -88,6 +90,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
     let targets = outputs(&cli.models, &paths, &cli.output, "sphz")?;
     check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".sphz"])), &cli.report)?;
+    let plan = Plan::new("compress", &paths, cli.resources.both())?;
+    // The distance is measured on a grid, by transforms.
+    plan.check(plan.one().saturating_mul(2).saturating_add(measure_bytes(plan.group.max_degree)), [])?;
     let pool = cli.resources.threads.pool()?;
     let mut params = CompressParams::new(cli.target.target());
     params.levels.clone_from(&cli.levels);

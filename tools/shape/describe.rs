@@ -14,6 +14,7 @@ use spharm_model::Model;
 
 use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
 use super::outputs::{check, csv, finish, number, write_report, write_text};
+use super::plan::Plan;
 
 /// Describe models by numbers that rotations don't change
 ///
@@ -66,6 +67,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
+    let plan = Plan::new("describe", &paths, cli.resources.both())?;
+    // Descriptors, and the table's cells as text.
+    let numbers = (paths.len() * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
+    plan.check(plan.one().saturating_mul(plan.threads as u64) + 130 * numbers, [])?;
     let pool = cli.resources.threads.pool()?;
     let found = pool.install(|| read_all(&paths, monitor, |model, path| of(model, path, cli.max_degree)))?;
     let degree = found.iter().map(Descriptors::max_degree).min().unwrap_or(0);

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use spharm::shape::codec::{ExpandParams, expand};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 use spharm_cli::paths::with_ending;
@@ -48,13 +49,24 @@ pub(super) struct Cli {
     output: PathBuf,
     #[command(flatten)]
     report: ReportArgs,
+    #[command(flatten)]
+    memory: Memory,
 }
+
+/// Bytes of memory of a byte of a file: a coefficient takes a bit at least, and its model 16 bytes.
+const EXPANSION: u64 = 160;
 
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = spharm_cli::paths::expand(&cli.files, ".sphz")?;
     let targets = targets(cli, &paths)?;
     check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
+    let budget = cli.memory.budget(1);
+    for path in &paths {
+        // A stream of few bytes may hold many coefficients; `expand` bounds them by its bytes.
+        let bytes = std::fs::metadata(path).map_or(0, |found| found.len());
+        budget.check(format_args!("shape expand: {}", path.display()), bytes.saturating_mul(EXPANSION))?;
+    }
     let mut reports = Vec::new();
     let mut rows = vec![["model", "degree", "channels", "bytes used"].map(str::to_owned).to_vec()];
     for (path, target) in paths.iter().zip(&targets) {

@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use serde_json::json;
+use spharm::shape::memory::align_bytes;
 use spharm::shape::{AlignParams, Descriptors, Library, Match, Metric, align, descriptors};
 use spharm::{Coefficients, Model, Silent};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
@@ -15,6 +16,7 @@ use spharm_cli::output::OutputFile;
 use super::args::{Models, ReportArgs, Resources, files, read_all};
 use super::describe::of;
 use super::outputs::{check, csv, finish, number, write_text};
+use super::plan::Plan;
 
 /// Find the models that are nearest to one
 ///
@@ -77,6 +79,11 @@ const COLUMNS: [&str; 6] = ["query", "rank", "model", "distance", "bound", "scor
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (queries, among) = (cli.queries.paths()?, files(&cli.among)?);
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
+    let plan = Plan::new("match", &among, cli.resources.both())?;
+    // Descriptors as read, to a common degree and in the library; an alignment of each thread.
+    let numbers = ((among.len() + queries.len()) * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
+    let aligning = align_bytes(plan.group.max_degree).saturating_add(2 * plan.one());
+    plan.check(aligning.saturating_mul(plan.threads as u64) + 40 * numbers, [])?;
     let pool = cli.resources.threads.pool()?;
     let read =
         |paths: &[PathBuf]| pool.install(|| read_all(paths, monitor, |model, path| of(model, path, cli.max_degree)));

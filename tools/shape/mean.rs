@@ -16,6 +16,7 @@ use spharm_cli::output::{OutputFile, prepare};
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
 use super::outputs::{check_beside, finish};
+use super::plan::Plan;
 
 /// Average models of surfaces
 ///
@@ -46,6 +47,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         bail!("a mean is of 2 models or more, found {}", paths.len());
     }
     check_beside(&paths, [OutputFile::with_ending(&cli.output, "--output", &[".npz"])], &cli.report)?;
+    let plan = Plan::new("mean", &paths, cli.resources.both())?;
+    plan.check(plan.coefficients(), [])?;
     let read = || read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console());
     let group = cli.resources.threads.pool()?.install(read)?;
     let mean = mean(&group.members)?;

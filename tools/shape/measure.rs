@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::{Value, json};
+use spharm::shape::memory::{local_geometry_bytes, measure_bytes};
 use spharm::shape::{MeasureParams, Measures, local_geometry, measure};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -16,6 +17,7 @@ use spharm_surface::io::{Output, PAINTED};
 use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
 use super::maps::Maps;
 use super::outputs::{check, csv, finish, number, write_text};
+use super::plan::Plan;
 
 /// Measure models: area, volume, centroid; maps of curvature
 ///
@@ -64,6 +66,9 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
+/// Bytes of a vertex in a table of maps, as text.
+const TABLE: u64 = 600;
+
 /// Columns of the table to write.
 const COLUMNS: [&str; 10] = [
     "model",
@@ -92,7 +97,14 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_maps = files.iter().map(|path| OutputFile::holding(path, "--maps", holds));
     check(table.chain(of_maps), &cli.report)?;
     let console = monitor.console();
-    let shared = cli.sampling.shared(console)?;
+    let plan = Plan::new("measure", &paths, cli.resources.both())?;
+    let degree = plan.group.max_degree;
+    // Maps are written one after another, or all as a table.
+    let needed = |[vertices, faces]: [u64; 2]| {
+        let maps = local_geometry_bytes(vertices, degree).saturating_add(TABLE * vertices + 24 * (vertices + faces));
+        plan.one().saturating_add(measure_bytes(degree).max(if cli.maps.is_some() { maps } else { 0 }))
+    };
+    let shared = cli.sampling.within(&plan, needed, console)?;
     let params = MeasureParams { tolerance: cli.tolerance, most_rings: None };
     let pool = cli.resources.threads.pool()?;
     let mut reports = Vec::new();

@@ -16,6 +16,7 @@ mod measure;
 mod morph;
 mod outputs;
 mod pca;
+mod plan;
 mod remesh;
 mod rotate;
 mod sample;

@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::json;
 use spharm::model::made;
 use spharm::shape::AlignParams;
+use spharm::shape::memory::{align_bytes, measure_bytes};
 use spharm::shape::morph::{LEAST_VOLUME, Morph, volume_ratio};
 use spharm::{Kind, Model, Sphere};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
@@ -19,6 +20,7 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh};
 
 use super::args::{ReportArgs, Resources};
 use super::outputs::{check, finish};
+use super::plan::Plan;
 
 /// Make the shapes between two models
 ///
@@ -84,6 +86,18 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     let animation = cli.animation.iter().map(|path| OutputFile::with_ending(path, "--animation", &[".gif"]));
     check(files.iter().map(|path| kind(path.as_path())).chain(animation), &cli.report)?;
+    let plan = Plan::new("morph", &[cli.from.clone(), cli.to.clone()], cli.resources.both())?;
+    // Shapes are held for the animation.
+    let held = if cli.animation.is_some() { u64::from(cli.steps) } else { 1 };
+    let frames = if cli.animation.is_some() { 2 * held * (SIDE * SIDE * 4) as u64 } else { 0 };
+    let aligning = align_bytes(plan.group.max_degree).max(measure_bytes(plan.group.max_degree));
+    let needed = |[vertices, faces]: [u64; 2]| {
+        let meshes =
+            Model::bytes_to_evaluate(vertices, faces, 3, plan.group.max_degree) + held * 24 * (vertices + faces);
+        (2 * plan.one() + frames).saturating_add(meshes.max(aligning))
+    };
+    let icosphere = Some(cli.icosphere);
+    plan.check_sampling(icosphere, plan.sampling(icosphere, None), needed)?;
     let (from, to) = (Model::read(&cli.from)?, Model::read(&cli.to)?);
     let params = AlignParams { mirror: cli.mirror, scale: false, ..AlignParams::default() };
     let pool = cli.resources.threads.pool()?;

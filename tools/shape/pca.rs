@@ -12,12 +12,14 @@ use spharm::shape::Modes;
 use spharm::shape::pca::file::ShapeModel;
 use spharm::shape::pca::quality::{Quality, quality};
 use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::memory::round_numbers_below;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
 use super::outputs::{check_beside, csv, finish, number, write_text};
+use super::plan::Plan;
 
 /// Compute a group's modes of variation: principal components
 ///
@@ -70,6 +72,11 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
     let table = cli.scores.iter().map(|path| OutputFile::with_ending(path, "--scores", &[".csv"]));
     check_beside(&paths, table.chain([OutputFile::with_ending(&cli.output, "--output", &[".npz"])]), &cli.report)?;
+    let plan = Plan::new("pca", &paths, cli.resources.both())?;
+    let needed = |samples: usize| plan.coefficients().saturating_add(plan.group.modes(samples, plan.threads));
+    let (samples, most) = if cli.quality { (cli.samples, cli.samples as u64) } else { (0, 0) };
+    let fewer = round_numbers_below(most).map(|n| (format!("--samples {n}"), needed(n as usize)));
+    plan.check(needed(samples), fewer)?;
     let (group, mut modes, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console())?;
         let members: Vec<ArrayView2<'_, f64>> = group.members.iter().map(|member| member.values().view()).collect();

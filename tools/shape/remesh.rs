@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde_json::{Value, json};
+use spharm::shape::memory::measure_bytes;
 use spharm::shape::{EvenSphere, area_spread, degree_within, even_sphere, extent, tails};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -17,6 +18,7 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh};
 
 use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
 use super::outputs::{check, finish, outputs};
+use super::plan::Plan;
 
 /// Steps of the relocation: its error is far below what a mesh can show.
 const STEPS: usize = 16;
@@ -101,7 +103,15 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let targets = targets(cli, &paths)?;
     let files = targets.iter().flatten().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
     check(files, &cli.report)?;
-    let shared = cli.sampling.shared(monitor.console())?;
+    let plan = Plan::new("remesh", &paths, cli.resources.both())?;
+    // What relocation takes of a vertex: four velocities, their directions, and the density.
+    let even = if cli.even { 480 } else { 0 };
+    let needed = |[vertices, faces]: [u64; 2]| {
+        let evaluating = Model::bytes_to_evaluate(vertices, faces, 4, plan.group.max_degree);
+        plan.one().saturating_add(evaluating).saturating_add(even * vertices)
+    };
+    let grid = if cli.even { measure_bytes(2 * plan.group.max_degree) } else { 0 };
+    let shared = cli.sampling.within(&plan, |counts| needed(counts).max(grid), monitor.console())?;
     let pool = cli.resources.threads.pool()?;
     let mut reports = Vec::new();
     let mut rows = vec![["mesh", "vertices", "degree", "distance", "spread of areas"].map(str::to_owned).to_vec()];

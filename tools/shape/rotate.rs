@@ -16,6 +16,7 @@ use spharm_cli::output::{OutputFile, prepare};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::outputs::{check_beside, finish, outputs};
+use super::plan::Plan;
 
 /// Rotate models: their parameters, or the surface in space
 ///
@@ -97,6 +98,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
     check_beside(&paths, targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
+    let plan = Plan::new("rotate", &paths, cli.resources.both())?;
+    plan.check(plan.one().saturating_mul(2), [])?;
     let pool = cli.resources.threads.pool()?;
     for (path, target) in paths.iter().zip(&targets) {
         spharm::Monitor::check(monitor)?;

@@ -12,6 +12,7 @@ use spharm::shape::pca::quality::normal;
 use spharm::{Coefficients, Kind};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::memory::{Memory, round_numbers_below};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 
@@ -49,6 +50,8 @@ pub(super) struct Cli {
     output: PathBuf,
     #[command(flatten)]
     report: ReportArgs,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 fn mode(text: &str) -> Result<(usize, f64), String> {
@@ -61,11 +64,17 @@ fn mode(text: &str) -> Result<(usize, f64), String> {
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, _: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
+    let budget = cli.memory.budget(1);
+    budget.check_inputs("shape sample", [cli.model.as_path()])?;
     let file = ShapeModel::read(&cli.model)?;
     let modes = &file.modes;
     let shapes: Vec<(PathBuf, Vec<f64>)> = match cli.random {
         Some(0) => return Err(Usage::invalid("--random 0 makes no shapes").into()),
         Some(count) => {
+            // Numbers of each shape, and their text in the report.
+            let needed = |count: u64| (64 * modes.count() as u64 + 400).saturating_mul(count);
+            let fewer = round_numbers_below(count as u64).map(|n| (format!("--random {n}"), needed(n)));
+            budget.check_or(format_args!("shape sample --random {count}"), needed(count as u64), fewer)?;
             let digits = (count - 1).to_string().len();
             let path = |index: usize| cli.output.join(format!("shape{index:0digits$}.spharm.npz"));
             (0..count).map(|index| (path(index), normal(cli.seed, index as u64, modes.count()))).collect()

@@ -10,12 +10,14 @@ use spharm::model::transformed;
 use spharm::shape::HeatKernel;
 use spharm::shape::extent::finite;
 use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs};
 use super::outputs::{check_beside, finish, outputs};
+use super::plan::check_each;
 
 /// Smooth models by the heat kernel
 ///
@@ -39,6 +41,8 @@ pub(super) struct Cli {
     output: PathBuf,
     #[command(flatten)]
     report: ReportArgs,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 #[derive(Debug, Args)]
@@ -70,6 +74,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     check_beside(&paths, targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
     let fwhm = kernel.width().to_degrees();
     let transform = json!({ "heat_kernel": { "s": kernel.time(), "fwhm_degrees": fwhm } });
+    check_each("smooth", &paths, cli.memory.budget(1))?;
     let mut models = Vec::new();
     let mut rows = vec![["model", "degree", "left of the highest degree"].map(str::to_owned).to_vec()];
     for (path, target) in paths.iter().zip(&targets) {

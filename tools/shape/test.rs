@@ -20,6 +20,7 @@ use spharm_surface::{Mesh, Signal};
 use super::args::{ReportArgs, Resources, files};
 use super::groups::read_group;
 use super::outputs::{csv, finish, number, write_text};
+use super::plan::Plan;
 use super::table::Table;
 
 /// Test groups and covariates at every vertex
@@ -177,8 +178,22 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let more = [OutputFile::new(&mean_file, "--output"), OutputFile::new(&table_file, "--output")];
     let of_report = cli.report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(maps_out.chain(more).chain(of_report), cli.report.force)?;
+    let plan = Plan::new("test", &paths, cli.resources.both())?;
     let sphere = match &cli.sphere {
-        Some(path) => read_sphere(path, false, console)?,
+        Some(path) => {
+            plan.budget.check_inputs("shape test", [path.as_path()])?;
+            Some(read_sphere(path, false, console)?)
+        }
+        None => None,
+    };
+    let components = if cli.signal == What::Position { 3 } else { 1 };
+    let of = |vertices: u64| plan.group.test(vertices, components, cli.permutations, plan.threads);
+    let needed =
+        |[vertices, faces]: [u64; 2]| plan.coefficients().saturating_add(of(vertices)) + 24 * (vertices + faces);
+    let icosphere = sphere.is_none().then_some(cli.icosphere);
+    plan.check_sampling(icosphere, plan.sampling(icosphere, sphere.as_ref()), needed)?;
+    let sphere = match sphere {
+        Some(sphere) => sphere,
         None => Sphere::icosphere(cli.icosphere),
     };
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };

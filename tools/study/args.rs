@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use spharm_cli::Common;
 use spharm_cli::help::{self, METHOD, OUTPUT, RESOURCES};
+use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
 /// Run a study: fit, align, average, test, and make a page of it
@@ -49,6 +50,8 @@ pub(crate) struct Cli {
 #[derive(Debug, Args)]
 #[command(next_help_heading = RESOURCES)]
 pub(super) struct Resources {
+    #[command(flatten)]
+    pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) threads: Threads,
 }

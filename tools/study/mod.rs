@@ -50,7 +50,8 @@ pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
 
 /// Arguments of the study that all its commands get.
 fn common(cli: &Cli) -> Vec<String> {
-    cli.resources.threads.threads.iter().flat_map(|count| ["--threads".to_owned(), count.to_string()]).collect()
+    let threads = cli.resources.threads.threads.iter().flat_map(|count| ["--threads".to_owned(), count.to_string()]);
+    threads.chain(cli.resources.memory.arguments()).collect()
 }
 
 /// A call of `study`.

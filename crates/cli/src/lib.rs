@@ -22,6 +22,7 @@
 //! | [`paths`] | lists and folders of inputs, names of models |
 //! | [`output`] | checks of output files; results to stdout, reports to files |
 //! | [`machine`] | peak memory, versions |
+//! | [`memory`] | `--memory`: plans held against what may be used |
 
 pub mod advice;
 pub mod console;
@@ -29,6 +30,7 @@ pub mod exit;
 pub mod help;
 pub mod inputs;
 pub mod machine;
+pub mod memory;
 pub mod monitor;
 pub mod names;
 pub mod output;

@@ -3,7 +3,7 @@
 use ndarray::Array2;
 use spharm_harmonics::Directions;
 use spharm_surface::{Kind, Mesh, Meta, Signal, Sphere, Welded};
-use spharm_transform::synthesis;
+use spharm_transform::{FINEST, Transform, TransformParams, synthesis};
 
 use crate::error::ModelError;
 use crate::geometry::Geometry;
@@ -21,6 +21,20 @@ impl Model {
             return Err(ModelError::DegreeTooHigh { degree, max_degree });
         }
         Ok(synthesis(directions, self.coefficients.up_to(degree))?)
+    }
+
+    /// Returns the bytes that evaluating a model of so many channels to a degree takes over a sphere of so many vertices and
+    /// triangles, and writing what comes of it, the sphere and the result included.
+    ///
+    /// 24 a vertex and 12 a triangle for the sphere; the plan and the call of a transform, see [`Transform::bytes`]; 8 a value
+    /// as it is computed, as it is in the mesh or signal, and while it is written; the triangles of the result.
+    #[must_use]
+    pub fn bytes_to_evaluate(vertices: u64, faces: u64, channels: usize, degree: usize) -> u64 {
+        let params = TransformParams { max_degree: degree, accuracy: FINEST, channels: channels.clamp(1, 3) };
+        let directions = usize::try_from(vertices).unwrap_or(usize::MAX / 1024);
+        let transform = Transform::bytes(&params, directions, channels).unwrap_or(usize::MAX) as u64;
+        let arrays = vertices.saturating_mul(24 + 24 * channels as u64).saturating_add(faces.saturating_mul(24));
+        arrays.saturating_add(transform)
     }
 
     /// Returns the surface over a sphere, with the sphere's triangles and what is known of the input's volume.

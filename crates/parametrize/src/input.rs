@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
-use spharm_surface::generate::icosphere;
-use spharm_surface::io::read_mesh;
+use spharm_surface::generate::{icosphere, icosphere_counts};
+use spharm_surface::io::{bytes_to_read, read_mesh};
 use spharm_surface::repair::{MeshRepair, repair};
 
 use crate::error::ParametrizeError;
@@ -93,6 +93,19 @@ impl FromStr for Sampling {
 }
 
 impl Sampling {
+    /// Returns about the bytes that putting a surface on this sampling takes: 700 a vertex of it, for the sphere, its tree and
+    /// the resampled meshes. Of a file they are taken from its size.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        /// A sphere's file has 12 bytes a vertex and 24 for its triangles, or more.
+        const FILE: u64 = 36;
+        const BYTES_PER_VERTEX: u64 = 700;
+        match self {
+            Self::Icosphere(subdivisions) => BYTES_PER_VERTEX * icosphere_counts(*subdivisions)[0],
+            Self::File(path) => bytes_to_read(path).saturating_mul(BYTES_PER_VERTEX / FILE),
+        }
+    }
+
     /// The sphere's mesh.
     ///
     /// # Errors

@@ -78,6 +78,7 @@ mod hierarchy;
 mod hubs;
 mod input;
 mod local;
+mod memory;
 mod method;
 mod newton;
 mod pcg;

@@ -152,6 +152,7 @@ pub(crate) fn fit<'py>(
             Given::Bare(mesh) => {
                 params.check()?;
                 spharm::check_memory(&mesh, &params)?;
+                spharm::check_mapping(mesh.vertices.len(), &params)?;
                 let found = parametrize_with(&mesh, &CaldParams::for_degree(params.max_degree), monitor)?;
                 let target = Target::from_mesh(&mesh, &found.sphere)?;
                 (found.sphere, target, Some(found.map.report))

@@ -100,6 +100,23 @@ const LARGEST: usize = 1 << 14;
 const BACKGROUND: [u8; 3] = [255; 3];
 const INK: [u8; 3] = [40; 3];
 
+impl Settings {
+    /// Returns the bytes that [`render`] and [`encode_png`] take for so many panels, of meshes of at most so many vertices, the
+    /// picture included.
+    ///
+    /// Three a pixel of the picture, twice while it is compressed; 80 a pixel of one panel, which is drawn at twice the
+    /// resolution in linear light with its depth, one panel after another; 128 a vertex of the panel's mesh.
+    #[must_use]
+    pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
+        const BYTES_PER_VERTEX: u64 = 128;
+        let columns = if self.columns == 0 { panels } else { self.columns.min(panels) };
+        // A last row that isn't full is as large as the others.
+        let places = columns as u64 * panels.div_ceil(columns.max(1)) as u64;
+        let pixels = (self.width as u64).saturating_mul(self.height as u64);
+        pixels.saturating_mul(raster::BYTES_PER_PIXEL + 6 * places) + BYTES_PER_VERTEX * vertices as u64
+    }
+}
+
 /// Draws the panels row by row on white.
 ///
 /// # Errors

@@ -10,6 +10,8 @@ use crate::image::Image;
 
 /// Samples per pixel along each axis.
 const FINE: usize = 2;
+/// Depth and colour of a pixel's samples.
+pub(crate) const BYTES_PER_PIXEL: u64 = (FINE * FINE * 20) as u64;
 /// Lights in the picture's axes (right, up, towards the camera) and their strengths: a key light from the upper left,
 /// a weak one from the right that keeps the shadow side legible.
 const LIGHTS: [(Vec3, f64); 2] = [([-0.5, 0.7, 0.8], 0.78), ([0.9, -0.1, 0.4], 0.22)];

@@ -50,10 +50,18 @@ fn count(level: u32) -> usize {
 
 /// Returns the icosphere for models of a degree: with four vertices for each coefficient if there may be as many.
 pub(crate) fn icosphere_for(max_degree: usize, max_vertices: usize) -> Sphere {
+    Sphere::icosphere(level_for(max_degree, max_vertices))
+}
+
+/// Returns the number of vertices of [`icosphere_for`].
+pub(crate) fn vertices_for(max_degree: usize, max_vertices: usize) -> usize {
+    count(level_for(max_degree, max_vertices))
+}
+
+fn level_for(max_degree: usize, max_vertices: usize) -> u32 {
     let wanted = 4 * (max_degree + 1).pow(2);
     let fine = (COARSEST..9).find(|level| count(*level) >= wanted).unwrap_or(9);
-    let level = (0..=fine).rev().find(|level| count(*level) <= max_vertices).unwrap_or(0);
-    Sphere::icosphere(level)
+    (0..=fine).rev().find(|level| count(*level) <= max_vertices).unwrap_or(0)
 }
 
 #[cfg(test)]

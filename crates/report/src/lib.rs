@@ -53,6 +53,7 @@ mod curves;
 mod error;
 mod grid;
 mod maps_item;
+mod memory;
 mod model_item;
 mod modes_item;
 pub mod page;

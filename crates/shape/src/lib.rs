@@ -78,6 +78,7 @@ pub mod levels;
 mod matrix3;
 pub mod mean;
 pub mod measures;
+pub mod memory;
 pub mod morph;
 mod pair;
 pub mod pca;

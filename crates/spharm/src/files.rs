@@ -14,8 +14,8 @@ use spharm_surface::{Sphere, SurfaceError};
 
 use crate::origin::Origin;
 use crate::parametrize::volume::Repair;
-use crate::parametrize::{CaldParams, HandlesReport, Input, Parametrized, parametrize_with, with_sphere};
-use crate::{Error, Fit, FitParams, check_memory};
+use crate::parametrize::{CaldParams, HandlesReport, Input, Parametrized, Source, parametrize_with, with_sphere};
+use crate::{Error, Fit, FitParams, check_mapping, check_memory};
 
 /// Which files that exist are replaced.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -119,14 +119,15 @@ impl ModelFiles {
             Input::Label(_) => None,
         };
         let (handles, mesh_repair) = (input.handles().cloned(), input.mesh_repair().copied());
+        let fits = mesh.map_or(Ok(()), |mesh| check_memory(mesh, params));
         if let Some(mesh) = mesh {
-            check_memory(mesh, params)?;
             let left_over = || {
                 let sphere =
                     read_mesh(&path).ok().filter(|sphere| Origin::of(&sphere.meta).as_ref() == Some(&origin))?;
                 with_sphere(mesh, &sphere).ok()
             };
             if let Some(found) = if reuse { left_over() } else { None } {
+                fits?;
                 return Ok(Mapped {
                     parametrized: named(found),
                     repair: None,
@@ -135,6 +136,13 @@ impl ModelFiles {
                     written: Vec::new(),
                 });
             }
+        }
+        // The figure that is named is enough for both.
+        match (fits, check_mapping(Source::from(input).vertices(), params)) {
+            (Err(Error::Memory { budget, needed }), Err(Error::Memory { needed: mapping, .. })) => {
+                return Err(Error::Memory { budget, needed: needed.max(mapping) });
+            }
+            (fits, maps) => fits.and(maps)?,
         }
         let mut found = parametrize_with(input, &settings, monitor)?;
         origin.write_to(&mut found.map.sphere.meta);

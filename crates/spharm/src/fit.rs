@@ -15,7 +15,7 @@ mod shared;
 mod surface;
 mod surface_plan;
 
-pub use check::check_memory;
+pub use check::{check_mapping, check_memory};
 pub use from_moments::{MomentsFit, MomentsReport, fit_moments};
 pub use quadrature::Quadrature;
 

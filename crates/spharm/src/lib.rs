@@ -118,7 +118,8 @@ pub mod warning;
 
 pub use error::Error;
 pub use fit::{
-    Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_memory, fit, fit_each, fit_many, fit_moments, fit_with,
+    Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_mapping, check_memory, fit, fit_each, fit_many,
+    fit_moments, fit_with,
 };
 pub use fit_to::FitTo;
 pub use model::versions;

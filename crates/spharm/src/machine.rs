@@ -32,26 +32,52 @@ pub fn available_memory() -> usize {
 /// The least that the control groups of `/proc/self/cgroup` and those above them leave; the hierarchies of both versions are
 /// mounted below `root`.
 fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
-    let number = |path: &Path| read_to_string(path).ok()?.trim().parse::<u64>().ok();
     let of_line = |line: &str| -> Option<u64> {
         let mut parts = line.splitn(3, ':');
         let (_, controllers, path) = (parts.next()?, parts.next()?, parts.next()?);
-        let (mount, limit, used) = match controllers {
-            "" => (root.to_owned(), "memory.max", "memory.current"),
-            names if names.split(',').any(|name| name == "memory") => {
-                (root.join("memory"), "memory.limit_in_bytes", "memory.usage_in_bytes")
-            }
+        let (mount, version) = match controllers {
+            "" => (root.to_owned(), &V2),
+            names if names.split(',').any(|name| name == "memory") => (root.join("memory"), &V1),
             _ => return None,
         };
         // In a container the path may be the host's, of which there is only the root here.
         let group = Path::new(path.trim_start_matches('/'));
-        let free = group.ancestors().filter_map(|group| {
-            let folder = mount.join(group);
-            Some(number(&folder.join(limit))?.saturating_sub(number(&folder.join(used))?))
-        });
-        free.min()
+        group.ancestors().filter_map(|group| version.free(&mount.join(group))).min()
     };
     groups.lines().filter_map(of_line).min()
+}
+
+/// The files in which a version of control groups has limits and use.
+struct Version {
+    limits: &'static [&'static str],
+    used: &'static str,
+    /// Fields of `memory.stat` for pages of files, which count as used and are dropped where memory is short.
+    files: [&'static str; 2],
+}
+
+const V1: Version = Version {
+    limits: &["memory.limit_in_bytes"],
+    used: "memory.usage_in_bytes",
+    files: ["total_inactive_file ", "total_active_file "],
+};
+
+/// Above `memory.high` a process isn't killed but slowed down until it hardly runs.
+const V2: Version = Version {
+    limits: &["memory.max", "memory.high"],
+    used: "memory.current",
+    files: ["inactive_file ", "active_file "],
+};
+
+impl Version {
+    /// What a group leaves of its limit; `None` where it has none.
+    fn free(&self, group: &Path) -> Option<u64> {
+        let number = |name: &&str| read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
+        let limit = self.limits.iter().filter_map(number).min()?;
+        let stat = read_to_string(group.join("memory.stat")).unwrap_or_default();
+        let field = |name: &str| stat.lines().find_map(|line| line.strip_prefix(name)?.trim().parse::<u64>().ok());
+        let files: u64 = self.files.iter().filter_map(|name| field(name)).sum();
+        Some(limit.saturating_sub(number(&self.used)?.saturating_sub(files)))
+    }
 }
 
 /// A limit on this process that is too low.
@@ -113,5 +139,28 @@ mod tests {
         assert_eq!(free("0::/elsewhere\n"), None);
         assert_eq!(free("5:cpu,memory:/a/b\n3:pids:/a\n0::/slurm\n"), Some(100));
         assert_eq!(free("3:pids:/slurm\n"), None);
+    }
+
+    #[test]
+    fn pages_of_files_count_as_free_and_slowing_down_as_a_limit() {
+        let root = tempfile::tempdir().unwrap();
+        let group = |path: &str, files: &[(&str, &str)]| {
+            let folder = root.path().join(path);
+            fs::create_dir_all(&folder).unwrap();
+            files.iter().for_each(|(name, text)| fs::write(folder.join(name), text).unwrap());
+        };
+        let stat = "anon 300\ninactive_file 250\nactive_file 50\ninactive_anon 10\n";
+        group("pod", &[("memory.max", "1000\n"), ("memory.current", "700\n"), ("memory.stat", stat)]);
+        group("pod/step", &[("memory.max", "max\n"), ("memory.high", "500\n"), ("memory.current", "100\n")]);
+        let stat = "inactive_file 1\ntotal_inactive_file 30\ntotal_active_file 20\n";
+        let old = [("memory.limit_in_bytes", "400\n"), ("memory.usage_in_bytes", "390\n"), ("memory.stat", stat)];
+        group("memory/job", &old);
+        let free = |text: &str| free_in_groups(text, root.path());
+        assert_eq!(free("0::/pod\n"), Some(600));
+        assert_eq!(free("0::/pod/step\n"), Some(400));
+        assert_eq!(free("9:memory:/job/step_0\n0::/pod\n"), Some(60));
+        // A limit without what is used, as where the files aren't readable.
+        group("odd", &[("memory.max", "1000\n")]);
+        assert_eq!(free("0::/odd\n"), None);
     }
 }

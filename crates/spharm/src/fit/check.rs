@@ -1,9 +1,11 @@
-//! Whether the memory suffices, told before a surface is mapped to the sphere.
+//! Whether the memory suffices to map a surface to the sphere and to fit it there, told before.
 
 use spharm_surface::{Kind, Mesh};
 
+use super::job::held;
 use super::lsq_plan::{LsqPlan, Sizes, quadrature_readers};
 use super::surface_plan::SurfacePlan;
+use crate::parametrize::{CaldParams, Method as MapMethod};
 use crate::{Error, FitParams, Method};
 
 /// Checks that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is
@@ -25,4 +27,17 @@ pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
         Method::Quadrature => quadrature_readers(sizes, params.memory_budget(), 1).map(drop),
         _ => Ok(()),
     }
+}
+
+/// Checks that the memory suffices to map a surface of so many vertices to a sphere, as
+/// [`ModelFiles::map`](crate::files::ModelFiles::map) does.
+///
+/// # Errors
+///
+/// [`Error::Memory`] with the least that works.
+pub fn check_mapping(vertices: usize, params: &FitParams) -> Result<(), Error> {
+    let method = MapMethod::Auto(CaldParams::for_degree(params.max_degree));
+    let mapping = usize::try_from(method.bytes(vertices)).unwrap_or(usize::MAX);
+    let (budget, needed) = (params.memory_budget(), mapping.saturating_add(held(0, 0, 0, 0, 0)));
+    if needed > budget { Err(Error::Memory { budget, needed }) } else { Ok(()) }
 }

@@ -116,6 +116,16 @@ impl Folding {
     }
 }
 
+/// Returns the bytes that [`cortex`] takes, both meshes included: 48 a vertex for the surface beside what the sphere takes.
+///
+/// # Panics
+///
+/// As [`icosphere_counts`](super::icosphere_counts).
+#[must_use]
+pub fn cortex_bytes(subdivisions: u32) -> u64 {
+    super::icosphere_bytes(subdivisions) + 48 * super::icosphere_counts(subdivisions)[0]
+}
+
 /// Returns a folded surface in mm (RAS) and the unit sphere that parameterises it, with the same triangles.
 ///
 /// The same on one machine every time; between machines the last bits may differ with the C library's sine.

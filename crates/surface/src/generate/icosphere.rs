@@ -23,6 +23,29 @@ pub fn icosphere(subdivisions: u32) -> Mesh {
     mesh
 }
 
+/// Returns the numbers of vertices and of triangles of [`icosphere`].
+///
+/// # Panics
+///
+/// Above 29 subdivisions, whose vertices 64 bits don't count.
+#[must_use]
+pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
+    assert!(subdivisions <= 29, "{subdivisions} subdivisions of an icosahedron");
+    let quarter = 1 << (2 * subdivisions);
+    [10 * quarter + 2, 20 * quarter]
+}
+
+/// Returns the bytes that [`icosphere`] takes, the mesh included: 48 a vertex for it, 12 for that of one subdivision fewer, and
+/// up to 26 for the table of that one's edges.
+///
+/// # Panics
+///
+/// As [`icosphere_counts`].
+#[must_use]
+pub fn icosphere_bytes(subdivisions: u32) -> u64 {
+    86 * icosphere_counts(subdivisions)[0]
+}
+
 /// A pole, a ring of five, another turned by a tenth, the other pole.
 fn icosahedron() -> Mesh {
     let z = 1.0 / 5.0_f64.sqrt();

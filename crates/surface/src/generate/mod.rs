@@ -8,9 +8,9 @@ mod random;
 mod study;
 mod subdivide;
 
-pub use cortex::{Cortex, cortex};
+pub use cortex::{Cortex, cortex, cortex_bytes};
 pub use handles::{Torus, double_torus, torus};
-pub use icosphere::icosphere;
+pub use icosphere::{icosphere, icosphere_bytes, icosphere_counts};
 pub use random::SplitMix64;
 pub use study::Study;
 pub use subdivide::{subdivide, subdivide_sphere};

@@ -65,6 +65,13 @@ pub fn distances_to_surface(
     nearest_distances(&tree, points, none, monitor)
 }
 
+/// Returns the bytes that [`distances_to_surface`] takes for a surface of so many triangles and so many points: the tree, 250 a
+/// triangle while it is built, and a distance a point.
+#[must_use]
+pub fn distances_to_surface_bytes(faces: usize, points: usize) -> u64 {
+    250 * faces as u64 + 8 * points as u64
+}
+
 /// The distance of each point from the nearest triangle; the error of `none` for a point that is near to none.
 pub(super) fn nearest_distances(
     tree: &TriangleTree,

@@ -1,0 +1,189 @@
+//! `--memory`, and the plan of every verb: what it needs is held against what it may have before it is taken.
+//!
+//! What a computation takes is a function beside its code, in the library's crates (`docs/memory.md` lists them); here is
+//! what it is compared with, and the words.
+
+use std::fmt;
+use std::path::Path;
+
+use anyhow::Result;
+use clap::Args;
+use spharm::machine::available_memory;
+use spharm_surface::io::bytes_to_read;
+
+use crate::help::RESOURCES;
+use crate::size::Size;
+
+/// What the program takes whatever it does: its code, its allocator, and the buffers of files.
+pub const PROGRAM: u64 = 20 << 20;
+
+/// The stack of a thread, which limits of the process count whole.
+const STACK: u64 = 2 << 20;
+
+/// `--memory`.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct Memory {
+    /// Memory that may be used [default: what is free]
+    ///
+    /// What doesn't fit is refused before any work. Free is the least of what the machine has, the limits of control groups
+    /// and those of ulimit.
+    #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
+    pub memory: Option<Size>,
+}
+
+impl Memory {
+    /// Returns the arguments that hand it on to another verb; none where none was given.
+    pub fn arguments(self) -> impl Iterator<Item = String> {
+        self.memory.into_iter().flat_map(|Size(bytes)| ["--memory".to_owned(), bytes.to_string()])
+    }
+
+    /// Returns what may be used by that many threads.
+    pub fn budget(self, threads: usize) -> Budget {
+        match self.memory {
+            Some(Size(bytes)) => Budget { bytes: bytes as u64, given: true },
+            None => Budget { bytes: beside_stacks(available_memory() as u64, threads), given: false },
+        }
+    }
+}
+
+/// What is left of what is free once the threads have started.
+fn beside_stacks(free: u64, threads: usize) -> u64 {
+    free.saturating_sub(STACK.saturating_mul(threads as u64))
+}
+
+/// What a verb may use.
+#[derive(Debug, Clone, Copy)]
+pub struct Budget {
+    bytes: u64,
+    given: bool,
+}
+
+/// A plan that doesn't fit, in one line.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub struct TooLarge {
+    what: String,
+    needed: u64,
+    bytes: u64,
+    given: bool,
+    /// The nearest setting that fits, and what it needs.
+    nearest: Option<(String, u64)>,
+}
+
+impl fmt::Display for TooLarge {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let size = |bytes: u64| Size(usize::try_from(bytes).unwrap_or(usize::MAX));
+        write!(f, "{} needs {} of memory, ", self.what, size(self.needed))?;
+        match self.given {
+            true => write!(f, "--memory is {}", size(self.bytes))?,
+            false => write!(f, "{} are free", size(self.bytes))?,
+        }
+        match (&self.nearest, self.given) {
+            (Some((setting, needed)), _) => write!(f, ": {setting} needs {}", size(*needed)),
+            (None, true) => f.write_str(": raise --memory"),
+            (None, false) => f.write_str(": run it where more is free, or raise the limit"),
+        }
+    }
+}
+
+impl Budget {
+    /// Returns the bytes that the work may take, beside the program itself.
+    pub fn work(self) -> u64 {
+        self.bytes.saturating_sub(PROGRAM)
+    }
+
+    /// Returns whether `needed` bytes fit.
+    pub fn fits(self, needed: u64) -> bool {
+        needed <= self.work()
+    }
+
+    /// Checks that `needed` bytes fit, for `what`: a verb and its inputs.
+    ///
+    /// # Errors
+    ///
+    /// [`TooLarge`].
+    pub fn check(self, what: impl fmt::Display, needed: u64) -> Result<()> {
+        self.check_or(what, needed, std::iter::empty())
+    }
+
+    /// As [`check`](Self::check); an error names the first of `others` that fits: settings, and the bytes that they need.
+    ///
+    /// # Errors
+    ///
+    /// [`TooLarge`].
+    pub fn check_or(
+        self,
+        what: impl fmt::Display,
+        needed: u64,
+        others: impl IntoIterator<Item = (String, u64)>,
+    ) -> Result<()> {
+        if self.fits(needed) {
+            return Ok(());
+        }
+        let nearest = others.into_iter().find(|(_, needed)| self.fits(*needed));
+        let nearest = nearest.map(|(setting, needed)| (setting, needed.saturating_add(PROGRAM)));
+        let needed = needed.saturating_add(PROGRAM);
+        Err(TooLarge { what: what.to_string(), needed, bytes: self.bytes, given: self.given, nearest }.into())
+    }
+
+    /// Checks, before they are read, that files fit that are held together.
+    ///
+    /// # Errors
+    ///
+    /// [`TooLarge`].
+    pub fn check_inputs<'a>(self, verb: &str, paths: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+        let (mut needed, mut first, mut count) = (0_u64, None, 0_usize);
+        for path in paths {
+            needed = needed.saturating_add(bytes_to_read(path));
+            first.get_or_insert(path);
+            count += 1;
+        }
+        let Some(first) = first else { return Ok(()) };
+        let more = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
+        self.check(format_args!("{verb}: reading {}{more}", first.display()), needed)
+    }
+}
+
+/// Numbers from `most` down, in steps that people choose: 1, 2, 5, 10, 20, ...
+pub fn round_numbers_below(most: u64) -> impl Iterator<Item = u64> {
+    let powers = std::iter::successors(Some(1_u64), |power| power.checked_mul(10));
+    let mut numbers: Vec<u64> = powers.flat_map(|p| [Some(p), p.checked_mul(2), p.checked_mul(5)]).flatten().collect();
+    numbers.reverse();
+    numbers.into_iter().filter(move |number| *number < most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn given(bytes: u64) -> Budget {
+        Memory { memory: Some(Size(bytes as usize)) }.budget(2)
+    }
+
+    #[test]
+    fn a_refusal_names_both_figures_and_the_nearest_setting() {
+        let (budget, gib) = (given(1 << 30), 1_u64 << 30);
+        budget.check("work", gib - PROGRAM).unwrap();
+        let line = budget.check("compare a.ply", gib).unwrap_err().to_string();
+        assert_eq!(line, "compare a.ply needs 1.02 GiB of memory, --memory is 1.00 GiB: raise --memory");
+        let others = (0..12).rev().map(|n| (format!("--icosphere {n}"), gib << 2 >> (12 - n)));
+        let line = budget.check_or("--icosphere 12", 4 * gib, others).unwrap_err().to_string();
+        let nearest = "--icosphere 12 needs 4.02 GiB of memory, --memory is 1.00 GiB: --icosphere 9 needs 532.0 MiB";
+        assert_eq!(line, nearest);
+        assert!(budget.check("sums don't wrap", u64::MAX).is_err());
+    }
+
+    #[test]
+    fn without_a_size_it_is_what_is_free_but_for_the_threads_stacks() {
+        assert_eq!(beside_stacks(1 << 30, 2), (1 << 30) - 2 * STACK);
+        assert_eq!(beside_stacks(1 << 20, usize::MAX), 0);
+        let line = Memory::default().budget(1).check("it", u64::MAX).unwrap_err().to_string();
+        assert!(line.contains("are free"), "{line}");
+    }
+
+    #[test]
+    fn round_numbers_descend() {
+        let found: Vec<u64> = round_numbers_below(100).collect();
+        assert_eq!(found, [50, 20, 10, 5, 2, 1]);
+        assert!(round_numbers_below(u64::MAX).all(|n| n > 0));
+    }
+}

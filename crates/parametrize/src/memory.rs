@@ -1,0 +1,78 @@
+//! What the methods take of memory, to be planned with.
+//!
+//! All of it is linear in the vertices but for the model whose residual areas adapt to: its samples, and the tables of its
+//! transform, go with the square of its degree.
+
+use spharm_surface::generate::icosphere_counts;
+
+use crate::cald::CaldParams;
+use crate::method::{Method, Source};
+use crate::residual_areas::degree_for;
+
+/// Of any method: the hierarchy, triangles and their energies, the blocks of Newton's steps and their two grids. Measured:
+/// cald 2.1 to 2.9 kB for 655,362 to 40,962 vertices, conformal and stretch 2.1 kB.
+const BYTES_PER_VERTEX: u64 = 3000;
+
+/// Samples and transform of a model of degree L, by L^2. Measured: 2.8 to 5.3 kB for L = 100 to 34.
+const BYTES_PER_SQUARED_DEGREE: u64 = 5500;
+
+/// Whatever the surface.
+const FIXED: u64 = 4 << 20;
+
+impl Method {
+    /// Returns about the most bytes that mapping a surface of so many vertices takes, what is returned included.
+    #[must_use]
+    pub fn bytes(&self, vertices: usize) -> u64 {
+        let adapting = |params: &CaldParams| {
+            let degree = degree_for(vertices, params.degree) as u64;
+            BYTES_PER_SQUARED_DEGREE.saturating_mul(degree * degree)
+        };
+        let of_surface = FIXED + BYTES_PER_VERTEX.saturating_mul(vertices as u64);
+        of_surface.saturating_add(match self {
+            Self::Auto(params) | Self::Cald(params) => adapting(params),
+            Self::Conformal(_) | Self::Stretch(_) | Self::EqualArea(_) => 0,
+            Self::Deform { params, map } => {
+                let subdivisions = params.subdivisions.unwrap_or_else(|| next_icosphere(vertices as u64));
+                // Rings about the vertices, the tree of the surface, and the steps' vectors.
+                adapting(map) + 2 * FIXED + 1500 * icosphere_counts(subdivisions)[0]
+            }
+        })
+    }
+}
+
+impl Source<'_> {
+    /// Returns the number of vertices.
+    #[must_use]
+    pub fn vertices(&self) -> usize {
+        match self {
+            Self::Mesh(mesh) => mesh.vertices.len(),
+            Self::Quads(quads) => quads.vertices.len(),
+        }
+    }
+}
+
+/// The subdivisions that deform ends with where none are asked for.
+fn next_icosphere(vertices: u64) -> u32 {
+    (0..7).find(|&subdivisions| icosphere_counts(subdivisions)[0] >= vertices).unwrap_or(7)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::deform::DeformParams;
+
+    #[test]
+    fn figures_grow_with_vertices_degree_and_subdivisions() {
+        let auto = |degree| Method::Auto(CaldParams { degree, ..CaldParams::default() });
+        assert!(auto(None).bytes(10_242) > auto(Some(5)).bytes(10_242));
+        assert!(auto(Some(5)).bytes(40_962) > 3 * auto(Some(5)).bytes(10_242));
+        // A degree that the vertices don't determine isn't taken.
+        assert_eq!(auto(Some(1000)).bytes(642), auto(Some(2000)).bytes(642));
+        let deform = |subdivisions| Method::Deform {
+            params: DeformParams { subdivisions, ..DeformParams::default() },
+            map: CaldParams::default(),
+        };
+        assert_eq!(deform(None).bytes(2562), deform(Some(4)).bytes(2562));
+        assert!(deform(Some(8)).bytes(2562) > deform(None).bytes(2562) + (900 << 20));
+    }
+}

@@ -1,0 +1,46 @@
+//! What a page takes of memory, to be planned with.
+
+use spharm_model::Model;
+
+use crate::contents::{Contents, Params};
+use crate::grid::vertices_for;
+
+/// Of a mesh in the page: its positions and triangles, as they are evaluated, in binary, and as text, twice while that grows.
+/// Measured: 270 for a model of 40,962 vertices with its surface, each.
+const BYTES_PER_VERTEX: u64 = 320;
+/// The tree by which the distances from a surface of other triangles are found, of one model at a time.
+const TREE: u64 = 520;
+/// What all pages have, and a picture in the making.
+const FIXED: u64 = 12 << 20;
+
+impl Contents {
+    /// Returns about the most bytes that making the page takes, the page included, beside these contents.
+    #[must_use]
+    pub fn bytes(&self, params: Params) -> u64 {
+        let most = params.max_vertices;
+        let (mut all, mut largest) = (0_u64, 0_u64);
+        let mut add = |vertices: usize| {
+            all = all.saturating_add(vertices as u64);
+            largest = largest.max(vertices as u64);
+        };
+        for shown in &self.models {
+            add(vertices_of(&shown.model, most));
+            add(shown.surface.as_ref().map_or(0, |(_, mesh)| mesh.vertices.len()));
+        }
+        for (_, group) in &self.modes {
+            // A model of each mode's degree, and the modes' coefficients as text.
+            add(vertices_for(group.modes.mean.nrows().isqrt(), most));
+            add(group.modes.modes.len() / 16);
+        }
+        self.tests.iter().for_each(|test| add(test.mesh.vertices.len() * (1 + test.maps.len() / 8)));
+        BYTES_PER_VERTEX.saturating_mul(all).saturating_add(TREE.saturating_mul(largest)).saturating_add(FIXED)
+    }
+}
+
+/// Vertices that a model is evaluated at in a page.
+fn vertices_of(model: &Model, most: usize) -> usize {
+    match &model.sphere {
+        Some(sphere) if sphere.directions.len() <= most => sphere.directions.len(),
+        _ => vertices_for(model.coefficients.max_degree(), most),
+    }
+}

@@ -1,0 +1,114 @@
+//! What the analyses of groups take of memory, to be planned with. K = (L + 1)^2.
+
+use spharm_harmonics::basis_size;
+use spharm_transform::{FINEST, Transform, TransformParams};
+
+use crate::geometry::run_length;
+
+/// Sizes of a group of models.
+#[derive(Debug, Clone, Copy)]
+pub struct GroupSizes {
+    /// Models, n.
+    pub models: usize,
+    /// Their highest degree, L.
+    pub max_degree: usize,
+    /// Columns of a model, c.
+    pub channels: usize,
+}
+
+impl GroupSizes {
+    /// Values of the group, `n K c`.
+    fn values(self) -> u64 {
+        let of_model = basis_size(self.max_degree).saturating_mul(self.channels);
+        (self.models as u64).saturating_mul(of_model as u64)
+    }
+
+    /// Returns the bytes of the group's coefficients, and of them to a common degree: `16 n K c`.
+    #[must_use]
+    pub fn coefficients(self) -> u64 {
+        self.values().saturating_mul(16)
+    }
+
+    /// Returns the bytes that bringing the group together takes beside the coefficients: `96 n K` for members in their poses, and
+    /// [`align_bytes`] for each thread.
+    #[must_use]
+    pub fn procrustes(self, threads: usize) -> u64 {
+        let members = (96 * self.models as u64).saturating_mul(basis_size(self.max_degree) as u64);
+        members.saturating_add(align_bytes(self.max_degree).saturating_mul(threads as u64))
+    }
+
+    /// Returns the bytes that the modes of the group take beside the coefficients: members as columns, their singular vectors
+    /// and modes, and what the decomposition works in, `40 n K c + 64 n^2`; for the quality by so many random shapes, the scores
+    /// without a member for each thread, `24 n^2`, and `8 n` a shape.
+    #[must_use]
+    pub fn modes(self, samples: usize, threads: usize) -> u64 {
+        let n = self.models as u64;
+        let squares = n.saturating_mul(n);
+        let quality = if samples > 0 { squares.saturating_mul(24 * (1 + threads as u64)) } else { 0 };
+        let decomposition = self.values().saturating_mul(40).saturating_add(squares.saturating_mul(64));
+        decomposition.saturating_add(quality).saturating_add((8 * n).saturating_mul(samples as u64))
+    }
+
+    /// Returns the bytes that a test at so many vertices takes beside the coefficients, with so many relabellings: the samples of
+    /// all models, d each, their residuals, and both again for Welch's t and while they are made, `32 n V d`; the transform of
+    /// one of them; `8 V` a thread and 24 a relabelling; the geometry of the mean; maps and their table, 1200 a vertex.
+    #[must_use]
+    pub fn test(self, vertices: u64, components: usize, relabellings: usize, threads: usize) -> u64 {
+        let of_models = (32 * (self.models * components) as u64).saturating_mul(vertices);
+        let counts = (8 * threads as u64 + 1200).saturating_mul(vertices);
+        let relabelled = (relabellings as u64).saturating_mul(24);
+        let evaluated = evaluating(vertices, self.max_degree, self.channels, usize::MAX);
+        let geometry = local_geometry_bytes(vertices, self.max_degree);
+        of_models.saturating_add(counts).saturating_add(relabelled).saturating_add(evaluated.max(geometry))
+    }
+}
+
+/// Returns the bytes that one alignment at degree L takes beside the coefficients, see [`align`](mod@crate::align): at most 8
+/// starts, and a grid of bandwidth 8.
+#[must_use]
+pub fn align_bytes(max_degree: usize) -> u64 {
+    (12 + 8 * 240) * basis_size(max_degree) as u64 + 11 * 8_u64.pow(4)
+}
+
+/// Returns the bytes that [`local_geometry`](crate::local_geometry) takes for so many directions, the result included: 368 each,
+/// as they are collected; the transform of 30 columns for as many as are evaluated at a time, and what comes of it.
+#[must_use]
+pub fn local_geometry_bytes(directions: u64, max_degree: usize) -> u64 {
+    directions.saturating_mul(368).saturating_add(evaluating(directions, max_degree, 30, run_length(max_degree)))
+}
+
+/// Returns the most bytes that [`measure`](crate::measure) takes: 12 columns on as many directions as are evaluated at a time, of
+/// a grid of 1,024 rings or 2 L + 2.
+#[must_use]
+pub fn measure_bytes(max_degree: usize) -> u64 {
+    let rings = 1024.max(2 * max_degree + 2);
+    evaluating(2 * (rings * rings) as u64, max_degree, 12, run_length(max_degree))
+}
+
+/// Directions, transform and values of so many directions at a time.
+fn evaluating(directions: u64, max_degree: usize, channels: usize, most: usize) -> u64 {
+    let run = usize::try_from(directions).unwrap_or(usize::MAX / 1024).min(most);
+    let params = TransformParams { max_degree, accuracy: FINEST, channels: channels.min(3) };
+    let transform = Transform::bytes(&params, run, channels).unwrap_or(usize::MAX);
+    (transform as u64).saturating_add((96 + 8 * channels as u64).saturating_mul(run as u64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_grow_with_every_size_and_never_wrap() {
+        let group = GroupSizes { models: 1000, max_degree: 29, channels: 3 };
+        // As procrustes.rs has it: 86 MB for these.
+        assert!(group.procrustes(1) > 86_000_000 && group.procrustes(1) < 90_000_000);
+        let more = GroupSizes { models: 2000, ..group };
+        assert!(more.coefficients() == 2 * group.coefficients() && more.modes(0, 1) > 2 * group.modes(0, 1));
+        assert!(group.modes(2000, 2) > group.modes(0, 2));
+        assert!(group.test(40_962, 3, 0, 1) > 2 * group.test(40_962, 1, 0, 1));
+        assert!(group.test(10, 1, 1 << 40, 1) > 24 << 40);
+        let all = GroupSizes { models: usize::MAX >> 8, max_degree: 1000, channels: 3 };
+        assert_eq!(all.modes(usize::MAX, 64), u64::MAX);
+        assert_eq!(all.coefficients(), u64::MAX);
+    }
+}

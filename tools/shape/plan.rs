@@ -1,0 +1,103 @@
+//! What a subcommand of `shape` needs of memory, before it reads its models.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use spharm::shape::memory::GroupSizes;
+use spharm_cli::memory::{Budget, Memory};
+use spharm_cli::threads::Threads;
+use spharm_model::Model;
+use spharm_surface::Sphere;
+use spharm_surface::generate::icosphere_counts;
+use spharm_surface::io::bytes_to_read;
+
+/// Models that are about to be read, and what may be used for them.
+pub(super) struct Plan {
+    subcommand: &'static str,
+    pub(super) budget: Budget,
+    pub(super) threads: usize,
+    /// Sizes of the group, by its largest file.
+    pub(super) group: GroupSizes,
+    /// Vertices and triangles of the largest file's own sphere.
+    own: [u64; 2],
+    /// Bytes of all files.
+    files: u64,
+    /// Bytes that reading the largest takes.
+    largest: u64,
+}
+
+impl Plan {
+    /// Looks at the sizes of the files, and into the largest.
+    pub(super) fn new(
+        subcommand: &'static str,
+        paths: &[PathBuf],
+        (memory, threads): (Memory, Threads),
+    ) -> Result<Self> {
+        let threads = threads.count();
+        let budget = memory.budget(threads);
+        let size = |path: &PathBuf| std::fs::metadata(path).map_or(0, |found| found.len());
+        let files = paths.iter().map(size).fold(0_u64, u64::saturating_add);
+        let (mut largest, mut group) = (0, GroupSizes { models: paths.len(), max_degree: 0, channels: 1 });
+        let mut own = [0; 2];
+        if let Some(path) = paths.iter().max_by_key(|path| size(path)) {
+            budget.check_inputs(&format!("shape {subcommand}"), [path.as_path()])?;
+            largest = bytes_to_read(path);
+            let model = Model::read(path)?;
+            group.max_degree = model.coefficients.max_degree();
+            group.channels = model.coefficients.channels();
+            own = model.sphere.as_ref().map_or(own, counts);
+        }
+        Ok(Self { subcommand, budget, threads, group, own, files, largest })
+    }
+
+    /// Vertices and triangles of the sampling: an icosphere, a sphere, or the models' own.
+    pub(super) fn sampling(&self, icosphere: Option<u32>, shared: Option<&Sphere>) -> [u64; 2] {
+        icosphere.map(icosphere_counts).or(shared.map(counts)).unwrap_or(self.own)
+    }
+
+    /// Bytes to read models one after another.
+    pub(super) fn one(&self) -> u64 {
+        self.largest
+    }
+
+    /// Bytes to read the whole group on all threads, of which coefficients are kept.
+    pub(super) fn coefficients(&self) -> u64 {
+        let readers = self.threads.min(self.group.models) as u64;
+        self.group.coefficients().saturating_add(self.largest.saturating_mul(readers))
+    }
+
+    /// Bytes to read the whole group on all threads, of which all is kept.
+    pub(super) fn whole(&self) -> u64 {
+        let readers = self.threads.min(self.group.models) as u64;
+        self.files.saturating_add(self.largest.saturating_mul(readers))
+    }
+
+    /// Refuses what doesn't fit, naming the first of `others` that does.
+    pub(super) fn check(&self, needed: u64, others: impl IntoIterator<Item = (String, u64)>) -> Result<()> {
+        let GroupSizes { models, max_degree, .. } = self.group;
+        let count = if models == 1 { "1 model".to_owned() } else { format!("{models} models") };
+        let what = format!("shape {} of {count} of degree {max_degree}", self.subcommand);
+        self.budget.check_or(what, needed, others)
+    }
+
+    /// As [`check`](Self::check), naming coarser icospheres.
+    pub(super) fn check_sampling(
+        &self,
+        icosphere: Option<u32>,
+        sampling: [u64; 2],
+        needed: impl Fn([u64; 2]) -> u64,
+    ) -> Result<()> {
+        let coarser = (0..icosphere.unwrap_or(8)).rev().map(|n| (n, icosphere_counts(n)));
+        let coarser = coarser.filter(|(_, [vertices, _])| *vertices < sampling[0]);
+        self.check(needed(sampling), coarser.map(|(n, counts)| (format!("--icosphere {n}"), needed(counts))))
+    }
+}
+
+fn counts(sphere: &Sphere) -> [u64; 2] {
+    [sphere.directions.len() as u64, sphere.faces.len() as u64]
+}
+
+/// Refuses files that are read one after another where the largest doesn't fit.
+pub(super) fn check_each(subcommand: &str, paths: &[PathBuf], budget: Budget) -> Result<()> {
+    paths.iter().try_for_each(|path| budget.check_inputs(&format!("shape {subcommand}"), [Path::new(path)]))
+}
