@@ -16,7 +16,7 @@ use crate::common::{fail, root, succeed, tool};
 /// Exponents of scales around 1e-300, 1e-170, 1e154 and 1e300.
 const EXPONENTS: [i32; 4] = [-990, -564, 512, 990];
 
-/// A folder with a surface, `0.ply`, the same at all scales, and their sphere with a store.
+/// A folder with a surface, `s0.ply`, the same at all scales, and their sphere with a store.
 struct Scales {
     folder: tempfile::TempDir,
 }
@@ -28,7 +28,8 @@ impl Scales {
         let options = WriteOptions { double: true, ..WriteOptions::default() };
         write_mesh(scales.path("sphere.ply"), &sphere, &options).expect("a sphere");
         for exponent in EXPONENTS.into_iter().chain([0]) {
-            write_mesh(scales.path(&format!("{exponent}.ply")), &scaled(&surface, exponent), &options).expect("a mesh");
+            write_mesh(scales.path(&format!("s{exponent}.ply")), &scaled(&surface, exponent), &options)
+                .expect("a mesh");
         }
         let mut build = tool("basis-build");
         build.arg("--sphere").arg(scales.path("sphere.ply")).arg("--store").arg(scales.path("store"));
@@ -81,10 +82,10 @@ fn a_surface_of_any_size_gets_the_digits_of_one_of_size_one() {
     for arguments in methods {
         let over_store = arguments.contains(&"irf") || arguments.contains(&"nlsf");
         let arguments = [arguments, if over_store { &store[..] } else { &[] }].concat();
-        let (expected, report) = scales.fitted("0.ply", &arguments);
+        let (expected, report) = scales.fitted("s0.ply", &arguments);
         let rms = last(&report)["msd_raw"].as_f64().expect("a number").sqrt();
         for exponent in EXPONENTS {
-            let (found, report) = scales.fitted(&format!("{exponent}.ply"), &arguments);
+            let (found, report) = scales.fitted(&format!("s{exponent}.ply"), &arguments);
             let same = found.iter().zip(&expected).all(|(a, b)| a.to_bits() == times(*b, exponent).to_bits());
             assert!(same, "{arguments:?} at 2^{exponent}");
             let reported = last(&report)["rms_raw"].as_f64().expect("a number");
@@ -138,7 +139,7 @@ fn weights_count_by_what_they_are_to_each_other() {
     for arguments in methods {
         let with = |weights: &str| {
             let arguments = [arguments, &["--weights", weights]].concat();
-            scales.fitted("0.ply", &arguments)
+            scales.fitted("s0.ply", &arguments)
         };
         let (expected, report) = with("one.csv");
         for weights in ["least.csv", "most.csv"] {
@@ -158,12 +159,12 @@ fn surfaces_of_any_size_are_compared_and_mapped() {
         let other = scales.path(&format!("other{exponent}.ply"));
         write_mesh(&other, &scaled(&surface, exponent), &options).expect("a mesh");
         let mut command = tool("compare");
-        command.arg(scales.path(&format!("{exponent}.ply"))).arg(other);
+        command.arg(scales.path(&format!("s{exponent}.ply"))).arg(other);
         serde_json::from_str(&succeed(command.args(["--surface-distance", "--samples", "2000", "--json"])))
             .expect("JSON")
     };
     let map = |exponent: i32| {
-        let (input, output) = (scales.path(&format!("{exponent}.ply")), scales.path("map.ply"));
+        let (input, output) = (scales.path(&format!("s{exponent}.ply")), scales.path("map.ply"));
         let mut command = tool("parametrize");
         succeed(command.arg("--surface").arg(input).arg("-o").arg(&output).args(["--force", "-q"]));
         std::fs::read(output).expect("a sphere")
