@@ -117,7 +117,7 @@ fn no_output_replaces_an_input_or_another_output() {
     let said = line(&of(&["--surface", "in.ply", "-o", "a.npz", "--report", "hard.ply"]));
     assert!(said.contains("an input") && said.contains("--report"), "{said}");
     let said = line(&["shape", "align", "models", "--group", "-o", "models", "--force"]);
-    assert!(said.contains("m.spharm.npz: an input"), "{said}");
+    assert!(said.contains("m.spharm.npz: the input"), "{said}");
     // What isn't an input is replaced, also where a link leads to it.
     site.done(&of(&["--surface", "in.ply", "-o", "m.spharm.npz"]));
 }

@@ -205,7 +205,7 @@ pub fn check_not_inputs<'i, 'a>(
     let inputs: HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();
     for (output, id) in outputs {
         if inputs.contains(&id) {
-            bail!("{}: an input; choose another name for the output", output.display());
+            bail!("{}: the input; choose another name for the output", output.display());
         }
     }
     Ok(())
