@@ -272,7 +272,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     assert!(line.contains(": --subdivisions 8 needs"), "{line}");
     let mut parametrize = verb("parametrize", &["--resample-to", "icosphere:9"], "256MiB");
     parametrize.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("x.sphere.ply"));
-    assert!(crate::common::fail(&mut parametrize).contains("mapping the 642 vertices"));
+    assert!(crate::common::fail(&mut parametrize).contains("mapping its 642 vertices"));
     // The map of a mesh without a sphere is within a fit's budget.
     let mut fit = verb("fit", &["--max-degree", "4"], "16MiB");
     let line = crate::common::fail(fit.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("bare.npz")));

@@ -42,10 +42,12 @@ impl Plan {
         if let Some(path) = paths.iter().max_by_key(|path| size(path)) {
             budget.check_inputs(&format!("shape {subcommand}"), [path.as_path()])?;
             largest = bytes_to_read(path);
-            let model = Model::read(path)?;
-            group.max_degree = model.coefficients.max_degree();
-            group.channels = model.coefficients.channels();
-            own = model.sphere.as_ref().map_or(own, counts);
+            // Where it is none, the subcommand says so of the first that isn't.
+            if let Ok(model) = Model::read(path) {
+                group.max_degree = model.coefficients.max_degree();
+                group.channels = model.coefficients.channels();
+                own = model.sphere.as_ref().map_or(own, counts);
+            }
         }
         Ok(Self { subcommand, budget, threads, group, own, files, largest })
     }
