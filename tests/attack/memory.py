@@ -11,11 +11,13 @@ version, where one can be made. The last line of the output is a row of a table 
 import argparse
 import json
 import os
+import random
 import resource
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 MIB = 1 << 20
@@ -176,7 +178,7 @@ def judge(code, peak, errors, limit, kind):
 def cgroup(limit):
     """A new memory control group, of either version; none where it can't be made."""
     for parent, file in GROUPS:
-        group = Path(parent, f"spharm-attack-{os.getpid()}")
+        group = Path(parent, cgroup_name(limit))
         try:
             group.mkdir()
         except OSError:
@@ -189,48 +191,71 @@ def cgroup(limit):
     return None
 
 
+def groups_of(limits):
+    """A memory control group for each limit; none where they can't be made."""
+    groups = {limit: cgroup(limit) for limit in limits}
+    return {} if None in groups.values() else groups
+
+
+def cgroup_name(limit):
+    return f"spharm-attack-{os.getpid()}-{limit // MIB}"
+
+
+def to_do(program, folder, limits, groups, only, skipped):
+    """Every case under every limit, as (limit, kind, arguments)."""
+    for limit in limits:
+        for kind in ("memory", "data", "as", "cgroup"):
+            if kind == "cgroup" and not groups:
+                skipped.add("no memory cgroup can be made here: those cases were left out")
+                continue
+            if kind == "as" and run([program, "--version"], folder, limit, kind)[0] != 0:
+                skipped.add(f"an address space of {limit // MIB} MiB doesn't hold the program itself")
+                continue
+            for verb, arguments in cases():
+                if verb.startswith(only) and not (kind == "memory" and verb in WITHOUT):
+                    yield limit, kind, arguments
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program")
     parser.add_argument("--limits", default="64,128,256,512", help="MiB")
     parser.add_argument("--only", default="", help="cases whose name begins so")
+    parser.add_argument("--seconds", type=float, default=float(os.environ.get("SPHARM_ATTACK_SECONDS", "inf")),
+                        help="how long to go on, with cases drawn by chance [default: until all are done]")
     parser.add_argument("-v", "--verbose", action="store_true", help="name every case")
     options = parser.parse_args()
-    program = str(Path(options.program).resolve())
+    program, ends = str(Path(options.program).resolve()), time.monotonic() + options.seconds
+    limits = [int(text) * MIB for text in options.limits.split(",")]
     row = {"name": "memory", "cases": 0, "done": 0, "refused": 0, "failures": 0, "worst": ""}
     worst, skipped = 0.0, set()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         make_inputs(program, folder)
-        for limit in (int(text) * MIB for text in options.limits.split(",")):
-            for kind in ("memory", "data", "as", "cgroup"):
-                group = cgroup(limit) if kind == "cgroup" else None
-                if kind == "cgroup" and group is None:
-                    skipped.add("no memory cgroup can be made here: those cases were left out")
-                    continue
-                if kind == "as" and run([program, "--version"], folder, limit, kind)[0] != 0:
-                    skipped.add(f"an address space of {limit // MIB} MiB doesn't hold the program itself")
-                    continue
-                for verb, arguments in cases():
-                    if not verb.startswith(options.only):
-                        continue
-                    if kind == "memory" and verb in WITHOUT:
-                        continue
-                    more = ["--memory", str(limit)] if kind == "memory" else []
-                    code, peak, errors = run([program, *arguments, *more], folder, limit, kind, group)
-                    outcome, why = judge(code, peak, errors, limit, kind)
-                    row["cases"] += 1
-                    row["failures" if outcome == "failed" else outcome] += 1
-                    text = f"{limit // MIB} MiB, {kind}: {' '.join(arguments)}"
-                    if outcome == "failed":
-                        print(f"FAILED {text}: {why}", flush=True)
-                    elif options.verbose:
-                        print(f"{outcome} {peak // MIB} MiB, {text}: {errors.splitlines()[-1] if errors else ''}", flush=True)
-                    if outcome == "done" and kind == "memory" and peak / limit > worst:
-                        worst = peak / limit
-                        row["worst"] = f"{peak // MIB} of {limit // MIB} MiB: {' '.join(arguments)}"
-                if group is not None:
-                    group.rmdir()
+        groups = groups_of(limits)
+        todo = list(to_do(program, folder, limits, groups, options.only, skipped))
+        if options.seconds != float("inf"):
+            random.shuffle(todo)
+        for limit, kind, arguments in todo:
+            if time.monotonic() > ends:
+                skipped.add(f"{len(todo) - row['cases']} of {len(todo)} cases, for which there was no time")
+                break
+            more = ["--memory", str(limit)] if kind == "memory" else []
+            group = groups.get(limit) if kind == "cgroup" else None
+            code, peak, errors = run([program, *arguments, *more], folder, limit, kind, group)
+            outcome, why = judge(code, peak, errors, limit, kind)
+            row["cases"] += 1
+            row["failures" if outcome == "failed" else outcome] += 1
+            text = f"{limit // MIB} MiB, {kind}: {' '.join(arguments)}"
+            if outcome == "failed":
+                print(f"FAILED {text}: {why}", flush=True)
+            elif options.verbose:
+                print(f"{outcome} {peak // MIB} MiB, {text}: {errors.splitlines()[-1] if errors else ''}", flush=True)
+            if outcome == "done" and kind == "memory" and peak / limit > worst:
+                worst = peak / limit
+                row["worst"] = f"{peak // MIB} of {limit // MIB} MiB: {' '.join(arguments)}"
+        for group in groups.values():
+            group.rmdir()
     row["skipped"] = sorted(skipped)
     for text in row["skipped"]:
         print(f"skipped: {text}")

@@ -12,10 +12,12 @@ import argparse
 import collections
 import json
 import math
+import os
 import random
 import subprocess
 import sys
 import tempfile
+import time
 import zipfile
 from dataclasses import dataclass, field
 from decimal import Decimal
@@ -259,13 +261,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("program", type=Path, help="the program spharm")
     parser.add_argument("--problems", type=int, default=200, help="number of problems")
+    parser.add_argument("--seconds", type=float, default=float(os.environ.get("SPHARM_ATTACK_SECONDS", "inf")),
+                        help="how long to go on with them [default: until all are done]")
     parser.add_argument("--seed", type=int, default=14, help="seed of the problems")
     parser.add_argument("--verbose", action="store_true", help="print each problem")
     given = parser.parse_args()
     draw, failures = random.Random(given.seed), []
     tally: collections.Counter[str] = collections.Counter()
     worst: dict[str, float] = {}
-    for _ in range(given.problems):
+    ends, problems = time.monotonic() + given.seconds, 0
+    while problems < given.problems and time.monotonic() < ends:
+        problems += 1
         case = made(draw)
         found = check(given.program.resolve(), case, tally, worst)
         failures += found
@@ -273,7 +279,7 @@ def main() -> int:
             print(case.what, *found, sep="\n  ", flush=True)
     row = {
         "name": "numbers",
-        "problems": given.problems,
+        "problems": problems,
         "cases": tally["cases"],
         "refused": tally["refused"],
         "failures": len(failures),

@@ -355,10 +355,14 @@ mod tests {
     #[test]
     fn slivers_take_few_samples() {
         let at = |angle: f64| [angle.cos(), angle.sin(), 0.0];
-        let unit = [at(0.0), at(1.0), [0.0, 0.0, 1.0], at(0.001)];
-        assert_eq!(Cut::new(&unit, [0, 3, 2], 0.01).samples(), 4 * 142);
-        let even = Cut::new(&unit, [0, 1, 2], 0.01).samples();
+        let apex = |angle: f64| [angle.cos(), 0.0, angle.sin()];
+        let unit = [at(0.0), at(0.5), apex(0.5), at(0.001)];
+        assert_eq!(Cut::new(&unit, [0, 3, 2], 0.005).samples(), 4 * 99);
+        let even = Cut::new(&unit, [0, 1, 2], 0.005).samples();
         assert!((24_000..32_000).contains(&even), "{even}");
+        // A long one's middle lies at 0.71 of the radius: its layers are as much thinner.
+        let long = [at(0.0), at(0.001), apex(std::f64::consts::FRAC_PI_2)];
+        assert_eq!(Cut::new(&long, [0, 1, 2], 0.01).samples(), 4 * 200);
     }
 
     #[test]

@@ -231,7 +231,8 @@ mod tests {
                 for other in least {
                     assert!(distance <= all.on_triangle(other, point).distance);
                 }
-                assert!(distance <= off.abs() + 1e-15, "{found:?}");
+                // Rounding errors over the width of a sliver.
+                assert!(distance <= off.abs() + 1e-12, "{found:?}");
                 assert_eq!(all.nearest(point).unwrap().distance.to_bits(), distance.to_bits());
             }
             looked_at.push(count as f64 / f64::from(points));

@@ -20,7 +20,7 @@ PARTS = {
     "memory": 2, "numbers": 1,
 }
 #: Parts that are scripts of their own, in the folder above.
-SCRIPTS = {"memory", "numbers"}
+SCRIPTS = {"memory": "memory.py", "numbers": "numerics.py"}
 
 
 def arguments():
@@ -75,7 +75,7 @@ def main():
             begun = time.monotonic()
             try:
                 if part in SCRIPTS:
-                    row = run_script(site, part, seconds)
+                    row = run_script(site, part, SCRIPTS[part], seconds)
                 else:
                     row = importlib.import_module(part).run_part(site, seconds)
             except Exception as error:

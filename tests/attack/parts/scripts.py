@@ -11,15 +11,15 @@ import sys
 from common import ROOT, Row, run
 
 
-def run_script(site, name, seconds):
+def run_script(site, name, file, seconds):
     row = Row(name)
-    script = ROOT / "tests/attack" / f"{name}.py"
+    script = ROOT / "tests/attack" / file
     if not script.is_file():
         site.skip(row, f"there is no {script.relative_to(ROOT)}")
         return row
     # Where it needs NumPy or mpmath, `./run` has made an environment that has it.
     python = os.environ.get("SPHARM_PYTHON", sys.executable)
-    # A script decides itself how much is enough; it is ended only where it is far beyond its time.
+    # A script keeps to its time itself; it is ended only where it is far beyond it.
     ended = run([python, script, site.program], limit=max(900, 4 * seconds), env={"SPHARM_ATTACK_SECONDS": f"{seconds:.0f}"})
     text = ended.out.decode(errors="replace")
     site.log(text + ended.err.decode(errors="replace"))

@@ -63,9 +63,7 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
     let message = root_as_message(message).map_err(|error| error.to_string())?;
     let of_dictionary = message.header_as_dictionary_batch().and_then(|batch| batch.data());
     let Some(batch) = message.header_as_record_batch().or(of_dictionary) else { return Ok(()) };
-    if batch.compression().is_none() {
-        return Ok(());
-    }
+    let compressed = batch.compression().is_some();
     let rows = u64::try_from(batch.length()).map_err(|_| "a block of less than no rows")?;
     let mut all = 0_u64;
     for buffer in batch.buffers().into_iter().flatten() {
@@ -73,7 +71,7 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
         let length = u64::try_from(buffer.length()).unwrap_or(u64::MAX);
         let at = at.filter(|at| at.checked_add(length).is_some_and(|end| end <= place.end));
         let at = at.ok_or("a buffer that isn't in its block")?;
-        if length < 8 {
+        if length < 8 || !compressed {
             continue;
         }
         let expanded: [u8; 8] = read(input, at, 8)?.try_into().map_err(|_| "the end of the file")?;

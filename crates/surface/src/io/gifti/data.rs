@@ -120,7 +120,15 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
 
 /// A count of values that compressed text is said to hold, taken off what may be.
 fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Result<usize, Flaw> {
+    /// No byte of deflated data stands for more bytes than these.
+    const DEFLATED: u64 = 1032;
     let bytes = count.saturating_mul(data_type.size() as u64);
+    if bytes / DEFLATED > text as u64 {
+        return Err(Flaw::new(
+            format!("no more than {text} bytes of compressed text can hold"),
+            format!("{count} values ({})", Bytes(bytes)),
+        ));
+    }
     match left.checked_sub(bytes) {
         Some(rest) => *left = rest,
         None => {
