@@ -23,14 +23,17 @@
 //! With a spacing of 3 / L the points are about as dense as midpoints 1.5 / L apart would be, and the fit is that of twice as
 //! many to a thousandth: docs/algorithms/least-squares.md has what was measured.
 
+mod cut;
+
 use std::ops::Range;
 
 use ndarray::{Array2, ArrayView2, ArrayViewMut, ArrayViewMut1, ArrayViewMut2, Axis, Dimension};
 use rayon::prelude::*;
 use spharm_harmonics::Directions;
 
+use self::cut::Cut;
 use crate::error::SurfaceError;
-use crate::geometry::{Vec3, add, cross, dot, scale, sub};
+use crate::geometry::{Vec3, add, cross, dot, scale};
 
 /// Size of the cells for models of degree L, times L: docs/algorithms/least-squares.md has what it leaves.
 const CELLS_OF_DEGREE: f64 = 3.0;
@@ -54,108 +57,6 @@ pub struct SphereSamples {
     /// The solid angle that each stands for, in steradians, (samples). Those of a sphere that is covered once sum to 4 pi, to
     /// the accuracy that the spacing allows for.
     pub weights: Vec<f64>,
-}
-
-/// A triangle, and into how many layers it is cut.
-#[derive(Debug, Clone, Copy)]
-struct Cut {
-    /// The vertex opposite the shortest edge, and the ends of that edge.
-    corners: [u32; 3],
-    layers: u32,
-    /// The shortest edge's length in units of the spacing.
-    width: f64,
-}
-
-impl Cut {
-    fn new(unit: &[Vec3], face: [u32; 3], spacing: f64) -> Self {
-        let length = |k: usize| {
-            let edge = sub(unit[face[(k + 1) % 3] as usize], unit[face[k] as usize]);
-            dot(edge, edge).sqrt()
-        };
-        let lengths = [length(0), length(1), length(2)];
-        let shortest = (0..3).fold(0, |least, k| if lengths[k] < lengths[least] { k } else { least });
-        let longest = lengths.into_iter().fold(0.0, f64::max);
-        let spacing = spacing * deepest(face.map(|v| unit[v as usize]));
-        Self {
-            corners: [face[(shortest + 2) % 3], face[shortest], face[(shortest + 1) % 3]],
-            layers: (longest / spacing).ceil().max(1.0) as u32,
-            width: lengths[shortest] / spacing,
-        }
-    }
-
-    /// Cells of a layer.
-    fn cells(&self, layer: u32) -> u32 {
-        let middle = (f64::from(layer) + 0.5) / f64::from(self.layers);
-        (middle * self.width).ceil().max(1.0) as u32
-    }
-
-    /// Whether it has the three points of small triangles.
-    fn is_small(&self) -> bool {
-        self.layers == 1 && self.width <= 1.0
-    }
-
-    fn samples(&self) -> usize {
-        if self.is_small() {
-            return 3;
-        }
-        (0..self.layers).map(|layer| 4 * self.cells(layer) as usize).sum()
-    }
-
-    /// Each sample's barycentric coordinates, for `corners`, and its part of the flat triangle's area.
-    fn for_each(&self, mut take: impl FnMut(Vec3, f64)) {
-        if self.is_small() {
-            let (near, far) = (2.0 / 3.0, 1.0 / 6.0);
-            for at in [[near, far, far], [far, near, far], [far, far, near]] {
-                take(at, 1.0 / 3.0);
-            }
-            return;
-        }
-        for layer in 0..self.layers {
-            let at = |edge: u32| f64::from(edge) / f64::from(self.layers);
-            let down = gauss_down(at(layer), at(layer + 1));
-            let cells = self.cells(layer);
-            for cell in 0..cells {
-                for (down, part) in down {
-                    for node in [-GAUSS, GAUSS] {
-                        let across = (f64::from(cell) + 0.5 + 0.5 * node) / f64::from(cells);
-                        take([1.0 - down, down * (1.0 - across), down * across], part / f64::from(cells));
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// How near a triangle comes to the sphere's centre where it is so large that its samples are further apart on the sphere than
-/// on itself; 1 for others.
-fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
-    /// Of triangles with edges of about 50 degrees.
-    const LARGE: f64 = 0.9;
-    let mean = |points: &[Vec3]| {
-        let sum = points.iter().fold([0.0; 3], |sum, p| add(sum, *p));
-        dot(sum, sum).sqrt() / points.len() as f64
-    };
-    let depth = [mean(&[a, b]), mean(&[b, c]), mean(&[c, a]), mean(&[a, b, c])].into_iter().fold(1.0, f64::min);
-    if depth < LARGE { depth.max(0.1) } else { 1.0 }
-}
-
-/// The nodes of Gauss's rule of two points on -1 to 1 are at plus and minus 1 / sqrt 3.
-const GAUSS: f64 = 0.577_350_269_189_625_8;
-
-/// Nodes and weights of Gauss's rule of two points for the weight s on `from..to`: a layer's width grows from the apex. The
-/// nodes are the roots of `s^2 + b s + c`, orthogonal to 1 and s; a weight is half of the layer's part of the area.
-fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
-    // About the layer's middle, where moments don't cancel: s = middle + half u, with weight (middle + half u) du.
-    let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
-    let (m0, m1, m2, m3) = (2.0 * middle, 2.0 * half / 3.0, 2.0 * middle / 3.0, 2.0 * half / 5.0);
-    let det = m0 * m2 - m1 * m1;
-    let (b, c) = ((m1 * m2 - m0 * m3) / det, (m1 * m3 - m2 * m2) / det);
-    let root = (0.25 * b * b - c).sqrt();
-    let (first, second) = (-0.5 * b - root, -0.5 * b + root);
-    let of_second = (m1 - first * m0) / (second - first);
-    // A triangle's area is the integral of 2 s ds over 0 to 1, half of it for each of the points across.
-    let part = |weight: f64| half * weight;
-    [(middle + half * first, part(m0 - of_second)), (middle + half * second, part(of_second))]
 }
 
 impl SphereSampling {
@@ -318,52 +219,6 @@ mod tests {
     use crate::generate::icosphere;
     use crate::geometry::solid_angle;
     use crate::sphere::Sphere;
-
-    /// Of monomials `v^i w^j` over a triangle of area 1: `2 i! j! / (i + j + 2)!`.
-    #[test]
-    fn polynomials_are_integrated_exactly() {
-        let shapes = [
-            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-            [[1.0, 0.0, 0.0], [0.999, 0.04, 0.0], [0.0, 0.0, 1.0]],
-            [[1.0, 0.0, 0.0], [0.99, 0.1, 0.0], [0.99, 0.0, 0.1]],
-        ];
-        for unit in shapes {
-            for spacing in [3.0, 0.7, 0.21, 0.03] {
-                let cut = Cut::new(&unit, [0, 1, 2], spacing);
-                let mut count = 0;
-                let mut sums = [0.0; 10];
-                let powers = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2], [3, 0], [2, 1], [1, 2], [0, 3]];
-                cut.for_each(|[u, v, w], share| {
-                    assert!([u, v, w].iter().all(|x| *x > 0.0 && *x < 1.0) && (u + v + w - 1.0).abs() < 1e-14);
-                    count += 1;
-                    for (sum, [i, j]) in sums.iter_mut().zip(powers) {
-                        *sum += share * v.powi(i) * w.powi(j);
-                    }
-                });
-                assert_eq!(count, cut.samples());
-                let factorial = |n: i32| (1..=n).map(f64::from).product::<f64>();
-                let degree = if cut.is_small() { 2 } else { 3 };
-                for (sum, [i, j]) in sums.into_iter().zip(powers).filter(|(_, [i, j])| i + j <= degree) {
-                    let exact = 2.0 * factorial(i) * factorial(j) / factorial(i + j + 2);
-                    assert!((sum - exact).abs() < 1e-13, "{spacing} v^{i} w^{j}: {sum}, {exact}");
-                }
-            }
-        }
-    }
-
-    /// A sliver takes a row of cells, an even triangle about half the square of that.
-    #[test]
-    fn slivers_take_few_samples() {
-        let at = |angle: f64| [angle.cos(), angle.sin(), 0.0];
-        let apex = |angle: f64| [angle.cos(), 0.0, angle.sin()];
-        let unit = [at(0.0), at(0.5), apex(0.5), at(0.001)];
-        assert_eq!(Cut::new(&unit, [0, 3, 2], 0.005).samples(), 4 * 99);
-        let even = Cut::new(&unit, [0, 1, 2], 0.005).samples();
-        assert!((24_000..32_000).contains(&even), "{even}");
-        // A long one's middle lies at 0.71 of the radius: its layers are as much thinner.
-        let long = [at(0.0), at(0.001), apex(std::f64::consts::FRAC_PI_2)];
-        assert_eq!(Cut::new(&long, [0, 1, 2], 0.01).samples(), 4 * 200);
-    }
 
     #[test]
     fn weights_are_solid_angles() {
