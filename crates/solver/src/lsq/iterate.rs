@@ -7,8 +7,10 @@ use spharm_monitor::{Level, Monitor};
 use spharm_transform::FINEST;
 
 use super::cg::{Cg, CgParams, Stop};
+use super::columns::dots;
 use super::cost::Cost;
 use super::params::Strategy;
+use super::problem::Problem;
 use super::report::LsqWarning;
 use super::solver::{Given, LsqSolver, Solution};
 use crate::SolverError;
@@ -75,14 +77,14 @@ impl LsqSolver<'_> {
         let preconditioner = self.preconditioner();
         let (mut stop, mut residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
         let name = preconditioner.name();
-        if stop != Stop::Converged && cg.optimality() >= 1.0 {
-            // Rounding has carried it further from the solution than zero is: up to where it was best, it hadn't.
+        if stop != Stop::Converged && further_than_zero(cg, &*self.problem(given))? {
+            // Rounding has carried it there: up to where it was best, it hadn't.
             let before = cg.iterations;
             let first = CgParams { max_iterations: cg.best_at, ..params };
             *cg = Cg::new(&*self.problem(given))?;
             cg.run(&*self.problem(given), &*preconditioner, &first, monitor)?;
             (_, residual) = cg.confirm(Stop::Stalled, &*self.problem(given), &*preconditioner, &params, monitor)?;
-            if cg.optimality() >= 1.0 {
+            if further_than_zero(cg, &*self.problem(given))? {
                 *cg = Cg::new(&*self.problem(given))?;
                 (_, residual) = cg.confirm(Stop::Stalled, &*self.problem(given), &*preconditioner, &params, monitor)?;
             }
@@ -126,6 +128,13 @@ impl LsqSolver<'_> {
         self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(())
     }
+}
+
+/// Whether a column of x is further from its target than zero is, penalty included:
+/// `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the gradient.
+fn further_than_zero(cg: &Cg, problem: &dyn Problem) -> Result<bool, SolverError> {
+    let sum = problem.right_sides()? + &cg.gradient;
+    Ok(dots(&cg.x, &sum).iter().any(|gain| *gain < 0.0))
 }
 
 /// How fast an iteration gets on.
