@@ -6,13 +6,17 @@ use spharm_harmonics::{Directions, basis_size, synthesis};
 use spharm_monitor::Silent;
 use spharm_solver::{IrfParams, MemoryOperator, Method, Operator, irf};
 
-/// n directions without any order, from a seed.
+/// n directions without any order, from a seed: of splitmix64 (Steele, Lea, Flood 2014). A mere product of the counter is a
+/// Weyl sequence, which for some seeds lies on so few curves that the samples don't determine the fit.
 fn scattered(n: usize, seed: u64) -> Directions {
-    let unit =
-        |k: u64| ((k.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ seed.wrapping_mul(0xd134_2543_de82_ef95)) >> 11) as f64;
-    let angle = |k: u64| unit(k) / (1u64 << 53) as f64;
-    let angles: Vec<[f64; 2]> =
-        (0..n as u64).map(|i| [(1.0 - 2.0 * angle(2 * i + 1)).acos(), 6.2 * angle(2 * i + 2)]).collect();
+    let mut state = seed;
+    let mut unit = || {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mixed = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let angles: Vec<[f64; 2]> = (0..n).map(|_| [(1.0 - 2.0 * unit()).acos(), std::f64::consts::TAU * unit()]).collect();
     Directions::from_angles(&angles).unwrap()
 }
 
