@@ -1,13 +1,13 @@
 //! Values and weights whose squares leave the range of f64, and meshes with vertices of high degree.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use ndarray::Array2;
 use serde_json::Value;
 use spharm_model::Model;
 use spharm_surface::Mesh;
-use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::generate::{Cortex, bipyramid, cortex};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use spharm_surface::range::times;
 
@@ -220,22 +220,11 @@ fn sums_of_squares_that_leave_the_range_are_refused() {
     }
 }
 
-/// Writes a double pyramid over a polygon of so many sides.
-fn fan(path: &Path, sides: u32) {
-    let round = |k: u32| f64::from(k) * std::f64::consts::TAU / f64::from(sides);
-    let mut vertices: Vec<[f64; 3]> = (0..sides).map(|k| [round(k).cos(), round(k).sin(), 0.0]).collect();
-    vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
-    let next = |k: u32| (k + 1) % sides;
-    let faces = (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect();
-    write_mesh(path, &Mesh::new(vertices, faces), &WriteOptions { double: true, ..WriteOptions::default() })
-        .expect("a mesh");
-}
-
 #[test]
 fn a_vertex_of_high_degree_is_mapped_compared_and_drawn() {
     let folder = tempfile::tempdir().expect("a folder");
     let [surface, sphere, picture] = ["fan.ply", "map.ply", "fan.png"].map(|name| folder.path().join(name));
-    fan(&surface, 2500);
+    write_mesh(&surface, &bipyramid(2500), &WriteOptions { double: true, ..WriteOptions::default() }).expect("a mesh");
     succeed(tool("parametrize").arg("--surface").arg(&surface).arg("-o").arg(&sphere).arg("-q"));
     let found = read_mesh(&sphere).expect("a sphere");
     assert!(spharm_parametrize::Quality::of(&read_mesh(&surface).expect("a mesh"), &found).is_bijective());

@@ -239,12 +239,11 @@ fn balls(pattern: &Pattern, radius: usize) -> Vec<(u32, u32, f32)> {
 mod tests {
     use super::*;
     use spharm_monitor::Silent;
+    use spharm_surface::generate::bipyramid;
 
     /// The blocks of the coarse matrix of a fan, a vertex.
     fn blocks(sides: u32) -> f64 {
-        let next = |k: u32| (k + 1) % sides;
-        let faces: Vec<[u32; 3]> = (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect();
-        let pattern = Pattern::new(sides as usize + 2, &faces);
+        let pattern = Pattern::new(sides as usize + 2, &bipyramid(sides).faces);
         let coarse = Coarse::new(&pattern, &Silent).unwrap().unwrap();
         coarse.columns.len() as f64 / f64::from(sides)
     }

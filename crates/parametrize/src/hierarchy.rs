@@ -296,7 +296,7 @@ mod tests {
     use crate::hubs::tests::LOOKED_AT;
     use spharm_monitor::Silent;
     use spharm_surface::Mesh;
-    use spharm_surface::generate::icosphere;
+    use spharm_surface::generate::{bipyramid, icosphere};
     use spharm_surface::topology::Topology;
 
     fn present(hierarchy: &Hierarchy) -> Mesh {
@@ -336,20 +336,11 @@ mod tests {
         assert_eq!(hierarchy.faces, mesh.faces);
     }
 
-    /// A double pyramid: two vertices with as many triangles as the polygon between them has sides.
-    fn double_pyramid(sides: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
-        let round = |k: u32| f64::from(k) * std::f64::consts::TAU / f64::from(sides);
-        let mut vertices: Vec<Vec3> = (0..sides).map(|k| [round(k).cos(), round(k).sin(), 0.0]).collect();
-        vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]);
-        let next = |k: u32| (k + 1) % sides;
-        (vertices, (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect())
-    }
-
     #[test]
     fn what_a_vertex_costs_doesnt_grow_with_the_degree_of_its_neighbours() {
         let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let cost = |sides: u32| {
-            let (vertices, faces) = double_pyramid(sides);
+            let Mesh { vertices, faces, .. } = bipyramid(sides);
             one_thread.install(|| {
                 LOOKED_AT.with(|count| count.set(0));
                 let mut hierarchy = Hierarchy::new(&vertices, &faces, &vec![6.0 / f64::from(sides); faces.len()]);
@@ -366,7 +357,7 @@ mod tests {
     #[test]
     fn hubs_wait_until_they_have_fewer_triangles_and_groups_lead_back_to_the_start() {
         let sides = 300_u32;
-        let (vertices, faces) = double_pyramid(sides);
+        let Mesh { vertices, faces, .. } = bipyramid(sides);
         let mut hierarchy = Hierarchy::new(&vertices, &faces, &vec![0.02; faces.len()]);
         assert!(hierarchy.best(sides).is_none() && hierarchy.best(0).is_some());
         hierarchy.coarsen(&Silent).unwrap();

@@ -182,19 +182,15 @@ impl SliverTree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::generate::icosphere;
+    use crate::generate::{bipyramid, icosphere};
     use crate::mesh::Mesh;
     use crate::nearest::TriangleTree;
 
     /// A double pyramid over a polygon, askew to the axes.
     fn fan(sides: u32) -> Mesh {
         let turned = |[x, y, z]: Vec3| [0.8 * x + 0.6 * z, y, 0.8 * z - 0.6 * x];
-        let round = |k: u32| f64::from(k) * std::f64::consts::TAU / f64::from(sides);
-        let mut vertices: Vec<Vec3> = (0..sides).map(|k| turned([round(k).cos(), round(k).sin(), 0.0])).collect();
-        vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]].map(turned));
-        let next = |k: u32| (k + 1) % sides;
-        let faces = (0..sides).flat_map(|k| [[k, next(k), sides], [next(k), k, sides + 1]]).collect();
-        Mesh::new(vertices, faces)
+        let mesh = bipyramid(sides);
+        mesh.with_vertices(mesh.vertices.iter().map(|&place| turned(place)).collect())
     }
 
     fn corners(mesh: &Mesh) -> Vec<[Vec3; 3]> {

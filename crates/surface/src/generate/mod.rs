@@ -1,6 +1,7 @@
-//! Icospheres, folded closed surfaces with known parameterisation, surfaces with handles, groups that differ in a known
-//! way, and subdivision.
+//! Icospheres, double pyramids, folded closed surfaces with known parameterisation, surfaces with handles, groups that
+//! differ in a known way, and subdivision.
 
+mod bipyramid;
 mod cortex;
 mod handles;
 mod icosphere;
@@ -8,6 +9,7 @@ mod random;
 mod study;
 mod subdivide;
 
+pub use bipyramid::bipyramid;
 pub use cortex::{Cortex, cortex, cortex_bytes};
 pub use handles::{Torus, double_torus, torus};
 pub use icosphere::{icosphere, icosphere_bytes, icosphere_counts};

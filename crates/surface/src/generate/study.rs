@@ -27,7 +27,7 @@ impl Default for Study {
     }
 }
 
-/// Half axes, in mm: distinct, so that a pose can be told.
+/// Half axes, in mm: distinct, so that each pose is a different one.
 const AXES: Vec3 = [20.0, 11.0, 8.0];
 /// Relative size of the waves in which subjects differ.
 const VARIATION: f64 = 0.012;
