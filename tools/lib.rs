@@ -31,7 +31,7 @@ use std::borrow::Cow;
 use std::ffi::OsString;
 use std::path::Path;
 
-use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{ArgMatches, Command, CommandFactory, FromArgMatches, Parser, Subcommand};
 use spharm_cli::exit;
 use spharm_cli::machine::available_memory;
 use spharm_cli::printable::one_line;
@@ -103,17 +103,27 @@ impl Verb {
 /// Runs a command that a verb is made of; its first word is `spharm`.
 fn run_command(arguments: &[String]) -> anyhow::Result<()> {
     let wrong = |error: clap::Error| anyhow::anyhow!("{}", error.to_string().trim_end());
-    let matches = Spharm::command().try_get_matches_from(arguments).map_err(wrong)?;
-    Spharm::from_arg_matches(&matches).map_err(wrong)?.run(&matches)
+    Parsed::of(arguments).map_err(wrong)?.run()
 }
 
-impl Spharm {
+/// A command line, and what it was parsed by and to.
+struct Parsed {
+    command: Command,
+    matches: ArgMatches,
+    spharm: Spharm,
+}
+
+impl Parsed {
+    fn of<T: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = T>) -> Result<Self, clap::Error> {
+        let mut command = Spharm::command();
+        let matches = command.try_get_matches_from_mut(arguments)?;
+        Ok(Self { spharm: Spharm::from_arg_matches(&matches)?, command, matches })
+    }
+
     /// Checks the files that were named, then runs the verb.
-    fn run(&self, matches: &ArgMatches) -> anyhow::Result<()> {
-        let mut command = Self::command();
-        command.build();
-        roles::check_arguments(&command, matches)?;
-        self.verb.run()
+    fn run(&self) -> anyhow::Result<()> {
+        roles::check_arguments(&self.command, &self.matches)?;
+        self.spharm.verb.run()
     }
 }
 
@@ -123,14 +133,12 @@ pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     ask_for_free_memory(available_memory);
     let given = arguments(given);
     let tame = given.iter().any(|argument| matches!(one_line(&argument.to_string_lossy()), Cow::Owned(_)));
-    let parsed = Spharm::command().try_get_matches_from(given);
-    let parsed = parsed.and_then(|matches| Ok((Spharm::from_arg_matches(&matches)?, matches)));
-    let (spharm, matches) = match parsed {
+    let parsed = match Parsed::of(given) {
         Ok(parsed) => parsed,
         Err(error) => return exit::wrong_usage(&error, tame),
     };
-    let verb = matches.subcommand_name().unwrap_or_default();
-    exit::run(|| spharm.run(&matches), || exit::command_of(Spharm::command(), verb))
+    let verb = parsed.matches.subcommand_name().unwrap_or_default();
+    exit::run(|| parsed.run(), || exit::command_of(Spharm::command(), verb))
 }
 
 /// The arguments with the verb in front, also where this program was called by a verb's name, through a link.

@@ -20,7 +20,7 @@ pub(super) enum Outcome {
     Failed(String),
 }
 
-/// What is told of a model.
+/// What the table has of a model.
 pub(super) struct Model {
     pub(super) file: String,
     /// Whether an earlier call made it.

@@ -32,7 +32,7 @@ pub(super) fn is_tiff(bytes: &[u8]) -> bool {
 struct Description {
     /// Size of the voxels in micrometres.
     voxel_size: Option<[f64; 3]>,
-    /// Slices, and channels times time points, where they are told.
+    /// Number of slices, and of channels times time points, where the description has them.
     slices: Option<usize>,
     others: usize,
 }

@@ -120,7 +120,7 @@ fn fixed_parameters_leave_the_sphere_alone() {
     assert!(apart(&surface, &found.coefficients) < 1e-13);
 }
 
-/// The best of 4 x 4 half turns, as shape.md has it; refused to be told as meaningful for a sphere.
+/// The best of 4 x 4 half turns, as shape.md has it; of a round one the frame is chance, which is warned of.
 #[test]
 fn ellipsoid_frames_are_no_better_than_known() {
     let params = AlignParams { method: Method::FirstOrderEllipsoid, ..Default::default() };

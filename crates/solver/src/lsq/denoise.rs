@@ -20,7 +20,7 @@
 //! non-increasing sequence is by pooling adjacent violators (R. E. Barlow et al., "Statistical inference under order
 //! restrictions", 1972). One round: with the penalised fit's own powers in place of P_l a second gains 0.02 dB.
 //!
-//! Noise is told from detail by the degree alone: what the degree leaves out of a surface counts as noise.
+//! The degree alone separates noise from detail: what the degree leaves out of a surface counts as noise.
 //!
 //! Cost: the fits of 12 columns of noise, once for a sampling, and one more fit of each target, which is better conditioned
 //! than the plain one.

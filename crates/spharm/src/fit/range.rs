@@ -5,8 +5,8 @@
 //! on the digits of an ordinary target gives, and figures that are squares stay at the ends of the range of f64 where they
 //! would leave it. A surface has one exponent, each channel of a signal its own.
 
-use ndarray::{ArrayView2, ArrayViewMut1, ArrayViewMut2};
-use spharm_harmonics::Directions;
+use ndarray::{Array2, ArrayView2, ArrayViewMut1, ArrayViewMut2};
+use spharm_harmonics::{Coefficients, Directions};
 use spharm_solver::ResidualNorms;
 use spharm_solver::lsq::{LsqReport, LsqWarning, MomentFit};
 use spharm_surface::range::{exponent, scale_all, times, times_within};
@@ -69,14 +69,7 @@ pub(crate) fn restore(fit: &mut Fit, exponents: &[i32], weights: i32) {
     if exponents.is_empty() {
         return;
     }
-    let mut coefficients = fit.coefficients.values().to_owned();
-    scale_columns(coefficients.view_mut(), exponents);
-    if let Ok(restored) = spharm_harmonics::Coefficients::new(coefficients) {
-        fit.coefficients = restored;
-    }
-    if let Some(errors) = &mut fit.standard_errors {
-        scale_columns(errors.view_mut(), exponents);
-    }
+    restore_columns(&mut fit.coefficients, &mut fit.standard_errors, exponents);
     let report = &mut fit.report;
     report.scale = report.scale.map(|scale| times(scale, all));
     report.passes.iter_mut().for_each(|distances| *distances = distances.times(all));
@@ -87,6 +80,18 @@ pub(crate) fn restore(fit: &mut Fit, exponents: &[i32], weights: i32) {
     }
     if let Some(SurfaceDistances { rms_raw, percentile95_raw, hausdorff_raw, .. }) = &mut report.surface_distance {
         scale_all([rms_raw, percentile95_raw, hausdorff_raw], all);
+    }
+}
+
+/// Puts coefficients and their standard errors back into the unit of each channel.
+fn restore_columns(coefficients: &mut Coefficients, errors: &mut Option<Array2<f64>>, exponents: &[i32]) {
+    let mut values = coefficients.values().to_owned();
+    scale_columns(values.view_mut(), exponents);
+    if let Ok(restored) = Coefficients::new(values) {
+        *coefficients = restored;
+    }
+    if let Some(errors) = errors {
+        scale_columns(errors.view_mut(), exponents);
     }
 }
 
@@ -196,13 +201,6 @@ pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(Samp
 
 /// Puts a fit of sums back into their unit, but for its squares.
 pub(crate) fn restore_moments(fit: &mut MomentFit, exponents: &[i32], weights: i32) {
-    let mut coefficients = fit.coefficients.values().to_owned();
-    scale_columns(coefficients.view_mut(), exponents);
-    if let Ok(restored) = spharm_harmonics::Coefficients::new(coefficients) {
-        fit.coefficients = restored;
-    }
-    if let Some(errors) = &mut fit.standard_errors {
-        scale_columns(errors.view_mut(), exponents);
-    }
+    restore_columns(&mut fit.coefficients, &mut fit.standard_errors, exponents);
     restore_solution(&mut fit.report, largest(exponents), weights);
 }
