@@ -17,6 +17,7 @@ mod full_least_squares;
 mod handles;
 mod hostile;
 mod inputs;
+mod linked;
 mod memory;
 mod mended;
 mod moments;
