@@ -7,6 +7,7 @@ use ndarray::{Array2, s};
 
 use super::cg::{Cg, Stop};
 use super::columns::norms;
+use super::preconditioner::UNPRECONDITIONED;
 use super::report::{LsqReport, LsqSeconds, LsqWarning};
 use super::solver::{LsqSolver, Solution, Source};
 use crate::cholesky::CholeskyFactor;
@@ -75,7 +76,9 @@ impl LsqSolver<'_> {
             (None, Some(made)) if made.shift > 0.0 => f64::INFINITY,
             (None, Some(made)) => of(made.factor.condition().reciprocal),
             // Preconditioned by more than a number it isn't the matrix's own.
-            (None, None) if solution.preconditioner == "none" && self.penalty.is_none() => cg.condition.sqrt(),
+            (None, None) if solution.preconditioner == UNPRECONDITIONED && self.penalty.is_none() => {
+                cg.condition.sqrt()
+            }
             (None, None) => f64::NAN,
         }
     }

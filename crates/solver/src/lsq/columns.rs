@@ -10,13 +10,14 @@ const RUN: usize = 4096;
 pub(crate) fn dots(a: &Array2<f64>, b: &Array2<f64>) -> Vec<f64> {
     assert_eq!(a.dim(), b.dim(), "arrays of inner products");
     let c = a.ncols();
+    let (a, b) = (a.as_standard_layout(), b.as_standard_layout());
+    let [a, b] = [&a, &b].map(|array| array.as_slice().unwrap_or_default());
     let parts: Vec<Vec<f64>> = a
-        .axis_chunks_iter(Axis(0), RUN)
-        .into_par_iter()
-        .zip(b.axis_chunks_iter(Axis(0), RUN))
+        .par_chunks(RUN * c.max(1))
+        .zip(b.par_chunks(RUN * c.max(1)))
         .map(|(a, b)| {
             let mut sums = vec![0.0; c];
-            for (a, b) in a.rows().into_iter().zip(b.rows()) {
+            for (a, b) in a.chunks_exact(c).zip(b.chunks_exact(c)) {
                 for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
                     *sum += a * b;
                 }

@@ -10,7 +10,7 @@ use super::cg::{Cg, CgParams, Stop};
 use super::columns::dots;
 use super::cost::Cost;
 use super::params::Strategy;
-use super::problem::Problem;
+use super::problem::{Moments, Problem};
 use super::report::LsqWarning;
 use super::solver::{Given, LsqSolver, Solution};
 use crate::SolverError;
@@ -22,8 +22,9 @@ const BEFORE_FACTOR: usize = 60;
 const STRETCH: usize = 30;
 /// Share of a factor's cost that the iterations which seem to be left may take: they tend to be more than it seems.
 const SHARE: f64 = 0.2;
-/// Accuracy of moments relative to the optimality: what they lack is made up for by a refinement.
-const MOMENT_ACCURACY: f64 = 0.1;
+/// Accuracy of moments relative to the tolerance: times a condition number of up to ten it is little beside it, and the last
+/// gradient needn't be formed from the samples.
+const MOMENT_ACCURACY: f64 = 0.02;
 /// The coarsest moments that are any cheaper.
 const COARSEST: f64 = 1e-8;
 
@@ -124,7 +125,7 @@ impl LsqSolver<'_> {
         monitor.note(Level::Status, format_args!("moments"));
         let accuracy = (MOMENT_ACCURACY * self.params.tolerance).clamp(FINEST, COARSEST);
         let started = Instant::now();
-        self.moments = Some(make(accuracy)?);
+        self.moments = Some(Moments { operator: make(accuracy)?, accuracy });
         self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(())
     }

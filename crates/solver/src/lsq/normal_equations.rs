@@ -42,14 +42,20 @@ impl NormalEquations<'_> {
         self.operator.apply_adjoint(weighted.view())
     }
 
+    /// The residual `f - A x`.
+    pub(crate) fn residual(&self, targets: &Array2<f64>, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        let mut residual = self.operator.apply(x.view())?;
+        Zip::from(&mut residual).and(targets).par_for_each(|residual, target| *residual = target - *residual);
+        Ok(residual)
+    }
+
     /// `A^T W (f - A x) - P x` and the residual `f - A x`.
     pub(crate) fn gradient(
         &self,
         targets: &Array2<f64>,
         x: &Array2<f64>,
     ) -> Result<(Array2<f64>, Array2<f64>), SolverError> {
-        let mut residual = self.operator.apply(x.view())?;
-        Zip::from(&mut residual).and(targets).par_for_each(|residual, target| *residual = target - *residual);
+        let residual = self.residual(targets, x)?;
         let mut gradient = self.adjoint(&residual)?;
         if let Some(penalty) = self.penalty {
             let minus: Vec<f64> = penalty.iter().map(|p| -p).collect();

@@ -9,6 +9,9 @@ use crate::SolverError;
 use crate::cholesky::CholeskyFactor;
 use crate::operator::Operator;
 
+/// The name in reports of what changes nothing but, with a penalty, the diagonal.
+pub(crate) const UNPRECONDITIONED: &str = "none";
+
 /// An approximate inverse M of N = A^T W A + P.
 pub trait Preconditioner: Sync {
     /// Returns its name in reports.
@@ -53,7 +56,7 @@ impl Diagonal {
 
 impl Preconditioner for Diagonal {
     fn name(&self) -> &'static str {
-        "none"
+        UNPRECONDITIONED
     }
 
     fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {

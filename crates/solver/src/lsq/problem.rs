@@ -1,9 +1,11 @@
 //! A least-squares problem as iterations and refinements use it, from samples or from moments.
 
+use std::sync::Arc;
+
 use ndarray::Array2;
 use spharm_transform::MomentOperator;
 
-use super::columns::add_scaled_rows;
+use super::columns::{add_scaled_rows, dots, scale_rows};
 use super::normal_equations::NormalEquations;
 use crate::SolverError;
 
@@ -17,6 +19,24 @@ pub(crate) trait Problem: Sync {
 
     /// `A^T W (f - A x) - P x` as exactly as it can be had, and the residual `f - A x`, (n, c), where there are samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
+
+    /// How far products are from the samples' own, relative to the norm of N, where that is known; then there are samples.
+    fn product_error(&self) -> Option<f64> {
+        None
+    }
+
+    /// The residual alone, at half the cost of the gradient; `None` where there are no samples.
+    fn residual(&self, _x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {
+        Ok(None)
+    }
+}
+
+/// A residual r.
+pub(crate) struct Residual {
+    /// `f - A x`, (n, c).
+    pub(crate) values: Array2<f64>,
+    /// `(A x)^T W r` of each column.
+    pub(crate) slopes: Vec<f64>,
 }
 
 /// A problem whose samples are at hand. Products are by moments where there are some.
@@ -25,7 +45,15 @@ pub(crate) struct Sampled<'a> {
     pub(crate) equations: NormalEquations<'a>,
     /// f, (n, c).
     pub(crate) targets: &'a Array2<f64>,
-    pub(crate) moments: Option<&'a MomentOperator>,
+    pub(crate) moments: Option<&'a Moments>,
+}
+
+/// The normal operator from moments.
+#[derive(Clone)]
+pub(crate) struct Moments {
+    pub(crate) operator: Arc<MomentOperator>,
+    /// Relative accuracy of the moments.
+    pub(crate) accuracy: f64,
 }
 
 impl Problem for Sampled<'_> {
@@ -35,7 +63,7 @@ impl Problem for Sampled<'_> {
 
     fn product(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         match self.moments {
-            Some(moments) => penalised_product(moments, self.equations.penalty, x),
+            Some(moments) => penalised_product(&moments.operator, self.equations.penalty, x),
             None => self.equations.apply(x),
         }
     }
@@ -43,6 +71,25 @@ impl Problem for Sampled<'_> {
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError> {
         let (gradient, residual) = self.equations.gradient(self.targets, x)?;
         Ok((gradient, Some(residual)))
+    }
+
+    fn product_error(&self) -> Option<f64> {
+        // A penalty changes the norm of N.
+        self.moments.filter(|_| self.equations.penalty.is_none()).map(|moments| moments.accuracy)
+    }
+
+    fn residual(&self, x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {
+        let residual = self.equations.residual(self.targets, x)?;
+        let of_weights = |weights| {
+            let mut weighted = residual.clone();
+            scale_rows(&mut weighted, weights);
+            weighted
+        };
+        let weighted = self.equations.weights.map(of_weights);
+        let weighted = weighted.as_ref().unwrap_or(&residual);
+        let (total, left) = (dots(self.targets, weighted), dots(&residual, weighted));
+        let slopes = total.iter().zip(left).map(|(total, left)| total - left).collect();
+        Ok(Some(Residual { values: residual, slopes }))
     }
 }
 

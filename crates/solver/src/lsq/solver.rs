@@ -15,7 +15,7 @@ use super::moments::{MomentProblem, Summed};
 use super::normal_equations::NormalEquations;
 use super::params::{LsqParams, Strategy};
 use super::preconditioner::{Density, Diagonal, LowDegrees, Preconditioner};
-use super::problem::{Problem, Sampled};
+use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
 use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
 use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
@@ -50,7 +50,7 @@ pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + S
 /// Checks that the process's limits allow for so many bytes of anonymous memory beyond what it has.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Makes the normal operator from moments of a relative accuracy, when iterations are faster with it.
+/// Makes the normal operator from moments of a relative accuracy, or a better one, when iterations are faster with it.
 pub type MakeMoments<'a> = dyn Fn(f64) -> Result<Arc<MomentOperator>, SolverError> + Sync + 'a;
 
 /// What a solver is for.
@@ -94,7 +94,7 @@ pub struct LsqSolver<'a> {
     /// Diagonal of P, (K), where there is a penalty.
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
-    pub(super) moments: Option<Arc<MomentOperator>>,
+    pub(super) moments: Option<Moments>,
     pub(super) low_degrees: Option<LowDegrees>,
     pub(super) warnings: Vec<LsqWarning>,
     pub(super) factor_seconds: f64,
@@ -331,7 +331,7 @@ impl<'a> LsqSolver<'a> {
             Given::Targets(operator, targets) => Box::new(Sampled {
                 equations: NormalEquations { operator, weights: self.params.weights.as_deref(), penalty },
                 targets,
-                moments: self.moments.as_deref(),
+                moments: self.moments.as_ref(),
             }),
             Given::Sums(problem) => Box::new(Summed { problem, penalty }),
         }

@@ -14,6 +14,7 @@ pub struct MatrixFreeOperator {
     transform: Transform,
     /// To twice the degree at the same directions, for moments.
     twice: Option<Transform>,
+    accuracy: f64,
 }
 
 impl MatrixFreeOperator {
@@ -23,7 +24,7 @@ impl MatrixFreeOperator {
     ///
     /// Those of [`Transform::new`].
     pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, SolverError> {
-        Ok(Self { transform: Transform::new(directions, params)?, twice: None })
+        Ok(Self { transform: Transform::new(directions, params)?, twice: None, accuracy: params.accuracy })
     }
 
     /// Plans transforms for `directions` that share their sorting with those which [`moments`](Self::moments) take.
@@ -35,7 +36,7 @@ impl MatrixFreeOperator {
         let TransformParams { max_degree, accuracy, channels } = *params;
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 };
         let twice = Transform::new(directions, &twice)?;
-        Ok(Self { transform: twice.to_degree(max_degree, channels)?, twice: Some(twice) })
+        Ok(Self { transform: twice.to_degree(max_degree, channels)?, twice: Some(twice), accuracy })
     }
 
     /// Returns the bytes that [`with_moments`](Self::with_moments) takes beyond [`new`](Self::new), with a call of so
@@ -58,7 +59,7 @@ impl MatrixFreeOperator {
     }
 
     /// Computes the normal operator from moments at `directions`, those of this operator, with weights (n), all one where
-    /// there are none; to a relative accuracy, or to that of the shared transforms.
+    /// there are none; to a relative accuracy at least: by the shared transforms where they have it.
     ///
     /// # Errors
     ///
@@ -69,7 +70,7 @@ impl MatrixFreeOperator {
         weights: Option<&[f64]>,
         accuracy: f64,
     ) -> Result<MomentOperator, SolverError> {
-        let Some(twice) = &self.twice else {
+        let Some(twice) = self.twice.as_ref().filter(|_| self.accuracy <= accuracy) else {
             return moment_operator(directions, weights, self.max_degree(), accuracy);
         };
         let weights = weight_column(self.rows(), weights)?;

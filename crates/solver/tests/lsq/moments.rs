@@ -3,11 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use ndarray::{Array2, s};
+use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
 use spharm_solver::lsq::{MomentProblem, choose_smoothness, choose_smoothness_by_moments, solve_moments};
-use spharm_solver::{GramMatrix, LsqFit, LsqParams, LsqSolver, SolverError, Strategy, moment_gram, moment_operator};
+use spharm_solver::{
+    GramMatrix, LsqFit, LsqParams, LsqSolver, MatrixFreeOperator, Operator, SolverError, Strategy, moment_gram,
+    moment_operator,
+};
 use spharm_transform::{FINEST, SampleSums};
 
 use crate::problems::{
@@ -175,6 +178,65 @@ fn iterations_take_moments_of_many_samples_once_and_give_the_dense_solution() {
             let by_moments = strategy != Strategy::DensityCg;
             assert_eq!((made, fit.report.products == "moments"), (usize::from(by_moments), by_moments));
         }
+    }
+}
+
+/// Transforms, and how often the adjoint was formed.
+#[derive(Debug)]
+struct Counted(MatrixFreeOperator, AtomicUsize);
+
+impl Operator for Counted {
+    fn rows(&self) -> usize {
+        self.0.rows()
+    }
+
+    fn max_degree(&self) -> usize {
+        self.0.max_degree()
+    }
+
+    fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
+        self.0.apply(x)
+    }
+
+    fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
+        self.1.fetch_add(1, Ordering::Relaxed);
+        self.0.apply_adjoint(r)
+    }
+
+    fn normal(&self, x: ArrayView2<'_, f64>, weights: Option<&[f64]>) -> Result<Array2<f64>, SolverError> {
+        self.0.normal(x, weights)
+    }
+}
+
+#[test]
+fn where_moments_are_exact_enough_the_residual_tells_that_the_tolerance_is_met() {
+    for (sampling, weights, adjoints) in [
+        (irregular(6000, 16), None, 1),
+        (irregular(6000, 17), Some(uneven_weights(6000)), 1),
+        // Of a condition too large: the gradient is formed from the samples as well.
+        (clustered(6000), None, 2),
+    ] {
+        let operator = Counted(transforms(&sampling.directions, 8), AtomicUsize::new(0));
+        let targets = Random(18).normals(6000, 2);
+        let make = |accuracy| Ok(Arc::new(moment_operator(&sampling.directions, weights.as_deref(), 8, accuracy)?));
+        let params = LsqParams { weights: weights.clone(), ..params(&sampling, Strategy::Cg) };
+        let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&make);
+        let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
+        assert_eq!(fit.report.products, "moments");
+        assert_eq!(operator.1.load(Ordering::Relaxed), adjoints, "{}", sampling.name);
+        let synthesis = operator.apply(fit.coefficients.values().view()).unwrap();
+        assert_eq!(fit.residual, &targets - &synthesis);
+        // What is reported holds for the gradient of the samples.
+        let adjoint_of = |samples: &Array2<f64>| {
+            let mut weighted = samples.clone();
+            let weights = weights.iter().flatten();
+            weighted.rows_mut().into_iter().zip(weights).for_each(|(mut row, &w)| row *= w);
+            norms(&operator.apply_adjoint(weighted.view()).unwrap())
+        };
+        let optimality = adjoint_of(&fit.residual).into_iter().zip(adjoint_of(&targets)).map(|(g, b)| g / b);
+        let optimality = optimality.fold(0.0, f64::max);
+        assert!(optimality <= fit.report.optimality * (1.0 + 1e-6), "{optimality:e} {:?}", fit.report);
+        assert!(fit.report.optimality <= 1.5e-10, "{:?}", fit.report);
     }
 }
 
