@@ -19,7 +19,7 @@ use crate::interpolation::{interpolate, interpolate_and_spread, spread};
 use crate::kernel::Kernel;
 use crate::legendre::Legendre;
 use crate::points::Points;
-use crate::workspace::{ThreadWorkspace, Workspace};
+use crate::workspace::{Sizes, ThreadWorkspace, Uses, Workspace};
 use crate::{TransformError, TransformParams};
 
 /// A plan for transforms between coefficients to one degree and samples at one list of directions.
@@ -156,7 +156,7 @@ impl Transform {
     pub fn synthesis(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("coefficients", basis_size(self.max_degree), coefficients.nrows())?;
         let mut samples = Array2::zeros((self.points.len(), coefficients.ncols()));
-        self.grouped(coefficients.ncols(), |space, columns| {
+        self.grouped(coefficients.ncols(), Uses::SYNTHESIS, |space, columns| {
             let count = columns.len();
             let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns.clone()]), space);
             interpolate(layout, &space.grids[0], &self.kernel, &self.points, &mut space.samples);
@@ -181,7 +181,7 @@ impl Transform {
     pub fn adjoint_synthesis(&self, samples: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("samples", self.points.len(), samples.nrows())?;
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), samples.ncols()));
-        self.grouped(samples.ncols(), |space, columns| {
+        self.grouped(samples.ncols(), Uses::ADJOINT, |space, columns| {
             let count = columns.len();
             let samples = samples.slice(ndarray::s![.., columns.clone()]);
             space.samples.par_chunks_exact_mut(count).enumerate().for_each(|(place, sorted)| {
@@ -216,7 +216,7 @@ impl Transform {
             self.expect("weights", self.points.len(), weights.len())?;
         }
         let mut result = Array2::zeros(coefficients.dim());
-        self.grouped(coefficients.ncols(), |space, columns| {
+        self.grouped(coefficients.ncols(), Uses::NORMAL, |space, columns| {
             let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns.clone()]), space);
             let [from, to] = &mut space.grids;
             to.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
@@ -244,22 +244,21 @@ impl Transform {
         Layout::new(self.gridding.grid, self.gridding.reach, channels)
     }
 
-    /// Calls `work` for each group of channels with working memory of the right size.
-    fn grouped(&self, channels: usize, mut work: impl FnMut(&mut Workspace, std::ops::Range<usize>)) {
+    /// Calls `work` for each group of channels with working memory of the right size: what it uses of it.
+    fn grouped(&self, channels: usize, uses: Uses, mut work: impl FnMut(&mut Workspace, std::ops::Range<usize>)) {
         let mut space = self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop().unwrap_or_default();
         let mut first = 0;
         while first < channels {
             let columns = first..(first + self.channels).min(channels);
             let count = columns.len();
-            let layout = self.layout(count);
-            let complex = Complex64::default();
-            space.circles.resize(self.fourier.order_pairs() * count * self.gridding.grid, complex);
-            space.spectra.resize(layout.core_rows() * count * (self.max_degree + 1), complex);
-            for grid in &mut space.grids {
-                grid.resize(layout.len(), 0.0);
-            }
-            space.samples.resize(self.points.len() * count, 0.0);
-            space.by_order.resize((self.max_degree + 1) * (self.max_degree + 2) * count, 0.0);
+            let sizes = Sizes {
+                circles: self.fourier.order_pairs() * count * self.gridding.grid,
+                spectra: self.layout(count).core_rows() * count * (self.max_degree + 1),
+                grid: self.layout(count).len(),
+                samples: self.points.len() * count,
+                by_order: (self.max_degree + 1) * (self.max_degree + 2) * count,
+            };
+            space.resize(&sizes, uses);
             first = columns.end;
             work(&mut space, columns);
         }

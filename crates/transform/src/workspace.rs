@@ -19,6 +19,50 @@ pub(crate) struct Workspace {
     pub(crate) by_order: Vec<f64>,
 }
 
+/// What a call uses of its working memory: what isn't touched costs nothing.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Uses {
+    /// The grid that is interpolated from; the one that is spread to, with what leads from it to coefficients.
+    grids: [bool; 2],
+    samples: bool,
+}
+
+impl Uses {
+    pub(crate) const SYNTHESIS: Self = Self { grids: [true, false], samples: true };
+    pub(crate) const ADJOINT: Self = Self { grids: [false, true], samples: true };
+    pub(crate) const NORMAL: Self = Self { grids: [true, true], samples: false };
+}
+
+/// Lengths of the parts of a [`Workspace`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sizes {
+    pub(crate) circles: usize,
+    pub(crate) spectra: usize,
+    pub(crate) grid: usize,
+    pub(crate) samples: usize,
+    pub(crate) by_order: usize,
+}
+
+impl Workspace {
+    /// Gives the parts that are used their lengths.
+    pub(crate) fn resize(&mut self, sizes: &Sizes, uses: Uses) {
+        let complex = Complex64::default();
+        self.circles.resize(sizes.circles, complex);
+        for (grid, used) in self.grids.iter_mut().zip(uses.grids) {
+            if used {
+                grid.resize(sizes.grid, 0.0);
+            }
+        }
+        if uses.grids[1] {
+            self.spectra.resize(sizes.spectra, complex);
+            self.by_order.resize(sizes.by_order, 0.0);
+        }
+        if uses.samples {
+            self.samples.resize(sizes.samples, 0.0);
+        }
+    }
+}
+
 /// Working memory of one thread for a pair of orders.
 pub(crate) struct ThreadWorkspace {
     /// Scaled coefficients of an order, (L + 1 - m, columns) row-major.
