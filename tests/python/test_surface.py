@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -112,7 +113,7 @@ def test_distances_are_those_of_the_definition(study: Study) -> None:
 
 def test_what_memory_doesnt_allow_is_refused(study: Study) -> None:
     labels = np.ones((4, 4, 4), int)
-    refused = [
+    refused: list[Callable[[str], object]] = [
         lambda memory: sp.parametrize(study[0], method="conformal", memory=memory),
         lambda memory: sp.parametrize_volume(np.pad(labels, 1), label=1, memory=memory),
         lambda memory: sp.resample(*study, "icosphere:3", memory=memory),

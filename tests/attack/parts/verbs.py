@@ -258,7 +258,7 @@ class Workplace:
 
 def has_times(name):
     """Whether an output says how long something took, or in which order: two runs may have the same by chance."""
-    return name.endswith((".json", ".status.tsv")) or "/.study/" in name or "/status/" in name
+    return name.endswith((".json", ".status.tsv", "_status.tsv")) or "/.study/" in name or "/status/" in name
 
 
 def whole(path):
@@ -270,7 +270,8 @@ def whole(path):
         except ValueError:
             return False
         return True
-    if path.name.endswith(".status.tsv") or path.parent.name == "status":
+    of_bids = path.parent.name == "logs" and path.name.endswith("_status.tsv")
+    if path.name.endswith(".status.tsv") or path.parent.name == "status" or of_bids:
         # Lines are appended: part of the last one may be missing, and the next run cuts it off.
         return True
     if path.name.endswith((".tsv", ".csv")):
