@@ -13,7 +13,7 @@ use spharm_surface::io::{WriteOptions, write_mesh};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
-use crate::common::{finish, text, tool};
+use crate::common::{finish, root, text, tool};
 
 /// A folder with a surface, its sphere, and whatever a test puts beside them.
 struct Site(tempfile::TempDir);
@@ -258,6 +258,23 @@ fn tables_and_settings_that_lie_are_refused() {
     site.put("claim.npz", &npz(&[("a", npy(&plain("<f8", "(18446744073709551615, 65536)"), &[0; 8]))], false));
     for name in ["claim.npy", "twice.npy", "claim.npz"] {
         samples(name);
+    }
+    // Pages of Parquet: 2 GiB in 20 bytes, for few rows or for as many as that; more than the column, less than nothing,
+    // columns that aren't in the file. Files of the corpus end with a byte that says how they are read.
+    for (name, expected) in [
+        ("pages-expands", "2147483647 bytes in a page of"),
+        ("pages-rows", "pages that take 2.0 GiB of memory"),
+        ("pages-long", "a page of 2147483647 bytes"),
+        ("pages-less", "a page of less than no bytes"),
+        ("pages-column", "isn't in the file"),
+        ("pages-before", "isn't in the file"),
+    ] {
+        let file = format!("{name}.parquet");
+        let bytes = std::fs::read(root().join("tests/data/hostile/tables").join(&file)).expect("a file of the corpus");
+        site.put(&file, &bytes[..bytes.len() - 1]);
+        let moments = ["moments", "--samples", &file, "--values", "f", "--max-degree", "1", "-q", "-o", "o.moments"];
+        let line = site.refused(&file, &moments);
+        assert!(line.contains(expected), "{line}");
     }
     let import = |name: &str| site.refused(name, &["import", name, "-q", "-o", "o.npz"]);
     site.put("claim.flm.npy", &npy(&plain("<c16", "(1099511627776, 3)"), &[0; 64]));

@@ -49,6 +49,7 @@ def compare(
     *,
     surface_distance: bool = False,
     samples: int = 100_000,
+    memory: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> Distances:
@@ -62,12 +63,19 @@ def compare(
         Measure the distance of the surfaces everywhere as well, which is defined for any triangles.
     samples : int
         About so many points on each surface for that.
+    memory : int or str, optional
+        Bytes that may be used for that, or ``"512MiB"``; by default what is free.
     threads : int, optional
     progress : bool or callable, optional
 
     Returns
     -------
     Distances
+
+    Raises
+    ------
+    MemoryBudgetError
+        Where the budget is too small; it has ``budget`` and ``needed``.
 
     Examples
     --------
@@ -85,7 +93,11 @@ def compare(
     if surface_distance:
         count = _arrays.threads(threads)
         text, each = _core.surface_distance(
-            *arrays, samples=_arrays.whole("samples", samples, 1), threads=count, progress=callback(progress)
+            *arrays,
+            samples=_arrays.whole("samples", samples, 1),
+            memory=_arrays.size(memory),
+            threads=count,
+            progress=callback(progress),
         )
         between = json.loads(text)
     corresponding = len(first.vertices) == len(second.vertices) and np.array_equal(first.faces, second.faces)

@@ -201,6 +201,7 @@ def parametrize(
     degree: int | None,
     area: float,
     seed: int,
+    memory: int | None = None,
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> _Mapped: ...
@@ -213,6 +214,7 @@ def parametrize_volume(
     degree: int | None,
     area: float,
     seed: int,
+    memory: int | None = None,
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> _Mapped: ...
@@ -224,6 +226,7 @@ def resample(
     shared: _Floats,
     shared_faces: _Triangles,
     *,
+    memory: int | None = None,
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> _Mapped: ...
@@ -238,6 +241,7 @@ def surface_distance(
     other_faces: _Triangles,
     *,
     samples: int,
+    memory: int | None = None,
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> tuple[str, _Floats]: ...

@@ -50,12 +50,15 @@ def _made(mapped: tuple[Any, Any, Any, str, list[str]]) -> Parametrization:
     return Parametrization(Surface(vertices, faces), Surface(sphere, faces), json.loads(report))
 
 
-def _settings(method: str, degree: int | None, area: float, seed: int, threads: int | None) -> dict[str, Any]:
+def _settings(
+    method: str, degree: int | None, area: float, seed: int, memory: int | str | None, threads: int | None
+) -> dict[str, Any]:
     return {
         "method": str(method),
         "degree": None if degree is None else _arrays.whole("degree", degree),
         "area": float(area),
         "seed": _arrays.whole("seed", seed),
+        "memory": _arrays.size(memory),
         "threads": _arrays.threads(threads),
     }
 
@@ -67,6 +70,7 @@ def parametrize(
     degree: int | None = None,
     area: float = 0.1,
     seed: int = 0,
+    memory: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> Parametrization:
@@ -83,6 +87,8 @@ def parametrize(
         Allowed area distortion: the root mean square of the log area ratio, from 0 to 1.
     seed : int
         Of the rotation that the sphere starts from.
+    memory : int or str, optional
+        Bytes that may be used, or ``"512MiB"``; by default what is free.
     threads : int, optional
         All of the machine by default.
     progress : bool or callable, optional
@@ -96,6 +102,8 @@ def parametrize(
     ------
     MeshError
         Where the surface isn't closed, has handles, or can't be mapped.
+    MemoryBudgetError
+        Where the budget is too small; it has ``budget`` and ``needed``.
 
     Examples
     --------
@@ -105,7 +113,7 @@ def parametrize(
     >>> found.quality["flipped"]
     0
     """
-    mesh, settings = as_surface(surface), _settings(method, degree, area, seed, threads)
+    mesh, settings = as_surface(surface), _settings(method, degree, area, seed, memory, threads)
     return _made(_core.parametrize(mesh.vertices, mesh.faces, **settings, progress=callback(progress)))
 
 
@@ -119,6 +127,7 @@ def parametrize_volume(
     degree: int | None = None,
     area: float = 0.1,
     seed: int = 0,
+    memory: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> Parametrization:
@@ -136,7 +145,7 @@ def parametrize_volume(
         Repair a label that isn't a ball, in place of refusing it.
     method : str
         ``auto`` is ``equal-area``; others as of `parametrize`.
-    degree, area, seed, threads, progress
+    degree, area, seed, memory, threads, progress
         As of `parametrize`.
 
     Returns
@@ -152,7 +161,7 @@ def parametrize_volume(
     >>> sp.parametrize_volume(labels, label=3).surface
     Surface(82 vertices, 160 faces)
     """
-    settings = _settings(method, degree, area, seed, threads)
+    settings = _settings(method, degree, area, seed, memory, threads)
     chosen = None if label is None else int(np.asarray(label).item())
     found = _core.parametrize_volume(
         _volume(volume, affine), label=chosen, fix=bool(fix), **settings, progress=callback(progress)
@@ -193,6 +202,7 @@ def resample(
     sphere: Any,
     onto: Any = "icosphere:6",
     *,
+    memory: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> Parametrization:
@@ -205,7 +215,7 @@ def resample(
         The surface's own sphere: its vertices, in their order.
     onto : str, Surface or what `as_surface` takes
         ``icosphere:N``, or a sphere.
-    threads, progress
+    memory, threads, progress
         As of `parametrize`.
 
     Returns
@@ -223,9 +233,15 @@ def resample(
     mesh = as_surface(surface)
     unit = _arrays.positions("sphere", sphere) if isinstance(sphere, np.ndarray) else as_surface(sphere).vertices
     shared = as_surface(named_icosphere(onto))
-    threads = _arrays.threads(threads)
     return _made(
         _core.resample(
-            mesh.vertices, mesh.faces, unit, shared.vertices, shared.faces, threads=threads, progress=callback(progress)
+            mesh.vertices,
+            mesh.faces,
+            unit,
+            shared.vertices,
+            shared.faces,
+            memory=_arrays.size(memory),
+            threads=_arrays.threads(threads),
+            progress=callback(progress),
         )
     )

@@ -12,7 +12,9 @@ import argparse
 import json
 import os
 import random
+import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -29,6 +31,8 @@ WORDS = ["of memory", "memory budget", "--memory", "ulimit", "bytes of memory", 
 MOMENTS = ["--samples", "samples.csv", "--angles", "theta", "phi", "--values", "value"]
 # They read their files in pieces.
 WITHOUT = {"store"}
+# What is resumed if it is there.
+RESUMED = ("out.bids", "studies/results")
 GROUPS = [("/sys/fs/cgroup/memory", "memory.limit_in_bytes"), ("/sys/fs/cgroup", "memory.max")]
 
 
@@ -90,6 +94,20 @@ def make_inputs(program, folder):
     (folder / "subjects/s1/surf").mkdir(parents=True)
     surf = "subjects/s1/surf"
     spharm("generate", "--subdivisions", "5", "--surface", f"{surf}/lh.pial", "--sphere", f"{surf}/lh.sphere.reg", "-q")
+    (folder / "data/derivatives/freesurfer").mkdir(parents=True)
+    (folder / "data/derivatives/freesurfer/sub-01").symlink_to("../../../subjects/s1")
+    (folder / "studies").mkdir()
+    spharm("study", "init", "studies/study.toml")
+    for level in (3, 6):
+        text = (folder / "studies/study.toml").read_text()
+        for key, value in {"output": "results", "table": f"subjects{level}.csv"}.items():
+            text = re.sub(f'^{key} = .*', f'{key} = "{value}"', text, flags=re.MULTILINE)
+        (folder / f"studies/study{level}.toml").write_text(re.sub("^max_degree = .*", f"max_degree = {4 * level}", text, flags=re.MULTILINE))
+        rows = []
+        for variant in range(4):
+            spharm("generate", "--subdivisions", str(level), "--variant", str(variant), "--surface", f"studies/l{level}v{variant}.ply", "-q")
+            rows.append(f"s{variant},l{level}v{variant}.ply,{'ab'[variant // 2]}\n")
+        (folder / f"studies/subjects{level}.csv").write_text("id,surface,group\n" + "".join(rows))
     ball(folder / "ball.npy", 40)
     rows = "".join(f"{0.001 * k},{0.002 * k},{k}\n" for k in range(1, 1500))
     (folder / "samples.csv").write_text("theta,phi,value\n" + rows)
@@ -154,6 +172,9 @@ def cases():
     yield "shape sample", ["shape", "sample", "g.shape-model.npz", "--random", "100000000000", "-o", "out.random", "--force"]
     freesurfer = ["freesurfer", "subjects", "--surface", "pial", "--hemi", "lh", "--max-degree", "10", "-o", "out.fs", "--force"]
     yield from (("freesurfer", [*freesurfer, "--evaluate-on", f"icosphere:{n}"]) for n in "49")
+    bids = ["bids", "data", "out.bids", "participant", "--surfaces", "pial", "--hemi", "L", "--no-pages"]
+    yield from (("bids", [*bids, "--max-degree", degree, "--icosphere", n]) for degree, n in (("10", "4"), ("10", "8"), ("60", "4")))
+    yield from (("study", ["study", f"studies/study{level}.toml"]) for level in "36")
     yield "volumes", ["volumes", "ball.npy", "--voxel-size", "1,1,1", "--max-degree", "8", "-o", "out.volumes", "--force"]
     yield from (("store", ["store", verb, "basis"]) for verb in ("list", "verify"))
     yield "report", ["report", "m.npz", "-o", "out.html", "--force"]
@@ -242,6 +263,8 @@ def main():
                 break
             more = ["--memory", str(limit)] if kind == "memory" else []
             group = groups.get(limit) if kind == "cgroup" else None
+            for name in RESUMED:
+                shutil.rmtree(folder / name, ignore_errors=True)
             code, peak, errors = run([program, *arguments, *more], folder, limit, kind, group)
             outcome, why = judge(code, peak, errors, limit, kind)
             row["cases"] += 1

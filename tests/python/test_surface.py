@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -108,3 +109,22 @@ def test_distances_are_those_of_the_definition(study: Study) -> None:
     assert np.isnan(other.msd) and len(other.per_vertex) == 162
     with pytest.raises(ValueError):
         sp.compare(surface, sp.icosphere(2))
+
+
+def test_what_memory_doesnt_allow_is_refused(study: Study) -> None:
+    labels = np.ones((4, 4, 4), int)
+    refused: list[Callable[[str], object]] = [
+        lambda memory: sp.parametrize(study[0], method="conformal", memory=memory),
+        lambda memory: sp.parametrize_volume(np.pad(labels, 1), label=1, memory=memory),
+        lambda memory: sp.resample(*study, "icosphere:3", memory=memory),
+        lambda memory: sp.compare(*study, surface_distance=True, samples=1000, memory=memory),
+    ]
+    for work in refused:
+        with pytest.raises(sp.MemoryBudgetError, match="memory is 0.0 MiB") as caught:
+            work("10KiB")
+        assert caught.value.budget == 10 << 10 and caught.value.needed > caught.value.budget
+        with pytest.raises(ValueError, match="512MiB"):
+            work("much")
+        work("1GiB")
+    with pytest.raises(sp.MemoryBudgetError, match="are free"):
+        sp.compare(*study, surface_distance=True, samples=10**12)

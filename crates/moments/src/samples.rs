@@ -10,6 +10,8 @@ mod las;
 mod npy;
 mod npz;
 mod open;
+#[cfg(feature = "tables")]
+mod pages;
 mod ply;
 mod records;
 mod table;

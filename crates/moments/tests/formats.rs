@@ -160,6 +160,43 @@ fn tables_by_columns() {
     }
 }
 
+/// What is said of pages is found in whatever way these are written.
+#[test]
+fn pages_of_parquet() {
+    use parquet::basic::{Compression, GzipLevel, ZstdLevel};
+    use parquet::file::properties::{EnabledStatistics, WriterProperties, WriterVersion};
+    let folder = tempfile::tempdir().unwrap();
+    let column = |c: usize| Arc::new(Float64Array::from(column(c))) as ArrayRef;
+    let gaps = Arc::new(Int32Array::from_iter((0..ROWS as i32).map(|i| (i % 3 > 0).then_some(i % 7)))) as ArrayRef;
+    let all = [("gaps", gaps), ("x", column(0)), ("y", column(1)), ("z", column(2)), ("f", column(3))];
+    let all = RecordBatch::try_from_iter(all).unwrap();
+    let path = folder.path().join("a.parquet");
+    for (version, dictionary) in [(WriterVersion::PARQUET_1_0, true), (WriterVersion::PARQUET_2_0, false)] {
+        for compression in [
+            Compression::UNCOMPRESSED,
+            Compression::SNAPPY,
+            Compression::LZ4_RAW,
+            Compression::GZIP(GzipLevel::default()),
+            Compression::ZSTD(ZstdLevel::default()),
+        ] {
+            let properties = WriterProperties::builder()
+                .set_writer_version(version)
+                .set_compression(compression)
+                .set_dictionary_enabled(dictionary)
+                .set_statistics_enabled(EnabledStatistics::Page)
+                .set_write_page_header_statistics(true)
+                .set_write_batch_size(64)
+                .set_data_page_row_count_limit(128)
+                .build();
+            let file = std::fs::File::create(&path).unwrap();
+            let mut writer = parquet::arrow::ArrowWriter::try_new(file, all.schema(), Some(properties)).unwrap();
+            writer.write(&all).unwrap();
+            writer.close().unwrap();
+            is_the_same(folder.path(), &path);
+        }
+    }
+}
+
 /// What a compressed Arrow file says of its buffers and blocks is held against the file before anything is allocated.
 #[test]
 fn sizes_in_arrow_files_are_held_against_the_file() {

@@ -33,6 +33,16 @@ const ITERATIONS: usize = 100;
 /// The reduction of the residual, in the preconditioner's norm, at which to stop.
 const REDUCTION: f64 = 0.01;
 
+/// Counts blocks of matrices that are multiplied, for tests.
+#[cfg(test)]
+fn multiplied(blocks: usize) {
+    tests::MULTIPLIED.with(|count| count.set(count.get() + blocks));
+}
+
+/// Counts nothing.
+#[cfg(not(test))]
+fn multiplied(_: usize) {}
+
 /// One linear system.
 pub(crate) struct System<'a> {
     pub(crate) pattern: &'a Pattern,
@@ -92,6 +102,7 @@ impl System<'_> {
 
     /// Puts `then(H x, row)` into each row of `out`.
     fn times(&self, x: &[[f64; 2]], out: &mut [[f64; 2]], then: impl Fn([f64; 2], usize) -> [f64; 2] + Sync) {
+        multiplied(self.blocks.len());
         out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
             for (v, out) in (chunk * ROWS..).zip(out) {
                 let range = self.pattern.range(v);
@@ -173,12 +184,33 @@ fn dot(x: &[[f64; 2]], y: &[[f64; 2]]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+
     use super::*;
+    use crate::cald::{CaldParams, cald};
     use crate::coarse::turns;
     use crate::local::frame;
     use crate::sparse_cholesky::Symbolic;
     use spharm_monitor::Silent;
-    use spharm_surface::generate::icosphere;
+    use spharm_surface::generate::{bipyramid, icosphere};
+
+    std::thread_local! {
+        pub(crate) static MULTIPLIED: Cell<usize> = const { Cell::new(0) };
+    }
+
+    #[test]
+    fn a_fan_takes_as_much_work_for_each_of_its_sides_however_many_there_are() {
+        let work = |sides: u32| {
+            MULTIPLIED.with(|count| count.set(0));
+            let found =
+                cald(&bipyramid(sides), &CaldParams { degree: Some(0), ..CaldParams::default() }, &Silent).unwrap();
+            assert!(found.quality().is_bijective() && found.quality().area_rms < 0.1);
+            MULTIPLIED.with(|count| count.get()) as f64 / f64::from(sides)
+        };
+        let (few, many) = (work(2500), work(10_000));
+        // Quadratic work would be four times as much.
+        assert!(many < 2.0 * few && many < 20_000.0, "{few} {many}");
+    }
 
     /// A stiff, soft and uneven system on an icosphere: springs along edges, a hundred times stiffer than across.
     fn springs(unit: &[Vec3], pattern: &Pattern) -> Vec<[f64; 4]> {

@@ -16,6 +16,17 @@ pub(crate) enum Failure {
     Library(Error),
     /// An error of the sums over samples.
     Moments(MomentsError),
+    /// Less memory than a function takes.
+    Memory {
+        /// What it would do.
+        what: String,
+        /// Bytes it may have.
+        budget: u64,
+        /// Bytes it takes.
+        needed: u64,
+        /// Whether the budget was given, and isn't what is free.
+        given: bool,
+    },
     /// An argument that the library wasn't given.
     Argument(String),
     /// A defect of the library.
@@ -46,6 +57,16 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
     match failure {
         Failure::Library(error) => raised(py, &error.to_string(), of(&error)),
         Failure::Moments(error) => raised(py, &error.to_string(), of_moments(&error)),
+        Failure::Memory { what, budget, needed, given } => {
+            let size = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
+            let (needs, has) = (size(needed), size(budget));
+            let text = if given {
+                format!("{what} needs {needs} of memory, memory is {has}: give more")
+            } else {
+                format!("{what} needs {needs} of memory, {has} are free")
+            };
+            raised(py, &text, Kind::Memory { budget, needed })
+        }
         Failure::Argument(text) => PyValueError::new_err(text),
         Failure::Panic => named(py, "SpharmError", "a defect of spharm-rs; please report it, with what stderr says"),
     }

@@ -26,6 +26,7 @@ mod arrays;
 mod errors;
 mod fitting;
 mod groups;
+mod memory;
 mod models;
 mod modes;
 mod moments;

@@ -23,6 +23,7 @@ use spharm::{Mesh, Signal, Sphere};
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, mesh, mesh_arrays, positions};
 use crate::errors::Failure;
+use crate::memory::{check_distance, check_mapping, check_resampling};
 use crate::run::{run, run_owned};
 
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -141,7 +142,7 @@ fn method(name: &str, degree: Option<usize>, area: f64, seed: u64) -> PyResult<M
 }
 
 #[pyfunction]
-#[pyo3(signature = (vertices, faces, *, method, degree, area, seed, threads = None, progress = None))]
+#[pyo3(signature = (vertices, faces, *, method, degree, area, seed, memory = None, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn parametrize<'py>(
     py: Python<'py>,
@@ -151,11 +152,15 @@ fn parametrize<'py>(
     degree: Option<usize>,
     area: f64,
     seed: u64,
+    memory: Option<usize>,
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (mesh, method) = (mesh("surface", &vertices, &faces)?, self::method(method, degree, area, seed)?);
-    let found = run_owned(py, threads, progress.as_ref(), move |monitor| Ok(method.run(&mesh, monitor)?))?;
+    let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
+        check_mapping(&mesh, &method, memory)?;
+        Ok(method.run(&mesh, monitor)?)
+    })?;
     Ok(mapped(py, found))
 }
 
@@ -192,7 +197,9 @@ impl Volume<'_> {
 }
 
 #[pyfunction]
-#[pyo3(signature = (volume, *, label, fix, method, degree, area, seed, threads = None, progress = None))]
+#[pyo3(signature = (
+    volume, *, label, fix, method, degree, area, seed, memory = None, threads = None, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn parametrize_volume<'py>(
     py: Python<'py>,
@@ -203,6 +210,7 @@ fn parametrize_volume<'py>(
     degree: Option<usize>,
     area: f64,
     seed: u64,
+    memory: Option<usize>,
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
@@ -210,6 +218,7 @@ fn parametrize_volume<'py>(
     let (found, repair) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let surface = read(monitor)?.surface(&VolumeParams { label, fix }, monitor)?;
         let repair = surface.repair.as_ref().map(ToString::to_string);
+        check_mapping(&surface.quads, &method, memory)?;
         Ok((method.run(&surface.quads, monitor)?, repair))
     })?;
     let mut mapped = mapped(py, found);
@@ -225,7 +234,9 @@ fn labels(py: Python<'_>, volume: Volume<'_>) -> PyResult<std::collections::BTre
 }
 
 #[pyfunction]
-#[pyo3(signature = (vertices, faces, sphere, shared, shared_faces, *, threads = None, progress = None))]
+#[pyo3(signature = (
+    vertices, faces, sphere, shared, shared_faces, *, memory = None, threads = None, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn resample<'py>(
     py: Python<'py>,
@@ -234,6 +245,7 @@ fn resample<'py>(
     sphere: Positions<'py>,
     shared: Positions<'py>,
     shared_faces: Faces<'py>,
+    memory: Option<usize>,
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
@@ -242,6 +254,7 @@ fn resample<'py>(
     let shared = mesh("sphere to resample to", &shared, &shared_faces)?;
     let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
         corresponding(&surface, &sphere)?;
+        check_resampling(&shared, memory)?;
         Ok(resample_mesh(&surface, &sphere, &shared, monitor)?)
     })?;
     Ok(mapped(py, found))
@@ -287,7 +300,7 @@ fn compare<'py>(
 
 /// Distances of two surfaces everywhere, as JSON, and of the second's vertices from the first.
 #[pyfunction]
-#[pyo3(signature = (vertices, faces, others, other_faces, *, samples, threads = None, progress = None))]
+#[pyo3(signature = (vertices, faces, others, other_faces, *, samples, memory = None, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn surface_distance<'py>(
     py: Python<'py>,
@@ -296,12 +309,15 @@ fn surface_distance<'py>(
     others: Positions<'py>,
     other_faces: Faces<'py>,
     samples: usize,
+    memory: Option<usize>,
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(String, Bound<'py, PyArray1<f64>>)> {
     let (first, second) = (mesh("surface", &vertices, &faces)?, mesh("other surface", &others, &other_faces)?);
     let (found, each) = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        let found = between_surfaces(&first, &second, &SurfaceDistanceParams { samples }, monitor)?;
+        let params = SurfaceDistanceParams { samples };
+        check_distance([&first, &second], &params, memory)?;
+        let found = between_surfaces(&first, &second, &params, monitor)?;
         Ok((found, distances_to_surface(&first, &second.vertices, monitor)?))
     })?;
     let figures = json!({

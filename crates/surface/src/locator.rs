@@ -23,6 +23,10 @@
 //! sphere, is looked up. It follows the triangles' density, however uneven a parameterisation is. A flat triangle with
 //! longest edge e bulges from its plane by at most 1 - sqrt(1 - e^2 / 3) on the sphere, which is how much larger than the
 //! corners' its box is.
+//!
+//! Slivers that share a pole nearly all lie in each other's boxes, and such boxes bulge far. Where a sphere is made of slivers, as
+//! those of fans are, each flat triangle has a box in its own direction, and those that the way from the origin to d meets are
+//! looked at (`sliver_tree.rs`).
 
 use ndarray::{Array2, ArrayView2, Axis};
 use parry3d_f64::bounding_volume::Aabb;
@@ -34,6 +38,7 @@ use spharm_harmonics::Directions;
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, bounds, cross, dot, orientation, sub};
 use crate::mesh::Mesh;
+use crate::sliver_tree::{SliverTree, is_of_slivers};
 
 /// How far outside of all triangles a direction may be, in radians.
 pub const TOLERANCE: f64 = 1e-9;
@@ -49,7 +54,7 @@ pub struct Place {
 
 /// A search tree over a sphere's triangles.
 pub struct SphereLocator {
-    tree: Bvh,
+    tree: Tree,
     /// Unit vectors, counter-clockwise seen from outside but for flipped triangles.
     corners: Vec<[Vec3; 3]>,
     /// Whether the sphere's own order is clockwise: corners 1 and 2 have changed places in `corners`.
@@ -57,6 +62,14 @@ pub struct SphereLocator {
     faces: Vec<[u32; 3]>,
     vertices: usize,
     flipped: usize,
+}
+
+/// The boxes of triangles.
+enum Tree {
+    /// Along the axes, around spherical triangles.
+    Boxes(Bvh),
+    /// In the direction of slivers, around flat ones.
+    Slivers(SliverTree),
 }
 
 impl SphereLocator {
@@ -90,8 +103,12 @@ impl SphereLocator {
             corners.iter_mut().for_each(|c| c.swap(1, 2));
             upright = positive(&corners);
         }
-        let boxes: Vec<Aabb> = corners.iter().map(spherical_box).collect();
-        let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
+        let tree = if is_of_slivers(&corners) {
+            Tree::Slivers(SliverTree::new(&corners))
+        } else {
+            let boxes: Vec<Aabb> = corners.iter().map(spherical_box).collect();
+            Tree::Boxes(Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes))
+        };
         let flipped = corners.len() - upright;
         Ok(Self { tree, corners, inward, faces: sphere.faces.clone(), vertices, flipped })
     }
@@ -121,7 +138,12 @@ impl SphereLocator {
     /// Returns the triangle that a unit vector meets; `None` where there is none.
     #[must_use]
     pub fn locate(&self, direction: [f64; 3]) -> Option<Place> {
-        let inside = self.candidates(direction, 0.0).filter(|&t| contains(&self.corners[t as usize], direction)).min();
+        let mut inside: Option<u32> = None;
+        self.each_near(direction, 0.0, |t| {
+            if inside.is_none_or(|least| t < least) && contains(&self.corners[t as usize], direction) {
+                inside = Some(t);
+            }
+        });
         let triangle = inside.or_else(|| self.nearest(direction))?;
         let mut barycentric = weights(&self.corners[triangle as usize], direction)?;
         if self.inward {
@@ -176,11 +198,17 @@ impl SphereLocator {
         Ok(result)
     }
 
-    /// The triangles whose boxes hold a point, or come within `slack` of it.
-    fn candidates(&self, point: Vec3, slack: f64) -> impl Iterator<Item = u32> {
-        let point = Vector::from(point);
-        let (low, high) = (point - slack, point + slack);
-        self.tree.leaves(move |node| node.mins().cmple(high).all() && node.maxs().cmpge(low).all())
+    /// Visits the triangles that a direction may meet, or come within `slack` of.
+    fn each_near(&self, direction: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
+        match &self.tree {
+            Tree::Boxes(tree) => {
+                let point = Vector::from(direction);
+                let (low, high) = (point - slack, point + slack);
+                let leaves = tree.leaves(move |node| node.mins().cmple(high).all() && node.maxs().cmpge(low).all());
+                leaves.for_each(visit);
+            }
+            Tree::Slivers(tree) => tree.along(direction, slack, &mut visit),
+        }
     }
 
     /// Of the triangles within [`TOLERANCE`], the one that a direction is least outside of.
@@ -195,8 +223,15 @@ impl SphereLocator {
             let most = beyond(a, b).max(beyond(b, c)).max(beyond(c, a));
             (orientation([a, b, c]) > 0.0 && most <= TOLERANCE).then_some((most, t))
         };
-        let near = self.candidates(direction, TOLERANCE).filter_map(outside);
-        near.min_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1))).map(|(_, t)| t)
+        let mut near: Option<(f64, u32)> = None;
+        self.each_near(direction, TOLERANCE, |t| {
+            let found = outside(t);
+            let is_nearer = |&(most, t): &(f64, u32)| {
+                near.is_none_or(|(least, other)| most.total_cmp(&least).then(t.cmp(&other)).is_lt())
+            };
+            near = found.filter(is_nearer).or(near);
+        });
+        near.map(|(_, t)| t)
     }
 }
 
@@ -227,4 +262,49 @@ fn spherical_box(corners: &[Vec3; 3]) -> Aabb {
     let bulge = 1.0 - (1.0 - longest / 3.0).max(0.0).sqrt() + 1e-15;
     let (low, high) = bounds(corners.iter().copied());
     Aabb::new(Vector::from(low.map(|x| x - bulge)), Vector::from(high.map(|x| x + bulge)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::{SplitMix64, bipyramid};
+    use crate::geometry::{add, unit};
+
+    /// A fan over the sphere, askew to the axes.
+    fn fan(sides: u32) -> Mesh {
+        let turned = |[x, y, z]: Vec3| unit([0.8 * x + 0.6 * z, y, 0.8 * z - 0.6 * x]);
+        let mesh = bipyramid(sides);
+        mesh.with_vertices(mesh.vertices.iter().map(|&place| turned(place)).collect())
+    }
+
+    #[test]
+    fn few_triangles_of_a_fan_are_looked_at_however_many_there_are_and_the_right_one_is_found() {
+        let mut looked_at = Vec::new();
+        for sides in [500, 16_000] {
+            let sphere = fan(sides);
+            let locator = SphereLocator::new(&sphere).unwrap();
+            assert!(matches!(locator.tree, Tree::Slivers(_)));
+            let mut random = SplitMix64::new(7);
+            let (mut count, points) = (0_usize, 1000_usize);
+            for k in 0..points {
+                // Vertices of the rim, points of its edges and of others, and of triangles.
+                let [a, b, c] = locator.corners[k * 29 % sides as usize];
+                let direction = match k % 10 {
+                    0 => a,
+                    1 => unit(add(a, b)),
+                    2 => unit(add(a, c)),
+                    _ => unit([(); 3].map(|()| random.between(-1.0, 1.0))),
+                };
+                locator.each_near(direction, 0.0, |_| count += 1);
+                let place = locator.locate(direction).unwrap();
+                if k < 100 {
+                    let all =
+                        (0..locator.corners.len() as u32).find(|&t| contains(&locator.corners[t as usize], direction));
+                    assert!(all.is_none_or(|first| first == place.triangle), "{direction:?} {place:?} {all:?}");
+                }
+            }
+            looked_at.push(count as f64 / points as f64);
+        }
+        assert!(looked_at[1] < 20.0 && looked_at[1] < 1.5 * looked_at[0], "{looked_at:?}");
+    }
 }

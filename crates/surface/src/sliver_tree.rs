@@ -1,4 +1,4 @@
-//! The nearest point of a mesh of slivers.
+//! The nearest point of a mesh of slivers, and what a ray meets of them.
 //!
 //! Boxes along the axes are as large as long thin triangles are long, and those that share a pole nearly all contain each
 //! other: a search tree of them looks at a good part of all triangles for each point. Boxes that are turned into the
@@ -43,6 +43,32 @@ impl Node {
     fn bound(&self, point: Vec3) -> f64 {
         let off = sub(point, self.centre);
         (0..3).map(|k| (dot(self.axes[k], off).abs() - self.half[k]).max(0.0).powi(2)).sum()
+    }
+}
+
+/// Rounding errors of points and boxes within the unit sphere, with some to spare.
+const ROUNDING: f64 = 1e-14;
+
+impl Node {
+    /// Whether a part of the way from the origin to `end`, at most 1 long, comes within `slack` of the box.
+    fn is_on_the_way(&self, end: Vec3, slack: f64) -> bool {
+        let slack = slack + ROUNDING;
+        let (mut first, mut last) = (0.0_f64, 1.0_f64);
+        for k in 0..3 {
+            let (origin, step) = (-dot(self.axes[k], self.centre), dot(self.axes[k], end));
+            let half = self.half[k] + slack;
+            if step.abs() < f64::MIN_POSITIVE {
+                if origin.abs() > half {
+                    return false;
+                }
+                continue;
+            }
+            let (enters, leaves) = ((-half - origin) / step, (half - origin) / step);
+            first = first.max(enters.min(leaves));
+            last = last.min(enters.max(leaves));
+        }
+        // The way ends on a corner where a direction is a vertex.
+        first <= last + ROUNDING
     }
 }
 
@@ -176,6 +202,27 @@ impl SliverTree {
             left.extend([at + 1, node.other as usize].map(|node| Entry { bound: self.nodes[node].bound(point), node }));
         }
         best.filter(|(_, (distance, _))| distance.is_finite())
+    }
+
+    /// Visits the triangles whose boxes come within `slack` of the way from the origin to `end`, all of which lie within the
+    /// unit sphere; in an unspecified order.
+    pub(crate) fn along(&self, end: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
+        // As many levels as numbers of triangles have digits.
+        let mut left = Vec::with_capacity(34);
+        if !self.nodes.is_empty() {
+            left.push(0);
+        }
+        while let Some(at) = left.pop() {
+            let node: &Node = &self.nodes[at];
+            if !node.is_on_the_way(end, slack) {
+                continue;
+            }
+            if node.other == 0 {
+                self.order[node.triangles[0] as usize..node.triangles[1] as usize].iter().copied().for_each(&mut visit);
+            } else {
+                left.extend([node.other as usize, at + 1]);
+            }
+        }
     }
 }
 

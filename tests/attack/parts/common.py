@@ -105,7 +105,7 @@ class Ended:
 
 def environment(extra=None):
     """The environment without what changes the program's defaults."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(("SPHARM_", "SLURM_", "RAYON_"))}
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("SPHARM_", "SLURM_", "RAYON_", "RUST_"))}
     return kept | {"LC_ALL": "C.UTF-8"} | (extra or {})
 
 

@@ -1,6 +1,7 @@
 """Full disks: every verb that writes on a file system of every size, in steps, and with every number of free inodes."""
 
 import contextlib
+import time
 
 import verbs
 from common import Row, in_turn, is_root, missing, run
@@ -17,7 +18,13 @@ def mounted(folder, options):
     try:
         yield
     finally:
-        run(["umount", folder])
+        # What looks at all files of a machine may have one open.
+        for _ in range(50):
+            if run(["umount", folder]).code == 0:
+                break
+            time.sleep(0.1)
+        else:
+            raise OSError(f"{folder} can't be unmounted")
 
 
 def run_part(site, seconds):

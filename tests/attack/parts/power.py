@@ -108,7 +108,7 @@ def one(site, row, inputs, disk, verb, moment, way):
         place = verbs.Workplace(site, "power", inputs, disk.folder)
         place.fresh(verb)
         run(["sync", "-f", disk.folder])
-        process = subprocess.Popen([str(word) for word in verb.command(site.program)], cwd=place.folder, env=environment(),
+        process = subprocess.Popen([str(word) for word in verb.command(site.program, inputs)], cwd=place.folder, env=environment(),
                                    stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         time.sleep(moment * verb.seconds)
         finished = process.poll() == 0

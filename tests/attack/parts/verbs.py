@@ -1,7 +1,7 @@
 """Every verb that writes, with small inputs, and what must hold of its outputs however it ended.
 
 A verb runs in a folder of its own, with its inputs in `in` and its outputs in `out`; the paths are relative, so that every
-folder gets the same bytes.
+folder gets the same bytes. `INPUTS` is the absolute path of the inputs.
 """
 
 import dataclasses
@@ -32,12 +32,14 @@ class Verb:
     bytes_written: int = 0
     seconds: float = 0.0
 
-    def command(self, program, again=False):
-        words = self.arguments.split()
+    def command(self, program, inputs_folder, again=False):
+        words = self.arguments.replace("INPUTS", str(inputs_folder)).split()
         return [program, *words, *(["--force"] if again and self.force else [])]
 
 
 def verbs():
+    # The dataset by its own path, which is in the result.
+    participant = "bids INPUTS/data out/derivative participant --surfaces pial --hemi L --max-degree 3 --icosphere 1 --threads 1"
     build = "basis-build --sphere in/sphere.ply --store out/store --max-degree 6 --threads 1 -q"
     return [
         Verb("fit", "fit --sphere in/sphere.ply --surface in/a.ply --max-degree 8 -o out/a.npz --report out/a.json "
@@ -56,6 +58,7 @@ def verbs():
         Verb("basis-build zstd", build + " --codec zstd", force=False),
         Verb("basis-build factor", build + " --factor 4", force=False),
         Verb("basis-build extend", build, force=False, prepare=(build.replace("degree 6", "degree 3"),)),
+        Verb("basis-build f32", build + " --dtype f32 --factor 4 --factor-dtype f32", force=False),
         Verb("moments", "moments --samples in/samples.csv --values v --max-degree 4 -o out/s.moments --report out/s.json "
              "--threads 1"),
         Verb("moments merge", "moments merge in/1.moments in/2.moments -o out/all.moments"),
@@ -63,11 +66,23 @@ def verbs():
         Verb("shape expand", "shape expand in/a.sphz -o out/a.npz"),
         Verb("shape mean", "shape mean in/a.npz in/b.npz -o out/mean.npz --report out/mean.json --threads 1"),
         Verb("shape align", "shape align in/a.npz in/b.npz in/c.npz --group -o out/aligned --mean out/mean.npz --threads 1"),
+        Verb("shape pca", "shape pca in/a.npz in/b.npz in/c.npz -o out/modes.shape-model.npz --scores out/scores.csv --threads 1"),
+        Verb("shape test", "shape test --a in/a.npz in/b.npz --b in/c.npz in/d.npz --icosphere 1 --permutations 5 -o out/test "
+             "--threads 1"),
+        Verb("shape morph", "shape morph in/a.npz in/b.npz --steps 3 --icosphere 1 -o out/morph --animation out/morph.gif "
+             "--threads 1"),
+        Verb("shape remesh", "shape remesh in/a.npz in/b.npz --even --icosphere 2 -o out/meshes --threads 1"),
+        Verb("shape rotate", "shape rotate in/a.npz in/b.npz --object 10,20,30 -o out/turned --threads 1"),
+        Verb("shape measure", "shape measure in/a.npz in/b.npz -o out/measures.csv --maps out/maps --icosphere 2 --threads 1"),
         Verb("export", "export in/a.npz in/b.npz --to pyshtools -o out/sh"),
         Verb("import", "import in/a.coef -o out/a.npz"),
         Verb("report", "report in/a.npz -o out/page.html --threads 1"),
         Verb("volumes", "volumes in/labels.nii --max-degree 3 -o out/models --threads 1", goes_on=True),
-        # It is resumed without --force.
+        Verb("freesurfer", "freesurfer in/subjects --surface pial --hemi lh --max-degree 3 --evaluate-on icosphere:1 -o out/models "
+             "--threads 1"),
+        # They are resumed without --force.
+        Verb("bids", participant, force=False, goes_on=True),
+        Verb("bids group", participant.replace("participant", "group"), force=False, prepare=(participant + " -q",), goes_on=True),
         Verb("study", "study out/study.toml --threads 1", force=False, prepare=("study init out/study.toml",), goes_on=True),
     ]
 
@@ -83,13 +98,19 @@ def inputs(site):
             raise RuntimeError(f"the inputs can't be made: {' '.join(map(str, words))}: {ended.last()}")
 
     make("generate", "--subdivisions", 2, "--surface", "a.ply", "--sphere", "sphere.ply")
-    for variant, name in ((1, "b"), (2, "c")):
+    for variant, name in ((1, "b"), (2, "c"), (3, "d")):
         make("generate", "--subdivisions", 2, "--variant", variant, "--surface", f"{name}.ply")
-    for name in "abc":
+    for name in "abcd":
         make("fit", "--sphere", "sphere.ply", "--surface", f"{name}.ply", "--max-degree", 6, "-o", f"{name}.npz", "-q")
     make("basis-build", "--sphere", "sphere.ply", "--store", "store", "--max-degree", 4, "--factor", 3, "-q")
     make("shape", "compress", "a.npz", "--step", "1e-4", "-o", "a.sphz", "-q")
     make("export", "a.npz", "--to", "pdm", "-o", "a.coef")
+    for subject, variant in (("sub-01", 0), ("sub-02", 1)):
+        surf = folder / "subjects" / subject / "surf"
+        surf.mkdir(parents=True)
+        make("generate", "--subdivisions", 2, "--variant", variant, "--surface", surf / "lh.pial", "--sphere", surf / "lh.sphere.reg")
+    (folder / "data" / "derivatives").mkdir(parents=True)
+    (folder / "data" / "derivatives" / "freesurfer").symlink_to("../../subjects")
     (folder / "list.tsv").write_text("id\tsurface\nfirst\ta.ply\nsecond\tb.ply\n")
     (folder / "samples.csv").write_text(samples())
     for part in "12":
@@ -145,7 +166,7 @@ class Workplace:
     """A folder in which verbs run, one at a time."""
 
     def __init__(self, site, name, inputs_folder, out=None):
-        self.site, self.folder = site, site.folder(name)
+        self.site, self.folder, self.inputs = site, site.folder(name), inputs_folder
         (self.folder / "in").symlink_to(inputs_folder)
         self.out = self.folder / "out"
         if out is not None:
@@ -160,7 +181,8 @@ class Workplace:
             shutil.rmtree(self.out, ignore_errors=True)
             self.out.mkdir()
         for command in verb.prepare:
-            ended = run([self.site.program, *command.split()], cwd=self.folder)
+            words = command.replace("INPUTS", str(self.inputs)).split()
+            ended = run([self.site.program, *words], cwd=self.folder)
             if ended.code != 0:
                 raise RuntimeError(f"{verb.name}: {command}: {ended.last()}")
         if verb.name == "study":
@@ -169,7 +191,7 @@ class Workplace:
     def run(self, verb, again=False, before=(), limit=None, **settings):
         """Runs a verb, with a command before it such as strace's."""
         limit = limit or HANG + 10 * verb.seconds
-        return run([*before, *verb.command(self.site.program, again)], cwd=self.folder, limit=limit, **settings)
+        return run([*before, *verb.command(self.site.program, self.inputs, again)], cwd=self.folder, limit=limit, **settings)
 
     def files(self):
         """Every file of `out`, by its path, but for locks."""
@@ -236,7 +258,7 @@ class Workplace:
 
 def has_times(name):
     """Whether an output says how long something took, or in which order: two runs may have the same by chance."""
-    return name.endswith((".json", ".status.tsv")) or "/.study/" in name or "/status/" in name
+    return name.endswith((".json", ".status.tsv", "_status.tsv")) or "/.study/" in name or "/status/" in name
 
 
 def whole(path):
@@ -248,7 +270,8 @@ def whole(path):
         except ValueError:
             return False
         return True
-    if path.name.endswith(".status.tsv") or path.parent.name == "status":
+    of_bids = path.parent.name == "logs" and path.name.endswith("_status.tsv")
+    if path.name.endswith(".status.tsv") or path.parent.name == "status" or of_bids:
         # Lines are appended: part of the last one may be missing, and the next run cuts it off.
         return True
     if path.name.endswith((".tsv", ".csv")):
@@ -261,7 +284,7 @@ def whole(path):
                 return archive.testzip() is None
         except zipfile.BadZipFile:
             return False
-    end = {".gii": b"</GIFTI>", ".png": b"IEND\xaeB`\x82"}.get(path.suffix)
+    end = {".gii": b"</GIFTI>", ".png": b"IEND\xaeB`\x82", ".gif": b";"}.get(path.suffix)
     return data.rstrip(b"\n").endswith(end) if end else len(data) > 0
 
 

@@ -13,8 +13,8 @@ use arrow_schema::{ArrowError, DataType};
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
-use super::ipc;
 use super::table::Table;
+use super::{ipc, pages};
 use crate::MomentsError;
 use crate::moments::Shard;
 
@@ -45,12 +45,14 @@ pub(super) struct Batches {
 /// Opens a Parquet file, and returns the rows of the shard.
 pub(super) fn open_parquet(path: &Path, file: File, shard: Shard) -> Result<(Batches, u64), MomentsError> {
     let format = "Parquet";
+    let again = file.try_clone().map_err(MomentsError::io(path, "open"))?;
     let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(|error| malformed(path, format, &error))?;
     let count = u64::try_from(builder.metadata().file_metadata().num_rows()).unwrap_or(0);
     let rows = shard.range(count);
     let (first, many) = (rows.start as usize, (rows.end - rows.start) as usize);
     let names = builder.schema().fields().iter().map(|field| field.name().clone()).collect();
     let start = move |columns: Vec<usize>| {
+        pages::check(&again, builder.metadata(), &columns)?;
         let mask = ProjectionMask::roots(builder.parquet_schema(), columns);
         let builder = builder.with_projection(mask).with_batch_size(BATCH).with_offset(first).with_limit(many);
         let reader = builder.build().map_err(|error| error.to_string())?;

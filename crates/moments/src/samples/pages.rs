@@ -1,0 +1,256 @@
+//! What the pages of a Parquet file say of their sizes, looked at before the crate `parquet` takes them at their word.
+//!
+//! Each column of each group of rows is a run of pages: a header with the page's sizes, as it lies in the file and expanded, and
+//! as many bytes. As many as either says are allocated, up to 2 GiB. Source: Apache Parquet format, "Data Pages", and
+//! `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact protocol encoding".
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+
+use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
+use spharm_surface::io::{check_room, most_expanded};
+
+/// Bytes that a page takes beside 9 a row: a number of at most 64 bits, and its levels.
+const PADDING: u64 = 1 << 10;
+/// Structures within structures of a header, at most; the format has three.
+const DEPTH: usize = 8;
+/// Bytes of a header, at most: smallest and largest values of text are in it.
+const HEADER: u64 = 16 << 20;
+
+/// Checks the columns that are named, of all groups of rows: that their pages lie in the file, and that there is room for what
+/// they expand to. Pages of a column are read one after the other, those of several columns together.
+///
+/// # Errors
+///
+/// What is wrong, as a text.
+pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) -> Result<(), String> {
+    let bytes = file.metadata().map_err(|error| error.to_string())?.len();
+    let schema = metadata.file_metadata().schema_descr();
+    for group in metadata.row_groups() {
+        let rows = u64::try_from(group.num_rows()).map_err(|_| "a group of less than no rows")?;
+        let mut all = 0_u64;
+        for (leaf, column) in (0..schema.num_columns()).zip(group.columns()) {
+            if columns.contains(&schema.get_column_root_idx(leaf)) {
+                all = all.saturating_add(check_column(file, bytes, column, rows)?);
+            }
+        }
+        check_room(all).map_err(|room| format!("pages that take {room}"))?;
+    }
+    Ok(())
+}
+
+/// Checks the pages of a column of a group of so many rows. Returns the most bytes that one takes, with the dictionary, as it
+/// lies in the file and expanded.
+fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64) -> Result<u64, String> {
+    let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
+    let range = u64::try_from(start).ok().zip(u64::try_from(column.compressed_size()).ok());
+    let end = |(start, length): (u64, u64)| Some((start, start.checked_add(length).filter(|&end| end <= bytes)?));
+    let (mut at, end) =
+        range.and_then(end).ok_or_else(|| format!("a column at byte {start}, that isn't in the file"))?;
+    let mut input = BufReader::new(file);
+    let (mut page_most, mut dictionary) = (0, 0);
+    while at < end {
+        input.seek(SeekFrom::Start(at)).map_err(|error| error.to_string())?;
+        let mut header = Compact { input: input.by_ref().take((end - at).min(HEADER)), read: 0 };
+        let page = header.page().map_err(|error| format!("no header of a page at byte {at} ({error})"))?;
+        let body = at + header.read;
+        let wrong = || format!("a page of {} bytes at byte {at}, that isn't in its column", page.compressed);
+        let compressed = u64::try_from(page.compressed).map_err(|_| wrong())?;
+        let expanded = u64::try_from(page.expanded).map_err(|_| "a page of less than no bytes")?;
+        at = body.checked_add(compressed).filter(|&next| next <= end).ok_or_else(wrong)?;
+        // Constants compress to next to nothing, but to no more than their rows.
+        if expanded > most_expanded(compressed) && expanded > rows.saturating_mul(9).saturating_add(PADDING) {
+            return Err(format!("{expanded} bytes in a page of {compressed} compressed ones, for {rows} rows"));
+        }
+        let both = compressed + expanded;
+        if page.kind == DICTIONARY {
+            dictionary = both;
+        } else {
+            page_most = both.max(page_most);
+        }
+    }
+    Ok(page_most.saturating_add(dictionary))
+}
+
+/// The kind of a page that has a dictionary.
+const DICTIONARY: i64 = 2;
+
+/// What a header says of its page.
+#[derive(Debug, Default, PartialEq)]
+struct Page {
+    kind: i64,
+    expanded: i64,
+    compressed: i64,
+}
+
+/// A structure in Thrift's compact protocol.
+struct Compact<R> {
+    input: R,
+    /// Bytes that have been read.
+    read: u64,
+}
+
+impl<R: Read> Compact<R> {
+    /// Reads a page's header, to its end.
+    fn page(&mut self) -> io::Result<Page> {
+        let (mut page, mut field) = (Page::default(), 0);
+        let mut found = [false; 3];
+        while let Some((next, kind)) = self.field(field)? {
+            field = next;
+            let place = match field {
+                1 => &mut page.kind,
+                2 => &mut page.expanded,
+                3 => &mut page.compressed,
+                _ => {
+                    self.skip(kind, DEPTH)?;
+                    continue;
+                }
+            };
+            if kind != I32 {
+                return Err(invalid("a size that is no integer"));
+            }
+            *place = self.integer()?;
+            if let Some(found) = found.get_mut(field as usize - 1) {
+                *found = true;
+            }
+        }
+        if found == [true; 3] { Ok(page) } else { Err(invalid("no size in it")) }
+    }
+
+    /// Reads the number and kind of the field after one; none at the end of the structure.
+    fn field(&mut self, last: i64) -> io::Result<Option<(i64, u8)>> {
+        let byte = self.byte()?;
+        if byte == 0 {
+            return Ok(None);
+        }
+        let number = match i64::from(byte >> 4) {
+            0 => self.integer()?,
+            more => last + more,
+        };
+        let known = (0..=i64::from(i16::MAX)).contains(&number);
+        if known { Ok(Some((number, byte & 15))) } else { Err(invalid("a field without a number")) }
+    }
+
+    fn byte(&mut self) -> io::Result<u8> {
+        let mut byte = [0];
+        self.input.read_exact(&mut byte)?;
+        self.read += 1;
+        Ok(byte[0])
+    }
+
+    /// Reads a number of seven bits a byte.
+    fn variable(&mut self) -> io::Result<u64> {
+        let mut number = 0;
+        for shift in (0..64).step_by(7) {
+            let byte = self.byte()?;
+            number |= u64::from(byte & 127) << shift;
+            if byte < 128 {
+                return Ok(number);
+            }
+        }
+        Err(invalid("an integer of more than 64 bits"))
+    }
+
+    /// Reads an integer whose sign is its lowest bit.
+    fn integer(&mut self) -> io::Result<i64> {
+        let number = self.variable()?;
+        Ok((number >> 1) as i64 ^ -((number & 1) as i64))
+    }
+
+    fn pass(&mut self, bytes: u64) -> io::Result<()> {
+        let passed = io::copy(&mut self.input.by_ref().take(bytes), &mut io::sink())?;
+        self.read += passed;
+        if passed == bytes { Ok(()) } else { Err(invalid("the end of its column")) }
+    }
+
+    /// Reads over the value of a field.
+    fn skip(&mut self, kind: u8, depth: usize) -> io::Result<()> {
+        if depth == 0 {
+            return Err(invalid("structures within structures"));
+        }
+        match kind {
+            TRUE | FALSE => Ok(()),
+            BYTE => self.pass(1),
+            I16 | I32 | I64 => self.variable().map(drop),
+            DOUBLE => self.pass(8),
+            BINARY => {
+                let length = self.variable()?;
+                self.pass(length)
+            }
+            LIST | SET => {
+                let byte = self.byte()?;
+                let count = if byte >> 4 == 15 { self.variable()? } else { u64::from(byte >> 4) };
+                self.skip_all(byte & 15, count, depth)
+            }
+            STRUCT => {
+                let mut last = 0;
+                while let Some((field, kind)) = self.field(last)? {
+                    last = field;
+                    self.skip(kind, depth - 1)?;
+                }
+                Ok(())
+            }
+            _ => Err(invalid("a field of no known kind")),
+        }
+    }
+
+    /// Reads over the elements of a list. Each takes a byte at least, so that the file ends before many do.
+    fn skip_all(&mut self, kind: u8, count: u64, depth: usize) -> io::Result<()> {
+        for _ in 0..count {
+            let kind = if matches!(kind, TRUE | FALSE) { BYTE } else { kind };
+            self.skip(kind, depth - 1)?;
+        }
+        Ok(())
+    }
+}
+
+const TRUE: u8 = 1;
+const FALSE: u8 = 2;
+const BYTE: u8 = 3;
+const I16: u8 = 4;
+const I32: u8 = 5;
+const I64: u8 = 6;
+const DOUBLE: u8 = 7;
+const BINARY: u8 = 8;
+const LIST: u8 = 9;
+const SET: u8 = 10;
+const STRUCT: u8 = 12;
+
+fn invalid(what: &'static str) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, what)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(bytes: &[u8]) -> (io::Result<Page>, u64) {
+        let mut header = Compact { input: bytes, read: 0 };
+        let page = header.page();
+        (page, header.read)
+    }
+
+    #[test]
+    fn a_header_is_read_to_its_end() {
+        // A data page of 300 bytes, 40 compressed; a check sum; a structure with a list, text and a flag; more bytes.
+        let text: Vec<u8> = [&[0x18, 3][..], b"abc"].concat();
+        let inner = [&[0x15, 2, 0x19, 0x25, 2, 4][..], &text, &[0x11, 0][..]].concat();
+        let header = [&[0x15, 0, 0x15, 0xd8, 4, 0x15, 80, 0x15, 1, 0x1c][..], &inner, &[0][..]].concat();
+        let (page, length) = read(&[&header[..], &[9, 9, 9]].concat());
+        assert_eq!(page.unwrap(), Page { kind: 0, expanded: 300, compressed: 40 });
+        assert_eq!(length, header.len() as u64);
+        for end in 0..header.len() {
+            assert!(read(&header[..end]).0.is_err(), "{end}");
+        }
+    }
+
+    #[test]
+    fn what_no_header_has_is_refused() {
+        let deep = [&[0x15, 0, 0x15, 2, 0x15, 2][..], &[0x2c; 1000]].concat();
+        let long = [&[0x15, 0, 0x15, 2, 0x15, 2, 0x58][..], &[0xff; 9], &[1]].concat();
+        let no_end = [&[0x15][..], &[0xff; 11]].concat();
+        for bytes in [&deep[..], &long, &no_end, &[0x15, 0, 0x15, 2, 0], &[0x18, 0], &[0x0d; 3]] {
+            assert!(read(bytes).0.is_err(), "{bytes:?}");
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! What a function takes of memory, held against what it may have before it is taken.
+
+use spharm::Mesh;
+use spharm::machine::available_memory;
+use spharm::metrics::{SurfaceDistanceParams, distances_to_surface_bytes, surface_distance_bytes};
+use spharm::parametrize::{Method, Source};
+
+use crate::errors::Failure;
+
+/// Bytes a vertex of a sphere that a surface is resampled to, as of `Sampling::bytes`.
+const RESAMPLED: u64 = 700;
+
+/// Refuses what takes more bytes than are given, or than are free where none are.
+fn check(what: String, needed: u64, memory: Option<usize>) -> Result<(), Failure> {
+    let budget = memory.unwrap_or_else(available_memory) as u64;
+    if needed <= budget { Ok(()) } else { Err(Failure::Memory { what, budget, needed, given: memory.is_some() }) }
+}
+
+/// Refuses to map a surface that there is no memory for.
+pub(crate) fn check_mapping<'a>(
+    source: impl Into<Source<'a>>,
+    method: &Method,
+    memory: Option<usize>,
+) -> Result<(), Failure> {
+    let vertices = source.into().vertices();
+    check(format!("mapping {vertices} vertices"), method.bytes(vertices), memory)
+}
+
+/// Refuses to resample to a sphere that there is no memory for.
+pub(crate) fn check_resampling(shared: &Mesh, memory: Option<usize>) -> Result<(), Failure> {
+    let vertices = shared.vertices.len() as u64;
+    check(format!("resampling to {vertices} vertices"), RESAMPLED.saturating_mul(vertices), memory)
+}
+
+/// Refuses to measure the distance of surfaces that there is no memory for.
+pub(crate) fn check_distance(
+    [first, second]: [&Mesh; 2],
+    params: &SurfaceDistanceParams,
+    memory: Option<usize>,
+) -> Result<(), Failure> {
+    let of_vertices = distances_to_surface_bytes(first.faces.len(), second.vertices.len());
+    let needed = surface_distance_bytes(first, second, params).max(of_vertices);
+    check(format!("the distance at {} points of each surface", params.samples), needed, memory)
+}
