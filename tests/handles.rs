@@ -167,7 +167,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     assert!(refused.contains("1 handle (genus 1)") && refused.contains("--cut-handles"), "{refused}");
     let told = finish(&mut fit(&ring, &["--cut-handles"]));
     assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains("genus 1 cut to 0"), "{told:?}");
-    let named = |ending: &str| folder.path().join(format!("ring_1{ending}"));
+    let named = |ending: &str| folder.path().join(format!("ring.1{ending}"));
     let files = || std::fs::read_dir(folder.path()).expect("a folder").count();
     assert!(named(".cut.surf.gii").exists() && !named(".surf.gii").exists());
     let out = folder.path().join("out.ply");
@@ -178,7 +178,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     assert_eq!(files(), before, "nothing is left to do");
     // Without handles, and with them opened, a label is mapped as it was.
     succeed(&mut fit(&ball, &["--cut-handles"]));
-    assert!(folder.path().join("ball_1.surf.gii").exists() && !folder.path().join("ball_1.cut.surf.gii").exists());
+    assert!(folder.path().join("ball.1.surf.gii").exists() && !folder.path().join("ball.1.cut.surf.gii").exists());
     succeed(&mut fit(&ring, &["--cut-handles", "--fix", "--force"]));
     assert!(Model::read(named(".spharm.npz")).expect("a model").provenance.handles.is_none());
 }

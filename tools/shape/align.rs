@@ -119,6 +119,9 @@ struct Found {
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
+    if cli.resume.is_some() && !cli.target.group {
+        return Err(Usage::conflict("--resume is for --group").into());
+    }
     let paths = cli.models.paths()?;
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
     let models_out = targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"]));

@@ -194,7 +194,6 @@ enum Given {
 #[pyfunction]
 #[pyo3(signature = (values, sphere, sphere_faces, *, surface, parametrized, seam, settings, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 pub(crate) fn fit_many<'py>(
     py: Python<'py>,
     values: Vec<PyReadonlyArray2<'py, f64>>,
