@@ -46,7 +46,7 @@ pub enum ProcrustesWarning {
     },
     /// A member is nearer to the others as its mirror image, where these are nearer as they are: it may be of the other side. Where
     /// shapes hardly differ from their mirror images, or differ more among themselves, as five hippocampi do, a mirrored member
-    /// isn't noticed.
+    /// mostly isn't noticed.
     Mirrored {
         /// The member, counted from 0.
         member: usize,

@@ -11,8 +11,8 @@
 //!
 //! with s the members' median absolute deviation from the median, over 0.6745. Measured over generated groups of 6 and 20, of
 //! bodies that differ from each other by as much as from an ellipsoid: members as they are 0.19 or above, mirrored ones -0.16 or
-//! below, one or three of 20; ellipsoids with as much at random, -0.08 or above. Five right hippocampi have x from -0.2 to 0.5, and
-//! don't tell left from right: none is named, mirrored or not.
+//! below, one or three of 20; ellipsoids with as much at random, -0.08 or above. Five right hippocampi have x from -0.2 to 0.5: none
+//! is named as they are, and of one that is mirrored among them mostly nothing is said.
 
 use spharm_monitor::OnlyCancel;
 
