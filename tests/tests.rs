@@ -29,6 +29,7 @@ mod range;
 mod readme;
 mod report;
 mod reruns;
+mod resumed;
 mod shape;
 mod shape_study;
 mod store;

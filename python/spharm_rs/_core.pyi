@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 _Floats = NDArray[np.float64]
 _Triangles = NDArray[np.uint32]
 _Progress = Callable[[str, int, int], Any]
-_Mapped = tuple[_Floats, _Triangles, _Floats, str, list[str]]
+_Seam = tuple[int, int, _Triangles]
+_Mapped = tuple[_Floats, _Triangles, _Floats, str, list[str], Union[_Seam, None]]
 _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "shape_mean",
     "shape_measure",
     "shape_measure_group",
+    "shape_morph",
     "shape_pca",
     "shape_procrustes",
     "shape_rotate",
@@ -65,6 +67,7 @@ class Model:
         sphere: _Floats | None = None,
         faces: _Triangles | None = None,
         parametrized: bool = False,
+        seam: _Seam | None = None,
     ) -> Model: ...
     @staticmethod
     def read(path: str) -> Model: ...
@@ -82,6 +85,8 @@ class Model:
     def parametrized(self) -> bool: ...
     @property
     def sphere(self) -> tuple[_Floats, _Triangles] | None: ...
+    @property
+    def seam(self) -> _Seam | None: ...
     @property
     def provenance(self) -> str: ...
     def truncate(self, degree: int) -> Model: ...
@@ -174,6 +179,8 @@ def fit(
     *,
     surface: bool,
     parametrized: bool,
+    seam: _Seam | None,
+    cut_handles: bool,
     settings: dict[str, Any],
     progress: _Progress | None = None,
 ) -> _Fitted: ...
@@ -184,6 +191,7 @@ def fit_many(
     *,
     surface: bool,
     parametrized: bool,
+    seam: _Seam | None,
     settings: dict[str, Any],
     progress: _Progress | None = None,
 ) -> list[_Fitted]: ...
@@ -197,6 +205,7 @@ def parametrize(
     vertices: _Floats,
     faces: _Triangles,
     *,
+    cut_handles: bool,
     method: str,
     degree: int | None,
     area: float,
@@ -210,6 +219,7 @@ def parametrize_volume(
     *,
     label: int | None,
     fix: bool,
+    cut_handles: bool,
     method: str,
     degree: int | None,
     area: float,
@@ -289,6 +299,16 @@ def shape_align(
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> tuple[Model, str]: ...
+def shape_morph(
+    start: Model,
+    end: Model,
+    times: Sequence[float],
+    *,
+    keep_pose: bool,
+    mirror: bool,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[list[Model], float, list[str]]: ...
 def shape_procrustes(
     models: Sequence[Model], settings: dict[str, Any], *, threads: int | None = None, progress: _Progress | None = None
 ) -> tuple[list[Model], Model, str]: ...

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core, errors
 from ._arrays import Floats
-from ._model import Model, sphere_arrays
+from ._model import Model, seam_of, sphere_arrays
 from ._parametrize import Parametrization
 from ._progress import Progress, callback
 from ._store import Store
@@ -87,6 +87,7 @@ def fit(
     sphere: Any = None,
     max_degree: int = 20,
     *,
+    cut_handles: bool = False,
     target: str | None = None,
     weights: str | ArrayLike = "uniform",
     smoothness: float | str | None = None,
@@ -120,6 +121,8 @@ def fit(
         mapped to one first, as `parametrize` does; that sphere is the model's.
     max_degree : int
         Highest degree L, inclusive.
+    cut_handles : bool
+        Without a sphere: cut a surface that has handles, as `parametrize` does.
     target : {"surface", "vertices"}, optional
         What is fitted: all triangles of the surface, each part weighted by its share of the sphere, or its vertices alone, as
         in the paper. By default the surface where there is one over triangles; the vertices of signals, over a store, and
@@ -246,6 +249,8 @@ def fit(
             faces,
             surface=is_surface,
             parametrized=parametrized,
+            seam=seam_of(sphere),
+            cut_handles=bool(cut_handles),
             settings=settings,
             progress=callback(progress),
         )
@@ -312,6 +317,7 @@ def fit_many(
         triangles if faces is None else faces,
         surface=kinds.pop(),
         parametrized=parametrized,
+        seam=seam_of(sphere),
         settings=checked,
         progress=callback(progress),
     )
@@ -387,6 +393,8 @@ def solve(
             None,
             surface=False,
             parametrized=False,
+            seam=None,
+            cut_handles=False,
             settings=settings,
             progress=callback(progress),
         )

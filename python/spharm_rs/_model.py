@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core, convert
 from ._arrays import Floats
-from ._parametrize import Parametrization
+from ._parametrize import Parametrization, Seam
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from .errors import SpharmWarning
 
@@ -51,8 +51,11 @@ class Model:
     def __init__(self, coefficients: ArrayLike, *, sphere: Any = None, surface: bool | None = None) -> None:
         values = _arrays.channels("coefficients", coefficients)
         vertices, faces, parametrized = sphere_arrays(sphere)
+        seam = seam_of(sphere)
         surface = values.shape[1] == 3 if surface is None else bool(surface)
-        inner = _core.Model(values, surface=surface, sphere=vertices, faces=faces, parametrized=parametrized)
+        inner = _core.Model(
+            values, surface=surface, sphere=vertices, faces=faces, parametrized=parametrized, seam=seam
+        )
         self._set(inner, {}, None)
 
     def _set(self, core: _core.Model, report: dict[str, Any], errors: Floats | None) -> None:
@@ -143,7 +146,9 @@ class Model:
         Parameters
         ----------
         at : int, Surface or what `as_surface` takes, optional
-            Level of an icosphere, ``icosphere:N``, or a sphere; by default the sphere it was fitted over.
+            Level of an icosphere, ``icosphere:N``, or a sphere; by default the sphere it was fitted over. Of a surface whose
+            handles were cut, that is the surface as it was before, with its handles; over ``model.sphere`` it comes as it was
+            cut.
         degree : int, optional
             Highest degree to sum; by default all.
         threads : int, optional
@@ -223,6 +228,13 @@ def warn(found: Iterable[str], stacklevel: int = 3) -> tuple[str, ...]:
     for text in (texts := tuple(found)):
         warnings.warn(text, SpharmWarning, stacklevel=stacklevel)
     return texts
+
+
+def seam_of(sphere: Any) -> Seam:
+    """Returns where the surface of a sphere was cut; None where it wasn't."""
+    if isinstance(sphere, Parametrization):
+        return sphere._seam
+    return sphere._inner.seam if isinstance(sphere, Model) else None
 
 
 def sphere_arrays(sphere: Any) -> tuple[Any, Any, bool]:

@@ -6,7 +6,7 @@ import json
 import os
 import warnings
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,11 @@ from . import _arrays, _core
 from ._progress import Progress, callback
 from ._surface import Path, Surface, as_surface, named_icosphere
 from .errors import SpharmWarning
+
+
+#: How a cut surface belongs to the one that it was cut from: its vertices n and triangles, which are the cut one's first, and the
+#: vertices that vertices n and after are copies of.
+Seam = Union[tuple[int, int, "_arrays.Triangles"], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +34,13 @@ class Parametrization:
         The surface's triangles over unit vectors, one for each of its vertices.
     report : dict
         What the method did, and the quality of the map: ``report["quality"]["area_rms"]`` is the root mean square of the
-        log area ratio, ``["flipped"]`` is 0.
+        log area ratio, ``["flipped"]`` is 0. Of a surface whose handles were cut, ``report["handles"]`` says where.
     """
 
     surface: Surface
     sphere: Surface
     report: dict[str, Any] = field(repr=False)
+    _seam: Seam = field(default=None, repr=False)
 
     @property
     def quality(self) -> dict[str, Any]:
@@ -43,11 +49,11 @@ class Parametrization:
         return found
 
 
-def _made(mapped: tuple[Any, Any, Any, str, list[str]]) -> Parametrization:
-    vertices, faces, sphere, report, problems = mapped
+def _made(mapped: Any) -> Parametrization:
+    vertices, faces, sphere, report, problems, seam = mapped
     for problem in problems:
         warnings.warn(problem, SpharmWarning, stacklevel=3)
-    return Parametrization(Surface(vertices, faces), Surface(sphere, faces), json.loads(report))
+    return Parametrization(Surface(vertices, faces), Surface(sphere, faces), json.loads(report), seam)
 
 
 def _settings(
@@ -66,6 +72,7 @@ def _settings(
 def parametrize(
     surface: Any,
     *,
+    cut_handles: bool = False,
     method: str = "auto",
     degree: int | None = None,
     area: float = 0.1,
@@ -79,6 +86,9 @@ def parametrize(
     Parameters
     ----------
     surface : Surface or what `as_surface` takes
+    cut_handles : bool
+        Cut a surface that has handles along short loops and fill both sides, in place of refusing it. The map is of the cut
+        surface; `Model.surface` of a model that is fitted over it has the handles again.
     method : {"auto", "cald", "conformal", "stretch", "deform"}
         ``auto`` is ``cald``, equal areas with little length distortion, and ``stretch`` where that fails.
     degree : int, optional
@@ -101,7 +111,7 @@ def parametrize(
     Raises
     ------
     MeshError
-        Where the surface isn't closed, has handles, or can't be mapped.
+        Where the surface isn't closed, has handles that aren't to be cut, or can't be mapped.
     MemoryBudgetError
         Where the budget is too small; it has ``budget`` and ``needed``.
 
@@ -114,7 +124,10 @@ def parametrize(
     0
     """
     mesh, settings = as_surface(surface), _settings(method, degree, area, seed, memory, threads)
-    return _made(_core.parametrize(mesh.vertices, mesh.faces, **settings, progress=callback(progress)))
+    found = _core.parametrize(
+        mesh.vertices, mesh.faces, cut_handles=bool(cut_handles), **settings, progress=callback(progress)
+    )
+    return _made(found)
 
 
 def parametrize_volume(
@@ -123,6 +136,7 @@ def parametrize_volume(
     label: int | None = None,
     affine: ArrayLike | None = None,
     fix: bool = False,
+    cut_handles: bool = False,
     method: str = "auto",
     degree: int | None = None,
     area: float = 0.1,
@@ -143,6 +157,8 @@ def parametrize_volume(
         From voxel indices to positions, for an array; the identity by default.
     fix : bool
         Repair a label that isn't a ball, in place of refusing it.
+    cut_handles : bool
+        As of `parametrize`; the map is then of triangles.
     method : str
         ``auto`` is ``equal-area``; others as of `parametrize`.
     degree, area, seed, memory, threads, progress
@@ -164,7 +180,12 @@ def parametrize_volume(
     settings = _settings(method, degree, area, seed, memory, threads)
     chosen = None if label is None else int(np.asarray(label).item())
     found = _core.parametrize_volume(
-        _volume(volume, affine), label=chosen, fix=bool(fix), **settings, progress=callback(progress)
+        _volume(volume, affine),
+        label=chosen,
+        fix=bool(fix),
+        cut_handles=bool(cut_handles),
+        **settings,
+        progress=callback(progress),
     )
     return _made(found)
 

@@ -32,6 +32,7 @@ from ._model import Model, sphere_arrays, warn
 from ._model import core as _model
 from ._progress import Progress, callback
 from ._shape_modes import Modes, Quality, pca
+from ._shape_morph import Morph, morph
 from ._shape_poses import Alignment, Procrustes, Transform, align, mean, procrustes, rotate
 from ._shape_study import Field, TestResult, measure_group, test
 from ._surface import Surface
@@ -44,6 +45,7 @@ __all__ = [
     "Match",
     "Measures",
     "Modes",
+    "Morph",
     "Procrustes",
     "Quality",
     "TestResult",
@@ -55,6 +57,7 @@ __all__ = [
     "mean",
     "measure",
     "measure_group",
+    "morph",
     "nearest",
     "pca",
     "procrustes",

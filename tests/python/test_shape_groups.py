@@ -380,3 +380,34 @@ def test_studies_that_say_nothing_are_refused_or_warned_of(values: Any) -> None:
     for bad in nothing:
         with pytest.raises(ValueError):
             sp.shape.test(bad, GROUPS)
+
+
+def test_morphs_are_the_programs(tmp_path: Path) -> None:
+    first, last = sp.shape.rotate(lump(0), **SOME), lump(1)
+    path = sp.shape.morph(first, last, 5)
+    assert path.times.tolist() == [0, 0.25, 0.5, 0.75, 1] and 0.9 < path.volume_ratio < 1.1 and path.warnings == ()
+    assert rmsd(path.models[-1], last) < 1e-12
+    halves = (path.models[0].coefficients + path.models[4].coefficients) / 2
+    assert np.allclose(path.models[2].coefficients, halves, atol=1e-12)
+    some = sp.shape.morph(first, last, [0.5])
+    assert np.array_equal(some.models[0].coefficients, path.models[2].coefficients)
+    # From where the first one lies.
+    kept = sp.shape.morph(first, last, 3, keep_pose=True)
+    place = [model.coefficients[0] for model in kept.models]
+    assert np.allclose(place[0], first.coefficients[0], atol=1e-9) and np.allclose(place[2], last.coefficients[0], atol=1e-9)
+    for name, model in (("a", first), ("b", last)):
+        model.save(tmp_path / f"{name}.spharm.npz")
+    command = ["shape", "morph", "a.spharm.npz", "b.spharm.npz", "--steps", "5", "--format", "spharm.npz", "-o", "path", "-q"]
+    subprocess.run([sys.executable, "-m", "spharm_rs", *command], cwd=tmp_path, check=True, capture_output=True)
+    for step, model in enumerate(path.models):
+        theirs = sp.Model.load(tmp_path / "path" / f"step{step}.spharm.npz")
+        assert np.array_equal(theirs.coefficients, model.coefficients)
+
+
+def test_bad_morphs_are_refused() -> None:
+    one, signal = lump(0), sp.Model(np.ones((4, 1)))
+    for steps in (1, 2.5, [[0.5]], [np.nan]):
+        with pytest.raises(ValueError):
+            sp.shape.morph(one, one, steps)
+    with pytest.raises(ValueError, match="end: expected a model of a surface"):
+        sp.shape.morph(one, signal)

@@ -92,7 +92,7 @@ pub(super) struct Input {
     /// Size of a volume's voxels, where its file doesn't say it
     #[arg(long, value_name = "X,Y,Z", conflicts_with = "sphere", hide_short_help = true)]
     pub(super) voxel_size: Option<VoxelSize>,
-    /// Cut meshes that have handles along short loops, and fill both sides
+    /// Cut surfaces that have handles along short loops, and fill both sides
     ///
     /// The fit is of the cut surface, which is written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that
     /// reconstruct gives the surface back as it was.

@@ -44,7 +44,7 @@ pub(crate) struct Cli {
     /// Size of a volume's voxels, where its file doesn't say it
     #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
     pub(super) voxel_size: Option<VoxelSize>,
-    /// Cut meshes that have handles along short loops, and fill both sides
+    /// Cut surfaces that have handles along short loops, and fill both sides
     ///
     /// The map is then of the cut surface, which goes to --surface-output: the input's vertices and triangles in their order,
     /// copies of the vertices on the seams, and the fillings. Models over the sphere lead back to the surface as it was, if

@@ -38,9 +38,10 @@ impl Item {
             options.coefficients_csv.then(|| files.csv()),
             params.standard_errors.then(|| files.standard_errors()),
             sphere.is_none().then(|| files.sphere()),
-            record.label.map(|_| files.surface()),
+            // A label has one of this and of the cut surface.
+            record.label.filter(|_| !(options.cut_handles && options.if_exists.keeps())).map(|_| files.surface()),
             options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
-            // A mesh without handles has none, and is finished all the same.
+            // A surface without handles has none, and is finished all the same.
             (options.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
             // Nor does a mesh in which there was nothing to mend.
             (options.fix && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),

@@ -9,11 +9,15 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use spharm::model::{made, signed};
 use spharm::shape::memory::align_bytes;
-use spharm::shape::{AlignParams, AlignReport, Method, ProcrustesParams, Transform, align, mean, procrustes, rmsd};
+use spharm::shape::{
+    AlignParams, AlignReport, Journal, Method, ProcrustesParams, ProcrustesWarning, Transform, align, mean,
+    procrustes_with, rmsd,
+};
 use spharm::{Coefficients, Kind, Model, Silent};
+use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, prepare, write_json};
+use spharm_cli::output::{OutputFile, counted, prepare, same_place, write_json};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::outputs::{check_beside, finish, outputs};
@@ -32,6 +36,7 @@ use super::plan::Plan;
         "spharm shape align @group.txt --group -o aligned --transforms transforms.json",
         "spharm shape align left right --group --mirror --scale -o aligned",
         "spharm shape align cortices --group --method fixed -o aligned",
+        "spharm shape align @thousand.txt --group --resume align.state -o aligned",
     ],
     &[
         "Methods: joint searches both rotations; fixed keeps the parameters, where vertices correspond already (cortical \
@@ -72,6 +77,12 @@ pub(super) struct Cli {
     /// Transforms to write
     #[arg(long, value_name = "OUT.json", help_heading = OUTPUT)]
     transforms: Option<PathBuf>,
+    /// File that keeps what is found, for a run that is ended to go on with
+    ///
+    /// The same command goes on where the last one was, to the same bits, and removes the file in the end. It is of these models
+    /// and settings alone.
+    #[arg(long, value_name = "FILE", requires = "group", help_heading = OUTPUT)]
+    resume: Option<PathBuf>,
     #[command(flatten)]
     report: ReportArgs,
     #[command(flatten)]
@@ -108,12 +119,19 @@ struct Found {
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
+    if cli.resume.is_some() && !cli.target.group {
+        return Err(Usage::conflict("--resume is for --group").into());
+    }
     let paths = cli.models.paths()?;
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
     let models_out = targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"]));
     let mean_out = cli.mean.iter().map(|path| OutputFile::with_ending(path, "--mean", &[".npz"]));
     let json_out = cli.transforms.iter().map(|path| OutputFile::new(path, "--transforms"));
     check_beside(&paths, models_out.chain(mean_out).chain(json_out), &cli.report)?;
+    let named = targets.iter().chain(&cli.mean).chain(&cli.transforms).chain(&cli.report.report);
+    if named.into_iter().any(|path| cli.resume.as_deref().is_some_and(|state| same_place(path, state))) {
+        return Err(Usage::conflict("--resume is a file of its own").into());
+    }
     let params = AlignParams {
         method: match cli.method {
             How::Joint => Method::Joint,
@@ -127,7 +145,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     let plan = Plan::new("align", &paths, cli.resources.both())?;
     let work = if cli.target.group { plan.group.procrustes(plan.threads) } else { align_bytes(plan.group.max_degree) };
-    plan.check(plan.whole().saturating_add(work), [])?;
+    let needed = plan.whole().saturating_add(work);
+    plan.check(needed, [])?;
+    plan.note(needed, monitor.console());
     let pool = cli.resources.threads.pool()?;
     let models: Vec<Model> = pool.install(|| {
         super::args::read_all(&paths, monitor, |model, path| {
@@ -139,7 +159,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     })?;
     let found = pool.install(|| match &cli.target.to {
         Some(target) => to_target(cli, &paths, &models, target, &params, monitor),
-        None => together(cli, &models, &params, monitor),
+        None => together(cli, &paths, &models, &params, monitor),
     })?;
     found.warnings.iter().for_each(|warning| monitor.console().warn(warning));
     for ((model, transform), target) in models.iter().zip(&found.transforms).zip(&targets) {
@@ -194,7 +214,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     {
         rows.push(vec!["spread".to_owned(), format!("{before:.6}"), format!("{after:.6}")]);
     }
-    finish("align", &report, &rows, &cli.report)
+    finish("align", &report, &rows, &cli.report)?;
+    // Until here another run would have needed it.
+    if let Some(path) = &cli.resume {
+        std::fs::remove_file(path).with_context(|| path.display().to_string())?;
+    }
+    Ok(())
 }
 
 fn to_target(
@@ -234,12 +259,19 @@ fn to_target(
     })
 }
 
-fn together(cli: &Cli, models: &[Model], params: &AlignParams, monitor: &ConsoleMonitor) -> Result<Found> {
+fn together(
+    cli: &Cli,
+    paths: &[PathBuf],
+    models: &[Model],
+    params: &AlignParams,
+    monitor: &ConsoleMonitor,
+) -> Result<Found> {
     let default = ProcrustesParams::default();
     let align = AlignParams { starts: cli.starts.unwrap_or(default.align.starts), ..params.clone() };
     let params = ProcrustesParams { align, templates: cli.templates, ..default };
     let members: Vec<Coefficients> = models.iter().map(|model| model.coefficients.clone()).collect();
-    let found = procrustes(&members, &params, monitor)?;
+    let mut journal = cli.resume.as_ref().map(|path| journal(path, &members, &params, monitor)).transpose()?;
+    let found = procrustes_with(&members, &params, journal.as_mut(), monitor)?;
     let report = &found.report;
     let ends: Vec<Value> = report
         .ends
@@ -250,7 +282,7 @@ fn together(cli: &Cli, models: &[Model], params: &AlignParams, monitor: &Console
     Ok(Found {
         transforms: found.transforms.clone(),
         distances: before.into_iter().zip(&report.rmsd).map(|(before, after)| [before, *after]).collect(),
-        warnings: report.warnings.iter().map(ToString::to_string).collect(),
+        warnings: report.warnings.iter().map(|warning| named(warning, paths)).collect(),
         summary: json!({
             "degree": report.degree,
             "spread_before": report.spread_before,
@@ -260,6 +292,30 @@ fn together(cli: &Cli, models: &[Model], params: &AlignParams, monitor: &Console
         }),
         mean: Some(found.mean),
     })
+}
+
+/// Opens the file of an alignment, and says what is there of it.
+fn journal(
+    path: &Path,
+    members: &[Coefficients],
+    params: &ProcrustesParams,
+    monitor: &ConsoleMonitor,
+) -> Result<Journal> {
+    prepare(path)?;
+    let journal = Journal::open(path, members, params)?;
+    if journal.found() > 0 {
+        let found = counted(journal.found(), "alignment");
+        monitor.console().note(format!("{}: goes on after {found} of an earlier run", path.display()));
+    }
+    Ok(journal)
+}
+
+/// A warning that names a member by its file.
+fn named(warning: &ProcrustesWarning, paths: &[PathBuf]) -> String {
+    match warning.member().and_then(|member| paths.get(member)) {
+        Some(path) => format!("{}: {}", path.display(), warning.of_member()),
+        None => warning.to_string(),
+    }
 }
 
 /// Distances of centred surfaces from their mean as they are given.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use spharm::shape::memory::GroupSizes;
+use spharm_cli::console::Console;
 use spharm_cli::memory::{Budget, Memory};
 use spharm_cli::threads::Threads;
 use spharm_model::Model;
@@ -80,6 +81,13 @@ impl Plan {
         let count = if models == 1 { "1 model".to_owned() } else { format!("{models} models") };
         let what = format!("shape {} of {count} of degree {max_degree}", self.subcommand);
         self.budget.check_or(what, needed, others)
+    }
+
+    /// Says what is planned, before it begins.
+    pub(super) fn note(&self, needed: u64, console: &Console) {
+        let GroupSizes { models, max_degree, .. } = self.group;
+        let (needed, budget) = (needed.div_ceil(1 << 20), self.budget.work() >> 20);
+        console.note(format!("{models} of degree {max_degree}: {needed} of {budget} MiB planned"));
     }
 
     /// As [`check`](Self::check), naming coarser icospheres.

@@ -180,7 +180,7 @@ impl Call<'_> {
     /// Maps and fits a label, and returns the root mean square distance at the vertices.
     fn fit(&self, volume: &LabelVolume, record: &FileRecord, files: &ModelFiles, replace: Replace) -> Result<f64> {
         let console = self.monitor.console();
-        let params = VolumeParams { label: record.label, fix: self.cli.fix };
+        let params = VolumeParams { label: record.label, fix: self.cli.fix, handles: false };
         let surface = volume.surface(&params, self.monitor)?;
         if let Some(repair) = &surface.repair {
             console.note(format!("{record}: {repair}"));

@@ -146,6 +146,9 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::BadSurface { handles: 1.., .. } => {
             Some("--cut-handles cuts and fills them, and reconstruct gives the surface back as it was".to_owned())
         }
+        ParametrizeError::BadVolume { repairable: true, problems, .. } if problems.contains("handle") => {
+            Some("--fix repairs it, --cut-handles keeps its handles: reconstruct gives them back".to_owned())
+        }
         ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs it".to_owned()),
         ParametrizeError::VertexMap { .. } => {
             Some("fit takes it together with the --sphere that its vertices are on".to_owned())

@@ -57,8 +57,8 @@ pub struct SurfaceReader {
 }
 
 impl SurfaceReader {
-    /// A reader that repairs labels and meshes with `fix`, and cuts the handles of meshes with `cut_handles`, in place of
-    /// leaving them to be refused. `voxel_size` is for volumes, in place of what they say of it.
+    /// A reader that repairs labels and meshes with `fix`, and cuts their handles with `cut_handles`, in place of leaving them
+    /// to be refused. `voxel_size` is for volumes, in place of what they say of it.
     pub fn new(fix: bool, cut_handles: bool, voxel_size: Option<VoxelSize>) -> Self {
         Self { fix, cut_handles, voxel_size: voxel_size.map(|size| size.0), volume: None }
     }
@@ -92,9 +92,6 @@ impl SurfaceReader {
                 surfaces.push((path, None));
                 continue;
             }
-            if self.cut_handles {
-                bail!("{}: --cut-handles is for meshes; --fix opens the handles of labels", path.display());
-            }
             let volume = self.volume(&path, monitor)?;
             let found: Vec<i64> = match labels {
                 Some(Labels::All) => volume.labels().into_keys().collect(),
@@ -110,16 +107,17 @@ impl SurfaceReader {
     ///
     /// # Errors
     ///
-    /// When the file can't be read, or the label has no closed surface of genus zero, or a mesh whose handles are to be cut
-    /// isn't closed.
+    /// When the file can't be read, or the label has no closed surface of genus zero, or what is to be cut isn't one closed
+    /// surface.
     pub fn read(&mut self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input> {
         if label.is_none() {
             let mesh = Input::Mesh(read_mesh(path)?);
             let mesh = if self.fix { mesh.mended() } else { mesh };
             return Ok(if self.cut_handles { mesh.without_handles(monitor)? } else { mesh });
         }
-        let params = VolumeParams { label, fix: self.fix };
-        Ok(Input::Label(self.volume(path, monitor)?.surface(&params, monitor)?))
+        let params = VolumeParams { label, fix: self.fix, handles: self.cut_handles };
+        let found = Input::Label(self.volume(path, monitor)?.surface(&params, monitor)?);
+        Ok(if self.cut_handles { found.without_handles(monitor)? } else { found })
     }
 
     /// Returns a volume: the one that was read last, or from its file.

@@ -21,7 +21,7 @@ pub enum Input {
     Mesh(Mesh),
     /// A mesh that isn't the file's: it was mended.
     Fixed(Mesh, MeshRepair),
-    /// A mesh with handles, cut.
+    /// A mesh, or the surface around a label, with handles, cut.
     Cut(CutSurface),
     /// The surface around a label of a volume.
     Label(VolumeSurface),
@@ -38,13 +38,21 @@ impl<'a> From<&'a Input> for Source<'a> {
 }
 
 impl Input {
-    /// Cuts the handles of a mesh, if it has any. A label's surface stays as it is.
+    /// Cuts the handles of a mesh, or of the surface around a label as triangles, if it has any.
     ///
     /// # Errors
     ///
     /// Those of [`cut_handles`].
     pub fn without_handles(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
-        let (Self::Mesh(mesh) | Self::Fixed(mesh, _)) = &self else { return Ok(self) };
+        let triangles;
+        let mesh = match &self {
+            Self::Mesh(mesh) | Self::Fixed(mesh, _) => mesh,
+            Self::Label(found) if found.quads.euler_characteristic() < 2 => {
+                triangles = found.quads.triangles(|_| false);
+                &triangles
+            }
+            Self::Label(_) | Self::Cut(_) => return Ok(self),
+        };
         let found = cut_handles(mesh, monitor)?;
         Ok(if found.seam.is_some() { Self::Cut(found) } else { self })
     }

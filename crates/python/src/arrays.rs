@@ -4,11 +4,11 @@
 //! panics; values are checked by the library.
 
 use ndarray::{Array2, ArrayView2};
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use spharm::io::check_mesh;
-use spharm::{Mesh, Sphere};
+use spharm::{Mesh, Seam, Sphere};
 
 use crate::errors::{Failure, exception};
 
@@ -58,6 +58,17 @@ pub(crate) fn mesh(what: &str, vertices: &Positions<'_>, faces: &Faces<'_>) -> P
 pub(crate) struct SphereArrays {
     mesh: Mesh,
     parametrized: bool,
+    seam: Option<Seam>,
+}
+
+/// How a cut surface belongs to the one that it was cut from, as it comes from Python: vertices, triangles, copied vertices.
+pub(crate) type SeamIn = (usize, usize, Vec<u32>);
+/// As it goes back to Python.
+pub(crate) type SeamOut<'py> = (usize, usize, Bound<'py, PyArray1<u32>>);
+
+/// Returns a seam as it goes to Python.
+pub(crate) fn seam_out(py: Python<'_>, seam: Seam) -> SeamOut<'_> {
+    (seam.vertices, seam.faces, seam.copies.into_pyarray(py))
 }
 
 impl SphereArrays {
@@ -67,12 +78,19 @@ impl SphereArrays {
     pub(crate) fn new(vertices: &Positions<'_>, faces: Option<&Faces<'_>>, parametrized: bool) -> PyResult<Self> {
         let vertices = rows("sphere", vertices.as_array())?;
         let faces = faces.map(|faces| rows("the sphere's faces", faces.as_array())).transpose()?.unwrap_or_default();
-        Ok(Self { mesh: Mesh::new(vertices, faces), parametrized })
+        Ok(Self { mesh: Mesh::new(vertices, faces), parametrized, seam: None })
+    }
+
+    /// The sphere of a surface that was cut where it had handles.
+    pub(crate) fn with_seam(self, seam: Option<SeamIn>) -> Self {
+        Self { seam: seam.map(|(vertices, faces, copies)| Seam { vertices, faces, copies }), ..self }
     }
 
     /// Checks the sphere, which takes time.
     pub(crate) fn check(self) -> Result<Sphere, Failure> {
-        let Self { mesh, parametrized } = self;
+        let Self { mesh, parametrized, seam } = self;
+        let fits = |seam: Seam| seam.checked(mesh.vertices.len(), mesh.faces.len());
+        let seam = seam.map(fits).transpose().map_err(|found| Failure::Argument(format!("seam: {found}")))?;
         let sphere = if mesh.faces.is_empty() {
             Sphere::from_directions(
                 spharm::harmonics::Directions::from_vertices(&mesh.vertices).map_err(spharm::Error::from)?,
@@ -80,7 +98,7 @@ impl SphereArrays {
         } else {
             Sphere::from_mesh(&mesh)?
         };
-        Ok(Sphere { parametrized, ..sphere })
+        Ok(Sphere { parametrized, seam, ..sphere })
     }
 }
 

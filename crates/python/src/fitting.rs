@@ -8,14 +8,14 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
-use spharm::parametrize::{CaldParams, parametrize_with};
+use spharm::parametrize::{CaldParams, Input, parametrize_with};
 use spharm::solver::lsq::LsqWarning;
 use spharm::{
     BatchReport, Error, Fit, FitParams, FitTo, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor,
     Signal, Smoothness, Sphere, Target, Weights,
 };
 
-use crate::arrays::{Faces, Positions, SphereArrays, mesh};
+use crate::arrays::{Faces, Positions, SeamIn, SphereArrays, mesh};
 use crate::errors::Failure;
 use crate::models::Model;
 use crate::run::run;
@@ -120,7 +120,9 @@ pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String,
 
 /// Fits one surface or signal. Without a sphere a surface is mapped to one first.
 #[pyfunction]
-#[pyo3(signature = (values, faces, sphere, sphere_faces, *, surface, parametrized, settings, progress = None))]
+#[pyo3(signature = (
+    values, faces, sphere, sphere_faces, *, surface, parametrized, seam, cut_handles, settings, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 pub(crate) fn fit<'py>(
     py: Python<'py>,
@@ -130,41 +132,57 @@ pub(crate) fn fit<'py>(
     sphere_faces: Option<Faces<'py>>,
     surface: bool,
     parametrized: bool,
+    seam: Option<SeamIn>,
+    cut_handles: bool,
     settings: Settings<'py>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Fitted<'py>> {
     let params = settings.params()?;
     let given = match (&sphere, &faces) {
-        (Some(sphere), _) => Given::Sphere(SphereArrays::new(sphere, sphere_faces.as_ref(), parametrized)?),
+        (Some(sphere), _) => {
+            Given::Sphere(SphereArrays::new(sphere, sphere_faces.as_ref(), parametrized)?.with_seam(seam))
+        }
         (None, Some(faces)) => Given::Bare(mesh("surface", &values, faces)?),
         (None, None) => return Err(PyValueError::new_err("sphere: a surface without triangles and a signal need one")),
     };
     let triangles = faces.map(|faces| crate::arrays::rows("faces", faces.as_array())).transpose()?;
     let view = values.as_array();
-    let (sphere, fit, report, map) = run(py, settings.threads, progress.as_ref(), |monitor| {
-        let (sphere, target, map) = match given {
+    let (sphere, fit, report, map, handles) = run(py, settings.threads, progress.as_ref(), |monitor| {
+        let (sphere, target, map, handles) = match given {
             Given::Sphere(sphere) => {
                 let sphere = sphere.check()?;
                 let target = target(view, triangles.as_deref(), surface, &sphere)?;
                 refuse_doubtful(&sphere, &params)?;
-                (sphere, target, None)
+                (sphere, target, None, None)
             }
             Given::Bare(mesh) => {
                 params.check()?;
                 spharm::check_memory(&mesh, &params)?;
                 spharm::check_mapping(mesh.vertices.len(), &params)?;
-                let found = parametrize_with(&mesh, &CaldParams::for_degree(params.max_degree), monitor)?;
-                let target = Target::from_mesh(&mesh, &found.sphere)?;
-                (found.sphere, target, Some(found.map.report))
+                let mesh = Input::Mesh(mesh);
+                let mesh = if cut_handles { mesh.without_handles(monitor)? } else { mesh };
+                let mut found = parametrize_with(&mesh, &CaldParams::for_degree(params.max_degree), monitor)?;
+                if let Input::Cut(cut) = &mesh {
+                    found.sphere.seam.clone_from(&cut.seam);
+                }
+                let target = Target::from_mesh(&found.map.surface, &found.sphere)?;
+                (found.sphere, target, Some(found.map.report), mesh.handles().map(|handles| json!(handles)))
             }
         };
         let read = |_: usize| Ok::<_, Error>(target.clone());
         let (mut fits, report) = spharm::fit_many(&sphere, 1, &read, &params, &|_, fit| Ok(fit), monitor)?;
         let fit = fits.pop().ok_or(Failure::Panic)?;
-        Ok((sphere, fit, report, map))
+        Ok((sphere, fit, report, map, handles))
     })?;
-    let map = map.map(|map| json!(map));
-    Ok(fitted(py, sphere, fit, &report, map, surface))
+    let mut map = map.map(|map| json!(map));
+    if let (Some(Value::Object(map)), Some(handles)) = (&mut map, &handles) {
+        map.insert("handles".to_owned(), handles.clone());
+    }
+    let mut found = fitted(py, sphere, fit, &report, map, surface);
+    if let Some(Value::Object(handles)) = handles {
+        found.0.inner.provenance.handles = Some(handles);
+    }
+    Ok(found)
 }
 
 enum Given {
@@ -174,7 +192,7 @@ enum Given {
 
 /// Fits targets over one sphere: `values` are arrays of the sphere's vertices.
 #[pyfunction]
-#[pyo3(signature = (values, sphere, sphere_faces, *, surface, parametrized, settings, progress = None))]
+#[pyo3(signature = (values, sphere, sphere_faces, *, surface, parametrized, seam, settings, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 pub(crate) fn fit_many<'py>(
     py: Python<'py>,
@@ -183,11 +201,12 @@ pub(crate) fn fit_many<'py>(
     sphere_faces: Option<Faces<'py>>,
     surface: bool,
     parametrized: bool,
+    seam: Option<SeamIn>,
     settings: Settings<'py>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Fitted<'py>>> {
     let params = settings.params()?;
-    let sphere = SphereArrays::new(&sphere, sphere_faces.as_ref(), parametrized)?;
+    let sphere = SphereArrays::new(&sphere, sphere_faces.as_ref(), parametrized)?.with_seam(seam);
     let views: Vec<ArrayView2<'_, f64>> = values.iter().map(|values| values.as_array()).collect();
     let (sphere, fits, report) = run(py, settings.threads, progress.as_ref(), |monitor: &dyn Monitor| {
         let sphere = sphere.check()?;

@@ -17,6 +17,7 @@
 //! | `groups` | groups of models to one degree, and their mean |
 //! | `poses` | rotations, and surfaces brought together |
 //! | `modes` | modes of variation |
+//! | `morphs` | shapes between two models |
 //! | `studies` | tests at every vertex |
 //! | `transforms` | synthesis, its adjoint, and the least squares over them |
 //! | `stores` | basis stores |
@@ -30,6 +31,7 @@ mod memory;
 mod models;
 mod modes;
 mod moments;
+mod morphs;
 mod poses;
 mod run;
 mod shapes;

@@ -8,7 +8,10 @@ use pyo3::types::PyBytes;
 use spharm::harmonics::{Coefficients, Directions};
 use spharm::{Error, Kind, Model as Inner};
 
-use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SphereArrays, mesh_arrays, positions, rows, triangles};
+use crate::arrays::{
+    Faces, FacesOut, Positions, PositionsOut, SeamIn, SeamOut, SphereArrays, mesh_arrays, positions, rows, seam_out,
+    triangles,
+};
 use crate::errors::Failure;
 use crate::run::run;
 
@@ -26,7 +29,7 @@ fn kind(surface: bool) -> Kind {
 impl Model {
     /// A model of coefficients (K, c), over a sphere where there is one.
     #[new]
-    #[pyo3(signature = (coefficients, *, surface, sphere = None, faces = None, parametrized = false))]
+    #[pyo3(signature = (coefficients, *, surface, sphere = None, faces = None, parametrized = false, seam = None))]
     fn new(
         py: Python<'_>,
         coefficients: PyReadonlyArray2<'_, f64>,
@@ -34,9 +37,11 @@ impl Model {
         sphere: Option<Positions<'_>>,
         faces: Option<Faces<'_>>,
         parametrized: bool,
+        seam: Option<SeamIn>,
     ) -> PyResult<Self> {
         let values = coefficients.as_array().to_owned();
         let sphere = sphere.map(|sphere| SphereArrays::new(&sphere, faces.as_ref(), parametrized)).transpose()?;
+        let sphere = sphere.map(|sphere| sphere.with_seam(seam));
         let inner = run(py, Some(1), None, move |_| {
             let coefficients = Coefficients::new(values).map_err(Error::from)?;
             Ok(match sphere {
@@ -101,6 +106,12 @@ impl Model {
         Some((positions(py, sphere.directions.as_slice().to_vec()), triangles(py, sphere.faces.clone())))
     }
 
+    /// Of a surface that was cut where it had handles: its vertices and triangles, and the vertices that were copied.
+    #[getter]
+    fn seam<'py>(&self, py: Python<'py>) -> Option<SeamOut<'py>> {
+        self.inner.sphere.as_ref()?.seam.clone().map(|seam| seam_out(py, seam))
+    }
+
     /// How it was made, as JSON.
     #[getter]
     fn provenance(&self) -> String {
@@ -144,7 +155,8 @@ impl Model {
         Ok(values.into_pyarray(py))
     }
 
-    /// The surface over a sphere, the model's own where none is given: vertices and triangles.
+    /// The surface over a sphere: vertices and triangles. Over the model's own, where none is given, with the handles that were
+    /// cut.
     #[pyo3(signature = (sphere, faces, degree, *, threads = None))]
     fn surface<'py>(
         &self,
@@ -158,7 +170,7 @@ impl Model {
         let mesh = run(py, threads, None, |_| {
             let found = match sphere {
                 Some(sphere) => self.inner.reconstruct(&sphere.check()?, degree),
-                None => self.inner.own_sphere().and_then(|sphere| self.inner.reconstruct(sphere, degree)),
+                None => self.inner.reconstruct_original(degree).map(|found| found.mesh),
             };
             Ok(found.map_err(Error::from)?)
         })?;

@@ -105,7 +105,7 @@ pub(crate) fn shape_rotate(
     Ok(Model { inner })
 }
 
-fn refuse_signals(what: &str, models: &[Inner]) -> Result<(), Failure> {
+pub(crate) fn refuse_signals(what: &str, models: &[Inner]) -> Result<(), Failure> {
     match models.iter().position(|model| model.kind() != Kind::Surface) {
         Some(_) if models.len() == 1 => {
             Err(Failure::Argument(format!("{what}: expected a model of a surface, found a signal")))

@@ -23,6 +23,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(shape_match, module)?)?;
     module.add_function(wrap_pyfunction!(shape_tails, module)?)?;
     module.add_function(wrap_pyfunction!(shape_even, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::morphs::shape_morph, module)?)?;
     module.add_function(wrap_pyfunction!(crate::poses::shape_rotate, module)?)?;
     module.add_function(wrap_pyfunction!(crate::poses::shape_align, module)?)?;
     module.add_function(wrap_pyfunction!(crate::poses::shape_procrustes, module)?)?;

@@ -6,7 +6,7 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use serde_json::json;
+use serde_json::{Value, json};
 use spharm::generate::{Cortex, cortex};
 use spharm::io::{WriteOptions, read_mesh, read_signal, write_mesh, write_signal};
 use spharm::metrics::{
@@ -16,12 +16,12 @@ use spharm::metrics::{
 use spharm::parametrize::quality::Quality;
 use spharm::parametrize::volume::{Affine, LabelVolume, VolumeParams};
 use spharm::parametrize::{
-    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Method, Parametrization, ParametrizeError,
+    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, ParametrizeError,
     StretchParams, resample as resample_mesh,
 };
-use spharm::{Mesh, Signal, Sphere};
+use spharm::{Mesh, Monitor, Seam, Signal, Sphere};
 
-use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, mesh, mesh_arrays, positions};
+use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, seam_out};
 use crate::errors::Failure;
 use crate::memory::{check_distance, check_mapping, check_resampling};
 use crate::run::{run, run_owned};
@@ -111,18 +111,37 @@ fn example_surface(
     Ok((vertices, faces, positions(py, sphere.vertices)))
 }
 
-/// A map as it goes to Python: the surface, its sphere, the report as JSON, warnings.
-type Mapped<'py> = (PositionsOut<'py>, FacesOut<'py>, PositionsOut<'py>, String, Vec<String>);
+/// A map as it goes to Python: the surface, its sphere, the report as JSON, warnings, and where it was cut.
+type Mapped<'py> = (PositionsOut<'py>, FacesOut<'py>, PositionsOut<'py>, String, Vec<String>, Option<SeamOut<'py>>);
 
-fn mapped(py: Python<'_>, found: Parametrization) -> Mapped<'_> {
+/// Maps a surface, and notes in the sphere's metadata where it was cut. Also returns what is to be reported of that.
+fn map(
+    input: &Input,
+    method: &Method,
+    memory: Option<usize>,
+    monitor: &dyn Monitor,
+) -> Result<(Parametrization, Option<Value>), Failure> {
+    check_mapping(input, method, memory)?;
+    let mut found = method.run(input, monitor)?;
+    if let Input::Cut(cut) = input {
+        cut.mark(&mut found.sphere);
+    }
+    Ok((found, input.handles().map(|handles| json!(handles))))
+}
+
+fn mapped(py: Python<'_>, found: Parametrization, handles: Option<Value>) -> Mapped<'_> {
     let mut report = json!(found.report);
+    if let (Some(report), Some(handles)) = (report.as_object_mut(), handles) {
+        report.insert("handles".to_owned(), handles);
+    }
     if let (Some(report), Some(resampling)) = (report.as_object_mut(), &found.resampling) {
         report.insert("distance_rms".to_owned(), json!(resampling.distance.rms));
         report.insert("distance_max".to_owned(), json!(resampling.distance.hausdorff));
     }
     let warnings = found.report.warnings.iter().map(ToString::to_string).collect();
+    let seam = Seam::of(&found.sphere.meta).map(|seam| seam_out(py, seam));
     let (vertices, faces) = mesh_arrays(py, found.surface);
-    (vertices, faces, positions(py, found.sphere.vertices), report.to_string(), warnings)
+    (vertices, faces, positions(py, found.sphere.vertices), report.to_string(), warnings, seam)
 }
 
 fn method(name: &str, degree: Option<usize>, area: f64, seed: u64) -> PyResult<Method> {
@@ -142,12 +161,15 @@ fn method(name: &str, degree: Option<usize>, area: f64, seed: u64) -> PyResult<M
 }
 
 #[pyfunction]
-#[pyo3(signature = (vertices, faces, *, method, degree, area, seed, memory = None, threads = None, progress = None))]
+#[pyo3(signature = (
+    vertices, faces, *, cut_handles, method, degree, area, seed, memory = None, threads = None, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn parametrize<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,
     faces: Faces<'py>,
+    cut_handles: bool,
     method: &str,
     degree: Option<usize>,
     area: f64,
@@ -157,11 +179,11 @@ fn parametrize<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (mesh, method) = (mesh("surface", &vertices, &faces)?, self::method(method, degree, area, seed)?);
-    let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        check_mapping(&mesh, &method, memory)?;
-        Ok(method.run(&mesh, monitor)?)
+    let (found, handles) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+        let mesh = Input::Mesh(mesh);
+        map(&if cut_handles { mesh.without_handles(monitor)? } else { mesh }, &method, memory, monitor)
     })?;
-    Ok(mapped(py, found))
+    Ok(mapped(py, found, handles))
 }
 
 /// Label volumes: a file, or labels (i, j, k) with their affine matrix (4, 4).
@@ -198,7 +220,7 @@ impl Volume<'_> {
 
 #[pyfunction]
 #[pyo3(signature = (
-    volume, *, label, fix, method, degree, area, seed, memory = None, threads = None, progress = None
+    volume, *, label, fix, cut_handles, method, degree, area, seed, memory = None, threads = None, progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn parametrize_volume<'py>(
@@ -206,6 +228,7 @@ fn parametrize_volume<'py>(
     volume: Volume<'py>,
     label: Option<i64>,
     fix: bool,
+    cut_handles: bool,
     method: &str,
     degree: Option<usize>,
     area: f64,
@@ -215,13 +238,13 @@ fn parametrize_volume<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (read, method) = (volume.reader()?, self::method(method, degree, area, seed)?);
-    let (found, repair) = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        let surface = read(monitor)?.surface(&VolumeParams { label, fix }, monitor)?;
+    let (found, handles, repair) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+        let surface = read(monitor)?.surface(&VolumeParams { label, fix, handles: cut_handles }, monitor)?;
         let repair = surface.repair.as_ref().map(ToString::to_string);
-        check_mapping(&surface.quads, &method, memory)?;
-        Ok((method.run(&surface.quads, monitor)?, repair))
+        let (found, handles) = map(&Input::Label(surface).without_handles(monitor)?, &method, memory, monitor)?;
+        Ok((found, handles, repair))
     })?;
-    let mut mapped = mapped(py, found);
+    let mut mapped = mapped(py, found, handles);
     mapped.4.extend(repair);
     Ok(mapped)
 }
@@ -257,7 +280,7 @@ fn resample<'py>(
         check_resampling(&shared, memory)?;
         Ok(resample_mesh(&surface, &sphere, &shared, monitor)?)
     })?;
-    Ok(mapped(py, found))
+    Ok(mapped(py, found, None))
 }
 
 /// Quality of a map, as JSON.

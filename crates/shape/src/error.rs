@@ -1,5 +1,7 @@
 //! What can go wrong with shapes.
 
+use std::path::PathBuf;
+
 use spharm_harmonics::HarmonicsError;
 use spharm_monitor::Interrupted;
 use spharm_transform::TransformError;
@@ -187,6 +189,32 @@ pub enum ShapeError {
         found: usize,
         /// Members needed.
         least: usize,
+    },
+    /// The file of a group's alignment can't be read or written.
+    #[error("{}: cannot keep the state of the alignment: {cause}", path.display())]
+    Journal {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// A file that isn't that of a group's alignment.
+    #[error(
+        "{}: expected the state of an alignment of these models with these settings, found {}: name another file, or remove this one",
+        path.display(),
+        if *is_one { "that of another one" } else { "something else" }
+    )]
+    OtherJournal {
+        /// The file.
+        path: PathBuf,
+        /// Whether it is that of another alignment.
+        is_one: bool,
+    },
+    /// The file of a group's alignment is that of a run which hasn't ended.
+    #[error("{}: another process aligns this group: wait for it, or name another file", path.display())]
+    JournalInUse {
+        /// The file.
+        path: PathBuf,
     },
     /// An error in one member of a group.
     #[error("member {index}: {source}")]

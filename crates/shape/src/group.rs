@@ -56,6 +56,17 @@ impl Round {
         Target::new(self.mean.iter().map(|row| row.map(|v| v * scale)).collect())
     }
 
+    /// The mean of the members but one, scaled to norm 1; zero if it is.
+    pub(crate) fn without(&self, index: usize) -> Target {
+        let (count, without) = (self.members.len() as f64, &self.members[index].rows);
+        let rest = |(mean, row): (&[f64; 3], &[f64; 3])| std::array::from_fn(|c| count * mean[c] - row[c]);
+        let mut rows: Vec<[f64; 3]> = self.mean.iter().zip(without).map(rest).collect();
+        let norm = rows.as_flattened().iter().map(|v| v * v).sum::<f64>().sqrt();
+        let scale = if norm > 0.0 { 1.0 / norm } else { 0.0 };
+        rows.as_flattened_mut().iter_mut().for_each(|v| *v *= scale);
+        Target::new(rows)
+    }
+
     fn norm(&self) -> f64 {
         self.mean.as_flattened().iter().map(|v| v * v).sum::<f64>().sqrt()
     }

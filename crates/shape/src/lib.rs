@@ -113,7 +113,10 @@ pub use levels::{degree_within, tails};
 pub use mean::{CommonDegree, DegreesDiffer, mean, to_common_degree};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
 pub use pca::Modes;
-pub use procrustes::{Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd, procrustes};
+pub use procrustes::{
+    Journal, Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd, procrustes,
+    procrustes_with,
+};
 pub use retrieval::{Library, Match, Metric};
 pub use rotate::rotate_parameters;
 pub use rotation::Rotation;

@@ -14,11 +14,17 @@
 //! as in [`align`](mod@crate::align) for each thread. Surfaces are aligned on all threads; sums are made in the order of the
 //! members, so that the result doesn't depend on the number of threads.
 
+mod journal;
+mod mirrored;
+
+use std::sync::{Mutex, PoisonError};
+
 use ndarray::Array2;
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 
+pub use self::journal::Journal;
 use crate::align::{Method, nothing_to_turn, undetermined};
 use crate::error::ShapeError;
 use crate::extent::surface;
@@ -34,8 +40,8 @@ use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
 /// Members that a mean is of, at least.
 const LEAST: usize = 3;
-/// A mirror image counts as nearer below this part of the distance.
-const MUCH_NEARER: f64 = 0.8;
+/// Members after whose alignment a journal is written.
+const KEPT: usize = 64;
 
 /// Brings a group together, see the [module](self). Members are (K, 3) each.
 ///
@@ -46,6 +52,21 @@ const MUCH_NEARER: f64 = 0.8;
 pub fn procrustes(
     members: &[Coefficients],
     params: &ProcrustesParams,
+    monitor: &dyn Monitor,
+) -> Result<Procrustes, ShapeError> {
+    procrustes_with(members, params, None, monitor)
+}
+
+/// As [`procrustes`], with a file that keeps what is found. A run that was ended goes on with it where it was, and what comes
+/// of it is the same to the last bit. The file is that of [`Journal::open`] for the same members and settings.
+///
+/// # Errors
+///
+/// Those of [`procrustes`]; [`ShapeError::Journal`] where the file can't be written.
+pub fn procrustes_with(
+    members: &[Coefficients],
+    params: &ProcrustesParams,
+    journal: Option<&mut Journal>,
     monitor: &dyn Monitor,
 ) -> Result<Procrustes, ShapeError> {
     if members.len() < LEAST {
@@ -68,7 +89,7 @@ pub fn procrustes(
     if lowest != highest && params.align.max_degree.is_none_or(|degree| degree > lowest) {
         warnings.push(ProcrustesWarning::DegreesDiffer { lowest, highest });
     }
-    let group = Group::new(members, degree, params, monitor)?;
+    let group = Group::new(members, degree, params, journal, monitor)?;
     let order = templates(members.len(), params.templates, || {
         let round = group.brought_to(0)?;
         Ok::<_, ShapeError>(round.members.into_iter().map(|member| member.rows).collect())
@@ -102,6 +123,7 @@ struct Group<'a> {
     plan: Option<Plan>,
     degree: usize,
     params: &'a ProcrustesParams,
+    journal: Mutex<Option<&'a mut Journal>>,
     monitor: &'a dyn Monitor,
 }
 
@@ -110,6 +132,7 @@ impl<'a> Group<'a> {
         members: &[Coefficients],
         degree: usize,
         params: &'a ProcrustesParams,
+        journal: Option<&'a mut Journal>,
         monitor: &'a dyn Monitor,
     ) -> Result<Self, ShapeError> {
         let units: Vec<Unit> = members.iter().map(|member| Unit::new(member, degree)).collect();
@@ -120,7 +143,7 @@ impl<'a> Group<'a> {
         let joint = params.align.method == Method::Joint;
         let plan = if joint { Some(params.align.plan(degree)?) } else { None };
         monitor.begin(Stage::counted("align", "surfaces"), 0);
-        Ok(Self { units, sizes, plan, degree, params, monitor })
+        Ok(Self { units, sizes, plan, degree, params, journal: Mutex::new(journal), monitor })
     }
 
     /// Every member searched against a template.
@@ -131,19 +154,36 @@ impl<'a> Group<'a> {
 
     /// One alignment of every member.
     fn round(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Round, ShapeError> {
-        let members: Result<Vec<Member>, ShapeError> = (0..self.units.len())
-            .into_par_iter()
-            .map(|index| {
-                let pose = pose(index);
-                self.monitor.check()?;
-                let member = Member::new(&self.units[index], self.sizes[index], pose, self.plan.as_ref());
-                self.monitor.step(1);
-                Ok(member)
-            })
-            .collect();
-        let members = members?;
+        let poses = self.each(pose)?;
+        let member =
+            |(index, pose): (usize, Pose)| Member::new(&self.units[index], self.sizes[index], pose, self.plan.as_ref());
+        let members: Vec<Member> = poses.into_par_iter().enumerate().map(member).collect();
         let mean = mean_of(&members);
         Ok(Round { spread: spread_of(&members, &mean), members, mean })
+    }
+
+    /// A pose of every member: those that the journal has, and others, which it gets.
+    fn each(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Vec<Pose>, ShapeError> {
+        let (count, mut journal) = (self.units.len(), self.journal.lock().unwrap_or_else(PoisonError::into_inner));
+        let mut poses = journal.as_mut().map_or_else(Vec::new, |journal| journal.take(count));
+        self.monitor.step(poses.len() as u64);
+        while poses.len() < count {
+            let end = if journal.is_some() { count.min(poses.len() + KEPT) } else { count };
+            let one = |index: usize| -> Result<Pose, ShapeError> {
+                let pose = pose(index);
+                // A search that was stopped has no result.
+                self.monitor.check()?;
+                self.monitor.step(1);
+                Ok(pose)
+            };
+            let found: Result<Vec<Pose>, ShapeError> = (poses.len()..end).into_par_iter().map(one).collect();
+            let found = found?;
+            if let Some(journal) = journal.as_mut() {
+                journal.add(&found)?;
+            }
+            poses.extend(found);
+        }
+        Ok(poses)
     }
 
     fn searched(&self, index: usize, target: &Target, mirror: bool) -> Pose {
@@ -213,37 +253,16 @@ impl<'a> Group<'a> {
     fn of_members(&self, round: &Round) -> Result<Vec<ProcrustesWarning>, ShapeError> {
         let target = round.target();
         let mean_norm = target.rows.as_flattened().iter().map(|v| v * v).sum::<f64>();
-        let of = |index: usize| -> Result<Vec<ProcrustesWarning>, ShapeError> {
-            self.monitor.check()?;
+        let of = |index: usize| {
             let (unit, pose) = (&self.units[index], &round.members[index].pose);
             let warning = undetermined(&pose.fit, unit.norm.min(mean_norm), &self.params.align);
-            let mut warnings: Vec<_> =
-                warning.into_iter().map(|warning| ProcrustesWarning::Member { member: index, warning }).collect();
-            if !self.params.align.mirror && unit.norm > 0.0 {
-                let distance = self.mirrored_distance(index, &target);
-                if distance < MUCH_NEARER * pose.fit.distance && pose.fit.distance > 1e-7 {
-                    let rmsd = |distance: f64| round.rmsd_of(distance, self.sizes[index]);
-                    let (rmsd, mirrored) = (rmsd(pose.fit.distance), rmsd(distance));
-                    warnings.push(ProcrustesWarning::Mirrored { member: index, rmsd, mirrored });
-                }
-            }
-            Ok(warnings)
+            warning.map(|warning| ProcrustesWarning::Member { member: index, warning })
         };
-        let warnings: Result<Vec<_>, ShapeError> = (0..self.units.len()).into_par_iter().map(of).collect();
-        Ok(warnings?.into_iter().flatten().collect())
-    }
-
-    /// How near a member's mirror images come: -f(-u), whose outside is outside, and -f(u), which is inside out.
-    fn mirrored_distance(&self, index: usize, target: &Target) -> f64 {
-        let inside_out = self.units[index].negative();
-        match &self.plan {
-            Some(plan) => {
-                let images = [inside_out.antipodal(), inside_out];
-                let search = |image| plan.search(image, target, false, &OnlyCancel(self.monitor)).fit.distance;
-                images.iter().map(search).fold(f64::INFINITY, f64::min)
-            }
-            None => object_only(&inside_out.rows, &target.rows, false).distance,
+        let mut warnings: Vec<_> = (0..self.units.len()).filter_map(of).collect();
+        if !self.params.align.mirror {
+            warnings.extend(self.mirrored(round)?);
         }
+        Ok(warnings)
     }
 
     /// Turns everything into the frame of the mean.

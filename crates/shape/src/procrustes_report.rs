@@ -44,12 +44,13 @@ pub enum ProcrustesWarning {
         /// The highest one.
         highest: usize,
     },
-    /// A member is much nearer to the mean as its mirror image: it may be of the other side. Where shapes hardly differ from
-    /// their mirror images, as hippocampi do, a mirrored member isn't noticed.
+    /// A member is nearer to the others as its mirror image, where these are nearer as they are: it may be of the other side. Where
+    /// shapes hardly differ from their mirror images, or differ more among themselves, as five hippocampi do, a mirrored member
+    /// mostly isn't noticed.
     Mirrored {
         /// The member, counted from 0.
         member: usize,
-        /// Its distance from the mean.
+        /// Its distance from the mean of the others.
         rmsd: f64,
         /// That of its mirror image.
         mirrored: f64,
@@ -73,17 +74,37 @@ pub enum ProcrustesWarning {
     },
 }
 
+impl ProcrustesWarning {
+    /// Returns the member that it is about, counted from 0, if it is about one.
+    #[must_use]
+    pub fn member(&self) -> Option<usize> {
+        match self {
+            Self::Mirrored { member, .. } | Self::Member { member, .. } => Some(*member),
+            _ => None,
+        }
+    }
+
+    /// Returns what it says of the member, without its number, where it is about one; else all of it.
+    #[must_use]
+    pub fn of_member(&self) -> String {
+        match self {
+            Self::Mirrored { rmsd, mirrored, .. } => {
+                format!("is {rmsd:.4} from the others, and its mirror image {mirrored:.4}: it may be of the other side")
+            }
+            Self::Member { warning, .. } => warning.to_string(),
+            other => other.to_string(),
+        }
+    }
+}
+
 impl fmt::Display for ProcrustesWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::DegreesDiffer { lowest, highest } => {
                 write!(f, "the members have degrees {lowest} to {highest}; degrees up to {lowest} were compared")
             }
-            Self::Mirrored { member, rmsd, mirrored } => write!(
-                f,
-                "member {member} is {rmsd:.4} from the mean, and its mirror image {mirrored:.4}: it may be of the other side"
-            ),
-            Self::Member { member, warning } => write!(f, "member {member}: {warning}"),
+            Self::Mirrored { member, .. } => write!(f, "member {member} {}", self.of_member()),
+            Self::Member { member, .. } => write!(f, "member {member}: {}", self.of_member()),
             Self::NearlyRound { ratio } => write!(
                 f,
                 "the mean's first-order ellipsoid has axes alike, with a ratio of {ratio:.3}: the group's pose has little \

@@ -11,6 +11,7 @@ mod lsq;
 mod lsq_plan;
 mod quadrature;
 mod range;
+mod seam;
 mod shared;
 mod surface;
 mod surface_plan;

@@ -144,6 +144,6 @@ pub use spharm_shape::ShapeError;
 pub use spharm_solver::SolverError;
 pub use spharm_store::{Scalar, StoreError};
 pub use spharm_surface::{
-    Kind, Mesh, Signal, Sphere, SurfaceError, Target, generate, io, metrics, read_sphere, read_target,
+    Kind, Mesh, Seam, Signal, Sphere, SurfaceError, Target, generate, io, metrics, read_sphere, read_target,
 };
 pub use spharm_transform::TransformError;

@@ -29,8 +29,8 @@ impl Origin {
         let CaldParams { area, degree, steps, seed } = params;
         let degree = degree.map_or("auto".to_owned(), |degree| degree.to_string());
         let map = match input.label {
-            Some(_) => "equal-area".to_owned(),
-            None => {
+            Some(_) if !cut => "equal-area".to_owned(),
+            _ => {
                 let cut = if cut { ", handles cut" } else { "" };
                 format!("auto, area {area}, degree {degree}, steps {steps}, seed {seed}{cut}")
             }

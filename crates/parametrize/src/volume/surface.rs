@@ -16,13 +16,16 @@ pub struct VolumeParams {
     pub label: Option<i64>,
     /// Whether to repair a label that isn't a ball, in place of refusing it. Default false.
     pub fix: bool,
+    /// Whether the surface may have handles, for [`without_handles`](crate::Input::without_handles) to cut. Default false. A
+    /// repair opens them, so that with `fix` none are left.
+    pub handles: bool,
 }
 
 /// A label's surface.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct VolumeSurface {
-    /// Closed, of genus 0, wound outward; vertices in mm.
+    /// Closed, of genus 0 unless handles were allowed, wound outward; vertices in mm.
     pub quads: QuadMesh,
     /// The label.
     pub label: i64,
@@ -48,14 +51,14 @@ impl LabelVolume {
             let path = self.path().to_owned();
             Err(ParametrizeError::BadVolume { path, label, problems: problems.join("; "), repairable })
         };
-        let problems = problems(&mask, monitor)?;
+        let problems = problems(&mask, params.handles && !params.fix, monitor)?;
         let (quads, repair) = match (problems.is_empty(), params.fix) {
             (true, _) => (QuadMesh::around(&mask), None),
             (false, false) => return refuse(problems, true),
             (false, true) => {
                 let (repaired, repair) = repair(&mask, monitor)?;
                 // The repair keeps to simple points, so this can't happen; a surface of another kind must not go on.
-                let left = self::problems(&repaired, monitor)?;
+                let left = self::problems(&repaired, false, monitor)?;
                 if !left.is_empty() {
                     return refuse(left, false);
                 }
@@ -66,8 +69,8 @@ impl LabelVolume {
     }
 }
 
-/// The reasons why the voxels aren't one ball, a phrase each.
-fn problems(mask: &Mask, monitor: &dyn Monitor) -> Result<Vec<String>, Interrupted> {
+/// The reasons why the voxels aren't one ball, a phrase each; with `handles` these are none.
+fn problems(mask: &Mask, handles: bool, monitor: &dyn Monitor) -> Result<Vec<String>, Interrupted> {
     let mut problems = Vec::new();
     let found = pieces(mask, monitor)?;
     if found.sizes.len() > 1 {
@@ -87,7 +90,7 @@ fn problems(mask: &Mask, monitor: &dyn Monitor) -> Result<Vec<String>, Interrupt
     // Each piece and each cavity has a surface of its own, of characteristic 2 - 2 genus.
     let surfaces = quads.components() as i64;
     let genus = surfaces - quads.euler_characteristic() / 2;
-    if genus > 0 {
+    if genus > 0 && !handles {
         let word = if genus == 1 { "1 handle" } else { &format!("{genus} handles") };
         problems.push(format!("{word} (genus {genus})"));
     }

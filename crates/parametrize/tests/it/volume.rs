@@ -200,7 +200,7 @@ fn labels_are_chosen_or_named() {
     let several = labels(|at| if ball(at, 5.0) { 17 } else { i32::from(at[2] < -10.0) * 53 });
     let error = take(&several).unwrap_err().to_string();
     assert!(error.contains("expected one label") && error.contains("17 (") && error.contains("53 ("), "{error}");
-    let with = |label| several.surface(&VolumeParams { label: Some(label), fix: false }, &Silent);
+    let with = |label| several.surface(&VolumeParams { label: Some(label), ..VolumeParams::default() }, &Silent);
     assert!(with(17).is_ok() && with(53).is_ok());
     let error = with(4).unwrap_err().to_string();
     assert!(error.contains("no voxel has label 4") && error.contains("17 ("), "{error}");

@@ -5,6 +5,7 @@
 //! forgotten, so that memory depends on the degree and not on the mesh. Solid angles as weights make the normal matrix nearly
 //! a multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices.
 
+use std::f64::consts::PI;
 use std::ops::Range;
 use std::time::Instant;
 
@@ -21,6 +22,7 @@ use super::batches::{Apart, Batch, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{Sizes, transform};
+use super::seam::SeamVertices;
 use super::shared::{Within, converged, note_solution, strategy, together};
 use super::surface_plan::{RUN, SurfacePlan};
 use crate::assess::ModelSurface;
@@ -80,6 +82,8 @@ struct Fitter<'a> {
     /// What the vertices count, (n).
     weights: Option<Vec<f64>>,
     sampling: SphereSampling,
+    /// Where the surface was cut. Noise isn't fitted closely, there neither.
+    seam: Option<SeamVertices>,
     /// At the vertices, where msd and xsd are taken, and after them at the centres of some triangles.
     evaluation: Transform,
     model_surface: Option<ModelSurface>,
@@ -101,6 +105,7 @@ impl<'a> Fitter<'a> {
             params,
             weights: job.weights.clone(),
             sampling: SphereSampling::for_degree(&sphere.directions, &sphere.faces, max_degree)?,
+            seam: SeamVertices::of(sphere, max_degree).filter(|_| !params.denoise),
             evaluation: Transform::new(&places(job)?, &transform(max_degree, plan.sizes.channels))?,
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
             solver: LsqParams {
@@ -250,7 +255,7 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// Returns the sums of targets over samples of all triangles. Weights are solid angles times what the vertices count,
+    /// Returns the sums of targets over samples of all triangles, and the seams' vertices. Weights are solid angles times what the vertices count,
     /// scaled to the sum that the vertices' weights have: a penalty then means the same for a surface as for its vertices.
     fn sums(
         &self,
@@ -258,7 +263,7 @@ impl<'a> Fitter<'a> {
         monitor: &dyn Monitor,
     ) -> Result<SampleSums, Error> {
         let columns = targets.last().map_or(0, |(group, _)| group.end);
-        let mut sums = Accumulator::new(self.params.max_degree, columns)?;
+        let (mut sums, mut of_surface, mut of_seam) = (Accumulator::new(self.params.max_degree, columns)?, 0.0, 0.0);
         for triangles in self.sampling.runs(RUN) {
             monitor.check()?;
             let SphereSamples { directions, mut weights } =
@@ -277,11 +282,21 @@ impl<'a> Fitter<'a> {
                 self.sampling.interpolate_to(target.view(), triangles.clone(), columns);
             }
             sums.add(directions.as_slice(), Some(&weights), values.view())?;
+            of_surface += weights.iter().sum::<f64>();
+        }
+        if let Some(seam) = &self.seam {
+            let weights = seam.weights(of_surface / (4.0 * PI), self.weights.as_deref());
+            let mut values = Array2::zeros((weights.len(), columns));
+            for (group, target) in targets {
+                values.slice_mut(s![.., group.clone()]).assign(&seam.rows_of(target.view()));
+            }
+            sums.add(&seam.directions(self.sphere), Some(&weights), values.view())?;
+            of_seam = weights.iter().sum();
         }
         let mut sums = sums.finish()?.sums;
         let vertices = self.sphere.directions.len() as f64;
         let total = self.weights.as_ref().map_or(vertices, |weights| weights.iter().sum());
-        let factor = total / sums.weight;
+        let factor = total / (sums.weight - of_seam);
         let all = sums.moments.iter_mut().chain(&mut sums.right_sides).chain(&mut sums.squares);
         all.chain([&mut sums.weight]).for_each(|sum| *sum *= factor);
         Ok(sums)

@@ -1,0 +1,49 @@
+//! Shapes between two models.
+
+use pyo3::prelude::*;
+use spharm::Kind;
+use spharm::model::made;
+use spharm::shape::AlignParams;
+use spharm::shape::morph::{LEAST_VOLUME, Morph, volume_ratio};
+use spharm::{Error, Monitor};
+
+use crate::errors::Failure;
+use crate::models::Model;
+use crate::poses::refuse_signals;
+use crate::run::run_owned;
+
+/// Models at times from 0 to 1, the volume half way over the smaller end's, and warnings.
+#[pyfunction]
+#[pyo3(signature = (start, end, times, *, keep_pose, mirror, threads = None, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+pub(crate) fn shape_morph(
+    py: Python<'_>,
+    start: PyRef<'_, Model>,
+    end: PyRef<'_, Model>,
+    times: Vec<f64>,
+    keep_pose: bool,
+    mirror: bool,
+    threads: Option<usize>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<(Vec<Model>, f64, Vec<String>)> {
+    let (start, end) = (start.inner.clone(), end.inner.clone());
+    let (models, ratio, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+        refuse_signals("start", std::slice::from_ref(&start))?;
+        refuse_signals("end", std::slice::from_ref(&end))?;
+        let params = AlignParams { mirror, scale: false, ..AlignParams::default() };
+        let morph = Morph::new(&start.coefficients, &end.coefficients, &params, keep_pose, monitor)?;
+        let ratio = volume_ratio(&morph, monitor)?;
+        let at = |&time: &f64| -> Result<spharm::Model, Failure> {
+            Monitor::check(monitor).map_err(Error::from)?;
+            Ok(made(morph.at(time)?, Kind::Surface, "shape morph"))
+        };
+        let models = times.iter().map(at).collect::<Result<Vec<_>, _>>()?;
+        let mut warnings: Vec<String> = morph.alignment.report.warnings.iter().map(ToString::to_string).collect();
+        if ratio < LEAST_VOLUME {
+            warnings
+                .push(format!("half way the volume is {ratio:.2} of the smaller end's: the surfaces don't correspond"));
+        }
+        Ok((models, ratio, warnings))
+    })?;
+    Ok((models.into_iter().map(|inner| Model { inner }).collect(), ratio, warnings))
+}

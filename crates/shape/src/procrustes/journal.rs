@@ -1,0 +1,175 @@
+//! What the alignment of a group has found so far, in a file, so that a run that was ended goes on where it was.
+//!
+//! An alignment is a sequence of poses: of every member in turn, round after round. Each follows from those before it, so that
+//! the poses are all there is to keep. The file is 64 bytes that say whose it is, and then a record for each pose in the
+//! order in which they were found; all numbers are little-endian.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 0..16 | `spharm group 1\r\n` |
+//! | 16..48 | BLAKE3 of the members and settings |
+//! | 48..64 | zero |
+//! | 196 each | rotation of the parameters and orthogonal matrix of space by rows, distance, stiffness, 3 singular values, 1 where directions are replaced by their opposites, else 0: 24 f64; CRC32C of them, of what the file begins with and of the record's number |
+//!
+//! A run that is ended while it writes leaves part of a record, and a power cut may leave blocks that were never written: what
+//! comes after the last record that is whole is left out, and computed anew.
+
+use std::fs::{File, TryLockError};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use spharm_harmonics::Coefficients;
+
+use super::ProcrustesParams;
+use crate::error::ShapeError;
+use crate::group::Pose;
+use crate::matrix3::Matrix3;
+use crate::refine::Fit;
+use crate::rotation::Rotation;
+
+const MAGIC: &[u8; 16] = b"spharm group 1\r\n";
+const HEADER: usize = 64;
+const NUMBERS: usize = 24;
+const RECORD: usize = 8 * NUMBERS + 4;
+
+/// The file of a group's alignment.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    header: [u8; HEADER],
+    /// Poses that an earlier run found and that haven't been taken, the next one last.
+    found: Vec<Pose>,
+    /// Poses that were taken or added.
+    number: u64,
+}
+
+impl Journal {
+    /// Opens the file of the alignment of these members with these settings, or makes it. One process at a time has it.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::OtherJournal`] for a file of other members or settings, or that is none;
+    /// [`ShapeError::JournalInUse`]; [`ShapeError::Journal`] where it can't be read or written.
+    pub fn open(path: &Path, members: &[Coefficients], params: &ProcrustesParams) -> Result<Self, ShapeError> {
+        let failed = |cause| ShapeError::Journal { path: path.to_owned(), cause };
+        let options = File::options().read(true).write(true).create(true).truncate(false).open(path);
+        let mut file = options.map_err(failed)?;
+        match file.try_lock() {
+            // Where a file system has no locks, nothing keeps two processes apart.
+            Ok(()) | Err(TryLockError::Error(_)) => {}
+            Err(TryLockError::WouldBlock) => return Err(ShapeError::JournalInUse { path: path.to_owned() }),
+        }
+        let header = header(members, params);
+        let length = file.metadata().map_err(failed)?.len();
+        let mut start = Vec::new();
+        (&mut file).take(HEADER as u64).read_to_end(&mut start).map_err(failed)?;
+        if start.len() < HEADER && header.starts_with(&start) {
+            // New, or ended before it had begun.
+            file.set_len(0).and_then(|()| file.seek(SeekFrom::Start(0))).map_err(failed)?;
+            file.write_all(&header).map_err(failed)?;
+            return Ok(Self { path: path.to_owned(), file, header, found: Vec::new(), number: 0 });
+        }
+        if start != header {
+            return Err(ShapeError::OtherJournal { path: path.to_owned(), is_one: start.starts_with(MAGIC) });
+        }
+        let records = (length - HEADER as u64) / RECORD as u64;
+        let mut found = Vec::new();
+        let mut reader = io::BufReader::new(&file);
+        let mut record = [0; RECORD];
+        for number in 0..records {
+            reader.read_exact(&mut record).map_err(failed)?;
+            let Some(pose) = decoded(&record, &header, number) else { break };
+            found.push(pose);
+        }
+        let end = (HEADER + RECORD * found.len()) as u64;
+        file.set_len(end).and_then(|()| file.seek(SeekFrom::Start(end))).map_err(failed)?;
+        found.reverse();
+        Ok(Self { path: path.to_owned(), file, header, found, number: 0 })
+    }
+
+    /// Returns the number of poses that an earlier run found.
+    #[must_use]
+    pub fn found(&self) -> usize {
+        self.found.len()
+    }
+
+    /// Takes the next poses that an earlier run found, at most `count`.
+    pub(super) fn take(&mut self, count: usize) -> Vec<Pose> {
+        let rest = self.found.len().saturating_sub(count);
+        let mut taken = self.found.split_off(rest);
+        taken.reverse();
+        self.number += taken.len() as u64;
+        taken
+    }
+
+    /// Adds poses after those that were taken or added.
+    pub(super) fn add(&mut self, poses: &[Pose]) -> Result<(), ShapeError> {
+        let mut bytes = Vec::with_capacity(RECORD * poses.len());
+        for pose in poses {
+            encode(pose, &self.header, self.number, &mut bytes);
+            self.number += 1;
+        }
+        self.file.write_all(&bytes).map_err(|cause| ShapeError::Journal { path: self.path.clone(), cause })
+    }
+}
+
+/// What the file of an alignment begins with: any change of members, settings or of the program's version is another one.
+fn header(members: &[Coefficients], params: &ProcrustesParams) -> [u8; HEADER] {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
+    hasher.update(format!("{params:?} {}", members.len()).as_bytes());
+    for member in members {
+        hasher.update(&(member.max_degree() as u64).to_le_bytes());
+        member.values().iter().for_each(|value| {
+            hasher.update(&value.to_le_bytes());
+        });
+    }
+    let mut header = [0; HEADER];
+    header[..16].copy_from_slice(MAGIC);
+    header[16..48].copy_from_slice(hasher.finalize().as_bytes());
+    header
+}
+
+fn checksum(numbers: &[u8], header: &[u8; HEADER], number: u64) -> [u8; 4] {
+    crc32c::crc32c_append(crc32c::crc32c_append(crc32c::crc32c(header), &number.to_le_bytes()), numbers).to_le_bytes()
+}
+
+fn encode(pose: &Pose, header: &[u8; HEADER], number: u64, out: &mut Vec<u8>) {
+    let Pose { fit, antipodal } = pose;
+    let start = out.len();
+    let (rotation, object) = (fit.rotation.matrix(), fit.orthogonal);
+    let numbers = rotation.as_flattened().iter().chain(object.as_flattened());
+    let numbers = numbers.chain([&fit.distance, &fit.stiffness]).chain(&fit.singular_values);
+    numbers.chain([&f64::from(u8::from(*antipodal))]).for_each(|number| out.extend(number.to_le_bytes()));
+    let checksum = checksum(&out[start..], header, number);
+    out.extend(checksum);
+}
+
+/// The pose of a record; none where it isn't what was written.
+fn decoded(record: &[u8; RECORD], header: &[u8; HEADER], number: u64) -> Option<Pose> {
+    let (numbers, found) = record.split_at(8 * NUMBERS);
+    if checksum(numbers, header, number) != found {
+        return None;
+    }
+    let mut values = numbers.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes));
+    let mut next = || values.next().filter(|value| value.is_finite());
+    let mut matrix = || -> Option<Matrix3> {
+        let mut matrix = Matrix3::default();
+        for value in matrix.as_flattened_mut() {
+            *value = next()?;
+        }
+        Some(matrix)
+    };
+    let (rotation, orthogonal) = (matrix()?, matrix()?);
+    // The bits as they were, not those of the nearest orthogonal matrix.
+    Rotation::from_matrix(rotation).ok()?;
+    let (distance, stiffness) = (next()?, next()?);
+    let singular_values = [next()?, next()?, next()?];
+    let antipodal = next()? != 0.0;
+    let rotation = Rotation::of_orthogonal(rotation);
+    Some(Pose { fit: Fit { rotation, orthogonal, distance, stiffness, singular_values }, antipodal })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,93 @@
+"""Shapes between two models."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._model import Model, core, warn
+from ._progress import Progress, callback
+
+
+@dataclass(frozen=True, eq=False)
+class Morph:
+    """A path between two surfaces.
+
+    Attributes
+    ----------
+    models : list of Model
+        At each of the times, of the lower degree of the two.
+    times : ndarray of float, (n,)
+        0 is the first surface, 1 the second one.
+    volume_ratio : float
+        The volume half way over the smaller end's; below 0.8 the surfaces don't correspond, and that is warned of.
+    warnings : tuple of str
+    """
+
+    models: list[Model] = field(repr=False)
+    times: Floats = field(repr=False)
+    volume_ratio: float
+    warnings: tuple[str, ...] = ()
+
+
+def morph(
+    start: Model,
+    end: Model,
+    steps: int | ArrayLike = 11,
+    *,
+    keep_pose: bool = False,
+    mirror: bool = False,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Morph:
+    """Makes the shapes between two surfaces: the first is aligned to the second, then shapes are interpolated linearly.
+
+    Parameters
+    ----------
+    start, end : Model
+        Of surfaces, in whatever poses.
+    steps : int or array_like of float, (n,)
+        How many shapes, both ends included, at least 2; or their times.
+    keep_pose : bool
+        Begin where the first surface lies in space, and turn on the way; else all shapes are in the second one's pose.
+    mirror : bool
+        Match mirror images, too.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Morph
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> sphere = sp.icosphere(4)
+    >>> first, last = (sp.fit(sp.example_surface(4, seed)[0], sphere, 8) for seed in (0, 1))
+    >>> path = sp.shape.morph(first, last, 5)
+    >>> path.times.tolist()
+    [0.0, 0.25, 0.5, 0.75, 1.0]
+    >>> path.models[2].surface(3)
+    Surface(642 vertices, 1280 faces)
+    """
+    if np.ndim(steps) == 0:
+        count = _arrays.whole("steps", steps, 2)
+        times: Floats = np.arange(count) / (count - 1)
+    else:
+        times = _arrays.real("steps", steps, "(n,)")
+        if times.ndim != 1:
+            raise ValueError(f"steps: expected a whole number or times, (n,), found shape {times.shape}")
+    found, ratio, warnings = _core.shape_morph(
+        core("start", start),
+        core("end", end),
+        times.tolist(),
+        keep_pose=bool(keep_pose),
+        mirror=bool(mirror),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    return Morph([Model._of(model) for model in found], times, ratio, warn(warnings))

@@ -1,0 +1,111 @@
+//! Alignments of groups that are killed go on where they were.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use ndarray::Array2;
+use spharm_harmonics::Coefficients;
+use spharm_model::Model;
+use spharm_surface::generate::SplitMix64;
+use spharm_surface::{Kind, Sphere};
+
+use crate::common::{fail, finish, succeed, text, tool};
+
+/// Bytes of a file before its records, and of each record: crates/shape/src/procrustes/journal.rs.
+const HEADER: u64 = 64;
+const RECORD: u64 = 196;
+
+struct Site(tempfile::TempDir);
+
+impl Site {
+    /// A folder with so many models of degree 8, all alike, over spheres of their own.
+    fn new(members: u64) -> Self {
+        let site = Self(tempfile::tempdir().expect("a folder"));
+        std::fs::create_dir(site.path("models")).expect("a folder");
+        for member in 0..members {
+            let (mut common, mut own) = (SplitMix64::new(1), SplitMix64::new(100 + member));
+            let mut values = Array2::from_shape_fn((81, 3), |(k, _)| {
+                let amount = 1.0 / (1.0 + k as f64);
+                amount * (common.between(-1.0, 1.0) + 0.2 * own.between(-1.0, 1.0))
+            });
+            (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 6.0, 4.0);
+            let coefficients = Coefficients::new(values).expect("a degree");
+            let path = site.path(&format!("models/{member:03}.spharm.npz"));
+            Model::new(Sphere::icosphere(0), coefficients, Kind::Surface).write(path).expect("a model");
+        }
+        site
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn align(&self, output: &str, more: &[&str]) -> Command {
+        let mut command = tool("shape");
+        command.args(["align", "models", "--group", "-o", output, "--mean"]).arg(format!("{output}.mean.npz"));
+        command.args(more).current_dir(self.0.path());
+        command
+    }
+
+    /// The bits of all models of a folder, and of their mean.
+    fn bits(&self, output: &str) -> Vec<u64> {
+        let list = std::fs::read_dir(self.path(output)).expect("a folder");
+        let mut files: Vec<PathBuf> = list.map(|entry| entry.expect("an entry").path()).collect();
+        files.sort();
+        files.push(self.path(&format!("{output}.mean.npz")));
+        let bits = |path: &PathBuf| Model::read(path).expect("a model").coefficients.values().mapv(f64::to_bits);
+        files.iter().flat_map(|path| bits(path).into_iter().collect::<Vec<_>>()).collect()
+    }
+}
+
+fn records(state: &Path) -> u64 {
+    std::fs::metadata(state).map_or(0, |found| found.len().saturating_sub(HEADER) / RECORD)
+}
+
+#[test]
+fn a_group_that_is_killed_goes_on_and_ends_in_the_same_bits() {
+    let site = Site::new(80);
+    succeed(site.align("undisturbed", &["-q"]).args(["--threads", "1"]));
+    let state = site.path("align.state");
+    let resumed = ["--resume", "align.state"];
+    let mut last = 0;
+    for _ in 0..2 {
+        let mut child =
+            site.align("killed", &resumed).stderr(Stdio::null()).stdout(Stdio::null()).spawn().expect("a run");
+        while records(&state) < last + 100 {
+            assert!(child.try_wait().expect("its state").is_none(), "the run ended before it could be killed");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        child.kill().expect("it runs");
+        child.wait().expect("it ran");
+        last = records(&state);
+        assert!(!site.path("killed").exists() && !site.path("killed.mean.npz").exists(), "no output is there yet");
+    }
+    // Other settings, other models: what was found isn't of them.
+    let refused = fail(site.align("killed", &resumed).arg("--scale"));
+    assert!(refused.contains("align.state: expected the state of an alignment of these models"), "{refused}");
+    assert_eq!(records(&state), last);
+    let output = finish(&mut site.align("killed", &resumed));
+    let told = text(&output);
+    assert!(output.status.success() && told.contains("MiB planned"), "{told}");
+    assert!(told.contains(&format!("goes on after {last} alignments of an earlier run")), "{told}");
+    assert!(site.bits("killed") == site.bits("undisturbed"));
+    assert!(!state.exists(), "it isn't needed any more");
+}
+
+#[test]
+fn what_keeps_the_state_is_a_file_of_its_own() {
+    let site = Site::new(3);
+    let before = std::fs::read(site.path("models/000.spharm.npz")).expect("a model");
+    let refused = fail(&mut site.align("out", &["--resume", "models/000.spharm.npz"]));
+    assert!(refused.contains("found something else"), "{refused}");
+    assert!(std::fs::read(site.path("models/000.spharm.npz")).expect("a model") == before);
+    let misused = |command: &mut Command, expected: &str| {
+        let output = finish(command);
+        assert!(output.status.code() == Some(2) && text(&output).contains(expected), "{}", text(&output));
+    };
+    misused(&mut site.align("out", &["--resume", "./out.mean.npz"]), "--resume is a file of its own");
+    let alone = ["align", "a.npz", "--to", "b.npz", "-o", "c.npz", "--resume", "s"];
+    misused(tool("shape").args(alone), "--group");
+}
