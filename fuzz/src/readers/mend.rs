@@ -157,3 +157,14 @@ pub(super) fn archive(mut bytes: &[u8], deflated: bool) -> Vec<u8> {
     }
     zip.finish().expect("an archive").into_inner()
 }
+
+/// A file of a group's alignment with this start, and records of these numbers, 192 bytes each.
+pub(super) fn journal(start: &[u8], numbers: &[u8]) -> Vec<u8> {
+    let mut bytes = start.to_vec();
+    for (number, record) in numbers.chunks(192).enumerate() {
+        let begun = crc32c::crc32c_append(crc32c::crc32c(start), &(number as u64).to_le_bytes());
+        bytes.extend(record);
+        bytes.extend(crc32c::crc32c_append(begun, record).to_le_bytes());
+    }
+    bytes
+}

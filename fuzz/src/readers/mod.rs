@@ -4,6 +4,7 @@
 //! The last byte of an input chooses the name of the file, or which check sums are mended before it is read, so that the
 //! rest are the bytes of a file.
 
+mod journals;
 mod mend;
 mod store;
 
@@ -26,7 +27,7 @@ use spharm_surface::{Input, Mesh};
 type Reader = fn(&Path, &[u8]);
 
 /// Every reader by its name, which is that of the folder of its corpus, too.
-pub(crate) const READERS: [(&str, Reader); 11] = [
+pub(crate) const READERS: [(&str, Reader); 12] = [
     ("surfaces", surfaces),
     ("volumes", volumes),
     ("tables", tables),
@@ -38,6 +39,7 @@ pub(crate) const READERS: [(&str, Reader); 11] = [
     ("sphz", sphz),
     ("cohorts", cohorts),
     ("exchange", exchange),
+    ("journals", journals::journals),
 ];
 
 /// Gives an input to a reader.

@@ -123,6 +123,10 @@ def make(site, folder):
             for file in [path] if path.is_file() else sorted(path.iterdir()):
                 corpora.add("exchange", f"{name}-{file.name}", file.read_bytes(), number)
                 corpora.add("exchange", f"{name}-{file.name}-told", file.read_bytes(), len(FORMATS))
+    pose = struct.pack("<24d", *[1.0, 0, 0, 0, 1, 0, 0, 0, 1] * 2, 0.1, 1, 3, 2, 1, 0)
+    corpora.add("journals", "poses", pose * 4, 1)
+    corpora.add("journals", "short", pose + pose[:100], 1)
+    corpora.add("journals", "start", b"spharm group 1\r\n".ljust(64, b"\0"), 0)
     # What has been found before, and the formats that nothing here writes.
     for path in sorted((data / "hostile").glob("*/*")):
         content = path.read_bytes()

@@ -1,0 +1,50 @@
+//! Files of a group's alignment.
+
+use std::fs;
+use std::path::Path;
+
+use ndarray::Array2;
+use spharm_harmonics::Coefficients;
+use spharm_monitor::Silent;
+use spharm_shape::procrustes::{Journal, ProcrustesParams, procrustes_with};
+
+use super::{choice, file, mend};
+
+/// The bytes of a record, its check sum among them.
+const RECORD: usize = 196;
+
+/// The input is a file as it is, or the numbers of records, which get the start and the check sums that they need: poses that
+/// nobody computed. An alignment that goes on with them ends all the same.
+pub(super) fn journals(folder: &Path, input: &[u8]) {
+    let Some((kind, bytes)) = choice(input, 2) else { return };
+    let (members, params) = (members(), ProcrustesParams::default());
+    let path = folder.join("group.journal");
+    let _ = fs::remove_file(&path);
+    let bytes = if kind == 0 {
+        bytes.to_vec()
+    } else {
+        drop(Journal::open(&path, &members, &params).expect("a new file"));
+        mend::journal(&fs::read(&path).expect("its start"), bytes)
+    };
+    let path = file(folder, "group.journal", &bytes);
+    let Ok(mut journal) = Journal::open(&path, &members, &params) else {
+        assert_eq!(fs::read(&path).expect("the file"), bytes, "what is no file of this group is left alone");
+        return;
+    };
+    assert!(journal.found() <= bytes.len() / RECORD, "poses are in the file");
+    if let Ok(found) = procrustes_with(&members, &params, Some(&mut journal), &Silent) {
+        assert!(found.mean.values().iter().all(|x| x.is_finite()), "the mean is finite");
+    }
+}
+
+/// Ellipsoids of degree 1, each a little different.
+fn members() -> Vec<Coefficients> {
+    let member = |number: usize| {
+        let mut values = Array2::zeros((4, 3));
+        for (row, column, length) in [(3, 0, 3.0), (1, 1, 2.0), (2, 2, 1.0)] {
+            values[[row, column]] = length + 0.1 * number as f64;
+        }
+        Coefficients::new(values).expect("finite coefficients")
+    };
+    (0..3).map(member).collect()
+}
