@@ -117,6 +117,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let coefficients = to_degree(&model, path, cli.max_degree)?;
         let found = pool.install(|| measure(&coefficients, &params, monitor)).with_context(named)?;
         let mut warnings: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
+        if model.provenance.handles.is_some() {
+            warnings.push("handles were cut: measures count what fills their ends".to_owned());
+        }
         let mut singular = None;
         if let Some(maps) = maps.as_ref().and_then(|maps| maps.get(number)) {
             let sphere = sphere_of(shared.as_ref(), &model, path)?;

@@ -53,7 +53,21 @@ impl Table {
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
             bail!("{}: row {}: column {name:?} is empty; leave the subject out", self.path.display(), row + 1);
         }
+        // As levels they would make one of the column's numbers, too.
+        if let Some(row) = cells.iter().position(|cell| is_missing(cell)) {
+            let found = cells[row];
+            bail!(
+                "{}: row {}: column {name:?} is {found}, no value; leave the subject out",
+                self.path.display(),
+                row + 1
+            );
+        }
         Ok(cells)
+    }
+
+    /// A column of levels, also where they are numbers.
+    pub(super) fn levels(&self, name: &str) -> Result<Column> {
+        Ok(Column::Levels(self.cells(name)?.into_iter().map(str::to_owned).collect()))
     }
 
     /// A column of numbers or levels.
@@ -72,6 +86,13 @@ impl Table {
     }
 }
 
+/// What R, BIDS, SPSS and pandas write where there is no value, and numbers that aren't finite.
+fn is_missing(cell: &str) -> bool {
+    let words = ["na", "n/a", "."];
+    words.iter().any(|word| cell.eq_ignore_ascii_case(word))
+        || cell.parse::<f64>().is_ok_and(|number| !number.is_finite())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,6 +109,8 @@ mod tests {
         let found = table("a.csv", "\u{feff}model,age\r\n\"a,b.npz\", 31\r\nc.npz,2.5\r\n".as_bytes()).unwrap();
         assert_eq!(found.column("age").unwrap(), Column::Numbers(vec![31.0, 2.5]));
         assert!(found.paths("model").unwrap()[0].ends_with("a,b.npz"));
+        let found = table("a.csv", b"model,sex\na,0\nb,1\n").unwrap();
+        assert_eq!(found.levels("sex").unwrap(), Column::Levels(vec!["0".into(), "1".into()]));
         let found = table("a.tsv", b"model\tgroup\nx\tpatient\ny\tcontrol\n").unwrap();
         assert_eq!(found.column("group").unwrap(), Column::Levels(vec!["patient".into(), "control".into()]));
     }
@@ -98,6 +121,11 @@ mod tests {
             assert!(table("a.csv", text.as_bytes()).is_err(), "{text:?}");
         }
         assert!(table("a.csv", b"model\n\xff\n").is_err());
+        for cell in ["NA", "n/a", "NaN", ".", "inf"] {
+            let found = table("a.csv", format!("model,age\na,3\nb,{cell}\n").as_bytes()).unwrap();
+            let error = found.column("age").unwrap_err().to_string();
+            assert!(error.contains("row 2") && error.contains(cell), "{error}");
+        }
         let found = table("a.csv", b"model,age\na,\na,3\n").unwrap();
         assert!(found.column("age").is_err() && found.column("sex").is_err() && found.paths("model").is_err());
     }

@@ -59,7 +59,7 @@ pub(super) struct Cli {
     /// Column of the table to test: the slope of numbers, the difference of levels
     #[arg(long, value_name = "COLUMN", requires = "table", help_heading = METHOD)]
     effect: Option<String>,
-    /// Order of the effect's levels: the difference is the first less the second [default: sorted]
+    /// Order of the effect's levels, which may be numbers: the difference is the first less the second [default: sorted]
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     levels: Vec<String>,
     /// Columns of the table to account for
@@ -118,7 +118,9 @@ impl Cli {
             let paths = files(&table.paths(&self.model_column)?)?;
             let covariates: Result<Vec<_>> =
                 self.covariates.iter().map(|name| Ok((name.clone(), table.column(name)?))).collect();
-            let question = question((effect, &table.column(effect)?), &self.levels, &covariates?);
+            // With levels named, numbers are levels.
+            let column = if self.levels.is_empty() { table.column(effect)? } else { table.levels(effect)? };
+            let question = question((effect, &column), &self.levels, &covariates?);
             return Ok(Study { paths, question: question.with_context(|| path.display().to_string())? });
         }
         if self.a.is_empty() {

@@ -147,6 +147,9 @@ pub fn test(
 ) -> Result<Test, ShapeError> {
     linear::check(values, components, design, contrast, params)?;
     let model = projection::Projection::new(design, contrast)?;
+    if params.welch && components != 1 {
+        return Err(ShapeError::NotTwoGroups);
+    }
     let (kind, statistic, p, effect) = if params.welch {
         welch::statistics(values, design, contrast, params.confidence)?
     } else {

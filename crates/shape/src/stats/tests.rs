@@ -267,6 +267,11 @@ fn few_subjects_are_warned_of_and_bad_input_is_refused() {
     assert!(matches!(refused(&wide, 5, &contrast, &params), ShapeError::Subjects { expected: 7, .. }));
     let welch = TestParams { welch: true, ..TestParams::default() };
     assert!(matches!(refused(&y, 1, &Contrast::row(&[1.0, 1.0]), &welch), ShapeError::NotTwoGroups));
+    // Positions have three components at a vertex.
+    let unpermuted = TestParams { permutations: None, ..welch.clone() };
+    for params in [welch, unpermuted] {
+        assert!(matches!(refused(&y, 3, &contrast, &params), ShapeError::NotTwoGroups));
+    }
     let none = PermutationParams { count: 0, ..PermutationParams::default() };
     let none = TestParams { permutations: Some(none), ..TestParams::default() };
     assert!(matches!(refused(&y, 1, &contrast, &none), ShapeError::NoRelabellings));
