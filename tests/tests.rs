@@ -17,6 +17,7 @@ mod full_least_squares;
 mod handles;
 mod hostile;
 mod inputs;
+#[cfg(target_os = "linux")]
 mod linked;
 mod memory;
 mod mended;

@@ -20,7 +20,7 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         (_, "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "weights" | "original")
         | (_, "reconstruction" | "model" | "models" | "files" | "file" | "samples" | "parts" | "map" | "fit_report")
         | (_, "modes" | "test" | "a" | "b" | "to" | "from" | "among" | "study" | "volumes") => Role::Input,
-        (_, "store" | "dir" | "dataset" | "data" | "subjects_dir" | "freesurfer") => Role::Other,
+        (_, "store" | "dir" | "dataset" | "data" | "subjects_dir" | "freesurfer" | "resume") => Role::Other,
         _ => return None,
     })
 }

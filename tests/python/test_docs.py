@@ -101,8 +101,16 @@ def test_every_option_that_a_page_names_exists() -> None:
         command = [sys.executable, "-m", "spharm_rs", *verb, "--help"]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
-    verbs = re.findall(r"^  ([a-z-]+)  ", help_of(), re.M)
-    known = set(re.findall(r"--[a-z][a-z-]*", "".join(help_of(verb) for verb in verbs if verb != "help")))
+    def verbs_of(text: str) -> list[str]:
+        commands = re.search(r"^Commands:\n(.*?)(\n\S|\Z)", text, re.M | re.S)
+        names = re.findall(r"^  ([a-z-]+)  ", commands[1], re.M) if commands else []
+        return [name for name in names if name != "help"]
+
+    def helps(*verb: str) -> str:
+        text = help_of(*verb)
+        return text + "".join(helps(*verb, name) for name in verbs_of(text))
+
+    known = set(re.findall(r"--[a-z][a-z-]*", helps()))
     # Of cargo, pip and Apple's tools.
     others = {"--locked", "--path", "--git", "--features", "--no-default-features", "--open", "--install",
               "--config-settings", "--no-verify"}  # fmt: skip

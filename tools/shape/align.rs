@@ -79,8 +79,8 @@ pub(super) struct Cli {
     transforms: Option<PathBuf>,
     /// File that keeps what is found, for a run that is ended to go on with
     ///
-    /// The same command goes on where the last one was, to the same bits, and removes the file in the end. It is of these models
-    /// and settings alone.
+    /// The same command goes on where the last one was, to the same bits, and removes the file in the end; with --force where
+    /// that one had begun to write its results. The file is of these models and settings alone.
     #[arg(long, value_name = "FILE", requires = "group", help_heading = OUTPUT)]
     resume: Option<PathBuf>,
     #[command(flatten)]
@@ -114,6 +114,8 @@ struct Found {
     warnings: Vec<String>,
     summary: Value,
     mean: Option<Coefficients>,
+    /// Kept, and locked, until all is written.
+    journal: Option<Journal>,
 }
 
 /// Runs the subcommand.
@@ -216,8 +218,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     finish("align", &report, &rows, &cli.report)?;
     // Until here another run would have needed it.
-    if let Some(path) = &cli.resume {
+    if let (Some(path), Some(journal)) = (&cli.resume, found.journal) {
         std::fs::remove_file(path).with_context(|| path.display().to_string())?;
+        drop(journal);
     }
     Ok(())
 }
@@ -256,6 +259,7 @@ fn to_target(
             "ends": reports.iter().map(|report| &report.ends).collect::<Vec<_>>(),
         }),
         mean: None,
+        journal: None,
     })
 }
 
@@ -291,6 +295,7 @@ fn together(
             "mean": cli.mean,
         }),
         mean: Some(found.mean),
+        journal,
     })
 }
 

@@ -147,7 +147,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
             Some("--cut-handles cuts and fills them, and reconstruct gives the surface back as it was".to_owned())
         }
         ParametrizeError::BadVolume { repairable: true, problems, .. } if problems.contains("handle") => {
-            Some("--fix repairs it, --cut-handles keeps its handles: reconstruct gives them back".to_owned())
+            Some("--fix repairs it; handles alone are kept by --cut-handles of fit and parametrize".to_owned())
         }
         ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs it".to_owned()),
         ParametrizeError::VertexMap { .. } => {

@@ -11,7 +11,8 @@
 //!
 //! The table has the kernels of all precisions, and what calls them here are `dgemm`, `dsyrk`, `dtrsm`, `ddot` and `dpotrf`
 //! alone. Those of single precision and of complex numbers, four fifths of what is left, are linked as address 0: a call of
-//! one would end the process at once. `tests/linked.rs` sees to it that nothing is linked that calls them.
+//! one would end the process at once. `tests/linked.rs` sees to it that nothing is linked into the program that calls them; the
+//! Python extension has no other callers of BLAS than the program (`crates/solver/src/blas.rs`).
 
 #![forbid(unsafe_code)]
 

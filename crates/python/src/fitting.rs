@@ -161,6 +161,11 @@ pub(crate) fn fit<'py>(
                 spharm::check_mapping(mesh.vertices.len(), &params)?;
                 let mesh = Input::Mesh(mesh);
                 let mesh = if cut_handles { mesh.without_handles(monitor)? } else { mesh };
+                if let Input::Cut(cut) = &mesh {
+                    // What fills the ends of handles counts, too.
+                    spharm::check_memory(&cut.surface, &params)?;
+                    spharm::check_mapping(cut.surface.vertices.len(), &params)?;
+                }
                 let mut found = parametrize_with(&mesh, &CaldParams::for_degree(params.max_degree), monitor)?;
                 if let Input::Cut(cut) = &mesh {
                     found.sphere.seam.clone_from(&cut.seam);

@@ -181,6 +181,7 @@ fn parametrize<'py>(
     let (mesh, method) = (mesh("surface", &vertices, &faces)?, self::method(method, degree, area, seed)?);
     let (found, handles) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let mesh = Input::Mesh(mesh);
+        check_mapping(&mesh, &method, memory)?;
         map(&if cut_handles { mesh.without_handles(monitor)? } else { mesh }, &method, memory, monitor)
     })?;
     Ok(mapped(py, found, handles))

@@ -200,9 +200,9 @@ pub enum ShapeError {
     },
     /// A file that isn't that of a group's alignment.
     #[error(
-        "{}: expected the state of an alignment of these models with these settings, found {}: name another file, or remove this one",
+        "{}: expected the state of an alignment of these models with these settings, found {}",
         path.display(),
-        if *is_one { "that of another one" } else { "something else" }
+        if *is_one { "that of another one: name another file, or remove this one" } else { "something else: name another file" }
     )]
     OtherJournal {
         /// The file.

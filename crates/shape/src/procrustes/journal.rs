@@ -67,7 +67,8 @@ impl Journal {
         if start.len() < HEADER && header.starts_with(&start) {
             // New, or ended before it had begun.
             file.set_len(0).and_then(|()| file.seek(SeekFrom::Start(0))).map_err(failed)?;
-            file.write_all(&header).map_err(failed)?;
+            // On disk before anything is found: a power cut may leave a record out, but not whose they are.
+            file.write_all(&header).and_then(|()| file.sync_data()).map_err(failed)?;
             return Ok(Self { path: path.to_owned(), file, header, found: Vec::new(), number: 0 });
         }
         if start != header {

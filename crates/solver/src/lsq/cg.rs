@@ -28,7 +28,7 @@ use super::problem::{Problem, Sampled};
 use crate::SolverError;
 
 /// The share of the tolerance by which an optimality may be off.
-const LITTLE: f64 = 0.2;
+const ERROR_SHARE: f64 = 0.2;
 
 /// When to stop.
 #[derive(Debug, Clone, Copy)]
@@ -111,7 +111,7 @@ pub(crate) struct Cg {
     pub(crate) best_at: usize,
     /// Of N preconditioned, from the iteration's own coefficients; of the column with the largest.
     pub(crate) condition: f64,
-    /// By how much the optimality may be off, where the gradient is the iteration's own.
+    /// An estimate of what the optimality may be off by, where the gradient is the iteration's own.
     pub(crate) doubt: f64,
     /// Wall time of the iterations.
     pub(crate) seconds: f64,
@@ -130,7 +130,7 @@ impl Cg {
         Self { x, gradient, scale, iterations: 0, best_at: 0, condition: 1.0, doubt: 0.0, seconds: 0.0 }
     }
 
-    /// The largest relative gradient of all columns; at most that.
+    /// The largest relative gradient of all columns, with what it may be off by.
     pub(crate) fn optimality(&self) -> f64 {
         relative(&norms(&self.gradient), &self.scale) + self.doubt
     }
@@ -249,9 +249,10 @@ impl Cg {
     /// Returns the residual, (n, c), where it tells enough about a gradient that the iteration carries, for half the cost
     /// of another one from the samples.
     ///
-    /// Products that are off by e of the norm of N leave the gradient off by e times the condition number of N, in units of
-    /// the optimality, which has to be little beside the tolerance. That they are no worse shows in the direction of x, in
-    /// which the residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
+    /// Products that are off by e of the norm of N leave the gradient off by some e times the condition number of N, in units
+    /// of the optimality, which has to be little beside the tolerance. It is an estimate: the condition is that of what the
+    /// iteration has seen of N. That products are no worse is held against the samples in the direction of x, in which the
+    /// residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
     fn confirm_by_residual(
         &mut self,
         problem: &dyn Problem,
@@ -261,11 +262,11 @@ impl Cg {
         let Some(error) = problem.product_error() else { return Ok(None) };
         let doubt = (error + f64::EPSILON * self.iterations as f64) * self.condition;
         // The condition is that of N where nothing preconditions but a number.
-        if preconditioner.name() != UNPRECONDITIONED || doubt > LITTLE * tolerance {
+        if preconditioner.name() != UNPRECONDITIONED || doubt > ERROR_SHARE * tolerance {
             return Ok(None);
         }
         let Some(residual) = problem.residual(&self.x)? else { return Ok(None) };
-        let lengths = norms(&self.x).into_iter().zip(&self.scale).map(|(x, scale)| LITTLE * tolerance * x * scale);
+        let lengths = norms(&self.x).into_iter().zip(&self.scale).map(|(x, scale)| ERROR_SHARE * tolerance * x * scale);
         let mut slopes = residual.slopes.iter().zip(dots(&self.x, &self.gradient)).zip(lengths);
         let agree = slopes.all(|((slope, carried), most)| (slope - carried).abs() <= most);
         self.doubt = if agree { doubt } else { 0.0 };

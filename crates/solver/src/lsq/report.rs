@@ -23,7 +23,8 @@ pub struct LsqReport {
     pub products: &'static str,
     /// Refinements with a factor.
     pub refinements: usize,
-    /// The largest relative gradient of all columns, formed from the samples where there are some.
+    /// The largest relative gradient of all columns: formed from the samples where there are some, or that of iterations by
+    /// moments, with an estimate of what these leave it off by, where that is little beside the tolerance.
     pub optimality: f64,
     /// How it ended.
     pub stop: Stop,
