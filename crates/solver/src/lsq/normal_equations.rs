@@ -1,5 +1,7 @@
 //! The normal equations `N x = A^T W f`, `N = A^T W A + P`, by products with the basis.
 
+use std::borrow::Cow;
+
 use ndarray::{Array2, Zip};
 
 use super::columns::{add_scaled_rows, scale_rows};
@@ -36,10 +38,16 @@ impl NormalEquations<'_> {
 
     /// `A^T W s`.
     pub(crate) fn adjoint(&self, samples: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
-        let Some(weights) = self.weights else { return self.operator.apply_adjoint(samples.view()) };
-        let mut weighted = samples.clone();
-        scale_rows(&mut weighted, weights);
-        self.operator.apply_adjoint(weighted.view())
+        self.operator.apply_adjoint(self.weighted(samples).view())
+    }
+
+    /// `W s`.
+    pub(crate) fn weighted<'s>(&self, samples: &'s Array2<f64>) -> Cow<'s, Array2<f64>> {
+        let mut samples = Cow::Borrowed(samples);
+        if let Some(weights) = self.weights {
+            scale_rows(samples.to_mut(), weights);
+        }
+        samples
     }
 
     /// The residual `f - A x`.

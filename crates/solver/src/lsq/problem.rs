@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ndarray::Array2;
 use spharm_transform::MomentOperator;
 
-use super::columns::{add_scaled_rows, dots, scale_rows};
+use super::columns::{add_scaled_rows, dots};
 use super::normal_equations::NormalEquations;
 use crate::SolverError;
 
@@ -49,7 +49,6 @@ pub(crate) struct Sampled<'a> {
 }
 
 /// The normal operator from moments.
-#[derive(Clone)]
 pub(crate) struct Moments {
     pub(crate) operator: Arc<MomentOperator>,
     /// Relative accuracy of the moments.
@@ -80,14 +79,8 @@ impl Problem for Sampled<'_> {
 
     fn residual(&self, x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {
         let residual = self.equations.residual(self.targets, x)?;
-        let of_weights = |weights| {
-            let mut weighted = residual.clone();
-            scale_rows(&mut weighted, weights);
-            weighted
-        };
-        let weighted = self.equations.weights.map(of_weights);
-        let weighted = weighted.as_ref().unwrap_or(&residual);
-        let (total, left) = (dots(self.targets, weighted), dots(&residual, weighted));
+        let weighted = self.equations.weighted(&residual);
+        let (total, left) = (dots(self.targets, &weighted), dots(&residual, &weighted));
         let slopes = total.iter().zip(left).map(|(total, left)| total - left).collect();
         Ok(Some(Residual { values: residual, slopes }))
     }
