@@ -101,16 +101,18 @@ impl FromStr for Sampling {
 }
 
 impl Sampling {
+    /// Bytes that a vertex of a sampling takes while a surface is put on it.
+    pub const BYTES_PER_VERTEX: u64 = 700;
+
     /// Returns about the bytes that putting a surface on this sampling takes: 700 a vertex of it, for the sphere, its tree and
     /// the resampled meshes. Of a file they are taken from its size.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         /// A sphere's file has 12 bytes a vertex and 24 for its triangles, or more.
         const FILE: u64 = 36;
-        const BYTES_PER_VERTEX: u64 = 700;
         match self {
-            Self::Icosphere(subdivisions) => BYTES_PER_VERTEX * icosphere_counts(*subdivisions)[0],
-            Self::File(path) => bytes_to_read(path).saturating_mul(BYTES_PER_VERTEX / FILE),
+            Self::Icosphere(subdivisions) => Self::BYTES_PER_VERTEX * icosphere_counts(*subdivisions)[0],
+            Self::File(path) => bytes_to_read(path).saturating_mul(Self::BYTES_PER_VERTEX / FILE),
         }
     }
 

@@ -3,12 +3,9 @@
 use spharm::Mesh;
 use spharm::machine::available_memory;
 use spharm::metrics::{SurfaceDistanceParams, distances_to_surface_bytes, surface_distance_bytes};
-use spharm::parametrize::{Method, Source};
+use spharm::parametrize::{Method, Sampling, Source};
 
 use crate::errors::Failure;
-
-/// Bytes a vertex of a sphere that a surface is resampled to, as of `Sampling::bytes`.
-const RESAMPLED: u64 = 700;
 
 /// Refuses what takes more bytes than are given, or than are free where none are.
 fn check(what: String, needed: u64, memory: Option<usize>) -> Result<(), Failure> {
@@ -29,7 +26,7 @@ pub(crate) fn check_mapping<'a>(
 /// Refuses to resample to a sphere that there is no memory for.
 pub(crate) fn check_resampling(shared: &Mesh, memory: Option<usize>) -> Result<(), Failure> {
     let vertices = shared.vertices.len() as u64;
-    check(format!("resampling to {vertices} vertices"), RESAMPLED.saturating_mul(vertices), memory)
+    check(format!("resampling to {vertices} vertices"), Sampling::BYTES_PER_VERTEX.saturating_mul(vertices), memory)
 }
 
 /// Refuses to measure the distance of surfaces that there is no memory for.
