@@ -121,7 +121,10 @@ fn main() -> Result<()> {
                 let shared = !samples && moments_pay(directions.len(), max_degree, targets.ncols(), tolerance);
                 let make = if shared { MatrixFreeOperator::with_moments } else { MatrixFreeOperator::new };
                 let operator = make(&directions, &params)?;
-                let make_moments = |accuracy: f64| Ok(Arc::new(operator.moments(&directions, None, accuracy)?));
+                let make_moments = |accuracy: f64, targets: Option<&Array2<f64>>| {
+                    let (moments, right_sides) = operator.moments(&directions, None, accuracy, targets)?;
+                    Ok((Arc::new(moments), right_sides))
+                };
                 let strategy = if factor { Strategy::Cholesky } else { Strategy::Auto };
                 let params = LsqParams { tolerance, threads: 2, strategy, ..Default::default() };
                 let stored = match &store {

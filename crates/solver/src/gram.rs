@@ -10,7 +10,7 @@
 
 use std::ops::{Range, RangeInclusive};
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::Array2;
 use spharm_harmonics::index::order_count;
 use spharm_harmonics::{Directions, HarmonicsError, MAX_DEGREE};
 use spharm_transform::{FINEST, MomentGram, MomentOperator, Transform, TransformParams};
@@ -167,19 +167,19 @@ fn moments(
     max_degree: usize,
     accuracy: f64,
 ) -> Result<Vec<f64>, SolverError> {
-    let weights = weight_column(directions.len(), weights)?;
+    check_count(directions.len(), weights)?;
     let transform = Transform::new(directions, &to_twice(max_degree, accuracy))?;
-    Ok(transform.adjoint_synthesis(ArrayView2::from(&weights))?.into_raw_vec_and_offset().0)
+    let none = Array2::zeros((directions.len(), 0));
+    Ok(transform.weighted_sums(none.view(), weights)?.into_raw_vec_and_offset().0)
 }
 
-/// Weights as a column, (n, 1).
-pub(crate) fn weight_column(n: usize, weights: Option<&[f64]>) -> Result<Array2<f64>, SolverError> {
+/// Checks that there are n weights where there are any.
+pub(crate) fn check_count(n: usize, weights: Option<&[f64]>) -> Result<(), SolverError> {
     match weights {
         Some(weights) if weights.len() != n => {
             Err(SolverError::Rows { what: "the list of weights", expected: n, found: weights.len() })
         }
-        Some(weights) => Ok(Array2::from_shape_fn((n, 1), |(i, _)| weights[i])),
-        None => Ok(Array2::ones((n, 1))),
+        _ => Ok(()),
     }
 }
 

@@ -96,4 +96,4 @@ pub use params::{LsqParams, Strategy};
 #[cfg(feature = "dense")]
 pub use report::{LsqReport, LsqSeconds, LsqWarning};
 #[cfg(feature = "dense")]
-pub use solver::{CheckLimits, LsqFit, LsqSolver, MakeGram, MakeMoments, solve};
+pub use solver::{CheckLimits, LsqFit, LsqSolver, MakeGram, MakeMoments, MomentsAndRightSides, solve};

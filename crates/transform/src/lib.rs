@@ -31,7 +31,7 @@
 //! | `polar_rings` | the Legendre recurrence next to the poles |
 //! | `fourier` | rings to the oversampled grid and back |
 //! | `grid` | the layout of the oversampled grid and its margins |
-//! | `points` | the directions, sorted |
+//! | `cells`, `points` | the cells of directions; directions sorted by them |
 //! | `kernel` | the interpolation kernel |
 //! | `interpolation`, `interpolation_batch` | grid to directions and back, and its inner loops |
 //! | `workspace` | working memory of calls and threads |
@@ -54,6 +54,7 @@
 //! ```
 
 pub mod accumulator;
+mod cells;
 mod either;
 mod error;
 mod fourier;

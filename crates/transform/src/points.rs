@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use rayon::prelude::*;
 
 use crate::TransformError;
+use crate::cells::{Place, place};
 
 /// Columns of a tile; points are sorted by tiles. A tile with the rows of its strip fits the L1 cache.
 const TILE_COLUMNS: usize = 16;
@@ -41,17 +42,15 @@ impl Points {
         let bucket = |cell: [u32; 2]| cell[0] as usize / strip_rows * tiles + cell[1] as usize / TILE_COLUMNS;
         // A stable counting sort by buckets, of runs of directions at once.
         let run = directions.len().div_ceil(RUNS).max(LEAST_RUN);
-        let mut places = vec![([0u32; 2], [0.0; 2]); directions.len()];
+        let mut places: Vec<Place> = vec![([0; 2], [0.0; 2]); directions.len()];
         let mut counts: Vec<Vec<u32>> = places
             .par_chunks_mut(run)
             .zip(directions.par_chunks(run))
             .map(|(places, directions)| {
                 let mut counts = vec![0u32; buckets];
-                for (out, &[x, y, z]) in places.iter_mut().zip(directions) {
-                    let (row, row_fraction) = place(z, x.hypot(y), grid);
-                    let (column, column_fraction) = place(x, y, grid);
-                    *out = ([row, column], [row_fraction, column_fraction]);
-                    counts[bucket([row, column])] += 1;
+                place(directions, grid, places);
+                for (cell, _) in places {
+                    counts[bucket(*cell)] += 1;
                 }
                 counts
             })
@@ -101,56 +100,20 @@ impl Points {
         self.order[place] as usize
     }
 
-    /// The place of a direction.
-    pub(crate) fn rank(&self, direction: usize) -> usize {
-        self.rank[direction] as usize
+    /// The direction at each place.
+    pub(crate) fn order(&self) -> &[u32] {
+        &self.order
     }
-}
 
-/// Cell and fraction of the angle `atan2(y, x)` in [0, 2 pi) on a grid of `grid` points around, a multiple of 8.
-///
-/// The angle is measured from the nearest multiple of pi / 2, which is a whole number of cells: its rounding error is
-/// then that of an angle of at most pi / 4, an eighth of that of an angle near 2 pi, which matters at high degrees.
-pub(crate) fn place(x: f64, y: f64, grid: usize) -> (u32, f64) {
-    let quarter = (grid / 4) as i64;
-    let (quarters, angle) = match (y.abs() <= x.abs(), x > 0.0, y > 0.0) {
-        // At the pole any azimuth will do.
-        (true, _, _) if x == 0.0 => (0, 0.0),
-        (true, true, _) => (0, (y / x).atan()),
-        (true, false, _) => (2, (y / x).atan()),
-        (false, _, true) => (1, -(x / y).atan()),
-        (false, _, false) => (3, -(x / y).atan()),
-    };
-    let steps = angle * (grid as f64 / (2.0 * std::f64::consts::PI));
-    // The floor; the oldest processors would have to call for it.
-    let towards_zero = steps as i64;
-    let whole = towards_zero - i64::from((towards_zero as f64) > steps);
-    let cell = quarters * quarter + whole;
-    let cell = if cell < 0 { cell + grid as i64 } else { cell };
-    // The fraction of a tiny negative angle rounds to one; the double below one is as near.
-    (cell as u32, (steps - whole as f64).min(1.0 - f64::EPSILON / 2.0))
+    /// The place of each direction.
+    pub(crate) fn ranks(&self) -> &[u32] {
+        &self.rank
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn places_are_the_angles() {
-        let grid = 96;
-        for i in 0..1000 {
-            let angle = f64::from(i) * std::f64::consts::TAU / 1000.0;
-            let (cell, fraction) = place(angle.cos(), angle.sin(), grid);
-            let found = (f64::from(cell) + fraction) * std::f64::consts::TAU / grid as f64;
-            let off = (found - angle).abs();
-            assert!(off < 1e-14 || (off - std::f64::consts::TAU).abs() < 1e-14, "{angle} {found}");
-            assert!((cell as usize) < grid && (0.0..1.0).contains(&fraction));
-        }
-        for (x, y, cell) in [(1.0, 0.0, 0), (0.0, 1.0, 24), (-1.0, 0.0, 48), (0.0, -1.0, 72), (0.0, 0.0, 0)] {
-            assert_eq!(place(x, y, grid), (cell, 0.0));
-        }
-        assert_eq!(place(1.0, -1e-300, grid).0, 95);
-    }
 
     #[test]
     fn every_direction_has_one_place_and_strips_are_in_order() {
@@ -164,7 +127,7 @@ mod tests {
         let mut seen = vec![false; 500];
         for at in 0..500 {
             seen[points.direction(at)] = true;
-            assert_eq!(points.rank(points.direction(at)), at);
+            assert_eq!(points.ranks()[points.direction(at)] as usize, at);
         }
         assert!(seen.into_iter().all(|s| s));
         assert_eq!((points.strips[0], points.strips[points.strips.len() - 1]), (0, 500));

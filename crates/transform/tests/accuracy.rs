@@ -184,3 +184,23 @@ fn plans_of_a_lower_degree_share_the_directions() {
         assert!(transform.to_degree(max_degree + 1, 1).is_err());
     }
 }
+
+#[test]
+fn weighted_sums_are_adjoint_syntheses_of_weights_and_weighted_samples() {
+    let directions = directions(700);
+    let n = directions.len();
+    // Fewer channels at a time than there are.
+    let params = TransformParams { max_degree: 20, accuracy: 1e-12, channels: 2 };
+    let transform = Transform::new(&directions, &params).unwrap();
+    let samples = Array2::from_shape_fn((n, 3), |(i, c)| noise(5 * i + c));
+    let weights: Vec<f64> = (0..n).map(|i| noise(7 * i).abs()).collect();
+    for weights in [None, Some(&weights[..])] {
+        let weight = |i: usize| weights.map_or(1.0, |weights| weights[i]);
+        let columns =
+            Array2::from_shape_fn((n, 4), |(i, c)| weight(i) * if c == 0 { 1.0 } else { samples[[i, c - 1]] });
+        let expected = transform.adjoint_synthesis(columns.view()).unwrap();
+        assert_eq!(transform.weighted_sums(samples.view(), weights).unwrap(), expected);
+    }
+    assert!(transform.weighted_sums(samples.view(), Some(&weights[1..])).is_err());
+    assert!(transform.weighted_sums(samples.slice(ndarray::s![1.., ..]), None).is_err());
+}

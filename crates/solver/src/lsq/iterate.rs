@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use ndarray::Array2;
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
 use spharm_transform::FINEST;
@@ -54,7 +55,7 @@ impl LsqSolver<'_> {
                 stop = cg.run(&*self.problem(given), &*self.preconditioner(), &first, monitor)?;
             }
             if stop == Stop::IterationLimit && cg.iterations < params.max_iterations {
-                self.take_moments(monitor)?;
+                self.take_moments(None, monitor)?;
             }
         }
         let left = |cg: &Cg| CgParams { max_iterations: params.max_iterations - cg.iterations, ..params };
@@ -120,14 +121,34 @@ impl LsqSolver<'_> {
         Some(if cost.at_once(self.params.tolerance) { 0 } else { paid_after.ceil() as usize })
     }
 
-    fn take_moments(&mut self, monitor: &dyn Monitor) -> Result<(), SolverError> {
-        let Some(make) = self.make_moments else { return Ok(()) };
+    /// Makes moments where they are needed from the first iteration on; returns right-hand sides, (K, c), that came with them.
+    pub(super) fn moments_at_once(
+        &mut self,
+        given: Given<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Array2<f64>>, SolverError> {
+        let Given::Targets(_, targets) = given else { return Ok(None) };
+        let channels = targets.ncols();
+        let cost = Cost { rows: self.source.rows(), max_degree: self.source.max_degree(), channels };
+        if self.starts_with_factor(channels) || self.before_moments(&cost) != Some(0) {
+            return Ok(None);
+        }
+        self.take_moments(Some(targets), monitor)
+    }
+
+    fn take_moments(
+        &mut self,
+        targets: Option<&Array2<f64>>,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Array2<f64>>, SolverError> {
+        let Some(make) = self.make_moments else { return Ok(None) };
         monitor.note(Level::Status, format_args!("moments"));
         let accuracy = (MOMENT_ACCURACY * self.params.tolerance).clamp(FINEST, COARSEST);
         let started = Instant::now();
-        self.moments = Some(Moments { operator: make(accuracy)?, accuracy });
+        let (operator, right_sides) = make(accuracy, targets)?;
+        self.moments = Some(Moments { operator, accuracy });
         self.moment_seconds = started.elapsed().as_secs_f64();
-        Ok(())
+        Ok(right_sides)
     }
 }
 

@@ -50,8 +50,12 @@ pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + S
 /// Checks that the process's limits allow for so many bytes of anonymous memory beyond what it has.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Makes the normal operator from moments of a relative accuracy, or a better one, when iterations are faster with it.
-pub type MakeMoments<'a> = dyn Fn(f64) -> Result<Arc<MomentOperator>, SolverError> + Sync + 'a;
+/// Makes the normal operator from moments of a relative accuracy, or a better one, when iterations are faster with it; and the
+/// right-hand sides `A^T W f` of targets that it is given, (n, c), where these come with it.
+pub type MakeMoments<'a> = dyn Fn(f64, Option<&Array2<f64>>) -> Result<MomentsAndRightSides, SolverError> + Sync + 'a;
+
+/// The normal operator from moments, and right-hand sides, (K, c), where they came with it.
+pub type MomentsAndRightSides = (Arc<MomentOperator>, Option<Array2<f64>>);
 
 /// What a solver is for.
 #[derive(Clone, Copy)]
@@ -222,7 +226,10 @@ impl<'a> LsqSolver<'a> {
         (self.factor_seconds, self.moment_seconds) = (0.0, 0.0);
         self.warnings.clear();
         monitor.begin(FIT, 0);
-        let mut cg = Cg::new(&*self.problem(given))?;
+        let mut cg = match self.moments_at_once(given, monitor)? {
+            Some(right_sides) => Cg::from_right_sides(right_sides),
+            None => Cg::new(&*self.problem(given))?,
+        };
         let solution = if self.starts_with_factor(cg.x.ncols()) {
             self.make_factor(self.params.strategy == Strategy::Cholesky, monitor)?;
             self.refine(&mut cg, &*self.problem(given), monitor)?
@@ -238,7 +245,7 @@ impl<'a> LsqSolver<'a> {
     }
 
     /// Whether to use a factor from the start.
-    fn starts_with_factor(&self, columns: usize) -> bool {
+    pub(super) fn starts_with_factor(&self, columns: usize) -> bool {
         let at_hand = self.stored.is_some() || self.made.is_some();
         let well = self.stored.is_some_and(|factor| factor.condition().reciprocal > WELL_CONDITIONED);
         match self.params.strategy {

@@ -6,7 +6,7 @@ use spharm_transform::{MomentOperator, Transform, TransformParams};
 
 use super::Operator;
 use crate::SolverError;
-use crate::gram::{moment_operator, weight_column};
+use crate::gram::{check_count, moment_operator};
 
 /// A basis at scattered directions by [`Transform`]; to the accuracy that it was made for.
 #[derive(Debug)]
@@ -34,7 +34,7 @@ impl MatrixFreeOperator {
     /// Those of [`Transform::new`] to twice the degree.
     pub fn with_moments(directions: &Directions, params: &TransformParams) -> Result<Self, SolverError> {
         let TransformParams { max_degree, accuracy, channels } = *params;
-        let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 };
+        let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: channels + 1 };
         let twice = Transform::new(directions, &twice)?;
         Ok(Self { transform: twice.to_degree(max_degree, channels)?, twice: Some(twice), accuracy })
     }
@@ -59,7 +59,8 @@ impl MatrixFreeOperator {
     }
 
     /// Computes the normal operator from moments at `directions`, those of this operator, with weights (n), all one where
-    /// there are none; to a relative accuracy at least: by the shared transforms where they have it.
+    /// there are none; to a relative accuracy at least. By shared transforms, where the operator has them, the right-hand
+    /// sides of targets, (n, c), come with it, for the price of their products.
     ///
     /// # Errors
     ///
@@ -69,13 +70,18 @@ impl MatrixFreeOperator {
         directions: &Directions,
         weights: Option<&[f64]>,
         accuracy: f64,
-    ) -> Result<MomentOperator, SolverError> {
+        targets: Option<&Array2<f64>>,
+    ) -> Result<(MomentOperator, Option<Array2<f64>>), SolverError> {
+        let max_degree = self.max_degree();
         let Some(twice) = self.twice.as_ref().filter(|_| self.accuracy <= accuracy) else {
-            return moment_operator(directions, weights, self.max_degree(), accuracy);
+            return Ok((moment_operator(directions, weights, max_degree, accuracy)?, None));
         };
-        let weights = weight_column(self.rows(), weights)?;
-        let moments = twice.adjoint_synthesis(weights.view())?.into_raw_vec_and_offset().0;
-        Ok(MomentOperator::new(self.max_degree(), &moments)?)
+        check_count(self.rows(), weights)?;
+        let none = Array2::zeros((self.rows(), 0));
+        let sums = twice.weighted_sums(targets.unwrap_or(&none).view(), weights)?;
+        let operator = MomentOperator::new(max_degree, &sums.column(0).to_vec())?;
+        let right_sides = targets.map(|_| sums.slice(ndarray::s![..basis_size(max_degree), 1..]).to_owned());
+        Ok((operator, right_sides))
     }
 
     /// Returns the transform.

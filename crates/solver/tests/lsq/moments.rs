@@ -11,7 +11,7 @@ use spharm_solver::{
     GramMatrix, LsqFit, LsqParams, LsqSolver, MatrixFreeOperator, Operator, SolverError, Strategy, moment_gram,
     moment_operator,
 };
-use spharm_transform::{FINEST, SampleSums};
+use spharm_transform::{FINEST, SampleSums, TransformParams};
 
 use crate::problems::{
     Random, Sampling, cap, clustered, dense, even, irregular, matrix, norms, params, solve, transforms, uneven_weights,
@@ -153,9 +153,9 @@ fn fit_with_moments(
     const DEGREE: usize = 8;
     let operator = transforms(&sampling.directions, DEGREE);
     let made = AtomicUsize::new(0);
-    let moments = |accuracy: f64| {
+    let moments = |accuracy: f64, _: Option<&Array2<f64>>| {
         made.fetch_add(1, Ordering::Relaxed);
-        Ok(Arc::new(moment_operator(&sampling.directions, of_moments, DEGREE, accuracy)?))
+        Ok((Arc::new(moment_operator(&sampling.directions, of_moments, DEGREE, accuracy)?), None))
     };
     let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&moments);
     let columns = 0..targets.ncols();
@@ -218,7 +218,9 @@ fn where_moments_are_exact_enough_the_residual_tells_that_the_tolerance_is_met()
     ] {
         let operator = Counted(transforms(&sampling.directions, 8), AtomicUsize::new(0));
         let targets = Random(18).normals(6000, 2);
-        let make = |accuracy| Ok(Arc::new(moment_operator(&sampling.directions, weights.as_deref(), 8, accuracy)?));
+        let make = |accuracy, _: Option<&Array2<f64>>| {
+            Ok((Arc::new(moment_operator(&sampling.directions, weights.as_deref(), 8, accuracy)?), None))
+        };
         let params = LsqParams { weights: weights.clone(), ..params(&sampling, Strategy::Cg) };
         let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&make);
         let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
@@ -237,6 +239,29 @@ fn where_moments_are_exact_enough_the_residual_tells_that_the_tolerance_is_met()
         let optimality = optimality.fold(0.0, f64::max);
         assert!(optimality <= fit.report.optimality * (1.0 + 1e-6), "{optimality:e} {:?}", fit.report);
         assert!(fit.report.optimality <= 1.5e-10, "{:?}", fit.report);
+    }
+}
+
+#[test]
+fn right_sides_that_come_with_moments_are_those_of_the_samples() {
+    let sampling = irregular(6000, 19);
+    let targets = Random(20).normals(6000, 2);
+    let weights = uneven_weights(6000);
+    let expected = dense(&matrix(&sampling.directions, 8), &targets, Some(&weights), 0.0);
+    let transform = TransformParams { max_degree: 8, accuracy: 1e-13, ..TransformParams::default() };
+    let shared = MatrixFreeOperator::with_moments(&sampling.directions, &transform).unwrap();
+    let operator = Counted(shared, AtomicUsize::new(0));
+    let make = |accuracy, targets: Option<&Array2<f64>>| {
+        let (moments, right_sides) = operator.0.moments(&sampling.directions, Some(&weights), accuracy, targets)?;
+        Ok((Arc::new(moments), right_sides))
+    };
+    let params = LsqParams { weights: Some(weights.clone()), ..params(&sampling, Strategy::Cg) };
+    let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&make);
+    // Of the second batch the adjoint forms them.
+    for adjoints in [0, 1] {
+        let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
+        expected.meets(&fit, fit.report.optimality, sampling.name);
+        assert_eq!((fit.report.products, operator.1.load(Ordering::Relaxed)), ("moments", adjoints));
     }
 }
 

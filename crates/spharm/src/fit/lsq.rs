@@ -57,14 +57,15 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     };
     // The same for each target's own solver.
     let moments = Mutex::new(None);
-    let make_moments = |accuracy: f64| {
+    let make_moments = |accuracy: f64, targets: Option<&Array2<f64>>| {
         let mut moments = moments.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(made) = &*moments {
-            return Ok(Arc::clone(made));
+            return Ok((Arc::clone(made), None));
         }
-        let made = Arc::new(operator.moments(directions, weights.as_deref(), accuracy)?);
+        let (made, right_sides) = operator.moments(directions, weights.as_deref(), accuracy, targets)?;
+        let made = Arc::new(made);
         *moments = Some(made.clone());
-        Ok(made)
+        Ok((made, right_sides))
     };
     let equations = Equations {
         params,

@@ -1,13 +1,10 @@
 //! Blocks of samples, placed on the fine grid and sorted by strips.
 
 use crate::accumulator::griddings::Griddings;
-use crate::points::place;
+use crate::cells::{Place, place};
 
 /// Samples of a block: with their places they fit the L2 cache.
 pub(super) const BLOCK: usize = 1 << 14;
-
-/// A sample's number in its block, and its cell of the fine grid and position in it.
-pub(super) type Place = (u32, [u32; 2], [f64; 2]);
 
 /// Samples of a block, as they come: weights are 1 where there are none, values are (samples, c) row-major.
 #[derive(Clone, Copy)]
@@ -62,16 +59,16 @@ impl Block {
         refill(&mut self.first);
         (self.rows, self.weight) = (directions.len(), 0.0);
         self.squares.fill(0.0);
-        places.clear();
-        for (i, &[x, y, z]) in directions.iter().enumerate() {
+        places.resize(directions.len(), ([0; 2], [0.0; 2]));
+        place(directions, grid, places);
+        let mut count = 0;
+        for (i, (cell, _)) in places.iter().enumerate() {
             let w = weight(i);
             if w == 0.0 {
                 continue;
             }
-            let (row, row_fraction) = place(z, (x * x + y * y).sqrt(), grid);
-            let (column, column_fraction) = place(x, y, grid);
-            self.first[row as usize / rows + 1] += 1;
-            places.push((i as u32, [row, column], [row_fraction, column_fraction]));
+            self.first[cell[0] as usize / rows + 1] += 1;
+            count += 1;
             self.weight += w;
             for (square, f) in self.squares.iter_mut().zip(&values[i * channels..(i + 1) * channels]) {
                 *square += w * f * f;
@@ -80,18 +77,20 @@ impl Block {
         for strip in 1..self.first.len() {
             self.first[strip] += self.first[strip - 1];
         }
-        self.cells.resize(places.len(), [0; 2]);
-        self.fractions.resize(places.len(), [0.0; 2]);
-        self.values.resize(places.len() * (1 + channels), 0.0);
+        self.cells.resize(count, [0; 2]);
+        self.fractions.resize(count, [0.0; 2]);
+        self.values.resize(count * (1 + channels), 0.0);
         let mut next = self.first.clone();
-        for &(i, cell, fraction) in places.iter() {
-            let i = i as usize;
+        for (i, &(cell, fraction)) in places.iter().enumerate() {
+            let w = weight(i);
+            if w == 0.0 {
+                continue;
+            }
             let next = &mut next[cell[0] as usize / rows];
             let at = *next as usize;
             *next += 1;
             (self.cells[at], self.fractions[at]) = (cell, fraction);
             let out = &mut self.values[at * (1 + channels)..(at + 1) * (1 + channels)];
-            let w = weight(i);
             out[0] = w;
             for (out, f) in out[1..].iter_mut().zip(&values[i * channels..(i + 1) * channels]) {
                 *out = w * f;

@@ -155,13 +155,14 @@ impl PartialEq for Occupied {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::points::place;
+    use crate::cells::place;
 
     fn marked(max_degree: usize, directions: &[[f64; 3]]) -> Occupied {
         let occupied = Occupied::new(max_degree);
-        for &[x, y, z] in directions {
-            let (row, column) = (place(z, x.hypot(y), 1024), place(x, y, 1024));
-            occupied.mark(&[[row.0, column.0]], &[[row.1, column.1]], 1024);
+        let mut places = vec![([0; 2], [0.0; 2]); directions.len()];
+        place(directions, 1024, &mut places);
+        for (cell, fraction) in places {
+            occupied.mark(&[cell], &[fraction], 1024);
         }
         occupied
     }

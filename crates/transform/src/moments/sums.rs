@@ -50,11 +50,7 @@ impl SampleSums {
         let weight = |i: usize| weights.map_or(1.0, |weights| weights[i]);
         let params = TransformParams { max_degree: 2 * max_degree, accuracy, channels: channels + 1 };
         let transform = Transform::new(directions, &params)?;
-        let weighted = Array2::from_shape_fn((n, channels + 1), |(i, c)| match c {
-            0 => weight(i),
-            c => weight(i) * values[[i, c - 1]],
-        });
-        let sums = transform.adjoint_synthesis(weighted.view())?;
+        let sums = transform.weighted_sums(values, weights)?;
         let square = |c: usize| (0..n).map(|i| weight(i) * values[[i, c]].powi(2)).sum();
         Ok(Self {
             max_degree,
