@@ -126,12 +126,6 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         return Err(Usage::conflict("--resume is for --group").into());
     }
     let paths = cli.models.paths()?;
-    if cli.target.group && paths.len() < 3 {
-        bail!(
-            "a group has at least 3 models, found {}; `align MODEL --to OTHER` brings one model to another",
-            paths.len()
-        );
-    }
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
     let models_out = targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"]));
     let mean_out = cli.mean.iter().map(|path| OutputFile::with_ending(path, "--mean", &[".npz"]));
@@ -139,6 +133,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let again = Again::new(cli.resume.as_deref(), cli.report.force);
     let report_args = ReportArgs { force: again.expected(), ..cli.report.clone() };
     check_beside(&paths, models_out.chain(mean_out).chain(json_out), &report_args)?;
+    if cli.target.group && paths.len() < 3 {
+        bail!(
+            "a group has at least 3 models, found {}; `align MODEL --to OTHER` brings one model to another",
+            paths.len()
+        );
+    }
     let named = targets.iter().chain(&cli.mean).chain(&cli.transforms).chain(&cli.report.report);
     if named.into_iter().any(|path| cli.resume.as_deref().is_some_and(|state| same_place(path, state))) {
         return Err(Usage::conflict("--resume is a file of its own").into());

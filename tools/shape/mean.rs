@@ -59,7 +59,14 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     model.write_with(&cli.output, cli.report.force)?;
     let mut rows = vec![["model", "distance from the mean"].map(str::to_owned).to_vec()];
     rows.extend(group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), length(*distance)]));
-    let spread = (distances.iter().map(|distance| distance * distance).sum::<f64>() / distances.len() as f64).sqrt();
+    let square = distances.iter().map(|distance| distance * distance).sum::<f64>();
+    // Of surfaces so large that squares aren't numbers any more.
+    let count = distances.len() as f64;
+    let spread = if square.is_finite() {
+        (square / count).sqrt()
+    } else {
+        distances.iter().fold(0.0, |root: f64, distance| root.hypot(*distance)) / count.sqrt()
+    };
     rows.push(vec!["root mean square".to_owned(), length(spread)]);
     let report = json!({
         "output": cli.output,

@@ -282,6 +282,7 @@ mod tests {
             settings: Some(Settings {
                 method: "lsq".to_owned(),
                 target: Some("surface".to_owned()),
+                area: None,
                 passes: 1,
                 granularity: None,
                 start_degree: None,

@@ -146,6 +146,13 @@ impl<'a> Group<'a> {
         monitor: &'a dyn Monitor,
     ) -> Result<Self, ShapeError> {
         let units: Vec<Unit> = members.iter().map(|member| Unit::new(member, degree)).collect();
+        // Spreads are sums of squares.
+        for (index, Unit { norm, .. }) in units.iter().enumerate() {
+            if *norm > 0.0 && !(1e-100..=1e100).contains(norm) {
+                let source = Box::new(ShapeError::Range { largest: *norm });
+                return Err(ShapeError::Member { index, source });
+            }
+        }
         let square: f64 = units.iter().map(|unit| unit.norm * unit.norm).sum();
         let common = (square / units.len() as f64).sqrt();
         let size = |unit: &Unit| if params.align.scale && unit.norm > 0.0 { common } else { unit.norm };

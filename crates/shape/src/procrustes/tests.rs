@@ -185,6 +185,10 @@ fn bad_groups_are_refused_or_said() {
     let signal = Coefficients::new(Array2::zeros((16, 1))).unwrap();
     let found = procrustes(&[blob(3, 1), signal, blob(3, 2)], &ProcrustesParams::default(), &Silent);
     assert!(matches!(found, Err(ShapeError::Member { index: 1, .. })), "{found:?}");
+    let huge = [1.0, 1e200, 1.0].map(|unit| Coefficients::new(blob(3, 1).values() * unit).unwrap());
+    let found = procrustes(&huge, &ProcrustesParams::default(), &Silent);
+    let Err(ShapeError::Member { index: 1, source }) = found else { panic!("{found:?}") };
+    assert!(matches!(*source, ShapeError::Range { .. }), "{source}");
     let mixed = [blob(5, 1), posed(&blob(4, 1), &some_pose(2)), blob(6, 1)];
     let found = together(&mixed);
     assert_eq!((found.report.degree, found.mean.max_degree()), (4, 4));
