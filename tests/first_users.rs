@@ -166,6 +166,32 @@ fn a_sphere_that_a_broken_off_fit_left_is_used_again() {
     assert_eq!(read_mesh(path("out/s.sphere.surf.gii")).expect("a sphere").vertices, icosphere(3).vertices);
 }
 
+/// The maps of a group should differ by no more than its surfaces do.
+#[test]
+fn what_a_map_may_give_away_of_its_areas_is_a_setting() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let (surface, _) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+    write_mesh(path("s.ply"), &surface, &OPTIONS).expect("a mesh");
+    let fit = |options: &[&str]| {
+        let mut fit = tool("fit");
+        fit.arg("--surface").arg(path("s.ply")).args(["--max-degree", "8", "-q", "-o"]).arg(path("out")).args(options);
+        fit
+    };
+    let area = |options: &[&str]| {
+        let report: serde_json::Value = serde_json::from_str(&succeed(&mut fit(options))).expect("JSON");
+        report["surfaces"][0]["parametrization"]["quality"]["area_rms"].as_f64().expect("a number")
+    };
+    let usual = area(&["--json"]);
+    let even = area(&["--json", "--force", "--area", "0"]);
+    assert!(even < 0.05 && even < 0.5 * usual, "{even} {usual}");
+    let error = fail(&mut fit(&["--skip-existing"]));
+    assert!(error.contains("area 0, not the usual"), "{error}");
+    assert!(succeed(&mut fit(&["--skip-existing", "--area", "0"])).contains("nothing to do"));
+    let error = fail(&mut fit(&["--force", "--area", "1.5"]));
+    assert!(error.contains("area") && error.contains("0 to 1"), "{error}");
+}
+
 #[test]
 fn a_sphere_off_its_centre_is_refused_where_that_is_asked_for() {
     let subjects = Subjects::new(1);

@@ -169,16 +169,59 @@ fn a_label_with_a_handle_comes_back_with_it() {
     assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains("genus 1 cut to 0"), "{told:?}");
     let named = |ending: &str| folder.path().join(format!("ring.1{ending}"));
     let files = || std::fs::read_dir(folder.path()).expect("a folder").count();
-    assert!(named(".cut.surf.gii").exists() && !named(".surf.gii").exists());
+    // The label's surface as it is, and as it was cut.
+    let [whole, cut] = [".surf.gii", ".cut.surf.gii"].map(|ending| read_mesh(named(ending)).expect("a mesh"));
+    assert_eq!((Topology::of(&whole).genus(), Topology::of(&cut).genus()), (Some(1), Some(0)));
     let out = folder.path().join("out.ply");
     succeed(tool("reconstruct").arg("--model").arg(named(".spharm.npz")).arg("-o").arg(&out));
-    assert_eq!(Topology::of(&read_mesh(&out).expect("a mesh")).genus(), Some(1));
+    let back = read_mesh(&out).expect("a mesh");
+    assert_eq!((Topology::of(&back).genus(), &back.faces), (Some(1), &whole.faces));
     let before = files();
     succeed(&mut fit(&ring, &["--cut-handles", "--skip-existing"]));
     assert_eq!(files(), before, "nothing is left to do");
     // Without handles, and with them opened, a label is mapped as it was.
     succeed(&mut fit(&ball, &["--cut-handles"]));
     assert!(folder.path().join("ball.1.surf.gii").exists() && !folder.path().join("ball.1.cut.surf.gii").exists());
-    succeed(&mut fit(&ring, &["--cut-handles", "--fix", "--force"]));
-    assert!(Model::read(named(".spharm.npz")).expect("a model").provenance.handles.is_none());
+    let told = finish(&mut fit(&ring, &["--cut-handles", "--fix", "--force"]));
+    let told = String::from_utf8_lossy(&told.stderr).into_owned();
+    assert!(told.contains("the repair has removed 1 handle, so that none was left to cut"), "{told}");
+    let repaired = Model::read(named(".spharm.npz")).expect("a model").provenance;
+    assert!(repaired.handles.is_none());
+    assert_eq!(repaired.repair.and_then(|repair| repair["handles"].as_u64()), Some(1));
+    // The report of `parametrize` says what the cut surface is around.
+    let sphere = folder.path().join("p.sphere.surf.gii");
+    let mut parametrize = tool("parametrize");
+    parametrize.arg("--surface").arg(&ring).args(["--cut-handles", "--json", "-o"]).arg(&sphere);
+    let report: Value = serde_json::from_str(&succeed(&mut parametrize)).expect("JSON");
+    assert!(report["volume"]["label"] == 1 && report["volume"]["voxels"].as_u64() > Some(100), "{report}");
+    assert_eq!(report["handles"]["genus_before"], 1);
+}
+
+/// Many volumes, in one call.
+#[test]
+fn labels_with_handles_are_rows_like_others_where_they_are_cut() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_volume(&folder.path().join("ring.nii"), |[x, y, z]| u8::from((x.hypot(y) - 4.6).powi(2) + z * z < 5.0));
+    let run = |options: &[&str]| {
+        let mut command = tool("volumes");
+        command.current_dir(folder.path()).args(["ring.nii", "--max-degree", "8", "-o", "out"]).args(options);
+        command
+    };
+    let refused = fail(&mut run(&[]));
+    assert!(refused.contains("1 of 1 row failed"), "{refused}");
+    let told = finish(&mut run(&["--cut-handles", "--skip-existing"]));
+    let told = String::from_utf8_lossy(&told.stderr).into_owned();
+    assert!(told.contains("genus 1 cut to 0"), "{told}");
+    let model = folder.path().join("out/ring.1.spharm.npz");
+    assert!(Model::read(&model).expect("a model").provenance.handles.is_some());
+    let out = folder.path().join("out.ply");
+    let told = finish(tool("reconstruct").arg("--model").arg(&model).arg("-o").arg(&out));
+    assert_eq!(Topology::of(&read_mesh(&out).expect("a mesh")).genus(), Some(1));
+    // At so low a degree the sides of the seam are far apart.
+    let told = String::from_utf8_lossy(&told.stderr).into_owned();
+    assert!(told.contains("warning: ") && told.contains("a higher degree"), "{told}");
+    let table = || std::fs::read_to_string(folder.path().join("out/volumes.tsv")).expect("a table");
+    assert!(table().contains("fitted"), "{}", table());
+    succeed(&mut run(&["--cut-handles", "--skip-existing"]));
+    assert!(table().contains("kept"), "{}", table());
 }

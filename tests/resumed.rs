@@ -86,12 +86,30 @@ fn a_group_that_is_killed_goes_on_and_ends_in_the_same_bits() {
     let refused = fail(site.align("killed", &resumed).arg("--scale"));
     assert!(refused.contains("align.state: expected the state of an alignment of these models"), "{refused}");
     assert_eq!(records(&state), last);
+    let kept = std::fs::read(&state).expect("a state");
     let output = finish(&mut site.align("killed", &resumed));
     let told = text(&output);
     assert!(output.status.success() && told.contains("MiB planned"), "{told}");
     assert!(told.contains(&format!("goes on after {last} alignments of an earlier run")), "{told}");
     assert!(site.bits("killed") == site.bits("undisturbed"));
     assert!(!state.exists(), "it isn't needed any more");
+    // A run that was ended while it wrote: what it has written is its own, and stays.
+    std::fs::write(&state, &kept).expect("written");
+    std::fs::remove_file(site.path("killed/070.spharm.npz")).expect("a model");
+    std::fs::remove_file(site.path("killed.mean.npz")).expect("a model");
+    let modified =
+        || std::fs::metadata(site.path("killed/003.spharm.npz")).and_then(|of| of.modified()).expect("a time");
+    let before = modified();
+    succeed(&mut site.align("killed", &resumed));
+    assert!(site.bits("killed") == site.bits("undisturbed") && modified() == before);
+    // Anything else isn't.
+    std::fs::write(&state, &kept).expect("written");
+    std::fs::copy(site.path("models/004.spharm.npz"), site.path("killed/004.spharm.npz")).expect("copied");
+    let refused = fail(&mut site.align("killed", &resumed));
+    assert!(refused.contains("killed/004.spharm.npz: the file exists and isn't what this run makes"), "{refused}");
+    assert!(state.exists());
+    succeed(site.align("killed", &resumed).arg("--force"));
+    assert!(site.bits("killed") == site.bits("undisturbed") && !state.exists());
 }
 
 #[test]

@@ -187,6 +187,31 @@ fn models_are_described_and_found_in_any_pose() {
     assert!(printed.starts_with("model,size,power_1,power_2\n"), "{printed}");
 }
 
+/// Half a group mirrored: no member stands out, but the group does.
+#[test]
+fn the_members_of_a_groups_smaller_side_are_named_by_their_files() {
+    let site = Site::new();
+    let names = ["s0", "s1", "s2", "s3", "s4", "s5", "s6"];
+    for (subject, name) in names.iter().enumerate() {
+        let mut values = Array2::from_shape_fn((36, 3), |(k, c)| {
+            let l = k.isqrt() as f64;
+            let own = 0.02 * ((k * (subject + 3) + c) as f64 * 0.91).sin();
+            own + ((k * 7 + c * 31) as f64 * 0.37).sin() * 2.0 / (1.0 + l * l)
+        });
+        (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 5.0, 3.0);
+        if subject % 2 == 1 {
+            values.column_mut(0).mapv_inplace(|v| -v);
+        }
+        site.write(name, values);
+    }
+    let output = finish(&mut site.shape("align", &names, &["--group", "-o", "aligned", "--json"]));
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && told.contains("two sides") && told.contains("s1.spharm.npz"), "{told}");
+    let report = json(&String::from_utf8_lossy(&output.stdout));
+    let expected: Vec<Value> = ["s1", "s3", "s5"].map(|name| site.model(name).display().to_string().into()).into();
+    assert_eq!(report["mirrored"], Value::from(expected), "{report}");
+}
+
 #[test]
 fn levels_have_the_distances_that_parseval_says() {
     let site = Site::new();

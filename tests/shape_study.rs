@@ -82,6 +82,29 @@ fn a_study_finds_the_bump_of_its_second_group() {
     let peak = (0..2562).max_by(|i, j| effect[*i].abs().total_cmp(&effect[*j].abs())).expect("vertices");
     assert!(effect[peak] < -0.4 && p[peak] < 0.05, "{} {}", effect[peak], p[peak]);
 
+    // The same by the study's own table, and the models' names in a folder.
+    let named = ["shape", "test", "--table", "meshes/study.csv", "--models", "aligned", "--effect", "group"];
+    succeed(run(site.path(), &named).args(["--icosphere", "4", "-o", "named"]));
+    let file = |folder: &str| fs::read(at(folder).join("test.csv")).expect("a table");
+    assert!(file("named") == file("test"));
+    // Models that weren't aligned are noticed, aligned ones aren't.
+    for (folder, noticed) in [("models", true), ("aligned", false)] {
+        let test = ["shape", "test", "--table", "meshes/study.csv", "--effect", "group", "--models", folder];
+        let commands = [
+            (vec!["shape", "mean", folder], "m.npz"),
+            (vec!["shape", "pca", folder], "p.npz"),
+            ([&test[..], &["--icosphere", "2"]].concat(), "t"),
+        ];
+        for (arguments, name) in commands {
+            let output = finish(run(site.path(), &arguments).arg("-o").arg(format!("{folder}-{name}")));
+            let told = String::from_utf8(output.stderr).expect("text");
+            assert!(
+                output.status.success() && told.contains("don't lie in one pose") == noticed,
+                "{arguments:?}: {told}"
+            );
+        }
+    }
+
     // The same by a table, in the other order, with positions.
     let rows: String =
         a.iter().map(|path| format!("{path},first\n")).chain(b.iter().map(|path| format!("{path},second\n"))).collect();
@@ -145,8 +168,9 @@ fn studies_that_are_none_are_refused() {
     for (arguments, words) in [
         (
             &["shape", "align", "models/a01.spharm.npz", "models/b01.spharm.npz", "--group", "-o", "out"][..],
-            "at least 3",
+            "at least 3 models, found 2; `align MODEL --to OTHER`",
         ),
+        (&["shape", "smooth", "models", "--fwhm", "-5", "-o", "out"], "-5 degrees"),
         (&["shape", "align", "nothing", "--group", "-o", "out"], "nothing"),
         (&["shape", "rotate", "models", "--object", "1,2", "-o", "out"], "3, 4 or 9 numbers"),
         (&["shape", "rotate", "models", "--object", "1,0,0,0,1,0,0,0,-1", "-o", "out"], "rotation"),

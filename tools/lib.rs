@@ -31,7 +31,8 @@ use std::borrow::Cow;
 use std::ffi::OsString;
 use std::path::Path;
 
-use clap::{ArgMatches, Command, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{ArgMatches, Args, Command, CommandFactory, FromArgMatches, Parser, Subcommand};
+use spharm_cli::Common;
 use spharm_cli::exit;
 use spharm_cli::machine::available_memory;
 use spharm_cli::printable::one_line;
@@ -94,8 +95,8 @@ impl Verb {
             Self::Generate(cli) => generate::run(cli),
             #[cfg(feature = "paper")]
             Self::Paper(cli) => paper::run(cli),
-            Self::Completions(cli) => pages::completions(cli, Spharm::command()),
-            Self::Man(cli) => pages::man(cli, Spharm::command()),
+            Self::Completions(cli) => pages::completions(cli, command()),
+            Self::Man(cli) => pages::man(cli, command()),
         }
     }
 }
@@ -104,6 +105,13 @@ impl Verb {
 fn run_command(arguments: &[String]) -> anyhow::Result<()> {
     let wrong = |error: clap::Error| anyhow::anyhow!("{}", error.to_string().trim_end());
     Parsed::of(arguments).map_err(wrong)?.run()
+}
+
+/// The program's arguments. The flags of every verb may stand before it, too.
+fn command() -> Command {
+    // Its arguments alone: what they say of themselves isn't the program's description.
+    let common = Common::augment_args(Command::new("common"));
+    Spharm::command().args(common.get_arguments().cloned())
 }
 
 /// A command line, and what it was parsed by and to.
@@ -115,7 +123,7 @@ struct Parsed {
 
 impl Parsed {
     fn of<T: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = T>) -> Result<Self, clap::Error> {
-        let mut command = Spharm::command();
+        let mut command = command();
         let matches = command.try_get_matches_from_mut(arguments)?;
         Ok(Self { spharm: Spharm::from_arg_matches(&matches)?, command, matches })
     }
@@ -138,7 +146,7 @@ pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
         Err(error) => return exit::wrong_usage(&error, tame),
     };
     let verb = parsed.matches.subcommand_name().unwrap_or_default();
-    exit::run(|| parsed.run(), || exit::command_of(Spharm::command(), verb))
+    exit::run(|| parsed.run(), || exit::command_of(command(), verb))
 }
 
 /// The arguments with the verb in front, also where this program was called by a verb's name, through a link.
@@ -157,7 +165,19 @@ mod tests {
 
     #[test]
     fn the_arguments_are_consistent() {
-        Spharm::command().debug_assert();
+        command().debug_assert();
+    }
+
+    #[test]
+    fn flags_of_every_verb_may_stand_before_it() {
+        let quiet = |line: &[&str]| {
+            let parsed = Parsed::of(line).unwrap();
+            let (_, verb) = parsed.matches.subcommand().unwrap();
+            verb.get_flag("quiet")
+        };
+        assert!(quiet(&["spharm", "-q", "store", "verify", "x"]) && quiet(&["spharm", "store", "verify", "x", "-q"]));
+        assert!(!quiet(&["spharm", "store", "verify", "x"]));
+        assert!(Parsed::of(["spharm", "-q", "store", "verify", "x", "-v"]).is_err());
     }
 
     #[test]

@@ -135,6 +135,12 @@ pub(super) struct MethodArgs {
     /// --preconditioner density, which are of the vertices.
     #[arg(long, value_name = "surface|vertices")]
     pub(super) target: Option<FitTo>,
+    /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]
+    ///
+    /// Of meshes without a sphere: as parametrize's, but what is allowed is used as far as this model gains by it. 0 is for groups,
+    /// whose maps then differ by no more than the surfaces do.
+    #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
+    pub(super) area: Option<f64>,
     /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,

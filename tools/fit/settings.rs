@@ -19,6 +19,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         max_degree: cli.method.max_degree,
         method,
         target: cli.method.target.unwrap_or_default(),
+        area: cli.method.area,
         smoothness: cli.method.smoothness.unwrap_or_default(),
         denoise: cli.method.denoise,
         weights: match cli.input.weights.as_str() {

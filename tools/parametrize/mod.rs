@@ -10,7 +10,6 @@ use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{is_stdout, prepare, print, print_json, write_json};
 use spharm_cli::surfaces::SurfaceReader;
-use spharm_parametrize::volume::VolumeSurface;
 use spharm_parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, Sampling, Source,
     StretchParams,
@@ -67,17 +66,11 @@ fn one(
     let console = monitor.console();
     let input = reader.read(&item.input, item.label, monitor).with_context(|| item.input.display().to_string())?;
     console.note(format_args!("{}: {}", item.input.display(), described(&input)));
-    if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &input {
-        console.warn(format_args!("{}: {repair}", item.name()));
-    }
-    if let Some(repair) = input.mesh_repair() {
-        console.warn(format_args!("{}: {repair}", item.name()));
-    }
-    if let Some(handles) = input.handles() {
-        console.warn(format_args!("{}: {handles}", item.name()));
+    for change in input.changes(cli.cut_handles) {
+        console.warn(format_args!("{}: {change}", item.name()));
     }
     let mut found = parametrize(cli, &input, budget, monitor).with_context(|| item.name())?;
-    if let Input::Cut(cut) = &input {
+    if let Some(cut) = input.cut() {
         cut.mark(&mut found.sphere);
         if Seam::of(&found.sphere.meta).is_none() {
             console.warn("the seams aren't those of the new sampling: its models lead back to the cut surface");

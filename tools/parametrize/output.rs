@@ -42,7 +42,7 @@ impl Written {
             threads: cli.threads.count(),
             version: env!("CARGO_PKG_VERSION"),
             report: found.report,
-            volume: if let Input::Label(found) = input { Some(found.into()) } else { None },
+            volume: input.label().map(Label::from),
             mesh_repair: input.mesh_repair().map(|repair| repair.counts().into_iter().collect()),
             handles: input.handles().cloned(),
             distance: found.resampling.map(Distance::from),
@@ -110,15 +110,20 @@ pub(super) fn described(input: &Input) -> String {
         Input::Mesh(mesh) | Input::Fixed(mesh, _) => {
             format!("{} vertices, {} triangles", mesh.vertices.len(), mesh.faces.len())
         }
-        Input::Cut(cut) => {
+        Input::Cut(cut, _) => {
             let (vertices, faces) = (cut.surface.vertices.len(), cut.surface.faces.len());
-            format!("{vertices} vertices, {faces} triangles once its handles are cut and filled")
+            let cut = format!("{vertices} vertices, {faces} triangles once its handles are cut and filled");
+            input.label().map_or(cut.clone(), |label| format!("{}; {cut}", of_label(label)))
         }
-        Input::Label(VolumeSurface { quads, label, voxels, .. }) => {
-            let (vertices, faces) = (quads.vertices.len(), quads.quads.len());
-            format!("label {label}, {}; {vertices} vertices, {faces} quadrangles", counted(*voxels, "voxel"))
+        Input::Label(label) => {
+            let (vertices, faces) = (label.quads.vertices.len(), label.quads.quads.len());
+            format!("{}; {vertices} vertices, {faces} quadrangles", of_label(label))
         }
     }
+}
+
+fn of_label(found: &VolumeSurface) -> String {
+    format!("label {}, {}", found.label, counted(found.voxels, "voxel"))
 }
 
 /// A row for each loop that was cut, at most [`MOST_ROWS`]; the JSON report has all.

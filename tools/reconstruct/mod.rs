@@ -128,18 +128,27 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
     print_line(&format!("{}: {vertices} vertices, degree {degree}, {seconds:.2} s", output.display()))
 }
 
+/// A gap between the sides of a seam that is warned of, of the bounding box.
+const WIDE: f64 = 5e-3;
+
 /// The surface at the vertices that were fitted, with its handles where they were cut.
 fn original(model: &Model, degree: usize, console: &Console) -> Result<Mesh> {
     let Welded { mesh, gap } = model.reconstruct_original(degree)?;
     let seam = model.sphere.as_ref().and_then(|sphere| sphere.seam.as_ref());
     if let Some(Seam { copies, .. }) = seam {
-        let share = bounding_box_scale(&mesh.vertices).map(|scale| format!(" ({:.2e} of the box)", gap / scale));
-        console.note(format!(
+        let share = bounding_box_scale(&mesh.vertices).ok().map(|scale| gap / scale);
+        let of_box = share.map(|share| format!(" ({share:.2e} of the box)")).unwrap_or_default();
+        let text = format!(
             "{} of the surface's vertices on the seams, where its handles were cut, are welded; they were up to {gap:.2e} \
-             apart{}",
+             apart{of_box}",
             copies.len(),
-            share.unwrap_or_default()
-        ));
+        );
+        match share {
+            Some(share) if share > WIDE => {
+                console.warn(format!("{text}: a model of a higher degree brings them nearer"))
+            }
+            _ => console.note(text),
+        }
     }
     Ok(mesh)
 }

@@ -38,8 +38,7 @@ impl Item {
             options.coefficients_csv.then(|| files.csv()),
             params.standard_errors.then(|| files.standard_errors()),
             sphere.is_none().then(|| files.sphere()),
-            // A label has one of this and of the cut surface.
-            record.label.filter(|_| !(options.cut_handles && options.if_exists.keeps())).map(|_| files.surface()),
+            record.label.map(|_| files.surface()),
             options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
             // A surface without handles has none, and is finished all the same.
             (options.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),

@@ -1,10 +1,9 @@
 //! Surfaces that are mapped to spheres of their own.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use spharm::cohort::Row;
 use spharm::files::{MadeOf, Mapped as Found};
 use spharm::parametrize::Input;
-use spharm::parametrize::volume::VolumeSurface;
 use spharm::{Error, FitParams, Monitor, Target};
 
 use super::fitted::{Fitted, Mapped};
@@ -71,14 +70,11 @@ impl Work<'_> {
     fn map(&self, row: &Row, item: &Item, params: &FitParams, monitor: &dyn Monitor) -> Result<Found> {
         let (input, console) = (row.surface.display(), self.monitor.console());
         let surface = lock(&self.reader).read(&row.surface, item.record.label, monitor)?;
-        if let Input::Label(VolumeSurface { repair: Some(repair), .. }) = &surface {
-            console.warn(format!("{}: {repair}", item.record));
+        if let (Some(_), Input::Label(_)) = (params.area, &surface) {
+            bail!("{}: --area is for meshes; the quadrangles around a label are mapped with equal areas", item.record);
         }
-        if let Some(repair) = surface.mesh_repair() {
-            console.warn(format!("{}: {repair}", item.record));
-        }
-        if let Some(handles) = surface.handles() {
-            console.warn(format!("{}: {handles}", item.record));
+        for change in surface.changes(self.options.cut_handles) {
+            console.warn(format!("{}: {change}", item.record));
         }
         let reuse = self.options.if_exists.keeps();
         let found = item.files.map(&surface, &item.record, params, reuse, item.replace, monitor);

@@ -17,10 +17,11 @@ use spharm::{Coefficients, Kind, Model, Silent};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, counted, prepare, same_place, write_json};
+use spharm_cli::output::{OutputFile, counted, prepare, same_place};
 
+use super::again::Again;
 use super::args::{Models, ReportArgs, Resources};
-use super::outputs::{check_beside, finish, outputs};
+use super::outputs::{check_beside, finish, length, outputs};
 use super::plan::Plan;
 
 /// Align models of surfaces: to one of them, or a group to its mean
@@ -79,8 +80,8 @@ pub(super) struct Cli {
     transforms: Option<PathBuf>,
     /// File that keeps what is found, for a run that is ended to go on with
     ///
-    /// The same command goes on where the last one was, to the same bits, and removes the file in the end; with --force where
-    /// that one had begun to write its results. The file is of these models and settings alone.
+    /// The same command goes on where the last one was, to the same bits, and removes the file in the end. Results that the last
+    /// one had begun to write are kept. The file is of these models and settings alone.
     #[arg(long, value_name = "FILE", requires = "group", help_heading = OUTPUT)]
     resume: Option<PathBuf>,
     #[command(flatten)]
@@ -129,7 +130,15 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let models_out = targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"]));
     let mean_out = cli.mean.iter().map(|path| OutputFile::with_ending(path, "--mean", &[".npz"]));
     let json_out = cli.transforms.iter().map(|path| OutputFile::new(path, "--transforms"));
-    check_beside(&paths, models_out.chain(mean_out).chain(json_out), &cli.report)?;
+    let again = Again::new(cli.resume.as_deref(), cli.report.force);
+    let report_args = ReportArgs { force: again.expected(), ..cli.report.clone() };
+    check_beside(&paths, models_out.chain(mean_out).chain(json_out), &report_args)?;
+    if cli.target.group && paths.len() < 3 {
+        bail!(
+            "a group has at least 3 models, found {}; `align MODEL --to OTHER` brings one model to another",
+            paths.len()
+        );
+    }
     let named = targets.iter().chain(&cli.mean).chain(&cli.transforms).chain(&cli.report.report);
     if named.into_iter().any(|path| cli.resume.as_deref().is_some_and(|state| same_place(path, state))) {
         return Err(Usage::conflict("--resume is a file of its own").into());
@@ -167,12 +176,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     for ((model, transform), target) in models.iter().zip(&found.transforms).zip(&targets) {
         spharm::Monitor::check(monitor)?;
         let moved = signed(pool.install(|| transform.apply_model(model, monitor))?, "shape align");
-        prepare(target)?;
-        moved.write_with(target, cli.report.force)?;
+        again.write(target, &moved)?;
     }
     if let (Some(path), Some(mean)) = (&cli.mean, &found.mean) {
-        prepare(path)?;
-        made(mean.clone(), Kind::Surface, "shape align").write_with(path, cli.report.force)?;
+        again.write(path, &made(mean.clone(), Kind::Surface, "shape align"))?;
     }
     let each: Vec<Value> = paths
         .iter()
@@ -193,8 +200,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         })
         .collect();
     if let Some(path) = &cli.transforms {
-        prepare(path)?;
-        write_json(path, cli.report.force, &json!(each))?;
+        again.write_json(path, &json!(each))?;
     }
     let mut report = json!({
         "models": each,
@@ -209,14 +215,15 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         if cli.target.group { ["model", "from the mean, before", "after"] } else { ["model", "rmsd before", "after"] };
     let mut rows = vec![names.map(str::to_owned).to_vec()];
     for (target, [before, after]) in targets.iter().zip(&found.distances) {
-        rows.push(vec![target.display().to_string(), format!("{before:.6}"), format!("{after:.6}")]);
+        rows.push(vec![target.display().to_string(), length(*before), length(*after)]);
     }
     if let (Some(before), Some(after)) =
         (found.summary["spread_before"].as_f64(), found.summary["spread_after"].as_f64())
     {
-        rows.push(vec!["spread".to_owned(), format!("{before:.6}"), format!("{after:.6}")]);
+        rows.push(vec!["spread".to_owned(), length(before), length(after)]);
     }
-    finish("align", &report, &rows, &cli.report)?;
+    let force = again.replaces_report(cli.report.report.as_deref(), &report["models"]);
+    finish("align", &report, &rows, &ReportArgs { force, ..cli.report.clone() })?;
     // Until here another run would have needed it.
     if let (Some(path), Some(journal)) = (&cli.resume, found.journal) {
         std::fs::remove_file(path).with_context(|| path.display().to_string())?;
@@ -282,16 +289,23 @@ fn together(
         .iter()
         .map(|end| json!({ "template": end.template, "spread": end.spread, "rounds": end.rounds }))
         .collect();
+    let mirrored = report.warnings.iter().flat_map(ProcrustesWarning::mirrored);
+    let mirrored: Vec<&PathBuf> = mirrored.map(|member| &paths[*member]).collect();
     let before = distances_from_mean(&members, report.degree)?;
     Ok(Found {
         transforms: found.transforms.clone(),
         distances: before.into_iter().zip(&report.rmsd).map(|(before, after)| [before, *after]).collect(),
-        warnings: report.warnings.iter().map(|warning| named(warning, paths)).collect(),
+        warnings: report
+            .warnings
+            .iter()
+            .map(|warning| warning.naming(|member| paths[member].display().to_string()))
+            .collect(),
         summary: json!({
             "degree": report.degree,
             "spread_before": report.spread_before,
             "spread_after": report.spread_after,
             "templates": ends,
+            "mirrored": mirrored,
             "mean": cli.mean,
         }),
         mean: Some(found.mean),
@@ -313,14 +327,6 @@ fn journal(
         monitor.console().note(format!("{}: goes on after {found} of an earlier run", path.display()));
     }
     Ok(journal)
-}
-
-/// A warning that names a member by its file.
-fn named(warning: &ProcrustesWarning, paths: &[PathBuf]) -> String {
-    match warning.member().and_then(|member| paths.get(member)) {
-        Some(path) => format!("{}: {}", path.display(), warning.of_member()),
-        None => warning.to_string(),
-    }
 }
 
 /// Distances of centred surfaces from their mean as they are given.

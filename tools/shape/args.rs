@@ -49,7 +49,7 @@ pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 /// Where a report on the work goes, and whether files are replaced.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = OUTPUT)]
 pub(super) struct ReportArgs {
     /// Write a report to a JSON file

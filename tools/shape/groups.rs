@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spharm::shape::{CommonDegree, to_common_degree};
+use spharm::shape::{CommonDegree, PosesDiffer, to_common_degree};
 use spharm::{Coefficients, Kind, Monitor};
 use spharm_cli::console::Console;
+use spharm_cli::output::counted;
 use spharm_cli::paths::model_name;
 
 use super::args::read_all;
@@ -31,14 +32,21 @@ pub(super) fn read_group(
         let (found, channels) = (model.kind(), model.coefficients.channels());
         if found != kind || kind == Kind::Signal && channels != 1 {
             let expected = if kind == Kind::Surface { "a surface" } else { "a signal of one channel" };
-            let found = if found == Kind::Surface { "a surface".to_owned() } else { format!("a signal of {channels}") };
+            let found = if found == Kind::Surface {
+                "a surface".to_owned()
+            } else {
+                format!("a signal of {}", counted(channels, "channel"))
+            };
             bail!("{}: expected a model of {expected}, found {found}", path.display());
         }
         Ok(model.coefficients.clone())
     };
     let members = read_all(paths, monitor, read)?;
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
-    let warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
+    let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
+    // Of signals nothing is known.
+    let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
+    warnings.extend(poses.map(|poses| format!("{poses} (spharm shape align --group)")));
     warnings.iter().for_each(|warning| console.warn(warning));
     let names = paths.iter().map(|path| model_name(path)).collect();
     Ok(Group { names, members, degree, warnings })

@@ -15,7 +15,7 @@ use spharm_cli::output::OutputFile;
 
 use super::args::{Models, ReportArgs, Resources, files, read_all};
 use super::describe::of;
-use super::outputs::{check, csv, finish, number, write_text};
+use super::outputs::{check, csv, finish, length, number, write_text};
 use super::plan::Plan;
 
 /// Find the models that are nearest to one
@@ -133,7 +133,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
                     number(found.score),
                 ]
             };
-            rows.push(of(|value| format!("{value:.6}")));
+            rows.push(of(length));
             cells.push(of(number));
         }
         let matches = found.iter().map(|found| {

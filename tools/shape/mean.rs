@@ -15,7 +15,7 @@ use spharm_cli::output::{OutputFile, prepare};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
-use super::outputs::{check_beside, finish};
+use super::outputs::{check_beside, finish, length};
 use super::plan::Plan;
 
 /// Average models of surfaces
@@ -58,11 +58,16 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     prepare(&cli.output)?;
     model.write_with(&cli.output, cli.report.force)?;
     let mut rows = vec![["model", "distance from the mean"].map(str::to_owned).to_vec()];
-    rows.extend(
-        group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), format!("{distance:.6}")]),
-    );
-    let spread = (distances.iter().map(|distance| distance * distance).sum::<f64>() / distances.len() as f64).sqrt();
-    rows.push(vec!["root mean square".to_owned(), format!("{spread:.6}")]);
+    rows.extend(group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), length(*distance)]));
+    let square = distances.iter().map(|distance| distance * distance).sum::<f64>();
+    // Of surfaces so large that squares aren't numbers any more.
+    let count = distances.len() as f64;
+    let spread = if square.is_finite() {
+        (square / count).sqrt()
+    } else {
+        distances.iter().fold(0.0, |root: f64, distance| root.hypot(*distance)) / count.sqrt()
+    };
+    rows.push(vec!["root mean square".to_owned(), length(spread)]);
     let report = json!({
         "output": cli.output,
         "models": paths,

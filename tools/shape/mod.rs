@@ -3,6 +3,7 @@
 //!
 //! A new subcommand is a file here, a variant of [`Command`] and a line in [`run`].
 
+mod again;
 mod align;
 mod args;
 mod compress;

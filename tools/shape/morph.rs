@@ -9,7 +9,7 @@ use serde_json::json;
 use spharm::model::made;
 use spharm::shape::AlignParams;
 use spharm::shape::memory::{align_bytes, measure_bytes};
-use spharm::shape::morph::{LEAST_VOLUME, Morph, volume_ratio};
+use spharm::shape::morph::{Morph, volume_ratio, volume_warning};
 use spharm::{Kind, Model, Sphere};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -108,12 +108,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Ok((morph, ratio))
     })?;
     let mut warnings: Vec<String> = morph.alignment.report.warnings.iter().map(ToString::to_string).collect();
-    if ratio < LEAST_VOLUME {
-        warnings.push(format!(
-            "half way the volume is {ratio:.2} of the smaller end's: the surfaces don't correspond, and shapes between them \
-             mean little"
-        ));
-    }
+    warnings.extend(volume_warning(ratio));
     warnings.iter().for_each(|warning| monitor.console().warn(warning));
     let options = WriteOptions { overwrite: cli.report.force, double: false };
     let sphere = Sphere::icosphere(cli.icosphere);

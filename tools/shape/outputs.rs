@@ -83,6 +83,11 @@ pub(super) fn number(value: f64) -> String {
     format!("{value:?}")
 }
 
+/// A length of a table for people, whatever its unit.
+pub(super) fn length(value: f64) -> String {
+    if value.abs() < 1e9 { format!("{value:.6}") } else { format!("{value:.6e}") }
+}
+
 /// Writes a text whole or not at all.
 pub(super) fn write_text(path: &Path, force: bool, text: &str) -> Result<()> {
     prepare(path)?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde_json::json;
 use spharm::model::transformed;
@@ -59,6 +59,10 @@ struct Width {
 impl Width {
     fn kernel(&self) -> Result<HeatKernel> {
         match self.fwhm {
+            // In degrees, as it was given; the kernel's own message has radians.
+            Some(degrees) if !(degrees >= 0.0 && degrees.is_finite()) => {
+                bail!("--fwhm: the width is {degrees} degrees; it must be finite and not negative")
+            }
             Some(degrees) => HeatKernel::of_width(degrees.to_radians()).context("--fwhm"),
             None => HeatKernel::after(self.time.unwrap_or(0.0)).context("--s"),
         }

@@ -36,6 +36,15 @@ impl Table {
         if let Some(twice) = header.iter().enumerate().find(|(at, name)| header[..*at].contains(name)) {
             bail!("{}: column {:?} is there twice", path.display(), twice.1);
         }
+        if let ([whole], false) = (&header[..], tabs) {
+            let other = [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(mark, _)| whole.contains(*mark));
+            if let Some((_, marks)) = other {
+                let name = path.display();
+                bail!(
+                    "{name}: expected commas between cells, or tabs in a file named .tsv; found {marks} in the header"
+                );
+            }
+        }
         let rows: Result<Vec<Vec<String>>, csv::Error> =
             reader.records().map(|record| Ok(record?.iter().map(str::to_owned).collect())).collect();
         let rows = rows.with_context(named)?;
@@ -43,6 +52,11 @@ impl Table {
             bail!("{}: the table has no rows", path.display());
         }
         Ok(Self { path: path.to_owned(), header, rows })
+    }
+
+    /// Whether there is a column of this name.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.header.iter().any(|other| other == name)
     }
 
     fn cells(&self, name: &str) -> Result<Vec<&str>> {
@@ -78,11 +92,16 @@ impl Table {
     /// A column of paths, relative to the table.
     pub(super) fn paths(&self, name: &str) -> Result<Vec<PathBuf>> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
+        Ok(self.different(name)?.into_iter().map(|cell| folder.join(cell)).collect())
+    }
+
+    /// The cells of a column in which none is there twice.
+    pub(super) fn different(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.cells(name)?;
         if let Some(row) = (1..cells.len()).find(|row| cells[..*row].contains(&cells[*row])) {
             bail!("{}: row {}: {:?} is in an earlier row, too", self.path.display(), row + 1, cells[row]);
         }
-        Ok(cells.into_iter().map(|cell| folder.join(cell)).collect())
+        Ok(cells)
     }
 }
 
@@ -121,6 +140,10 @@ mod tests {
             assert!(table("a.csv", text.as_bytes()).is_err(), "{text:?}");
         }
         assert!(table("a.csv", b"model\n\xff\n").is_err());
+        for (text, marks) in [("model;age\na;3\n", "semicolons"), ("model\tage\na\t3\n", "tabs")] {
+            let error = table("a.csv", text.as_bytes()).err().unwrap().to_string();
+            assert!(error.contains(marks) && error.contains(".tsv"), "{error}");
+        }
         for cell in ["NA", "n/a", "NaN", ".", "inf"] {
             let found = table("a.csv", format!("model,age\na,3\nb,{cell}\n").as_bytes()).unwrap();
             let error = found.column("age").unwrap_err().to_string();

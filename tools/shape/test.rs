@@ -1,6 +1,6 @@
 //! `shape test`: groups and covariates at every vertex of a common sampling.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -13,6 +13,7 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::with_ending;
 use spharm_cli::{Usage, output::check_outputs};
 use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal};
 use spharm_surface::{Mesh, Signal};
@@ -34,13 +35,15 @@ use super::table::Table;
     &[
         "spharm shape test --a @patients.txt --b @controls.txt -o test",
         "spharm shape test --table study.csv --effect group --covariates age,sex -o test",
+        "spharm shape test --table subjects.csv --models aligned --effect group -o test",
         "spharm shape test --table study.csv --effect age --signal position --permutations 50000 -o test",
         "spharm shape test --a thick/a* --b thick/b* --signal value --welch -o test",
     ],
     &[
         "The folder gets mean.surf.gii and, as NAME.shape.gii, statistic, p, q (false-discovery rate), p-fwe (family-wise), \
          p-permutation (by relabelling, uncorrected), effect, its margin of confidence, and size; and all of it in test.csv.",
-        "A table has a column `model` with paths relative to it, and a column for each variable: numbers, or levels.",
+        "A table has a column `model` with paths relative to it, or a column `id` and --models, and a column for each variable: \
+         numbers, or levels.",
     ],
 ))]
 pub(super) struct Cli {
@@ -56,6 +59,9 @@ pub(super) struct Cli {
     /// Column of the table with the models' paths
     #[arg(long, value_name = "COLUMN", default_value = "model", help_heading = INPUT)]
     model_column: String,
+    /// Folder of the models, named by the table's column `id`: ID.spharm.npz
+    #[arg(long, value_name = "DIR", requires = "table", conflicts_with = "model_column", help_heading = INPUT)]
+    models: Option<PathBuf>,
     /// Column of the table to test: the slope of numbers, the difference of levels
     #[arg(long, value_name = "COLUMN", requires = "table", help_heading = METHOD)]
     effect: Option<String>,
@@ -115,7 +121,7 @@ impl Cli {
     fn study(&self) -> Result<Study> {
         if let (Some(path), Some(effect)) = (&self.table, &self.effect) {
             let table = Table::read(path)?;
-            let paths = files(&table.paths(&self.model_column)?)?;
+            let paths = files(&self.models_of(&table, path)?)?;
             let covariates: Result<Vec<_>> =
                 self.covariates.iter().map(|name| Ok((name.clone(), table.column(name)?))).collect();
             // With levels named, numbers are levels.
@@ -133,6 +139,21 @@ impl Cli {
         let levels = std::iter::repeat_n("a", a.len()).chain(std::iter::repeat_n("b", b.len()));
         let question = question(("group", &Column::of(levels)), &[], &[])?;
         Ok(Study { paths: a.into_iter().chain(b).collect(), question })
+    }
+
+    /// The models of a table's rows: by their paths, or by their names in a folder.
+    fn models_of(&self, table: &Table, path: &Path) -> Result<Vec<PathBuf>> {
+        if let Some(folder) = &self.models {
+            let file = |id: &str| with_ending(&folder.join(id), "spharm.npz");
+            return Ok(table.different("id")?.into_iter().map(file).collect());
+        }
+        if !table.has(&self.model_column) && table.has("id") {
+            let (table, column) = (path.display(), &self.model_column);
+            bail!(
+                "{table}: there is no column {column:?}; --models DIR names the folder of the models by the column \"id\""
+            );
+        }
+        table.paths(&self.model_column)
     }
 
     fn file(&self, name: &str) -> PathBuf {

@@ -43,6 +43,12 @@ pub(crate) struct Cli {
     /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
+    /// Cut labels that have handles along short loops, and fill both sides
+    ///
+    /// The model, and its row, are of the cut surface, NAME.cut.surf.gii. The model keeps the seams, so that reconstruct gives the
+    /// surface back as it was.
+    #[arg(long, help_heading = INPUT)]
+    pub(super) cut_handles: bool,
     /// Highest degree, inclusive
     #[arg(long, value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: usize,

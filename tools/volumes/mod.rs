@@ -157,7 +157,9 @@ impl Call<'_> {
             (_, true) => IfExists::Skip,
             _ => IfExists::Refuse,
         };
-        let beside = [files.sphere(), files.surface()];
+        // A label without handles has no cut surface, and is finished all the same.
+        let cut = (self.cli.cut_handles && !if_exists.keeps()).then(|| files.cut_surface());
+        let beside: Vec<PathBuf> = [files.sphere(), files.surface()].into_iter().chain(cut).collect();
         let (params, output) = (&self.params, files.model.as_path());
         let request = Request { id: None, input: &record, sphere: None, params, output, beside: &beside, if_exists };
         let (kept, residual) = match request.decide()? {
@@ -180,20 +182,22 @@ impl Call<'_> {
     /// Maps and fits a label, and returns the root mean square distance at the vertices.
     fn fit(&self, volume: &LabelVolume, record: &FileRecord, files: &ModelFiles, replace: Replace) -> Result<f64> {
         let console = self.monitor.console();
-        let params = VolumeParams { label: record.label, fix: self.cli.fix, handles: false };
-        let surface = volume.surface(&params, self.monitor)?;
-        if let Some(repair) = &surface.repair {
-            console.note(format!("{record}: {repair}"));
-        }
+        let handles = self.cli.cut_handles;
+        let params = VolumeParams { label: record.label, fix: self.cli.fix, handles };
         let named = || record.to_string();
-        let input = Input::Label(surface);
+        let mut input = Input::Label(volume.surface(&params, self.monitor)?);
+        if handles {
+            input = input.without_handles(self.monitor).with_context(named)?;
+        }
+        input.changes(handles).iter().for_each(|change| console.note(format!("{record}: {change}")));
         let found = files.map(&input, record, &self.params, false, replace, self.monitor).with_context(named)?;
         let fitted = || -> Result<f64> {
             let parametrized = &found.parametrized;
             let target = Target::from_mesh(&parametrized.map.surface, &parametrized.sphere)?;
             let fit = fit_with(&parametrized.sphere, &target, &self.params, self.monitor)?;
             let repair = found.repair.as_ref();
-            let made_of = MadeOf { input: Some(record), repair, ..MadeOf::default() };
+            let handles = found.handles.as_ref();
+            let made_of = MadeOf { input: Some(record), repair, handles, ..MadeOf::default() };
             files.write(&parametrized.sphere, &fit, &made_of, false, replace)?;
             console.note(format!("{record}: {}", files.model.display()));
             Ok(fit.report.passes.last().map_or(f64::NAN, |distances| distances.rms()))

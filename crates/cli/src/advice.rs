@@ -146,8 +146,8 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::BadSurface { handles: 1.., .. } => {
             Some("--cut-handles cuts and fills them, and reconstruct gives the surface back as it was".to_owned())
         }
-        ParametrizeError::BadVolume { repairable: true, problems, .. } if problems.contains("handle") => {
-            Some("--fix repairs it; handles alone are kept by --cut-handles of fit and parametrize".to_owned())
+        ParametrizeError::BadVolume { repairable: true, handles: 1.., .. } => {
+            Some("--fix repairs it; handles alone are kept by --cut-handles".to_owned())
         }
         ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs it".to_owned()),
         ParametrizeError::VertexMap { .. } => {
@@ -188,6 +188,7 @@ fn of_shape(error: &ShapeError) -> Option<String> {
         ShapeError::NoExtent { .. } => {
             Some("`spharm reconstruct` shows it; fit the surface again, to degree 1 or more".to_owned())
         }
+        ShapeError::Range { .. } => Some("`spharm shape rotate --scale FACTOR` does".to_owned()),
         ShapeError::Setting { name: NO_TRIANGLES, .. } => {
             Some("--icosphere N or a --sphere that is a mesh has triangles".to_owned())
         }

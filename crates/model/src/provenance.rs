@@ -126,6 +126,9 @@ pub struct Settings {
     /// What was fitted: `surface`, `vertices`, or `samples` that moments are of; unknown in models of version 0.1, which are of the vertices.
     #[serde(default)]
     pub target: Option<String>,
+    /// Area distortion that was allowed to the map of a mesh without a sphere, where it was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub area: Option<f64>,
     /// Passes over the basis.
     pub passes: usize,
     /// Most columns of a block, g, for the methods that have it.
@@ -279,6 +282,7 @@ mod tests {
             settings: Some(Settings {
                 method: "lsq".to_owned(),
                 target: Some("surface".to_owned()),
+                area: None,
                 passes: 1,
                 granularity: None,
                 start_degree: None,

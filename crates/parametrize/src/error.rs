@@ -116,6 +116,8 @@ pub enum ParametrizeError {
         label: i64,
         /// The problems with their counts, a phrase each, joined by semicolons.
         problems: String,
+        /// How many of them are handles, which can be cut where there is nothing else.
+        handles: usize,
         /// Whether a repair can make it one ball.
         repairable: bool,
     },

@@ -12,7 +12,7 @@ use spharm_surface::repair::{MeshRepair, repair};
 use crate::error::ParametrizeError;
 use crate::handles::{CutSurface, HandlesReport, cut_handles};
 use crate::method::Source;
-use crate::volume::VolumeSurface;
+use crate::volume::{Repair, VolumeSurface};
 
 /// A surface from a file.
 #[derive(Clone, Debug)]
@@ -21,17 +21,28 @@ pub enum Input {
     Mesh(Mesh),
     /// A mesh that isn't the file's: it was mended.
     Fixed(Mesh, MeshRepair),
-    /// A mesh, or the surface around a label, with handles, cut.
-    Cut(CutSurface),
+    /// A mesh, or the surface around a label, with handles, cut; and what it was.
+    Cut(CutSurface, Given),
     /// The surface around a label of a volume.
     Label(VolumeSurface),
+}
+
+/// What a surface was before its handles were cut.
+#[derive(Clone, Debug)]
+pub enum Given {
+    /// A mesh.
+    Mesh,
+    /// A mesh that was mended.
+    Fixed(MeshRepair),
+    /// The surface around a label of a volume.
+    Label(Box<VolumeSurface>),
 }
 
 impl<'a> From<&'a Input> for Source<'a> {
     fn from(input: &'a Input) -> Self {
         match input {
             Input::Mesh(mesh) | Input::Fixed(mesh, _) => Self::Mesh(mesh),
-            Input::Cut(cut) => Self::Mesh(&cut.surface),
+            Input::Cut(cut, _) => Self::Mesh(&cut.surface),
             Input::Label(found) => Self::Quads(&found.quads),
         }
     }
@@ -51,10 +62,18 @@ impl Input {
                 triangles = found.quads.triangles(|_| false);
                 &triangles
             }
-            Self::Label(_) | Self::Cut(_) => return Ok(self),
+            Self::Label(_) | Self::Cut(..) => return Ok(self),
         };
         let found = cut_handles(mesh, monitor)?;
-        Ok(if found.seam.is_some() { Self::Cut(found) } else { self })
+        if found.seam.is_none() {
+            return Ok(self);
+        }
+        Ok(match self {
+            Self::Mesh(_) => Self::Cut(found, Given::Mesh),
+            Self::Fixed(_, repair) => Self::Cut(found, Given::Fixed(repair)),
+            Self::Label(label) => Self::Cut(found, Given::Label(Box::new(label))),
+            Self::Cut(..) => self,
+        })
     }
 
     /// Mends a mesh, see [`repair`](spharm_surface::repair), where there is something to mend. A label's surface stays as it is.
@@ -68,13 +87,39 @@ impl Input {
     /// Returns what was mended of a mesh, if anything.
     #[must_use]
     pub fn mesh_repair(&self) -> Option<&MeshRepair> {
-        if let Self::Fixed(_, repair) = self { Some(repair) } else { None }
+        if let Self::Fixed(_, repair) | Self::Cut(_, Given::Fixed(repair)) = self { Some(repair) } else { None }
+    }
+
+    /// Returns the label that the surface is around, also where its handles were cut.
+    #[must_use]
+    pub fn label(&self) -> Option<&VolumeSurface> {
+        match self {
+            Self::Label(label) => Some(label),
+            Self::Cut(_, Given::Label(label)) => Some(label),
+            _ => None,
+        }
+    }
+
+    /// Returns the surface that was cut, if it was.
+    #[must_use]
+    pub fn cut(&self) -> Option<&CutSurface> {
+        if let Self::Cut(cut, _) = self { Some(cut) } else { None }
+    }
+
+    /// Returns what was changed of the surface as it was given, to warn of: repairs and cuts, and where handles were `to_be_cut`
+    /// that a repair has removed them.
+    #[must_use]
+    pub fn changes(&self, to_be_cut: bool) -> Vec<String> {
+        let repair = self.label().and_then(|label| label.repair.as_ref());
+        let lost = repair.filter(|_| to_be_cut).and_then(Repair::no_handle_left);
+        let repairs = [repair.map(ToString::to_string), lost, self.mesh_repair().map(ToString::to_string)];
+        repairs.into_iter().flatten().chain(self.handles().map(ToString::to_string)).collect()
     }
 
     /// Returns what was cut, if anything.
     #[must_use]
     pub fn handles(&self) -> Option<&HandlesReport> {
-        if let Self::Cut(cut) = self { Some(&cut.report) } else { None }
+        self.cut().map(|cut| &cut.report)
     }
 }
 

@@ -99,7 +99,7 @@ pub use deform::{DeformParams, deform};
 pub use equal_area::{EqualAreaParams, area_deviation, equal_area};
 pub use error::ParametrizeError;
 pub use handles::{CutSurface, HandlesReport, cut_handles};
-pub use input::{Input, Sampling};
+pub use input::{Given, Input, Sampling};
 pub use method::{Method, Source};
 pub use quality::Quality;
 pub use report::{Note, Parametrization, Report, Resampling, Warning};

@@ -8,7 +8,7 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
-use spharm::parametrize::{CaldParams, Input, parametrize_with};
+use spharm::parametrize::{Input, parametrize_with};
 use spharm::solver::lsq::LsqWarning;
 use spharm::{
     BatchReport, Error, Fit, FitParams, FitTo, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor,
@@ -161,13 +161,13 @@ pub(crate) fn fit<'py>(
                 spharm::check_mapping(mesh.vertices.len(), &params)?;
                 let mesh = Input::Mesh(mesh);
                 let mesh = if cut_handles { mesh.without_handles(monitor)? } else { mesh };
-                if let Input::Cut(cut) = &mesh {
+                if let Some(cut) = mesh.cut() {
                     // What fills the ends of handles counts, too.
                     spharm::check_memory(&cut.surface, &params)?;
                     spharm::check_mapping(cut.surface.vertices.len(), &params)?;
                 }
-                let mut found = parametrize_with(&mesh, &CaldParams::for_degree(params.max_degree), monitor)?;
-                if let Input::Cut(cut) = &mesh {
+                let mut found = parametrize_with(&mesh, &params.map(), monitor)?;
+                if let Some(cut) = mesh.cut() {
                     found.sphere.seam.clone_from(&cut.seam);
                 }
                 let target = Target::from_mesh(&found.map.surface, &found.sphere)?;

@@ -5,7 +5,7 @@ use serde_json::json;
 use spharm::Kind;
 use spharm::harmonics::Coefficients;
 use spharm::model::made;
-use spharm::shape::{CommonDegree, mean, rmsd, to_common_degree};
+use spharm::shape::{CommonDegree, PosesDiffer, mean, rmsd, to_common_degree};
 
 use crate::errors::Failure;
 use crate::models::Model;
@@ -40,7 +40,10 @@ pub(crate) fn group(models: &[(Kind, Coefficients)], kind: Kind, degree: Option<
     let members: Vec<Coefficients> = models.iter().map(|(_, model)| model.clone()).collect();
     let CommonDegree { members, degree, warning } =
         to_common_degree(&members, degree).map_err(|error| Failure::Argument(format!("degree: {error}")))?;
-    Ok(Group { members, degree, warnings: warning.iter().map(ToString::to_string).collect() })
+    let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
+    let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
+    warnings.extend(poses.map(|poses| format!("{poses} (shape.procrustes)")));
+    Ok(Group { members, degree, warnings })
 }
 
 /// The mean of surfaces, their distances from it, and warnings.

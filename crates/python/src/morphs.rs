@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 use spharm::Kind;
 use spharm::model::made;
 use spharm::shape::AlignParams;
-use spharm::shape::morph::{LEAST_VOLUME, Morph, volume_ratio};
+use spharm::shape::morph::{Morph, volume_ratio, volume_warning};
 use spharm::{Error, Monitor};
 
 use crate::errors::Failure;
@@ -39,10 +39,7 @@ pub(crate) fn shape_morph(
         };
         let models = times.iter().map(at).collect::<Result<Vec<_>, _>>()?;
         let mut warnings: Vec<String> = morph.alignment.report.warnings.iter().map(ToString::to_string).collect();
-        if ratio < LEAST_VOLUME {
-            warnings
-                .push(format!("half way the volume is {ratio:.2} of the smaller end's: the surfaces don't correspond"));
-        }
+        warnings.extend(volume_warning(ratio));
         Ok((models, ratio, warnings))
     })?;
     Ok((models.into_iter().map(|inner| Model { inner }).collect(), ratio, warnings))

@@ -14,7 +14,7 @@ use spharm::metrics::{
     vertex_distances,
 };
 use spharm::parametrize::quality::Quality;
-use spharm::parametrize::volume::{Affine, LabelVolume, VolumeParams};
+use spharm::parametrize::volume::{Affine, LabelVolume, Repair, VolumeParams};
 use spharm::parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, ParametrizeError,
     StretchParams, resample as resample_mesh,
@@ -123,7 +123,7 @@ fn map(
 ) -> Result<(Parametrization, Option<Value>), Failure> {
     check_mapping(input, method, memory)?;
     let mut found = method.run(input, monitor)?;
-    if let Input::Cut(cut) = input {
+    if let Some(cut) = input.cut() {
         cut.mark(&mut found.sphere);
     }
     Ok((found, input.handles().map(|handles| json!(handles))))
@@ -239,14 +239,16 @@ fn parametrize_volume<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (read, method) = (volume.reader()?, self::method(method, degree, area, seed)?);
-    let (found, handles, repair) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+    let (found, handles, repairs) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let surface = read(monitor)?.surface(&VolumeParams { label, fix, handles: cut_handles }, monitor)?;
-        let repair = surface.repair.as_ref().map(ToString::to_string);
+        let repair = surface.repair.as_ref();
+        let lost = repair.filter(|_| cut_handles).and_then(Repair::no_handle_left);
+        let repairs: Vec<String> = repair.map(ToString::to_string).into_iter().chain(lost).collect();
         let (found, handles) = map(&Input::Label(surface).without_handles(monitor)?, &method, memory, monitor)?;
-        Ok((found, handles, repair))
+        Ok((found, handles, repairs))
     })?;
     let mut mapped = mapped(py, found, handles);
-    mapped.4.extend(repair);
+    mapped.4.extend(repairs);
     Ok(mapped)
 }
 

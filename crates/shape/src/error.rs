@@ -166,6 +166,23 @@ pub enum ShapeError {
         /// The degree asked for.
         asked: usize,
     },
+    /// Coefficients whose products leave the range of numbers.
+    #[error(
+        "coefficients of up to {largest:.1e}: areas, volumes and variances of them leave the range of numbers; scale the \
+         surface to another unit"
+    )]
+    Range {
+        /// The largest absolute value, without row 0 where that is only a place.
+        largest: f64,
+    },
+    /// A column of a study that has one value, so that it has no effect that could be told.
+    #[error("column {column:?}: the value is {value} in all rows, so that it tells nothing: leave the column out")]
+    Constant {
+        /// The column's name.
+        column: String,
+        /// The value.
+        value: f64,
+    },
     /// A setting out of its range.
     #[error("{name} is {found}; {expected}")]
     Setting {

@@ -8,6 +8,8 @@ use crate::singular_values::singular_values;
 
 /// Singular values below this part of the largest are rounding.
 const NEGLIGIBLE: f64 = 1e-12;
+/// Coefficients between this and its inverse have areas, volumes and their squares within the range of numbers.
+const LEAST: f64 = 1e-50;
 
 /// In how many directions a model extends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,14 +27,17 @@ pub enum Extent {
 /// - [`ShapeError::NotASurface`]: there aren't 3 channels.
 /// - [`ShapeError::NotFinite`]: a coefficient is NaN or infinite.
 /// - [`ShapeError::NoExtent`]: the model is a point (as every one of degree 0) or lies on a line.
+/// - [`ShapeError::Range`]: the largest coefficient of degree 1 or above isn't between 1e-50 and 1e50.
 pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
     surface(coefficients)?;
     let shape = coefficients.values().slice_axis(Axis(0), Slice::from(1..));
+    let largest = shape.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
     let values = singular_values(shape);
     let rank = values.iter().filter(|value| **value > NEGLIGIBLE * values[0]).count();
     match rank {
         0 => Err(ShapeError::NoExtent { found: "a point", rank }),
         1 => Err(ShapeError::NoExtent { found: "a line", rank }),
+        _ if !(LEAST..=1.0 / LEAST).contains(&largest) => Err(ShapeError::Range { largest }),
         2 => Ok(Extent::Flat),
         _ => Ok(Extent::Solid),
     }
@@ -84,6 +89,10 @@ mod tests {
         assert_eq!(of(values.clone()).unwrap(), Extent::Flat);
         values[[2, 2]] = 1e-3;
         assert_eq!(of(values.clone()).unwrap(), Extent::Solid);
+        for unit in [1e200, 1e-100] {
+            let found = of(&values * unit);
+            assert!(matches!(found, Err(ShapeError::Range { largest }) if largest == 2.0 * unit), "{found:?}");
+        }
         values[[8, 1]] = f64::NAN;
         assert!(matches!(of(values), Err(ShapeError::NotFinite { row: 8, channel: 1, .. })));
         assert!(matches!(of(Array2::zeros((4, 2))), Err(ShapeError::NotASurface { channels: 2 })));

@@ -1,6 +1,7 @@
 //! The members of a group while it is brought together, and their mean.
 
 use crate::half_turn::Workspace;
+use crate::matrix3::determinant;
 use crate::pair::{Plan, Unit};
 use crate::refine::{Fit, Target};
 use crate::rotation::Rotation;
@@ -11,6 +12,13 @@ use crate::transform::SQRT_4_PI;
 pub(crate) struct Pose {
     pub(crate) fit: Fit,
     pub(crate) antipodal: bool,
+}
+
+impl Pose {
+    /// Whether it is the mirror image that was brought to the mean.
+    pub(crate) fn mirrors(&self) -> bool {
+        determinant(&self.fit.orthogonal) < 0.0
+    }
 }
 
 /// A member in its pose.

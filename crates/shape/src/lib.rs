@@ -17,6 +17,7 @@
 //! | [`derivatives`] | the operators L_x, L_y, L_z, each degree to itself |
 //! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
 //! | [`mod@mean`] | groups to one degree, and their mean |
+//! | [`poses`] | whether the surfaces of a group lie in one pose |
 //! | [`measures`] | area, volume, centroid |
 //! | [`heat`] | smoothing by the heat kernel |
 //! | [`mod@descriptors`] | power and singular values of each degree, which rotations don't change |
@@ -82,6 +83,7 @@ pub mod memory;
 pub mod morph;
 mod pair;
 pub mod pca;
+pub mod poses;
 pub mod procrustes;
 mod procrustes_report;
 mod product;
@@ -113,6 +115,7 @@ pub use levels::{degree_within, tails};
 pub use mean::{CommonDegree, DegreesDiffer, mean, to_common_degree};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
 pub use pca::Modes;
+pub use poses::PosesDiffer;
 pub use procrustes::{
     Journal, Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd, procrustes,
     procrustes_with,

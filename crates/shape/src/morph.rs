@@ -126,6 +126,17 @@ pub fn volume_ratio(morph: &Morph, monitor: &dyn Monitor) -> Result<f64, ShapeEr
     Ok(volume(&middle)?.abs() / least)
 }
 
+/// Returns what to warn of where the volume half way is this share of the smaller end's.
+#[must_use]
+pub fn volume_warning(ratio: f64) -> Option<String> {
+    (ratio < LEAST_VOLUME).then(|| {
+        format!(
+            "half way the volume is {ratio:.2} of the smaller end's: the surfaces don't correspond, and shapes between them mean \
+             little"
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -142,6 +153,12 @@ mod tests {
         });
         (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 5.0, 3.0);
         Coefficients::new(values).unwrap()
+    }
+
+    #[test]
+    fn small_volumes_half_way_are_warned_of() {
+        assert_eq!(volume_warning(0.85), None);
+        assert!(volume_warning(0.5).is_some_and(|text| text.contains("0.50 of the smaller end's")));
     }
 
     #[test]

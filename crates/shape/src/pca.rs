@@ -67,6 +67,10 @@ impl Modes {
             largest = rest.iter().fold(largest, |most, value| most.max(value.abs()));
             centred.extend(rest.iter().copied());
         }
+        // Variances are sums of squares.
+        if !(1e6 * largest * largest).is_finite() {
+            return Err(ShapeError::Range { largest });
+        }
         let unit = if largest > 0.0 { largest } else { 1.0 };
         centred.iter_mut().for_each(|value| *value /= unit);
         let dimension = (rows - 1) * columns;

@@ -16,6 +16,7 @@
 
 mod journal;
 mod mirrored;
+mod sides;
 
 use std::sync::{Mutex, PoisonError};
 
@@ -89,7 +90,7 @@ pub fn procrustes_with(
     if lowest != highest && params.align.max_degree.is_none_or(|degree| degree > lowest) {
         warnings.push(ProcrustesWarning::DegreesDiffer { lowest, highest });
     }
-    let group = Group::new(members, degree, params, journal, monitor)?;
+    let mut group = Group::new(members, degree, params, journal, monitor)?;
     let order = templates(members.len(), params.templates, || {
         let round = group.brought_to(0)?;
         Ok::<_, ShapeError>(round.members.into_iter().map(|member| member.rows).collect())
@@ -110,7 +111,14 @@ pub fn procrustes_with(
     }
     let Some(best) = best else { return Err(ShapeError::TooFewMembers { found: 0, least: LEAST }) };
     let polished = group.polished(best)?;
-    warnings.extend(group.of_members(&polished)?);
+    warnings.extend(group.of_members(&polished));
+    if !params.align.mirror {
+        let (mirrored, unclear) = group.mirrored(&polished)?;
+        warnings.extend(mirrored);
+        if unclear {
+            warnings.extend(group.sides(&polished)?);
+        }
+    }
     monitor.end();
     group.finished(members, polished, ends, warnings)
 }
@@ -123,6 +131,8 @@ struct Group<'a> {
     plan: Option<Plan>,
     degree: usize,
     params: &'a ProcrustesParams,
+    /// Whether mirror images are matched.
+    mirror: bool,
     journal: Mutex<Option<&'a mut Journal>>,
     monitor: &'a dyn Monitor,
 }
@@ -136,6 +146,13 @@ impl<'a> Group<'a> {
         monitor: &'a dyn Monitor,
     ) -> Result<Self, ShapeError> {
         let units: Vec<Unit> = members.iter().map(|member| Unit::new(member, degree)).collect();
+        // Spreads are sums of squares.
+        for (index, Unit { norm, .. }) in units.iter().enumerate() {
+            if *norm > 0.0 && !(1e-100..=1e100).contains(norm) {
+                let source = Box::new(ShapeError::Range { largest: *norm });
+                return Err(ShapeError::Member { index, source });
+            }
+        }
         let square: f64 = units.iter().map(|unit| unit.norm * unit.norm).sum();
         let common = (square / units.len() as f64).sqrt();
         let size = |unit: &Unit| if params.align.scale && unit.norm > 0.0 { common } else { unit.norm };
@@ -143,13 +160,14 @@ impl<'a> Group<'a> {
         let joint = params.align.method == Method::Joint;
         let plan = if joint { Some(params.align.plan(degree)?) } else { None };
         monitor.begin(Stage::counted("align", "surfaces"), 0);
-        Ok(Self { units, sizes, plan, degree, params, journal: Mutex::new(journal), monitor })
+        let mirror = params.align.mirror;
+        Ok(Self { units, sizes, plan, degree, params, mirror, journal: Mutex::new(journal), monitor })
     }
 
     /// Every member searched against a template.
     fn brought_to(&self, template: usize) -> Result<Round, ShapeError> {
         let target = Target::new(self.units[template].rows.clone());
-        self.round(|index| self.searched(index, &target, self.params.align.mirror))
+        self.round(|index| self.searched(index, &target, self.mirror))
     }
 
     /// One alignment of every member.
@@ -203,7 +221,7 @@ impl<'a> Group<'a> {
     /// One refinement of every member to the mean; with `anew` also a search, and the nearer of the two.
     fn to_mean(&self, round: &Round, anew: bool) -> Result<Round, ShapeError> {
         let target = round.target();
-        let mirror = self.params.align.mirror;
+        let mirror = self.mirror;
         self.round(|index| {
             let now = &round.members[index].pose;
             let (Some(plan), true) = (&self.plan, self.units[index].norm > 0.0) else {
@@ -249,8 +267,8 @@ impl<'a> Group<'a> {
         Ok(round)
     }
 
-    /// What is to know about members: rotations that aren't determined, and mirror images.
-    fn of_members(&self, round: &Round) -> Result<Vec<ProcrustesWarning>, ShapeError> {
+    /// What is to know about members whose rotations aren't determined.
+    fn of_members(&self, round: &Round) -> Vec<ProcrustesWarning> {
         let target = round.target();
         let mean_norm = target.rows.as_flattened().iter().map(|v| v * v).sum::<f64>();
         let of = |index: usize| {
@@ -258,11 +276,7 @@ impl<'a> Group<'a> {
             let warning = undetermined(&pose.fit, unit.norm.min(mean_norm), &self.params.align);
             warning.map(|warning| ProcrustesWarning::Member { member: index, warning })
         };
-        let mut warnings: Vec<_> = (0..self.units.len()).filter_map(of).collect();
-        if !self.params.align.mirror {
-            warnings.extend(self.mirrored(round)?);
-        }
-        Ok(warnings)
+        (0..self.units.len()).filter_map(of).collect()
     }
 
     /// Turns everything into the frame of the mean.

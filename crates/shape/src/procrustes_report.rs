@@ -55,6 +55,18 @@ pub enum ProcrustesWarning {
         /// That of its mirror image.
         mirrored: f64,
     },
+    /// The group is of two sides, and its mean of neither: with mirror images matched its spread is less by a fifth or more.
+    Sides {
+        /// The members of the smaller side, counted from 0; of two that are alike, of the one that the first member isn't on. Empty
+        /// where shapes don't tell which ones they are.
+        members: Vec<usize>,
+        /// Members of the group.
+        of: usize,
+        /// The group's spread.
+        spread: f64,
+        /// That of the group with mirror images matched.
+        mirrored: f64,
+    },
     /// Something to know about how one member was brought to the mean.
     Member {
         /// The member, counted from 0.
@@ -95,6 +107,38 @@ impl ProcrustesWarning {
             other => other.to_string(),
         }
     }
+
+    /// Returns the members that are, or may be, mirror images of the others, counted from 0.
+    #[must_use]
+    pub fn mirrored(&self) -> &[usize] {
+        match self {
+            Self::Mirrored { member, .. } => std::slice::from_ref(member),
+            Self::Sides { members, .. } => members,
+            _ => &[],
+        }
+    }
+
+    /// Returns the warning with members by their names, at most 12 of a list.
+    pub fn naming(&self, name: impl Fn(usize) -> String) -> String {
+        const MOST: usize = 12;
+        match (self, self.member()) {
+            (_, Some(member)) => format!("{}: {}", name(member), self.of_member()),
+            (Self::Sides { members, of, spread, mirrored }, _) => {
+                let named: Vec<String> = members.iter().take(MOST).map(|member| name(*member)).collect();
+                let more = members.len().saturating_sub(MOST);
+                let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+                let which = match members.len() {
+                    0 => "; the shapes don't tell which members are of which side".to_owned(),
+                    count => format!(": {count} of {of} members may be of the other one: {}{more}", named.join(", ")),
+                };
+                format!(
+                    "the group seems to be of two sides, and its mean of neither: with mirror images matched the spread falls from \
+                     {spread:.4} to {mirrored:.4}{which}"
+                )
+            }
+            _ => self.to_string(),
+        }
+    }
 }
 
 impl fmt::Display for ProcrustesWarning {
@@ -103,6 +147,7 @@ impl fmt::Display for ProcrustesWarning {
             Self::DegreesDiffer { lowest, highest } => {
                 write!(f, "the members have degrees {lowest} to {highest}; degrees up to {lowest} were compared")
             }
+            Self::Sides { .. } => f.write_str(&self.naming(|member| member.to_string())),
             Self::Mirrored { member, .. } => write!(f, "member {member} {}", self.of_member()),
             Self::Member { member, .. } => write!(f, "member {member}: {}", self.of_member()),
             Self::NearlyRound { ratio } => write!(

@@ -14,7 +14,7 @@ use spharm_surface::{Sphere, SurfaceError};
 
 use crate::origin::Origin;
 use crate::parametrize::volume::Repair;
-use crate::parametrize::{CaldParams, HandlesReport, Input, Parametrized, Source, parametrize_with, with_sphere};
+use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with, with_sphere};
 use crate::{Error, Fit, FitParams, check_mapping, check_memory};
 
 /// Which files that exist are replaced.
@@ -107,7 +107,7 @@ impl ModelFiles {
         monitor: &dyn Monitor,
     ) -> Result<Mapped, Error> {
         let path = self.sphere();
-        let settings = CaldParams::for_degree(params.max_degree);
+        let settings = params.map();
         let origin = Origin::new(record, &settings, input.handles().is_some());
         let named = |found: Parametrized| {
             let sphere = Sphere { path: Some(path.clone()), ..found.sphere };
@@ -115,7 +115,7 @@ impl ModelFiles {
         };
         let mesh = match input {
             Input::Mesh(mesh) | Input::Fixed(mesh, _) => Some(mesh),
-            Input::Cut(cut) => Some(&cut.surface),
+            Input::Cut(cut, _) => Some(&cut.surface),
             Input::Label(_) => None,
         };
         let (handles, mesh_repair) = (input.handles().cloned(), input.mesh_repair().copied());
@@ -146,7 +146,7 @@ impl ModelFiles {
         }
         let mut found = parametrize_with(input, &settings, monitor)?;
         origin.write_to(&mut found.map.sphere.meta);
-        if let Input::Cut(cut) = input {
+        if let Some(cut) = input.cut() {
             cut.mark(&mut found.map.sphere);
             found.sphere.seam.clone_from(&cut.seam);
         }
@@ -154,18 +154,21 @@ impl ModelFiles {
         // Mapping takes a while, in which another process may have written its sphere.
         let overwrite = replace == Replace::ALL || (replace.beside && self.has_sphere_of(record));
         let options = WriteOptions { overwrite, double: true };
-        let (surface, repair) = match input {
-            Input::Label(found) => (Some(self.surface()), found.repair),
-            Input::Cut(_) => (Some(self.cut_surface()), None),
-            Input::Fixed(..) => (Some(self.fixed_surface()), None),
-            Input::Mesh(_) => (None, None),
+        let surface = match input {
+            Input::Label(_) => Some(self.surface()),
+            Input::Cut(..) => Some(self.cut_surface()),
+            Input::Fixed(..) => Some(self.fixed_surface()),
+            Input::Mesh(_) => None,
         };
+        let repair = input.label().and_then(|label| label.repair);
+        // A label's surface with its handles is in no other file.
+        let whole = input.cut().and(input.label()).map(|label| label.quads.triangles(|_| false));
         let mut mapped = Mapped { parametrized: named(found), repair, mesh_repair, handles, written: Vec::new() };
         // The surface last: where it is, the sphere says what they were made of.
-        let meshes =
-            [(Some(path.clone()), &mapped.parametrized.map.sphere), (surface, &mapped.parametrized.map.surface)];
+        let map = &mapped.parametrized.map;
+        let whole = whole.iter().map(|whole| (self.surface(), whole));
+        let meshes = std::iter::once((path, &map.sphere)).chain(whole).chain(surface.map(|path| (path, &map.surface)));
         for (path, mesh) in meshes {
-            let Some(path) = path else { continue };
             if let Err(error) = write_mesh(&path, mesh, &options) {
                 mapped.remove();
                 return Err(error.into());

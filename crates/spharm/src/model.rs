@@ -62,6 +62,7 @@ impl From<Fit> for Fitted {
             settings: Some(Settings {
                 method: settings.method.name().to_owned(),
                 target: Some(settings.target.name().to_owned()),
+                area: settings.area,
                 passes: settings.method.passes(),
                 granularity: settings.method.granularity(),
                 start_degree: settings.method.start_degree(),

@@ -9,7 +9,7 @@ use spharm_surface::{Mesh, Sphere, Target};
 use crate::Error;
 
 pub use spharm_parametrize::{
-    CaldParams, ConformalParams, CutSurface, DeformParams, EqualAreaParams, HandlesReport, Input, Method, Note,
+    CaldParams, ConformalParams, CutSurface, DeformParams, EqualAreaParams, Given, HandlesReport, Input, Method, Note,
     Parametrization, ParametrizeError, Quality, Report, Resampling, Sampling, Source, StretchParams, Warning,
     area_deviation, auto, cald, conformal, cut_handles, deform, equal_area, handles, quality, resample, stretch,
     volume,

@@ -9,6 +9,7 @@ use spharm_store::{Scalar, WeightsHash};
 use spharm_surface::io::read_signal;
 
 use crate::machine::available_memory;
+use crate::parametrize::CaldParams;
 use crate::{Error, FitTo, defaults};
 
 /// How the coefficients are found.
@@ -250,6 +251,9 @@ pub struct FitParams {
     pub method: Method,
     /// Whether meshes are fitted as surfaces or at their vertices; for [`Method::Lsq`].
     pub target: FitTo,
+    /// Allowed area distortion, from 0 to 1, of the map of a mesh that comes without a sphere, see
+    /// [`CaldParams::area`](crate::parametrize::CaldParams::area); by default 0.8, as far as the fit gains by it.
+    pub area: Option<f64>,
     /// Smoothness penalty, for [`Method::Lsq`].
     pub smoothness: Smoothness,
     /// Whether to remove noise within the fit, by a penalty of each degree that is estimated from the target; for
@@ -290,6 +294,7 @@ impl FitParams {
             max_degree,
             method: Method::Lsq,
             target: FitTo::Default,
+            area: None,
             smoothness: Smoothness::Default,
             denoise: false,
             weights: Weights::Uniform,
@@ -324,6 +329,13 @@ impl FitParams {
         }
     }
 
+    /// Returns the settings of the map of a mesh that comes without a sphere.
+    #[must_use]
+    pub fn map(&self) -> CaldParams {
+        let usual = CaldParams::for_degree(self.max_degree);
+        CaldParams { area: self.area.unwrap_or(usual.area), ..usual }
+    }
+
     /// Checks what can be checked without a sphere.
     ///
     /// # Errors
@@ -336,6 +348,9 @@ impl FitParams {
         }
         if let Some(fraction) = self.hold_out.filter(|&fraction| !(fraction > 0.0 && fraction < 1.0)) {
             return refuse("hold_out", "a fraction between 0 and 1", fraction.to_string());
+        }
+        if let Some(area) = self.area.filter(|area| !(0.0..=1.0).contains(area)) {
+            return refuse("area", "a number from 0 to 1", area.to_string());
         }
         if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
             return refuse("tolerance", "a number between 0 and 1", self.tolerance.to_string());

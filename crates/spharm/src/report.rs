@@ -74,6 +74,8 @@ pub struct Settings {
     pub method: crate::Method,
     /// What was fitted: [`Surface`](crate::FitTo::Surface) or [`Vertices`](crate::FitTo::Vertices).
     pub target: crate::FitTo,
+    /// Area distortion that was allowed to the map of a mesh without a sphere, where it was given.
+    pub area: Option<f64>,
     /// How the penalty was chosen: `default`, `fixed`, `auto` or `denoise`.
     pub penalty: &'static str,
     /// `uniform`, `area`, or the name of the weights given.

@@ -235,6 +235,10 @@ impl Request<'_> {
         let target = if params.fits_surface(model.kind(), triangles) { FitTo::Surface } else { FitTo::Vertices };
         let recorded_target = recorded.and_then(|settings| settings.target.clone());
         check("target", recorded_target.unwrap_or("vertices".to_owned()), target.name().to_owned());
+        if self.sphere.is_none() {
+            let area = |area: Option<f64>| area.map_or("the usual".to_owned(), |area| area.to_string());
+            check("area", area(recorded.and_then(|settings| settings.area)), area(params.area));
+        }
         check("passes", text(|s| s.passes.to_string()), method.passes().to_string());
         check("granularity", text(|s| option(s.granularity)), option(method.granularity()));
         check("start_degree", text(|s| option(s.start_degree)), option(method.start_degree()));

@@ -66,6 +66,13 @@ impl QuadMesh {
         self.vertices.len() as i64 - self.twins.len() as i64 / 2 + self.quads.len() as i64
     }
 
+    /// Number of handles: the sum of the genera of all closed surfaces, each of characteristic 2 - 2 genus.
+    #[must_use]
+    pub fn handles(&self) -> usize {
+        let genera = self.components() as i64 - self.euler_characteristic() / 2;
+        usize::try_from(genera).unwrap_or(0)
+    }
+
     /// Number of closed surfaces.
     #[must_use]
     pub fn components(&self) -> usize {

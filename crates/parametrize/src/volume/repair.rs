@@ -17,6 +17,7 @@ use std::collections::BinaryHeap;
 use serde::Serialize;
 use spharm_monitor::{Interrupted, Monitor, Stage};
 
+use super::boundary::QuadMesh;
 use super::mask::{Mask, around};
 use super::pieces::{cavities, pieces};
 use super::simple::{Around, has_bare_contact, is_simple};
@@ -43,6 +44,9 @@ pub struct Repair {
     pub cavities_filled: usize,
     /// Their voxels.
     pub voxels_filled: usize,
+    /// Handles of the largest piece, which were removed.
+    #[serde(rename = "handles")]
+    pub handles_removed: usize,
     /// How handles and bare contacts were removed.
     #[serde(rename = "way")]
     pub handles: HandleRepair,
@@ -56,6 +60,19 @@ impl Repair {
     pub fn voxels(&self) -> usize {
         self.voxels_dropped + self.voxels_filled + self.voxels_changed
     }
+
+    /// Returns what to say where handles should have been kept, to be cut, and the repair has removed them.
+    #[must_use]
+    pub fn no_handle_left(&self) -> Option<String> {
+        let (number, kept) = match self.handles_removed {
+            0 => return None,
+            1 => ("1 handle".to_owned(), "it"),
+            handles => (format!("{handles} handles"), "them"),
+        };
+        Some(format!(
+            "the repair has removed {number}, so that none was left to cut; a label that isn't repaired keeps {kept}"
+        ))
+    }
 }
 
 impl std::fmt::Display for Repair {
@@ -68,12 +85,13 @@ impl std::fmt::Display for Repair {
         };
         write!(
             f,
-            "the volume was repaired: {} dropped ({}), {} filled ({}), {} {done} to remove handles and bare contacts",
+            "the volume was repaired: {} dropped ({}), {} filled ({}), {} {done} to remove {} and bare contacts",
             count(self.pieces_dropped, "piece", "pieces"),
             voxels(self.voxels_dropped),
             count(self.cavities_filled, "cavity", "cavities"),
             voxels(self.voxels_filled),
-            voxels(self.voxels_changed)
+            voxels(self.voxels_changed),
+            count(self.handles_removed, "handle", "handles")
         )
     }
 }
@@ -103,6 +121,7 @@ pub fn repair(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask, Repair), Inte
         voxels_dropped: dropped.iter().sum(),
         cavities_filled: hollow.sizes.len(),
         voxels_filled: hollow.sizes.iter().sum(),
+        handles_removed: QuadMesh::around(&whole).handles(),
         handles,
         voxels_changed,
     };

@@ -47,19 +47,19 @@ impl LabelVolume {
         let label = self.choose(params.label)?;
         let mask = self.mask(label)?;
         let voxels = mask.count();
-        let refuse = |problems: Vec<String>, repairable| {
+        let refuse = |Problems { phrases, handles }: Problems, repairable| {
             let path = self.path().to_owned();
-            Err(ParametrizeError::BadVolume { path, label, problems: problems.join("; "), repairable })
+            Err(ParametrizeError::BadVolume { path, label, problems: phrases.join("; "), handles, repairable })
         };
         let problems = problems(&mask, params.handles && !params.fix, monitor)?;
-        let (quads, repair) = match (problems.is_empty(), params.fix) {
+        let (quads, repair) = match (problems.phrases.is_empty(), params.fix) {
             (true, _) => (QuadMesh::around(&mask), None),
             (false, false) => return refuse(problems, true),
             (false, true) => {
                 let (repaired, repair) = repair(&mask, monitor)?;
                 // The repair keeps to simple points, so this can't happen; a surface of another kind must not go on.
                 let left = self::problems(&repaired, false, monitor)?;
-                if !left.is_empty() {
+                if !left.phrases.is_empty() {
                     return refuse(left, false);
                 }
                 (QuadMesh::around(&repaired), Some(repair))
@@ -69,8 +69,16 @@ impl LabelVolume {
     }
 }
 
-/// The reasons why the voxels aren't one ball, a phrase each; with `handles` these are none.
-fn problems(mask: &Mask, handles: bool, monitor: &dyn Monitor) -> Result<Vec<String>, Interrupted> {
+/// The reasons why voxels aren't one ball.
+struct Problems {
+    /// A phrase each.
+    phrases: Vec<String>,
+    /// How many of them are handles.
+    handles: usize,
+}
+
+/// The reasons why the voxels aren't one ball; with `allowed` handles are none.
+fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problems, Interrupted> {
     let mut problems = Vec::new();
     let found = pieces(mask, monitor)?;
     if found.sizes.len() > 1 {
@@ -87,17 +95,15 @@ fn problems(mask: &Mask, handles: bool, monitor: &dyn Monitor) -> Result<Vec<Str
         problems.push(format!("{} {word} inside ({of})", hollow.len()));
     }
     let quads = QuadMesh::around(mask);
-    // Each piece and each cavity has a surface of its own, of characteristic 2 - 2 genus.
-    let surfaces = quads.components() as i64;
-    let genus = surfaces - quads.euler_characteristic() / 2;
-    if genus > 0 && !handles {
-        let word = if genus == 1 { "1 handle" } else { &format!("{genus} handles") };
-        problems.push(format!("{word} (genus {genus})"));
+    let handles = if allowed { 0 } else { quads.handles() };
+    if handles > 0 {
+        let word = if handles == 1 { "1 handle" } else { &format!("{handles} handles") };
+        problems.push(format!("{word} (genus {handles})"));
     }
     let pinched = quads.pinched_edges();
     if problems.is_empty() && pinched > 0 {
         let edges = if pinched == 1 { "1 edge" } else { &format!("{pinched} edges") };
         problems.push(format!("{edges} in which two sheets of the surface touch between the same vertices"));
     }
-    Ok(problems)
+    Ok(Problems { phrases: problems, handles })
 }

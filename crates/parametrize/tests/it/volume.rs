@@ -38,8 +38,9 @@ fn fixed(volume: &LabelVolume) -> VolumeSurface {
 /// The problems that a volume is refused for.
 fn problems(volume: &LabelVolume) -> String {
     match take(volume) {
-        Err(ParametrizeError::BadVolume { problems, repairable, .. }) => {
+        Err(ParametrizeError::BadVolume { problems, handles, repairable, .. }) => {
             assert!(repairable);
+            assert_eq!(handles > 0, problems.contains("handle"), "{handles}: {problems}");
             problems
         }
         other => panic!("{other:?}"),

@@ -14,6 +14,8 @@
 //! below, one or three of 20; ellipsoids with as much at random, -0.08 or above. Five right hippocampi have x from -0.2 to 0.5: none
 //! is named as they are, and of one that is mirrored among them mostly nothing is said.
 
+use std::borrow::Cow;
+
 use spharm_monitor::OnlyCancel;
 
 use super::{Group, ProcrustesWarning};
@@ -32,26 +34,36 @@ const FAR: f64 = 5.0;
 const SAME: f64 = 1e-7;
 
 /// The middle of numbers; zero of none.
-fn median(mut numbers: Vec<f64>) -> f64 {
+pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_unstable_by(f64::total_cmp);
     let count = numbers.len();
     if count == 0 { 0.0 } else { 0.5 * (numbers[(count - 1) / 2] + numbers[count / 2]) }
 }
 
+/// A member beside the others, as it is in a round and as its mirror image.
+pub(super) struct Judged {
+    pub(super) own: Pose,
+    image: Pose,
+}
+
+impl Judged {
+    /// The log of the ratio of the distances, image over own; none where there is nothing to tell.
+    pub(super) fn log(&self) -> Option<f64> {
+        // Copies of one surface, and points, tell nothing.
+        let [own, image] = [&self.own, &self.image].map(|pose| pose.fit.distance);
+        (own.max(image) > SAME).then(|| (image.max(SAME) / own.max(SAME)).ln())
+    }
+}
+
 impl Group<'_> {
-    /// The members that are nearer to the others as mirror images.
-    pub(super) fn mirrored(&self, round: &Round) -> Result<Vec<ProcrustesWarning>, ShapeError> {
+    /// The members that are nearer to the others as mirror images; and, where there are none, whether that is because members and
+    /// mirror images are hardly told apart.
+    pub(super) fn mirrored(&self, round: &Round) -> Result<(Vec<ProcrustesWarning>, bool), ShapeError> {
         if self.units.len() < LEAST {
-            return Ok(Vec::new());
+            return Ok((Vec::new(), false));
         }
-        let own = self.each(|index| self.continued(index, round.members[index].pose, &round.without(index)))?;
-        let images = self.each(|index| self.as_image(index, &round.without(index)))?;
-        let log = |(own, image): (&Pose, &Pose)| -> Option<f64> {
-            // Copies of one surface, and points, tell nothing.
-            let [own, image] = [own, image].map(|pose| pose.fit.distance);
-            (own.max(image) > SAME).then(|| (image.max(SAME) / own.max(SAME)).ln())
-        };
-        let logs: Vec<Option<f64>> = own.iter().zip(&images).map(log).collect();
+        let judged = self.judged(round)?;
+        let logs: Vec<Option<f64>> = judged.iter().map(Judged::log).collect();
         let known: Vec<f64> = logs.iter().copied().flatten().collect();
         let middle = median(known.clone());
         let spread = median(known.iter().map(|x| (x - middle).abs()).collect()) / 0.6745;
@@ -61,33 +73,50 @@ impl Group<'_> {
                 continue;
             }
             let rmsd = |pose: &Pose| round.rmsd_of(pose.fit.distance, self.sizes[member]);
-            let (rmsd, mirrored) = (rmsd(&own[member]), rmsd(&images[member]));
+            let (rmsd, mirrored) = (rmsd(&judged[member].own), rmsd(&judged[member].image));
             warnings.push(ProcrustesWarning::Mirrored { member, rmsd, mirrored });
         }
-        Ok(warnings)
+        let unclear = warnings.is_empty() && known.iter().any(|&log| log < CLEAR);
+        Ok((warnings, unclear))
     }
 
-    /// A member refined to a target from the pose that it has.
+    /// Every member and its mirror image, brought to the mean of the others. One that the round has mirrored is judged as such.
+    pub(super) fn judged(&self, round: &Round) -> Result<Vec<Judged>, ShapeError> {
+        let own = self.each(|index| self.continued(index, round.members[index].pose, &round.without(index)))?;
+        let image = |index: usize| self.handed(index, !round.members[index].pose.mirrors(), &round.without(index));
+        let images = self.each(image)?;
+        Ok(own.into_iter().zip(images).map(|(own, image)| Judged { own, image }).collect())
+    }
+
+    /// A member refined to a target from the pose that it has, of the hand that it has there.
     fn continued(&self, index: usize, now: Pose, target: &Target) -> Pose {
         let (Some(plan), true) = (&self.plan, self.units[index].norm > 0.0) else {
-            return self.searched(index, target, false);
+            return self.handed(index, now.mirrors(), target);
         };
-        let other = now.antipodal.then(|| self.units[index].antipodal());
-        let unit = other.as_ref().unwrap_or(&self.units[index]);
-        let fit = plan.continued(unit, target, now.fit.rotation, false, &OnlyCancel(self.monitor));
+        let mut unit = Cow::Borrowed(&self.units[index]);
+        if now.mirrors() {
+            unit = Cow::Owned(unit.negative());
+        }
+        if now.antipodal {
+            unit = Cow::Owned(unit.antipodal());
+        }
+        let fit = plan.continued(&unit, target, now.fit.rotation, false, &OnlyCancel(self.monitor));
         Pose { fit, antipodal: now.antipodal }
     }
 
-    /// The nearer of a member's mirror images: -f(-u), whose outside is outside, and -f(u), which is inside out.
-    fn as_image(&self, index: usize, target: &Target) -> Pose {
-        if self.units[index].norm == 0.0 {
+    /// A member searched as it is, f(u), or as the nearer of its mirror images: -f(-u), whose outside is outside, and -f(u), which
+    /// is inside out. In a group that may be mirrored f(-u), which is inside out, is searched besides f(u).
+    fn handed(&self, index: usize, mirrored: bool, target: &Target) -> Pose {
+        let unit = &self.units[index];
+        if unit.norm == 0.0 || !(mirrored || self.mirror) {
             return self.searched(index, target, false);
         }
-        let inside_out = self.units[index].negative();
+        let inside_out = if mirrored { unit.negative() } else { unit.antipodal() };
         let Some(plan) = &self.plan else {
-            return Pose { fit: object_only(&inside_out.rows, &target.rows, false), antipodal: false };
+            let rows = if mirrored { &inside_out.rows } else { &unit.rows };
+            return Pose { fit: object_only(rows, &target.rows, false), antipodal: false };
         };
-        let search = |image| plan.search(image, target, false, &OnlyCancel(self.monitor)).fit;
+        let search = |unit| plan.search(unit, target, false, &OnlyCancel(self.monitor)).fit;
         let [outside, inside] = [&inside_out.antipodal(), &inside_out].map(search);
         let fit = if outside.distance <= inside.distance { outside } else { inside };
         Pose { fit, antipodal: false }

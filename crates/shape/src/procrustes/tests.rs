@@ -106,6 +106,51 @@ fn mirrored_members_of_groups_that_differ_are_said_where_shapes_tell() {
     }
 }
 
+/// Half of a group mirrored: no member stands out.
+#[test]
+fn a_group_of_both_sides_is_said() {
+    for differences in [0.02, 0.12] {
+        let member = |n: usize| {
+            let own = perturbed(n, differences);
+            let pose = Transform { antipodal: n == 4, ..some_pose(n) };
+            posed(&if n < 3 { own } else { reflected(&own) }, &pose)
+        };
+        let found = together(&(0..6).map(member).collect::<Vec<_>>()).report;
+        let [ref warning @ ProcrustesWarning::Sides { of: 6, spread, mirrored, .. }] = found.warnings[..] else {
+            panic!("{found:?}")
+        };
+        assert_eq!(warning.mirrored(), [3, 4, 5]);
+        assert!(mirrored < 0.8 * spread && spread == found.spread_after, "{warning}");
+        assert!(warning.naming(|n| format!("file {n}")).ends_with("file 3, file 4, file 5"), "{warning}");
+    }
+    // Their own mirror images but for what differs at random.
+    for differences in [0.05, 0.3] {
+        let members = (0..8).map(|n| {
+            let mut values = Array2::zeros((36, 3));
+            let common = ellipsoid([9.0, 5.0, 3.0]);
+            common.values().indexed_iter().for_each(|(at, v)| values[at] = *v);
+            values
+                .iter_mut()
+                .enumerate()
+                .for_each(|(k, v)| *v += differences * ((k * (2 * n + 5)) as f64 * 0.77).sin());
+            posed(&Coefficients::new(values).unwrap(), &some_pose(n))
+        });
+        let found = together(&members.collect::<Vec<_>>()).report;
+        assert!(found.warnings.iter().all(|warning| warning.mirrored().is_empty()), "{found:?}");
+        assert!(!found.warnings.iter().any(|warning| matches!(warning, ProcrustesWarning::Sides { .. })), "{found:?}");
+    }
+    // Of hippocampi it is said that there are two sides, or which one stands out; none of the wrong side is named.
+    let Some(surfaces) = hippocampi("foe") else { return };
+    for mirrored in 1..5 {
+        let mut mixed = surfaces.clone();
+        mixed[..mirrored].iter_mut().for_each(|surface| *surface = reflected(surface));
+        let found = together(&mixed).report.warnings;
+        let named: Vec<usize> = found.iter().flat_map(ProcrustesWarning::mirrored).copied().collect();
+        assert!(!found.is_empty(), "{mirrored}");
+        assert!(named.iter().all(|n| *n < mirrored) || named.iter().all(|n| *n >= mirrored), "{mirrored}: {found:?}");
+    }
+}
+
 #[test]
 fn fixed_parameters_stay() {
     let still = |n: usize| Transform { rotation: Rotation::IDENTITY, ..some_pose(n) };
@@ -140,6 +185,10 @@ fn bad_groups_are_refused_or_said() {
     let signal = Coefficients::new(Array2::zeros((16, 1))).unwrap();
     let found = procrustes(&[blob(3, 1), signal, blob(3, 2)], &ProcrustesParams::default(), &Silent);
     assert!(matches!(found, Err(ShapeError::Member { index: 1, .. })), "{found:?}");
+    let huge = [1.0, 1e200, 1.0].map(|unit| Coefficients::new(blob(3, 1).values() * unit).unwrap());
+    let found = procrustes(&huge, &ProcrustesParams::default(), &Silent);
+    let Err(ShapeError::Member { index: 1, source }) = found else { panic!("{found:?}") };
+    assert!(matches!(*source, ShapeError::Range { .. }), "{source}");
     let mixed = [blob(5, 1), posed(&blob(4, 1), &some_pose(2)), blob(6, 1)];
     let found = together(&mixed);
     assert_eq!((found.report.degree, found.mean.max_degree()), (4, 4));

@@ -65,7 +65,7 @@ pub struct Question {
 /// # Errors
 ///
 /// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an order
-/// that doesn't have all levels; those of [`Design`].
+/// that doesn't have all levels, [`ShapeError::Constant`] for numbers that are all the same; those of [`Design`].
 pub fn question(
     (name, effect): (&str, &Column),
     order: &[String],
@@ -74,6 +74,14 @@ pub fn question(
     let n = effect.len();
     if let Some((_, other)) = covariates.iter().find(|(_, column)| column.len() != n) {
         return Err(ShapeError::Subjects { what: "covariates", expected: n, found: other.len() });
+    }
+    // Before the design, in which it would be one of the columns that depend on others.
+    let numbers = covariates.iter().map(|(name, column)| (name.as_str(), column)).chain([(name, effect)]);
+    for (name, column) in numbers {
+        let (Column::Numbers(values), column) = (column, name.to_owned()) else { continue };
+        if let Some(&value) = values.first().filter(|first| values.iter().all(|value| value == *first)) {
+            return Err(ShapeError::Constant { column, value });
+        }
     }
     let (mut columns, mut names): (Vec<Vec<f64>>, Vec<String>) = (Vec::new(), Vec::new());
     for (name, column) in covariates {
@@ -163,6 +171,11 @@ mod tests {
         assert!(matches!(question(("group", &levels("a b a")), &order, &[]), Err(ShapeError::Levels { .. })));
         let short = [("age".to_owned(), levels("1 2"))];
         assert!(matches!(question(("group", &levels("a b a")), &[], &short), Err(ShapeError::Subjects { .. })));
+        let constant = levels("7 7 7 7");
+        let found = question(("age", &constant), &[], &[]).unwrap_err();
+        assert!(matches!(&found, ShapeError::Constant { column, value: 7.0 } if column == "age"), "{found}");
+        let found = question(("group", &levels("a b a b")), &[], &[("age".to_owned(), constant)]).unwrap_err();
+        assert!(matches!(found, ShapeError::Constant { .. }), "{found}");
         let same = [("sex".to_owned(), levels("m f m f"))];
         assert!(matches!(question(("group", &levels("a b a b")), &[], &same), Err(ShapeError::Rank { .. })));
     }

@@ -349,6 +349,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         settings: Settings {
             method: job.params.method,
             target: if job.fits_surface(target.kind) { FitTo::Surface } else { FitTo::Vertices },
+            area: job.params.area,
             penalty: job.params.penalty_name(),
             weights: job.params.weights.name().to_owned(),
             weights_hash: job.params.weights.hash(),

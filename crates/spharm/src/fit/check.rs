@@ -5,7 +5,7 @@ use spharm_surface::{Kind, Mesh};
 use super::job::held;
 use super::lsq_plan::{LsqPlan, Sizes, quadrature_readers};
 use super::surface_plan::SurfacePlan;
-use crate::parametrize::{CaldParams, Method as MapMethod};
+use crate::parametrize::Method as MapMethod;
 use crate::{Error, FitParams, Method};
 
 /// Checks that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is
@@ -36,7 +36,7 @@ pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
 ///
 /// [`Error::Memory`] with the least that works.
 pub fn check_mapping(vertices: usize, params: &FitParams) -> Result<(), Error> {
-    let method = MapMethod::Auto(CaldParams::for_degree(params.max_degree));
+    let method = MapMethod::Auto(params.map());
     let mapping = usize::try_from(method.bytes(vertices)).unwrap_or(usize::MAX);
     let (budget, needed) = (params.memory_budget(), mapping.saturating_add(held(0, 0, 0, 0, 0)));
     if needed > budget { Err(Error::Memory { budget, needed }) } else { Ok(()) }

@@ -244,6 +244,7 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
         settings: Some(Settings {
             method: params.method.name().to_owned(),
             target: Some("samples".to_owned()),
+            area: None,
             passes: params.method.passes(),
             granularity: None,
             start_degree: None,
