@@ -29,7 +29,7 @@ const BASIS: &[Lie] = &[
     ("decoded length of a chunk", |h| put64(h, 48, 17)),
     ("degree", |h| put32(h, 56, 2001)),
     ("columns", |h| put32(h, 56, 2)),
-    ("columns", |h| put32(h, 60, 5)),
+    ("columns: expected 3, found 5", |h| put32(h, 60, 5)),
     ("decoded length of a chunk", |h| {
         put32(h, 56, 2);
         put32(h, 60, 5);
@@ -47,7 +47,7 @@ const BASIS: &[Lie] = &[
         put32(h, 60, 4001);
     }),
     // One column more than 2^32 bytes, of each scalar type, and one less, which agrees with no number of chunks.
-    ("chunk size", |h| wide(h, 1, 256)),
+    ("chunk size: expected at most 4294967296 bytes, found 4303355904 bytes", |h| wide(h, 1, 256)),
     ("chunk size", |h| wide(h, 2, 512)),
     ("number of chunks", |h| wide(h, 1, 255)),
     ("number of chunks", |h| wide(h, 2, 511)),
