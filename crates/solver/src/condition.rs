@@ -102,9 +102,8 @@ mod tests {
     fn what_cancels_is_seen_by_alternating_signs() {
         // Rows that sum up to zero: of all ones nothing is seen.
         let size = 6;
-        let cancelling: Vec<Vec<f64>> = (0..size)
-            .map(|i| (0..size).map(|j| if (i + j) % 2 == 0 { 1.0 } else { -1.0 }).collect())
-            .collect();
+        let cancelling: Vec<Vec<f64>> =
+            (0..size).map(|i| (0..size).map(|j| if (i + j) % 2 == 0 { 1.0 } else { -1.0 }).collect()).collect();
         let found = estimate(&cancelling);
         assert!(found > norm(&cancelling) / 3.0 && found <= norm(&cancelling), "{found}");
         let failing = one_norm(3, &mut |_| Err("no"));

@@ -10,8 +10,8 @@ use spharm_monitor::{Level, Monitor, Silent, Stage};
 use spharm_solver::irf::{self, plan};
 use spharm_solver::operator::Block;
 use spharm_solver::{
-    BlockOperator, ChunkedRows, IrfParams, IrfPlan, IrfSolver, MemoryOperator, Method, Operator, Residency, SolverError,
-    moment_gram, moment_gram_bytes,
+    BlockOperator, ChunkedRows, IrfParams, IrfPlan, IrfSolver, MemoryOperator, Method, Operator, Residency,
+    SolverError, moment_gram, moment_gram_bytes,
 };
 
 const L: usize = 7;
@@ -265,7 +265,8 @@ fn progress_adds_up_and_passes_are_numbered() {
     assert_eq!(blocks, [(0, 3, 16, 16), (4, 5, 20, 20), (6, 6, 13, 13), (7, 7, 15, 15)]);
     assert!(report.blocks.iter().all(|block| block.solver == "cholesky" && (1.0..2.0).contains(&block.condition)));
     let notes = told.notes.into_inner().unwrap();
-    let of = |level| notes.iter().filter(|(found, _)| *found == level).map(|(_, text)| text.as_str()).collect::<Vec<_>>();
+    let of =
+        |level| notes.iter().filter(|(found, _)| *found == level).map(|(_, text)| text.as_str()).collect::<Vec<_>>();
     let statuses = of(Level::Status);
     assert_eq!((statuses.len(), statuses[0], statuses[5]), (16, "pass 1, degrees 0 to 3", "pass 2, degrees 4 to 5"));
     let details = of(Level::Detail);
@@ -281,8 +282,8 @@ fn batches_keep_to_the_plan_and_share_factors() {
     assert!(solver.plan().keep_factors);
     let targets = targets();
     let fit = |solver: &mut IrfSolver<'_>, targets: ArrayView2<'_, f64>| {
-        let groups = [0..targets.ncols()];
-        solver.fit(ChunkedRows::from_array(targets, CHUNK), &groups, &Silent)
+        let columns = 0..targets.ncols();
+        solver.fit(ChunkedRows::from_array(targets, CHUNK), std::slice::from_ref(&columns), &Silent)
     };
     let first = fit(&mut solver, targets.view()).unwrap();
     let again = fit(&mut solver, targets.view()).unwrap();

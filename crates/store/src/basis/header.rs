@@ -118,7 +118,11 @@ impl Contents for Header {
         let chunk_rows = chunk_rows as usize;
         let chunk_len = (chunk_rows * columns * scalar.size()) as u64;
         if chunk_len > MAX_CHUNK_LEN {
-            return Err(corrupt("chunk size", &format!("at most {MAX_CHUNK_LEN} bytes"), &format!("{chunk_len} bytes")));
+            return Err(corrupt(
+                "chunk size",
+                &format!("at most {MAX_CHUNK_LEN} bytes"),
+                &format!("{chunk_len} bytes"),
+            ));
         }
         let rows = u64_at(bytes, ROWS_AT);
         if rows == 0 || rows > MAX_ROWS {

@@ -214,7 +214,9 @@ mod tests {
         let large = TileGrid::new(1 << 17, 1024).unwrap();
         let refused = check_factor_space(folder.path(), large, Scalar::F64, false, false);
         assert!(matches!(refused, Err(StoreError::Space { what: "factor", .. })));
-        assert!(check_factor_space(folder.path(), large, Scalar::F64, false, true).is_ok_and(|needed| needed > 64 << 30));
+        assert!(
+            check_factor_space(folder.path(), large, Scalar::F64, false, true).is_ok_and(|needed| needed > 64 << 30)
+        );
     }
 
     #[test]

@@ -103,9 +103,10 @@ fn what_the_format_or_the_budget_has_no_room_for_is_refused_before_anything_is_m
     // The last chunk length that the format allows: 2^20 rows of 511 doubles.
     let most = BuildParams { chunk_rows: 1 << 20, max_degree: 255, memory: usize::MAX, ..params() };
     let other = tempfile::tempdir().expect("a folder");
-    assert!(build(other.path(), &directions(), &most, &AtomicBool::new(true)).is_err_and(|error| {
-        matches!(error, StoreError::Interrupted(_))
-    }));
+    assert!(
+        build(other.path(), &directions(), &most, &AtomicBool::new(true))
+            .is_err_and(|error| { matches!(error, StoreError::Interrupted(_)) })
+    );
 }
 
 #[test]

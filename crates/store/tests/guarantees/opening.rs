@@ -56,11 +56,10 @@ fn files_that_do_not_fit_together_are_not_opened() {
     put(&path_of(folder.path(), key, "A_2"));
     contents(open(folder.path(), key, ROWS, MAX_DEGREE).expect_err("another degree"));
     let listed = degrees(folder.path(), key).expect("a folder");
-    assert_eq!(listed.iter().map(|(degree, file)| (*degree, file.is_ok())).collect::<Vec<_>>(), [
-        (0, true),
-        (1, false),
-        (2, true)
-    ]);
+    assert_eq!(
+        listed.iter().map(|(degree, file)| (*degree, file.is_ok())).collect::<Vec<_>>(),
+        [(0, true), (1, false), (2, true)]
+    );
 
     let (other, single) = store(&BuildParams { scalar: Scalar::F32, ..params() });
     put(&path_of(other.path(), single, "A_1"));
@@ -72,7 +71,8 @@ fn files_that_do_not_fit_together_are_not_opened() {
 
     let (wide, _) = store(&BuildParams { chunk_rows: 16, ..params() });
     put(&path_of(wide.path(), key, "A_1"));
-    let differs = |error| assert!(matches!(error, StoreError::ChunkRowsDiffer { expected: 8, found: 16, .. }), "{error}");
+    let differs =
+        |error| assert!(matches!(error, StoreError::ChunkRowsDiffer { expected: 8, found: 16, .. }), "{error}");
     differs(open(folder.path(), key, ROWS, MAX_DEGREE).expect_err("other chunks"));
     differs(build(folder.path(), &directions(), &params(), &Silent).expect_err("other chunks"));
 }

@@ -54,7 +54,8 @@ fn distances_of_any_size_are_those_of_ordinary_ones() {
     assert!(surface[4] > 0.5 && surface[0] < 1e-15);
     for exponent in [700, -700] {
         let by = 2f64.powi(exponent);
-        let [a, b] = [&original, &moved].map(|mesh| mesh.vertices.iter().map(|v| v.map(|x| by * x)).collect::<Vec<_>>());
+        let [a, b] =
+            [&original, &moved].map(|mesh| mesh.vertices.iter().map(|v| v.map(|x| by * x)).collect::<Vec<_>>());
         let wanted = |values: &[f64]| values.iter().map(|x| by * x).collect::<Vec<_>>();
         assert_eq!(vertex_distances(&a, &b).unwrap(), wanted(&vertices));
         let found = distances_to_surface(&original.with_vertices(a), &b, &Silent).unwrap();
