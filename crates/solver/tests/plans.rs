@@ -280,6 +280,10 @@ fn batches_keep_to_the_plan_and_share_factors() {
     let mut solver = IrfSolver::new(&operator, 2, IrfParams { reuse: true, ..params(1, 20) }).unwrap();
     assert_eq!((solver.channels(), solver.blocks().len()), (2, 4));
     assert!(solver.plan().keep_factors);
+    let all = IrfSolver::new(&operator, 2, IrfParams { threads: 0, ..params(1, 20) }).unwrap();
+    assert_eq!(all.plan().work, rayon::current_num_threads() * solver.plan().work);
+    let gram = moment_gram(&Directions::fibonacci(N).unwrap(), None, L).unwrap();
+    assert!(IrfSolver::with_gram(&operator, 2, params(1, 20), &gram).unwrap().plan().grams > 1 << 20);
     let targets = targets();
     let fit = |solver: &mut IrfSolver<'_>, targets: ArrayView2<'_, f64>| {
         let columns = 0..targets.ncols();

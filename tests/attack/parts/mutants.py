@@ -18,8 +18,8 @@ from common import KEPT, ROOT, Row, run
 
 VERSION = "27.1.0"
 CRATES = ["spharm-store", "spharm-surface", "spharm-solver"]
-#: Mutants of a crate that are tried however little time there is, and the most between two looks at the clock.
-FIRST, MOST = 2, 20
+#: Mutants between two looks at the clock: so many of each crate are tried however little time there is.
+SHARD = 3
 #: The least part that is caught, where there are enough to say.
 LEAST, ENOUGH = 0.9, 20
 #: What cargo builds and runs of a crate: documentation's examples would take most of the time.
@@ -44,19 +44,18 @@ def run_part(site, seconds):
             site.find(row, "wrong", f"the tests of {crate} fail in {bench.tree}, without a mutant: {begun.last()}")
             continue
         names = bench.mutants(crate)
-        order = choose.sample(names, len(names))
         limit = max(60, 10 * bench.tests(crate).seconds)
-        end, done, spent = time.monotonic() + seconds / len(CRATES), 0, 0.0
-        one = Found()
-        while done < len(order) and (done < FIRST or time.monotonic() + spent / done < end):
-            count = FIRST if done == 0 else min(MOST, max(1, int((end - time.monotonic()) * done / spent)))
-            started = time.monotonic()
-            one.add(bench.tried(crate, order[done:done + count], limit))
-            spent += time.monotonic() - started
-            done += len(order[done:done + count])
+        shards = -(-len(names) // SHARD)
+        one, started = Found(), time.monotonic()
+        for number, shard in enumerate(choose.sample(range(shards), shards)):
+            spent = time.monotonic() - started
+            if number > 0 and spent + spent / number > seconds / len(CRATES):
+                break
+            one.add(bench.tried(crate, f"{shard}/{shards}", limit))
+        spent = time.monotonic() - started
         for outcome, name in one.lines:
             site.log(f"{outcome}: {name}")
-        each = spent / max(done, 1)
+        each = spent / max(len(one.lines), 1)
         site.say(f"{crate}: {one.counts()}, of {len(names):,}; {each:.0f} s each")
         if one.tried() == 0:
             untried.append(crate)
@@ -138,15 +137,15 @@ class Bench:
         ended = run([self.program, "mutants", "-d", self.tree, "-p", crate, "--list", "--json"], limit=300)
         return [entry["name"] for entry in json.loads(ended.out)]
 
-    def tried(self, crate, names, limit):
-        """What becomes of some mutants, whose tests may take `limit` seconds."""
+    def tried(self, crate, shard, limit):
+        """What becomes of some mutants, those of a shard, whose tests may take `limit` seconds."""
         shutil.rmtree(self.out, ignore_errors=True)
         self.out.mkdir(parents=True)
-        exact = [word for name in names for word in ("--re", "^" + escaped(name) + "$")]
         args = [f"--cargo-arg={word}" for word in TESTS]
         # It isn't ended before its time: the copy would keep a mutant.
-        run([self.program, "mutants", "-d", self.tree, "--in-place", "-p", crate, "-o", self.out, *exact, "--baseline", "skip",
-             "--timeout", str(round(limit)), "--build-timeout", "1800", "--colors", "never", *args], limit=86400, env=self.env)
+        run([self.program, "mutants", "-d", self.tree, "--in-place", "-p", crate, "-o", self.out, "--shard", shard, "--sharding",
+             "round-robin", "--baseline", "skip", "--timeout", str(round(limit)), "--build-timeout", "1800", "--colors", "never",
+             *args], limit=86400, env=self.env)
         found = Found()
         for outcome in OUTCOMES:
             file = self.out / "mutants.out" / f"{outcome}.txt"
@@ -181,6 +180,3 @@ def without_place(name):
     file, _, _, text = name.split(":", 3)
     return f"{file}:{text}"
 
-
-def escaped(text):
-    return "".join("\\" + c if c in r"\.+*?()[]{}|^$" else c for c in text)

@@ -58,6 +58,18 @@ fn distances_of_any_size_are_those_of_ordinary_ones() {
             [&original, &moved].map(|mesh| mesh.vertices.iter().map(|v| v.map(|x| by * x)).collect::<Vec<_>>());
         let wanted = |values: &[f64]| values.iter().map(|x| by * x).collect::<Vec<_>>();
         assert_eq!(vertex_distances(&a, &b).unwrap(), wanted(&vertices));
+        let (far, near) = (
+            compare(&original.with_vertices(a.clone()), &moved.with_vertices(b.clone())).unwrap(),
+            compare(&original, &moved).unwrap(),
+        );
+        assert_eq!(far.worst_vertex, near.worst_vertex);
+        let lengths = [(far.scale, near.scale), (far.rms_raw, near.rms_raw), (far.max_raw, near.max_raw)];
+        let relative = [(far.msd, near.msd), (far.xsd, near.xsd)];
+        let pairs = relative.into_iter().chain(lengths.map(|(far, near)| (far, by * near)));
+        assert!(pairs.into_iter().all(|(far, near)| (far / near - 1.0).abs() < 1e-14), "{far:?} {near:?}");
+        // Their squares are at the end of the range, and not infinite or zero.
+        let end = if exponent > 0 { f64::MAX } else { f64::from_bits(1) };
+        assert_eq!((far.msd_raw, far.xsd_raw), (end, end));
         let found = distances_to_surface(&original.with_vertices(a), &b, &Silent).unwrap();
         let near = |(found, wanted): (f64, f64)| (found - wanted).abs() <= 1e-14 * by;
         assert!(found.into_iter().zip(wanted(&surface)).all(near));
