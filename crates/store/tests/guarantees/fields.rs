@@ -28,7 +28,7 @@ const BASIS: &[Lie] = &[
     ("number of chunks", |h| put64(h, 48, 25)),
     ("decoded length of a chunk", |h| put64(h, 48, 17)),
     ("degree", |h| put32(h, 56, 2001)),
-    ("columns", |h| put32(h, 56, 2)),
+    ("columns: expected 5, found 3", |h| put32(h, 56, 2)),
     ("columns: expected 3, found 5", |h| put32(h, 60, 5)),
     ("decoded length of a chunk", |h| {
         put32(h, 56, 2);
