@@ -148,6 +148,29 @@ mod tests {
     use super::*;
 
     #[test]
+    fn columns_are_set_combined_and_searched_where_they_are() {
+        let array = Array2::from_shape_fn((21, 3), |(i, j)| (10 * i + j) as f64);
+        let mut chunked = ChunkedRows::zeros(21, 4, 8);
+        assert_eq!((chunked.rows(), chunked.channels()), (21, 4));
+        chunked.set_columns(1, array.view());
+        let mut wanted = Array2::zeros((21, 4));
+        wanted.slice_mut(ndarray::s![.., 1..]).assign(&array);
+        assert_eq!(chunked.to_array(), wanted);
+        let mut other = chunked.clone();
+        other.combine(&chunked, |column, value, other| column as f64 * value - 0.5 * other);
+        assert_eq!(other.to_array(), Array2::from_shape_fn((21, 4), |(i, j)| (j as f64 - 0.5) * wanted[[i, j]]));
+        other.copy_from(&chunked);
+        assert_eq!(other.to_array(), wanted);
+        assert_eq!(chunked.not_finite(), None);
+        for place in [(0, 0), (7, 3), (8, 1), (19, 2), (20, 3)] {
+            let mut broken = wanted.clone();
+            broken[place] = f64::NAN;
+            assert_eq!(ChunkedRows::from_array(broken.view(), 8).not_finite(), Some(place));
+        }
+        assert_eq!(ChunkedRows::zeros(21, 0, 8).not_finite(), None);
+    }
+
+    #[test]
     fn arrays_come_back_and_norms_are_those_of_the_rows() {
         for rows in [1, 7, 8, 9, 24, 25] {
             let array = Array2::from_shape_fn((rows, 5), |(i, j)| (i * 5 + j) as f64 - 17.0);

@@ -53,3 +53,60 @@ pub(crate) fn one_norm<E>(size: usize, apply: &mut dyn FnMut(&mut [f64]) -> Resu
     apply(&mut x)?;
     Ok(estimate.max(2.0 * norm(&x) / (3.0 * size as f64)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A symmetric matrix (size, size) of numbers from -1 to 1, or from 0 to 1.
+    fn matrix(size: usize, seed: usize, positive: bool) -> Vec<Vec<f64>> {
+        let value = |i: usize, j: usize| {
+            let place = ((seed * 64 + i.max(j)) * 64 + i.min(j) + 1) as f64;
+            let unit = ((place * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0);
+            if positive { unit } else { 2.0 * unit - 1.0 }
+        };
+        (0..size).map(|i| (0..size).map(|j| value(i, j)).collect()).collect()
+    }
+
+    fn estimate(matrix: &[Vec<f64>]) -> f64 {
+        let apply = &mut |v: &mut [f64]| {
+            let product: Vec<f64> =
+                matrix.iter().map(|row| row.iter().zip(&*v).map(|(a, x)| a * x).sum::<f64>()).collect();
+            v.copy_from_slice(&product);
+            Ok::<(), ()>(())
+        };
+        one_norm(matrix.len(), apply).unwrap()
+    }
+
+    fn norm(matrix: &[Vec<f64>]) -> f64 {
+        matrix.iter().map(|row| row.iter().map(|a| a.abs()).sum::<f64>()).fold(0.0, f64::max)
+    }
+
+    /// Never above the norm, which it is where no entry is negative.
+    #[test]
+    fn the_estimate_is_a_lower_bound_and_a_good_one() {
+        for size in 1..30 {
+            for seed in 0..10 {
+                let positive = matrix(size, seed, true);
+                let (found, exact) = (estimate(&positive), norm(&positive));
+                assert!((found / exact - 1.0).abs() < 1e-12, "{size} {seed}: {found} {exact}");
+                let mixed = matrix(size, seed, false);
+                let (found, exact) = (estimate(&mixed), norm(&mixed));
+                assert!(found <= exact * (1.0 + 1e-12) && found > exact / 3.0, "{size} {seed}: {found} {exact}");
+            }
+        }
+    }
+
+    /// Higham's safeguard: where the iteration sees nothing, the vector of alternating signs does.
+    #[test]
+    fn what_cancels_is_seen_by_alternating_signs() {
+        // Rows that sum up to zero: of all ones nothing is seen.
+        let size = 6;
+        let cancelling: Vec<Vec<f64>> =
+            (0..size).map(|i| (0..size).map(|j| if (i + j) % 2 == 0 { 1.0 } else { -1.0 }).collect()).collect();
+        let found = estimate(&cancelling);
+        assert!(found > norm(&cancelling) / 3.0 && found <= norm(&cancelling), "{found}");
+        let failing = one_norm(3, &mut |_| Err("no"));
+        assert_eq!(failing, Err("no"));
+    }
+}

@@ -198,3 +198,19 @@ pub enum SolverError {
 fn size(bytes: usize) -> String {
     if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sizes in MiB, rounded so that what is named works; bytes where a unit was forgotten.
+    #[test]
+    fn sizes_are_those_that_work() {
+        let budget = |budget, needed| SolverError::Budget { budget, needed, granularity: None }.to_string();
+        assert!(budget(512, 1).contains("a memory budget of 512 bytes is too small"));
+        assert!(budget((1 << 20) - 1, 1).contains("budget of 1048575 bytes"));
+        assert!(budget(1 << 20, 1).contains("budget of 1 MiB"));
+        assert!(budget(3 << 20, (5 << 20) + 1).ends_with("the smallest that works is 6 MiB"));
+        assert!(budget(3 << 20, 5 << 20).ends_with("the smallest that works is 5 MiB"));
+    }
+}

@@ -24,3 +24,14 @@ impl ResidualNorms {
         Self { mean_square: sum / residual.nrows() as f64, max_square: max }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn norms_are_of_rows() {
+        let found = ResidualNorms::of(ndarray::array![[3.0, 4.0], [0.0, -1.0], [2.0, 0.0]].view());
+        assert_eq!((found.mean_square, found.max_square), (10.0, 25.0));
+    }
+}

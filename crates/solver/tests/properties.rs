@@ -4,7 +4,8 @@ use ndarray::{Array2, ArrayView2};
 use proptest::prelude::*;
 use spharm_harmonics::{Directions, basis_size, synthesis};
 use spharm_monitor::Silent;
-use spharm_solver::{IrfParams, MemoryOperator, Method, Operator, irf};
+use spharm_solver::{IrfParams, MatrixFreeOperator, MemoryOperator, Method, Operator, irf};
+use spharm_transform::TransformParams;
 
 /// n directions without any order, from a seed: of splitmix64 (Steele, Lea, Flood 2014). A mere product of the counter is a
 /// Weyl sequence, which for some seeds lies on so few curves that the samples don't determine the fit.
@@ -79,6 +80,30 @@ proptest! {
         let samples = operator.apply(known.view()).unwrap();
         let found = irf::solve(&operator, samples.view(), &groups, &params, &Silent).unwrap();
         prop_assert!((found.coefficients.values() - &known).iter().all(|d| d.abs() < 1e-9));
+    }
+}
+
+/// The fast operator is the direct one, for coefficients of any degree up to its own, with weights and without.
+#[test]
+fn the_fast_operator_is_the_direct_one() {
+    let directions = scattered(200, 4);
+    let params = TransformParams { max_degree: 6, accuracy: 1e-12, channels: 2 };
+    let fast = MatrixFreeOperator::new(&directions, &params).unwrap();
+    let direct = MemoryOperator::new(&directions, 6, 64).unwrap();
+    assert_eq!((fast.rows(), fast.max_degree()), (200, 6));
+    let near = |a: &Array2<f64>, b: &Array2<f64>| {
+        assert_eq!(a.dim(), b.dim());
+        assert!((a - b).iter().all(|d| d.abs() < 1e-9), "{a} {b}");
+    };
+    for degree in [0, 3, 6] {
+        let x = filled(basis_size(degree), 2, 1);
+        near(&fast.apply(x.view()).unwrap(), &direct.apply(x.view()).unwrap());
+    }
+    let (x, r) = (filled(basis_size(6), 2, 1), filled(200, 2, 2));
+    near(&fast.apply_adjoint(r.view()).unwrap(), &direct.apply_adjoint(r.view()).unwrap());
+    let weights: Vec<f64> = (0..200).map(|i| 0.5 + f64::from(i % 3)).collect();
+    for weights in [None, Some(&weights[..])] {
+        near(&fast.normal(x.view(), weights).unwrap(), &direct.normal(x.view(), weights).unwrap());
     }
 }
 

@@ -267,3 +267,38 @@ fn degrees_there(complete_to: &Option<usize>) -> String {
         None => "no degree 0".to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What there is in place of what was asked for, as a person reads it.
+    #[test]
+    fn messages_name_what_is_there() {
+        let store = || PathBuf::from("store");
+        let key = SchemeKey([0xab; 32]);
+        let none = |available| StoreError::NoSuchScheme { store: store(), key, available }.to_string();
+        assert!(none(vec![]).ends_with("; the store is empty"));
+        assert!(none(vec![key]).ends_with("; it has abababababab"));
+        assert!(none(vec![key; 8]).ends_with(", abababababab"));
+        assert!(none(vec![key; 10]).ends_with(", abababababab and 2 more"));
+        assert_eq!(none(vec![key; 10]).matches("abababababab, ").count(), 7);
+        let digits = |found| StoreError::KeyDigits { store: store(), digits: "ab".into(), found }.to_string();
+        assert_eq!(digits(0), "store: no scheme begins with ab");
+        assert_eq!(digits(2), "store: 2 schemes begin with ab");
+        let missing = |available| {
+            StoreError::FactorMissing { store: store(), key, wanted: "degree 2".into(), available }.to_string()
+        };
+        assert!(missing(vec![]).ends_with("; it has none"));
+        assert!(missing(vec!["factor_1".into(), "factor_2".into()]).ends_with("; it has factor_1, factor_2"));
+        let degree = |complete_to| {
+            let (scalar, missing, wanted) = (None, 3, 5);
+            StoreError::DegreeMissing { store: store(), key, scalar, complete_to, missing, wanted }.to_string()
+        };
+        assert!(degree(Some(2)).ends_with("holds degrees 0 to 2, degree 3 is missing"));
+        assert!(degree(None).ends_with("holds no degree 0, degree 3 is missing"));
+        let space = StoreError::Space { path: store(), what: "basis", needed: 2_500_000_000, free: 1_000_000_000 };
+        let expected = "the basis needs 2500000000 bytes (2.5 GB), the disk has 1000000000 free (1.0 GB)";
+        assert!(space.to_string().ends_with(expected), "{space}");
+    }
+}

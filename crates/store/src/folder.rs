@@ -97,10 +97,14 @@ pub(crate) const LARGE: u64 = 64 << 30;
 /// Fails when `needed` bytes don't fit the disk, or are [`LARGE`].
 pub(crate) fn check_space(store: &Path, what: &'static str, needed: u64) -> Result<(), StoreError> {
     let free = free_space(store)?;
-    if needed > free || needed > LARGE {
+    if is_too_much(needed, free) {
         return Err(StoreError::Space { path: store.to_path_buf(), what, needed, free });
     }
     Ok(())
+}
+
+fn is_too_much(needed: u64, free: u64) -> bool {
+    needed > free || needed > LARGE
 }
 
 /// Returns the bytes free on the disk that a store is, or will be, on.
@@ -111,4 +115,42 @@ fn free_space(store: &Path) -> Result<u64, StoreError> {
     let statistics =
         rustix::fs::statvfs(existing).map_err(|e| StoreError::io(existing, "cannot ask for space")(e.into()))?;
     Ok(statistics.f_bavail.saturating_mul(statistics.f_frsize))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_fits_the_disk_and_is_not_large_may_be_written() {
+        assert!(!is_too_much(10, 10) && !is_too_much(0, 0) && !is_too_much(LARGE, LARGE));
+        assert!(is_too_much(11, 10) && is_too_much(LARGE + 1, u64::MAX));
+        let folder = tempfile::tempdir().unwrap();
+        check_space(folder.path(), "basis", 1).unwrap();
+        match check_space(&folder.path().join("not/yet"), "basis", u64::MAX) {
+            Err(StoreError::Space { path, what: "basis", needed: u64::MAX, free }) => {
+                assert_eq!(path, folder.path().join("not/yet"));
+                // A tenth more or less, since others write meanwhile.
+                let here = rustix::fs::statvfs(folder.path()).unwrap();
+                let bytes = (here.f_bavail * here.f_frsize) as f64;
+                assert!((free as f64 - bytes).abs() <= 0.1 * bytes + 1e9, "{free} of {bytes}");
+            }
+            other => panic!("{other:?}"),
+        }
+        // The folder that the process is in has no name here.
+        check_space(Path::new("not-yet"), "basis", 1).unwrap();
+    }
+
+    #[test]
+    fn what_is_gone_need_not_be_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        remove_damaged(&folder.path().join("nothing")).unwrap();
+        std::fs::write(folder.path().join("file"), "text").unwrap();
+        remove_damaged(&folder.path().join("file")).unwrap();
+        assert!(!folder.path().join("file").exists());
+        std::fs::create_dir(folder.path().join("folder")).unwrap();
+        assert!(remove_damaged(&folder.path().join("folder")).is_err());
+        sync(folder.path()).unwrap();
+        assert!(sync(&folder.path().join("nothing")).is_err());
+    }
 }

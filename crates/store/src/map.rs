@@ -210,6 +210,36 @@ mod tests {
     }
 
     #[test]
+    fn a_slot_holds_its_addresses_alone_and_only_while_it_is_taken() {
+        let slot = |start: usize| Slot { start: start.into(), end: 0x3000.into(), faulted: false.into() };
+        let taken = slot(0x1000);
+        let held: Vec<usize> = (0..0x5000).step_by(0x800).filter(|&at| taken.holds(at)).collect();
+        assert_eq!(held, [0x1000, 0x1800, 0x2000, 0x2800]);
+        assert!(taken.holds(0x2fff) && !taken.holds(0xfff) && !taken.holds(0x3000));
+        taken.release();
+        for slot in [taken, slot(FREE), slot(CLAIMED)] {
+            assert!((0..0x5000).step_by(0x800).chain([1]).all(|at| !slot.holds(at)));
+        }
+    }
+
+    #[test]
+    fn windows_share_no_slot_and_give_theirs_back() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), [7u8; 8192]).unwrap();
+        let source = Source::open(file.path()).unwrap();
+        let [first, second] = [0, 4096].map(|offset| Window::new(&source, offset, 4096).unwrap());
+        assert_ne!(first.slot, second.slot);
+        for window in [&first, &second] {
+            let start = window.bytes().as_ptr() as usize;
+            assert!(SLOTS[window.slot].holds(start) && SLOTS[window.slot].holds(start + 4095));
+            assert!(!SLOTS[window.slot].holds(start + 4096));
+        }
+        let (slot, start) = (first.slot, first.bytes().as_ptr() as usize);
+        drop(first);
+        assert!(!SLOTS[slot].holds(start) || SLOTS[slot].start.load(Ordering::Acquire) == FREE);
+    }
+
+    #[test]
     fn a_file_written_to_is_reported() {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), [7u8; 4096]).unwrap();

@@ -126,6 +126,22 @@ mod tests {
         assert_eq!(key.to_string().parse(), Ok(key));
         assert_eq!("xyz".parse::<SchemeKey>(), Err(NotAKey));
         assert_eq!(key.to_string().to_uppercase().parse::<SchemeKey>(), Err(NotAKey));
+        for text in ["g".repeat(64), "0".repeat(63), "0".repeat(65)] {
+            assert_eq!(text.parse::<SchemeKey>(), Err(NotAKey), "{text}");
+        }
+        let digits = "0123456789abcdef".repeat(4);
+        let bytes = [0x01, 0x23, 0x45, 0x67, 0x89, 0xab, 0xcd, 0xef].repeat(4);
+        let key: SchemeKey = digits.parse().unwrap();
+        assert_eq!((&key.0[..], key.to_string(), key.short()), (&bytes[..], digits, "0123456789ab".to_owned()));
+    }
+
+    #[test]
+    fn scalars_are_known_by_name_and_number() {
+        for (scalar, name, size, code) in [(Scalar::F64, "f64", 8, 1), (Scalar::F32, "f32", 4, 2)] {
+            assert_eq!((scalar.name(), scalar.size(), scalar.code()), (name, size, code));
+            assert_eq!(Scalar::from_code(code), Some(scalar));
+        }
+        assert_eq!((Scalar::from_code(0), Scalar::from_code(3)), (None, None));
     }
 
     #[test]

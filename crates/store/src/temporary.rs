@@ -84,3 +84,35 @@ fn is_old(item: &std::fs::DirEntry) -> bool {
     let modified = item.metadata().and_then(|metadata| metadata.modified());
     modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > OLD))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::SystemTime;
+
+    use super::*;
+
+    #[test]
+    fn a_day_without_a_write_is_old() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = File::create(folder.path().join("file")).unwrap();
+        let old_after = |hours: u64| {
+            file.set_modified(SystemTime::now() - Duration::from_secs(hours * 3600)).unwrap();
+            is_old(&std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap())
+        };
+        assert!(!old_after(0) && !old_after(23) && old_after(25));
+        // One of the future isn't.
+        file.set_modified(SystemTime::now() + Duration::from_secs(90_000)).unwrap();
+        assert!(!is_old(&std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap()));
+    }
+
+    #[test]
+    fn others_see_that_a_new_file_is_in_use() {
+        let folder = tempfile::tempdir().unwrap();
+        let temporary = create(folder.path(), ".A_1.").unwrap();
+        let name = temporary.path().file_name().unwrap().to_string_lossy().into_owned();
+        assert!(name.starts_with(".A_1.") && name.ends_with(".tmp"), "{name}");
+        assert!(abandoned(folder.path()).unwrap().is_empty());
+        temporary.as_file().unlock().unwrap();
+        assert_eq!(abandoned(folder.path()).unwrap(), [temporary.path()]);
+    }
+}

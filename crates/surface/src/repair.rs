@@ -263,6 +263,46 @@ mod tests {
         assert_eq!((welded.vertices.len(), found.welded, found.unused), (162, 960 - 162, 0));
     }
 
+    /// -0 and +0 are one place, and what is nearly one isn't.
+    #[test]
+    fn only_what_lies_exactly_on_another_is_welded() {
+        let mut mesh = icosphere(0);
+        let whole = mesh.vertices.len() as u32;
+        mesh.vertices[0] = [0.0, 0.0, 1.0];
+        mesh.vertices.extend([[-0.0, -0.0, 1.0], [0.0, 1e-300, 1.0]]);
+        mesh.faces[0] = mesh.faces[0].map(|v| if v == 0 { whole } else { v });
+        let (welded, found) = repair(&mesh);
+        assert_eq!((found.welded, found.unused, welded.vertices.len()), (1, 1, 12));
+        assert!(Topology::of(&welded).is_sphere());
+        mesh.faces[0] = mesh.faces[0].map(|v| if v == whole { whole + 1 } else { v });
+        // A crack, which is filled as a hole of four edges.
+        let (cracked, found) = repair(&mesh);
+        assert_eq!((found.welded, found.holes, cracked.vertices.len()), (1, 1, 13));
+    }
+
+    /// By fans around the middle of the rim, or, of four edges, by the shorter diagonal.
+    #[test]
+    fn holes_are_filled_without_bumps() {
+        let tent = |top: [f64; 3], rim: Vec<[f64; 3]>| {
+            let n = rim.len() as u32;
+            let faces = (0..n).map(|k| [n, k, (k + 1) % n]).collect();
+            repair(&Mesh::new(rim.into_iter().chain([top]).collect(), faces))
+        };
+        let rim = (0..6).map(|k| f64::from(k).sin_cos()).map(|(y, x)| [3.0 * x, 2.0 * y, x]).collect::<Vec<_>>();
+        let (filled, found) = tent([0.0, 0.0, 9.0], rim.clone());
+        assert_eq!((found.holes, found.filled), (1, 6));
+        let middle = filled.vertices[7];
+        for k in 0..3 {
+            assert!((middle[k] - rim.iter().map(|v| v[k]).sum::<f64>() / 6.0).abs() < 1e-15, "{middle:?}");
+        }
+        for (a, diagonal) in [(0.5, [0, 2]), (2.0, [1, 3])] {
+            let rim = vec![[a, 0.0, 0.0], [0.0, 1.0, 0.0], [-a, 0.0, 0.0], [0.0, -1.0, 0.0]];
+            let (filled, found) = tent([0.0, 0.0, 1.0], rim);
+            assert_eq!((found.holes, found.filled), (1, 2));
+            assert!(filled.faces[4..].iter().all(|face| diagonal.iter().all(|v| face.contains(v))), "{filled:?}");
+        }
+    }
+
     #[test]
     fn holes_of_every_size_up_to_the_bound_are_filled() {
         let whole = icosphere(3);

@@ -69,3 +69,34 @@ impl fmt::Display for Bytes {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_shown_as_people_read_them() {
+        for (bytes, text) in [
+            (0, "0 bytes"),
+            ((1 << 20) - 1, "1048575 bytes"),
+            (1 << 20, "1.0 MiB"),
+            (3 << 19, "1.5 MiB"),
+            ((1 << 30) - 1, "1024.0 MiB"),
+            (1 << 30, "1.0 GiB"),
+            (5 << 29, "2.5 GiB"),
+        ] {
+            assert_eq!(Bytes(bytes).to_string(), text);
+        }
+        let room = NoRoom { needed: 5 << 29, free: 3 << 19 };
+        assert_eq!(room.to_string(), "2.5 GiB of memory, of which 1.5 MiB are free");
+    }
+
+    /// Without a program that says what is free nothing is refused; what compressed bytes may stand for is bounded all the same.
+    #[test]
+    fn expansion_is_bounded() {
+        assert_eq!(check_room(u64::MAX), Ok(()));
+        assert_eq!(most_expanded(0), 64 << 20);
+        assert_eq!(most_expanded(1000), 256_000 + (64 << 20));
+        assert_eq!(most_expanded(u64::MAX), u64::MAX);
+    }
+}

@@ -257,6 +257,19 @@ mod tests {
     }
 
     #[test]
+    fn degrees_ask_for_cells_of_three_over_the_degree() {
+        let sphere = Sphere::icosphere(1);
+        let of = |degree| SphereSampling::for_degree(&sphere.directions, &sphere.faces, degree).unwrap();
+        let with = |spacing| SphereSampling::new(&sphere.directions, &sphere.faces, spacing).unwrap();
+        for degree in [1, 10, 40] {
+            let (found, wanted) = (of(degree), with(3.0 / degree as f64));
+            assert_eq!(found.triangles(), 80);
+            assert!(found.of_triangles().eq(wanted.of_triangles()));
+        }
+        assert!(of(0).of_triangles().eq(of(1).of_triangles()) && of(40).samples(0..80) > 4 * of(10).samples(0..80));
+    }
+
+    #[test]
     fn triangles_are_checked() {
         let sphere = Sphere::icosphere(0);
         for faces in [vec![], vec![[0, 1, 12]]] {

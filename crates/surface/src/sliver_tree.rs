@@ -250,6 +250,29 @@ mod tests {
         assert!(!is_of_slivers(&corners(&fan(50))) && !is_of_slivers(&corners(&icosphere(2))) && !is_of_slivers(&[]));
     }
 
+    /// Also of triangles so thin that their normal isn't across their edge any more.
+    #[test]
+    fn frames_are_orthonormal() {
+        let mut turned = 0;
+        for k in 0..2000 {
+            let t = f64::from(k);
+            let (b, across) = ([t.sin(), t.cos(), (1.3 * t).sin()], [(2.1 * t).cos(), (0.7 * t).sin(), 0.3]);
+            let height = 10f64.powi(-(k % 16));
+            let a = [0.1, -0.2, 0.3];
+            let c = std::array::from_fn(|i| a[i] + 0.37 * (b[i] - a[i]) + height * across[i]);
+            let axes = frame([a, b, c]);
+            turned += usize::from(axes != ALONG);
+            for i in 0..3 {
+                for j in 0..3 {
+                    let wanted = if i == j { 1.0 } else { 0.0 };
+                    assert!((dot(axes[i], axes[j]) - wanted).abs() < 1e-14, "{k}: {axes:?}");
+                }
+            }
+        }
+        assert!(turned > 1500, "{turned}");
+        assert_eq!(frame([[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), ALONG);
+    }
+
     #[test]
     fn few_triangles_are_looked_at_however_many_there_are_and_the_nearest_is_found() {
         let mut looked_at = Vec::new();

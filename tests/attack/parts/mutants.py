@@ -1,25 +1,161 @@
 """Mutations of our own code: what is broken must be caught by the tests of its own crate.
 
-cargo-mutants changes a function at a time in a copy of the repository. A full run takes many hours, so that each run takes a
-sample for its time. `tests/attack/survivors.txt` has the mutants that no test can catch, and why.
+cargo-mutants changes one place at a time in a copy of the repository, which is kept with all that is built of it: a mutant
+costs the build of its own crate and its tests. A full run takes a day or two, so that each run takes a random sample for its
+time, at least a few of every crate; `--seed` repeats it. `tests/attack/survivors.txt` has the mutants that no test can
+catch, and why.
 """
 
 import json
+import os
 import random
 import shutil
+import tempfile
+import time
+from pathlib import Path
 
 from common import KEPT, ROOT, Row, run
 
 VERSION = "27.1.0"
-#: Crates by their share of the time.
-CRATES = {"spharm-store": 3, "spharm-surface": 3, "spharm-solver": 1}
-#: Most mutants of a crate in one run.
-MOST = 300
+CRATES = ["spharm-store", "spharm-surface", "spharm-solver"]
+#: Mutants between two looks at the clock: so many of each crate are tried however little time there is.
+SHARD = 3
 #: The least part that is caught, where there are enough to say.
 LEAST, ENOUGH = 0.9, 20
+#: What cargo builds and runs of a crate: documentation's examples would take most of the time.
+TESTS = ["--locked", "--lib", "--tests"]
+OUTCOMES = ["caught", "missed", "timeout", "unviable"]
 
 
-def program(site, row):
+def run_part(site, seconds):
+    row = Row("mutations of the code")
+    program = installed(site, row)
+    if program is None:
+        return row
+    bench = Bench(program)
+    if not bench.refresh():
+        site.skip(row, "git doesn't list the files of the repository")
+        return row
+    choose, found, whole, untried = random.Random(site.seed), Found(), 0.0, []
+    for crate in CRATES:
+        site.say(f"building and running the tests of {crate}")
+        begun = bench.tests(crate)
+        if begun.code != 0:
+            site.find(row, "wrong", f"the tests of {crate} fail in {bench.tree}, without a mutant: {begun.last()}")
+            continue
+        names = bench.mutants(crate)
+        limit = max(60, 10 * bench.tests(crate).seconds)
+        shards = -(-len(names) // SHARD)
+        one, started = Found(), time.monotonic()
+        for number, shard in enumerate(choose.sample(range(shards), shards)):
+            spent = time.monotonic() - started
+            if number > 0 and spent + spent / number > seconds / len(CRATES):
+                break
+            one.add(bench.tried(crate, f"{shard}/{shards}", limit))
+        spent = time.monotonic() - started
+        for outcome, name in one.lines:
+            site.log(f"{outcome}: {name}")
+        each = spent / max(len(one.lines), 1)
+        site.say(f"{crate}: {one.counts()}, of {len(names):,}; {each:.0f} s each")
+        if one.tried() == 0:
+            untried.append(crate)
+        found.add(one)
+        whole += each * len(names)
+    row.done = f"{found.counts()}; all would take {whole / 3600:.0f} hours, ./run attack {whole / 60:.0f} mutants"
+    if untried:
+        site.skip(row, f"no mutant of {', '.join(untried)} was tried: give it more minutes")
+    for name in found.missed():
+        site.say(f"survives: {name}")
+    if found.tried() >= ENOUGH and found.caught() < LEAST * found.tried():
+        site.find(row, "wrong", f"only {found.caught()} of {found.tried()} mutants are caught: " + "; ".join(found.missed()))
+    return row
+
+
+class Found:
+    """What became of some mutants: pairs of an outcome and a mutant's name."""
+
+    def __init__(self):
+        self.lines = []
+
+    def add(self, other):
+        self.lines += other.lines
+
+    def of(self, *outcomes):
+        return sum(outcome in outcomes for outcome, _ in self.lines)
+
+    def caught(self):
+        # A test that doesn't come to an end is noticed.
+        return self.of("caught", "timeout")
+
+    def tried(self):
+        return self.caught() + self.of("missed")
+
+    def missed(self):
+        return [name for outcome, name in self.lines if outcome == "missed"]
+
+    def counts(self):
+        return (f"{self.caught()} of {self.tried()} mutants caught, {self.of('explained')} explained, "
+                f"{self.of('unviable')} don't compile")
+
+
+class Bench:
+    """A copy of the repository in which cargo-mutants works, and what is built of it; both are kept."""
+
+    def __init__(self, program):
+        self.program = program
+        self.tree, self.out = KEPT / "mutants/tree", KEPT / "mutants/out"
+        # The tests write thousands of small files.
+        memory = Path("/dev/shm")
+        scratch = memory if memory.is_dir() and os.access(memory, os.W_OK) else Path(tempfile.gettempdir())
+        # Quicker to build; the tests' figures don't depend on it.
+        self.env = {"CARGO_TARGET_DIR": str(KEPT / "mutants/target"), "TMPDIR": str(scratch), "CARGO_PROFILE_DEV_DEBUG": "0",
+                    "CARGO_PROFILE_DEV_OPT_LEVEL": "1"}
+        self.reasons = explained()
+
+    def refresh(self):
+        """Brings the copy up to the repository, with new times for what differs, so that it is built again."""
+        listed = run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT)
+        if listed.code != 0:
+            return False
+        names = {name for name in listed.out.decode().split("\0") if name and (ROOT / name).is_file()}
+        for name in names:
+            source, copy = ROOT / name, self.tree / name
+            if not copy.is_file() or source.read_bytes() != copy.read_bytes():
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(source, copy)
+        for path in self.tree.rglob("*"):
+            if path.is_file() and str(path.relative_to(self.tree)) not in names:
+                path.unlink()
+        return True
+
+    def tests(self, crate):
+        """Builds and runs the tests of a crate as it is."""
+        return run(["cargo", "test", "-q", "-p", crate, *TESTS], cwd=self.tree, limit=7200, env=self.env)
+
+    def mutants(self, crate):
+        """The names of a crate's mutants."""
+        ended = run([self.program, "mutants", "-d", self.tree, "-p", crate, "--list", "--json"], limit=300)
+        return [entry["name"] for entry in json.loads(ended.out)]
+
+    def tried(self, crate, shard, limit):
+        """What becomes of some mutants, those of a shard, whose tests may take `limit` seconds."""
+        shutil.rmtree(self.out, ignore_errors=True)
+        self.out.mkdir(parents=True)
+        args = [f"--cargo-arg={word}" for word in TESTS]
+        # It isn't ended before its time: the copy would keep a mutant.
+        run([self.program, "mutants", "-d", self.tree, "--in-place", "-p", crate, "-o", self.out, "--shard", shard, "--sharding",
+             "round-robin", "--baseline", "skip", "--timeout", str(round(limit)), "--build-timeout", "1800", "--colors", "never",
+             *args], limit=86400, env=self.env)
+        found = Found()
+        for outcome in OUTCOMES:
+            file = self.out / "mutants.out" / f"{outcome}.txt"
+            for name in file.read_text().splitlines() if file.is_file() else []:
+                known = outcome == "missed" and without_place(name) in self.reasons
+                found.lines.append(("explained" if known else outcome, name))
+        return found
+
+
+def installed(site, row):
     """cargo-mutants, installed where it isn't there; `None` where that can't be done."""
     folder = KEPT / "attack-tools"
     path = folder / "bin/cargo-mutants"
@@ -44,56 +180,3 @@ def without_place(name):
     file, _, _, text = name.split(":", 3)
     return f"{file}:{text}"
 
-
-def run_part(site, seconds):
-    row = Row("mutations of the code")
-    mutants = program(site, row)
-    if mutants is None:
-        return row
-    tree = KEPT / "mutants/tree"
-    env = {"CARGO_TARGET_DIR": str(KEPT / "mutants/target"), "TMPDIR": str(tree)}
-    reasons, counts, new = explained(), {"caught": 0, "missed": 0, "timeout": 0, "unviable": 0, "explained": 0}, []
-    choose = random.Random(site.seed)
-    for crate, weight in CRATES.items():
-        site.say(f"building the tests of {crate}")
-        ended = run(["cargo", "test", "-q", "--no-run", "--locked", "-p", crate], cwd=ROOT, limit=3600, env=env | {"TMPDIR": "/tmp"})
-        if ended.code != 0:
-            site.skip(row, f"the tests of {crate} can't be built: {ended.last()}")
-            continue
-        names = listed(mutants, crate)
-        chosen = choose.sample(names, min(MOST, len(names)))
-        for folder in (KEPT / "mutants/out", tree):
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(parents=True)
-        exact = [word for name in chosen for word in ("--re", "^" + escaped(name) + "$")]
-        # It is ended when its time is up; what it has found by then is in its files.
-        run([mutants, "mutants", "-d", ROOT, "-p", crate, "-o", KEPT / "mutants/out", *exact, "--baseline", "skip", "--timeout", "120",
-             "--colors", "never", "--", "--locked"], limit=max(30, seconds * weight / sum(CRATES.values())), env=env)
-        shutil.rmtree(tree, ignore_errors=True)
-        for outcome in ("caught", "missed", "timeout", "unviable"):
-            file = KEPT / "mutants/out/mutants.out" / f"{outcome}.txt"
-            for name in file.read_text().splitlines() if file.is_file() else []:
-                if outcome == "missed" and without_place(name) in reasons:
-                    counts["explained"] += 1
-                    continue
-                counts[outcome] += 1
-                site.log(f"{outcome}: {name}")
-                if outcome == "missed":
-                    new.append(name)
-    caught, tried = counts["caught"] + counts["timeout"], counts["caught"] + counts["timeout"] + counts["missed"]
-    row.done = f"{caught} of {tried} caught, {counts['explained']} explained, {counts['unviable']} don't compile; of " + ", ".join(CRATES)
-    if tried >= ENOUGH and caught < LEAST * tried:
-        site.find(row, "wrong", f"only {caught} of {tried} mutants are caught: " + "; ".join(new))
-    for name in new:
-        site.say(f"survives: {name}")
-    return row
-
-
-def listed(mutants, crate):
-    """The names of a crate's mutants."""
-    ended = run([mutants, "mutants", "-d", ROOT, "-p", crate, "--list", "--json"], limit=300)
-    return [entry["name"] for entry in json.loads(ended.out)]
-
-
-def escaped(text):
-    return "".join("\\" + c if c in r"\.+*?()[]{}|^$" else c for c in text)

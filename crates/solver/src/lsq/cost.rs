@@ -85,6 +85,40 @@ mod tests {
         assert!(cost(100_000, 1_000, 1).paid_after() > 60.0);
     }
 
+    /// The model's milliseconds, on which the choice of a method depends, at the sizes that were measured.
+    #[test]
+    fn costs_are_the_models() {
+        let near = |found: f64, expected: f64, what: &str| {
+            assert!((found / (1e6 * expected) - 1.0).abs() < 5e-3, "{what}: {} ms, not {expected}", found / 1e6);
+        };
+        let cortex = cost(40_962, 100, 3);
+        near(cortex.by_samples(), 13.596, "by samples");
+        near(cortex.by_moments(), 3.267, "by moments");
+        near(cortex.making(), 23.385, "making");
+        // As 8.4 ms to 2.0 ms.
+        assert!((cortex.by_samples() / cortex.by_moments() / 4.2 - 1.0).abs() < 0.05);
+        let large = cost(1_000_000, 1_000, 1);
+        near(large.by_samples(), 449.98, "by samples, L = 1000");
+        near(large.by_moments(), 330.43, "by moments, L = 1000");
+        near(large.making(), 2652.5, "making, L = 1000");
+        // K^3 / 3 flops at 40 a nanosecond.
+        assert!((cost(1, 9, 1).factor() * 120.0 - 1e6).abs() < 1e-6);
+        let cost = cost(1_000_000, 100, 1);
+        assert!((cost.paid_after() - cost.making() / (cost.by_samples() - cost.by_moments())).abs() < 1e-9);
+        assert!(cost.at_once(1e-10) && moments_pay(1_000_000, 100, 1, 1e-10));
+        // Below eight samples a coefficient it is the smaller grid that pays.
+        assert!(!moments_pay(8 * 100 * 100 - 1, 100, 1, 1e-10));
+    }
+
+    /// Each iteration gains the root of n / K: of a hundredfold ten are needed for ten digits.
+    #[test]
+    fn iterations_are_those_of_the_law() {
+        assert!((cost(100 * 121, 10, 1).expected_iterations(1e-10) - 10.0).abs() < 1e-12);
+        assert!((cost(10_000 * 121, 10, 1).expected_iterations(1e-12) - 6.0).abs() < 1e-12);
+        assert!(cost(121, 10, 1).expected_iterations(1e-10).is_infinite());
+        assert!(cost(0, 10, 1).expected_iterations(1e-10).is_infinite());
+    }
+
     #[test]
     fn more_samples_than_coefficients_take_fewer_iterations() {
         let of = |rows: usize| cost(rows, 100, 1).expected_iterations(1e-10);

@@ -8,3 +8,21 @@ pub(crate) fn sign(place: u64) -> f64 {
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     if (z ^ (z >> 31)) & 1 == 0 { 1.0 } else { -1.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// SplitMix64 from seed 0: e220a8397b1dcdaf, 6e789e6aa1b965f4, 06c45d188009454f, f88bb8a8724c81ec, 1b39896a51a8749b,
+    /// 53cb9f0c747ea2ea, 2c829abe1f4532e1, c584133ac916ab3c.
+    #[test]
+    fn signs_are_the_generators_and_balanced() {
+        let found: Vec<f64> = (0..8).map(sign).collect();
+        assert_eq!(found, [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]);
+        let sum: f64 = (0..10_000).map(sign).sum();
+        let pairs: f64 = (0..10_000).map(|place| sign(place) * sign(place + 1)).sum();
+        let far: f64 = (0..10_000).map(|place| sign(place) * sign(place + 64)).sum();
+        // Three standard deviations.
+        assert!([sum, pairs, far].iter().all(|sum| sum.abs() < 300.0), "{sum} {pairs} {far}");
+    }
+}

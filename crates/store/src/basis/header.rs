@@ -116,8 +116,13 @@ impl Contents for Header {
             return Err(corrupt("rows a chunk", &expected, &chunk_rows));
         }
         let chunk_rows = chunk_rows as usize;
-        if (chunk_rows * columns * scalar.size()) as u64 > MAX_CHUNK_LEN {
-            return Err(corrupt("chunk size", &format!("at most {MAX_CHUNK_LEN} bytes"), &(chunk_rows * columns)));
+        let chunk_len = (chunk_rows * columns * scalar.size()) as u64;
+        if chunk_len > MAX_CHUNK_LEN {
+            return Err(corrupt(
+                "chunk size",
+                &format!("at most {MAX_CHUNK_LEN} bytes"),
+                &format!("{chunk_len} bytes"),
+            ));
         }
         let rows = u64_at(bytes, ROWS_AT);
         if rows == 0 || rows > MAX_ROWS {

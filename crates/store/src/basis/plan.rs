@@ -192,3 +192,95 @@ pub(super) fn groups(headers: &[Header]) -> Vec<&[Header]> {
     }
     groups
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KEY: SchemeKey = SchemeKey([7; 32]);
+
+    fn plan(rows: usize, params: &BuildParams) -> Plan {
+        Plan::new(Path::new("/nowhere"), KEY, rows, params).unwrap()
+    }
+
+    /// What the documentation of `memory` counts, in its own words.
+    #[test]
+    fn memory_is_that_of_the_recurrence_and_of_each_thread() {
+        for (rows, chunk_rows, used_rows) in [(1000, 64, 64), (40, 64, 40)] {
+            for (scalar, codec) in [(Scalar::F64, Codec::Raw), (Scalar::F32, Codec::Raw), (Scalar::F64, Codec::Zstd)] {
+                let params = BuildParams { max_degree: 50, chunk_rows, scalar, codec, ..BuildParams::default() };
+                let plan = plan(rows, &params);
+                let values = used_rows * 101;
+                let mut thread = Sweep::bytes(used_rows, 50) + values * 8;
+                thread += if scalar == Scalar::F32 { values * 4 } else { 0 };
+                // Shuffled bytes, what zstd makes of them at worst, and its tables.
+                let bound = zstd::zstd_safe::compress_bound(values * 8);
+                thread += if codec == Codec::Zstd { values * 8 + bound + (2 << 20) } else { 0 };
+                assert_eq!(plan.memory(&params, 1), (8 << 20) + Recurrence::bytes(50) + thread);
+                assert_eq!(plan.memory(&params, 3), (8 << 20) + Recurrence::bytes(50) + 3 * thread);
+            }
+        }
+    }
+
+    #[test]
+    fn as_many_threads_as_the_budget_has_room_for() {
+        let params = BuildParams { threads: 4, ..BuildParams::default() };
+        let plan = plan(10_000, &params);
+        let threads = |memory, threads| plan.threads(&BuildParams { memory, threads, ..BuildParams::default() });
+        for count in 1..=4 {
+            let needed = plan.memory(&params, count);
+            assert_eq!(threads(needed, 4).unwrap(), count);
+            assert_eq!(threads(needed - 1, 4).ok(), (count > 1).then_some(count - 1));
+            assert_eq!(threads(usize::MAX, count).unwrap(), count);
+        }
+        assert_eq!(threads(usize::MAX, 0).unwrap(), rayon::current_num_threads());
+        let error = threads(1000, 4).unwrap_err();
+        let least = plan.memory(&params, 1);
+        assert!(matches!(error, StoreError::Budget { budget: 1000, needed } if needed == least), "{error}");
+    }
+
+    /// 100 rows of degree 2 in chunks of 8: 13 entries of 64 bytes, a header of 4,096 and a footer of 128.
+    #[test]
+    fn bytes_are_those_of_values_table_header_and_footer() {
+        let params = BuildParams { max_degree: 2, chunk_rows: 8, ..BuildParams::default() };
+        let plan = plan(100, &params);
+        assert_eq!(file_bytes(&plan.headers(KEY, &params)[2]), 100 * 5 * 8 + 13 * 64 + 4096 + 128);
+        assert_eq!(plan.bytes, 100 * 9 * 8 + 3 * (13 * 64 + 4096 + 128));
+        assert_eq!(plan.missing, [0, 1, 2]);
+        assert!(plan.damaged.is_empty());
+    }
+
+    #[test]
+    fn limits_of_the_format_are_kept() {
+        let header = |rows, degree, scalar, chunk_rows| {
+            Header { key: KEY, rows, degree, scalar, codec: Codec::Raw, chunk_rows }.is_within_limits()
+        };
+        // 2^32 bytes a chunk lie between 511 and 513 columns of 2^20 doubles.
+        assert!(header(100, 255, Scalar::F64, 1 << 20) && !header(100, 256, Scalar::F64, 1 << 20));
+        assert!(header(100, 511, Scalar::F32, 1 << 20) && !header(100, 512, Scalar::F32, 1 << 20));
+        // 2^22 chunks and 2^40 rows.
+        assert!(header(8 << 22, 1, Scalar::F64, 8) && !header((8 << 22) + 1, 1, Scalar::F64, 8));
+        assert!(header(1 << 40, 1, Scalar::F64, 1 << 20) && !header((1 << 40) + 1, 1, Scalar::F64, 1 << 20));
+    }
+
+    /// Every degree is in one group, in order; no group has more files than may be open, and none but the last is smaller
+    /// than a group has to be.
+    #[test]
+    fn groups_share_out_the_degrees() {
+        for (rows, max_degree) in [(18, 2), (18, 700), (40_962, 100), (163_842, 300)] {
+            let params = BuildParams { max_degree, ..BuildParams::default() };
+            let headers = plan(rows, &params).headers(KEY, &params);
+            let groups = groups(&headers);
+            let degrees: Vec<usize> = groups.iter().copied().flatten().map(|header| header.degree).collect();
+            assert!(degrees.into_iter().eq(0..=max_degree));
+            let total: u64 = headers.iter().map(file_bytes).sum();
+            let target = (total / 8).max(256 << 20);
+            for (at, group) in groups.iter().enumerate() {
+                let bytes: u64 = group.iter().map(file_bytes).sum();
+                let but_one: u64 = bytes - file_bytes(&group[group.len() - 1]);
+                assert!(!group.is_empty() && group.len() <= 256 && but_one < target);
+                assert!(bytes >= target || group.len() == 256 || at + 1 == groups.len(), "{rows} {max_degree} {at}");
+            }
+        }
+    }
+}

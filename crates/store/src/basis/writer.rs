@@ -81,3 +81,41 @@ impl DegreeWriter {
         self.file.publish(&self.header)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::basis::reader::DegreeFile;
+    use crate::scheme::{Scalar, SchemeKey};
+
+    /// Compressed chunks are shorter than raw ones: one that comes out as long as it was is stored raw.
+    #[test]
+    fn a_chunk_that_does_not_shrink_is_stored_raw() {
+        let mut encoder = Encoder::new().unwrap();
+        let noise = |i: usize| blake3::hash(&i.to_le_bytes()).as_bytes()[0];
+        let mut as_long = 0;
+        for rows in [8, 16, 24] {
+            let len = 8 * rows;
+            // Noise of which ever more bytes are the same: zstd gains ever more, at some time just what its frame takes.
+            for same in 0..len {
+                let raw: Vec<u8> = (0..len).map(|i| if i % 8 * rows + i / 8 < same { 7 } else { noise(i) }).collect();
+                let encoded = encoder.encode(&raw, 8).unwrap().len();
+                if encoded.abs_diff(len) > 1 {
+                    continue;
+                }
+                as_long += usize::from(encoded == len);
+                let folder = tempfile::tempdir().unwrap();
+                let (key, scalar, codec) = (SchemeKey([7; 32]), Scalar::F64, Codec::Zstd);
+                let header = Header { key, rows, degree: 0, scalar, codec, chunk_rows: rows };
+                let writer = DegreeWriter::create(folder.path(), header).unwrap();
+                writer.put(0, &raw, Some(&mut encoder), &AtomicBool::new(false)).unwrap();
+                writer.publish().unwrap().unwrap();
+                let file = DegreeFile::open(&folder.path().join("A_0")).unwrap();
+                assert_eq!((file.stored_len(0), file.is_direct()), (encoded.min(len), encoded >= len));
+            }
+        }
+        assert!(as_long > 0, "no chunk is as long as its frame");
+    }
+}

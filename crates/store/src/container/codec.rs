@@ -140,6 +140,14 @@ mod tests {
     }
 
     #[test]
+    fn codecs_are_known_by_name_and_number() {
+        for (codec, name, code) in [(Codec::Raw, "none", 0), (Codec::Zstd, "zstd", 1)] {
+            assert_eq!((codec.name(), codec.code(), Codec::from_code(code)), (name, code, Some(codec)));
+        }
+        assert_eq!(Codec::from_code(2), None);
+    }
+
+    #[test]
     fn a_frame_of_another_length_is_refused() {
         let stored = Encoder::new().unwrap().encode(&[7; 1 << 20], 8).unwrap();
         assert!(stored.len() < 1000, "a bomb: {} bytes", stored.len());

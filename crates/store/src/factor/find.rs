@@ -196,6 +196,29 @@ pub fn check_factor_space(
 mod tests {
     use super::*;
 
+    /// 9 columns in tiles of 8: 45 values below the diagonal and in the tiles on it 28 above, in three tiles.
+    #[test]
+    fn a_factor_takes_its_tiles_table_header_and_footer() {
+        let grid = TileGrid::new(9, 8).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let check = |scalar, read_back, allow_large| {
+            check_factor_space(folder.path(), grid, scalar, read_back, allow_large).unwrap()
+        };
+        let values = 64 + 8 + 1;
+        let around = 3 * (64 + 64) + 4096 + 128;
+        assert_eq!(check(Scalar::F64, false, false), values * 8 + around);
+        assert_eq!(check(Scalar::F32, false, false), values * 4 + around);
+        // What is read back is in the file where that is of f64, and beside it where it isn't.
+        assert_eq!(check(Scalar::F64, true, true), values * 8 + around);
+        assert_eq!(check(Scalar::F32, true, true), values * 12 + 2 * around);
+        let large = TileGrid::new(1 << 17, 1024).unwrap();
+        let refused = check_factor_space(folder.path(), large, Scalar::F64, false, false);
+        assert!(matches!(refused, Err(StoreError::Space { what: "factor", .. })));
+        assert!(
+            check_factor_space(folder.path(), large, Scalar::F64, false, true).is_ok_and(|needed| needed > 64 << 30)
+        );
+    }
+
     #[test]
     fn only_names_of_factors_are_taken_for_factors() {
         assert_eq!(degree_of("factor_100_f64_0123abcd"), Some(100));

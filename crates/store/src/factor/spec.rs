@@ -91,6 +91,12 @@ mod tests {
     }
 
     #[test]
+    fn weights_are_shown_by_their_first_digits() {
+        assert_eq!(WeightsHash::ONES.to_string(), "ones");
+        assert_eq!(WeightsHash([0xab; 32]).to_string(), "abababababab");
+    }
+
+    #[test]
     fn names_tell_factors_apart() {
         let spec = FactorSpec {
             key: SchemeKey([7; 32]),

@@ -23,6 +23,7 @@ fn what_is_built_is_what_is_read() {
                 for chunk in 0..header.chunk_count() {
                     let rows = header.chunk_range(chunk);
                     let values = window.values(chunk, &mut scratch).expect("values");
+                    assert_eq!(values.len(), rows.len() * header.columns());
                     for (at, &value) in values.iter().enumerate() {
                         let (row, order) = (rows.start + at % rows.len(), (at / rows.len()) as i64 - degree as i64);
                         let expected = harmonic(degree, order as _, directions().as_slice()[row]);

@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use spharm_monitor::{Monitor, Silent};
-use spharm_store::{DegreeFile, FactorFile, Scalar, StoreError};
+use spharm_store::{BuildParams, Codec, DegreeFile, FactorFile, Scalar, StoreError};
 use tempfile::TempDir;
 
 use crate::forge::{BASIS_ROOT, FACTOR_ROOT, Forged, put64};
@@ -169,6 +169,27 @@ fn verification_checks_crc_hash_and_padding_each_for_itself() {
             let damaged = matches!(error, StoreError::ChunkDamaged { .. } | StoreError::TileDamaged { .. });
             assert!(damaged, "{error:?}");
         }
+    }
+}
+
+/// Stored bytes that are no frame of zstd's, with checksum and hash made to fit.
+#[test]
+fn a_compressed_part_that_does_not_decode_is_neither_read_nor_verified() {
+    let (folder, key) = store(&BuildParams { codec: Codec::Zstd, ..params() });
+    let path = path_of(folder.path(), key, "A_0");
+    let mut forged = Forged::read(&path, BASIS_ROOT);
+    let stored = u64::from_le_bytes(forged.table[8..16].try_into().expect("8 bytes")) as usize;
+    assert!(stored < 64, "constant values are compressed");
+    DegreeFile::open(&path).and_then(|file| file.verify(&Silent)).expect("a sound file");
+    forged.body[0] ^= 1;
+    let crc = crc32c::crc32c(&forged.body[..stored]);
+    forged.table[24..28].copy_from_slice(&crc.to_le_bytes());
+    let hash = blake3::hash(&forged.body[..stored]);
+    forged.table[32..64].copy_from_slice(hash.as_bytes());
+    forged.write_sealed(&path);
+    for error in [As::Basis.read_first(&path), As::Basis.verify(&path)] {
+        let error = error.expect_err("no frame");
+        assert!(matches!(error, StoreError::ChunkDamaged { chunk: 0, what: "its zstd frame", .. }), "{error}");
     }
 }
 

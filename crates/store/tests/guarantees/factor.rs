@@ -1,8 +1,8 @@
 //! A factor holds the tiles that were put, is started once, and is opened only as what it is.
 
 use spharm_monitor::Silent;
-use spharm_store::factor::{StartedFactor, TileValues, factors, open_factor, start_factor};
-use spharm_store::{FactorSpec, Scalar, SchemeKey, StoreError, WeightsHash};
+use spharm_store::factor::{Condition, StartedFactor, TileValues, factors, open_factor, start_factor};
+use spharm_store::{FactorSpec, Scalar, SchemeKey, StoreError, TileGrid, WeightsHash};
 
 use crate::{directions, factor_value, spec, write_factor};
 
@@ -27,6 +27,49 @@ fn a_factor_holds_the_tiles_that_were_put() {
                 .collect();
             assert_eq!(values, expected, "tile ({row}, {column})");
         }
+    }
+}
+
+/// The values that were put come back in double precision, also where single precision is stored, and in the end nothing
+/// but the factor is there. Of two that were written at once the first stays.
+#[test]
+fn tiles_are_read_back_while_the_rest_is_written() {
+    let key = SchemeKey::of(&directions(), Scalar::F64);
+    for scalar in [Scalar::F64, Scalar::F32] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let grid = TileGrid::new(spec(key).size(), 8).expect("a grid");
+        let start = || match start_factor(folder.path(), &spec(key), scalar, grid, true, &Silent).expect("a start") {
+            StartedFactor::New { writer, .. } => writer,
+            StartedFactor::Present(file) => panic!("{file:?}"),
+        };
+        let first = start();
+        // The second one finds no lock.
+        std::fs::remove_file(folder.path().join(key.to_string()).join(".lock")).expect("a removal");
+        let second = start();
+        assert_eq!(first.grid(), grid);
+        let values = |at: usize, len: usize| (0..len).map(|i| at as f64 + i as f64 / 7.0).collect::<Vec<f64>>();
+        for (at, (row, column)) in grid.tiles().enumerate() {
+            for writer in [&first, &second] {
+                writer.put(row, column, &values(at, grid.len(row, column))).expect("a tile");
+            }
+        }
+        for (at, (row, column)) in grid.tiles().enumerate() {
+            let mut found = vec![0.0; grid.len(row, column)];
+            first.will_need(row, column);
+            first.get(row, column, &mut found).expect("a tile");
+            assert_eq!(found, values(at, found.len()), "{scalar:?} ({row}, {column})");
+        }
+        let condition = Condition { norm: 10.0, reciprocal: 0.5 };
+        let len = first.publish(condition).expect("a factor").expect("the first");
+        assert_eq!(second.publish(condition).expect("another's factor"), None);
+        let file = open_factor(folder.path(), &spec(key), Some(scalar)).expect("the factor");
+        assert_eq!((file.file_len(), file.header().condition), (len, condition));
+        assert_eq!(file.window(1).expect("a window").column(), 1);
+        file.verify(&Silent).expect("a sound file");
+        let names = std::fs::read_dir(folder.path().join(key.to_string())).expect("a folder");
+        let mut names: Vec<_> = names.map(|item| item.expect("a name").file_name()).collect();
+        names.sort();
+        assert_eq!(names, [".lock".to_owned(), spec(key).file_name(scalar)].map(std::ffi::OsString::from));
     }
 }
 

@@ -13,6 +13,14 @@ fn put32(bytes: &mut [u8], at: usize, value: u32) {
     bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
 }
 
+/// Chunks of 2^20 rows of a degree.
+fn wide(header: &mut [u8], scalar: u32, degree: u32) {
+    put64(header, 72, 1 << 20);
+    put32(header, 56, degree);
+    put32(header, 60, 2 * degree + 1);
+    put32(header, 64, scalar);
+}
+
 /// About 18 rows of degree 1 in chunks of 8.
 const BASIS: &[Lie] = &[
     ("rows", |h| put64(h, 48, 0)),
@@ -20,8 +28,8 @@ const BASIS: &[Lie] = &[
     ("number of chunks", |h| put64(h, 48, 25)),
     ("decoded length of a chunk", |h| put64(h, 48, 17)),
     ("degree", |h| put32(h, 56, 2001)),
-    ("columns", |h| put32(h, 56, 2)),
-    ("columns", |h| put32(h, 60, 5)),
+    ("columns: expected 5, found 3", |h| put32(h, 56, 2)),
+    ("columns: expected 3, found 5", |h| put32(h, 60, 5)),
     ("decoded length of a chunk", |h| {
         put32(h, 56, 2);
         put32(h, 60, 5);
@@ -38,6 +46,11 @@ const BASIS: &[Lie] = &[
         put32(h, 56, 2000);
         put32(h, 60, 4001);
     }),
+    // One column more than 2^32 bytes, of each scalar type, and one less, which agrees with no number of chunks.
+    ("chunk size: expected at most 4294967296 bytes, found 4303355904 bytes", |h| wide(h, 1, 256)),
+    ("chunk size", |h| wide(h, 2, 512)),
+    ("number of chunks", |h| wide(h, 1, 255)),
+    ("number of chunks", |h| wide(h, 2, 511)),
     ("number of chunks", |h| put64(h, 80, 2)),
     ("number of chunks: expected at most", |h| put64(h, 80, u64::MAX)),
     ("entries of the table", |h| {

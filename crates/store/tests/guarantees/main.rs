@@ -2,11 +2,13 @@
 //! root has the rest: the committed store, the programs, killed and racing builders, full disks.
 
 mod basis;
+mod builders;
 mod catalog;
 mod checks;
 mod factor;
 mod fields;
 mod forge;
+mod opening;
 
 use std::path::{Path, PathBuf};
 

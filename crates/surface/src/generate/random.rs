@@ -45,3 +45,39 @@ impl SplitMix64 {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::dot;
+
+    /// From seed 0, as the paper's generator gives them.
+    #[test]
+    fn numbers_are_those_of_splitmix64() {
+        let mut random = SplitMix64::new(0);
+        for expected in [0xe220_a839_7b1d_cdaf, 0x6e78_9e6a_a1b9_65f4, 0x06c4_5d18_8009_454f, 0xf88b_b8a8_724c_81ec] {
+            assert_eq!(random.next(), expected);
+        }
+        let mut random = SplitMix64::new(0);
+        // The upper 53 bits, as a part of 2^53.
+        assert_eq!(random.between(0.0, 1.0), 0.883_310_808_213_642_6);
+        assert_eq!(random.between(-3.0, 5.0), -3.0 + 8.0 * 0.431_527_997_048_509_97);
+    }
+
+    #[test]
+    fn directions_are_unit_vectors_all_over_the_sphere() {
+        let mut random = SplitMix64::new(7);
+        let (mut sum, mut squares) = ([0.0; 3], [0.0; 3]);
+        for _ in 0..2000 {
+            let d = random.direction();
+            assert!((dot(d, d) - 1.0).abs() < 1e-14, "{d:?}");
+            sum = std::array::from_fn(|k| sum[k] + d[k]);
+            squares = std::array::from_fn(|k| squares[k] + d[k] * d[k]);
+            let e = random.square_to([3.0 * d[0], 3.0 * d[1], 3.0 * d[2]]);
+            assert!((dot(e, e) - 1.0).abs() < 1e-14 && dot(d, e).abs() < 1e-12, "{d:?} {e:?}");
+        }
+        // Four standard deviations of 2000 uniform ones.
+        assert!(sum.iter().all(|sum| sum.abs() < 105.0), "{sum:?}");
+        assert!(squares.iter().all(|sum| (sum - 2000.0 / 3.0).abs() < 55.0), "{squares:?}");
+    }
+}

@@ -142,6 +142,17 @@ mod tests {
     }
 
     #[test]
+    fn normals_are_those_of_the_triangles_around() {
+        let mut mesh = icosphere(3);
+        for (normal, vertex) in normals(&mesh).iter().zip(&mesh.vertices) {
+            assert!((0..3).all(|k| (f64::from(normal[k]) - vertex[k]).abs() < 0.03), "{normal:?} {vertex:?}");
+        }
+        // A vertex that no triangle has.
+        mesh.vertices.push([5.0; 3]);
+        assert_eq!(normals(&mesh).last(), Some(&[0.0, 0.0, 1.0]));
+    }
+
+    #[test]
     fn chunks_hold_what_they_say() {
         let mesh = icosphere(1);
         let values: Vec<f64> = (0..42).map(f64::from).collect();

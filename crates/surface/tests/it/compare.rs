@@ -1,7 +1,10 @@
 //! Distances and colours.
 
+use spharm_monitor::Silent;
 use spharm_surface::generate::icosphere;
-use spharm_surface::metrics::{bounding_box_scale, colors, compare, squared_distances, viridis};
+use spharm_surface::metrics::{
+    bounding_box_scale, colors, compare, distances_to_surface, squared_distances, vertex_distances, viridis,
+};
 use spharm_surface::{Mesh, SurfaceError};
 
 /// A box of 2 x 4 x 8 = 64, so that the scale is 4.
@@ -34,6 +37,43 @@ fn the_scale_does_not_depend_on_units_or_place() {
     }
     let scale = bounding_box_scale(&mesh.vertices).unwrap();
     assert!((scale / 4e150 - 1.0).abs() < 1e-14, "the volume itself overflows: {scale}");
+}
+
+/// Distances whose squares leave the range of f64 are those of ordinary ones, times a power of two.
+#[test]
+fn distances_of_any_size_are_those_of_ordinary_ones() {
+    let original = octahedron();
+    let mut moved = original.clone();
+    moved.vertices[2] = [0.0, 2.0, 3.0];
+    moved.vertices[4] = [0.25, 1.0, 5.0];
+    let (vertices, surface) = (
+        vertex_distances(&original.vertices, &moved.vertices).unwrap(),
+        distances_to_surface(&original, &moved.vertices, &Silent).unwrap(),
+    );
+    assert_eq!(vertices[..4], [0.0, 0.0, 3.0, 0.0]);
+    assert!(surface[4] > 0.5 && surface[0] < 1e-15);
+    for exponent in [700, -700] {
+        let by = 2f64.powi(exponent);
+        let [a, b] =
+            [&original, &moved].map(|mesh| mesh.vertices.iter().map(|v| v.map(|x| by * x)).collect::<Vec<_>>());
+        let wanted = |values: &[f64]| values.iter().map(|x| by * x).collect::<Vec<_>>();
+        assert_eq!(vertex_distances(&a, &b).unwrap(), wanted(&vertices));
+        let (far, near) = (
+            compare(&original.with_vertices(a.clone()), &moved.with_vertices(b.clone())).unwrap(),
+            compare(&original, &moved).unwrap(),
+        );
+        assert_eq!(far.worst_vertex, near.worst_vertex);
+        let lengths = [(far.scale, near.scale), (far.rms_raw, near.rms_raw), (far.max_raw, near.max_raw)];
+        let relative = [(far.msd, near.msd), (far.xsd, near.xsd)];
+        let pairs = relative.into_iter().chain(lengths.map(|(far, near)| (far, by * near)));
+        assert!(pairs.into_iter().all(|(far, near)| (far / near - 1.0).abs() < 1e-14), "{far:?} {near:?}");
+        // Their squares are at the end of the range, and not infinite or zero.
+        let end = if exponent > 0 { f64::MAX } else { f64::from_bits(1) };
+        assert_eq!((far.msd_raw, far.xsd_raw), (end, end));
+        let found = distances_to_surface(&original.with_vertices(a), &b, &Silent).unwrap();
+        let near = |(found, wanted): (f64, f64)| (found - wanted).abs() <= 1e-14 * by;
+        assert!(found.into_iter().zip(wanted(&surface)).all(near));
+    }
 }
 
 #[test]

@@ -30,6 +30,8 @@ fn it_is_a_closed_surface_over_its_sphere_of_a_brains_size() {
         let (surface, sphere) = cortex(&Cortex { subdivisions: 5, variant });
         assert_eq!(sphere, icosphere(5));
         assert_eq!(surface.faces, sphere.faces);
+        assert_eq!(surface.meta.anatomical_structure_primary.as_deref(), Some("Cortex"));
+        assert_eq!(surface.meta.surface_metadata, [("GeometricType".to_owned(), "Anatomical".to_owned())]);
         assert!(Topology::of(&surface).is_sphere() && is_outward(&surface));
         for (axis, extent) in [110.0, 140.0, 90.0].into_iter().enumerate() {
             let along = || surface.vertices.iter().map(|v| v[axis]);

@@ -4,7 +4,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use spharm_monitor::{Monitor, Silent};
 use spharm_surface::generate::{Cortex, cortex, icosphere, subdivide};
-use spharm_surface::metrics::{SurfaceDistanceParams, distances_to_surface, surface_distance};
+use spharm_surface::metrics::{
+    Directed, SurfaceDistance, SurfaceDistanceParams, distances_to_surface, distances_to_surface_bytes,
+    surface_distance, surface_distance_bytes,
+};
 use spharm_surface::{Mesh, SurfaceError};
 
 fn params() -> SurfaceDistanceParams {
@@ -62,6 +65,40 @@ fn slivers_do_not_swell_the_work() {
     let sliver = Mesh::new(vec![[0.0, 0.0, 0.0], [1e4, 0.0, 0.0], [1e4, 1e-4, 1.0]], vec![[0, 1, 2], [0, 2, 1]]);
     let d = surface_distance(&sliver, &sliver, &params(), &Silent).unwrap();
     assert!(d.forward.samples <= 160_000, "{d:?}");
+}
+
+/// Surfaces whose squares leave the range of f64 are as far apart as ordinary ones, times a power of two.
+#[test]
+fn every_figure_grows_with_the_surfaces() {
+    let (first, second) = (icosphere(2), scaled(&icosphere(3), 1.25));
+    let d = surface_distance(&first, &second, &params(), &Silent).unwrap();
+    let figures = |d: &SurfaceDistance| {
+        let of = |d: &Directed| [&[d.mean, d.rms, d.percentile95, d.max, d.spacing][..], &d.worst].concat();
+        let both = [d.mean, d.rms, d.percentile95, d.hausdorff, d.bound, d.scale];
+        [&both[..], &of(&d.forward), &of(&d.backward)].concat()
+    };
+    for exponent in [600, -600] {
+        let by = 2f64.powi(exponent);
+        let far = surface_distance(&scaled(&first, by), &scaled(&second, by), &params(), &Silent).unwrap();
+        for (found, ordinary) in figures(&far).into_iter().zip(figures(&d)) {
+            assert!((found - by * ordinary).abs() <= 1e-12 * by, "{far:?}");
+        }
+        assert_eq!((far.forward.samples, far.backward.samples), (d.forward.samples, d.backward.samples));
+    }
+}
+
+/// The points are counted as they are made: 370 bytes a triangle, 136 a point, of the surface that has more of each.
+#[test]
+fn what_a_distance_takes_is_known_before() {
+    for (first, second) in [(icosphere(3), icosphere(2)), (icosphere(1), scaled(&icosphere(4), 3.0))] {
+        let d = surface_distance(&first, &second, &params(), &Silent).unwrap();
+        let faces = first.faces.len().max(second.faces.len());
+        let points = (d.forward.samples + first.vertices.len()).max(d.backward.samples + second.vertices.len());
+        let bytes = (370 * faces + 136 * points) as u64;
+        assert_eq!(surface_distance_bytes(&first, &second, &params()), bytes);
+        assert_eq!(surface_distance_bytes(&second, &first, &params()), bytes);
+    }
+    assert_eq!(distances_to_surface_bytes(1000, 10), 250_080);
 }
 
 #[test]

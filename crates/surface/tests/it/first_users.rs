@@ -8,7 +8,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::{WriteOptions, read_input, read_mesh, read_signal, write_mesh, write_signal};
-use spharm_surface::{Mesh, Signal, SurfaceError, VolumeGeometry, read_sphere};
+use spharm_surface::{Mesh, Signal, SurfaceError, VolumeGeometry, read_sphere, read_target};
 
 use crate::fixtures;
 
@@ -37,7 +37,11 @@ fn a_table_of_angles_is_a_sphere_also_gzipped() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("angles.CSV.gz");
     fs::write(&path, gzipped(b"0.5,1\n1.5,2\n2.5,3\n")).unwrap();
-    assert_eq!(read_sphere(&path).unwrap().directions.len(), 3);
+    let sphere = read_sphere(&path).unwrap();
+    assert_eq!((sphere.directions.len(), sphere.path.as_deref()), (3, Some(&*path)));
+    let values = folder.path().join("values.csv");
+    fs::write(&values, "1\n2\n4\n").unwrap();
+    assert_eq!(read_target(&values, &sphere).unwrap().path, Some(values));
 }
 
 #[test]

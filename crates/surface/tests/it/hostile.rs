@@ -149,6 +149,34 @@ fn headers_that_promise_too_much_are_refused() {
 }
 
 #[test]
+fn text_with_other_values_than_its_dimensions_say_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let gifti = |data_type: &str, data: &str| {
+        let text = format!(
+            "<GIFTI><DataArray Intent=\"NIFTI_INTENT_SHAPE\" DataType=\"NIFTI_TYPE_{data_type}\" \
+             ArrayIndexingOrder=\"RowMajorOrder\" Dimensionality=\"1\" Dim0=\"3\" Encoding=\"ASCII\" \
+             Endian=\"LittleEndian\"><Data>{data}</Data></DataArray></GIFTI>"
+        );
+        read(folder.path(), Path::new("a.shape.gii"), text.as_bytes())
+    };
+    for (data_type, data, what) in [
+        ("FLOAT32", "1.000 2.000", "expected 3 values, as its dimensions say, found 2"),
+        ("FLOAT32", "1", "expected 3 values (at least 2 bytes each)"),
+        ("FLOAT64", "1 2 3 4", "expected 3 values, as its dimensions say, found more"),
+        ("INT32", "1 2.5 3", "values, found"),
+        ("UINT8", "1 2 256", "values, found"),
+        ("FLOAT64", "1 2 x", "values, found"),
+    ] {
+        let error = gifti(data_type, data).unwrap_err().to_string();
+        assert!(error.contains(what), "{error}");
+    }
+    for data_type in ["FLOAT32", "FLOAT64", "INT32", "UINT8"] {
+        let Ok(Input::Signal(signal)) = gifti(data_type, " 1\n2 255 ") else { panic!("{data_type}") };
+        assert_eq!(signal.values, [1.0, 2.0, 255.0], "{data_type}");
+    }
+}
+
+#[test]
 fn deep_documents_bombs_and_foreign_entities_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let deep = format!("<GIFTI>{}", "<a>".repeat(100_000));

@@ -5,6 +5,7 @@ mod cortex;
 mod distance;
 mod first_users;
 mod fixtures;
+mod generated;
 mod hostile;
 mod locator;
 mod metamesh;

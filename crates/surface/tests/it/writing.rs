@@ -49,6 +49,21 @@ fn a_file_that_appears_meanwhile_is_not_replaced() {
     assert_eq!(files(folder.path()), ["out"]);
 }
 
+/// So that it can be given its name in one step, whatever is mounted where.
+#[test]
+fn what_is_being_written_lies_in_the_folder_of_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out");
+    write_new(&path, false, |out| {
+        out.write_all(b"half")?;
+        let there = files(folder.path());
+        assert!(there.len() == 1 && there[0] != "out", "{there:?}");
+        Ok(())
+    })
+    .unwrap();
+    assert_eq!(files(folder.path()), ["out"]);
+}
+
 #[test]
 fn an_error_midway_leaves_things_as_they_were() {
     let folder = tempfile::tempdir().unwrap();

@@ -183,6 +183,15 @@ mod tests {
     }
 
     #[test]
+    fn lists_of_faces_that_are_no_corners_are_stepped_over() {
+        let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                    element face 2\nproperty list uchar int tags\nproperty list uchar int vertex_indices\n\
+                    property list uchar float texcoord\nend_header\n\
+                    0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 1 1 2 3 0 1 2 0\n0 3 0 3 1 2 0.5 0.5\n";
+        assert_eq!(read(text.as_bytes()).unwrap().faces, [[0, 1, 2], [0, 3, 1]]);
+    }
+
+    #[test]
     fn properties_in_any_order_and_foreign_lists_are_stepped_over() {
         let text = "ply\nformat ascii 1.0\ncomment x\nelement vertex 3\nproperty list uchar int tags\nproperty float z\n\
                     property float x\nproperty uchar red\nproperty double y\nelement edge 1\nproperty int a\n\

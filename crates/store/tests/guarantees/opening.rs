@@ -1,0 +1,165 @@
+//! A scheme is opened only from files that are its own and fit together, and what is missing is named.
+
+use std::os::unix::net::UnixListener;
+use std::path::Path;
+
+use rustix::fs::{CWD, FileType, Mode, mknodat};
+use spharm_monitor::Silent;
+use spharm_store::catalog::{degrees, summarize};
+use spharm_store::factor::{factors, open_factor};
+use spharm_store::{BuildParams, Codec, DegreeFile, FactorSpec, Scalar, Scheme, SchemeKey, StoreError, build};
+
+use crate::{MAX_DEGREE, ROWS, directions, params, path_of, spec, store, write_factor};
+
+fn open(store: &Path, key: SchemeKey, rows: usize, max_degree: usize) -> Result<Scheme, StoreError> {
+    Scheme::open(store, key, rows, max_degree)
+}
+
+#[test]
+fn a_scheme_knows_its_key_and_degree() {
+    let (folder, key) = store(&params());
+    for degree in 0..=MAX_DEGREE {
+        let scheme = open(folder.path(), key, ROWS, degree).expect("a scheme");
+        assert_eq!((scheme.key(), scheme.max_degree(), scheme.files().len()), (key, degree, degree + 1));
+    }
+}
+
+#[test]
+fn a_degree_that_is_missing_is_named() {
+    let (folder, key) = store(&BuildParams { scalar: Scalar::F32, ..params() });
+    let missing = |max_degree| match open(folder.path(), key, ROWS, max_degree) {
+        Err(StoreError::DegreeMissing { scalar, complete_to, missing, wanted, .. }) => {
+            (scalar, complete_to, missing, wanted)
+        }
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(missing(5), (Some(Scalar::F32), Some(MAX_DEGREE), MAX_DEGREE + 1, 5));
+    std::fs::remove_file(path_of(folder.path(), key, "A_0")).expect("a removal");
+    assert_eq!(missing(1), (None, None, 0, 1));
+    assert!(matches!(open(folder.path(), key, ROWS, 2001), Err(StoreError::Harmonics(_))));
+    assert!(matches!(open(folder.path(), key, ROWS, 2000), Err(StoreError::DegreeMissing { .. })));
+    let other = SchemeKey([7; 32]);
+    let error = open(folder.path(), other, ROWS, 1).expect_err("no such scheme");
+    assert!(matches!(&error, StoreError::NoSuchScheme { available, .. } if *available == [key]), "{error}");
+}
+
+/// Files of another length, type, degree or scheme, and of other chunks, each in the place of one that is sound.
+#[test]
+fn files_that_do_not_fit_together_are_not_opened() {
+    let (folder, key) = store(&params());
+    assert!(matches!(open(folder.path(), key, ROWS + 1, MAX_DEGREE), Err(StoreError::Corrupt { .. })));
+    let place = path_of(folder.path(), key, "A_1");
+    let sound = std::fs::read(&place).expect("a file");
+    let put = |from: &Path| std::fs::copy(from, &place).expect("a copy");
+    let contents = |error: StoreError| assert!(error.to_string().contains("contents"), "{error}");
+
+    put(&path_of(folder.path(), key, "A_2"));
+    contents(open(folder.path(), key, ROWS, MAX_DEGREE).expect_err("another degree"));
+    let listed = degrees(folder.path(), key).expect("a folder");
+    assert_eq!(
+        listed.iter().map(|(degree, file)| (*degree, file.is_ok())).collect::<Vec<_>>(),
+        [(0, true), (1, false), (2, true)]
+    );
+
+    let (other, single) = store(&BuildParams { scalar: Scalar::F32, ..params() });
+    put(&path_of(other.path(), single, "A_1"));
+    contents(open(folder.path(), key, ROWS, MAX_DEGREE).expect_err("another scheme"));
+    assert_eq!(summarize(folder.path(), key).expect("a folder").damaged, 1);
+    let report = build(folder.path(), &directions(), &params(), &Silent).expect("a build");
+    assert_eq!((report.built, report.warnings.len()), (1, 1));
+    assert!(std::fs::read(&place).expect("a file") == sound);
+
+    let (wide, _) = store(&BuildParams { chunk_rows: 16, ..params() });
+    put(&path_of(wide.path(), key, "A_1"));
+    let differs =
+        |error| assert!(matches!(error, StoreError::ChunkRowsDiffer { expected: 8, found: 16, .. }), "{error}");
+    differs(open(folder.path(), key, ROWS, MAX_DEGREE).expect_err("other chunks"));
+    differs(build(folder.path(), &directions(), &params(), &Silent).expect_err("other chunks"));
+}
+
+/// Names that only look like those of basis files are passed over.
+#[test]
+fn only_names_of_degrees_are_taken_for_degrees() {
+    let (folder, key) = store(&params());
+    for name in ["A_", "A_01", "A_+1", "A_1.tmp", "a_1", "B_1"] {
+        std::fs::write(path_of(folder.path(), key, name), "something else").expect("a file");
+    }
+    let listed: Vec<usize> = degrees(folder.path(), key).expect("a folder").into_iter().map(|(at, _)| at).collect();
+    assert_eq!(listed, [0, 1, 2]);
+}
+
+#[test]
+fn what_is_no_regular_file_is_named_and_not_waited_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("file"), "text").expect("a file");
+    std::os::unix::fs::symlink(at("file"), at("link")).expect("a link");
+    std::fs::create_dir(at("folder")).expect("a folder");
+    mknodat(CWD, at("fifo"), FileType::Fifo, Mode::RWXU, 0).expect("a FIFO");
+    let _listener = UnixListener::bind(at("socket")).expect("a socket");
+    let device = Path::new("/dev/null").to_owned();
+    for (path, what) in [
+        (at("link"), "a symbolic link"),
+        (at("folder"), "a folder"),
+        (at("fifo"), "a FIFO"),
+        (at("socket"), "a socket or device"),
+        (device, "a device"),
+    ] {
+        match DegreeFile::open(&path) {
+            Err(StoreError::NotAFile { found, .. }) => assert_eq!(found, what),
+            other => panic!("{}: {other:?}", path.display()),
+        }
+    }
+    assert!(matches!(DegreeFile::open(&at("file")), Err(StoreError::Corrupt { .. })));
+    assert!(matches!(DegreeFile::open(&at("nothing")), Err(StoreError::Io { .. })));
+}
+
+#[test]
+fn a_file_says_what_it_holds() {
+    for (scalar, codec) in [(Scalar::F64, Codec::Raw), (Scalar::F32, Codec::Raw), (Scalar::F64, Codec::Zstd)] {
+        let (folder, key) = store(&BuildParams { scalar, codec, ..params() });
+        // Degree 0 is constant: its chunks are compressed.
+        let path = path_of(folder.path(), key, "A_0");
+        let file = DegreeFile::open(&path).expect("a file");
+        let direct = scalar == Scalar::F64 && codec == Codec::Raw;
+        assert_eq!((file.path(), file.is_direct()), (&*path, direct));
+        assert_eq!(file.file_len(), std::fs::metadata(&path).expect("a file").len());
+        let window = file.window(1..3).expect("a window");
+        assert_eq!(window.chunks(), 1..3);
+        let raw = 8 * scalar.size();
+        assert!(if codec == Codec::Raw { file.stored_len(1) == raw } else { file.stored_len(1) < raw });
+        let in_place = |chunk| window.in_place(chunk).expect("values").map(<[f64]>::len);
+        assert_eq!(in_place(1), direct.then_some(8));
+        // Two values don't shrink: they are stored as they are, whatever the codec.
+        assert_eq!(in_place(2), (scalar == Scalar::F64).then_some(2));
+        assert_eq!(file.stored_len(2), 2 * scalar.size());
+    }
+}
+
+#[test]
+fn a_factor_is_found_by_what_it_is_of() {
+    let (folder, key) = store(&params());
+    let missing = |scalar| match open_factor(folder.path(), &spec(key), scalar) {
+        Err(StoreError::FactorMissing { wanted, available, .. }) => (wanted, available),
+        other => panic!("{other:?}"),
+    };
+    let text = "degree 2, weights ones, smoothness 0";
+    assert_eq!(missing(None), (text.to_owned(), vec![]));
+    let single = write_factor(folder.path(), key, Scalar::F32);
+    assert_eq!(single.file_len(), std::fs::metadata(single.path()).expect("a file").len());
+    assert_eq!(missing(Some(Scalar::F64)), (format!("{text} in f64"), vec![spec(key).file_name(Scalar::F32)]));
+    let found = |scalar| open_factor(folder.path(), &spec(key), scalar).expect("a factor").header().scalar;
+    assert_eq!(found(None), Scalar::F32);
+    let double = write_factor(folder.path(), key, Scalar::F64);
+    assert_eq!((found(None), found(Some(Scalar::F32))), (Scalar::F64, Scalar::F32));
+    // One under the name of another.
+    std::fs::copy(single.path(), double.path()).expect("a copy");
+    let error = open_factor(folder.path(), &spec(key), None).expect_err("another scalar type");
+    assert!(error.to_string().contains("scalar type"), "{error}");
+    let damaged: Vec<bool> =
+        factors(folder.path(), key).expect("a folder").into_iter().map(|(_, file)| file.is_err()).collect();
+    assert_eq!(damaged, [false, true]);
+    let other = FactorSpec { smoothness: 0.5, ..spec(key) };
+    std::fs::copy(single.path(), path_of(folder.path(), key, &other.file_name(Scalar::F64))).expect("a copy");
+    assert!(matches!(open_factor(folder.path(), &other, None), Err(StoreError::FactorDiffers { .. })));
+}
