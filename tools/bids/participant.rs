@@ -26,10 +26,10 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     let sphere = icosphere_within(budget, "bids --icosphere ", cli.icosphere, cli.max_degree)?;
     let Dataset { found, missing } = discover(cli)?;
     missing.iter().for_each(|(_, why)| console.warn(why));
-    check_earlier(cli, &found)?;
     let mut subjects: Vec<&str> = found.iter().map(|found| found.subject.as_str()).collect();
     subjects.dedup();
     prepare(&cli.output, &cli.dataset, &subjects)?;
+    check_earlier(cli, &found)?;
     let Logs { manifest, status } = Logs::new(cli, &found)?;
     let mut arguments: Vec<String> = ["fit", "--manifest", &shown(&manifest), "--output", &shown(&cli.output)]
         .into_iter()

@@ -26,7 +26,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> 
             let own = if target.kind == Kind::Surface { None } else { of_values(&row.surface, sphere)? };
             let positions = match target.kind {
                 Kind::Surface => target.values.as_slice(),
-                _ => own.as_ref().map_or(&[][..], |own| own.values.as_slice()),
+                _ => own.as_deref().unwrap_or_default(),
             };
             let of_surface = volume(positions.as_chunks::<3>().0, &sphere.faces);
             if of_surface * volume(sphere.directions.as_slice(), &sphere.faces) < 0.0 {
@@ -66,17 +66,20 @@ fn is_of_another(error: &anyhow::Error) -> bool {
 /// # Errors
 ///
 /// When the sphere isn't that of the surface, so that it isn't that of the values either.
-fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Target>> {
+fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>> {
     let Some((hemi, _)) = other_hemisphere(path) else { return Ok(None) };
     let mut refused = None;
     for name in SURFACES {
         let surface = path.with_file_name(format!("{}.{name}", hemi.name()));
+        // One that is damaged says nothing.
+        let Ok(mesh) = read_mesh(&surface) else { continue };
+        if mesh.vertices.len() == sphere.directions.len() && mesh.faces == sphere.faces {
+            return Ok(Some(mesh.vertices.into_flattened()));
+        }
+        // Its triangles may be the same in another order; else this says how they differ.
         match read_target(&surface, sphere) {
-            Ok(target) => return Ok(Some(target)),
-            Err(error) => {
-                let error = anyhow::Error::from(error);
-                refused = refused.or(is_of_another(&error).then_some(error));
-            }
+            Ok(target) => return Ok(Some(target.values)),
+            Err(error) => refused = refused.or(Some(anyhow::Error::from(error))),
         }
     }
     match refused {

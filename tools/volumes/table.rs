@@ -64,14 +64,20 @@ pub(super) fn head(max_degree: usize) -> String {
     head.join("\t")
 }
 
-/// A table of the same columns with the rows of an earlier one whose file and label it doesn't have, after its own.
+/// A table of the same columns with the models of an earlier one whose file and label it doesn't have, after its own.
 pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
     fn key(line: &str) -> Vec<&str> {
         line.splitn(3, '\t').take(2).collect()
     }
     let own: HashSet<Vec<&str>> = table.lines().map(key).collect();
-    let others = earlier.lines().filter(|line| !line.is_empty() && !own.contains(&key(line)));
-    table.to_owned() + &others.map(|line| format!("{line}\n")).collect::<String>()
+    let kept = |line: &str| {
+        let cells: Vec<&str> = line.splitn(4, '\t').collect();
+        match cells[..] {
+            [file, label, "fitted" | "kept", rest] => Some(format!("{file}\t{label}\tkept\t{rest}\n")),
+            _ => None,
+        }
+    };
+    table.to_owned() + &earlier.lines().filter(|line| !own.contains(&key(line))).filter_map(kept).collect::<String>()
 }
 
 fn cells(row: &Row, max_degree: usize) -> Vec<String> {
