@@ -94,10 +94,6 @@ impl Call<'_> {
             return self.finish(&failed);
         }
         let merged = self.merged()?;
-        let removed = tidy::models(self.plan, &merged, &failed)?;
-        if removed > 0 {
-            self.console.note(format!("{} of subjects that have left or fail now: removed", counted(removed, "model")));
-        }
         let subjects = self.plan.subjects(&merged);
         if subjects.len() < LEAST {
             bail!(
@@ -106,6 +102,10 @@ impl Call<'_> {
                 subjects.len(),
                 self.plan.status().display()
             );
+        }
+        let removed = tidy::models(self.plan, &merged, &failed)?;
+        if removed > 0 {
+            self.console.note(format!("{} of subjects that have left or fail now: removed", counted(removed, "model")));
         }
         self.plan.write_lists(&subjects)?;
         self.plan.write_status(&merged)?;

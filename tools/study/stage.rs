@@ -167,12 +167,13 @@ mod tests {
         assert!(!stage.is_done(folder.path()).unwrap());
         stage.clear(folder.path()).unwrap();
         assert!(!at("made/a").exists() && !at("mean").exists() && at("made/b").exists() && at("input").exists());
+        stage.arguments.push("--scale".to_owned());
+        assert!(!stage.is_done(folder.path()).unwrap());
+        std::fs::write(at("mean"), "m").unwrap();
         stage.finish(folder.path()).unwrap();
         std::fs::write(at("made/b"), "changed since").unwrap();
         retire(&at("align.json"), folder.path()).unwrap();
-        assert!(at("made/b").exists() && !at("align.json").exists());
-        stage.arguments.push("--scale".to_owned());
-        assert!(!stage.is_done(folder.path()).unwrap());
+        assert!(!at("mean").exists() && at("made/b").exists() && !at("align.json").exists());
     }
 
     #[test]

@@ -37,13 +37,16 @@ pub(super) fn damaged<'a>(plan: &Plan, rows: impl Iterator<Item = &'a Row>, merg
     Ok(removed)
 }
 
-/// Removes the models of subjects that have left the table, and of those that failed now; returns how many there were.
+/// Removes the models of subjects that have left the table, and of those whose surface is there and can't be fitted any more; returns
+/// how many there were. Where a surface isn't there, a disk may be missing, and its model stays, outside of the group.
 pub(super) fn models(plan: &Plan, merged: &Merged, failed: &[(String, String)]) -> Result<usize> {
     let there: HashSet<&str> = plan.manifest.rows.iter().map(|row| row.id.as_str()).collect();
     let gone: HashSet<&str> =
         merged.entries().iter().map(|entry| entry.id.as_str()).filter(|id| !there.contains(id)).collect();
     let mut count = 0;
-    for id in gone.iter().copied().chain(failed.iter().map(|(id, _)| id.as_str())) {
+    let failed: HashSet<&str> = failed.iter().map(|(id, _)| id.as_str()).collect();
+    let broken = plan.manifest.rows.iter().filter(|row| failed.contains(row.id.as_str()) && row.surface.is_file());
+    for id in gone.iter().copied().chain(broken.map(|row| row.id.as_str())) {
         count += usize::from(model(&plan.models(), id)?);
     }
     if !gone.is_empty() {
