@@ -110,6 +110,8 @@ def main():
     if len(sys.argv) not in (2, 3):
         sys.exit(__doc__)
     folder, count = Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) == 3 else 12
+    if (folder / "sub-01").exists():
+        sys.exit(f"{folder}: has subjects already; choose another folder")
     averages = {hemisphere: average(side) for hemisphere, side in HEMISPHERES.items()}
     rows = [make(folder, number, averages) for number in range(count)]
     (folder / "participants.tsv").write_text("participant_id\tgroup\tage\n" + "".join(rows))

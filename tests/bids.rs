@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use ndarray_npy::ReadNpyExt;
 use serde_json::Value;
 use spharm_model::Model;
 use spharm_surface::io::{read_mesh, read_signal};
@@ -57,7 +58,10 @@ fn a_study_of_freesurfer_s_subjects_becomes_a_derivative_dataset() {
     assert!(at("sub-03.html").exists());
     let description = fs::read_to_string(at("dataset_description.json")).expect("a file");
     let description: Value = serde_json::from_str(&description).expect("JSON");
-    assert_eq!((&description["DatasetType"], &description["GeneratedBy"][0]["Name"]), (&"derivative".into(), &"spharm".into()));
+    assert_eq!(
+        (&description["DatasetType"], &description["GeneratedBy"][0]["Name"]),
+        (&"derivative".into(), &"spharm".into())
+    );
     let participants = fs::read_to_string(at("participants.tsv")).expect("a table");
     assert_eq!(participants, "participant_id\nsub-01\nsub-02\nsub-03\n");
 
@@ -69,12 +73,25 @@ fn a_study_of_freesurfer_s_subjects_becomes_a_derivative_dataset() {
     assert_eq!(fs::read_to_string(at("participants.tsv")).expect("a table"), participants);
 
     succeed(&mut bids(site.path(), &["group"]));
-    let mut arrays = ndarray_npy::NpzReader::new(fs::File::open(at("group_hemi-L_pial_models.npz")).expect("a file")).expect("an archive");
-    let coefficients: ndarray::Array3<f64> = arrays.by_name("coefficients").expect("an array");
+    let file = fs::File::open(at("group_hemi-L_pial_models.npz")).expect("a file");
+    let mut arrays = zip::ZipArchive::new(file).expect("an archive");
+    let array = arrays.by_name("coefficients.npy").expect("an array");
+    let coefficients = ndarray::Array3::<f64>::read_npy(array).expect("numbers");
     assert_eq!(coefficients.dim(), (3, 49, 3));
     let third = Model::read(at("sub-03/anat/sub-03_hemi-L_desc-spharm_pial.npz")).expect("a model");
     assert_eq!(coefficients.index_axis(ndarray::Axis(0), 2), third.coefficients.values());
     assert!(at("group.html").exists() && at("group_hemi-R_pial.shape-model.npz").exists());
+    // Another degree or icosphere is another dataset, unless that is asked for.
+    for other in [["--max-degree", "5", "--icosphere", "2"], ["--max-degree", "6", "--icosphere", "1"]] {
+        let arguments: Vec<&str> = ["participant", "--no-pages"].iter().chain(&other).copied().collect();
+        assert!(fail(&mut bids(site.path(), &arguments)).contains("--force"), "{other:?}");
+        assert_eq!(fs::read(stem("desc-spharm_pial.npz")).expect("a file"), before);
+    }
+    let forced = ["participant", "--no-pages", "--max-degree", "5", "--icosphere", "1", "--force"];
+    succeed(&mut bids(site.path(), &forced));
+    assert!(!stem("space-icosphere2_den-162_desc-spharm_pial.surf.gii").exists());
+    let evaluated = fs::read_to_string(stem("space-icosphere1_den-42_desc-spharm_pial.surf.gii")).expect("a mesh");
+    assert!(evaluated.contains("CortexRight"));
     let status = fs::read_to_string(at("group_status.tsv")).expect("a table");
     assert_eq!(status.lines().filter(|line| line.contains("\tdone\t")).count(), 6, "{status}");
 }
@@ -88,7 +105,8 @@ fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
     freesurfer(&subjects, "sub-a", &["lh", "rh"], 0);
     freesurfer(&subjects, "sub-b", &["lh"], 1);
     fs::write(subjects.join("sub-a/surf/rh.pial"), "broken").expect("a file");
-    let output = finish(&mut bids(site.path(), &["participant", "--max-degree", "4", "--icosphere", "1", "--no-pages"]));
+    let output =
+        finish(&mut bids(site.path(), &["participant", "--max-degree", "4", "--icosphere", "1", "--no-pages"]));
     let line = error_line(&output);
     assert!(line.contains("2 surfaces could not be fitted"), "{line}");
     assert!(text(&output).contains("sub-b: no hemi-R pial with a registered sphere"), "{}", text(&output));
@@ -96,6 +114,11 @@ fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
         let name = format!("out/sub-{subject}/anat/sub-{subject}_hemi-{hemisphere}_desc-spharm_pial.npz");
         assert_eq!(site.path().join(&name).exists(), there, "{name}");
     }
+    // The group is told of both.
+    let group = finish(&mut bids(site.path(), &["group", "--no-pages"]));
+    let status = fs::read_to_string(site.path().join("out/group_status.tsv")).expect("a table");
+    assert!(status.contains("sub-a_hemi-R_pial\tfailed") && status.contains("sub-b_hemi-R_pial\tfailed"), "{status}");
+    assert!(text(&group).contains("without a model: 2 surfaces"), "{}", text(&group));
     for (arguments, expected) in [
         (&["participant", "--participant-label", "c"][..], "no folder sub-c"),
         (&["participant", "--participant-label", "../a"][..], "letters and digits"),

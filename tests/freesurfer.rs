@@ -76,6 +76,11 @@ fn every_subject_is_fitted_on_its_own_sphere_and_seen_on_a_common_one() {
             assert!(off.fold(0.0f64, |most, off| most.max(off.abs())) < 1e-5);
         }
     }
+    // Workbench asks for it.
+    for (name, cortex) in [("bert.lh.white.ico2.surf", "CortexLeft"), ("bert.rh.thickness.ico2.shape", "CortexRight")] {
+        let written = std::fs::read_to_string(subjects.out(&format!("{name}.gii"))).expect("a file");
+        assert!(written.contains("AnatomicalStructurePrimary") && written.contains(cortex), "{name}");
+    }
     assert!(!subjects.out("fsaverage5.lh.white.spharm.npz").exists());
     let again: Vec<&str> = all.iter().copied().chain(["--skip-existing"]).collect();
     assert!(succeed(&mut subjects.run(&again)).contains("nothing to do"));
@@ -110,6 +115,38 @@ fn broken_subjects_are_named_and_stop_no_other() {
     assert!(error("ernie b..rh.white").contains("inside out"), "{report}");
     assert!(error("ernie b..rh.thickness").contains("inside out"), "{report}");
     assert!(subjects.out("ernie b..lh.white.spharm.npz").exists());
+}
+
+/// Values of a hemisphere say nothing of the sphere; its surfaces do, be it the white one or, where that is missing, another.
+#[test]
+fn values_are_held_against_the_surfaces_of_their_hemisphere() {
+    let subjects = Subjects::new();
+    let bert = |name: &str| subjects.path(&format!("bert/surf/{name}"));
+    let fit = ["--signal", "thickness", "--subject", "bert", "--hemi", "rh"];
+    // The other hemisphere's, of as many vertices, whose triangles are others.
+    let mut other = read_mesh(bert("lh.sphere.reg")).expect("a sphere");
+    other.faces.iter_mut().for_each(|face| *face = face.map(|vertex| (vertex + 1) % 642));
+    std::fs::rename(bert("rh.white"), bert("rh.pial")).expect("moved");
+    let good = std::fs::read(bert("rh.sphere.reg")).expect("a sphere");
+    std::fs::remove_file(bert("rh.sphere.reg")).expect("it is there");
+    write_mesh(bert("rh.sphere.reg"), &other, &OPTIONS).expect("a sphere");
+    let output = finish(&mut subjects.run(&fit));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && said.contains("rh.thickness: the sphere is not of its surface"), "{said}");
+    std::fs::write(bert("rh.sphere.reg"), good).expect("a sphere");
+    let mut mirrored = read_mesh(bert("rh.sphere.reg")).expect("a sphere");
+    mirrored.vertices.iter_mut().for_each(|p| p[0] = -p[0]);
+    std::fs::remove_file(bert("rh.sphere.reg")).expect("it is there");
+    write_mesh(bert("rh.sphere.reg"), &mirrored, &OPTIONS).expect("a sphere");
+    let output = finish(&mut subjects.run(&fit));
+    assert!(error_line(&output).contains("1 of 1 surface"), "{}", text(&output));
+    assert!(text(&output).contains("rh.thickness: ") && text(&output).contains("inside out"), "{}", text(&output));
+    assert!(!subjects.out("bert.rh.thickness.spharm.npz").exists());
+    // A file that was cut off says nothing of hemispheres.
+    let bytes = std::fs::read(bert("lh.white")).expect("a surface");
+    std::fs::write(bert("lh.white"), &bytes[..bytes.len() / 2]).expect("written");
+    let output = finish(&mut subjects.run(&["--surface", "white", "--subject", "bert", "--hemi", "lh"]));
+    assert!(!output.status.success() && !text(&output).contains("hemisphere"), "{}", text(&output));
 }
 
 #[test]

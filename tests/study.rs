@@ -54,7 +54,11 @@ fn made(site: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let (out, mut files) = (site.join("out"), BTreeMap::new());
     list(&out, &mut files);
     let relative = |path: PathBuf| path.strip_prefix(&out).expect("in it").to_owned();
-    files.into_iter().map(|(path, bytes)| (relative(path), bytes)).filter(|(path, _)| !path.starts_with("status")).collect()
+    files
+        .into_iter()
+        .map(|(path, bytes)| (relative(path), bytes))
+        .filter(|(path, _)| !path.starts_with("status"))
+        .collect()
 }
 
 /// What became of each stage, as the table at the end has it.
@@ -81,6 +85,9 @@ fn a_study_is_made_once_and_after_a_change_only_what_depends_on_it() {
     }
     let page = String::from_utf8(all[Path::new("report.html")].clone()).expect("UTF-8");
     assert!(page.contains("Bump &lt;b&gt;") && !page.contains("<b>"), "the title is text");
+    for said in ["group: b - a", "6: 3 b, 3 a", "4 degrees of freedom", "20, all of them", "Accounted for"] {
+        assert!(page.contains(said), "the page says what was tested: {said}");
+    }
 
     let again = stages(&succeed(&mut study(site.path(), &[])));
     assert!(again.iter().all(|(stage, state)| stage == "fit" || state == "up to date"), "{again:?}");
@@ -88,7 +95,8 @@ fn a_study_is_made_once_and_after_a_change_only_what_depends_on_it() {
 
     fs::write(site.path().join("study.toml"), STUDY.replace("count = 3", "count = 2")).expect("a file");
     let changed = stages(&succeed(&mut study(site.path(), &[])));
-    let done: Vec<&str> = changed.iter().filter(|(_, state)| *state == "done").map(|(stage, _)| stage.as_str()).collect();
+    let done: Vec<&str> =
+        changed.iter().filter(|(_, state)| *state == "done").map(|(stage, _)| stage.as_str()).collect();
     assert_eq!(done, ["fit", "modes", "report"]);
 
     // A subject's surface changes, and another leaves.

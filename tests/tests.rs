@@ -3,6 +3,7 @@
 mod accuracy;
 mod bad_input;
 mod bare;
+mod bids;
 mod cohorts;
 mod common;
 mod compressed;
@@ -34,6 +35,8 @@ mod resumed;
 mod shape;
 mod shape_study;
 mod store;
+mod study;
+mod study_tidy;
 mod surface_target;
 mod verbs;
 mod volume_tables;

@@ -80,6 +80,15 @@ fn every_label_is_a_model_and_a_row() {
     let states: Vec<String> = site.table().iter().map(|row| row["state"].clone()).collect();
     assert_eq!(states, ["kept", "kept", "fitted", "kept"], "{:?}", site.table());
     assert_eq!(std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model"), before);
+    // Fewer labels leave the rows of the others; another degree leaves all of them.
+    let rows = site.table();
+    succeed(&mut site.run(&["in/b.nii", "--label", "17", "--skip-existing"]));
+    assert_eq!(site.table().len(), rows.len());
+    let table = std::fs::read(site.path("out/volumes.tsv")).expect("a table");
+    let mut other = tool("volumes");
+    other.current_dir(site.0.path()).args(["in/a.nii", "--max-degree", "4", "-o", "out", "--skip-existing"]);
+    assert!(error_line(&finish(&mut other)).contains("found those of degree 5; give --force"));
+    assert_eq!(std::fs::read(site.path("out/volumes.tsv")).expect("a table"), table);
     let said = succeed(&mut site.run(&["in/b.nii", "--label", "17", "--force"]));
     assert!(said.contains("1 model, 0 failed"), "{said}");
 }
@@ -92,6 +101,7 @@ fn chosen_labels_that_are_not_there_are_rows_too() {
     let rows: Vec<String> = site.table().iter().map(|row| format!("{} {}", row["label"], row["state"])).collect();
     assert_eq!(rows, ["17 fitted", "53 fitted", "17 fitted", "53 failed"]);
     assert!(site.table()[3]["error"].contains("no voxel has label 53"), "{:?}", site.table()[3]);
+    assert_eq!(site.table()[3]["border"], "n/a");
 }
 
 /// An array says nothing of its voxels.

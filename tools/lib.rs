@@ -87,7 +87,7 @@ impl Verb {
             Self::Import(cli) => import::run(cli),
             Self::Status(cli) => status::run(cli),
             Self::Picture(cli) => picture::run(cli),
-            Self::Study(cli) => study::run(cli, &run_command),
+            Self::Study(cli) => study::run(cli, &run_command, &parse_command),
             Self::Bids(cli) => bids::run(cli, &run_command),
             Self::Report(cli) => report::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
@@ -103,8 +103,20 @@ impl Verb {
 
 /// Runs a command that a verb is made of; its first word is `spharm`.
 fn run_command(arguments: &[String]) -> anyhow::Result<()> {
-    let wrong = |error: clap::Error| anyhow::anyhow!("{}", error.to_string().trim_end());
-    Parsed::of(arguments).map_err(wrong)?.run()
+    Parsed::of(arguments).map_err(told)?.run()
+}
+
+/// Looks at the arguments of such a command, and runs nothing.
+fn parse_command(arguments: &[String]) -> anyhow::Result<()> {
+    Parsed::of(arguments).map(drop).map_err(told)
+}
+
+/// What is wrong with a command's arguments, in one line.
+fn told(error: clap::Error) -> anyhow::Error {
+    let text = error.to_string().replace("\n\n  tip: ", "; ");
+    let said: Vec<&str> = text.split("\n\nUsage:").next().unwrap_or_default().split_whitespace().collect();
+    let said = said.join(" ");
+    anyhow::anyhow!("{}", said.strip_prefix("error: ").unwrap_or(&said))
 }
 
 /// The program's arguments. The flags of every verb may stand before it, too.
@@ -125,6 +137,16 @@ impl Parsed {
     fn of<T: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = T>) -> Result<Self, clap::Error> {
         let mut command = command();
         let matches = command.try_get_matches_from_mut(arguments)?;
+        // Conflicts are looked for before the verb and after it, not between the two.
+        let mut verb = &matches;
+        while let Some((_, next)) = verb.subcommand() {
+            verb = next;
+        }
+        let given = |flag: &str| verb.try_get_one::<bool>(flag).ok().flatten() == Some(&true);
+        if given("quiet") && given("verbose") {
+            let conflict = "the argument '--quiet' cannot be used with '--verbose'";
+            return Err(command.error(clap::error::ErrorKind::ArgumentConflict, conflict));
+        }
         Ok(Self { spharm: Spharm::from_arg_matches(&matches)?, command, matches })
     }
 

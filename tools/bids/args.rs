@@ -58,6 +58,9 @@ pub(crate) struct Cli {
     /// Fit one part of the surfaces: I/N, counted from 0, or slurm
     #[arg(long, value_name = "I/N", help_heading = METHOD)]
     pub(super) shard: Option<String>,
+    /// Replace models of another degree, and surfaces on another icosphere
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) force: bool,
     /// Leave the pages out
     #[arg(long, help_heading = OUTPUT)]
     pub(super) no_pages: bool,

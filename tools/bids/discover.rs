@@ -23,7 +23,8 @@ pub(super) struct Found {
 #[derive(Debug, Default)]
 pub(super) struct Dataset {
     pub(super) found: Vec<Found>,
-    pub(super) missing: Vec<String>,
+    /// What each would be called in status files, and why it isn't there.
+    pub(super) missing: Vec<(String, String)>,
 }
 
 /// Where surfaces come from.
@@ -66,7 +67,8 @@ pub(super) fn discover(cli: &Cli) -> Result<Dataset> {
                 }
                 if dataset.found.len() == before {
                     let wanted = format!("hemi-{} {}", hemi.label(), surface.name());
-                    dataset.missing.push(format!("sub-{subject}: no {wanted} with a registered sphere"));
+                    let id = format!("sub-{subject}_hemi-{}_{}", hemi.label(), surface.name());
+                    dataset.missing.push((id, format!("sub-{subject}: no {wanted} with a registered sphere")));
                 }
             }
         }

@@ -65,6 +65,11 @@ fn status(cli: &Cli, logs: &Path) -> Result<()> {
         let state = if entry.state.is_there() { "done" } else { entry.state.name() };
         writer.write_record([&entry.id, state, &msd, &xsd, &entry.error])?;
     }
+    let lost = merged.entries().iter().filter(|entry| !entry.state.is_there()).count();
+    if lost > 0 {
+        let (lost, table) = (counted(lost, "surface"), cli.output.join("group_status.tsv"));
+        cli.common.console().warn(format!("without a model: {lost}; {} says why", table.display()));
+    }
     text(&cli.output.join("group_status.tsv"), &String::from_utf8(writer.into_inner()?)?)
 }
 

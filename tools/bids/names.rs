@@ -1,6 +1,6 @@
 //! Names of derivatives, as BIDS has them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::discover::Found;
 
@@ -43,6 +43,22 @@ impl Found {
         let density = density(vertices);
         let middle = format!("space-icosphere{subdivisions}_den-{density}_desc-spharm");
         self.file(&middle, &format!("{}.surf.gii", self.surface.name()))
+    }
+
+    /// The model on icospheres, as far as such files are there.
+    pub(super) fn evaluations(&self, output: &Path) -> Vec<PathBuf> {
+        let start = format!("{}_hemi-{}_space-icosphere", self.stem(), self.hemi.label());
+        let ending = format!("_desc-spharm_{}.surf.gii", self.surface.name());
+        let folder = output.join(self.model()).parent().map(Path::to_owned).unwrap_or_default();
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        let is_one = |path: &PathBuf| {
+            path.file_name()
+                .map(|name| name.to_string_lossy().into_owned())
+                .is_some_and(|name| name.starts_with(&start) && name.ends_with(&ending))
+        };
+        let mut found: Vec<PathBuf> = entries.filter(is_one).collect();
+        found.sort_unstable();
+        found
     }
 
     pub(super) fn error(&self) -> PathBuf {

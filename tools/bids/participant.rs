@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde_json::json;
-use spharm::cohort::{Merged, State};
+use spharm::cohort::{Entry, Merged, State, StatusFile};
 use spharm::shape::descriptors;
 use spharm::{Model, Sphere};
 use spharm_cli::console::Console;
 use spharm_cli::output::{counted, print_line};
-use spharm_surface::Signal;
-use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal};
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal_of};
 use spharm_surface::metrics::vertex_distances;
+use spharm_surface::{Hemisphere, Signal};
 
-use super::args::Cli;
+use super::args::{Cli, Hemi};
 use super::dataset::{prepare, text};
 use super::discover::{Dataset, Found, discover};
 use crate::rows::icosphere_within;
@@ -25,10 +25,11 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     let budget = cli.memory.budget(cli.threads.count());
     let sphere = icosphere_within(budget, "bids --icosphere ", cli.icosphere, cli.max_degree)?;
     let Dataset { found, missing } = discover(cli)?;
-    missing.iter().for_each(|missing| console.warn(missing));
+    missing.iter().for_each(|(_, why)| console.warn(why));
     let mut subjects: Vec<&str> = found.iter().map(|found| found.subject.as_str()).collect();
     subjects.dedup();
     prepare(&cli.output, &cli.dataset, &subjects)?;
+    check_earlier(cli, &found)?;
     let Logs { manifest, status } = Logs::new(cli, &found)?;
     let mut arguments: Vec<String> = ["fit", "--manifest", &shown(&manifest), "--output", &shown(&cli.output)]
         .into_iter()
@@ -38,6 +39,13 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         .collect();
     arguments.extend(cli.shard.iter().flat_map(|shard| ["--shard".to_owned(), shard.clone()]));
     let fitted = spharm(&super::command(cli, arguments));
+    if !missing.is_empty() {
+        // For the group level, which sees the tables alone.
+        let mut file = StatusFile::open(&status)?;
+        for (id, why) in &missing {
+            file.append(&Entry { error: why.clone(), ..Entry::new(id, State::Failed) })?;
+        }
+    }
     let merged = Merged::read(std::slice::from_ref(&status))?;
     let failed = found.iter().filter(|found| is(&merged, found, &[State::Failed])).count();
     if failed == 0 || fitted.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
@@ -64,6 +72,33 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         0 => Ok(()),
         lost => bail!("{} could not be fitted; {} says why", counted(lost, "surface"), status.display()),
     }
+}
+
+/// Refuses to replace what was made with another degree or on another icosphere, unless that is asked for.
+fn check_earlier(cli: &Cli, found: &[Found]) -> Result<()> {
+    let sampled = format!("_space-icosphere{}_", cli.icosphere);
+    for found in found.iter().filter(|_| !cli.force) {
+        let (model, sidecar) = (cli.output.join(found.model()), cli.output.join(found.sidecar()));
+        let described = std::fs::read_to_string(&sidecar).ok().filter(|_| model.is_file());
+        let described = described.and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
+        let degree = described.as_ref().and_then(|described| described["MaximalDegree"].as_u64());
+        if let Some(degree) = degree.filter(|degree| *degree != cli.max_degree as u64) {
+            bail!(
+                "{}: a model of degree {degree}, {} was asked for; give --force to replace what is there, or another OUT",
+                model.display(),
+                cli.max_degree
+            );
+        }
+        let name = |path: &PathBuf| path.file_name().is_some_and(|name| !name.to_string_lossy().contains(&sampled));
+        if let Some(other) = found.evaluations(&cli.output).iter().find(|path| name(path)) {
+            bail!(
+                "{}: on another icosphere than {}, which was asked for; give --force to replace what is there, or another OUT",
+                other.display(),
+                cli.icosphere
+            );
+        }
+    }
+    Ok(())
 }
 
 fn is(merged: &Merged, found: &Found, states: &[State]) -> bool {
@@ -119,13 +154,23 @@ fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
     }
     text(&at(found.spectrum()), &spectrum)?;
     let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
-    let evaluated = model.reconstruct(sphere, degree)?;
-    write_mesh(at(found.evaluated(cli.icosphere, evaluated.vertices.len())), &evaluated, &options)?;
+    let cortex = match found.hemi {
+        Hemi::L => Hemisphere::Left.cortex(),
+        Hemi::R => Hemisphere::Right.cortex(),
+    };
+    let mut evaluated = model.reconstruct(sphere, degree)?;
+    evaluated.meta.anatomical_structure_primary.get_or_insert(cortex.to_owned());
+    let path = at(found.evaluated(cli.icosphere, evaluated.vertices.len()));
+    write_mesh(&path, &evaluated, &options)?;
+    // With --force; else there is none.
+    for other in found.evaluations(&cli.output).into_iter().filter(|other| *other != path) {
+        std::fs::remove_file(&other).with_context(|| other.display().to_string())?;
+    }
     let surface = read_mesh(&found.mesh)?;
     let fitted = model.reconstruct_original(degree)?.mesh;
     let distances = vertex_distances(&surface.vertices, &fitted.vertices)?;
     let signal = Signal { vertices: distances.len(), values: distances, channels: 1 };
-    write_signal(at(found.error()), &signal, &options)?;
+    write_signal_of(at(found.error()), &signal, Some(cortex), &options)?;
     Ok(())
 }
 

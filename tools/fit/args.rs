@@ -248,6 +248,9 @@ pub(super) struct Output {
     /// A model of another input, or with other settings, is replaced in place of being refused.
     #[arg(long, conflicts_with_all = ["force", "skip_existing"])]
     pub(super) update: bool,
+    /// Say nothing of models that don't correspond: what calls this aligns them
+    #[arg(long, hide = true)]
+    pub(super) aligned_later: bool,
 }
 
 #[derive(Debug, clap::Args)]

@@ -65,6 +65,7 @@ fn options(cli: &Cli, params: FitParams) -> Options {
         json: cli.output.json,
         threads: cli.resources.threads,
         about: about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect::<Map<_, _>>(),
+        aligned_later: cli.output.aligned_later,
         check: None,
         evaluate: None,
     }

@@ -2,28 +2,33 @@
 
 use std::path::Path;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use spharm::cohort::Row;
 use spharm::io::read_mesh;
-use spharm::{Kind, Mesh, Sphere, Target};
+use spharm::{Kind, Sphere, Target, read_target};
+use spharm_surface::SurfaceError;
 use spharm_surface::geometry::{cross, dot};
 
 use super::other_hemisphere;
+
+/// Surfaces that a hemisphere's values are on, of which FreeSurfer writes all; the first that is there is taken.
+const SURFACES: [&str; 4] = ["white", "pial", "smoothwm", "orig"];
 
 /// Refuses a surface whose orientation its sphere turns round, and says of one that doesn't fit its sphere whether that is the
 /// other hemisphere's.
 ///
 /// A sphere keeps the side of its surface that is outside. A mirrored one, as another hemisphere's is, turns it inside out: the
-/// volumes that the triangles enclose on the two have different signs.
+/// volumes that the triangles enclose on the two have different signs. Values say nothing of that: the hemisphere's own surface does,
+/// and is held against the sphere in their place.
 pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> Result<Target> {
     match target {
         Ok(target) if !sphere.faces.is_empty() => {
+            let own = if target.kind == Kind::Surface { None } else { of_values(&row.surface, sphere)? };
             let positions = match target.kind {
-                Kind::Surface => Some(target.values.as_chunks::<3>().0.to_vec()),
-                // Values don't tell; the white surface that they are on does.
-                _ => white(&row.surface).map(|mesh| mesh.vertices).filter(|v| v.len() == sphere.directions.len()),
+                Kind::Surface => target.values.as_slice(),
+                _ => own.as_deref().unwrap_or_default(),
             };
-            let of_surface = positions.map_or(0.0, |positions| volume(&positions, &sphere.faces));
+            let of_surface = volume(positions.as_chunks::<3>().0, &sphere.faces);
             if of_surface * volume(sphere.directions.as_slice(), &sphere.faces) < 0.0 {
                 bail!(
                     "{}: {} turns it inside out, as the sphere of the other hemisphere does; expected that of this one",
@@ -34,6 +39,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> 
             Ok(target)
         }
         Ok(target) => Ok(target),
+        Err(error) if !is_of_another(&error) => Err(error),
         Err(error) => {
             let vertices = sphere.directions.len();
             let other = other_hemisphere(&row.surface).map(|(_, path)| path);
@@ -49,10 +55,37 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> 
     }
 }
 
-/// The white surface of the hemisphere that a file is of, where it is there.
-fn white(path: &Path) -> Option<Mesh> {
-    let (hemi, _) = other_hemisphere(path)?;
-    read_mesh(path.with_file_name(format!("{}.white", hemi.name()))).ok()
+/// Whether a target was refused because it is of another sphere, in place of being broken.
+fn is_of_another(error: &anyhow::Error) -> bool {
+    use SurfaceError::{OtherTriangles, VertexCount};
+    error.chain().any(|cause| matches!(cause.downcast_ref(), Some(VertexCount { .. } | OtherTriangles { .. })))
+}
+
+/// The surface that values are on, of their hemisphere, where there is one that can be read.
+///
+/// # Errors
+///
+/// When the sphere isn't that of the surface, so that it isn't that of the values either.
+fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>> {
+    let Some((hemi, _)) = other_hemisphere(path) else { return Ok(None) };
+    let mut refused = None;
+    for name in SURFACES {
+        let surface = path.with_file_name(format!("{}.{name}", hemi.name()));
+        // One that is damaged says nothing.
+        let Ok(mesh) = read_mesh(&surface) else { continue };
+        if mesh.vertices.len() == sphere.directions.len() && mesh.faces == sphere.faces {
+            return Ok(Some(mesh.vertices.into_flattened()));
+        }
+        // Its triangles may be the same in another order; else this says how they differ.
+        match read_target(&surface, sphere) {
+            Ok(target) => return Ok(Some(target.values)),
+            Err(error) => refused = refused.or(Some(anyhow::Error::from(error))),
+        }
+    }
+    match refused {
+        Some(error) => Err(error).with_context(|| format!("{}: the sphere is not of its surface", path.display())),
+        None => Ok(None),
+    }
 }
 
 /// Six times the volume that triangles enclose, positive where they are counter-clockwise seen from outside.

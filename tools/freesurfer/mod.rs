@@ -60,6 +60,7 @@ fn options(cli: &Cli) -> Result<Options> {
         json: cli.json,
         threads: cli.threads,
         about: about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect::<Map<_, _>>(),
+        aligned_later: false,
         check: Some(Box::new(check::hemisphere)),
         evaluate: cli.evaluate_on.map(|n| evaluate(cli, n)).transpose()?,
     })

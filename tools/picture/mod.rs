@@ -11,7 +11,9 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_harmonics::Directions;
 use spharm_parametrize::quality::log_area_ratios;
-use spharm_render::{Paint, Panel, Settings, fit_into, render, symmetric_range, write_png};
+use spharm_render::{
+    Paint, Panel, Settings, fit_into, is_probability, render, scale_label, significance, symmetric_range, write_png,
+};
 use spharm_surface::Mesh;
 use spharm_surface::io::{WriteOptions, read_mesh, read_signal};
 use spharm_surface::metrics::{correspond, distances_to_surface, distances_to_surface_bytes, vertex_distances};
@@ -52,11 +54,26 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         panels.insert(1, Panel { paint, ..Panel::new(&sphere, "sphere") });
     }
     let maps = cli.map.iter().map(|path| read_map(path, &meshes[0])).collect::<Result<Vec<_>>>()?;
-    let labels: Vec<String> = cli.map.iter().map(|path| stem(path)).collect();
-    for (values, label) in maps.iter().zip(&labels) {
-        let range = cli.range.unwrap_or_else(|| range_of(values));
-        let paint = Paint::Scalar { values, range, label };
-        panels.push(Panel { paint, ..Panel::new(&meshes[0], label) });
+    let names: Vec<String> = cli.map.iter().map(|path| stem(path)).collect();
+    // Of p values the least get the last colour, as in a page.
+    let maps: Vec<(Vec<f64>, (f64, f64), String)> = maps
+        .into_iter()
+        .zip(&names)
+        .map(|(values, name)| {
+            let (values, range) = if is_probability(name) {
+                significance(&values)
+            } else {
+                let range = range_of(&values);
+                (values, range)
+            };
+            let range = cli.range.unwrap_or(range);
+            let label = scale_label(name, &values, range);
+            (values, range, label)
+        })
+        .collect();
+    for ((values, range, label), name) in maps.iter().zip(&names) {
+        let paint = Paint::Scalar { values, range: *range, label };
+        panels.push(Panel { paint, ..Panel::new(&meshes[0], name) });
     }
     panels.iter_mut().zip(&cli.caption).for_each(|(panel, caption)| panel.caption = caption);
     let settings = settings(cli, cli.size);

@@ -32,6 +32,8 @@ const MAPS: [&str; 12] = [
     "margin",
     "value",
 ];
+/// What was tested, in a test's folder.
+const ABOUT: &str = "test.json";
 /// What a report of a fit may be, in bytes: larger files aren't reports.
 const LARGEST_REPORT: u64 = 1 << 30;
 
@@ -149,13 +151,66 @@ fn test(folder: &Path) -> Result<Maps> {
         bail!("{}: expected maps of `spharm shape test`, such as statistic.shape.gii; found none", folder.display());
     }
     let name = folder.file_name().map_or_else(|| "test".to_owned(), |name| name.to_string_lossy().into_owned());
-    Ok(Maps { name: format!("{name}: test"), meaning: String::new(), mesh, maps })
+    let (meaning, about) = about(folder)?;
+    Ok(Maps { name: format!("{name}: test"), meaning, about, mesh, maps })
+}
+
+/// What `test.json` says of a test, for the page's table; nothing of folders that an earlier version wrote.
+fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
+    let path = folder.join(ABOUT);
+    if !path.is_file() {
+        return Ok((String::new(), Vec::new()));
+    }
+    let text = read_text(&path, "description of a test", LARGEST_TABLE)?;
+    let about: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
+    let text = |value: &Value| match value {
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    };
+    let list = |value: &Value| -> Vec<String> { value.as_array().into_iter().flatten().map(text).collect() };
+    let meaning = match (about["tested"].as_str().unwrap_or_default(), about["of"].as_str()) {
+        (tested, Some(of)) if !tested.is_empty() && !tested.contains(of) => format!("{of}: {tested}"),
+        (tested, _) => tested.to_owned(),
+    };
+    let mut rows = Vec::new();
+    let mut row = |name: &str, value: String| rows.push((name.to_owned(), value));
+    let levels = about["levels"].as_array().into_iter().flatten();
+    let levels: Vec<String> = levels.map(|of| format!("{} {}", text(&of["subjects"]), text(&of["level"]))).collect();
+    let subjects = text(&about["subjects"]);
+    row("Subjects", if levels.is_empty() { subjects } else { format!("{subjects}: {}", levels.join(", ")) });
+    if let Some(signal) = about["signal"].as_str() {
+        let what = match signal {
+            "normal" => "displacement along the mean's normal",
+            "position" => "position",
+            _ => "value",
+        };
+        row("Measured", what.to_owned());
+    }
+    let covariates = list(&about["covariates"]);
+    row("Accounted for", if covariates.is_empty() { "nothing".to_owned() } else { covariates.join(", ") });
+    let freedom = match &about["statistic"]["freedom"] {
+        Value::Array(_) => list(&about["statistic"]["freedom"]).join(", "),
+        Value::Number(number) => {
+            number.as_f64().map_or(String::new(), |number| ((1e4 * number).round() / 1e4).to_string())
+        }
+        _ => String::new(),
+    };
+    let welch = if about["welch"] == true { "Welch's " } else { "" };
+    row("Statistic", format!("{welch}{}, {freedom} degrees of freedom", text(&about["statistic"]["name"])));
+    if let Some(count) = about["relabellings"].as_u64() {
+        row("Relabellings", format!("{count}, {}", if about["exact"] == true { "all of them" } else { "random" }));
+    }
+    if let Some(level) = about["level"].as_f64() {
+        row("Level", level.to_string());
+    }
+    list(&about["warnings"]).into_iter().for_each(|warning| row("Warning", warning));
+    Ok((meaning, rows))
 }
 
 /// The files of a test's folder, as far as they are there.
 pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
     let maps = MAPS.iter().map(|name| folder.join(format!("{name}.shape.gii")));
-    maps.chain([folder.join("mean.surf.gii")]).collect()
+    maps.chain([folder.join("mean.surf.gii"), folder.join(ABOUT)]).collect()
 }
 
 /// Tables with a header.

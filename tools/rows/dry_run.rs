@@ -50,7 +50,7 @@ pub(super) fn run(rows: &Rows, options: &Options) -> Result<()> {
         _ => format!(
             "over {}; {} to spheres of their own",
             counted(spheres, "sphere"),
-            counted(own, "surface is mapped")
+            if own == 1 { "1 surface is mapped".to_owned() } else { format!("{own} surfaces are mapped") }
         ),
     });
     let size = |(path, rows, n): &(&Path, usize, usize)| {
@@ -60,7 +60,7 @@ pub(super) fn run(rows: &Rows, options: &Options) -> Result<()> {
     if spheres > vertices.len() {
         lines.push(format!("  and {} more", spheres - vertices.len()));
     }
-    lines.push(format!("at most {} of memory", Size(budget)));
+    lines.push(format!("within {} of memory", Size(budget)));
     if !missing.is_empty() {
         lines.push(format!(
             "{} not there:",

@@ -5,10 +5,12 @@ use std::path::PathBuf;
 use anyhow::Result;
 use spharm::files::ModelFiles;
 use spharm::generate::{icosphere_bytes, icosphere_counts};
-use spharm::io::{WriteOptions, write_mesh, write_signal};
+use spharm::io::WriteOptions;
 use spharm::{Fit, Kind, Model, Sphere};
 use spharm_cli::memory::Budget;
 use spharm_cli::output::prepare;
+use spharm_surface::Hemisphere;
+use spharm_surface::io::{write_mesh, write_signal_of};
 
 /// The icosphere on which models to a degree are evaluated, where there is memory for that; `option` is what asks for it, up to
 /// the number.
@@ -49,10 +51,17 @@ impl Evaluate {
         let model = Model::new(sphere.clone(), fit.clone(), kind);
         let (path, degree) = (self.path(files, kind), model.coefficients.max_degree());
         let options = WriteOptions { overwrite, double: false };
+        let cortex =
+            Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref()).map(Hemisphere::cortex);
         prepare(&path)?;
         match kind {
-            Kind::Surface => write_mesh(&path, &model.reconstruct(&self.sphere, degree)?, &options)?,
-            _ => write_signal(&path, &model.reconstruct_signal(&self.sphere, degree)?, &options)?,
+            Kind::Surface => {
+                let mut mesh = model.reconstruct(&self.sphere, degree)?;
+                let structure = &mut mesh.meta.anatomical_structure_primary;
+                *structure = structure.take().or(cortex.map(str::to_owned));
+                write_mesh(&path, &mesh, &options)?;
+            }
+            _ => write_signal_of(&path, &model.reconstruct_signal(&self.sphere, degree)?, cortex, &options)?,
         }
         Ok(())
     }

@@ -32,15 +32,19 @@ mod report;
 mod unread;
 mod work;
 
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
 use spharm::cohort::State;
 use spharm::files::ModelFiles;
+use spharm::rerun::IfExists;
 use spharm_cli::console::json_lines;
 use spharm_cli::machine::raise_file_limit;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, same_place};
+use spharm_surface::io::remove_leftovers;
 
 pub(crate) use args::{CohortArgs, Log};
 pub(crate) use evaluate::{Evaluate, icosphere_within};
@@ -70,6 +74,12 @@ pub(crate) fn run(rows: Rows, options: &Options, monitor: &ConsoleMonitor, start
     check_outputs(options.report.iter().map(|path| OutputFile::new(path, "--report")), options.replaces_report())?;
     check_apart(&rows, options)?;
     raise_file_limit();
+    if options.if_exists != IfExists::Refuse {
+        // What killed calls left beside the models; what can't be removed is in nobody's way.
+        let models = rows.rows.iter().map(|row| row.model(&rows.folder));
+        let folders: BTreeSet<PathBuf> = models.filter_map(|model| model.parent().map(Path::to_owned)).collect();
+        folders.iter().filter(|folder| folder.is_dir()).for_each(|folder| drop(remove_leftovers(folder)));
+    }
     let goes_on = options.cohort.keep_going;
     let ledger = Ledger::new(console, rows.rows.len(), options.cohort.status.as_deref(), goes_on)?;
     let work = Work::new(&rows, options, monitor, &ledger);
@@ -137,11 +147,11 @@ fn finish(
             let all: usize = outcome.counts.iter().map(|(_, count)| count).sum();
             let names: Vec<&str> = outcome.failed.iter().take(NAMED).map(|failed| failed.id.as_str()).collect();
             let more = if failed > names.len() { format!(" and {} more", failed - names.len()) } else { String::new() };
-            bail!(
-                "{failed} of {} failed: {}{more}; the other models are there, and --skip-existing leaves them out next time",
-                counted(all, "surface"),
-                names.join(", ")
-            )
+            let others = match all - failed {
+                0 => "",
+                _ => "; the other models are there, and --skip-existing leaves them out next time",
+            };
+            bail!("{failed} of {} failed: {}{more}{others}", counted(all, "surface"), names.join(", "))
         }
     }
 }

@@ -48,6 +48,8 @@ pub(crate) struct Options {
     pub(crate) threads: Threads,
     /// What the report says of the call beside what is fitted.
     pub(crate) about: Map<String, Value>,
+    /// Whether models that don't correspond are brought together by what comes after.
+    pub(crate) aligned_later: bool,
     /// What a verb knows of a surface and its sphere, or of why they don't go together.
     pub(crate) check: Option<Check>,
     /// A sphere on which every model is evaluated.

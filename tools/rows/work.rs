@@ -14,7 +14,7 @@ use spharm::{
     fit_each,
 };
 use spharm_cli::advice;
-use spharm_cli::exit::is_interrupted;
+use spharm_cli::exit::{is_interrupted, line_with_advice};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::surfaces::{Labels, SurfaceReader};
@@ -87,7 +87,7 @@ impl<'a> Work<'a> {
         }
         let groups = groups(&self.rows.rows, &left);
         let own = groups.iter().filter(|group| group.sphere.is_none()).map(|group| group.rows.len()).sum::<usize>();
-        if own > 1 {
+        if own > 1 && !self.options.aligned_later {
             self.monitor.console().note(
                 "each surface gets a sphere of its own, turned arbitrarily: coefficients of different models don't \
                  correspond; for that give a common --sphere",
@@ -232,10 +232,19 @@ impl<'a> Work<'a> {
             Err(Broken::Stop(error)) => Err(error),
             Err(Broken::Row(error) | Broken::Group(error)) if !self.options.cohort.keep_going => Err(error),
             Err(Broken::Row(error) | Broken::Group(error)) => {
-                let error = error.context(path.display().to_string());
+                let name = path.display().to_string();
+                let error = error.context(name.clone());
                 for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
                     let row = &self.rows.rows[number];
-                    self.ledger.failed(number, row, &row.model(&self.rows.folder), &error)?;
+                    let model = row.model(&self.rows.folder);
+                    // The row's own sphere, whose contents are the same.
+                    match row.sphere.as_ref().filter(|own| *own != path) {
+                        Some(own) => {
+                            let line = line_with_advice(&error).replace(&name, &own.display().to_string());
+                            self.ledger.failed(number, row, &model, &anyhow!(line))?;
+                        }
+                        None => self.ledger.failed(number, row, &model, &error)?,
+                    }
                 }
                 Ok(())
             }
@@ -257,6 +266,8 @@ impl<'a> Work<'a> {
         let row = &self.rows.rows[number];
         self.ledger.start(number, row);
         let item = self.decide(number, Some(sphere), params).map_err(Broken::Row)?.ok_or(Broken::Skip)?;
+        let own = own_name(row, sphere);
+        let sphere = own.as_ref().unwrap_or(sphere);
         let target = match kept.map(|kept| kept.read(&row.surface, sphere)) {
             Some(Ok(Some(target))) => Ok(target),
             Some(Err(error)) => Err(error),
@@ -300,9 +311,7 @@ impl<'a> Work<'a> {
                     settings.weights_hash = params.weights.hash();
                 }
                 let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
-                // A sphere of the same contents may have had another name.
-                let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
-                let own = own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() });
+                let own = own_name(row, sphere);
                 self.write((row, &item), own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params, None)
             }
             Err(Broken::Skip) => return Ok(()),
@@ -360,6 +369,12 @@ impl<'a> Work<'a> {
         item.files.write(sphere, &fit, &made_of, self.options.coefficients_csv, item.replace)?;
         Ok(Fitted::new(row, item, fit.report, mapped))
     }
+}
+
+/// The sphere under the row's own name, where another row's of the same contents was read.
+fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
+    let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
+    own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() })
 }
 
 /// Whether every other row would fail alike: there is no room for models, or no right to write them.

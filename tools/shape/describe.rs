@@ -9,7 +9,8 @@ use serde_json::json;
 use spharm::shape::{Descriptors, descriptors};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, is_stdout, print};
+use spharm_cli::output::{OutputFile, counted, is_stdout, print};
+use spharm_cli::paths::model_name;
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
@@ -44,6 +45,9 @@ pub(super) struct Cli {
     /// Table to write
     #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
+    /// Name models in the table as their files are called, such as a01, in place of by their paths
+    #[arg(long, requires = "output", help_heading = OUTPUT)]
+    names: bool,
     #[command(flatten)]
     report: ReportArgs,
     #[command(flatten)]
@@ -85,9 +89,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let channels = found.first().map_or(0, |first| first.channels);
     if let Some(other) = found.iter().position(|model| model.channels != channels) {
         anyhow::bail!(
-            "{}: a model of {} channels, {} has {channels}",
+            "{}: a model of {}, {} has {channels}",
             paths[other].display(),
-            found[other].channels,
+            counted(found[other].channels, "channel"),
             paths[0].display()
         );
     }
@@ -97,7 +101,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let power = model.power.iter().filter(|_| cli.only != Some(Kind::SingularValues));
         let values = model.singular_values.iter().filter(|_| cli.only != Some(Kind::Power));
         let numbers = std::iter::once(size).chain(power.chain(values).copied()).map(number);
-        std::iter::once(path.display().to_string()).chain(numbers).collect()
+        let key = if cli.names { model_name(path) } else { path.display().to_string() };
+        std::iter::once(key).chain(numbers).collect()
     };
     let rows: Vec<Vec<String>> = found.iter().zip(&paths).map(row).collect();
     let header = header(degree, channels, cli.only);

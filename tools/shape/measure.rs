@@ -11,6 +11,7 @@ use spharm::shape::{MeasureParams, Measures, local_geometry, measure};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
+use spharm_cli::paths::model_name;
 use spharm_model::Model;
 use spharm_surface::io::{Output, PAINTED};
 
@@ -51,6 +52,9 @@ pub(super) struct Cli {
     /// Table of the measures to write
     #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
+    /// Name models in the table as their files are called, such as a01, in place of by their paths
+    #[arg(long, requires = "output", help_heading = OUTPUT)]
+    names: bool,
     /// Folder of maps to write
     #[arg(long, value_name = "DIR", help_heading = OUTPUT)]
     maps: Option<PathBuf>,
@@ -140,7 +144,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         }
         let degree = coefficients.max_degree();
         rows.push(row(&named(), degree, &found));
-        cells.push(cells_of(named(), degree, &found));
+        let key = if cli.names { model_name(path) } else { named() };
+        cells.push(cells_of(key, degree, &found));
         let mut report = of(&found);
         report["model"] = json!(path);
         report["degree"] = json!(degree);

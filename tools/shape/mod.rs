@@ -22,7 +22,7 @@ mod remesh;
 mod rotate;
 mod sample;
 mod smooth;
-mod table;
+pub(crate) mod table;
 mod test;
 
 use anyhow::Result;

@@ -106,7 +106,7 @@ impl Table {
 }
 
 /// What R, BIDS, SPSS and pandas write where there is no value, and numbers that aren't finite.
-fn is_missing(cell: &str) -> bool {
+pub(crate) fn is_missing(cell: &str) -> bool {
     let words = ["na", "n/a", "."];
     words.iter().any(|word| cell.eq_ignore_ascii_case(word))
         || cell.parse::<f64>().is_ok_and(|number| !number.is_finite())

@@ -41,7 +41,8 @@ use super::table::Table;
     ],
     &[
         "The folder gets mean.surf.gii and, as NAME.shape.gii, statistic, p, q (false-discovery rate), p-fwe (family-wise), \
-         p-permutation (by relabelling, uncorrected), effect, its margin of confidence, and size; and all of it in test.csv.",
+         p-permutation (by relabelling, uncorrected), effect, its margin of confidence, and size; all of it in test.csv, and in \
+         test.json what was tested.",
         "A table has a column `model` with paths relative to it, or a column `id` and --models, and a column for each variable: \
          numbers, or levels.",
     ],
@@ -194,11 +195,16 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         What::Value => (Kind::Signal, Measurement::Value),
     };
     let known = ["statistic", "p", "q", "p-fwe", "p-permutation", "effect", "margin", "size"];
+    let about_file = cli.file("test.json");
     let map_files: Vec<PathBuf> = known.iter().map(|name| cli.file(&format!("{name}.shape.gii"))).collect();
     let mean_file = cli.file("mean.surf.gii");
     let table_file = cli.file("test.csv");
     let maps_out = map_files.iter().map(|path| OutputFile::holding(path, "--output", Output::Signal));
-    let more = [OutputFile::new(&mean_file, "--output"), OutputFile::new(&table_file, "--output")];
+    let more = [
+        OutputFile::new(&mean_file, "--output"),
+        OutputFile::new(&table_file, "--output"),
+        OutputFile::new(&about_file, "--output"),
+    ];
     let of_report = cli.report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(maps_out.chain(more).chain(of_report), cli.report.force)?;
     let plan = Plan::new("test", &paths, cli.resources.both())?;
@@ -251,6 +257,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         write_mesh(&mean_file, &mesh, &options)?;
     }
     write_text(&table_file, cli.report.force, &table(&sphere, &maps))?;
+    write_text(&about_file, cli.report.force, &(serde_json::to_string_pretty(&about(&found, &question, cli))? + "\n"))?;
     let report = json!({
         "models": paths,
         "degree": group.degree,
@@ -270,6 +277,25 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "seconds": started.elapsed().as_secs_f64(),
     });
     finish("test", &report, &lines(&found, &question, cli), &cli.report)
+}
+
+/// What was tested, for pages: the same for the same study, whenever and wherever it is run.
+fn about(found: &Test, question: &Question, cli: &Cli) -> serde_json::Value {
+    let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
+    json!({
+        "tested": question.meaning,
+        "of": cli.effect.as_deref().unwrap_or("group"),
+        "signal": cli.signal.to_possible_value().map(|value| value.get_name().to_owned()),
+        "subjects": question.design.subjects(),
+        "levels": levels.collect::<Vec<_>>(),
+        "covariates": cli.covariates,
+        "statistic": kind_of(&found.kind),
+        "welch": cli.welch,
+        "relabellings": found.family_wise.as_ref().map(|found| found.relabellings),
+        "exact": found.family_wise.as_ref().map(|found| found.exact),
+        "level": cli.level,
+        "warnings": found.warnings.iter().map(ToString::to_string).collect::<Vec<_>>(),
+    })
 }
 
 fn rows_of(matrix: ndarray::ArrayView2<'_, f64>) -> Vec<Vec<f64>> {

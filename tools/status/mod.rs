@@ -2,6 +2,7 @@
 
 mod args;
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -29,8 +30,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Some(manifest) => manifest.rows.iter().filter_map(|row| merged.entry(&row.id)).collect(),
         None => merged.entries().iter().collect(),
     };
-    let count = |state: State| entries.iter().filter(|entry| entry.state == state).count();
+    let gone = gone(&entries, &console);
+    let count = |state: State| entries.iter().filter(|entry| entry.state == state && !gone.contains(&entry.id)).count();
     let mut counts: Vec<(&str, usize)> = State::ALL.iter().map(|&state| (state.name(), count(state))).collect();
+    if !gone.is_empty() {
+        counts.push(("gone", gone.len()));
+    }
     if let Some(manifest) = &manifest {
         counts.push(("not started", manifest.rows.len() - entries.len()));
         let others = merged.entries().len() - entries.len();
@@ -40,7 +45,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     counts.push(("all", manifest.as_ref().map_or(entries.len(), |manifest| manifest.rows.len())));
     if let (Some(path), Some(manifest)) = (&cli.failed, &manifest) {
-        write_rest(path, manifest, &merged, cli.force, &console)?;
+        write_rest(path, manifest, &merged, &gone, cli.force, &console)?;
     }
     let failed: Vec<&Entry> = entries.into_iter().filter(|entry| entry.state == State::Failed).collect();
     if cli.json {
@@ -80,9 +85,31 @@ fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
+/// Ids of rows whose model was made and isn't there any more. Where none of the models is there by a relative path, this is another
+/// folder than that of the fits, which is said.
+fn gone(entries: &[&Entry], console: &Console) -> HashSet<String> {
+    let made: Vec<&&Entry> =
+        entries.iter().filter(|entry| entry.state.is_there() && !entry.output.is_empty()).collect();
+    let gone: Vec<&&&Entry> = made.iter().filter(|entry| !Path::new(&entry.output).exists()).collect();
+    if !made.is_empty() && gone.len() == made.len() && made.iter().any(|entry| Path::new(&entry.output).is_relative()) {
+        console.note(
+            "no model is where it was made: where that was in another folder, call it there to have them looked for",
+        );
+        return HashSet::new();
+    }
+    gone.iter().map(|entry| entry.id.clone()).collect()
+}
+
 /// Writes a manifest of the rows without a model.
-fn write_rest(path: &Path, manifest: &Manifest, merged: &Merged, force: bool, console: &Console) -> Result<()> {
-    let is_there = |id: &str| merged.entry(id).is_some_and(|entry| entry.state.is_there());
+fn write_rest(
+    path: &Path,
+    manifest: &Manifest,
+    merged: &Merged,
+    gone: &HashSet<String>,
+    force: bool,
+    console: &Console,
+) -> Result<()> {
+    let is_there = |id: &str| merged.entry(id).is_some_and(|entry| entry.state.is_there()) && !gone.contains(id);
     let left = manifest.rows.iter().filter(|row| !is_there(&row.id)).count();
     if left == 0 {
         console.note(format!("every row has its model; {} isn't written", path.display()));

@@ -18,7 +18,7 @@ use spharm_cli::threads::Threads;
     args_conflicts_with_subcommands = true,
     after_long_help = help::examples(
         &[
-            "spharm study init",
+            "spharm study init --table subjects.tsv",
             "spharm study study.toml --dry-run",
             "spharm study study.toml",
             "spharm study study.toml --shard 3/10    # fits a tenth of the subjects, and nothing else",
@@ -63,5 +63,11 @@ pub(super) enum Command {
         /// File to write
         #[arg(default_value = "study.toml")]
         file: PathBuf,
+        /// Table of its subjects, relative to it
+        #[arg(long, value_name = "TABLE")]
+        table: Option<String>,
+        /// Replace a file that exists
+        #[arg(long)]
+        force: bool,
     },
 }

@@ -60,12 +60,27 @@ pub(super) struct Fit {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(try_from = "String")]
 pub(super) enum Method {
     #[default]
     Joint,
     Fixed,
     None,
+}
+
+impl TryFrom<String> for Method {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        let all = [("joint", Self::Joint), ("fixed", Self::Fixed), ("none", Self::None)];
+        if let Some((_, method)) = all.iter().find(|(known, _)| *known == name) {
+            return Ok(*method);
+        }
+        let nearest = all.iter().map(|(known, _)| (strsim::damerau_levenshtein(&name, known), known)).min();
+        let hint =
+            nearest.filter(|(distance, _)| *distance <= 2).map(|(_, known)| format!("; did you mean {known:?}?"));
+        Err(format!("expected \"joint\", \"fixed\" or \"none\", found {name:?}{}", hint.unwrap_or_default()))
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
@@ -170,12 +185,29 @@ impl Study {
     }
 }
 
-/// An error of TOML with its line, on one line.
+/// An error of TOML with its line and the key there, on one line.
 fn told(text: &str, error: &toml::de::Error) -> anyhow::Error {
-    let line = error.span().and_then(|span| text.get(..span.start)).map(|before| before.matches('\n').count() + 1);
-    match line {
-        Some(line) => anyhow::anyhow!("line {line}: {}", error.message().replace('\n', " ")),
-        None => anyhow::anyhow!("{}", error.message().replace('\n', " ")),
+    let message = error.message().replace('\n', " ").replace("usize", "a whole number");
+    let Some(before) = error.span().and_then(|span| text.get(..span.start)) else { return anyhow::anyhow!(message) };
+    let line = before.matches('\n').count() + 1;
+    let key = before.rsplit('\n').next().and_then(|start| start.split_once('=')).map(|(key, _)| key.trim());
+    match key {
+        Some(key) => anyhow::anyhow!("line {line}: `{key}`: {message}"),
+        None => anyhow::anyhow!("line {line}: {message}"),
+    }
+}
+
+/// A text for between a TOML string's quotes.
+fn escaped(text: &str) -> String {
+    text.replace('\\', "\\\\").replace('"', "\\\"")
+}
+
+/// The study file with comments, over a table.
+pub(super) fn template(table: Option<&str>) -> String {
+    let template = include_str!("template.toml");
+    match table {
+        Some(table) => template.replace("table = \"subjects.tsv\"", &format!("table = \"{}\"", escaped(table))),
+        None => template.to_owned(),
     }
 }
 
@@ -229,6 +261,8 @@ mod tests {
         let study = Study::parse(TEMPLATE).unwrap();
         assert_eq!((study.fit.max_degree, study.modes.count, study.align.method), (15, 10, Method::Joint));
         assert_eq!((study.test.len(), study.test[0].effect.as_str()), (1, "group"));
+        let other = Study::parse(&template(Some("a \"b\"/s.csv"))).unwrap();
+        assert_eq!(other.subjects.table, Path::new("a \"b\"/s.csv"));
         let shortest = "[subjects]\ntable = \"s.tsv\"\n[fit]\nmax_degree = 4\n";
         assert_eq!(Study::parse(shortest).unwrap().output, Path::new("study"));
     }
@@ -243,8 +277,16 @@ mod tests {
             ("table = \"subjects.tsv\"", "", "expected a key `table` in [subjects], found none"),
             ("[fit]\n", "", "in [subjects]"),
             ("[[test]]", "[test]", "expected [[test]]"),
-            ("max_degree = 15", "max_degree = \"15\"", "invalid type"),
-            ("\"joint\"", "\"jiont\"", "unknown variant"),
+            (
+                "max_degree = 15",
+                "max_degree = \"15\"",
+                "`max_degree`: invalid type: string \"15\", expected a whole number",
+            ),
+            (
+                "\"joint\"",
+                "\"jiont\"",
+                "`method`: expected \"joint\", \"fixed\" or \"none\", found \"jiont\"; did you mean \"joint\"?",
+            ),
             ("max_degree = 15", "max_degree = ", "line "),
             ("max_degree = 15", "max_degree = 0", "at least 1"),
             ("name = \"group\"", "name = \"../group\"", "letters, digits"),

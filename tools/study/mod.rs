@@ -1,37 +1,47 @@
 //! `study`: from a table of subjects to a page, in stages that are commands of spharm.
 //!
-//! `config` is the study's file, `subjects` its table, `plan` the commands that it asks for, `stage` what makes one of them run or not.
+//! `config` is the study's file, `subjects` its table, `plan` the commands that it asks for, `check` what is wrong with them before any is
+//! run, `stage` what makes one of them run or not, `tidy` what is no longer of the study.
 
 mod args;
+mod check;
 mod config;
 mod plan;
 mod stage;
 mod subjects;
+mod tidy;
 
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use spharm::cohort::{Merged, State};
+use spharm::cohort::{Merged, Shard, State};
 use spharm_cli::console::Console;
 use spharm_cli::output::{counted, print, print_line, table};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
 use self::args::Command;
+use self::config::Method;
 use self::plan::Plan;
 use self::stage::Stage;
 
 /// Fewest subjects that a group is of.
 const LEAST: usize = 3;
 
-/// Runs the verb; `spharm` runs another one.
-pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
-    if let Some(Command::Init { file }) = &cli.command {
-        write_new(file, false, |out| out.write_all(include_bytes!("template.toml")))?;
+/// Runs the verb; `spharm` runs another one, and `parse` only looks at its arguments.
+pub(crate) fn run(
+    cli: &Cli,
+    spharm: &dyn Fn(&[String]) -> Result<()>,
+    parse: &dyn Fn(&[String]) -> Result<()>,
+) -> Result<()> {
+    if let Some(Command::Init { file, table, force }) = &cli.command {
+        let text = config::template(table.as_deref());
+        write_new(file, *force, |out| out.write_all(text.as_bytes()))?;
         return print_line(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
     }
     let study = cli.study.as_ref().context("STUDY.toml is missing")?;
     let plan = Plan::read(study, common(cli))?;
+    check::check(&plan)?;
     let mut call = Call { cli, plan: &plan, spharm, console: cli.common.console(), rows: Vec::new() };
     call.console.note(format!(
         "{}: {} of {}",
@@ -39,11 +49,14 @@ pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         counted(plan.manifest.rows.len(), "subject"),
         plan.table.display()
     ));
+    let fit = plan.fit(cli.shard.as_deref(), cli.force);
+    parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
     if cli.dry_run {
         return call.show();
     }
     std::fs::create_dir_all(plan.records()).with_context(|| plan.records().display().to_string())?;
     std::fs::create_dir_all(plan.status()).with_context(|| plan.status().display().to_string())?;
+    tidy::leftovers(&plan);
     plan.write_manifest()?;
     call.run()
 }
@@ -90,10 +103,16 @@ impl Call<'_> {
                 self.plan.status().display()
             );
         }
+        let removed = tidy::models(self.plan, &merged, &failed)?;
+        if removed > 0 {
+            self.console.note(format!("{} of subjects that have left or fail now: removed", counted(removed, "model")));
+        }
         self.plan.write_lists(&subjects)?;
         self.plan.write_status(&merged)?;
-        for stage in self.plan.stages(&subjects) {
-            self.stage(&stage)?;
+        let stages = self.plan.stages(&subjects);
+        tidy::stages(self.plan, &stages)?;
+        for stage in &stages {
+            self.stage(stage)?;
         }
         self.finish(&failed)?;
         print_line(&format!("page: {}", self.plan.page().display()))
@@ -103,6 +122,10 @@ impl Call<'_> {
     fn fit(&mut self) -> Result<Vec<(String, String)>> {
         let stage = self.plan.fit(self.cli.shard.as_deref(), self.cli.force);
         let started = Instant::now();
+        let shard = self.cli.shard.as_deref().map(str::parse::<Shard>).transpose()?.unwrap_or_default();
+        for id in tidy::damaged(self.plan, shard.of(&self.plan.manifest.rows), &self.merged()?)? {
+            self.console.warn(format!("{id}: its model was damaged, and is made again"));
+        }
         self.console.note(format!("\n{}", stage.command()));
         let ran = (self.spharm)(&self.arguments(&stage));
         let merged = self.merged()?;
@@ -116,7 +139,11 @@ impl Call<'_> {
             .map(|entry| (entry.id.clone(), entry.error.clone()))
             .collect();
         // Subjects that fail are named at the end; anything else ends the study.
-        if failed.is_empty() || ran.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
+        if ran.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
+            let again = format!("interrupted: spharm study {} goes on from here", self.plan.file.display());
+            return Err(anyhow::Error::from(spharm_monitor::Interrupted).context(again));
+        }
+        if failed.is_empty() {
             ran?;
         }
         self.row("fit", "done", started);
@@ -124,15 +151,7 @@ impl Call<'_> {
     }
 
     fn merged(&self) -> Result<Merged> {
-        let folder = self.plan.status();
-        let read = || format!("{}: cannot read the folder", folder.display());
-        let mut files = Vec::new();
-        for entry in std::fs::read_dir(&folder).with_context(read)? {
-            let path = entry.with_context(read)?.path();
-            files.extend(path.extension().is_some_and(|ending| ending == "tsv").then_some(path));
-        }
-        files.sort_unstable();
-        Ok(Merged::read(&files)?)
+        Ok(Merged::read(&self.plan.status_files()?)?)
     }
 
     /// Runs a stage, unless what it would make is there.
@@ -154,6 +173,8 @@ impl Call<'_> {
     fn arguments(&self, stage: &Stage) -> Vec<String> {
         let mut arguments = vec!["spharm".to_owned()];
         arguments.extend(stage.arguments.iter().cloned());
+        let later = stage.name == "fit" && self.plan.study.align.method == Method::Joint;
+        arguments.extend(later.then(|| "--aligned-later".to_owned()));
         let threaded = !matches!(stage.arguments[0].as_str(), "picture" | "report");
         arguments.extend(self.plan.common.iter().filter(|_| threaded).cloned());
         arguments.extend(self.cli.common.quiet.then(|| "--quiet".to_owned()));

@@ -15,6 +15,8 @@ const RECORDS: &str = ".study";
 
 /// A study in its place.
 pub(super) struct Plan {
+    /// The study's file.
+    pub(super) file: PathBuf,
     pub(super) study: Study,
     /// The folder of all that is made.
     pub(super) output: PathBuf,
@@ -62,7 +64,8 @@ impl Plan {
                 }
             }
         }
-        Ok(Self { output, study, table, manifest, made_text, common })
+        let file = path.to_owned();
+        Ok(Self { file, output, study, table, manifest, made_text, common })
     }
 
     /// The folder of what makes a study resumable: lists, tables for the tests, records of the stages.
@@ -78,7 +81,20 @@ impl Plan {
         self.output.join("report.html")
     }
 
-    fn models(&self) -> PathBuf {
+    /// The tables of what became of each subject, one for each shard.
+    pub(super) fn status_files(&self) -> Result<Vec<PathBuf>> {
+        let folder = self.status();
+        let read = || format!("{}: cannot read the folder", folder.display());
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&folder).with_context(read)? {
+            let path = entry.with_context(read)?.path();
+            files.extend(path.extension().is_some_and(|ending| ending == "tsv").then_some(path));
+        }
+        files.sort_unstable();
+        Ok(files)
+    }
+
+    pub(super) fn models(&self) -> PathBuf {
         self.output.join("models")
     }
 
@@ -144,13 +160,13 @@ impl Plan {
         let mut stages = vec![
             self.stage(
                 "measure",
-                &["shape", "measure", &list("models.txt"), "-o", &text(&at("measures.csv"))],
+                &["shape", "measure", &list("models.txt"), "--names", "-o", &text(&at("measures.csv"))],
                 &models,
                 [at("measures.csv")],
             ),
             self.stage(
                 "describe",
-                &["shape", "describe", &list("models.txt"), "-o", &text(&at("descriptors.csv"))],
+                &["shape", "describe", &list("models.txt"), "--names", "-o", &text(&at("descriptors.csv"))],
                 &models,
                 [at("descriptors.csv")],
             ),
@@ -226,7 +242,7 @@ impl Plan {
         }
         arguments.extend(words(&["--title", &self.study.title, "-o", &text(&self.page()), "--force"]));
         let mut inputs = vec![modes, status];
-        inputs.extend(folders.iter().map(|folder| folder.join("test.csv")));
+        inputs.extend(folders.iter().flat_map(|folder| ["test.csv", "test.json"].map(|name| folder.join(name))));
         inputs.extend(subjects.iter().filter(|_| self.study.page.subjects).map(|subject| subject.model.clone()));
         Stage { name: "report".to_owned(), arguments, inputs, outputs: vec![self.page()] }
     }

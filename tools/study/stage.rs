@@ -98,6 +98,25 @@ impl Stage {
     }
 }
 
+/// Removes what a stage that is no more made in the study's output, unless it has been changed since, and the stage's record; folders
+/// that are empty then, too.
+pub(super) fn retire(record: &Path, output: &Path) -> Result<()> {
+    let named = || record.display().to_string();
+    let text = std::fs::read_to_string(record).with_context(named)?;
+    // Another program's file stays.
+    let Ok(found) = serde_json::from_str::<Record>(&text) else { return Ok(()) };
+    for (path, made) in found.outputs.iter().filter(|(path, _)| path.starts_with(output)) {
+        if path.is_file() && hash(path).is_ok_and(|found| found == *made) {
+            std::fs::remove_file(path).with_context(|| path.display().to_string())?;
+        }
+        // Fails where something else is in it.
+        if let Some(folder) = path.parent().filter(|folder| *folder != output) {
+            let _ = std::fs::remove_dir(folder);
+        }
+    }
+    std::fs::remove_file(record).with_context(named)
+}
+
 /// The file, or all files of the folder.
 fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     if !path.is_dir() {
@@ -150,6 +169,11 @@ mod tests {
         assert!(!at("made/a").exists() && !at("mean").exists() && at("made/b").exists() && at("input").exists());
         stage.arguments.push("--scale".to_owned());
         assert!(!stage.is_done(folder.path()).unwrap());
+        std::fs::write(at("mean"), "m").unwrap();
+        stage.finish(folder.path()).unwrap();
+        std::fs::write(at("made/b"), "changed since").unwrap();
+        retire(&at("align.json"), folder.path()).unwrap();
+        assert!(!at("mean").exists() && at("made/b").exists() && !at("align.json").exists());
     }
 
     #[test]

@@ -10,11 +10,11 @@ use anyhow::{Context, Result, anyhow, bail};
 use spharm::files::{MadeOf, ModelFiles, Replace};
 use spharm::parametrize::Input;
 use spharm::parametrize::volume::{LabelVolume, VolumeParams, is_volume};
-use spharm::rerun::{Decision, IfExists, Request};
+use spharm::rerun::{Decision, IfExists, Refusal, Request};
 use spharm::shape::{MeasureParams, descriptors, measure};
 use spharm::{FileRecord, FitParams, Monitor, Target, fit_with};
 use spharm_cli::exit;
-use spharm_cli::inputs::expand_lists;
+use spharm_cli::inputs::{expand_lists, read_text};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_cli::surfaces::Labels;
@@ -26,6 +26,8 @@ use self::table::{Outcome, Row};
 
 /// Relative change of the area that ends its quadrature: far below what voxels tell.
 const AREA: f64 = 1e-5;
+/// Most bytes of a table of an earlier call.
+const LARGEST: u64 = 1 << 30;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -33,15 +35,25 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let table = cli.table.clone().unwrap_or_else(|| cli.output.join("volumes.tsv"));
     let replaced = cli.force || cli.skip_existing;
     check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv"])], replaced)?;
+    let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
     let volumes = volumes(&cli.volumes)?;
     let memory = cli.memory.map(|size| size.0);
     let params = FitParams { memory, threads: Some(cli.threads.count()), ..FitParams::lsq(cli.max_degree) };
     params.check()?;
-    let mut call = Call { cli, params, monitor: &monitor, rows: Vec::new(), names: HashSet::new() };
+    let mut call = Call { cli, params, monitor: &monitor, rows: Vec::new(), refused: 0, names: HashSet::new() };
     let pool = cli.threads.pool()?;
     let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
     prepare(&table)?;
-    write_new(&table, replaced, |out| out.write_all(table::text(&call.rows, cli.max_degree).as_bytes()))?;
+    let text = table::text(&call.rows, cli.max_degree);
+    let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text));
+    if call.refused > 0 && table.is_file() {
+        bail!(
+            "{}: {} fitted otherwise, and the table stays as it was; give --force, or another --output",
+            table.display(),
+            counted_were(call.refused)
+        );
+    }
+    write_new(&table, replaced, |out| out.write_all(text.as_bytes()))?;
     let failed = call.rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
     let models = call.rows.len() - failed;
     print_line(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
@@ -51,6 +63,24 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         bail!("{}: {failed} of {} failed, see column error", table.display(), counted(call.rows.len(), "row"));
     }
     Ok(())
+}
+
+fn counted_were(models: usize) -> String {
+    format!("{} {}", counted(models, "model"), if models == 1 { "was" } else { "were" })
+}
+
+/// The table that an earlier call has written, of the same columns.
+fn earlier(table: &Path, max_degree: usize) -> Result<String> {
+    let text = read_text(table, "table", LARGEST)?;
+    let (found, expected) = (text.lines().next().unwrap_or_default(), table::head(max_degree));
+    if found != expected {
+        let powers = found.split('\t').filter(|name| name.starts_with("power_")).count();
+        bail!(
+            "{}: expected the columns of degree {max_degree}, found those of degree {powers}; give --force, or another --output",
+            table.display()
+        );
+    }
+    Ok(text)
 }
 
 /// The files that are meant: of a folder the volumes in it.
@@ -84,6 +114,8 @@ struct Call<'a> {
     params: FitParams,
     monitor: &'a ConsoleMonitor,
     rows: Vec<Row>,
+    /// Models that are there and were made with other settings or of another input.
+    refused: usize,
     /// Models of this call, which two labels mustn't share.
     names: HashSet<PathBuf>,
 }
@@ -128,6 +160,7 @@ impl Call<'_> {
             Ok(model) => Outcome::Model(Box::new(model)),
             Err(error) if exit::is_interrupted(&error) => return Err(error),
             Err(error) => {
+                self.refused += usize::from(self.cli.skip_existing && error.is::<Refusal>());
                 let text = exit::line_with_advice(&error);
                 self.monitor.console().warn(&text);
                 Outcome::Failed(text)
@@ -138,7 +171,10 @@ impl Call<'_> {
             file: path.display().to_string(),
             label,
             voxels: here.and_then(|(volume, label)| volume.labels().get(&label).copied()),
-            border: here.map(|(volume, label)| volume.touches_border(label)),
+            // Of a label that isn't there nothing is known.
+            border: here
+                .filter(|(volume, label)| volume.labels().contains_key(label))
+                .map(|(volume, label)| volume.touches_border(label)),
             outcome,
         });
         Ok(())

@@ -1,5 +1,7 @@
 //! The table of all labels.
 
+use std::collections::HashSet;
+
 use spharm::shape::{Descriptors, Measures};
 
 /// A label, or a volume that couldn't be read.
@@ -51,10 +53,31 @@ const NONE: &str = "n/a";
 
 /// Text of the table: a line a row, tabs between cells, the powers of the degrees up to `max_degree` last.
 pub(super) fn text(rows: &[Row], max_degree: usize) -> String {
+    let lines = rows.iter().map(|row| cells(row, max_degree).join("\t") + "\n");
+    std::iter::once(head(max_degree) + "\n").chain(lines).collect()
+}
+
+/// The table's first line.
+pub(super) fn head(max_degree: usize) -> String {
     let powers = (1..=max_degree).map(|degree| format!("power_{degree}"));
     let head: Vec<String> = COLUMNS.iter().map(|&name| name.to_owned()).chain(powers).collect();
-    let lines = rows.iter().map(|row| cells(row, max_degree).join("\t") + "\n");
-    std::iter::once(head.join("\t") + "\n").chain(lines).collect()
+    head.join("\t")
+}
+
+/// A table of the same columns with the models of an earlier one whose file and label it doesn't have, after its own.
+pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
+    fn key(line: &str) -> Vec<&str> {
+        line.splitn(3, '\t').take(2).collect()
+    }
+    let own: HashSet<Vec<&str>> = table.lines().map(key).collect();
+    let kept = |line: &str| {
+        let cells: Vec<&str> = line.splitn(4, '\t').collect();
+        match cells[..] {
+            [file, label, "fitted" | "kept", rest] => Some(format!("{file}\t{label}\tkept\t{rest}\n")),
+            _ => None,
+        }
+    };
+    table.to_owned() + &earlier.lines().filter(|line| !own.contains(&key(line))).filter_map(kept).collect::<String>()
 }
 
 fn cells(row: &Row, max_degree: usize) -> Vec<String> {

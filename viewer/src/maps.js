@@ -46,7 +46,7 @@ export class MapsView {
       const stops = signed ? colours.diverging : colours.viridis;
       paint(this.surfaces[k].tints, values, [low, high], stops, shown);
       this.surfaces[k].tinted();
-      panel.scale(stops, [low, high], map.probability ? `−log10 ${map.name}` : map.name);
+      panel.scale(stops, [low, high], map.label);
     });
     this.below = p ? p.reduce((count, value) => count + (value <= this.level), 0) : null;
     this.stage.draw();

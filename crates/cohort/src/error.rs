@@ -67,6 +67,21 @@ pub enum CohortError {
         /// The column.
         column: String,
     },
+    /// A column whose name is almost one that means something.
+    #[error(
+        "{}: line {line}: column {column:?} is not known; expected {nearest}, or a name that is less like it",
+        .path.display()
+    )]
+    NearlyColumn {
+        /// The table.
+        path: PathBuf,
+        /// Line of the header.
+        line: usize,
+        /// The column.
+        column: String,
+        /// The one that it is almost.
+        nearest: &'static str,
+    },
     /// A row with more or fewer cells than the header.
     #[error("{}: line {line}: expected {expected} cells, as the header has, found {found}", .path.display())]
     Cells {

@@ -97,7 +97,7 @@ impl Manifest {
     /// # Errors
     ///
     /// [`CohortError`] with the line: what can't be read or isn't UTF-8, missing columns, rows of other lengths, ids that are
-    /// empty, there twice or can't name a file, outputs that are there twice.
+    /// empty, there twice or can't name a file, outputs that are there twice, and names of columns that are almost one of these.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         Self::of_text(path, &read_text(path)?)
@@ -223,6 +223,11 @@ impl Columns {
                 return Err(CohortError::NoColumn { path: path.to_owned(), line, column, found: header, hint });
             }
         }
+        for column in header.iter().filter(|name| !OWN.contains(&name.as_str())) {
+            if let Some(nearest) = OWN.into_iter().find(|own| is_nearly(column, own)) {
+                return Err(CohortError::NearlyColumn { path: path.to_owned(), line, column: column.clone(), nearest });
+            }
+        }
         let cells = header.len();
         let extra = header.into_iter().enumerate().filter(|(_, name)| !OWN.contains(&name.as_str()));
         Ok(Self { cells, own, extra: extra.map(|(at, name)| (name, at)).collect() })
@@ -273,6 +278,13 @@ impl Columns {
             line,
         })
     }
+}
+
+/// Whether a column's name may have been meant to be `own`: it differs by case, or by a letter too many, too few, wrong or swapped.
+fn is_nearly(column: &str, own: &str) -> bool {
+    let lower = column.trim().to_lowercase();
+    // A body's weight is a covariate; and names of two letters are all alike.
+    lower == own || lower != "weight" && own.len() > 2 && strsim::damerau_levenshtein(&lower, own) == 1
 }
 
 /// A cell as messages show it.

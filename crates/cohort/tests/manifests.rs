@@ -21,6 +21,8 @@ fn paths_are_relative_to_the_manifest_and_other_columns_are_kept() {
                 a\tpatient\tsurf/a b.ply\t../s.ply\tarea\t\t\r\nb\t\t/d/b.nii\t\tw.csv\tx/b\t17\r\n";
     let manifest = parse(text).expect("a manifest");
     assert_eq!(manifest.columns, ["group"]);
+    let weight = parse("id\tsurface\tweight\tsite\na\tb\t71\tx\n").expect("a body's weight is a covariate");
+    assert_eq!(weight.columns, ["weight", "site"]);
     let [a, b] = &manifest.rows[..] else { panic!("{:?}", manifest.rows) };
     assert_eq!((a.id.as_str(), a.line, &a.extra[..]), ("a", 4, &["patient".to_owned()][..]));
     assert_eq!(a.surface, Path::new("study/surf/a b.ply"));
@@ -49,6 +51,9 @@ fn what_is_wrong_is_named_with_its_line() {
         ("id\tfile\na\tb\n", "line 1", "expected a column surface, found id, file"),
         ("ID\tsurface\na\tb\n", "line 1", "expected a column id"),
         ("id\tsurface\tsurface\na\tb\tc\n", "line 1", "column surface is there twice"),
+        ("id\tsurface\tSphere\na\tb\tc\n", "line 1", "column \"Sphere\" is not known; expected sphere"),
+        ("id\tsurface\tlabels\na\tb\t17\n", "line 1", "column \"labels\" is not known; expected label"),
+        ("id\tsurface\toutptu\na\tb\tc\n", "line 1", "expected output"),
         ("id\tsurface\na\tb\n\n# c\na\tc\n", "line 5", "the id a is that of line 2"),
         ("id\tsurface\na\tb\nb\n", "line 3", "expected 2 cells, as the header has, found 1"),
         ("id\tsurface\na\tb\tc\n", "line 2", "found 3"),

@@ -41,7 +41,10 @@ pub enum ExchangeError {
         remedy: &'static str,
     },
     /// A format that can't hold the model.
-    #[error("{format} holds {holds}; the model has {channels} channels{hint}")]
+    #[error(
+        "{format} holds {holds}; the model has {channels} channel{}{hint}",
+        if *.channels == 1 { "" } else { "s" }
+    )]
     CannotHold {
         /// The package.
         format: &'static str,

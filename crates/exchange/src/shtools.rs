@@ -31,8 +31,9 @@ pub(crate) fn write(
     Ok(())
 }
 
-/// Reads the coefficients of a channel. Lines of anything but numbers before the first coefficient are taken for a header;
-/// orders that aren't there are zero.
+/// Reads the coefficients of a channel. Lines of anything but numbers before the first coefficient are taken for a header.
+/// From the lowest degree on, which other programs' files leave out where it is 0, every order must be there once: what is
+/// missing was lost.
 pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64>, Flaw> {
     let mut found: Vec<(usize, usize, [f64; 2])> = Vec::new();
     for (line, text) in text(bytes)?.lines().enumerate() {
@@ -65,6 +66,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     if found.len() < highest {
         return Err(Flaw::new(format!("lines up to degree {highest}"), format!("{} lines", found.len())));
     }
+    check_whole(&found, highest)?;
     let mut values = vec![0.0; (highest + 1) * (highest + 1)];
     let factor = normalization.factor();
     for (l, m, [cosine, sine]) in found {
@@ -78,6 +80,26 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     }
     debug_assert_eq!(degree_order(values.len() - 1).0, highest);
     Ok(values)
+}
+
+/// Refuses coefficients of which an order is missing, as in a file that was cut off, or there twice.
+fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(), Flaw> {
+    let mut orders: Vec<(usize, usize)> = found.iter().map(|&(l, m, _)| (l, m)).collect();
+    orders.sort_unstable();
+    if let Some(twice) = orders.windows(2).find(|pair| pair[0] == pair[1]) {
+        let (l, m) = twice[0];
+        return Err(Flaw::new("each degree and order once", format!("degree {l}, order {m} twice")));
+    }
+    let lowest = orders.first().map_or(0, |&(l, _)| l);
+    let mut wanted = (lowest..=highest).flat_map(|l| (0..=l).map(move |m| (l, m)));
+    let mut there = orders.iter().copied();
+    match wanted.find(|&pair| there.next() != Some(pair)) {
+        None => Ok(()),
+        Some((l, m)) => Err(Flaw::new(
+            format!("every order of the degrees {lowest} to {highest}"),
+            format!("none of degree {l}, order {m}; the file may have been cut off"),
+        )),
+    }
 }
 
 /// Whether a text's first coefficient is a line of degree, order and two numbers.

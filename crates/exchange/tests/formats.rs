@@ -135,6 +135,9 @@ fn text_of_other_programs_is_read() {
     for (name, format, text, why) in [
         ("a.sh", Format::Pyshtools, "0 0 1 0\n9999 0 1 0\n", "lines up to degree 9999"),
         ("b.sh", Format::Pyshtools, "0 0 1 0\n1 2 1 0\n", "order up to the degree"),
+        ("d.sh", Format::Pyshtools, "0 0 1 0\n1 0 1 0\n", "none of degree 1, order 1; the file may have been cut off"),
+        ("e.sh", Format::Pyshtools, "0 0 1 0\n1 1 1 0\n", "none of degree 1, order 0"),
+        ("f.sh", Format::Pyshtools, "0 0 1 0\n1 0 1 0\n1 1 1 0\n1 0 2 0\n", "degree 1, order 0 twice"),
         ("c.sh", Format::Pyshtools, "0 0 nan 0\n", "a number on line 1"),
         ("a.1D", Format::Afni, "1 0\n2 3\n", "L + 1 rows"),
         ("b.1D", Format::Afni, "1 0 0\n2 3\n", "3 numbers on line 2"),

@@ -35,7 +35,7 @@ pub use camera::View;
 pub use error::RenderError;
 pub use image::{Image, encode_png, write_png};
 use raster::Raster;
-pub use scale::{fit_into, symmetric_range};
+pub use scale::{fit_into, is_probability, scale_label, significance, symmetric_range};
 use text::Label;
 
 /// The colours of a mesh.

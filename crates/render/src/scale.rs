@@ -31,9 +31,45 @@ pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
     (-most, most)
 }
 
+/// Whether a map of this name is of p values or false-discovery rates: `p`, `q`, `p-fwe`.
+#[must_use]
+pub fn is_probability(name: &str) -> bool {
+    name == "p" || name == "q" || name.starts_with("p-")
+}
+
+/// Returns -log10 of p values, and their range from 0 to that of the least p, or at least to 1: what is significant has the last colours.
+#[must_use]
+pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
+    let values: Vec<f64> = p.iter().map(|p| if p.is_nan() { *p } else { -p.max(1e-300).log10() }).collect();
+    let most = values.iter().copied().fold(1.0, f64::max);
+    (values, (0.0, most))
+}
+
+/// Returns what stands at the scale of a map: its name, for p values `-log10`, and that the ends are clipped where values lie beyond.
+#[must_use]
+pub fn scale_label(name: &str, values: &[f64], (low, high): (f64, f64)) -> String {
+    if is_probability(name) {
+        return format!("-log10 {name}");
+    }
+    let beyond = values.iter().filter(|value| **value < low || **value > high).count();
+    if beyond == 0 { name.to_owned() } else { format!("{name}, clipped: {beyond} of {} beyond", values.len()) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_significant_has_the_last_colour() {
+        let (values, range) = significance(&[1.0, 0.001, 0.0, f64::NAN]);
+        assert_eq!((values[0], range), (0.0, (0.0, 300.0)));
+        assert!((values[1] - 3.0).abs() < 1e-12 && values[3].is_nan());
+        assert_eq!(significance(&[0.5]).1, (0.0, 1.0));
+        assert!(is_probability("p-fwe") && is_probability("q") && !is_probability("power"));
+        assert_eq!(scale_label("p-fwe", &[0.5], (0.0, 1.0)), "-log10 p-fwe");
+        assert_eq!(scale_label("effect", &[0.5, -0.5], (-0.5, 0.5)), "effect");
+        assert_eq!(scale_label("effect", &[0.5, 2.0], (-1.0, 1.0)), "effect, clipped: 1 of 2 beyond");
+    }
 
     #[test]
     fn a_mesh_takes_the_place_of_another() {

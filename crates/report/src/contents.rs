@@ -44,6 +44,8 @@ pub struct Maps {
     pub name: String,
     /// What was tested, such as `a - b`; may be empty.
     pub meaning: String,
+    /// What else there is to say of it, such as the subjects and the covariates: name and text.
+    pub about: Vec<(String, String)>,
     /// The surface.
     pub mesh: Mesh,
     /// Names and values, one a vertex; those of p values are called `p`, `q` or begin with `p-`.

@@ -1,7 +1,7 @@
 //! Maps of a test in a page.
 
 use serde::Serialize;
-use spharm_render::{Paint, Panel, symmetric_range};
+use spharm_render::{Paint, Panel, is_probability, scale_label, significance, symmetric_range};
 
 use crate::ReportError;
 use crate::blocks::{Block, Blocks};
@@ -31,6 +31,8 @@ struct Map {
     probability: bool,
     /// The values of the first and the last colour, before logarithms.
     range: [f64; 2],
+    /// What stands at its scale.
+    label: String,
 }
 
 impl MapsItem {
@@ -46,13 +48,23 @@ impl MapsItem {
                 return Err(ReportError::ValueCount { name, map, expected, found });
             }
         }
-        let mut panels: Vec<Panel<'_>> = test
+        // As the script paints them.
+        let painted: Vec<(Vec<f64>, (f64, f64), String)> = test
             .maps
             .iter()
             .filter(|(name, _)| ["effect", "statistic", "p-fwe"].contains(&name.as_str()))
             .map(|(name, values)| {
-                let paint = Paint::Scalar { values, range: range(values), label: name };
-                Panel { paint, ..Panel::new(&test.mesh, "") }
+                let label = scale_label(name, values, range(values));
+                let (values, range) =
+                    if is_probability(name) { significance(values) } else { (values.clone(), range(values)) };
+                (values, range, label)
+            })
+            .collect();
+        let mut panels: Vec<Panel<'_>> = painted
+            .iter()
+            .map(|(values, range, label)| Panel {
+                paint: Paint::Scalar { values, range: *range, label },
+                ..Panel::new(&test.mesh, "")
             })
             .collect();
         if panels.is_empty() {
@@ -63,8 +75,9 @@ impl MapsItem {
         for (name, values) in &test.maps {
             let probability = is_probability(name);
             let (low, high) = range(values);
+            let label = scale_label(name, values, (low, high));
             let values = blocks.f32(values.iter().copied());
-            maps.push(Map { name: name.clone(), values, probability, range: [low, high] });
+            maps.push(Map { name: name.clone(), values, probability, range: [low, high], label });
         }
         let mesh = Drawn::new(&test.mesh, blocks);
         let (name, meaning) = (test.name.clone(), test.meaning.clone());
@@ -78,6 +91,7 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
     if !test.meaning.is_empty() {
         rows.insert(0, ("Tested".to_owned(), test.meaning.clone()));
     }
+    rows.extend(test.about.iter().cloned());
     for (name, values) in &test.maps {
         let finite = || values.iter().copied().filter(|value| value.is_finite());
         let (low, high) = finite().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
@@ -90,11 +104,6 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
         rows.push((name.clone(), text));
     }
     rows
-}
-
-/// Whether a map is of p values or false-discovery rates.
-fn is_probability(name: &str) -> bool {
-    name == "p" || name == "q" || name.starts_with("p-")
 }
 
 /// Symmetric about 0 where values have both signs, else from the least to the largest.

@@ -20,6 +20,15 @@ impl Hemisphere {
         anatomical_structure.and_then(Self::of_structure).or_else(|| Self::of_name(path?))
     }
 
+    /// Returns the hemisphere's cortex as GIfTI's `AnatomicalStructurePrimary` has it.
+    #[must_use]
+    pub fn cortex(self) -> &'static str {
+        match self {
+            Self::Left => "CortexLeft",
+            Self::Right => "CortexRight",
+        }
+    }
+
     fn of_structure(structure: &str) -> Option<Self> {
         match (structure.ends_with("Left"), structure.ends_with("Right")) {
             (true, _) => Some(Self::Left),

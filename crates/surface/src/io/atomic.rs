@@ -8,6 +8,7 @@ use std::fs;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use super::leftovers;
 use super::load::kind_name;
 use crate::error::SurfaceError;
 
@@ -53,15 +54,7 @@ pub fn write_new(
         return Err(io("create")(missing));
     }
 
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".spharm.").suffix(".tmp");
-    #[cfg(unix)]
-    {
-        // As `File::create` would: temporary files are private by default, results are not.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let temporary = builder.tempfile_in(&directory).map_err(io("create"))?;
+    let temporary = leftovers::create(&directory).map_err(io("create"))?;
     if let Some(mode) = mode {
         // What was private stays so, also while it is being written.
         temporary.as_file().set_permissions(mode).map_err(io("create"))?;

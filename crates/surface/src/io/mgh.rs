@@ -147,7 +147,7 @@ mod tests {
     fn what_is_written_is_read() {
         let signal = Signal::new(vec![0.5, 1.5, -2.5, 3.5, 4.5, 5.5], 3, 2);
         let mut bytes = Vec::new();
-        write(&mut bytes, &signal, &Context { double: false, name: "" }).unwrap();
+        write(&mut bytes, &signal, &Context { double: false, name: "", structure: None }).unwrap();
         assert_eq!(bytes.len(), HEADER + 24);
         assert_eq!(read(&bytes).unwrap(), signal);
     }

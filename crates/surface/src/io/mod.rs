@@ -28,6 +28,7 @@ mod formats;
 mod freesurfer;
 mod gifti;
 mod glb;
+mod leftovers;
 mod load;
 mod memory;
 mod metamesh;
@@ -59,6 +60,7 @@ pub use check::mesh as check_mesh;
 pub(crate) use check::{indices as check_indices, signal as check_signal};
 pub(crate) use formats::name_without_gz;
 pub use formats::{FORMATS, Output, check_output, is_named_signal, to_write_mesh, to_write_signal};
+pub use leftovers::remove_leftovers;
 pub use load::MOST_EXPANSION;
 pub use memory::bytes_to_read;
 pub use painted::{PAINTED, write_painted, write_ply};
@@ -168,7 +170,7 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -
     if !format.holds_double(options.double) {
         check::fits_f32(path, &mesh.vertices, format)?;
     }
-    write_as(path, options, format.write_mesh, mesh)
+    write_as(path, options, format.write_mesh, mesh, None)
 }
 
 /// Writes values on vertices in the format the name asks for: `.gii` (float32 unless `double`), `.mgz`, `.csv`, `.tsv`,
@@ -178,6 +180,21 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -
 ///
 /// As [`write_mesh`].
 pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOptions) -> Result<(), SurfaceError> {
+    write_signal_of(path, signal, None, options)
+}
+
+/// Writes values on the vertices of a structure, such as `CortexLeft`, which GIfTI keeps as `AnatomicalStructurePrimary` and
+/// other formats don't; Workbench asks for it. See [`write_signal`].
+///
+/// # Errors
+///
+/// As [`write_mesh`].
+pub fn write_signal_of(
+    path: impl AsRef<Path>,
+    signal: &Signal,
+    structure: Option<&str>,
+    options: &WriteOptions,
+) -> Result<(), SurfaceError> {
     let path = path.as_ref();
     let format = to_write_signal(path)?;
     check::signal(path, signal)?;
@@ -191,7 +208,7 @@ pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOpti
     if !format.holds_double(options.double) {
         check::values_fit_f32(path, signal, format)?;
     }
-    write_as(path, options, format.write_signal, signal)
+    write_as(path, options, format.write_signal, signal, structure)
 }
 
 /// Writes by a format's writer, gzipped where the name says so.
@@ -200,9 +217,10 @@ fn write_as<T>(
     options: &WriteOptions,
     writer: Option<Writer<T>>,
     contents: &T,
+    structure: Option<&str>,
 ) -> Result<(), SurfaceError> {
     let name = formats::name_without_gz(path);
-    let context = Context { double: options.double, name: &name };
+    let context = Context { double: options.double, name: &name, structure };
     write_new(path, options.overwrite, |out| {
         let writer = writer.ok_or(io::ErrorKind::Unsupported)?;
         if !formats::is_gzipped(path) {

@@ -52,6 +52,8 @@ pub(super) struct Context<'a> {
     pub(super) double: bool,
     /// The file's name in lower case, without `.gz`.
     pub(super) name: &'a str,
+    /// What the vertices are of, as GIfTI's `AnatomicalStructurePrimary` has it, where the contents don't say.
+    pub(super) structure: Option<&'a str>,
 }
 
 impl FormatSpec {

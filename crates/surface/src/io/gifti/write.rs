@@ -66,7 +66,8 @@ fn surface_metadata(mesh: &Mesh) -> Vec<(String, String)> {
 
 /// Writes a signal, one array for each channel, as Workbench's metric files have it.
 pub(in crate::io) fn write_signal(out: &mut dyn Write, signal: &Signal, context: &Context<'_>) -> io::Result<()> {
-    open(out, signal.channels, &[])?;
+    let structure = context.structure.map(|structure| (STRUCTURE.to_owned(), structure.to_owned()));
+    open(out, signal.channels, structure.as_slice())?;
     for channel in 0..signal.channels {
         let array = Heading {
             intent: if context.name.ends_with(".shape.gii") { SHAPE } else { NONE },

@@ -1,0 +1,89 @@
+//! Temporary files that killed processes left behind.
+//!
+//! A writer holds a lock on its temporary file. One whose lock is free belongs to nobody; where the file system has no locks, one
+//! to which nobody has written for a day.
+
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use tempfile::NamedTempFile;
+
+const PREFIX: &str = ".spharm.";
+const SUFFIX: &str = ".tmp";
+/// Where there are no locks, nobody works on one file for this long.
+const OLD: Duration = Duration::from_secs(24 * 3600);
+
+/// Creates a temporary file in a folder, and locks it.
+pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PREFIX).suffix(SUFFIX);
+    #[cfg(unix)]
+    {
+        // As `File::create` would: temporary files are private by default, results are not.
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    loop {
+        let temporary = builder.tempfile_in(folder)?;
+        match temporary.as_file().try_lock() {
+            // Between its creation and the lock somebody took it for a leftover.
+            Ok(()) if !temporary.path().exists() => {}
+            Err(TryLockError::WouldBlock) => {}
+            Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
+        }
+    }
+}
+
+/// Removes the temporary files of a folder that no process is writing any more, and returns which. What can't be removed stays.
+///
+/// # Errors
+///
+/// When the folder can't be listed.
+pub fn remove_leftovers(folder: impl AsRef<Path>) -> io::Result<Vec<PathBuf>> {
+    let mut removed = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if !name.starts_with(PREFIX) || !name.ends_with(SUFFIX) || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        // It may have been finished since it was listed. The lock is held while it is removed, so that who has only just made it sees.
+        let Ok(file) = File::open(entry.path()) else { continue };
+        let abandoned = match file.try_lock() {
+            Ok(()) => true,
+            Err(TryLockError::WouldBlock) => false,
+            Err(TryLockError::Error(_)) => {
+                let modified = entry.metadata().and_then(|metadata| metadata.modified());
+                modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > OLD))
+            }
+        };
+        if abandoned && fs::remove_file(entry.path()).is_ok() {
+            removed.push(entry.path());
+        }
+    }
+    Ok(removed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_nobody_writes_is_removed_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for name in [".spharm.abcdef.tmp", "model.npz", ".spharm.note", "other.tmp"] {
+            fs::write(at(name), "x").unwrap();
+        }
+        fs::create_dir(at(".spharm.folder.tmp")).unwrap();
+        let held = create(folder.path()).unwrap();
+        assert_eq!(remove_leftovers(folder.path()).unwrap(), [at(".spharm.abcdef.tmp")]);
+        assert!(held.path().exists() && at("model.npz").exists() && at("other.tmp").exists());
+        let path = held.path().to_owned();
+        drop(held);
+        assert!(!path.exists() && remove_leftovers(at("nowhere")).is_err());
+    }
+}

@@ -1,0 +1,78 @@
+//! What can be known to be wrong with a study before its subjects are fitted, which takes long.
+
+use anyhow::{Context, Result, bail};
+use spharm::shape::stats::{Column, question};
+
+use super::LEAST;
+use super::config::{Method, Test};
+use super::plan::Plan;
+use crate::shape::table::is_missing;
+
+/// Refuses a study that would fail, or mislead, after its fits.
+///
+/// # Errors
+///
+/// With the file and the key, or the table, the line and the column, that is wrong.
+pub(super) fn check(plan: &Plan) -> Result<()> {
+    let rows = plan.manifest.rows.len();
+    if rows < LEAST {
+        bail!("{}: expected {LEAST} subjects or more, found {rows}", plan.table.display());
+    }
+    correspondence(plan)?;
+    for test in &plan.study.test {
+        tested(plan, test).with_context(|| format!("{}: test {:?}", plan.file.display(), test.name))?;
+    }
+    Ok(())
+}
+
+/// Surfaces that are mapped one by one don't correspond, and have to be aligned.
+fn correspondence(plan: &Plan) -> Result<()> {
+    let common = plan.study.fit.arguments.iter().any(|argument| argument.split('=').next() == Some("--sphere"));
+    let without = plan.manifest.rows.iter().find(|row| row.sphere.is_none());
+    match without.filter(|_| plan.study.align.method != Method::Joint && !common) {
+        None => Ok(()),
+        Some(row) => {
+            let method = if plan.study.align.method == Method::Fixed { "fixed" } else { "none" };
+            bail!(
+                "{}: method {method:?} in [align] is for spheres that correspond, {} has none for {}; give `sphere`, or \
+                 method \"joint\"",
+                plan.file.display(),
+                plan.table.display(),
+                row.id
+            )
+        }
+    }
+}
+
+/// The design of a test, of all subjects.
+fn tested(plan: &Plan, test: &Test) -> Result<()> {
+    let effect = cells(plan, &test.effect)?;
+    let effect = match test.levels.is_empty() {
+        true => Column::of(effect),
+        false => Column::Levels(effect.into_iter().map(str::to_owned).collect()),
+    };
+    let covariate = |name: &String| Ok((name.clone(), Column::of(cells(plan, name)?)));
+    let covariates = test.covariates.iter().map(covariate).collect::<Result<Vec<_>>>()?;
+    question((&test.effect, &effect), &test.levels, &covariates).with_context(|| plan.table.display().to_string())?;
+    Ok(())
+}
+
+/// A column's cells, each of which has a value.
+fn cells<'a>(plan: &'a Plan, column: &str) -> Result<Vec<&'a str>> {
+    let at = plan.manifest.columns.iter().position(|name| name == column);
+    let at = at.with_context(|| format!("{}: no column {column:?}", plan.table.display()))?;
+    let cell = |row: &'a spharm::cohort::Row| {
+        let cell = row.extra.get(at).map_or("", |cell| cell.trim());
+        if cell.is_empty() || is_missing(cell) {
+            let found = if cell.is_empty() { "nothing".to_owned() } else { format!("{cell:?}") };
+            bail!(
+                "{}: {}: column {column:?}: expected a value, found {found}; leave the subject out of the table, or the column \
+                 out of the test",
+                plan.table.display(),
+                row.id
+            );
+        }
+        Ok(cell)
+    };
+    plan.manifest.rows.iter().map(cell).collect()
+}

@@ -1,0 +1,113 @@
+//! What a study has made that is no longer of it: files of subjects and tests that have left, of subjects that fail now, damaged
+//! models, and what killed processes left behind. Only what the study itself has made is removed.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use spharm::Model;
+use spharm::cohort::{Merged, Row, check_id};
+use spharm::files::ModelFiles;
+use spharm_surface::io::{remove_leftovers, write_new};
+
+use super::plan::Plan;
+use super::stage::{Stage, retire};
+
+/// Removes the temporary files of processes that were killed.
+pub(super) fn leftovers(plan: &Plan) {
+    let mut folders = vec![plan.output.clone(), plan.records()];
+    folders.extend(["models", "aligned", "status", "figures"].map(|name| plan.output.join(name)));
+    folders.extend(plan.study.test.iter().map(|test| plan.output.join("tests").join(&test.name)));
+    // What can't be listed or removed is in nobody's way.
+    folders.iter().for_each(|folder| drop(remove_leftovers(folder)));
+}
+
+/// Removes models of these rows that the study has made and that can't be read any more, so that they are made again; returns
+/// their ids.
+pub(super) fn damaged<'a>(plan: &Plan, rows: impl Iterator<Item = &'a Row>, merged: &Merged) -> Result<Vec<&'a str>> {
+    let mut removed = Vec::new();
+    for row in rows.filter(|row| merged.entry(&row.id).is_some()) {
+        let model = row.model(&plan.models());
+        if model.is_file() && Model::read(&model).is_err() {
+            std::fs::remove_file(&model).with_context(|| model.display().to_string())?;
+            removed.push(row.id.as_str());
+        }
+    }
+    Ok(removed)
+}
+
+/// Removes the models of subjects that have left the table, and of those whose surface is there and can't be fitted any more; returns
+/// how many there were. Where a surface isn't there, a disk may be missing, and its model stays, outside of the group.
+pub(super) fn models(plan: &Plan, merged: &Merged, failed: &[(String, String)]) -> Result<usize> {
+    let there: HashSet<&str> = plan.manifest.rows.iter().map(|row| row.id.as_str()).collect();
+    let gone: HashSet<&str> =
+        merged.entries().iter().map(|entry| entry.id.as_str()).filter(|id| !there.contains(id)).collect();
+    let mut count = 0;
+    let failed: HashSet<&str> = failed.iter().map(|(id, _)| id.as_str()).collect();
+    let broken = plan.manifest.rows.iter().filter(|row| failed.contains(row.id.as_str()) && row.surface.is_file());
+    for id in gone.iter().copied().chain(broken.map(|row| row.id.as_str())) {
+        count += usize::from(model(&plan.models(), id)?);
+    }
+    if !gone.is_empty() {
+        for path in plan.status_files()? {
+            forget(&path, &gone).with_context(|| path.display().to_string())?;
+        }
+    }
+    Ok(count)
+}
+
+/// Removes a subject's model with what is beside it, if it is one, under the subject's name.
+fn model(folder: &Path, id: &str) -> Result<bool> {
+    let files = ModelFiles { model: folder.join(format!("{id}.spharm.npz")) };
+    let own = |model: Model| model.provenance.id.as_deref() == Some(id);
+    if check_id(id).is_err() || !Model::read(&files.model).is_ok_and(own) {
+        return Ok(false);
+    }
+    // The model last: while it is there, this can be done again.
+    let beside = [files.csv(), files.standard_errors(), files.sphere(), files.surface(), files.cut_surface()];
+    for path in beside.into_iter().chain([files.fixed_surface(), files.model]).filter(|path| path.is_file()) {
+        std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+    }
+    Ok(true)
+}
+
+/// Leaves the rows of these ids out of a status file, unless another process writes to it.
+fn forget(path: &Path, gone: &HashSet<&str>) -> Result<()> {
+    let text = std::fs::read(path)?;
+    let file = File::open(path)?;
+    if file.try_lock().is_err() {
+        return Ok(());
+    }
+    let mut reader =
+        csv::ReaderBuilder::new().delimiter(b'\t').has_headers(false).flexible(true).from_reader(text.as_slice());
+    let mut writer = csv::WriterBuilder::new().delimiter(b'\t').flexible(true).from_writer(Vec::new());
+    let mut left_out = 0;
+    for record in reader.byte_records() {
+        let record = record?;
+        match record.get(0).and_then(|id| std::str::from_utf8(id).ok()) {
+            Some(id) if gone.contains(id) => left_out += 1,
+            _ => writer.write_byte_record(&record)?,
+        }
+    }
+    if left_out > 0 {
+        let text = writer.into_inner()?;
+        write_new(path, true, |out| out.write_all(&text))?;
+    }
+    Ok(())
+}
+
+/// Removes what stages made that the study no longer has, such as tests that were taken out of it.
+pub(super) fn stages(plan: &Plan, stages: &[Stage]) -> Result<()> {
+    let records = plan.records();
+    let read = || records.display().to_string();
+    for entry in std::fs::read_dir(&records).with_context(read)? {
+        let path: PathBuf = entry.with_context(read)?.path();
+        let name = path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let is_record = path.extension().is_some_and(|ending| ending == "json");
+        if is_record && !stages.iter().any(|stage| stage.name == name) {
+            retire(&path, &plan.output)?;
+        }
+    }
+    Ok(())
+}
