@@ -4,10 +4,12 @@
 - Source files have at most 400 lines.
 - Crates depend on each other as the table of CONTRIBUTING.md states, and only on crates above them in it.
 - Files of a crate don't import each other in circles. Test modules, re-exports and imports from a `lib.rs` don't count.
+- fuzz/Cargo.lock has the dependencies of our crates' manifests, else its targets can't be built with `--locked`.
 """
 
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -119,7 +121,25 @@ def circles():
                 yield f"{files[module].relative_to(ROOT)}: imports {names}, which imports it in turn"
 
 
+def fuzz_lock():
+    """The fuzz targets are a workspace of their own, so that `cargo build` doesn't keep their lock file up."""
+    for package in tomllib.loads((ROOT / "fuzz/Cargo.lock").read_text())["package"]:
+        manifest = ROOT / "crates" / package["name"].removeprefix("spharm-") / "Cargo.toml"
+        if "source" in package or not manifest.is_file():
+            continue
+        # "name", or "name version" where there are several.
+        locked = {entry.split()[0] for entry in package.get("dependencies", [])}
+        text = tomllib.loads(manifest.read_text())
+        sections = [table.get(kind, {}) for table in [text, *text.get("target", {}).values()]
+                    for kind in ("dependencies", "build-dependencies")]
+        entries = {name: entry for section in sections for name, entry in section.items()}
+        needed = {name for name, entry in entries.items() if not (isinstance(entry, dict) and entry.get("optional"))}
+        if not needed <= locked <= entries.keys():
+            names = ", ".join(sorted(needed - locked | locked - entries.keys()))
+            yield f"fuzz/Cargo.lock: {package['name']} differs in {names}: cargo metadata --manifest-path fuzz/Cargo.toml mends it"
+
+
 if __name__ == "__main__":
-    faults = [*lengths(), *dependencies(), *circles()]
+    faults = [*lengths(), *dependencies(), *circles(), *fuzz_lock()]
     print(*faults, sep="\n")
     sys.exit(bool(faults))

@@ -137,8 +137,8 @@ def coefficients(path: Path) -> list[Decimal]:
 
 def warned(report: dict[str, Any]) -> str:
     """All that it warned of."""
-    surfaces = report.get("surfaces", [report])
-    return " ".join(str(warning) for one in surfaces for warning in one.get("warnings", []))
+    parts = [*report.get("surfaces", [report]), report.get("fit", {})]
+    return " ".join(str(warning) for one in parts for warning in one.get("warnings", []))
 
 
 def solver_report(report: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 use spharm_surface::Meta;
-use spharm_surface::range::{times, times_within};
+use spharm_surface::range::times_within;
 
 use crate::error::ModelError;
 use crate::geometry::Geometry;
@@ -229,8 +229,8 @@ impl Distances {
         Self {
             msd_raw: times_within(self.msd_raw, 2 * exponent),
             xsd_raw: times_within(self.xsd_raw, 2 * exponent),
-            rms_raw: Some(times(self.rms(), exponent)),
-            max_raw: Some(times(self.max(), exponent)),
+            rms_raw: Some(times_within(self.rms(), exponent)),
+            max_raw: Some(times_within(self.max(), exponent)),
             ..self
         }
     }
@@ -342,5 +342,15 @@ mod tests {
         assert_eq!(found.bytes, 3);
         assert!(found.blake3.starts_with("6437b3ac38465133ffb63b75273a8db5"), "{found:?}");
         assert!(found.same_contents(&FileRecord { path: String::new(), ..found.clone() }));
+    }
+
+    #[test]
+    fn distances_that_leave_the_range_are_neither_zero_nor_infinite() {
+        let small = Distances::new(1e-60, 1e-60, false, None).times(-1000);
+        assert!(small.rms() > 0.0 && small.max() > 0.0 && small.msd_raw > 0.0, "{small:?}");
+        let large = Distances::new(1e60, 1e60, false, None).times(1000);
+        assert!(large.rms().is_finite() && large.max().is_finite() && large.msd_raw.is_finite(), "{large:?}");
+        let none = Distances::new(0.0, 0.0, false, None).times(-1000);
+        assert_eq!((none.rms(), none.max(), none.msd_raw), (0.0, 0.0, 0.0));
     }
 }

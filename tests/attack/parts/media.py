@@ -117,8 +117,9 @@ def attack(site, row, place, control, inputs, seconds):
             site.find(row, "wrong", f"{what}: status {ended.code}: {ended.last()}")
         elif ended.code == 1 and kind == "short":
             site.find(row, "wrong", f"{what}: a short read isn't an error: {ended.last()}")
-        # What has no check sums has another result where a digit of it is another.
+        # What has no check sums has another result where a digit of it is another: a label's may be other files, too, beside
+        # one that fails.
         sure = summed or kind != "flip"
-        for problem, text in place.flaws(verb, False, ended.code == 0) if sure or ended.code == 1 else ():
+        for problem, text in place.flaws(verb, False, ended.code == 0) if sure or ended.code == 1 and not verb.goes_on else ():
             site.find(row, problem, f"{what}: {text}")
     row.done = ", ".join(f"{count} {kind}" for kind, count in counts.items()) + f" in files of {len(READERS)} commands, {noticed} noticed"
