@@ -1,13 +1,15 @@
 //! Batches of points: their kernel values, and the products of these with the grid.
 //!
 //! There is a compiled kernel for every padded width and for one, two and three channels: the sums over a point's
-//! neighbourhood then stay in registers.
+//! neighbourhood then stay in registers. Batches of which many points share a cell go to
+//! [`interpolation_cells`](crate::interpolation_cells).
 
 use std::ops::Range;
 
 use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::grid::{Layout, MARGIN};
+use crate::interpolation_cells::{interpolate_cells, spread_cells};
 use crate::kernel::{Kernel, MAX_WIDTH};
 use crate::lanes::fused;
 use crate::points::Points;
@@ -19,8 +21,10 @@ pub(crate) const BATCH: usize = 32;
 pub(crate) struct Batch {
     rows: [usize; BATCH],
     columns: [usize; BATCH],
-    row_values: [[f64; MAX_WIDTH]; BATCH],
-    column_values: [[f64; MAX_WIDTH]; BATCH],
+    pub(crate) row_values: [[f64; MAX_WIDTH]; BATCH],
+    pub(crate) column_values: [[f64; MAX_WIDTH]; BATCH],
+    /// Whether at least every second point's kernel lies over the same grid points as the one before.
+    dense: bool,
 }
 
 impl Batch {
@@ -30,6 +34,7 @@ impl Batch {
             columns: [0; BATCH],
             row_values: [[0.0; MAX_WIDTH]; BATCH],
             column_values: [[0.0; MAX_WIDTH]; BATCH],
+            dense: false,
         }
     }
 
@@ -50,6 +55,13 @@ impl Batch {
         }
         kernel.values(&row_arguments[..count], &mut self.row_values[..count]);
         kernel.values(&column_arguments[..count], &mut self.column_values[..count]);
+        self.dense = 2 * (1..count).filter(|&i| self.corner(i) == self.corner(i - 1)).count() >= count.max(1);
+    }
+
+    /// Row and column of the first grid value under a point's kernel.
+    #[inline(always)]
+    pub(crate) fn corner(&self, point: usize) -> [usize; 2] {
+        [self.rows[point], self.columns[point]]
     }
 }
 
@@ -62,6 +74,9 @@ pub(crate) fn interpolate_batch(
     batch: &Batch,
     values: &mut [f64],
 ) {
+    if batch.dense {
+        return interpolate_cells(layout, grid, first_row, kernel, batch, values);
+    }
     for channel in (0..layout.channels).step_by(3) {
         match (kernel.padded, layout.channels - channel) {
             (4 | 8, 1) => interpolate_8_1(layout, grid, first_row, kernel.width, batch, values, channel),
@@ -86,6 +101,9 @@ pub(crate) fn spread_batch(
     batch: &Batch,
     values: &[f64],
 ) {
+    if batch.dense {
+        return spread_cells(layout, grid, first_row, kernel, batch, values);
+    }
     for channel in (0..layout.channels).step_by(3) {
         match (kernel.padded, layout.channels - channel) {
             (4 | 8, 1) => spread_8_1(layout, grid, first_row, kernel.width, batch, values, channel),

@@ -63,6 +63,7 @@ mod grid;
 mod gridding;
 mod interpolation;
 mod interpolation_batch;
+mod interpolation_cells;
 mod kernel;
 mod lanes;
 mod legendre;

@@ -1,5 +1,6 @@
 //! The directions sorted for interpolation: by strips of the grid's rows, and by columns along a strip.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
@@ -15,6 +16,9 @@ const RUNS: usize = 16;
 const LEAST_RUN: usize = 1 << 13;
 
 /// The directions' positions on the grid, sorted. A *place* is an index in sorted order.
+///
+/// Sorted by strips of rows, in a strip by tiles of columns, and in a tile by cells, so that directions in one cell follow
+/// each other; where cells outnumber the directions these are left as they come.
 #[derive(Debug)]
 pub(crate) struct Points {
     /// The place of each direction.
@@ -36,52 +40,39 @@ impl Points {
         if directions.len() > max {
             return Err(TransformError::TooManyDirections { found: directions.len(), max });
         }
-        let tiles = grid.div_ceil(TILE_COLUMNS);
-        let strip_count = (grid / 2 + 1).div_ceil(strip_rows);
-        let buckets = strip_count * tiles;
-        let bucket = |cell: [u32; 2]| cell[0] as usize / strip_rows * tiles + cell[1] as usize / TILE_COLUMNS;
-        // A stable counting sort by buckets, of runs of directions at once.
-        let run = directions.len().div_ceil(RUNS).max(LEAST_RUN);
-        let mut places: Vec<Place> = vec![([0; 2], [0.0; 2]); directions.len()];
-        let mut counts: Vec<Vec<u32>> = places
-            .par_chunks_mut(run)
-            .zip(directions.par_chunks(run))
-            .map(|(places, directions)| {
-                let mut counts = vec![0u32; buckets];
-                place(directions, grid, places);
-                for (cell, _) in places {
-                    counts[bucket(*cell)] += 1;
-                }
-                counts
-            })
-            .collect();
-        // Counts become the first places of each run in each bucket.
-        let (mut next, mut strips) = (0u32, Vec::with_capacity(strip_count + 1));
-        for at in 0..buckets {
-            if at % tiles == 0 {
-                strips.push(next as usize);
-            }
-            for counts in &mut counts {
-                (counts[at], next) = (next, next + counts[at]);
-            }
+        let count = directions.len();
+        let mut places: Vec<Place> = vec![([0; 2], [0.0; 2]); count];
+        let (mut order, strips) = by_strips(directions, grid, strip_rows, &mut places);
+        let (mut cells, mut fractions) = (vec![[0; 2]; count], vec![[0.0; 2]; count]);
+        let mut tasks = Vec::with_capacity(strips.len() - 1);
+        let mut rest = (&mut order[..], &mut cells[..], &mut fractions[..]);
+        for (strip, bounds) in strips.windows(2).enumerate() {
+            let length = bounds[1] - bounds[0];
+            let (order, cells, fractions) = (
+                rest.0.split_off_mut(..length).unwrap_or_default(),
+                rest.1.split_off_mut(..length).unwrap_or_default(),
+                rest.2.split_off_mut(..length).unwrap_or_default(),
+            );
+            tasks.push((strip * strip_rows..(strip + 1) * strip_rows, order, cells, fractions));
         }
-        strips.push(next as usize);
-        let mut rank = vec![0u32; places.len()];
+        // The longest first, so that no thread starts on a long one at the end.
+        tasks.sort_by_key(|(_, order, ..)| std::cmp::Reverse(order.len()));
+        tasks.into_par_iter().with_max_len(1).for_each_init(Default::default, |sorter: &mut CellSorter, task| {
+            let (rows, order, cells, fractions) = task;
+            let from = order.to_vec();
+            let cell = |direction: &u32| places[*direction as usize].0;
+            sorter.sort(grid, rows, from.len(), from.iter().copied(), cell, |direction, at| {
+                order[at] = direction;
+                (cells[at], fractions[at]) = places[direction as usize];
+            });
+        });
+        drop(places);
         // Threads write to places of each other's neighbourhood: a relaxed store is a plain one.
-        let order: Vec<AtomicU32> = (0..places.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
-        rank.par_chunks_mut(run).zip(places.par_chunks(run)).zip(&mut counts).enumerate().for_each(
-            |(first, ((rank, places), next))| {
-                for (i, (rank, (cell, _))) in rank.iter_mut().zip(places).enumerate() {
-                    let next = &mut next[bucket(*cell)];
-                    *rank = *next;
-                    order[*next as usize].store((first * run + i) as u32, Ordering::Relaxed);
-                    *next += 1;
-                }
-            },
-        );
-        let order: Vec<u32> = order.into_par_iter().map(AtomicU32::into_inner).collect();
-        let (mut cells, mut fractions) = (Vec::new(), Vec::new());
-        order.par_iter().map(|&i| places[i as usize]).unzip_into_vecs(&mut cells, &mut fractions);
+        let rank: Vec<AtomicU32> = (0..count).into_par_iter().map(|_| AtomicU32::new(0)).collect();
+        order.par_iter().enumerate().for_each(|(place, direction)| {
+            rank[*direction as usize].store(place as u32, Ordering::Relaxed);
+        });
+        let rank = rank.into_par_iter().map(AtomicU32::into_inner).collect();
         Ok(Self { rank, order, cells, fractions, strips })
     }
 
@@ -111,6 +102,94 @@ impl Points {
     }
 }
 
+/// Places directions on the grid and sorts them by strips, stably: returns the direction at each place, and the first place
+/// of each strip with their number at the end.
+fn by_strips(directions: &[[f64; 3]], grid: usize, strip_rows: usize, places: &mut [Place]) -> (Vec<u32>, Vec<usize>) {
+    let buckets = (grid / 2 + 1).div_ceil(strip_rows);
+    let bucket = |cell: [u32; 2]| cell[0] as usize / strip_rows;
+    // A counting sort of runs of directions at once.
+    let run = directions.len().div_ceil(RUNS).max(LEAST_RUN);
+    let mut counts: Vec<Vec<u32>> = places
+        .par_chunks_mut(run)
+        .zip(directions.par_chunks(run))
+        .map(|(places, directions)| {
+            let mut counts = vec![0u32; buckets];
+            place(directions, grid, places);
+            for (cell, _) in places {
+                counts[bucket(*cell)] += 1;
+            }
+            counts
+        })
+        .collect();
+    // Counts become the first places of each run in each bucket.
+    let (mut next, mut strips) = (0u32, Vec::with_capacity(buckets + 1));
+    for at in 0..buckets {
+        strips.push(next as usize);
+        for counts in &mut counts {
+            (counts[at], next) = (next, next + counts[at]);
+        }
+    }
+    strips.push(next as usize);
+    let order: Vec<AtomicU32> = (0..places.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
+    places.par_chunks(run).zip(&mut counts).enumerate().for_each(|(first, (places, next))| {
+        for (i, (cell, _)) in places.iter().enumerate() {
+            let next = &mut next[bucket(*cell)];
+            order[*next as usize].store((first * run + i) as u32, Ordering::Relaxed);
+            *next += 1;
+        }
+    });
+    (order.into_par_iter().map(AtomicU32::into_inner).collect(), strips)
+}
+
+/// Sorts the points of a strip, with memory that it keeps.
+#[derive(Debug, Default)]
+pub(crate) struct CellSorter {
+    next: Vec<u32>,
+}
+
+impl CellSorter {
+    /// Calls `put` with each of `count` points and its place in their strip, which has these rows of a grid: by tiles of
+    /// columns, and in a tile by cells where the points are many for that, those of two by two cells together. The sort is
+    /// stable.
+    pub(crate) fn sort<P>(
+        &mut self,
+        grid: usize,
+        rows: Range<usize>,
+        count: usize,
+        points: impl Iterator<Item = P> + Clone,
+        cell: impl Fn(&P) -> [u32; 2],
+        mut put: impl FnMut(P, usize),
+    ) {
+        let tiles = grid.div_ceil(TILE_COLUMNS);
+        let per_tile = rows.len().next_multiple_of(2) * TILE_COLUMNS;
+        // Else few cells have more than one, and counters cost more than they save.
+        let by_cells = count > tiles * per_tile;
+        let bucket = |[row, column]: [u32; 2]| {
+            let (row, column) = (row as usize - rows.start, column as usize);
+            if !by_cells {
+                return column / TILE_COLUMNS;
+            }
+            let four = row / 2 * (TILE_COLUMNS / 2) + column % TILE_COLUMNS / 2;
+            column / TILE_COLUMNS * per_tile + 4 * four + 2 * (row % 2) + column % 2
+        };
+        self.next.clear();
+        self.next.resize(if by_cells { tiles * per_tile } else { tiles }, 0);
+        for point in points.clone() {
+            self.next[bucket(cell(&point))] += 1;
+        }
+        let mut first = 0;
+        for next in &mut self.next {
+            (*next, first) = (first, first + *next);
+        }
+        for point in points {
+            let next = &mut self.next[bucket(cell(&point))];
+            let at = *next as usize;
+            *next += 1;
+            put(point, at);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -136,5 +215,18 @@ mod tests {
                 assert_eq!(cell[0] as usize / 16, strip);
             }
         }
+    }
+
+    #[test]
+    fn directions_of_a_cell_follow_each_other_where_they_are_many() {
+        let directions: Vec<[f64; 3]> =
+            spharm_harmonics::Directions::fibonacci(6000).unwrap().as_slice().iter().rev().copied().collect();
+        let points = Points::new(&directions, 64, 16).unwrap();
+        let equator = points.strips[1]..points.strips[2];
+        let runs = points.cells[equator.clone()].chunk_by(|a, b| a == b).count();
+        let mut cells = points.cells[equator].to_vec();
+        cells.sort_unstable();
+        cells.dedup();
+        assert_eq!(runs, cells.len());
     }
 }

@@ -5,8 +5,9 @@ use crate::grid::Layout;
 use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
 use crate::kernel::{Kernel, MAX_WIDTH};
 
-/// Samples that are held before they are spread: one for eight points of the grids, over all of which spreading goes, within
+/// Samples that are held before they are spread: one for so many points of the grids, over all of which spreading goes, within
 /// these bounds.
+const POINTS_A_SAMPLE: usize = 8;
 const FEWEST_HELD: usize = 1 << 16;
 const MOST_HELD: usize = 1 << 23;
 
@@ -63,7 +64,7 @@ impl Griddings {
 
     /// Samples that are held before they are spread.
     pub(super) fn held(&self, channels: usize) -> usize {
-        (points(self.both[0].grid, channels) / 8).clamp(FEWEST_HELD, MOST_HELD)
+        held(self.both[0].grid, channels)
     }
 
     /// Rows of the fine grid that are spread to by one task: a strip of the coarse grid, two of the fine one.
@@ -94,11 +95,17 @@ fn points(grid: usize, channels: usize) -> usize {
     grid * grid / 2 + channels * grid * grid / 8
 }
 
+/// Samples that are held before they are spread.
+fn held(grid: usize, channels: usize) -> usize {
+    (points(grid, channels) / POINTS_A_SAMPLE).clamp(FEWEST_HELD, MOST_HELD)
+}
+
 /// Estimated nanoseconds of a thread for a sample: its own products, and its share of reading and writing the grids.
 fn cost(width: usize, grid: usize, channels: usize) -> f64 {
     /// Of a thread, beside another one.
     const BYTES_PER_NANOSECOND: f64 = 6.0;
     // Finer grids could be paid for by more samples that are held, which takes memory twice.
     let traffic = 16.0 * points(grid, channels) as f64 / (MOST_HELD / 2) as f64;
-    point_cost(width, 1) + point_cost(width, channels) + traffic / BYTES_PER_NANOSECOND
+    let density = held(grid, channels) as f64 / (grid * grid / 2) as f64;
+    point_cost(width, 1, density) + point_cost(width, channels, 4.0 * density) + traffic / BYTES_PER_NANOSECOND
 }

@@ -10,9 +10,7 @@ use crate::accumulator::occupied::Occupied;
 use crate::grid::Layout;
 use crate::interpolation_batch::{BATCH, Batch, spread_batch};
 use crate::kernel::Kernel;
-
-/// Columns of the fine grid that samples of a strip are sorted by: with the strip's rows they fit the L1 cache.
-const TILE_COLUMNS: usize = 16;
+use crate::points::CellSorter;
 
 /// Marks where the samples of all blocks are, and adds them to the grids, in an order that doesn't depend on the number of threads.
 pub(super) fn spread(
@@ -41,7 +39,7 @@ pub(super) fn spread(
         // The longest first, so that no thread starts on a long one at the end.
         tasks.sort_by_key(|(count, ..)| std::cmp::Reverse(*count));
         tasks.into_par_iter().with_max_len(1).for_each_init(Gathered::default, |gathered, (_, strip, grids)| {
-            gathered.gather(blocks, strip, channels, layouts[0].around);
+            gathered.gather(blocks, strip, channels, layouts[0].around, heights[0]);
             occupied.mark(&gathered.cells, &gathered.fractions, layouts[0].around);
             let firsts = [strip * heights[0], strip * heights[1]];
             gathered.spread(layouts, firsts, kernels, grids);
@@ -57,7 +55,7 @@ fn count(blocks: &[Block], strip: usize) -> usize {
     blocks.iter().map(|block| run(block, strip).len()).sum()
 }
 
-/// The samples of one strip, sorted by tiles of columns.
+/// The samples of one strip, sorted by cells, or by tiles of columns where they are few.
 #[derive(Default)]
 struct Gathered {
     cells: Vec<[u32; 2]>,
@@ -65,36 +63,25 @@ struct Gathered {
     weights: Vec<f64>,
     /// Weighted values, (samples, c) row-major.
     values: Vec<f64>,
+    sorter: CellSorter,
 }
 
 impl Gathered {
-    fn gather(&mut self, blocks: &[Block], strip: usize, channels: usize, around: usize) {
-        let mut next = vec![0usize; around.div_ceil(TILE_COLUMNS) + 1];
-        for block in blocks {
-            for cell in &block.cells[run(block, strip)] {
-                next[cell[1] as usize / TILE_COLUMNS + 1] += 1;
-            }
-        }
-        for tile in 1..next.len() {
-            next[tile] += next[tile - 1];
-        }
-        let count = next[next.len() - 1];
+    fn gather(&mut self, blocks: &[Block], strip: usize, channels: usize, around: usize, rows: usize) {
+        let count = count(blocks, strip);
         self.cells.resize(count, [0; 2]);
         self.fractions.resize(count, [0.0; 2]);
         self.weights.resize(count, 0.0);
         self.values.resize(count * channels, 0.0);
-        for block in blocks {
-            let samples = run(block, strip);
-            let values = block.values[samples.start * (1 + channels)..].chunks_exact(1 + channels);
-            let places = block.cells[samples.clone()].iter().zip(&block.fractions[samples]);
-            for ((cell, fraction), values) in places.zip(values) {
-                let next = &mut next[cell[1] as usize / TILE_COLUMNS];
-                let at = *next;
-                *next += 1;
-                (self.cells[at], self.fractions[at], self.weights[at]) = (*cell, *fraction, values[0]);
-                self.values[at * channels..(at + 1) * channels].copy_from_slice(&values[1..]);
-            }
-        }
+        let samples = blocks.iter().flat_map(|block| run(block, strip).map(move |sample| (block, sample)));
+        let Self { cells, fractions, weights, values, sorter } = self;
+        let cell = |(block, sample): &(&Block, usize)| block.cells[*sample];
+        let rows = strip * rows..(strip + 1) * rows;
+        sorter.sort(around, rows, count, samples, cell, |(block, sample), at| {
+            let found = &block.values[sample * (1 + channels)..(sample + 1) * (1 + channels)];
+            (cells[at], fractions[at], weights[at]) = (block.cells[sample], block.fractions[sample], found[0]);
+            values[at * channels..(at + 1) * channels].copy_from_slice(&found[1..]);
+        });
     }
 
     /// Spreads to rows of the fine grid, and to rows of the coarse one, that begin with row `firsts` of each.

@@ -1,0 +1,260 @@
+//! Products of kernel values with the grid for points that share cells.
+//!
+//! The kernels of points in one cell lie over the same grid points, where their width is even. Spreading sums their values in
+//! registers, and adds the sums to the grid once: a point costs its products, at the rate of a matrix product's kernel, in
+//! place of reading and writing `w^2` values across cache lines. Interpolation reads the grid once for several points. One
+//! channel at a time.
+
+use std::ops::Range;
+
+use multiversion::{multiversion, target::target_cfg_f};
+
+use crate::grid::Layout;
+use crate::interpolation_batch::Batch;
+use crate::kernel::Kernel;
+use crate::lanes::{fused, load};
+
+/// Points of one cell that are interpolated together.
+const TOGETHER: usize = 4;
+
+/// Does what [`interpolate_batch`](crate::interpolation_batch::interpolate_batch) does.
+pub(crate) fn interpolate_cells(
+    layout: Layout,
+    grid: &[f64],
+    first_row: usize,
+    kernel: &Kernel,
+    batch: &Batch,
+    values: &mut [f64],
+) {
+    match kernel.padded {
+        4 | 8 => interpolate_cells_8(layout, grid, first_row, kernel.width, batch, values),
+        12 => interpolate_cells_12(layout, grid, first_row, kernel.width, batch, values),
+        _ => interpolate_cells_16(layout, grid, first_row, kernel.width, batch, values),
+    }
+}
+
+/// Does what [`spread_batch`](crate::interpolation_batch::spread_batch) does.
+pub(crate) fn spread_cells(
+    layout: Layout,
+    grid: &mut [f64],
+    first_row: usize,
+    kernel: &Kernel,
+    batch: &Batch,
+    values: &[f64],
+) {
+    match kernel.padded {
+        4 | 8 => spread_cells_8(layout, grid, first_row, kernel.width, batch, values),
+        12 => spread_cells_12(layout, grid, first_row, kernel.width, batch, values),
+        _ => spread_cells_16(layout, grid, first_row, kernel.width, batch, values),
+    }
+}
+
+/// Kernels for a padded width: sums of `$rows` by `$across` grid values fit the registers of AVX-512.
+macro_rules! kernels_for {
+    ($interpolate:ident, $spread:ident, $lanes:literal, $rows:literal, $across:literal) => {
+        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+        fn $interpolate(
+            layout: Layout,
+            grid: &[f64],
+            first_row: usize,
+            width: usize,
+            batch: &Batch,
+            values: &mut [f64],
+        ) {
+            let count = values.len() / layout.channels;
+            let mut point = 0;
+            while point < count {
+                let grid = &grid[start(layout, first_row, batch, point)..];
+                let values = &mut values[point * layout.channels..];
+                let four = end_of_cell(batch, point, count.min(point + TOGETHER)) == point + TOGETHER;
+                match (target_cfg_f!(target_feature = "fma"), four) {
+                    (true, true) => gather::<$lanes, TOGETHER, true>(layout, grid, width, batch, point, values),
+                    (true, false) => gather::<$lanes, 1, true>(layout, grid, width, batch, point, values),
+                    (false, true) => gather::<$lanes, TOGETHER, false>(layout, grid, width, batch, point, values),
+                    (false, false) => gather::<$lanes, 1, false>(layout, grid, width, batch, point, values),
+                }
+                point += if four { TOGETHER } else { 1 };
+            }
+        }
+
+        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+        fn $spread(layout: Layout, grid: &mut [f64], first_row: usize, width: usize, batch: &Batch, values: &[f64]) {
+            let count = values.len() / layout.channels;
+            let mut point = 0;
+            while point < count {
+                let end = end_of_cell(batch, point, count);
+                let grid = &mut grid[start(layout, first_row, batch, point)..];
+                if target_cfg_f!(target_feature = "avx512f") {
+                    scatter::<$lanes, $rows, $across, true>(layout, grid, width, batch, point..end, values);
+                } else if target_cfg_f!(target_feature = "fma") {
+                    scatter::<$lanes, 4, 4, true>(layout, grid, width, batch, point..end, values);
+                } else {
+                    scatter::<$lanes, 4, 4, false>(layout, grid, width, batch, point..end, values);
+                }
+                point = end;
+            }
+        }
+    };
+}
+kernels_for!(interpolate_cells_8, spread_cells_8, 8, 8, 8);
+kernels_for!(interpolate_cells_12, spread_cells_12, 12, 12, 4);
+kernels_for!(interpolate_cells_16, spread_cells_16, 16, 16, 8);
+
+/// The place of the first value under a point's kernel, of the first channel, in a grid whose first row is row `first_row`.
+#[inline(always)]
+fn start(layout: Layout, first_row: usize, batch: &Batch, point: usize) -> usize {
+    let [row, column] = batch.corner(point);
+    (row - first_row) * layout.row() + column
+}
+
+/// The first point after `point` whose kernel lies over other grid points, at most `count`.
+#[inline(always)]
+fn end_of_cell(batch: &Batch, point: usize, count: usize) -> usize {
+    let mut end = point + 1;
+    while end < count && batch.corner(end) == batch.corner(point) {
+        end += 1;
+    }
+    end
+}
+
+/// Values of all channels at P points of one cell, `values` (points, channels) row-major from the first of them on, from the
+/// grid from the first value under their kernels on.
+#[inline(always)]
+fn gather<const W: usize, const P: usize, const FMA: bool>(
+    layout: Layout,
+    grid: &[f64],
+    width: usize,
+    batch: &Batch,
+    point: usize,
+    values: &mut [f64],
+) {
+    let (row_values, column_values) = (&batch.row_values[point..point + P], &batch.column_values[point..point + P]);
+    for channel in 0..layout.channels {
+        let mut sums = [[0.0; W]; P];
+        for (r, line) in grid[channel * layout.stride..].chunks(layout.row()).take(width).enumerate() {
+            let Some(line) = line.first_chunk::<W>() else { break };
+            for (sums, weights) in sums.iter_mut().zip(row_values) {
+                for (sum, value) in sums.iter_mut().zip(line) {
+                    *sum = fused::<FMA>(weights[r], *value, *sum);
+                }
+            }
+        }
+        // Loops throughout: a closure that isn't inlined is compiled for the oldest processor.
+        for (p, (sums, columns)) in sums.iter().zip(column_values).enumerate() {
+            let mut four = [0.0; 4];
+            for (columns, sums) in columns.chunks_exact(4).zip(sums.chunks_exact(4)) {
+                for i in 0..4 {
+                    four[i] = fused::<FMA>(columns[i], sums[i], four[i]);
+                }
+            }
+            values[p * layout.channels + channel] = (four[0] + four[2]) + (four[1] + four[3]);
+        }
+    }
+}
+
+/// Adds values of all channels at points of one cell, `values` (points of the batch, channels) row-major, to the grid from the
+/// first value under their kernels on: R rows and L columns of their sums at a time.
+#[inline(always)]
+fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
+    layout: Layout,
+    grid: &mut [f64],
+    width: usize,
+    batch: &Batch,
+    points: Range<usize>,
+    values: &[f64],
+) {
+    for channel in 0..layout.channels {
+        for row in (0..width).step_by(R) {
+            for column in (0..W).step_by(L) {
+                let values = &values[channel..];
+                let sums = sums::<R, L, FMA>(batch, points.clone(), [row, column], values, layout.channels);
+                let start = row * layout.row() + channel * layout.stride + column;
+                // Kernel values beyond the width are zero, and their rows may lie beyond the strip.
+                let lines = grid[start..].chunks_mut(layout.row()).take(width - row);
+                for (sums, line) in sums.iter().zip(lines) {
+                    let Some(line) = line.first_chunk_mut::<L>() else { break };
+                    for (value, sum) in line.iter_mut().zip(sums) {
+                        *value += sum;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Sums over points of a value times R by L kernel values; the values of a channel are `stride` apart.
+#[inline(always)]
+fn sums<const R: usize, const L: usize, const FMA: bool>(
+    batch: &Batch,
+    points: Range<usize>,
+    [row, column]: [usize; 2],
+    values: &[f64],
+    stride: usize,
+) -> [[f64; L]; R] {
+    let mut sums = [[0.0; L]; R];
+    let mut point = points.start;
+    while point < points.end {
+        let value = values[point * stride];
+        let weights: [f64; R] = load(&batch.row_values[point], row);
+        let mut columns: [f64; L] = load(&batch.column_values[point], column);
+        for column in &mut columns {
+            *column *= value;
+        }
+        // Rows inside: the optimiser unrolls them, and makes vectors of columns. The other way round it makes vectors of rows,
+        // which takes eight times as long.
+        for i in 0..L {
+            for r in 0..R {
+                sums[r][i] = fused::<FMA>(weights[r], columns[i], sums[r][i]);
+            }
+        }
+        point += 1;
+    }
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::interpolation_batch::{interpolate_batch, spread_batch};
+    use crate::kernel::MAX_WIDTH;
+
+    /// Points of three cells, in runs of one to several, against each point by itself.
+    #[test]
+    fn points_of_a_cell_are_as_points_by_themselves() {
+        for (width, channels) in [(4, 1), (7, 2), (8, 5), (11, 3), (12, 4), (14, 1), (16, 3)] {
+            let kernel = Kernel::new(width, 10, 64, 1e-12);
+            let layout = Layout::new(64, MAX_WIDTH, channels);
+            let cells: Vec<[u32; 2]> = [(1, [9, 20]), (6, [9, 21]), (9, [12, 3]), (2, [9, 20])]
+                .iter()
+                .flat_map(|&(n, cell)| vec![cell; n])
+                .collect();
+            let fraction = |i: usize, k: usize| (0.137 * ((i + 1) * (k + 3)) as f64).fract();
+            let fractions: Vec<[f64; 2]> = (0..cells.len()).map(|i| [fraction(i, 0), fraction(i, 1)]).collect();
+            let values: Vec<f64> = (0..cells.len() * channels).map(|i| (i as f64 * 0.7).sin()).collect();
+            let grid: Vec<f64> = (0..layout.len()).map(|i| (i as f64 * 0.3).cos()).collect();
+            let mut together = Batch::new();
+            together.fill_at(layout, &kernel, &cells, &fractions);
+            let (mut sums, mut found) = (vec![0.0; layout.len()], vec![0.0; values.len()]);
+            spread_cells(layout, &mut sums, 0, &kernel, &together, &values);
+            interpolate_cells(layout, &grid, 0, &kernel, &together, &mut found);
+            let (mut expected_sums, mut expected) = (vec![0.0; layout.len()], vec![0.0; values.len()]);
+            for i in 0..cells.len() {
+                let mut one = Batch::new();
+                one.fill_at(layout, &kernel, &cells[i..=i], &fractions[i..=i]);
+                let own = i * channels..(i + 1) * channels;
+                spread_batch(layout, &mut expected_sums, 0, &kernel, &one, &values[own.clone()]);
+                interpolate_batch(layout, &grid, 0, &kernel, &one, &mut expected[own]);
+            }
+            let largest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+            for (found, expected) in [(&sums, &expected_sums), (&found, &expected)] {
+                let off: Vec<f64> = found.iter().zip(expected).map(|(found, expected)| found - expected).collect();
+                let scale = largest(expected);
+                assert!(
+                    scale > 0.0 && largest(&off) < 1e-13 * scale,
+                    "{width} {channels}: {} of {scale}",
+                    largest(&off)
+                );
+            }
+        }
+    }
+}
