@@ -30,6 +30,7 @@ mod pipeline;
 mod range;
 mod readme;
 mod report;
+mod rerun_settings;
 mod reruns;
 mod resumed;
 mod shape;

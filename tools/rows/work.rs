@@ -181,8 +181,17 @@ impl<'a> Work<'a> {
     }
 
     /// The settings with a row's own weights.
-    pub(super) fn params(&self, weights: Option<&Path>) -> Result<FitParams> {
-        let params = self.options.params.clone();
+    pub(super) fn params(&self, row: &Row) -> Result<FitParams> {
+        let (params, weights) = (self.options.params.clone(), row.weights.as_deref());
+        if let Some(path) =
+            weights.filter(|path| ![Path::new("uniform"), Path::new("area")].contains(path) && !path.exists())
+        {
+            bail!(
+                "{}: column weights: expected uniform, area or a file, found {}, which isn't there",
+                row.id,
+                path.display()
+            );
+        }
         Ok(match weights.map(|path| (path, path.to_str())) {
             None => params,
             Some((_, Some("uniform"))) => FitParams { weights: Weights::Uniform, ..params },
@@ -192,7 +201,7 @@ impl<'a> Work<'a> {
     }
 
     /// The settings with the weights that a mask leaves.
-    fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams> {
+    pub(super) fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams> {
         match (&self.options.mask, sphere) {
             (Some(mask), Some(sphere)) => {
                 Ok(FitParams { weights: unread::masked(&params.weights, mask, sphere)?, ..params })
@@ -207,7 +216,7 @@ impl<'a> Work<'a> {
             let strict = self.options.params.strict;
             let read = || read_sphere(path, strict, self.monitor.console());
             let own = if self.rows.sphere.is_some() { None } else { Some(read()?) };
-            let params = self.params(group.weights.as_deref())?;
+            let params = self.params(&self.rows.rows[group.rows[0]])?;
             let params = self.masked(params, own.as_ref().or(self.rows.sphere.as_ref()))?;
             Ok((own, params))
         };
@@ -378,7 +387,7 @@ fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
 }
 
 /// Whether every other row would fail alike: there is no room for models, or no right to write them.
-fn concerns_all(error: &anyhow::Error) -> bool {
+pub(crate) fn concerns_all(error: &anyhow::Error) -> bool {
     use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
     // None of these is an error of reading.
     let kind = |cause: &(dyn std::error::Error + 'static)| match (cause.downcast_ref(), cause.downcast_ref()) {
