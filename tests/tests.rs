@@ -37,6 +37,7 @@ mod shape;
 mod shape_study;
 mod store;
 mod study;
+mod study_again;
 mod study_tidy;
 mod surface_target;
 mod verbs;
