@@ -130,8 +130,8 @@ impl Look<'_> {
         // None of its rows can be fitted; what each would say is the same.
         self.failed.truncate(before);
         let line = line_with_advice(&match &group.sphere {
-            Some(path) => error.context(path.display().to_string()),
-            None => error,
+            Some(path) if self.work.options.cohort.keep_going => error.context(path.display().to_string()),
+            _ => error,
         });
         self.failed.extend(group.rows.iter().map(|&number| (number, anyhow!(line.clone()))));
         Ok(())

@@ -16,6 +16,7 @@
 //! | `ledger` | counts, status file, events |
 //! | `fitted`, `report` | the table and the report |
 //! | `unread` | vertices that aren't read |
+//! | `weights` | rows' own weights, and a mask |
 //! | `dry_run` | what would be done |
 
 mod args;
@@ -30,6 +31,7 @@ mod own_sphere;
 mod quiet;
 mod report;
 mod unread;
+mod weights;
 mod work;
 
 use std::collections::BTreeSet;

@@ -10,8 +10,7 @@ use spharm::cohort::Row;
 use spharm::files::MadeOf;
 use spharm::parametrize::volume::is_volume;
 use spharm::{
-    Error, FileRecord, Fit, FitParams, FitWarning, ModelError, Monitor, Sphere, Stage, SurfaceError, Target, Weights,
-    fit_each,
+    Error, FileRecord, Fit, FitParams, FitWarning, ModelError, Monitor, Sphere, Stage, SurfaceError, Target, fit_each,
 };
 use spharm_cli::advice;
 use spharm_cli::exit::{is_interrupted, line_with_advice};
@@ -177,36 +176,6 @@ impl<'a> Work<'a> {
         match &*known {
             Some((last, record)) if last == path => Ok(record.clone()),
             _ => Ok(known.insert((path.to_owned(), FileRecord::of(path)?)).1.clone()),
-        }
-    }
-
-    /// The settings with a row's own weights.
-    pub(super) fn params(&self, row: &Row) -> Result<FitParams> {
-        let (params, weights) = (self.options.params.clone(), row.weights.as_deref());
-        if let Some(path) =
-            weights.filter(|path| ![Path::new("uniform"), Path::new("area")].contains(path) && !path.exists())
-        {
-            bail!(
-                "{}: column weights: expected uniform, area or a file, found {}, which isn't there",
-                row.id,
-                path.display()
-            );
-        }
-        Ok(match weights.map(|path| (path, path.to_str())) {
-            None => params,
-            Some((_, Some("uniform"))) => FitParams { weights: Weights::Uniform, ..params },
-            Some((_, Some("area"))) => FitParams { weights: Weights::Area, ..params },
-            Some((path, _)) => FitParams { weights: Weights::read(path)?, ..params },
-        })
-    }
-
-    /// The settings with the weights that a mask leaves.
-    pub(super) fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams> {
-        match (&self.options.mask, sphere) {
-            (Some(mask), Some(sphere)) => {
-                Ok(FitParams { weights: unread::masked(&params.weights, mask, sphere)?, ..params })
-            }
-            _ => Ok(params),
         }
     }
 

@@ -121,6 +121,8 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
         files.sort_unstable();
         found.extend(files);
     }
+    let mut seen = HashSet::new();
+    found.retain(|path| seen.insert(path.clone()));
     Ok(found)
 }
 

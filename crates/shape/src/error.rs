@@ -46,7 +46,7 @@ pub enum ShapeError {
     #[error(
         "column {column:?}: expected {}",
         match found.len() {
-            2.. if !order.is_empty() => format!("each of its levels once, {}, in some order, found {}", found.join(", "), order.join(", ")),
+            2.. if !order.is_empty() => format!("an order of all its levels, {}, found {}", found.join(", "), order.join(", ")),
             _ => format!("two levels or more, found {}", found.join(", ")),
         }
     )]
