@@ -9,6 +9,7 @@ use spharm_model::Model;
 use spharm_surface::io::{read_mesh, read_signal};
 
 use crate::common::{error_line, fail, finish, succeed, text, tool};
+use crate::store::namespace;
 
 /// Writes a subject's hemispheres as FreeSurfer has them.
 fn freesurfer(subjects: &Path, subject: &str, hemispheres: &[&str], variant: u64) {
@@ -119,6 +120,7 @@ fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
     let status = fs::read_to_string(site.path().join("out/group_status.tsv")).expect("a table");
     assert!(status.contains("sub-a_hemi-R_pial\tfailed") && status.contains("sub-b_hemi-R_pial\tfailed"), "{status}");
     assert!(text(&group).contains("without a model: 2 surfaces"), "{}", text(&group));
+    assert!(text(&group).contains("hemi-L pial: no modes of 2 models, they are of 3 or more"), "{}", text(&group));
     for (arguments, expected) in [
         (&["participant", "--participant-label", "c"][..], "no folder sub-c"),
         (&["participant", "--participant-label", "../a"][..], "letters and digits"),
@@ -130,6 +132,25 @@ fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
     fs::write(site.path().join("out/dataset_description.json"), r#"{"Name": "raw data"}"#).expect("a file");
     let line = fail(&mut bids(site.path(), &["participant", "--max-degree", "4"]));
     assert!(line.contains("expected the description of a dataset of spharm"), "{line}");
+}
+
+#[test]
+fn a_full_disk_is_said_to_be_one() {
+    if !namespace::entered("bids::a_full_disk_is_said_to_be_one") {
+        return;
+    }
+    let site = tempfile::tempdir().expect("a folder");
+    freesurfer(&site.path().join("data/sourcedata/freesurfer"), "sub-a", &["lh", "rh"], 0);
+    let out = site.path().join("out");
+    fs::create_dir(&out).expect("a folder");
+    for files in [2, 5, 6, 7, 8, 9, 10, 12, 14, 17] {
+        namespace::mount(&out, 64 << 20);
+        namespace::remount(&out, &format!("nr_inodes={files}"));
+        let line =
+            fail(&mut bids(site.path(), &["participant", "--max-degree", "2", "--icosphere", "0", "--no-pages"]));
+        assert!(line.contains("No space left"), "{files} files: {line}");
+        namespace::unmount(&out);
+    }
 }
 
 #[test]

@@ -176,6 +176,36 @@ fn a_genuine_file_of_spharm_mat_is_read_with_its_sphere() {
 }
 
 #[test]
+fn channels_of_a_model_are_of_one_format_and_degree() {
+    let site = Site::new();
+    site.model("three.npz", 3, 3);
+    site.model("two.npz", 2, 3);
+    succeed(&mut site.run("export", &["three.npz", "--to", "pyshtools", "-o", "a.sh"]));
+    succeed(&mut site.run("export", &["two.npz", "--to", "pyshtools", "-o", "b.sh"]));
+    succeed(&mut site.run("export", &["three.npz", "--to", "csv", "-o", "c.csv"]));
+    for (files, expected) in [
+        (["a.x.sh", "c.csv"], "c.csv: a table of coefficients, a.x.sh is a text file of SHTOOLS"),
+        (["a.x.sh", "b.y.sh"], "b.y.sh: degree 2; a.x.sh has degree 3"),
+    ] {
+        let said = fail(&mut site.run("import", &[files[0], files[1], "-o", "x.npz"]));
+        assert!(said.contains(expected), "{said}");
+    }
+    let two = finish(&mut site.run("import", &["a.x.sh", "a.y.sh", "-o", "y.npz"]));
+    assert!(text(&two).contains("2 channels: a model of values; a surface has 3"), "{}", text(&two));
+    // A row is gone, and the end.
+    let table = std::fs::read_to_string(site.path("c.csv")).expect("a table");
+    let lines: Vec<&str> = table.lines().collect();
+    for (kept, expected) in [
+        ([&lines[..3], &lines[4..]].concat(), "expected degree 1, order 0 on line 4, found \"1,1,"),
+        (lines[..16].to_vec(), "expected a row for each order of every degree, found 15 rows, the last degree cut off"),
+    ] {
+        std::fs::write(site.path("d.csv"), kept.join("\n")).expect("written");
+        let said = fail(&mut site.run("import", &["d.csv", "-o", "z.npz"]));
+        assert!(said.contains(expected) && said.matches("expected").count() == 1, "{said}");
+    }
+}
+
+#[test]
 fn damaged_files_get_one_line_that_names_them() {
     let site = Site::new();
     site.model("m.npz", 5, 3);

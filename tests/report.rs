@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::common::{fail, finish, shared, succeed, tool};
+use crate::common::{fail, finish, shared, succeed, text, tool};
 
 struct Site {
     folder: tempfile::TempDir,
@@ -214,6 +214,14 @@ fn what_makes_no_page_is_refused_before_anything_is_written() {
     assert_eq!(finish(&mut site.command(&["report", "-o", "page.html"])).status.code(), Some(2));
     assert!(!site.path("page.html").exists());
     site.run(&["report", "s.spharm.npz", "-o", "page.html"]);
+    // The report of another model's fit is of no use here, which is said.
+    let report = fs::read_to_string(site.path("fit.json")).expect("a report");
+    fs::write(site.path("other.json"), report.replace("s.spharm.npz", "other.spharm.npz")).expect("a report");
+    for (report, noted) in [("fit.json", false), ("other.json", true)] {
+        let arguments = ["report", "s.spharm.npz", "--fit-report", report, "-o", "page.html", "--force"];
+        let said = text(&finish(&mut site.command(&arguments)));
+        assert_eq!(said.contains(&format!("{report}: left out")), noted, "{said}");
+    }
     refuse(&["report", "s.spharm.npz", "-o", "page.html"], "--force");
 }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use spharm::files::{MadeOf, ModelFiles, Replace};
+use spharm::files::{MadeOf, ModelFiles, Preparation, Replace};
 use spharm::rerun::{Decision, IfExists, Request};
 use spharm::{FileRecord, FitParams, Model, Sphere, fit};
 use spharm_surface::generate::{Cortex, cortex};
@@ -35,6 +35,7 @@ fn a_model_that_another_process_wrote_meanwhile_stays() {
         input: &second,
         sphere: Some(&sphere),
         params: &params,
+        preparation: Preparation::default(),
         output: &files.model,
         beside: &beside,
         if_exists: IfExists::Skip,

@@ -62,6 +62,11 @@ fn what_would_fail_after_the_fits_is_refused_before_them() {
             "a02: column \"group\": expected a value, found \"NA\"",
         ),
         (&STUDY.to_owned(), table.replace(".ply,b", ".ply,a"), "expected two levels or more"),
+        (
+            &STUDY.replace("effect", "levels = [\"b\"]\neffect"),
+            table.clone(),
+            "column \"group\": expected an order of all its levels, a, b, found b",
+        ),
         (&STUDY.replace("effect", "levels = [\"a\", \"c\"]\neffect"), table.clone(), "column \"group\""),
         (
             &STUDY.to_owned(),

@@ -74,11 +74,14 @@ fn every_label_is_a_model_and_a_row() {
     assert!(none["state"] == "failed" && none["error"].contains("c.nii") && none["voxels"] == "n/a");
 
     // Again: nothing is replaced unless asked for, and what is there is kept.
-    assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists"));
+    assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists; --skip-existing goes on with it"));
     let before = std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model");
     finish(&mut site.run(&["in/a.nii", "in/b.nii", "--fix", "--skip-existing"]));
     let states: Vec<String> = site.table().iter().map(|row| row["state"].clone()).collect();
     assert_eq!(states, ["kept", "kept", "fitted", "kept"], "{:?}", site.table());
+    let repairs: Vec<String> = site.table().iter().map(|row| row["repair"].clone()).collect();
+    assert_eq!(repairs[..2], ["none", "none"]);
+    assert!(repairs[2].starts_with("1 piece dropped (") && repairs[2].contains(" voxels)"), "{repairs:?}");
     assert_eq!(std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model"), before);
     // Fewer labels leave the rows of the others; another degree leaves all of them.
     let rows = site.table();
@@ -102,6 +105,25 @@ fn chosen_labels_that_are_not_there_are_rows_too() {
     assert_eq!(rows, ["17 fitted", "53 fitted", "17 fitted", "53 failed"]);
     assert!(site.table()[3]["error"].contains("no voxel has label 53"), "{:?}", site.table()[3]);
     assert_eq!(site.table()[3]["border"], "n/a");
+}
+
+#[test]
+fn a_table_without_a_model_is_no_obstacle_and_a_label_is_one_row() {
+    let site = Site::new();
+    write_volume(&site.path("in/torus.nii"), |[x, y, z]| {
+        let ring = (x * x + y * y).sqrt() - 5.0;
+        if ring * ring + z * z < 4.0 { 4 } else { 0 }
+    });
+    assert_eq!(finish(&mut site.run(&["in/torus.nii"])).status.code(), Some(1));
+    succeed(&mut site.run(&["in/torus.nii", "--label", "4", "4", "--cut-handles"]));
+    let [row] = &site.table()[..] else { panic!("one row: {:?}", site.table()) };
+    assert_eq!((row["state"].as_str(), row["repair"].as_str()), ("fitted", "1 handle cut"));
+    // By the model alone.
+    succeed(&mut site.run(&["in/torus.nii", "--cut-handles", "--skip-existing"]));
+    assert_eq!((site.table()[0]["state"].as_str(), site.table()[0]["repair"].as_str()), ("kept", "1 handle cut"));
+    succeed(&mut site.run(&["in/torus.nii", "--fix", "--force"]));
+    let repair = &site.table()[0]["repair"];
+    assert!(repair.contains("to open 1 handle"), "{repair}");
 }
 
 /// An array says nothing of its voxels.

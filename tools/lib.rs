@@ -32,6 +32,7 @@ use std::ffi::OsString;
 use std::path::Path;
 
 use clap::{ArgMatches, Args, Command, CommandFactory, FromArgMatches, Parser, Subcommand};
+use spharm::cohort::Manifest;
 use spharm_cli::Common;
 use spharm_cli::exit;
 use spharm_cli::machine::available_memory;
@@ -87,7 +88,7 @@ impl Verb {
             Self::Import(cli) => import::run(cli),
             Self::Status(cli) => status::run(cli),
             Self::Picture(cli) => picture::run(cli),
-            Self::Study(cli) => study::run(cli, &run_command, &parse_command),
+            Self::Study(cli) => study::run(cli, &run_command, &parse_command, &preview_fit),
             Self::Bids(cli) => bids::run(cli, &run_command),
             Self::Report(cli) => report::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
@@ -109,6 +110,14 @@ fn run_command(arguments: &[String]) -> anyhow::Result<()> {
 /// Looks at the arguments of such a command, and runs nothing.
 fn parse_command(arguments: &[String]) -> anyhow::Result<()> {
     Parsed::of(arguments).map(drop).map_err(told)
+}
+
+/// Looks at what a command `fit` would do with the rows of a manifest.
+fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows::Preview> {
+    match Parsed::of(arguments).map_err(told)?.spharm.verb {
+        Verb::Fit(cli) => fit::preview(&cli, manifest),
+        _ => anyhow::bail!("expected the verb fit"),
+    }
 }
 
 /// What is wrong with a command's arguments, in one line.

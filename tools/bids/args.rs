@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use spharm::cohort::Shard;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
@@ -56,8 +57,8 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]
     pub(super) icosphere: u32,
     /// Fit one part of the surfaces: I/N, counted from 0, or slurm
-    #[arg(long, value_name = "I/N", help_heading = METHOD)]
-    pub(super) shard: Option<String>,
+    #[arg(long, value_name = "I/N|slurm", help_heading = METHOD)]
+    pub(super) shard: Option<Shard>,
     /// Replace models of another degree, and surfaces on another icosphere
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,

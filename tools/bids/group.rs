@@ -32,6 +32,9 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
             write(cli, hemi, surface, &group)?;
             if group.len() > 2 {
                 modes.push(variation(cli, hemi, surface, &group, spharm)?);
+            } else {
+                let (hemi, surface, found) = (hemi.label(), surface.name(), counted(group.len(), "model"));
+                cli.common.console().warn(format!("hemi-{hemi} {surface}: no modes of {found}, they are of 3 or more"));
             }
         }
     }

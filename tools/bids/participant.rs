@@ -16,7 +16,7 @@ use spharm_surface::{Hemisphere, Signal};
 use super::args::{Cli, Hemi};
 use super::dataset::{prepare, text};
 use super::discover::{Dataset, Found, discover};
-use crate::rows::icosphere_within;
+use crate::rows::{concerns_all, icosphere_within};
 
 /// Fits the surfaces of the subjects and writes their derivatives.
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
@@ -37,18 +37,26 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         .chain(["--status", &shown(&status)])
         .map(str::to_owned)
         .collect();
-    arguments.extend(cli.shard.iter().flat_map(|shard| ["--shard".to_owned(), shard.clone()]));
+    arguments.extend(cli.shard.iter().flat_map(|shard| ["--shard".to_owned(), shard.to_string()]));
     let fitted = spharm(&super::command(cli, arguments));
-    if !missing.is_empty() {
-        // For the group level, which sees the tables alone.
-        let mut file = StatusFile::open(&status)?;
-        for (id, why) in &missing {
-            file.append(&Entry { error: why.clone(), ..Entry::new(id, State::Failed) })?;
+    let noted = || -> Result<Merged> {
+        if !missing.is_empty() {
+            // For the group level, which sees the tables alone.
+            let mut file = StatusFile::open(&status)?;
+            for (id, why) in &missing {
+                file.append(&Entry { error: why.clone(), ..Entry::new(id, State::Failed) })?;
+            }
         }
-    }
-    let merged = Merged::read(std::slice::from_ref(&status))?;
+        Ok(Merged::read(std::slice::from_ref(&status))?)
+    };
+    let merged = match noted() {
+        Ok(merged) => merged,
+        // Where the fits have ended for a reason of their own, such as a full disk, that is the one to show.
+        Err(error) => return fitted.and(Err(error)),
+    };
     let failed = found.iter().filter(|found| is(&merged, found, &[State::Failed])).count();
-    if failed == 0 || fitted.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
+    let ends = |error: &anyhow::Error| spharm_cli::exit::is_interrupted(error) || concerns_all(error);
+    if failed == 0 || fitted.as_ref().is_err_and(ends) {
         fitted?;
     }
     let done: Vec<&Found> = found.iter().filter(|found| is(&merged, found, &[State::Done, State::Skipped])).collect();
@@ -124,7 +132,8 @@ impl Logs {
         let table = String::from_utf8(writer.into_inner()?)?;
         let key = blake3::hash(table.as_bytes()).to_hex();
         let at = |name: &str| cli.output.join("logs").join(format!("participant-{}{name}.tsv", &key[..8]));
-        let shard = cli.shard.as_ref().map_or(String::new(), |shard| format!("-{}", shard.replace('/', "-of-")));
+        let shard =
+            cli.shard.as_ref().map_or(String::new(), |shard| format!("-{}", shard.to_string().replace('/', "-of-")));
         let (manifest, status) = (at(""), at(&format!("{shard}_status")));
         text(&manifest, &table)?;
         Ok(Self { manifest, status })

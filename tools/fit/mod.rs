@@ -4,7 +4,7 @@ mod args;
 mod moments;
 mod settings;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -20,7 +20,7 @@ use spharm_cli::names::model_files;
 use spharm_cli::surfaces::SurfaceReader;
 
 pub(crate) use self::args::Cli;
-use crate::rows::{self, Options, Rows};
+use crate::rows::{self, Options, Preview, Rows};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
@@ -31,10 +31,16 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     let options = options(cli, params);
     let rows = match &cli.input.manifest {
-        Some(path) => of_manifest(cli, path)?,
+        Some(path) => of_manifest(cli, Manifest::read(path)?),
         None => of_list(cli, &options, &monitor)?,
     };
     rows::run(rows, &options, &monitor, started)
+}
+
+/// Looks at what a fit of a manifest's rows would do, which needn't be written yet.
+pub(crate) fn preview(cli: &Cli, manifest: Manifest) -> Result<Preview> {
+    let (options, monitor) = (options(cli, settings::params(cli)?), ConsoleMonitor::new(cli.common.console()));
+    rows::preview(&of_manifest(cli, manifest), &options, &monitor)
 }
 
 fn options(cli: &Cli, params: FitParams) -> Options {
@@ -72,8 +78,7 @@ fn options(cli: &Cli, params: FitParams) -> Options {
 }
 
 /// The rows of a manifest's shard. `--sphere` is the sphere of those that have none of their own.
-fn of_manifest(cli: &Cli, path: &Path) -> Result<Rows> {
-    let manifest = Manifest::read(path)?;
+fn of_manifest(cli: &Cli, manifest: Manifest) -> Rows {
     let folder = cli.output.output.clone().unwrap_or_else(|| manifest.folder().to_owned());
     let shard = cli.cohort.shard.unwrap_or_default();
     let mut rows: Vec<Row> = manifest.rows;
@@ -86,7 +91,7 @@ fn of_manifest(cli: &Cli, path: &Path) -> Result<Rows> {
     if let Some(sphere) = &cli.input.sphere {
         rows.iter_mut().filter(|row| row.sphere.is_none()).for_each(|row| row.sphere = Some(sphere.clone()));
     }
-    Ok(Rows { rows, folder, sphere: None, check_first: false })
+    Rows { rows, folder, sphere: None, check_first: false }
 }
 
 /// The surfaces that the arguments name; their sphere is read.

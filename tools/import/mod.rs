@@ -31,6 +31,9 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         None => sphere,
     };
     let (degree, channels) = (coefficients.max_degree(), coefficients.channels());
+    if cli.files.len() > 1 && ![1, 3].contains(&channels) {
+        console.note(format!("{channels} channels: a model of values; a surface has 3, x, y and z"));
+    }
     let kind = if channels == 3 && !cli.signal { Kind::Surface } else { Kind::Signal };
     let mut model = match sphere {
         Some(sphere) => Model::new(sphere, coefficients, kind),

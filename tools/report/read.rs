@@ -62,6 +62,11 @@ pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
         let fit = reports.iter().flatten().find(|entry| is_of(entry, path)).cloned();
         Ok(Shown { name, model, surface, fit })
     };
+    for (report, entries) in cli.fit_report.iter().zip(&reports) {
+        if !entries.iter().any(|entry| paths.iter().any(|path| is_of(entry, path))) {
+            console.note(format!("{}: left out: the report of other fits than these models'", report.display()));
+        }
+    }
     paths.iter().enumerate().map(one).collect()
 }
 

@@ -26,6 +26,9 @@ pub(crate) struct CohortArgs {
     #[arg(long, value_name = "FILE.tsv")]
     pub(crate) status: Option<PathBuf>,
     /// Say what would be done, and do nothing
+    ///
+    /// Looks at all models that exist, at the first surfaces and spheres, and whether the others are there. The exit status is 1
+    /// where rows would fail.
     #[arg(long)]
     pub(crate) dry_run: bool,
     /// Lines on stderr: text, or a JSON object each

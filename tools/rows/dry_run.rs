@@ -1,75 +1,205 @@
-//! What would be done: rows, models that exist, spheres, memory.
+//! What would be done: rows, models that exist, spheres, memory; and which rows would fail, as far as that is known beforehand.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
-use serde_json::json;
-use spharm::{check_memory, read_sphere};
+use anyhow::{Result, anyhow, bail};
+use serde_json::{Value, json};
+use spharm::files::ModelFiles;
+use spharm::parametrize::{Input, volume::is_volume};
+use spharm::rerun::IfExists;
+use spharm::{Monitor, check_mapping, check_memory};
+use spharm_cli::exit::{is_interrupted, line_with_advice};
+use spharm_cli::inputs::read_sphere;
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, print, print_json};
 use spharm_cli::size::Size;
 
-use super::groups::groups;
+use super::groups::{Group, groups};
+use super::ledger::Ledger;
 use super::options::{Options, Rows};
+use super::work::{Work, lock};
 
-/// Spheres that are read for their sizes.
+/// Spheres, and surfaces without one, that are read where nothing is there yet: for their sizes.
 const READ: usize = 3;
-/// Surfaces that are named where they are missing.
+/// Rows that are named where they would fail.
 const NAMED: usize = 5;
 
-/// Prints what a call would do. Models are looked for, and inputs; a few spheres are read.
-pub(super) fn run(rows: &Rows, options: &Options) -> Result<()> {
-    let numbers: Vec<usize> = (0..rows.rows.len()).collect();
+/// What a call would do.
+pub(crate) struct Preview {
+    pub(crate) text: String,
+    json: Value,
+    /// What the call would end with.
+    pub(crate) error: Option<anyhow::Error>,
+}
+
+/// Prints what a call would do; an error where it would end with one.
+pub(super) fn run(rows: &Rows, options: &Options, monitor: &ConsoleMonitor) -> Result<()> {
+    let preview = preview(rows, options, monitor)?;
+    match options.json {
+        true => print_json(&preview.json)?,
+        false => print(&preview.text)?,
+    }
+    preview.error.map_or(Ok(()), Err)
+}
+
+/// Looks at what a call would do: at all models that exist, at a few spheres, and whether surfaces are there.
+pub(crate) fn preview(rows: &Rows, options: &Options, monitor: &ConsoleMonitor) -> Result<Preview> {
+    let all = rows.rows.len();
+    let numbers: Vec<usize> = (0..all).collect();
     let groups = groups(&rows.rows, &numbers);
+    let ledger = Ledger::new(monitor.console(), all, None, false)?;
+    let work = Work::new(rows, options, monitor, &ledger);
+    let mut look = Look { work: &work, spheres: Vec::new(), own: 0, kept: 0, failed: Vec::new() };
+    for group in &groups {
+        monitor.check()?;
+        look.at_group(group)?;
+    }
+    let Look { spheres, kept, failed, .. } = look;
     let exist = rows.rows.iter().filter(|row| row.model(&rows.folder).exists()).count();
-    let missing: Vec<&Path> = rows.rows.iter().map(|row| row.surface.as_path()).filter(|path| !path.exists()).collect();
-    let spheres = groups.iter().filter(|group| group.sphere.is_some()).count();
+    let missing = rows.rows.iter().filter(|row| !row.surface.exists()).count();
+    let shared = groups.iter().filter(|group| group.sphere.is_some()).count();
     let own: usize = groups.iter().filter(|group| group.sphere.is_none()).map(|group| group.rows.len()).sum();
     let budget = options.params.memory_budget();
-    let mut vertices = Vec::new();
-    for group in &groups {
-        let Some(path) = group.sphere.as_deref().filter(|_| vertices.len() < READ) else { continue };
-        let sphere = match &rows.sphere {
-            Some(sphere) => sphere.clone(),
-            None => read_sphere(path)?,
-        };
-        check_memory(&sphere.to_mesh(), &options.params)?;
-        vertices.push((path, group.rows.len(), sphere.directions.len()));
-    }
-    if options.json {
-        let spheres: Vec<_> =
-            vertices.iter().map(|(path, rows, n)| json!({ "sphere": path, "rows": rows, "vertices": n })).collect();
-        return print_json(&json!({
-            "rows": rows.rows.len(), "exist": exist, "missing": missing.len(), "spheres": groups.len() - own.min(1),
-            "first_spheres": spheres, "mapped": own, "memory": budget,
-        }));
-    }
-    let mut lines = vec![format!("{}, of which {exist} exist", counted(rows.rows.len(), "model"))];
-    lines.push(match (spheres, own) {
+    let id = |number: usize| rows.rows[number].id.as_str();
+    let first_spheres = spheres.iter().map(|(path, rows, n)| json!({ "sphere": path, "rows": rows, "vertices": n }));
+    let fail = failed.iter().map(|(number, error)| json!({ "id": id(*number), "error": line_with_advice(error) }));
+    let json = json!({
+        "rows": all, "exist": exist, "kept": kept, "missing": missing, "spheres": shared,
+        "first_spheres": first_spheres.collect::<Vec<_>>(), "mapped": own, "memory": budget,
+        "would_fail": fail.collect::<Vec<_>>(),
+    });
+    let keeps = if options.if_exists.keeps() { format!(" and {kept} would be kept") } else { String::new() };
+    let mut lines = vec![format!("{}, of which {exist} exist{keeps}", counted(all, "model"))];
+    lines.push(match (shared, own) {
         (0, _) => "each surface is mapped to a sphere of its own".to_owned(),
-        (_, 0) => format!("over {}", counted(spheres, "sphere")),
+        (_, 0) => format!("over {}", counted(shared, "sphere")),
         _ => format!(
             "over {}; {} to spheres of their own",
-            counted(spheres, "sphere"),
+            counted(shared, "sphere"),
             if own == 1 { "1 surface is mapped".to_owned() } else { format!("{own} surfaces are mapped") }
         ),
     });
-    let size = |(path, rows, n): &(&Path, usize, usize)| {
+    let size = |(path, rows, n): &(PathBuf, usize, usize)| {
         format!("  {}: {n} vertices, {}", path.display(), counted(*rows, "surface"))
     };
-    lines.extend(vertices.iter().map(size));
-    if spheres > vertices.len() {
-        lines.push(format!("  and {} more", spheres - vertices.len()));
+    lines.extend(spheres.iter().take(READ).map(size));
+    if shared > spheres.len().min(READ) {
+        lines.push(format!("  and {} more", shared - spheres.len().min(READ)));
     }
     lines.push(format!("within {} of memory", Size(budget)));
-    if !missing.is_empty() {
-        lines.push(format!(
-            "{} not there:",
-            if missing.len() == 1 { "1 surface is".to_owned() } else { format!("{} surfaces are", missing.len()) }
-        ));
-        lines.extend(missing.iter().take(NAMED).map(|path| format!("  {}", path.display())));
-        if missing.len() > NAMED {
-            lines.push(format!("  and {} more", missing.len() - NAMED));
+    if !failed.is_empty() {
+        lines.push(format!("{} would fail:", counted(failed.len(), "surface")));
+        let named = failed.iter().take(NAMED);
+        lines.extend(named.map(|(number, error)| format!("  {}: {}", id(*number), line_with_advice(error))));
+        if failed.len() > NAMED {
+            lines.push(format!("  and {} more", failed.len() - NAMED));
         }
     }
-    print(&lines.join("\n"))
+    let named: Vec<&str> = failed.iter().take(NAMED).map(|(number, _)| id(*number)).collect();
+    let (count, names) = (failed.len(), named.join(", "));
+    let more = if count > named.len() { format!(" and {} more", count - named.len()) } else { String::new() };
+    // Without --keep-going the first row that fails ends the call.
+    let first = failed.into_iter().min_by_key(|(number, _)| *number).map(|(_, error)| error);
+    let error = match options.cohort.keep_going {
+        true => first.map(|_| anyhow!("{count} of {} would fail: {names}{more}", counted(all, "surface"))),
+        false => first,
+    };
+    Ok(Preview { text: lines.join("\n"), json, error })
+}
+
+/// What has been looked at.
+struct Look<'a> {
+    work: &'a Work<'a>,
+    /// Spheres that were read, the number of their rows, and their vertices.
+    spheres: Vec<(PathBuf, usize, usize)>,
+    /// Surfaces without a sphere that were read.
+    own: usize,
+    kept: usize,
+    /// Rows that would fail, by number, and why.
+    failed: Vec<(usize, anyhow::Error)>,
+}
+
+impl Look<'_> {
+    /// Looks at the rows of a sphere; only an interruption is an error.
+    fn at_group(&mut self, group: &Group) -> Result<()> {
+        let before = self.failed.len();
+        let Err(error) = self.at_sphere(group) else { return Ok(()) };
+        if is_interrupted(&error) {
+            return Err(error);
+        }
+        // None of its rows can be fitted; what each would say is the same.
+        self.failed.truncate(before);
+        let line = line_with_advice(&match &group.sphere {
+            Some(path) if self.work.options.cohort.keep_going => error.context(path.display().to_string()),
+            _ => error,
+        });
+        self.failed.extend(group.rows.iter().map(|&number| (number, anyhow!(line.clone()))));
+        Ok(())
+    }
+
+    fn at_sphere(&mut self, group: &Group) -> Result<()> {
+        let Work { rows, options, monitor, .. } = *self.work;
+        let any_there = group.rows.iter().any(|&number| self.any_output(number));
+        let read;
+        let sphere = match (&group.sphere, &rows.sphere) {
+            (Some(_), Some(sphere)) => Some(sphere),
+            (Some(path), None) if any_there || self.spheres.len() < READ => {
+                read = read_sphere(path, options.params.strict, monitor.console())?;
+                Some(&read)
+            }
+            (Some(path), None) => {
+                is_there(path)?;
+                None
+            }
+            (None, _) => None,
+        };
+        let params = self.work.masked(self.work.params(&rows.rows[group.rows[0]])?, sphere)?;
+        if let (Some(path), Some(sphere)) = (&group.sphere, sphere) {
+            check_memory(&sphere.to_mesh(), &params)?;
+            self.spheres.push((path.clone(), group.rows.len(), sphere.directions.len()));
+        }
+        for &number in &group.rows {
+            monitor.check()?;
+            let row = &rows.rows[number];
+            let mut look = || -> Result<bool> {
+                is_there(&row.surface)?;
+                if self.any_output(number) && self.work.decide(number, sphere, &params)?.is_none() {
+                    return Ok(true);
+                }
+                if group.sphere.is_none() && !is_volume(&row.surface) && self.own < READ {
+                    self.own += 1;
+                    let found = lock(&self.work.reader).read(&row.surface, None, monitor)?;
+                    if let Input::Mesh(mesh) | Input::Fixed(mesh, _) = &found {
+                        check_memory(mesh, &params)?;
+                        check_mapping(mesh.vertices.len(), &params)?;
+                    }
+                }
+                Ok(false)
+            };
+            match look() {
+                Ok(kept) => self.kept += usize::from(kept),
+                Err(error) if is_interrupted(&error) => return Err(error),
+                Err(error) => self.failed.push((number, error)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether any file of a row's model is there, about which something has to be decided.
+    fn any_output(&self, number: usize) -> bool {
+        let Work { rows, options, .. } = *self.work;
+        if options.if_exists == IfExists::Replace {
+            return false;
+        }
+        let files = ModelFiles { model: rows.rows[number].model(&rows.folder) };
+        let beside = [files.csv(), files.standard_errors(), files.sphere(), files.surface(), files.cut_surface()];
+        beside.iter().chain([&files.model, &files.fixed_surface()]).any(|path| path.exists())
+    }
+}
+
+fn is_there(path: &Path) -> Result<()> {
+    if !path.exists() {
+        bail!("{}: no such file", path.display());
+    }
+    Ok(())
 }

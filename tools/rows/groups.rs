@@ -10,9 +10,7 @@ use spharm::cohort::Row;
 pub(super) struct Group {
     /// The sphere; none for rows that are mapped to spheres of their own.
     pub(super) sphere: Option<PathBuf>,
-    /// Weights of the rows' own.
-    pub(super) weights: Option<PathBuf>,
-    /// Numbers of the rows.
+    /// Numbers of the rows, at least one.
     pub(super) rows: Vec<usize>,
 }
 
@@ -25,8 +23,7 @@ pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
         let row = &rows[number];
         let sphere = row.sphere.as_deref().map(|path| same.get(path).copied().unwrap_or(path));
         let place = *places.entry((sphere, row.weights.as_deref())).or_insert_with(|| {
-            let (sphere, weights) = (sphere.map(Path::to_owned), row.weights.clone());
-            groups.push(Group { sphere, weights, rows: Vec::new() });
+            groups.push(Group { sphere: sphere.map(Path::to_owned), rows: Vec::new() });
             groups.len() - 1
         });
         groups[place].rows.push(number);

@@ -6,7 +6,7 @@ use anyhow::Result;
 use spharm::cohort::Row;
 use spharm::files::{ModelFiles, Replace};
 use spharm::rerun::{Decision, Request};
-use spharm::{FileRecord, FitParams, Sphere};
+use spharm::{FileRecord, FitParams, Silent, Sphere};
 use spharm_cli::console::Console;
 use spharm_cli::output::check_not_inputs;
 
@@ -55,11 +55,15 @@ impl Item {
             input: &record,
             sphere,
             params,
+            preparation: options.preparation(sphere.is_some(), record.label),
             output: &files.model,
             beside: &beside,
             if_exists: options.if_exists,
         };
-        match request.decide()? {
+        // Read only where its model was made without what is asked for now.
+        let read = || options.reader().read(&row.surface, record.label, &Silent);
+        let is_sound = || read().is_ok_and(|input| input.changes(options.cut_handles).is_empty());
+        match request.decide_by(&is_sound)? {
             Decision::Skip => Ok(None),
             Decision::Fit { replace, replaces } => {
                 if let Some(other) = replaces {

@@ -16,6 +16,7 @@
 //! | `ledger` | counts, status file, events |
 //! | `fitted`, `report` | the table and the report |
 //! | `unread` | vertices that aren't read |
+//! | `weights` | rows' own weights, and a mask |
 //! | `dry_run` | what would be done |
 
 mod args;
@@ -30,6 +31,7 @@ mod own_sphere;
 mod quiet;
 mod report;
 mod unread;
+mod weights;
 mod work;
 
 use std::collections::BTreeSet;
@@ -47,12 +49,14 @@ use spharm_cli::output::{OutputFile, check_outputs, counted, same_place};
 use spharm_surface::io::remove_leftovers;
 
 pub(crate) use args::{CohortArgs, Log};
+pub(crate) use dry_run::{Preview, preview};
 pub(crate) use evaluate::{Evaluate, icosphere_within};
 pub(crate) use options::{Options, Rows};
 
 use ledger::{Ledger, Outcome};
 use report::Totals;
 use work::Work;
+pub(crate) use work::concerns_all;
 
 /// Applies what a verb was asked to log, before anything is printed.
 pub(crate) fn set_log(cohort: &CohortArgs) {
@@ -68,11 +72,11 @@ pub(crate) fn set_log(cohort: &CohortArgs) {
 /// Where rows failed, after all that can be done; or at the first, unless failures don't end the call.
 pub(crate) fn run(rows: Rows, options: &Options, monitor: &ConsoleMonitor, started: Instant) -> Result<()> {
     let console = monitor.console();
-    if options.cohort.dry_run {
-        return dry_run::run(&rows, options);
-    }
     check_outputs(options.report.iter().map(|path| OutputFile::new(path, "--report")), options.replaces_report())?;
     check_apart(&rows, options)?;
+    if options.cohort.dry_run {
+        return dry_run::run(&rows, options, monitor);
+    }
     raise_file_limit();
     if options.if_exists != IfExists::Refuse {
         // What killed calls left beside the models; what can't be removed is in nobody's way.

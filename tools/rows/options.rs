@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde_json::{Map, Value};
 use spharm::cohort::Row;
+use spharm::files::Preparation;
 use spharm::rerun::IfExists;
 use spharm::{FitParams, Sphere, Target};
 use spharm_cli::surfaces::{SurfaceReader, VoxelSize};
@@ -60,6 +61,12 @@ impl Options {
     /// Whether a report that exists is replaced: it is that of an earlier call which this one goes on with.
     pub(crate) fn replaces_report(&self) -> bool {
         self.if_exists != IfExists::Refuse
+    }
+
+    /// What is done to a surface before its fit.
+    pub(super) fn preparation(&self, on_sphere: bool, label: Option<i64>) -> Preparation {
+        let voxel_size = self.voxel_size.map(|size| size.0);
+        Preparation { voxel_size, fix: self.fix, cut_handles: self.cut_handles }.of(on_sphere, label)
     }
 
     pub(super) fn reader(&self) -> SurfaceReader {

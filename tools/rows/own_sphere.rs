@@ -36,7 +36,7 @@ impl Work<'_> {
         totals: &mut Totals,
         monitor: &dyn Monitor,
     ) -> Result<Option<Fitted>> {
-        let params = self.params(row.weights.as_deref())?;
+        let params = self.params(row)?;
         let Some(item) = self.decide(number, None, &params)? else { return Ok(None) };
         let found = self.map(row, &item, &params, monitor)?;
         let report = found.parametrized.map.report.clone();
@@ -52,6 +52,7 @@ impl Work<'_> {
             totals.add(report, self.rows.rows.len() <= LISTED);
             let fit = fits.pop().context("a surface that was read has been fitted")?;
             let made_of = MadeOf {
+                preparation: self.options.preparation(false, item.record.label),
                 repair: found.repair.as_ref(),
                 mesh_repair: found.mesh_repair.as_ref(),
                 handles: found.handles.as_ref(),

@@ -10,8 +10,7 @@ use spharm::cohort::Row;
 use spharm::files::MadeOf;
 use spharm::parametrize::volume::is_volume;
 use spharm::{
-    Error, FileRecord, Fit, FitParams, FitWarning, ModelError, Monitor, Sphere, Stage, SurfaceError, Target, Weights,
-    fit_each,
+    Error, FileRecord, Fit, FitParams, FitWarning, ModelError, Monitor, Sphere, Stage, SurfaceError, Target, fit_each,
 };
 use spharm_cli::advice;
 use spharm_cli::exit::{is_interrupted, line_with_advice};
@@ -180,34 +179,13 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// The settings with a row's own weights.
-    pub(super) fn params(&self, weights: Option<&Path>) -> Result<FitParams> {
-        let params = self.options.params.clone();
-        Ok(match weights.map(|path| (path, path.to_str())) {
-            None => params,
-            Some((_, Some("uniform"))) => FitParams { weights: Weights::Uniform, ..params },
-            Some((_, Some("area"))) => FitParams { weights: Weights::Area, ..params },
-            Some((path, _)) => FitParams { weights: Weights::read(path)?, ..params },
-        })
-    }
-
-    /// The settings with the weights that a mask leaves.
-    fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams> {
-        match (&self.options.mask, sphere) {
-            (Some(mask), Some(sphere)) => {
-                Ok(FitParams { weights: unread::masked(&params.weights, mask, sphere)?, ..params })
-            }
-            _ => Ok(params),
-        }
-    }
-
     /// Fits a group over its sphere.
     fn on_sphere(&self, path: &Path, group: &Group, totals: &mut Totals, monitor: &dyn Monitor) -> Result<()> {
         let prepare = || -> Result<(Option<Sphere>, FitParams)> {
             let strict = self.options.params.strict;
             let read = || read_sphere(path, strict, self.monitor.console());
             let own = if self.rows.sphere.is_some() { None } else { Some(read()?) };
-            let params = self.params(group.weights.as_deref())?;
+            let params = self.params(&self.rows.rows[group.rows[0]])?;
             let params = self.masked(params, own.as_ref().or(self.rows.sphere.as_ref()))?;
             Ok((own, params))
         };
@@ -378,7 +356,7 @@ fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
 }
 
 /// Whether every other row would fail alike: there is no room for models, or no right to write them.
-fn concerns_all(error: &anyhow::Error) -> bool {
+pub(crate) fn concerns_all(error: &anyhow::Error) -> bool {
     use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
     // None of these is an error of reading.
     let kind = |cause: &(dyn std::error::Error + 'static)| match (cause.downcast_ref(), cause.downcast_ref()) {

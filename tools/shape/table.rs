@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use spharm::shape::stats::Column;
 
 /// A table with a header.
@@ -86,7 +86,10 @@ impl Table {
 
     /// A column of numbers or levels.
     pub(super) fn column(&self, name: &str) -> Result<Column> {
-        Ok(Column::of(self.cells(name)?))
+        let cells = self.cells(name)?;
+        column_of(&cells).map_err(|row| {
+            anyhow!("{}: row {}: column {name:?}: {}", self.path.display(), row + 1, no_number(cells[row]))
+        })
     }
 
     /// A column of paths, relative to the table.
@@ -105,9 +108,30 @@ impl Table {
     }
 }
 
-/// What R, BIDS, SPSS and pandas write where there is no value, and numbers that aren't finite.
+/// A column of numbers or levels; the row of a cell that isn't a number where most of them are, or are meant to be. As levels such a
+/// column would be another question, which one cell has asked.
+pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
+    let is_number = |cell: &str| cell.trim().parse::<f64>().is_ok_and(f64::is_finite);
+    // 30,5 is a number in some countries' tables, and no level in any.
+    let is_meant = |cell: &&&str| is_number(cell) || is_number(&cell.replace(',', "."));
+    let meant = cells.iter().filter(is_meant).count();
+    match cells.iter().position(|cell| !is_number(cell)) {
+        Some(row) if 2 * meant > cells.len() => Err(row),
+        _ => Ok(Column::of(cells.iter().copied())),
+    }
+}
+
+/// What is wrong with such a cell, and what to do.
+pub(crate) fn no_number(cell: &str) -> String {
+    format!(
+        "expected a number, as in most rows, found {cell:?}; write it as one, such as 30.5, or leave the subject out; levels are \
+         words, such as site1"
+    )
+}
+
+/// What R, BIDS, SPSS, Python and pandas write where there is no value, and numbers that aren't finite.
 pub(crate) fn is_missing(cell: &str) -> bool {
-    let words = ["na", "n/a", "."];
+    let words = ["na", "n/a", "#n/a", "<na>", ".", "-", "?", "none", "null"];
     words.iter().any(|word| cell.eq_ignore_ascii_case(word))
         || cell.parse::<f64>().is_ok_and(|number| !number.is_finite())
 }
@@ -144,10 +168,15 @@ mod tests {
             let error = table("a.csv", text.as_bytes()).err().unwrap().to_string();
             assert!(error.contains(marks) && error.contains(".tsv"), "{error}");
         }
-        for cell in ["NA", "n/a", "NaN", ".", "inf"] {
+        for cell in ["NA", "n/a", "NaN", ".", "inf", "None", "NULL", "-", "?"] {
             let found = table("a.csv", format!("model,age\na,3\nb,{cell}\n").as_bytes()).unwrap();
             let error = found.column("age").unwrap_err().to_string();
             assert!(error.contains("row 2") && error.contains(cell), "{error}");
+        }
+        for (cell, other) in [("50y", "31"), ("thirty", "31"), ("\"30,5\"", "\"31,5\"")] {
+            let text = format!("model,age\na,30\nb,{cell}\nc,{other}\n");
+            let error = table("a.csv", text.as_bytes()).unwrap().column("age").unwrap_err().to_string();
+            assert!(error.contains("row 2: column \"age\"") && error.contains(cell.trim_matches('"')), "{error}");
         }
         let found = table("a.csv", b"model,age\na,\na,3\n").unwrap();
         assert!(found.column("age").is_err() && found.column("sex").is_err() && found.paths("model").is_err());

@@ -1,5 +1,6 @@
 //! `shape test`: groups and covariates at every vertex of a common sampling.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -116,6 +117,8 @@ enum What {
 struct Study {
     paths: Vec<PathBuf>,
     question: Question,
+    /// The names of the covariates, with the number of their levels where they have any.
+    covariates: Vec<String>,
 }
 
 impl Cli {
@@ -123,12 +126,13 @@ impl Cli {
         if let (Some(path), Some(effect)) = (&self.table, &self.effect) {
             let table = Table::read(path)?;
             let paths = files(&self.models_of(&table, path)?)?;
-            let covariates: Result<Vec<_>> =
-                self.covariates.iter().map(|name| Ok((name.clone(), table.column(name)?))).collect();
+            let covariates = self.covariates.iter().map(|name| Ok((name.clone(), table.column(name)?)));
+            let covariates = covariates.collect::<Result<Vec<_>>>()?;
             // With levels named, numbers are levels.
             let column = if self.levels.is_empty() { table.column(effect)? } else { table.levels(effect)? };
-            let question = question((effect, &column), &self.levels, &covariates?);
-            return Ok(Study { paths, question: question.with_context(|| path.display().to_string())? });
+            let question = question((effect, &column), &self.levels, &covariates);
+            let question = question.with_context(|| path.display().to_string())?;
+            return Ok(Study { paths, question, covariates: covariates.iter().map(with_levels).collect() });
         }
         if self.a.is_empty() {
             return Err(Usage::missing("--a and --b, or --table, name the models").into());
@@ -139,7 +143,7 @@ impl Cli {
         }
         let levels = std::iter::repeat_n("a", a.len()).chain(std::iter::repeat_n("b", b.len()));
         let question = question(("group", &Column::of(levels)), &[], &[])?;
-        Ok(Study { paths: a.into_iter().chain(b).collect(), question })
+        Ok(Study { paths: a.into_iter().chain(b).collect(), question, covariates: Vec::new() })
     }
 
     /// The models of a table's rows: by their paths, or by their names in a folder.
@@ -159,6 +163,14 @@ impl Cli {
 
     fn file(&self, name: &str) -> PathBuf {
         self.output.join(name)
+    }
+}
+
+/// A covariate's name; with the number of its levels where it was taken as such.
+fn with_levels((name, column): &(String, Column)) -> String {
+    match column {
+        Column::Levels(levels) => format!("{name} ({} levels)", levels.iter().collect::<HashSet<_>>().len()),
+        Column::Numbers(_) => name.clone(),
     }
 }
 
@@ -188,7 +200,7 @@ fn maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let console = monitor.console();
-    let Study { paths, question } = cli.study()?;
+    let Study { paths, question, covariates } = cli.study()?;
     let (kind, measurement) = match cli.signal {
         What::Normal => (Kind::Surface, Measurement::Normal),
         What::Position => (Kind::Surface, Measurement::Position),
@@ -257,7 +269,11 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         write_mesh(&mean_file, &mesh, &options)?;
     }
     write_text(&table_file, cli.report.force, &table(&sphere, &maps))?;
-    write_text(&about_file, cli.report.force, &(serde_json::to_string_pretty(&about(&found, &question, cli))? + "\n"))?;
+    write_text(
+        &about_file,
+        cli.report.force,
+        &(serde_json::to_string_pretty(&about(&found, &question, &covariates, cli))? + "\n"),
+    )?;
     let report = json!({
         "models": paths,
         "degree": group.degree,
@@ -276,11 +292,11 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "warnings": warnings,
         "seconds": started.elapsed().as_secs_f64(),
     });
-    finish("test", &report, &lines(&found, &question, cli), &cli.report)
+    finish("test", &report, &lines(&found, &question, &covariates, cli), &cli.report)
 }
 
 /// What was tested, for pages: the same for the same study, whenever and wherever it is run.
-fn about(found: &Test, question: &Question, cli: &Cli) -> serde_json::Value {
+fn about(found: &Test, question: &Question, covariates: &[String], cli: &Cli) -> serde_json::Value {
     let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
     json!({
         "tested": question.meaning,
@@ -288,7 +304,7 @@ fn about(found: &Test, question: &Question, cli: &Cli) -> serde_json::Value {
         "signal": cli.signal.to_possible_value().map(|value| value.get_name().to_owned()),
         "subjects": question.design.subjects(),
         "levels": levels.collect::<Vec<_>>(),
-        "covariates": cli.covariates,
+        "covariates": covariates,
         "statistic": kind_of(&found.kind),
         "welch": cli.welch,
         "relabellings": found.family_wise.as_ref().map(|found| found.relabellings),
@@ -332,7 +348,7 @@ fn summary(found: &Test, level: f64) -> serde_json::Value {
     })
 }
 
-fn lines(found: &Test, question: &Question, cli: &Cli) -> Vec<Vec<String>> {
+fn lines(found: &Test, question: &Question, covariates: &[String], cli: &Cli) -> Vec<Vec<String>> {
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
     let largest = found.statistic.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     let (name, freedom) = match found.kind {
@@ -347,6 +363,7 @@ fn lines(found: &Test, question: &Question, cli: &Cli) -> Vec<Vec<String>> {
     };
     let mut lines = vec![
         pair("tested", question.meaning.clone()),
+        pair("accounted for", if covariates.is_empty() { "nothing".to_owned() } else { covariates.join(", ") }),
         pair("subjects", question.design.subjects().to_string()),
         pair(&format!("largest {name}"), format!("{largest:.6}, {freedom} degrees of freedom")),
         pair("least p", count(&found.p)),

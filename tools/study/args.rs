@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use spharm::cohort::Shard;
 use spharm_cli::Common;
 use spharm_cli::help::{self, METHOD, OUTPUT, RESOURCES};
 use spharm_cli::memory::Memory;
@@ -33,8 +34,8 @@ pub(crate) struct Cli {
     #[arg(value_name = "STUDY.toml", required = true)]
     pub(super) study: Option<PathBuf>,
     /// Fit one part of the subjects: I/N, counted from 0, or slurm
-    #[arg(long, value_name = "I/N", help_heading = METHOD)]
-    pub(super) shard: Option<String>,
+    #[arg(long, value_name = "I/N|slurm", help_heading = METHOD)]
+    pub(super) shard: Option<Shard>,
     /// Print the commands and run none
     #[arg(long, help_heading = OUTPUT)]
     pub(super) dry_run: bool,

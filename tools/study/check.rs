@@ -1,12 +1,12 @@
 //! What can be known to be wrong with a study before its subjects are fitted, which takes long.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use spharm::shape::stats::{Column, question};
 
 use super::LEAST;
 use super::config::{Method, Test};
 use super::plan::Plan;
-use crate::shape::table::is_missing;
+use crate::shape::table::{column_of, is_missing, no_number};
 
 /// Refuses a study that would fail, or mislead, after its fits.
 ///
@@ -47,11 +47,17 @@ fn correspondence(plan: &Plan) -> Result<()> {
 /// The design of a test, of all subjects.
 fn tested(plan: &Plan, test: &Test) -> Result<()> {
     let effect = cells(plan, &test.effect)?;
+    let column = |name: &str, cells: &[&str]| {
+        column_of(cells).map_err(|row| {
+            let id = &plan.manifest.rows[row].id;
+            anyhow!("{}: {id}: column {name:?}: {}", plan.table.display(), no_number(cells[row]))
+        })
+    };
     let effect = match test.levels.is_empty() {
-        true => Column::of(effect),
+        true => column(&test.effect, &effect)?,
         false => Column::Levels(effect.into_iter().map(str::to_owned).collect()),
     };
-    let covariate = |name: &String| Ok((name.clone(), Column::of(cells(plan, name)?)));
+    let covariate = |name: &String| Ok((name.clone(), column(name, &cells(plan, name)?)?));
     let covariates = test.covariates.iter().map(covariate).collect::<Result<Vec<_>>>()?;
     question((&test.effect, &effect), &test.levels, &covariates).with_context(|| plan.table.display().to_string())?;
     Ok(())

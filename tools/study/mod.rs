@@ -11,10 +11,12 @@ mod stage;
 mod subjects;
 mod tidy;
 
+use std::fs::{File, TryLockError};
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use spharm::cohort::{Merged, Shard, State};
+use spharm::cohort::{Manifest, Merged, State};
 use spharm_cli::console::Console;
 use spharm_cli::output::{counted, print, print_line, table};
 use spharm_surface::io::write_new;
@@ -24,17 +26,26 @@ use self::args::Command;
 use self::config::Method;
 use self::plan::Plan;
 use self::stage::Stage;
+use crate::rows::concerns_all;
 
 /// Fewest subjects that a group is of.
 const LEAST: usize = 3;
 
-/// Runs the verb; `spharm` runs another one, and `parse` only looks at its arguments.
+/// Looks at what the fits of these subjects would do.
+type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Preview>;
+
+/// Runs the verb; `spharm` runs another one, `parse` only looks at its arguments, and `preview` at what its fits would do.
 pub(crate) fn run(
     cli: &Cli,
     spharm: &dyn Fn(&[String]) -> Result<()>,
     parse: &dyn Fn(&[String]) -> Result<()>,
+    preview: &Preview,
 ) -> Result<()> {
     if let Some(Command::Init { file, table, force }) = &cli.command {
+        if let Some(table) = table {
+            // What a study of it would be refused for.
+            Manifest::read(file.parent().unwrap_or(Path::new("")).join(table))?;
+        }
         let text = config::template(table.as_deref());
         write_new(file, *force, |out| out.write_all(text.as_bytes()))?;
         return print_line(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
@@ -49,16 +60,29 @@ pub(crate) fn run(
         counted(plan.manifest.rows.len(), "subject"),
         plan.table.display()
     ));
-    let fit = plan.fit(cli.shard.as_deref(), cli.force);
+    let fit = plan.fit(cli.shard, cli.force);
     parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
     if cli.dry_run {
-        return call.show();
+        return call.show(preview);
     }
     std::fs::create_dir_all(plan.records()).with_context(|| plan.records().display().to_string())?;
     std::fs::create_dir_all(plan.status()).with_context(|| plan.status().display().to_string())?;
+    let lock = lock(&plan, cli.shard.is_some())?;
     tidy::leftovers(&plan);
     plan.write_manifest()?;
-    call.run()
+    let done = call.run();
+    drop(lock);
+    done
+}
+
+/// Holds the study for this process; jobs that fit parts of it share it. Where the file system has no locks, so it is left.
+fn lock(plan: &Plan, shared: bool) -> Result<File> {
+    let path = plan.records().join("lock");
+    let file = File::options().create(true).append(true).open(&path).with_context(|| path.display().to_string())?;
+    if let Err(TryLockError::WouldBlock) = if shared { file.try_lock_shared() } else { file.try_lock() } {
+        bail!("{}: the study is running already; wait for its end, or stop it", plan.file.display());
+    }
+    Ok(file)
 }
 
 /// Arguments of the study that all its commands get.
@@ -78,14 +102,18 @@ struct Call<'a> {
 }
 
 impl Call<'_> {
-    /// Prints the commands, as if all subjects had been fitted.
-    fn show(&self) -> Result<()> {
+    /// Prints the commands, as if all subjects had been fitted; then what is known of the fits, which is an error where some would fail.
+    fn show(&self, preview: &Preview) -> Result<()> {
         let subjects = self.plan.subjects_planned();
-        print(&self.plan.fit(self.cli.shard.as_deref(), self.cli.force).command())?;
+        print(&self.plan.fit(self.cli.shard, self.cli.force).command())?;
         if self.cli.shard.is_none() {
             self.plan.stages(&subjects).iter().try_for_each(|stage| print(&stage.command()))?;
         }
-        Ok(())
+        let fit = self.plan.fit(self.cli.shard, self.cli.force);
+        let found = preview(&self.arguments(&fit), self.plan.manifest.clone())?;
+        self.console.note("");
+        found.text.lines().for_each(|line| self.console.note(line));
+        found.error.map_or(Ok(()), Err)
     }
 
     fn run(&mut self) -> Result<()> {
@@ -97,7 +125,7 @@ impl Call<'_> {
         let subjects = self.plan.subjects(&merged);
         if subjects.len() < LEAST {
             bail!(
-                "{}: a study is of {LEAST} subjects or more, {} could be fitted; {}",
+                "{}: expected {LEAST} subjects or more that can be fitted, found {}; `spharm status {}` says why",
                 self.plan.table.display(),
                 subjects.len(),
                 self.plan.status().display()
@@ -120,14 +148,19 @@ impl Call<'_> {
 
     /// Fits the subjects and returns those that failed, with the reasons.
     fn fit(&mut self) -> Result<Vec<(String, String)>> {
-        let stage = self.plan.fit(self.cli.shard.as_deref(), self.cli.force);
+        let stage = self.plan.fit(self.cli.shard, self.cli.force);
         let started = Instant::now();
-        let shard = self.cli.shard.as_deref().map(str::parse::<Shard>).transpose()?.unwrap_or_default();
+        let shard = self.cli.shard.unwrap_or_default();
         for id in tidy::damaged(self.plan, shard.of(&self.plan.manifest.rows), &self.merged()?)? {
             self.console.warn(format!("{id}: its model was damaged, and is made again"));
         }
         self.console.note(format!("\n{}", stage.command()));
         let ran = (self.spharm)(&self.arguments(&stage));
+        // Where the fits have ended for a reason of their own, such as a full disk, that is the one to show.
+        if ran.as_ref().is_err_and(concerns_all) {
+            ran?;
+            return Ok(Vec::new());
+        }
         let merged = self.merged()?;
         let failed: Vec<(String, String)> = self
             .plan

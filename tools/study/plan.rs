@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm::cohort::{Manifest, Merged, Row, State};
+use spharm::cohort::{Manifest, Merged, Row, Shard, State};
 use spharm_surface::io::write_new;
 
 use super::config::{Method, Study, Test};
@@ -18,6 +18,8 @@ pub(super) struct Plan {
     /// The study's file.
     pub(super) file: PathBuf,
     pub(super) study: Study,
+    /// The folder of that file.
+    pub(super) folder: PathBuf,
     /// The folder of all that is made.
     pub(super) output: PathBuf,
     pub(super) table: PathBuf,
@@ -64,8 +66,8 @@ impl Plan {
                 }
             }
         }
-        let file = path.to_owned();
-        Ok(Self { file, output, study, table, manifest, made_text, common })
+        let (file, folder) = (path.to_owned(), folder.to_owned());
+        Ok(Self { file, folder, output, study, table, manifest, made_text, common })
     }
 
     /// The folder of what makes a study resumable: lists, tables for the tests, records of the stages.
@@ -140,15 +142,21 @@ impl Plan {
     }
 
     /// The fits, of which `fit` itself knows what is done.
-    pub(super) fn fit(&self, shard: Option<&str>, force: bool) -> Stage {
+    pub(super) fn fit(&self, shard: Option<Shard>, force: bool) -> Stage {
         let mut arguments =
             words(&["fit", "--manifest", &text(&self.manifest.path), "--output", &text(&self.models())]);
         arguments.extend(words(&["--max-degree", &self.study.fit.max_degree.to_string(), "--keep-going"]));
         arguments.extend(words(&["--status", &text(&self.status().join(status_name(shard)))]));
         arguments.extend(words(&[if force { "--force" } else { "--update" }]));
-        arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", shard])));
+        arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", &shard.to_string()])));
         arguments.extend(self.study.fit.arguments.iter().cloned());
-        Stage { name: "fit".to_owned(), arguments, inputs: Vec::new(), outputs: Vec::new() }
+        Stage {
+            folder: self.folder.clone(),
+            name: "fit".to_owned(),
+            arguments,
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+        }
     }
 
     /// The stages after the fits, of the subjects whose models are there.
@@ -244,7 +252,8 @@ impl Plan {
         let mut inputs = vec![modes, status];
         inputs.extend(folders.iter().flat_map(|folder| ["test.csv", "test.json"].map(|name| folder.join(name))));
         inputs.extend(subjects.iter().filter(|_| self.study.page.subjects).map(|subject| subject.model.clone()));
-        Stage { name: "report".to_owned(), arguments, inputs, outputs: vec![self.page()] }
+        let (folder, name) = (self.folder.clone(), "report".to_owned());
+        Stage { folder, name, arguments, inputs, outputs: vec![self.page()] }
     }
 
     fn stage<const N: usize>(
@@ -256,7 +265,8 @@ impl Plan {
     ) -> Stage {
         let mut arguments = words(arguments);
         arguments.push("--force".to_owned());
-        Stage { name: name.to_owned(), arguments, inputs: inputs.to_vec(), outputs: outputs.to_vec() }
+        let (folder, name) = (self.folder.clone(), name.to_owned());
+        Stage { folder, name, arguments, inputs: inputs.to_vec(), outputs: outputs.to_vec() }
     }
 
     /// Where the models lie that are compared.
@@ -304,8 +314,8 @@ impl Plan {
 }
 
 /// The status file of a shard; of the whole study without one.
-fn status_name(shard: Option<&str>) -> String {
-    shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.replace('/', "-of-")))
+fn status_name(shard: Option<Shard>) -> String {
+    shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.to_string().replace('/', "-of-")))
 }
 
 fn words(words: &[&str]) -> Vec<String> {

@@ -10,6 +10,8 @@ use spharm_surface::io::write_new;
 /// A command of a study.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Stage {
+    /// The folder of the study's file, wherever the study is called from: what is recorded is relative to it.
+    pub(super) folder: PathBuf,
     /// Its name, which is also that of its record.
     pub(super) name: String,
     /// Arguments of spharm, the verb first.
@@ -25,7 +27,7 @@ pub(super) struct Stage {
 struct Record {
     /// BLAKE3 of the version, the arguments, and the inputs' names and contents.
     key: String,
-    /// BLAKE3 of each output file.
+    /// BLAKE3 of each output file, by its path from the study's folder.
     outputs: BTreeMap<PathBuf, String>,
 }
 
@@ -51,8 +53,8 @@ impl Stage {
     /// Removes what an earlier run of the stage made, so that nothing is left of subjects that are gone.
     pub(super) fn clear(&self, records: &Path) -> Result<()> {
         let Some(record) = self.record(records) else { return Ok(()) };
-        for path in record.outputs.keys().filter(|path| path.exists()) {
-            std::fs::remove_file(path).with_context(|| path.display().to_string())?;
+        for path in record.outputs.keys().map(|path| self.folder.join(path)).filter(|path| path.exists()) {
+            std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
         Ok(())
     }
@@ -81,9 +83,14 @@ impl Stage {
             hasher.update(text.as_bytes());
         };
         add(env!("CARGO_PKG_VERSION"));
-        self.arguments.iter().for_each(|argument| add(argument));
+        for argument in &self.arguments {
+            match argument.strip_prefix('@') {
+                Some(list) => add(&format!("@{}", self.relative(Path::new(list)).display())),
+                None => add(&self.relative(Path::new(argument)).to_string_lossy()),
+            }
+        }
         for path in &self.inputs {
-            add(&path.to_string_lossy());
+            add(&self.relative(path).to_string_lossy());
             add(&hash(path)?);
         }
         Ok(hasher.finalize().to_hex().to_string())
@@ -94,20 +101,26 @@ impl Stage {
         for output in &self.outputs {
             list(output, &mut files)?;
         }
-        files.into_iter().map(|path| hash(&path).map(|hash| (path, hash))).collect()
+        files.into_iter().map(|path| hash(&path).map(|hash| (self.relative(&path).to_owned(), hash))).collect()
+    }
+
+    /// A path in the study's folder from there; any other, and what isn't a path, as it is.
+    fn relative<'a>(&self, path: &'a Path) -> &'a Path {
+        path.strip_prefix(&self.folder).ok().filter(|path| !path.as_os_str().is_empty()).unwrap_or(path)
     }
 }
 
-/// Removes what a stage that is no more made in the study's output, unless it has been changed since, and the stage's record; folders
+/// Removes what a stage that is no more made in the study's output, whose paths are recorded from `folder`, unless it has been changed since, and the stage's record; folders
 /// that are empty then, too.
-pub(super) fn retire(record: &Path, output: &Path) -> Result<()> {
+pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> {
     let named = || record.display().to_string();
     let text = std::fs::read_to_string(record).with_context(named)?;
     // Another program's file stays.
     let Ok(found) = serde_json::from_str::<Record>(&text) else { return Ok(()) };
-    for (path, made) in found.outputs.iter().filter(|(path, _)| path.starts_with(output)) {
-        if path.is_file() && hash(path).is_ok_and(|found| found == *made) {
-            std::fs::remove_file(path).with_context(|| path.display().to_string())?;
+    let outputs = found.outputs.iter().map(|(path, made)| (folder.join(path), made));
+    for (path, made) in outputs.filter(|(path, _)| path.starts_with(output)) {
+        if path.is_file() && hash(&path).is_ok_and(|found| found == *made) {
+            std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
         // Fails where something else is in it.
         if let Some(folder) = path.parent().filter(|folder| *folder != output) {
@@ -147,6 +160,7 @@ mod tests {
         std::fs::create_dir(at("made")).unwrap();
         std::fs::write(at("input"), "1").unwrap();
         let mut stage = Stage {
+            folder: folder.path().to_owned(),
             name: "align".to_owned(),
             arguments: vec!["shape".to_owned(), "align".to_owned()],
             inputs: vec![at("input")],
@@ -172,14 +186,33 @@ mod tests {
         std::fs::write(at("mean"), "m").unwrap();
         stage.finish(folder.path()).unwrap();
         std::fs::write(at("made/b"), "changed since").unwrap();
-        retire(&at("align.json"), folder.path()).unwrap();
+        retire(&at("align.json"), folder.path(), folder.path()).unwrap();
         assert!(!at("mean").exists() && at("made/b").exists() && !at("align.json").exists());
+    }
+
+    #[test]
+    fn a_stage_is_the_same_from_wherever_it_is_called() {
+        let key = |folder: &str, list: &str| {
+            let arguments = ["shape", &format!("@{list}"), list, "--force"].map(str::to_owned).to_vec();
+            let (folder, name) = (PathBuf::from(folder), "mean".to_owned());
+            Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }.key().unwrap()
+        };
+        let here = key("", "out/models.txt");
+        // Also where the folder is called as the verb.
+        for (folder, list) in
+            [("a/b", "a/b/out/models.txt"), (".", "./out/models.txt"), ("/shape", "/shape/out/models.txt")]
+        {
+            assert_eq!(key(folder, list), here, "{folder}");
+        }
+        assert_eq!(key("shape", "shape/out/models.txt"), here);
+        assert_ne!(key("", "other/models.txt"), here);
     }
 
     #[test]
     fn commands_can_be_typed() {
         let arguments = ["shape", "mean", "a b", "it's", "", "x=1"].map(str::to_owned).to_vec();
-        let stage = Stage { name: String::new(), arguments, inputs: Vec::new(), outputs: Vec::new() };
+        let (name, folder) = (String::new(), PathBuf::new());
+        let stage = Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() };
         assert_eq!(stage.command(), r"spharm shape mean 'a b' 'it'\''s' '' x=1");
     }
 }

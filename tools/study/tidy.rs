@@ -106,7 +106,7 @@ pub(super) fn stages(plan: &Plan, stages: &[Stage]) -> Result<()> {
         let name = path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let is_record = path.extension().is_some_and(|ending| ending == "json");
         if is_record && !stages.iter().any(|stage| stage.name == name) {
-            retire(&path, &plan.output)?;
+            retire(&path, &plan.folder, &plan.output)?;
         }
     }
     Ok(())

@@ -7,7 +7,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use spharm::files::{MadeOf, ModelFiles, Replace};
+use spharm::files::{MadeOf, ModelFiles, Preparation, Replace};
 use spharm::parametrize::Input;
 use spharm::parametrize::volume::{LabelVolume, VolumeParams, is_volume};
 use spharm::rerun::{Decision, IfExists, Refusal, Request};
@@ -33,7 +33,13 @@ const LARGEST: u64 = 1 << 30;
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(cli.common.console());
     let table = cli.table.clone().unwrap_or_else(|| cli.output.join("volumes.tsv"));
-    let replaced = cli.force || cli.skip_existing;
+    let replaced = cli.force || cli.skip_existing || is_without_models(&table);
+    if table.is_file() && !replaced {
+        bail!(
+            "{}: the file exists; --skip-existing goes on with it, --force replaces it, --output or --table names another",
+            table.display()
+        );
+    }
     check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv"])], replaced)?;
     let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
     let volumes = volumes(&cli.volumes)?;
@@ -69,12 +75,22 @@ fn counted_were(models: usize) -> String {
     format!("{} {}", counted(models, "model"), if models == 1 { "was" } else { "were" })
 }
 
+/// Whether a table is that of a call whose labels have all failed: nothing is lost with it.
+fn is_without_models(table: &Path) -> bool {
+    let text = if table.is_file() { read_text(table, "table", LARGEST).unwrap_or_default() } else { String::new() };
+    text.starts_with("file\tlabel\tstate\t") && !table::has_models(&text)
+}
+
 /// The table that an earlier call has written, of the same columns.
 fn earlier(table: &Path, max_degree: usize) -> Result<String> {
     let text = read_text(table, "table", LARGEST)?;
     let (found, expected) = (text.lines().next().unwrap_or_default(), table::head(max_degree));
     if found != expected {
         let powers = found.split('\t').filter(|name| name.starts_with("power_")).count();
+        if powers == max_degree {
+            let table = table.display();
+            bail!("{table}: expected the columns of this version, found others; give --force, or another --output");
+        }
         bail!(
             "{}: expected the columns of degree {max_degree}, found those of degree {powers}; give --force, or another --output",
             table.display()
@@ -105,6 +121,8 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
         files.sort_unstable();
         found.extend(files);
     }
+    let mut seen = HashSet::new();
+    found.retain(|path| seen.insert(path.clone()));
     Ok(found)
 }
 
@@ -135,7 +153,9 @@ impl Call<'_> {
         let one = |label: &Labels| if let Labels::One(label) = label { Some(*label) } else { None };
         let wanted =
             if every { there.keys().copied().collect() } else { self.cli.label.iter().filter_map(one).collect() };
-        let wanted: Vec<i64> = wanted;
+        let mut wanted: Vec<i64> = wanted;
+        let mut seen = HashSet::new();
+        wanted.retain(|label| seen.insert(*label));
         if wanted.is_empty() {
             return self.push(path, None, None, Err(anyhow!("{}: no label but 0", path.display())));
         }
@@ -197,7 +217,9 @@ impl Call<'_> {
         let cut = (self.cli.cut_handles && !if_exists.keeps()).then(|| files.cut_surface());
         let beside: Vec<PathBuf> = [files.sphere(), files.surface()].into_iter().chain(cut).collect();
         let (params, output) = (&self.params, files.model.as_path());
-        let request = Request { id: None, input: &record, sphere: None, params, output, beside: &beside, if_exists };
+        let preparation = self.preparation(record.label);
+        let request =
+            Request { id: None, input: &record, sphere: None, params, preparation, output, beside: &beside, if_exists };
         let (kept, residual) = match request.decide()? {
             Decision::Skip => (true, None),
             Decision::Fit { replace, .. } => (false, Some(self.fit(volume, &record, &files, replace)?)),
@@ -209,10 +231,17 @@ impl Call<'_> {
         Ok(table::Model {
             file: files.model.display().to_string(),
             kept,
+            repair: table::repair(&model.provenance),
             measures: measure(&model.coefficients, &measures, self.monitor).with_context(named)?,
             residual: residual.or_else(recorded),
             descriptors: descriptors(&model.coefficients).with_context(named)?,
         })
+    }
+
+    /// What is done to a label before its fit.
+    fn preparation(&self, label: Option<i64>) -> Preparation {
+        let voxel_size = self.cli.voxel_size.map(|size| size.0);
+        Preparation { voxel_size, fix: self.cli.fix, cut_handles: self.cli.cut_handles }.of(false, label)
     }
 
     /// Maps and fits a label, and returns the root mean square distance at the vertices.
@@ -233,7 +262,8 @@ impl Call<'_> {
             let fit = fit_with(&parametrized.sphere, &target, &self.params, self.monitor)?;
             let repair = found.repair.as_ref();
             let handles = found.handles.as_ref();
-            let made_of = MadeOf { input: Some(record), repair, handles, ..MadeOf::default() };
+            let preparation = self.preparation(record.label);
+            let made_of = MadeOf { input: Some(record), preparation, repair, handles, ..MadeOf::default() };
             files.write(&parametrized.sphere, &fit, &made_of, false, replace)?;
             console.note(format!("{record}: {}", files.model.display()));
             Ok(fit.report.passes.last().map_or(f64::NAN, |distances| distances.rms()))

@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use spharm::model::Provenance;
 use spharm::shape::{Descriptors, Measures};
 
 /// A label, or a volume that couldn't be read.
@@ -27,18 +28,21 @@ pub(super) struct Model {
     pub(super) file: String,
     /// Whether an earlier call made it.
     pub(super) kept: bool,
+    /// What was changed in the label, or cut, in few words; empty where nothing was.
+    pub(super) repair: String,
     pub(super) measures: Measures,
     /// Root mean square distance at the surface's vertices.
     pub(super) residual: Option<f64>,
     pub(super) descriptors: Descriptors,
 }
 
-const COLUMNS: [&str; 12] = [
+const COLUMNS: [&str; 13] = [
     "file",
     "label",
     "state",
     "border",
     "voxels",
+    "repair",
     "volume",
     "area",
     "sphericity",
@@ -62,6 +66,11 @@ pub(super) fn head(max_degree: usize) -> String {
     let powers = (1..=max_degree).map(|degree| format!("power_{degree}"));
     let head: Vec<String> = COLUMNS.iter().map(|&name| name.to_owned()).chain(powers).collect();
     head.join("\t")
+}
+
+/// Whether a table has the row of a model.
+pub(super) fn has_models(table: &str) -> bool {
+    table.lines().any(|line| matches!(line.split('\t').nth(2), Some("fitted" | "kept")))
 }
 
 /// A table of the same columns with the models of an earlier one whose file and label it doesn't have, after its own.
@@ -97,6 +106,7 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
         state.to_owned(),
         or_none(row.border.map(|cut| if cut { "yes" } else { "no" }.to_owned())),
         or_none(row.voxels.map(|voxels| voxels.to_string())),
+        or_none(model.map(|model| if model.repair.is_empty() { "none".to_owned() } else { model.repair.clone() })),
         of(|model| model.measures.volume),
         of(|model| model.measures.area),
         of(|model| model.measures.sphericity),
@@ -106,6 +116,28 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
         or_none(error.map(|error| plain(error))),
     ];
     cells.into_iter().chain(powers).collect()
+}
+
+/// What a model's provenance says was changed in the label, or cut, in few words.
+pub(super) fn repair(provenance: &Provenance) -> String {
+    let of = |name: &str| provenance.repair.as_ref().and_then(|repair| repair[name].as_u64()).unwrap_or(0);
+    let cut = provenance.handles.as_ref().and_then(|handles| handles["genus_before"].as_u64()).unwrap_or(0);
+    let counted = |count: u64, one: &str, many: &str| format!("{count} {}", if count == 1 { one } else { many });
+    let voxels = |name: &str| counted(of(name), "voxel", "voxels");
+    let handles = |count: u64| counted(count, "handle", "handles");
+    let filled = provenance.repair.as_ref().is_some_and(|repair| repair["way"] == "filled");
+    let way = if filled { "added" } else { "removed" };
+    let pieces = counted(of("pieces_dropped"), "piece", "pieces");
+    let cavities = counted(of("cavities_filled"), "cavity", "cavities");
+    // The others are for bare contacts alone.
+    let opened = if of("handles") > 0 { format!(" to open {}", handles(of("handles"))) } else { String::new() };
+    let parts = [
+        (of("pieces_dropped"), format!("{pieces} dropped ({})", voxels("voxels_dropped"))),
+        (of("cavities_filled"), format!("{cavities} filled ({})", voxels("voxels_filled"))),
+        (of("voxels_changed"), format!("{} {way}{opened}", voxels("voxels_changed"))),
+        (cut, format!("{} cut", handles(cut))),
+    ];
+    parts.into_iter().filter(|(count, _)| *count > 0).map(|(_, text)| text).collect::<Vec<_>>().join(", ")
 }
 
 /// A text without what would end its cell.
@@ -128,8 +160,8 @@ mod tests {
         };
         let text = text(&[failed], 2);
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split('\t').collect()).collect();
-        assert_eq!((lines.len(), lines[0].len(), lines[1].len()), (2, 14, 14));
+        assert_eq!((lines.len(), lines[0].len(), lines[1].len()), (2, 15, 15));
         assert_eq!(lines[1][..5], ["a b.nii", "3", "failed", "yes", "8"]);
-        assert_eq!(lines[1][11..], ["no ball", "n/a", "n/a"]);
+        assert_eq!(lines[1][12..], ["no ball", "n/a", "n/a"]);
     }
 }

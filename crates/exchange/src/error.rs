@@ -78,6 +78,18 @@ pub enum ExchangeError {
         /// The first file's degree.
         expected: usize,
     },
+    /// Files of one model whose formats differ.
+    #[error("{}: {found}, {} is {expected}; the channels of a model are files of one format", .path.display(), .first.display())]
+    Formats {
+        /// The file.
+        path: PathBuf,
+        /// What it is, with its article.
+        found: &'static str,
+        /// The first file.
+        first: PathBuf,
+        /// What the first file is.
+        expected: &'static str,
+    },
     /// The model can't be evaluated or written.
     #[error(transparent)]
     Model(#[from] ModelError),

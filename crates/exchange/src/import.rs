@@ -40,13 +40,18 @@ pub struct Imported {
 /// # Errors
 ///
 /// [`Io`](ExchangeError::Io), [`Malformed`](ExchangeError::Malformed), [`Unknown`](ExchangeError::Unknown),
-/// [`WrittenOnly`](ExchangeError::WrittenOnly), [`Degrees`](ExchangeError::Degrees).
+/// [`WrittenOnly`](ExchangeError::WrittenOnly), [`Degrees`](ExchangeError::Degrees), [`Formats`](ExchangeError::Formats).
 pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Imported, ExchangeError> {
     let mut whole: Option<Imported> = None;
     for path in files.iter().map(AsRef::as_ref) {
         let found = one(path, options)?;
         whole = Some(match whole {
             None => found,
+            Some(before) if before.format != found.format => {
+                let first = files.first().map_or(path, AsRef::as_ref).to_owned();
+                let (path, expected, found) = (path.to_owned(), before.format.file(), found.format.file());
+                return Err(ExchangeError::Formats { path, found, first, expected });
+            }
             Some(before) => {
                 let (expected, found_degree) = (before.coefficients.max_degree(), found.coefficients.max_degree());
                 let values = ndarray::concatenate(

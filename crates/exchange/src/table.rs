@@ -45,12 +45,12 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     let header = reader.headers().map_err(|error| Flaw::new("a table", error))?.clone();
     let names: Vec<&str> = header.iter().skip(2).collect();
     if header.iter().take(2).ne(["l", "m"]) || names.is_empty() {
-        return Err(Flaw::new("columns l, m and one a channel", quoted(header.as_slice())));
+        return Err(Flaw::new("columns l, m and one a channel", cells(&header)));
     }
     let complex = names.first().is_some_and(|name| name.ends_with("_re"));
     let alternates = |(i, name): (usize, &&str)| name.ends_with(if i % 2 == 0 { "_re" } else { "_im" });
     if complex && (names.len() % 2 == 1 || !names.iter().enumerate().all(alternates)) {
-        return Err(Flaw::new("columns NAME_re and NAME_im in turn", quoted(header.as_slice())));
+        return Err(Flaw::new("columns NAME_re and NAME_im in turn", cells(&header)));
     }
     let mut values = Vec::new();
     let mut rows = 0;
@@ -60,7 +60,7 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
         let (l, m) = degree_order(rows);
         let place = [record.get(0), record.get(1)].map(|cell| cell.and_then(|cell| cell.parse::<isize>().ok()));
         if place != [Some(l.cast_signed()), Some(m)] {
-            return Err(Flaw::new(format!("degree {l}, order {m} on line {line}"), quoted(record.as_slice())));
+            return Err(Flaw::new(format!("degree {l}, order {m} on line {line}"), cells(&record)));
         }
         for cell in record.iter().skip(2) {
             values.push(number(cell, line)?);
@@ -75,7 +75,13 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
         let array = Array2::from_shape_vec((rows, names.len()), values);
         Coefficients::new(array.map_err(|error| Flaw::new("a table", error))?)
     };
-    found.map_err(|error| Flaw::new("(L + 1)^2 rows", error))
+    found
+        .map_err(|_| Flaw::new("a row for each order of every degree", format!("{rows} rows, the last degree cut off")))
+}
+
+/// A row as it stands in the file, for messages.
+fn cells(record: &csv::StringRecord) -> String {
+    quoted(&record.iter().collect::<Vec<_>>().join(","))
 }
 
 pub(crate) fn write_json(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
@@ -113,5 +119,6 @@ pub(crate) fn read_json(bytes: &[u8]) -> Result<Coefficients, Flaw> {
         }
     }
     let array = Array2::from_shape_vec((rows.len(), channels), values).map_err(|error| Flaw::new("rows", error))?;
-    Coefficients::new(array).map_err(|error| Flaw::new("(L + 1)^2 rows", error))
+    let found = format!("{} rows of {channels} numbers", rows.len());
+    Coefficients::new(array).map_err(|_| Flaw::new("(L + 1)^2 rows of a number for each channel", found))
 }

@@ -46,7 +46,16 @@ pub struct Provenance {
     pub distances: Option<Distances>,
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
     pub anatomical_structure_primary: Option<String>,
-    /// What was changed in a label before its surface was taken, where that wasn't of genus zero.
+    /// Size of the voxels along x, y and z, in mm, where it was given in place of what the volume's file says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voxel_size: Option<[f64; 3]>,
+    /// Whether a label or mesh was to be repaired, also where there was nothing to repair.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub fix: bool,
+    /// Whether handles were to be cut, also where there were none.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub cut_handles: bool,
+    /// What was changed in a label before its surface was taken, where that wasn't of genus zero; or in a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Map<String, Value>>,
     /// What was cut and filled, where the surface had handles: genus, loops, areas.

@@ -44,9 +44,11 @@ pub enum ShapeError {
     },
     /// A column of a study whose levels can't be compared.
     #[error(
-        "column {column:?}: expected two levels or more{}, found {}",
-        if order.is_empty() { String::new() } else { format!(", those of the order {}", order.join(", ")) },
-        found.join(", ")
+        "column {column:?}: expected {}",
+        match found.len() {
+            2.. if !order.is_empty() => format!("an order of all its levels, {}, found {}", found.join(", "), order.join(", ")),
+            _ => format!("two levels or more, found {}", found.join(", ")),
+        }
     )]
     Levels {
         /// The column's name.

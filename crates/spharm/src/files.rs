@@ -126,7 +126,8 @@ impl ModelFiles {
                     read_mesh(&path).ok().filter(|sphere| Origin::of(&sphere.meta).as_ref() == Some(&origin))?;
                 with_sphere(mesh, &sphere).ok()
             };
-            if let Some(found) = if reuse { left_over() } else { None } {
+            // That of a label may be of voxels of another size.
+            if let Some(found) = if reuse && record.label.is_none() { left_over() } else { None } {
                 fits?;
                 return Ok(Mapped {
                     parametrized: named(found),
@@ -207,6 +208,9 @@ impl ModelFiles {
         let mut model = Model::new(sphere.clone(), fit.clone(), kind);
         model.provenance.id = made_of.id.map(str::to_owned);
         model.provenance.input = made_of.input.cloned();
+        let Preparation { voxel_size, fix, cut_handles } = made_of.preparation;
+        let provenance = &mut model.provenance;
+        (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (voxel_size, fix, cut_handles);
         model.provenance.repair =
             made_of.repair.and_then(|repair| serde_json::to_value(repair).ok()?.as_object().cloned());
         if let Some(repair) = made_of.mesh_repair {
@@ -228,6 +232,29 @@ impl ModelFiles {
     }
 }
 
+/// What is to be done to a surface without a sphere before it is mapped to one; of surfaces over spheres, nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Preparation {
+    /// Of a volume, the size of its voxels along x, y and z, in mm, in place of what its file says.
+    pub voxel_size: Option<[f64; 3]>,
+    /// Whether labels and meshes are repaired.
+    pub fix: bool,
+    /// Whether handles are cut.
+    pub cut_handles: bool,
+}
+
+impl Preparation {
+    /// Returns what of it concerns a surface: nothing with a sphere, and of meshes, which have no label, no voxels.
+    #[must_use]
+    pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
+        match (on_sphere, label) {
+            (true, _) => Self::default(),
+            (false, None) => Self { voxel_size: None, ..self },
+            (false, Some(_)) => self,
+        }
+    }
+}
+
 /// What a model was made of, for it to record.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MadeOf<'a> {
@@ -235,6 +262,8 @@ pub struct MadeOf<'a> {
     pub id: Option<&'a str>,
     /// The surface's file.
     pub input: Option<&'a FileRecord>,
+    /// What was to be done to the surface before the fit.
+    pub preparation: Preparation,
     /// What was changed in the volume's label.
     pub repair: Option<&'a Repair>,
     /// What was mended in the mesh.

@@ -3,11 +3,11 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use spharm_model::{FileRecord, Model, Settings};
+use spharm_model::{FileRecord, Model, Provenance, Settings};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Sphere;
 
-use crate::files::{ModelFiles, Replace};
+use crate::files::{ModelFiles, Preparation, Replace};
 use crate::{FitParams, FitTo, Method, Smoothness};
 
 /// What to do with outputs that exist.
@@ -42,6 +42,8 @@ pub struct Request<'a> {
     pub sphere: Option<&'a Sphere>,
     /// Settings.
     pub params: &'a FitParams,
+    /// What is done to the surface before the fit; of one over a sphere, nothing.
+    pub preparation: Preparation,
     /// The model's file.
     pub output: &'a Path,
     /// Files beside the model that are asked for.
@@ -84,6 +86,14 @@ pub enum Refusal {
         /// The input that was to be fitted.
         input: String,
     },
+    /// It is the model of what the input's file was before.
+    #[error("{}: the model of {input}, whose contents have changed since", .path.display())]
+    Changed {
+        /// The model.
+        path: PathBuf,
+        /// The input.
+        input: String,
+    },
     /// It is a model of the same input with other settings.
     #[error("{}: fitted with other settings: {}", .path.display(), list(.differences))]
     OtherSettings {
@@ -111,7 +121,7 @@ pub enum Refusal {
 /// A setting that differs between a model and a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// The field of [`FitParams`] or [`Method`], `sphere` or `id`.
+    /// The field of [`FitParams`], [`Method`] or [`Preparation`], `sphere` or `id`.
     pub setting: &'static str,
     /// What the model was fitted with.
     pub found: String,
@@ -141,10 +151,20 @@ impl Request<'_> {
     ///
     /// [`Refusal`] with the output that is in the way.
     pub fn decide(&self) -> Result<Decision, Refusal> {
+        self.decide_by(&|| false)
+    }
+
+    /// Decides as [`decide`](Self::decide) does. `is_sound` says whether repairing and cutting leave the surface as it is, and is
+    /// only asked where its model was made without what is asked for now.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`decide`](Self::decide).
+    pub fn decide_by(&self, is_sound: &dyn Fn() -> bool) -> Result<Decision, Refusal> {
         if self.if_exists == IfExists::Update {
-            use Refusal::{OtherInput, OtherSettings, OtherSphere};
-            return match (Request { if_exists: IfExists::Skip, ..*self }).decide() {
-                Err(OtherInput { .. } | OtherSettings { .. } | OtherSphere { .. }) => {
+            use Refusal::{Changed, OtherInput, OtherSettings, OtherSphere};
+            return match (Request { if_exists: IfExists::Skip, ..*self }).decide_by(is_sound) {
+                Err(Changed { .. } | OtherInput { .. } | OtherSettings { .. } | OtherSphere { .. }) => {
                     Ok(Decision::Fit { replace: Replace::ALL, replaces: None })
                 }
                 decided => decided,
@@ -178,10 +198,15 @@ impl Request<'_> {
             }
             (_, None) => Err(Refusal::Unknown { path: path() }),
             (_, Some((_, recorded))) if other(&recorded) => {
-                Err(Refusal::OtherInput { path: path(), recorded: recorded.to_string(), input: self.input.to_string() })
+                let (recorded, input) = (recorded.to_string(), self.input.to_string());
+                Err(match recorded == input {
+                    true => Refusal::Changed { path: path(), input },
+                    false => Refusal::OtherInput { path: path(), recorded, input },
+                })
             }
             (_, Some((model, _))) => {
-                let differences = self.differences(model);
+                let mut differences = self.differences(model);
+                differences.extend(self.unprepared(&model.provenance, is_sound));
                 if !differences.is_empty() {
                     return Err(Refusal::OtherSettings { path: path(), differences });
                 }
@@ -203,6 +228,47 @@ impl Request<'_> {
             Some(path) => Err(Refusal::OtherSphere { path, input: self.input.to_string() }),
             None => Ok(()),
         }
+    }
+
+    /// Differences in what was done to the surface. A model is the same with and without a repair that had nothing to do.
+    fn unprepared(&self, recorded: &Provenance, is_sound: &dyn Fn() -> bool) -> Vec<Difference> {
+        let wanted = self.preparation;
+        let mut differences = Vec::new();
+        let same = match (recorded.voxel_size, wanted.voxel_size) {
+            // A number that was written and read again may have lost its last bit.
+            (Some(found), Some(wanted)) => found.iter().zip(wanted).all(|(a, b)| (a - b).abs() <= 1e-14 * b),
+            (found, wanted) => found.is_none() && wanted.is_none(),
+        };
+        if !same {
+            let name = |size: Option<[f64; 3]>| {
+                size.map_or("the file's".to_owned(), |size| size.map(|size| size.to_string()).join(","))
+            };
+            let (found, wanted) = (name(recorded.voxel_size), name(wanted.voxel_size));
+            differences.push(Difference { setting: "voxel_size", found, wanted });
+        }
+        let (repaired, cut) = (recorded.repair.is_some(), recorded.handles.is_some());
+        // A label that was taken as it is has nothing to repair or to cut; a mesh may have.
+        let as_it_is = self.input.label.is_some() && !repaired && !cut;
+        // A repair of a label leaves no handles to cut.
+        let without_handles = self.input.label.is_some() && repaired;
+        let changed = [
+            ("fix", recorded.fix || repaired, wanted.fix, repaired),
+            ("cut_handles", recorded.cut_handles || cut, wanted.cut_handles && !without_handles, cut),
+        ];
+        let changed = changed.into_iter().filter(|&(_, found, wanted, mattered)| match (found, wanted) {
+            (true, false) => mattered,
+            (false, true) => !as_it_is,
+            _ => false,
+        });
+        let changed: Vec<_> = changed.collect();
+        let added = changed.iter().all(|&(_, found, ..)| !found);
+        if changed.is_empty() || added && !repaired && !cut && is_sound() {
+            return differences;
+        }
+        let word = |given: bool| if given { "yes" } else { "no" }.to_owned();
+        let of = |(setting, found, wanted, _)| Difference { setting, found: word(found), wanted: word(wanted) };
+        differences.extend(changed.into_iter().map(of));
+        differences
     }
 
     fn differences(&self, model: &Model) -> Vec<Difference> {
