@@ -151,3 +151,28 @@ fn repeated_directions_leave_a_rank_that_is_told() {
     let norm = |x: &Array2<f64>| inner(x.view(), x.view());
     assert!(norm(found.coefficients.values()) <= norm(other.coefficients.values()));
 }
+
+/// Blocks of 1,024 functions and more have a Gram matrix that the threads sum together: the same fit, by Cholesky, weighted or
+/// not, in chunks that do and don't divide the rows.
+#[test]
+fn a_block_of_more_than_a_thousand_functions_finds_what_the_samples_hold() {
+    let max_degree = 31;
+    let directions = Directions::fibonacci(2500).unwrap();
+    let known = filled(basis_size(max_degree), 2, 5);
+    let samples = synthesis(&directions, known.view()).unwrap();
+    let weights: Vec<f64> = (0..2500).map(|i| 0.5 + ((i * 31) % 7) as f64).collect();
+    for (chunk, weights) in [(120, None), (2500, Some(weights))] {
+        let operator = MemoryOperator::new(&directions, max_degree, chunk).unwrap();
+        let params =
+            IrfParams { max_degree, method: Method::Nlsf, refinements: 0, weights, threads: 2, ..IrfParams::default() };
+        let found = irf::solve(&operator, samples.view(), &[0..1, 1..2], &params, &Silent).unwrap();
+        let block = &found.report.blocks[0];
+        assert_eq!((block.columns, block.solver, block.rank), (1024, "cholesky", 1024));
+        let off = found.coefficients.values() - &known;
+        assert!(
+            off.iter().all(|off| off.abs() < 1e-11),
+            "{chunk}: {:e}",
+            off.iter().fold(0.0f64, |a, b| a.max(b.abs()))
+        );
+    }
+}

@@ -8,8 +8,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use crate::batch::{BATCH, Batch};
 use crate::grid::Layout;
-use crate::interpolation_batch::{BATCH, Batch, interpolate_batch, spread_batch};
+use crate::interpolation_batch::{interpolate_batch, spread_batch};
 use crate::kernel::Kernel;
 use crate::points::Points;
 

@@ -1,69 +1,16 @@
-//! Batches of points: their kernel values, and the products of these with the grid.
+//! The products of the kernel values of a batch of points with the grid.
 //!
 //! There is a compiled kernel for every padded width and for one, two and three channels: the sums over a point's
 //! neighbourhood then stay in registers. Batches of which many points share a cell go to
 //! [`interpolation_cells`](crate::interpolation_cells).
 
-use std::ops::Range;
-
 use multiversion::{multiversion, target::target_cfg_f};
 
-use crate::grid::{Layout, MARGIN};
+use crate::batch::Batch;
+use crate::grid::Layout;
 use crate::interpolation_cells::{interpolate_cells, spread_cells};
-use crate::kernel::{Kernel, MAX_WIDTH};
+use crate::kernel::Kernel;
 use crate::lanes::fused;
-use crate::points::Points;
-
-/// Points whose kernel values are computed together.
-pub(crate) const BATCH: usize = 32;
-
-/// Kernel values of at most [`BATCH`] points, and the places of their first grid values.
-pub(crate) struct Batch {
-    rows: [usize; BATCH],
-    columns: [usize; BATCH],
-    pub(crate) row_values: [[f64; MAX_WIDTH]; BATCH],
-    pub(crate) column_values: [[f64; MAX_WIDTH]; BATCH],
-    /// Whether at least every second point's kernel lies over the same grid points as the one before.
-    dense: bool,
-}
-
-impl Batch {
-    pub(crate) fn new() -> Self {
-        Self {
-            rows: [0; BATCH],
-            columns: [0; BATCH],
-            row_values: [[0.0; MAX_WIDTH]; BATCH],
-            column_values: [[0.0; MAX_WIDTH]; BATCH],
-            dense: false,
-        }
-    }
-
-    /// Computes the kernel values of the points at `places`, at most [`BATCH`] of them.
-    pub(crate) fn fill(&mut self, layout: Layout, kernel: &Kernel, points: &Points, places: Range<usize>) {
-        self.fill_at(layout, kernel, &points.cells[places.clone()], &points.fractions[places]);
-    }
-
-    /// Computes the kernel values of points in these cells, at most [`BATCH`] of them, at these positions in them.
-    pub(crate) fn fill_at(&mut self, layout: Layout, kernel: &Kernel, cells: &[[u32; 2]], fractions: &[[f64; 2]]) {
-        let (mut row_arguments, mut column_arguments) = ([0.0; BATCH], [0.0; BATCH]);
-        let count = cells.len();
-        for (i, (&[row, column], &[row_fraction, column_fraction])) in cells.iter().zip(fractions).enumerate() {
-            let (first, argument) = kernel.place(row, row_fraction);
-            (self.rows[i], row_arguments[i]) = (first.wrapping_add_unsigned(layout.margin) as usize, argument);
-            let (first, argument) = kernel.place(column, column_fraction);
-            (self.columns[i], column_arguments[i]) = (first.wrapping_add_unsigned(MARGIN) as usize, argument);
-        }
-        kernel.values(&row_arguments[..count], &mut self.row_values[..count]);
-        kernel.values(&column_arguments[..count], &mut self.column_values[..count]);
-        self.dense = 2 * (1..count).filter(|&i| self.corner(i) == self.corner(i - 1)).count() >= count.max(1);
-    }
-
-    /// Row and column of the first grid value under a point's kernel.
-    #[inline(always)]
-    pub(crate) fn corner(&self, point: usize) -> [usize; 2] {
-        [self.rows[point], self.columns[point]]
-    }
-}
 
 /// Interpolates the batch's points from `grid`, whose first row is row `first_row`: (points, channels) row-major.
 pub(crate) fn interpolate_batch(
@@ -239,6 +186,52 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
             let Some(line) = lines.next().and_then(|line| line.first_chunk_mut::<W>()) else { break };
             for (value, column) in line.iter_mut().zip(columns) {
                 *value = fused::<FMA>(*weight, *column, *value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::MAX_WIDTH;
+
+    /// Points of three cells, in runs of one to several, against each point by itself.
+    #[test]
+    fn points_of_a_cell_are_as_points_by_themselves() {
+        for (width, channels) in [(4, 1), (7, 2), (8, 5), (11, 3), (12, 4), (14, 1), (16, 3)] {
+            let kernel = Kernel::new(width, 10, 64, 1e-12);
+            let layout = Layout::new(64, MAX_WIDTH, channels);
+            let cells: Vec<[u32; 2]> = [(1, [9, 20]), (6, [9, 21]), (9, [12, 3]), (2, [9, 20])]
+                .iter()
+                .flat_map(|&(n, cell)| vec![cell; n])
+                .collect();
+            let fraction = |i: usize, k: usize| (0.137 * ((i + 1) * (k + 3)) as f64).fract();
+            let fractions: Vec<[f64; 2]> = (0..cells.len()).map(|i| [fraction(i, 0), fraction(i, 1)]).collect();
+            let values: Vec<f64> = (0..cells.len() * channels).map(|i| (i as f64 * 0.7).sin()).collect();
+            let grid: Vec<f64> = (0..layout.len()).map(|i| (i as f64 * 0.3).cos()).collect();
+            let mut together = Batch::new();
+            together.fill_at(layout, &kernel, &cells, &fractions);
+            let (mut sums, mut found) = (vec![0.0; layout.len()], vec![0.0; values.len()]);
+            spread_cells(layout, &mut sums, 0, &kernel, &together, &values);
+            interpolate_cells(layout, &grid, 0, &kernel, &together, &mut found);
+            let (mut expected_sums, mut expected) = (vec![0.0; layout.len()], vec![0.0; values.len()]);
+            for i in 0..cells.len() {
+                let mut one = Batch::new();
+                one.fill_at(layout, &kernel, &cells[i..=i], &fractions[i..=i]);
+                let own = i * channels..(i + 1) * channels;
+                spread_batch(layout, &mut expected_sums, 0, &kernel, &one, &values[own.clone()]);
+                interpolate_batch(layout, &grid, 0, &kernel, &one, &mut expected[own]);
+            }
+            let largest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+            for (found, expected) in [(&sums, &expected_sums), (&found, &expected)] {
+                let off: Vec<f64> = found.iter().zip(expected).map(|(found, expected)| found - expected).collect();
+                let scale = largest(expected);
+                assert!(
+                    scale > 0.0 && largest(&off) < 1e-13 * scale,
+                    "{width} {channels}: {} of {scale}",
+                    largest(&off)
+                );
             }
         }
     }

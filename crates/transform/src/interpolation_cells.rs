@@ -9,8 +9,8 @@ use std::ops::Range;
 
 use multiversion::{multiversion, target::target_cfg_f};
 
+use crate::batch::Batch;
 use crate::grid::Layout;
-use crate::interpolation_batch::Batch;
 use crate::kernel::Kernel;
 use crate::lanes::{fused, load};
 
@@ -27,8 +27,7 @@ pub(crate) fn interpolate_cells(
     values: &mut [f64],
 ) {
     match kernel.padded {
-        4 | 8 => interpolate_cells_8(layout, grid, first_row, kernel.width, batch, values),
-        12 => interpolate_cells_12(layout, grid, first_row, kernel.width, batch, values),
+        ..=12 => interpolate_cells_12(layout, grid, first_row, kernel.width, batch, values),
         _ => interpolate_cells_16(layout, grid, first_row, kernel.width, batch, values),
     }
 }
@@ -43,13 +42,12 @@ pub(crate) fn spread_cells(
     values: &[f64],
 ) {
     match kernel.padded {
-        4 | 8 => spread_cells_8(layout, grid, first_row, kernel.width, batch, values),
-        12 => spread_cells_12(layout, grid, first_row, kernel.width, batch, values),
+        ..=12 => spread_cells_12(layout, grid, first_row, kernel.width, batch, values),
         _ => spread_cells_16(layout, grid, first_row, kernel.width, batch, values),
     }
 }
 
-/// Kernels for a padded width: sums of `$rows` by `$across` grid values fit the registers of AVX-512.
+/// Kernels for a padded width, which narrower ones use as well: sums of `$rows` by `$across` grid values fit the registers of AVX-512.
 macro_rules! kernels_for {
     ($interpolate:ident, $spread:ident, $lanes:literal, $rows:literal, $across:literal) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
@@ -96,7 +94,6 @@ macro_rules! kernels_for {
         }
     };
 }
-kernels_for!(interpolate_cells_8, spread_cells_8, 8, 8, 8);
 kernels_for!(interpolate_cells_12, spread_cells_12, 12, 12, 4);
 kernels_for!(interpolate_cells_16, spread_cells_16, 16, 16, 8);
 
@@ -210,51 +207,4 @@ fn sums<const R: usize, const L: usize, const FMA: bool>(
         point += 1;
     }
     sums
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::interpolation_batch::{interpolate_batch, spread_batch};
-    use crate::kernel::MAX_WIDTH;
-
-    /// Points of three cells, in runs of one to several, against each point by itself.
-    #[test]
-    fn points_of_a_cell_are_as_points_by_themselves() {
-        for (width, channels) in [(4, 1), (7, 2), (8, 5), (11, 3), (12, 4), (14, 1), (16, 3)] {
-            let kernel = Kernel::new(width, 10, 64, 1e-12);
-            let layout = Layout::new(64, MAX_WIDTH, channels);
-            let cells: Vec<[u32; 2]> = [(1, [9, 20]), (6, [9, 21]), (9, [12, 3]), (2, [9, 20])]
-                .iter()
-                .flat_map(|&(n, cell)| vec![cell; n])
-                .collect();
-            let fraction = |i: usize, k: usize| (0.137 * ((i + 1) * (k + 3)) as f64).fract();
-            let fractions: Vec<[f64; 2]> = (0..cells.len()).map(|i| [fraction(i, 0), fraction(i, 1)]).collect();
-            let values: Vec<f64> = (0..cells.len() * channels).map(|i| (i as f64 * 0.7).sin()).collect();
-            let grid: Vec<f64> = (0..layout.len()).map(|i| (i as f64 * 0.3).cos()).collect();
-            let mut together = Batch::new();
-            together.fill_at(layout, &kernel, &cells, &fractions);
-            let (mut sums, mut found) = (vec![0.0; layout.len()], vec![0.0; values.len()]);
-            spread_cells(layout, &mut sums, 0, &kernel, &together, &values);
-            interpolate_cells(layout, &grid, 0, &kernel, &together, &mut found);
-            let (mut expected_sums, mut expected) = (vec![0.0; layout.len()], vec![0.0; values.len()]);
-            for i in 0..cells.len() {
-                let mut one = Batch::new();
-                one.fill_at(layout, &kernel, &cells[i..=i], &fractions[i..=i]);
-                let own = i * channels..(i + 1) * channels;
-                spread_batch(layout, &mut expected_sums, 0, &kernel, &one, &values[own.clone()]);
-                interpolate_batch(layout, &grid, 0, &kernel, &one, &mut expected[own]);
-            }
-            let largest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-            for (found, expected) in [(&sums, &expected_sums), (&found, &expected)] {
-                let off: Vec<f64> = found.iter().zip(expected).map(|(found, expected)| found - expected).collect();
-                let scale = largest(expected);
-                assert!(
-                    scale > 0.0 && largest(&off) < 1e-13 * scale,
-                    "{width} {channels}: {} of {scale}",
-                    largest(&off)
-                );
-            }
-        }
-    }
 }

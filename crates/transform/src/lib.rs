@@ -33,7 +33,8 @@
 //! | `grid` | the layout of the oversampled grid and its margins |
 //! | `cells`, `points` | the cells of directions; directions sorted by them |
 //! | `kernel` | the interpolation kernel |
-//! | `interpolation`, `interpolation_batch` | grid to directions and back, and its inner loops |
+//! | `interpolation`, `interpolation_batch`, `interpolation_cells` | grid to directions and back, and its inner loops: direction by direction, cell by cell |
+//! | `batch` | the kernel values of some directions |
 //! | `workspace` | working memory of calls and threads |
 //! | `lanes` | short arrays in vector registers |
 //!
@@ -54,6 +55,7 @@
 //! ```
 
 pub mod accumulator;
+mod batch;
 mod cells;
 mod either;
 mod error;

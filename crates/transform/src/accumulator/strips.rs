@@ -7,8 +7,9 @@ use rayon::prelude::*;
 use crate::accumulator::blocks::Block;
 use crate::accumulator::griddings::Griddings;
 use crate::accumulator::occupied::Occupied;
+use crate::batch::{BATCH, Batch};
 use crate::grid::Layout;
-use crate::interpolation_batch::{BATCH, Batch, spread_batch};
+use crate::interpolation_batch::spread_batch;
 use crate::kernel::Kernel;
 use crate::points::CellSorter;
 

@@ -1,0 +1,60 @@
+//! Batches of points: the kernel values of some points and the places of these on the grid.
+
+use std::ops::Range;
+
+use crate::grid::{Layout, MARGIN};
+use crate::kernel::{Kernel, MAX_WIDTH};
+use crate::points::Points;
+
+/// Points whose kernel values are computed together.
+pub(crate) const BATCH: usize = 32;
+
+/// Kernel values of at most [`BATCH`] points, and the places of their first grid values.
+pub(crate) struct Batch {
+    pub(crate) rows: [usize; BATCH],
+    pub(crate) columns: [usize; BATCH],
+    pub(crate) row_values: [[f64; MAX_WIDTH]; BATCH],
+    pub(crate) column_values: [[f64; MAX_WIDTH]; BATCH],
+    /// Whether at least every second point's kernel lies over the same grid points as the one before.
+    pub(crate) dense: bool,
+}
+
+impl Batch {
+    pub(crate) fn new() -> Self {
+        Self {
+            rows: [0; BATCH],
+            columns: [0; BATCH],
+            row_values: [[0.0; MAX_WIDTH]; BATCH],
+            column_values: [[0.0; MAX_WIDTH]; BATCH],
+            dense: false,
+        }
+    }
+
+    /// Computes the kernel values of the points at `places`, at most [`BATCH`] of them.
+    pub(crate) fn fill(&mut self, layout: Layout, kernel: &Kernel, points: &Points, places: Range<usize>) {
+        self.fill_at(layout, kernel, &points.cells[places.clone()], &points.fractions[places]);
+    }
+
+    /// Computes the kernel values of points in these cells, at most [`BATCH`] of them, at these positions in them.
+    pub(crate) fn fill_at(&mut self, layout: Layout, kernel: &Kernel, cells: &[[u32; 2]], fractions: &[[f64; 2]]) {
+        let (mut row_arguments, mut column_arguments) = ([0.0; BATCH], [0.0; BATCH]);
+        let count = cells.len();
+        for (i, (&[row, column], &[row_fraction, column_fraction])) in cells.iter().zip(fractions).enumerate() {
+            let (first, argument) = kernel.place(row, row_fraction);
+            (self.rows[i], row_arguments[i]) = (first.wrapping_add_unsigned(layout.margin) as usize, argument);
+            let (first, argument) = kernel.place(column, column_fraction);
+            (self.columns[i], column_arguments[i]) = (first.wrapping_add_unsigned(MARGIN) as usize, argument);
+        }
+        kernel.values(&row_arguments[..count], &mut self.row_values[..count]);
+        kernel.values(&column_arguments[..count], &mut self.column_values[..count]);
+        // Narrow kernels read and write little.
+        self.dense = kernel.padded > 8
+            && 2 * (1..count).filter(|&i| self.corner(i) == self.corner(i - 1)).count() >= count.max(1);
+    }
+
+    /// Row and column of the first grid value under a point's kernel.
+    #[inline(always)]
+    pub(crate) fn corner(&self, point: usize) -> [usize; 2] {
+        [self.rows[point], self.columns[point]]
+    }
+}
