@@ -15,6 +15,7 @@ mod seam;
 mod shared;
 mod surface;
 mod surface_plan;
+mod surface_sums;
 
 pub use check::{check_mapping, check_memory};
 pub use from_moments::{MomentsFit, MomentsReport, fit_moments};

@@ -195,6 +195,21 @@ impl SphereSampling {
         });
     }
 
+    /// Returns the corners of each sample's triangle, and what each of them counts in what is linear there; for samples of
+    /// some of the triangles.
+    #[must_use]
+    pub fn corners(&self, triangles: Range<usize>) -> (Vec<[u32; 3]>, Vec<[f64; 3]>) {
+        let samples = self.samples(triangles.clone());
+        let (mut corners, mut shares) = (Vec::with_capacity(samples), Vec::with_capacity(samples));
+        for cut in &self.cuts[triangles] {
+            cut.for_each(|of_corners, _| {
+                corners.push(cut.corners);
+                shares.push(of_corners);
+            });
+        }
+        (corners, shares)
+    }
+
     /// Runs of triangles, each with its samples' rows of an array.
     fn parts<'a, T, D: Dimension>(
         &'a self,
@@ -249,7 +264,14 @@ mod tests {
                 let samples = sampling.at(&sphere.directions, run.clone()).unwrap();
                 weights.extend(samples.weights);
                 places.extend_from_slice(samples.directions.as_slice());
-                at.extend(sampling.interpolate(values.view(), run));
+                let (corners, shares) = sampling.corners(run.clone());
+                let found = sampling.interpolate(values.view(), run);
+                for ((corners, shares), found) in corners.iter().zip(&shares).zip(found.rows()) {
+                    let expected = (0..3).map(|k| shares[k] * values[[corners[k] as usize, 1]]).sum::<f64>();
+                    assert!((found[1] - expected).abs() < 1e-15);
+                }
+                assert_eq!((corners.len(), shares.len()), (found.nrows(), found.nrows()));
+                at.extend(found);
             }
             assert_eq!((weights, places), (all.weights.clone(), all.directions.as_slice().to_vec()));
             assert_eq!(at, at_all.iter().copied().collect::<Vec<_>>());

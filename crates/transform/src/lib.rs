@@ -24,6 +24,7 @@
 //! | [`moments`] | the normal operator of scattered weighted directions, from their moments |
 //! | [`gram`] | the Gram matrix of scattered weighted directions, from their moments |
 //! | [`accumulator`] | moments and right-hand sides of samples that come in chunks |
+//! | [`nodal`] | the same of samples that are linear in values at nodes, for many of these |
 //! | `either` | [`synthesis`]: direct sums or a transform, whichever is faster |
 //! | `gridding` | the choice of grid size and kernel width |
 //! | `legendre` | coefficients to rings and back |
@@ -70,6 +71,7 @@ mod kernel;
 mod lanes;
 mod legendre;
 pub mod moments;
+pub mod nodal;
 mod params;
 mod points;
 mod polar_rings;
@@ -84,5 +86,6 @@ pub use error::TransformError;
 pub use gram::MomentGram;
 pub use gridding::{COARSEST, FINEST};
 pub use moments::{MomentOperator, SampleSums};
+pub use nodal::{NodalSamples, NodalSums, NodalSumsBuilder};
 pub use params::TransformParams;
 pub use transform::{SortedWeights, Transform};

@@ -222,6 +222,22 @@ impl Transform {
         coefficients
     }
 
+    /// Adjoint synthesis of samples that `spread` adds to a grid: for a range of columns it writes the grid, in this layout and
+    /// with its margins, whatever that held before.
+    pub(crate) fn adjoint_of_grid(
+        &self,
+        channels: usize,
+        spread: impl Fn(Layout, Range<usize>, &mut [f64]),
+    ) -> Array2<f64> {
+        let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
+        self.grouped(channels, Uses::ADJOINT, |space, columns| {
+            let layout = self.layout(columns.len());
+            spread(layout, columns.clone(), &mut space.grids[1][..layout.len()]);
+            self.coefficients_of(layout, space, coefficients.slice_mut(ndarray::s![.., columns]));
+        });
+        coefficients
+    }
+
     /// The normal operator, `A^T diag(w) A x`: returns (K, c) for the coefficients `coefficients`, (K, c). Without
     /// weights, w = 1.
     ///

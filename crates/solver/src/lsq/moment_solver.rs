@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use ndarray::Array2;
+use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
 
@@ -87,12 +88,27 @@ pub fn solve_moments_of_groups(
 ) -> Result<Vec<MomentFit>, SolverError> {
     let make_gram = || Ok(Box::new(problem.gram()?) as Box<dyn GramMatrix>);
     let params = LsqParams { weights: None, areas: None, ..params.clone() };
-    let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params)?;
-    let mut fit = |group: &Range<usize>| {
+    let fit = |solver: &mut LsqSolver<'_>, group: &Range<usize>| {
         let own = problem.of_columns(group.clone());
         let (coefficients, _, report) = solver.solve(Given::Sums(&own), &[], monitor)?;
         let residual_squares = own.residual_squares(coefficients.values())?;
         Ok(MomentFit { coefficients, residual_squares, report, standard_errors: None })
     };
-    groups.iter().map(&mut fit).collect()
+    // A product of a group takes one thread. A factor takes all of them, and the memory for one.
+    let without_factor = |group: &Range<usize>| {
+        let refuse = || Err(SolverError::NoGram);
+        let mut solver = LsqSolver::of(Source::Moments(problem), Some(&refuse), params.clone())?;
+        match fit(&mut solver, group) {
+            Err(SolverError::NoGram) => Ok(None),
+            found => found.map(Some),
+        }
+    };
+    let found: Vec<Option<MomentFit>> =
+        groups.par_iter().with_max_len(1).map(without_factor).collect::<Result<_, SolverError>>()?;
+    let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params.clone())?;
+    let with_factor = |(group, found): (&Range<usize>, Option<MomentFit>)| match found {
+        Some(found) => Ok(found),
+        None => fit(&mut solver, group),
+    };
+    groups.iter().zip(found).map(with_factor).collect()
 }

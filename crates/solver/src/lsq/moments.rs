@@ -80,7 +80,14 @@ impl MomentProblem {
     #[must_use]
     pub fn of_columns(&self, columns: Range<usize>) -> Self {
         let right_sides = self.right_sides.slice(ndarray::s![.., columns.clone()]).to_owned();
-        Self { right_sides, squares: self.squares[columns].to_vec(), ..self.clone() }
+        Self {
+            right_sides,
+            squares: self.squares[columns].to_vec(),
+            moments: self.moments.clone(),
+            operator: self.operator.clone(),
+            weight: self.weight,
+            rows: self.rows,
+        }
     }
 
     /// Returns the number of samples with weight, n.

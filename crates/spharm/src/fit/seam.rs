@@ -30,7 +30,6 @@ const ONCE: f64 = 6.0;
 
 /// The vertices of a sphere's seams.
 pub(crate) struct SeamVertices {
-    /// Their numbers, ascending.
     vertices: Vec<usize>,
     /// What each counts where the surface counts one a steradian.
     lengths: Vec<f64>,
@@ -57,6 +56,11 @@ impl SeamVertices {
     pub(crate) fn weights(&self, density: f64, of_vertices: Option<&[f64]>) -> Vec<f64> {
         let times = |&vertex: &usize| of_vertices.map_or(1.0, |weights| weights[vertex]);
         self.lengths.iter().zip(&self.vertices).map(|(length, vertex)| density * length * times(vertex)).collect()
+    }
+
+    /// Their numbers, ascending.
+    pub(crate) fn vertices(&self) -> &[usize] {
+        &self.vertices
     }
 
     /// Their directions.

@@ -1,31 +1,28 @@
 //! The full least squares over whole surfaces: the integral over the sphere of the squared distance.
 //!
-//! A mesh over a sphere is linear on each triangle, and [`SphereSampling`] samples all of them as densely as the degree needs.
-//! The fit takes sums over these samples and nothing else ([`Accumulator`]): each run of triangles is sampled, added, and
-//! forgotten, so that memory depends on the degree and not on the mesh. Solid angles as weights make the normal matrix nearly
-//! a multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices; with a seam they are
+//! A mesh over a sphere is linear on each triangle, and all of them are sampled as densely as the degree needs. The fit takes
+//! sums over these samples and nothing else ([`SurfaceSums`]). Solid angles as weights make the normal matrix nearly a
+//! multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices; with a seam they are
 //! more, some 60 at L = 60.
 
-use std::f64::consts::PI;
 use std::ops::Range;
 use std::time::Instant;
 
-use ndarray::{Array2, ArrayView2, Axis, aview1, s};
+use ndarray::{Array2, ArrayView2, Axis, s};
 use spharm_harmonics::{Directions, basis_size};
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments, solve_moments_of_groups};
 use spharm_solver::{LsqParams, ResidualNorms};
 use spharm_surface::Sphere;
-use spharm_surface::samples::{SphereSamples, SphereSampling};
-use spharm_transform::{Accumulator, MomentGram, SampleSums, Transform};
+use spharm_transform::{MomentGram, Transform};
 
 use super::batches::{Apart, Batch, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{Sizes, transform};
-use super::seam::SeamVertices;
 use super::shared::{Within, converged, note_solution, strategy, together};
-use super::surface_plan::{RUN, SurfacePlan};
+use super::surface_plan::SurfacePlan;
+use super::surface_sums::SurfaceSums;
 use crate::assess::ModelSurface;
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
@@ -44,13 +41,16 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     };
     let most = (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1));
     let plan = SurfacePlan::new(sizes, job.memory, most)?;
-    let fitter = Fitter::new(job, &plan)?;
+    let mut sums = SurfaceSums::new(job)?;
+    let plan = sums.by_nodes(plan, most, count > 1, &Within(monitor))?;
+    let samples = sums.samples();
+    let fitter = Fitter::new(job, &plan, sums)?;
     let needed = plan.needed(plan.together).div_ceil(1 << 20);
     let text = format_args!(
         "{count} of n = {}, L = {}: least squares over {} samples of the surface, {} at a time, {needed} of {} MiB planned",
         sizes.vertices,
         sizes.max_degree,
-        fitter.sampling.samples(0..sizes.faces),
+        samples,
         plan.together,
         plan.budget >> 20,
     );
@@ -80,11 +80,7 @@ fn places(job: &Job<'_>) -> Result<Directions, Error> {
 struct Fitter<'a> {
     sphere: &'a Sphere,
     params: &'a FitParams,
-    /// What the vertices count, (n).
-    weights: Option<Vec<f64>>,
-    sampling: SphereSampling,
-    /// Where the surface was cut; not for denoising, as noise at the seam's vertices isn't to be fitted closely.
-    seam: Option<SeamVertices>,
+    sums: SurfaceSums<'a>,
     /// At the vertices, where msd and xsd are taken, and after them at the centres of some triangles.
     evaluation: Transform,
     model_surface: Option<ModelSurface>,
@@ -92,21 +88,17 @@ struct Fitter<'a> {
 }
 
 impl<'a> Fitter<'a> {
-    fn new(job: &Job<'a>, plan: &SurfacePlan) -> Result<Self, Error> {
+    fn new(job: &Job<'a>, plan: &SurfacePlan, sums: SurfaceSums<'a>) -> Result<Self, Error> {
         let (sphere, params) = (job.sphere, job.params);
         let max_degree = params.max_degree;
-        if sphere.faces.is_empty() {
-            return Err(Error::NeedsTriangles { what: "a fit of the surface", sphere: sphere.name().to_owned() });
-        }
-        let spare = plan.budget.saturating_sub(plan.needed(plan.together));
+        let held = plan.needed(plan.together) + sums.kept_bytes();
+        let spare = plan.budget.saturating_sub(held);
         let level =
             if params.surface_distance { ModelSurface::level(max_degree, sphere.faces.len(), spare) } else { None };
         Ok(Self {
             sphere,
             params,
-            weights: job.weights.clone(),
-            sampling: SphereSampling::for_degree(&sphere.directions, &sphere.faces, max_degree)?,
-            seam: SeamVertices::of(sphere, max_degree).filter(|_| !params.denoise),
+            sums,
             evaluation: Transform::new(&places(job)?, &transform(max_degree, plan.sizes.channels))?,
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
             solver: LsqParams {
@@ -118,7 +110,7 @@ impl<'a> Fitter<'a> {
                 tolerance: params.tolerance,
                 max_iterations: params.max_iterations,
                 memory: plan.budget,
-                held: plan.needed(plan.together),
+                held,
                 gram_bytes: MomentGram::bytes(max_degree),
                 threads: job.threads,
                 ..LsqParams::default()
@@ -239,68 +231,6 @@ impl<'a> Fitter<'a> {
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
         monitor: &dyn Monitor,
     ) -> Result<MomentProblem, Error> {
-        Ok(MomentProblem::new(&self.sums(targets, monitor)?, self.params.max_degree)?)
-    }
-
-    /// Scales the weights of the samples of some triangles so that each triangle counts one. Noise is that of the vertices:
-    /// many small triangles tell more of a place than a large one does.
-    fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
-        let mut rest = weights;
-        for triangle in triangles {
-            let (of_triangle, others) = rest.split_at_mut(self.sampling.samples(triangle..triangle + 1));
-            let sum: f64 = of_triangle.iter().sum();
-            if sum > 0.0 {
-                of_triangle.iter_mut().for_each(|weight| *weight /= sum);
-            }
-            rest = others;
-        }
-    }
-
-    /// Returns the sums of targets over samples of all triangles, and the seams' vertices. Weights are solid angles times what
-    /// the vertices count, scaled to the sum that the vertices' weights have: a penalty then means the same for a surface as
-    /// for its vertices.
-    fn sums(
-        &self,
-        targets: &[(Range<usize>, ArrayView2<'_, f64>)],
-        monitor: &dyn Monitor,
-    ) -> Result<SampleSums, Error> {
-        let columns = targets.last().map_or(0, |(group, _)| group.end);
-        let (mut sums, mut of_surface, mut of_seam) = (Accumulator::new(self.params.max_degree, columns)?, 0.0, 0.0);
-        for triangles in self.sampling.runs(RUN) {
-            monitor.check()?;
-            let SphereSamples { directions, mut weights } =
-                self.sampling.at(&self.sphere.directions, triangles.clone())?;
-            if self.params.denoise {
-                self.count_alike(triangles.clone(), &mut weights);
-            }
-            if let Some(of_vertices) = &self.weights {
-                let column = aview1(of_vertices).insert_axis(Axis(1));
-                let factors = self.sampling.interpolate(column, triangles.clone());
-                weights.iter_mut().zip(&factors).for_each(|(weight, factor)| *weight *= factor);
-            }
-            let mut values = Array2::zeros((weights.len(), columns));
-            for (group, target) in targets {
-                let columns = values.slice_mut(s![.., group.clone()]);
-                self.sampling.interpolate_to(target.view(), triangles.clone(), columns);
-            }
-            sums.add(directions.as_slice(), Some(&weights), values.view())?;
-            of_surface += weights.iter().sum::<f64>();
-        }
-        if let Some(seam) = &self.seam {
-            let weights = seam.weights(of_surface / (4.0 * PI), self.weights.as_deref());
-            let mut values = Array2::zeros((weights.len(), columns));
-            for (group, target) in targets {
-                values.slice_mut(s![.., group.clone()]).assign(&seam.rows_of(target.view()));
-            }
-            sums.add(&seam.directions(self.sphere), Some(&weights), values.view())?;
-            of_seam = weights.iter().sum();
-        }
-        let mut sums = sums.finish()?.sums;
-        let vertices = self.sphere.directions.len() as f64;
-        let total = self.weights.as_ref().map_or(vertices, |weights| weights.iter().sum());
-        let factor = total / (sums.weight - of_seam);
-        let all = sums.moments.iter_mut().chain(&mut sums.right_sides).chain(&mut sums.squares);
-        all.chain([&mut sums.weight]).for_each(|sum| *sum *= factor);
-        Ok(sums)
+        Ok(MomentProblem::new(&self.sums.of(targets, monitor)?, self.params.max_degree)?)
     }
 }

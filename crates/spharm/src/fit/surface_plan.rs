@@ -1,7 +1,7 @@
 //! The memory that fits of surfaces take.
 
 use spharm_harmonics::basis_size;
-use spharm_transform::{Accumulator, MomentOperator, Transform};
+use spharm_transform::{Accumulator, MomentOperator, NodalSums, Transform};
 
 use super::job::{held, reading};
 use super::lsq_plan::{Sizes, transform};
@@ -10,12 +10,17 @@ use crate::Error;
 /// Samples that are made and added at a time.
 pub(crate) const RUN: usize = 1 << 18;
 
+/// Samples that are made at a time where they are sorted by vertices.
+pub(crate) const NODAL_RUN: usize = 1 << 15;
+
 /// The memory that fits of surfaces take.
 pub(crate) struct SurfacePlan {
     pub(crate) sizes: Sizes,
     pub(crate) budget: usize,
     /// Surfaces that are fitted together.
     pub(crate) together: usize,
+    /// The number of samples, where these are sorted by vertices.
+    sorted: Option<usize>,
 }
 
 impl SurfacePlan {
@@ -25,21 +30,40 @@ impl SurfacePlan {
     ///
     /// [`Error::Memory`] where one doesn't fit the budget.
     pub(crate) fn new(sizes: Sizes, budget: usize, most: usize) -> Result<Self, Error> {
-        let mut plan = Self { sizes, budget, together: 1 };
+        let mut plan = Self { sizes, budget, together: 1, sorted: None };
         if plan.needed(1) > budget {
             return Err(Error::Memory { budget, needed: plan.needed(1) });
         }
-        plan.together = (1..=most).rev().find(|&together| plan.needed(together) <= budget).unwrap_or(1);
+        plan.together = plan.most_together(most);
         Ok(plan)
+    }
+
+    /// Plans the same with so many samples sorted by vertices; `None` where that doesn't fit the budget.
+    pub(crate) fn by_nodes(&self, samples: usize, most: usize) -> Option<Self> {
+        let mut plan = Self { sorted: Some(samples), together: 1, ..*self };
+        if plan.needed(1) > plan.budget {
+            return None;
+        }
+        plan.together = plan.most_together(most);
+        Some(plan)
+    }
+
+    fn most_together(&self, most: usize) -> usize {
+        (1..=most).rev().find(|&together| self.needed(together) <= self.budget).unwrap_or(1)
     }
 
     /// Bytes for so many surfaces together, which are read one at a time.
     pub(crate) fn needed(&self, together: usize) -> usize {
         let Sizes { vertices, faces, max_degree, channels, denoise } = self.sizes;
         let columns = together * channels;
-        // How each triangle is cut; places, directions, weights and values of a run's samples.
-        let sampling = 40 * faces + RUN * (64 + 8 * columns);
-        let sums = Accumulator::bytes(max_degree, columns);
+        // How each triangle is cut; places, directions, weights and values of a run's samples, or of all by vertices.
+        let (sampling, sums) = match self.sorted {
+            None => (40 * faces + RUN * (64 + 8 * columns), Accumulator::bytes(max_degree, columns)),
+            Some(samples) => (
+                40 * faces + NODAL_RUN.min(samples) * 128 + 8 * columns * vertices,
+                NodalSums::bytes(max_degree, vertices, faces, samples, columns),
+            ),
+        };
         // Moments and right-hand sides, twice; the vectors of conjugate gradients.
         let solving = 16 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
         let operator = MomentOperator::bytes(max_degree, columns, rayon::current_num_threads());

@@ -1,5 +1,6 @@
 //! Spreading blocks to both grids, strip by strip.
 
+use std::iter::repeat_with;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -28,7 +29,8 @@ pub(super) fn spread(
     for colour in 0..2 {
         let rows = |i: usize| heights[i] * layouts[i].row();
         let fine = fine[colour * rows(0)..].chunks_mut(2 * rows(0));
-        let coarse = coarse[colour * rows(1)..].chunks_mut(2 * rows(1));
+        // Without channels there is nothing to spread to it.
+        let coarse = coarse[colour * rows(1)..].chunks_mut((2 * rows(1)).max(1)).chain(repeat_with(Default::default));
         let mut tasks: Vec<_> = fine
             .zip(coarse)
             .enumerate()
@@ -100,6 +102,9 @@ impl Gathered {
             let (cells, fractions) = (&mut self.cells[at..end], &mut self.fractions[at..end]);
             batch.fill_at(layouts[0], &kernels[0], cells, fractions);
             spread_batch(layouts[0], fine, firsts[0], &kernels[0], &batch, &self.weights[at..end]);
+            if channels == 0 {
+                continue;
+            }
             for (cell, fraction) in cells.iter_mut().zip(fractions.iter_mut()) {
                 for (cell, fraction) in cell.iter_mut().zip(fraction) {
                     // In the cell of twice the size.

@@ -1,0 +1,304 @@
+//! What a fit of surfaces takes of them: sums over samples of all triangles, and over the vertices of seams.
+//!
+//! Where memory allows, samples are sorted by the vertices that they are linear in, once for all surfaces over a sphere
+//! ([`NodalSums`]); else each run of triangles is sampled, added and forgotten, for each batch of surfaces anew. Which of the two
+//! depends on the sphere, the degree and the budget, not on the surfaces or their number: a surface fitted alone
+//! and among others has the same model.
+
+use std::f64::consts::PI;
+use std::ops::Range;
+
+use ndarray::{Array2, ArrayView2, Axis, aview1, s};
+use rayon::prelude::*;
+use spharm_monitor::Monitor;
+use spharm_surface::Sphere;
+use spharm_surface::samples::{SphereSamples, SphereSampling};
+use spharm_transform::{Accumulator, NodalSamples, NodalSums, NodalSumsBuilder, SampleSums};
+
+use super::job::Job;
+use super::seam::SeamVertices;
+use super::surface_plan::{NODAL_RUN, RUN, SurfacePlan};
+use crate::{Error, FitParams};
+
+/// Vertices whose values are copied by a task.
+const ROWS: usize = 1024;
+
+/// Sums over the surfaces above one sphere.
+pub(crate) struct SurfaceSums<'a> {
+    sphere: &'a Sphere,
+    params: &'a FitParams,
+    /// What the vertices count, (n).
+    weights: Option<Vec<f64>>,
+    sampling: SphereSampling,
+    /// Where the surface was cut; not for denoising, as noise at the seam's vertices isn't to be fitted closely.
+    seam: Option<SeamVertices>,
+    nodal: Option<Nodal>,
+}
+
+/// Samples by vertices.
+struct Nodal {
+    sums: NodalSums,
+    /// What the seams' vertices count together.
+    of_seam: f64,
+    /// Bytes of patches that are kept.
+    kept: usize,
+}
+
+impl<'a> SurfaceSums<'a> {
+    pub(crate) fn new(job: &Job<'a>) -> Result<Self, Error> {
+        let (sphere, params) = (job.sphere, job.params);
+        if sphere.faces.is_empty() {
+            return Err(Error::NeedsTriangles { what: "a fit of the surface", sphere: sphere.name().to_owned() });
+        }
+        let max_degree = params.max_degree;
+        Ok(Self {
+            sphere,
+            params,
+            weights: job.weights.clone(),
+            sampling: SphereSampling::for_degree(&sphere.directions, &sphere.faces, max_degree)?,
+            seam: SeamVertices::of(sphere, max_degree).filter(|_| !params.denoise),
+            nodal: None,
+        })
+    }
+
+    /// Number of samples.
+    pub(crate) fn samples(&self) -> usize {
+        self.sampling.samples(0..self.sphere.faces.len())
+    }
+
+    /// Bytes that are held beside the plan's.
+    pub(crate) fn kept_bytes(&self) -> usize {
+        self.nodal.as_ref().map_or(0, |nodal| nodal.kept)
+    }
+
+    /// Sorts the samples by vertices where that fits the plan's budget and takes less time. Returns the plan for at most
+    /// so many surfaces together.
+    pub(crate) fn by_nodes(
+        &mut self,
+        plan: SurfacePlan,
+        most: usize,
+        several: bool,
+        monitor: &dyn Monitor,
+    ) -> Result<SurfacePlan, Error> {
+        let Some(with_nodes) = plan.by_nodes(self.samples(), most) else { return Ok(plan) };
+        let mut nodal = self.sorted(monitor)?;
+        // Long and thin triangles reach over much of the sphere.
+        if nodal.sums.cost_ratio() > 1.0 {
+            return Ok(plan);
+        }
+        let kept = nodal.sums.patch_bytes();
+        if several && with_nodes.needed(with_nodes.together) + kept <= with_nodes.budget {
+            nodal.sums.keep();
+            nodal.kept = kept;
+        }
+        self.nodal = Some(nodal);
+        Ok(with_nodes)
+    }
+
+    fn sorted(&self, monitor: &dyn Monitor) -> Result<Nodal, Error> {
+        let mut builder = NodalSumsBuilder::new(self.params.max_degree, self.sphere.directions.len(), self.samples())?;
+        let mut of_surface = 0.0;
+        for triangles in self.sampling.runs(NODAL_RUN) {
+            monitor.check()?;
+            let SphereSamples { directions, weights } = self.weighted(triangles.clone())?;
+            let (nodes, shares) = self.sampling.corners(triangles);
+            of_surface += weights.iter().sum::<f64>();
+            let directions = directions.as_slice();
+            builder.add(NodalSamples { directions, weights: &weights, nodes: &nodes, shares: &shares })?;
+        }
+        let mut of_seam = 0.0;
+        if let Some(seam) = &self.seam {
+            let weights = self.of_seam(seam, of_surface);
+            of_seam = weights.iter().sum();
+            let nodes: Vec<[u32; 3]> = seam.vertices().iter().map(|&vertex| [vertex as u32; 3]).collect();
+            let (directions, shares) = (seam.directions(self.sphere), vec![[1.0, 0.0, 0.0]; nodes.len()]);
+            builder.add(NodalSamples { directions: &directions, weights: &weights, nodes: &nodes, shares: &shares })?;
+        }
+        Ok(Nodal { sums: builder.finish()?, of_seam, kept: 0 })
+    }
+
+    /// The samples of some triangles, weighted by solid angles times what the vertices count.
+    fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
+        let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;
+        if self.params.denoise {
+            self.count_alike(triangles.clone(), &mut samples.weights);
+        }
+        if let Some(of_vertices) = &self.weights {
+            let column = aview1(of_vertices).insert_axis(Axis(1));
+            let factors = self.sampling.interpolate(column, triangles);
+            samples.weights.iter_mut().zip(&factors).for_each(|(weight, factor)| *weight *= factor);
+        }
+        Ok(samples)
+    }
+
+    /// What the seams' vertices count beside a surface that counts so much.
+    fn of_seam(&self, seam: &SeamVertices, of_surface: f64) -> Vec<f64> {
+        seam.weights(of_surface / (4.0 * PI), self.weights.as_deref())
+    }
+
+    /// Scales the weights of the samples of some triangles so that each triangle counts one. Noise is that of the vertices:
+    /// many small triangles tell more of a place than a large one does.
+    fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
+        let mut rest = weights;
+        for triangle in triangles {
+            let (of_triangle, others) = rest.split_at_mut(self.sampling.samples(triangle..triangle + 1));
+            let sum: f64 = of_triangle.iter().sum();
+            if sum > 0.0 {
+                of_triangle.iter_mut().for_each(|weight| *weight /= sum);
+            }
+            rest = others;
+        }
+    }
+
+    /// Returns the sums of targets, each with its columns of all. Weights are scaled to the sum that the vertices'
+    /// weights have: a penalty then means the same for a surface as for its vertices.
+    pub(crate) fn of(
+        &self,
+        targets: &[(Range<usize>, ArrayView2<'_, f64>)],
+        monitor: &dyn Monitor,
+    ) -> Result<SampleSums, Error> {
+        let (mut sums, of_seam) = match &self.nodal {
+            Some(nodal) => (nodal.sums.sums(side_by_side(targets).view())?, nodal.of_seam),
+            None => self.run_by_run(targets, monitor)?,
+        };
+        let vertices = self.sphere.directions.len() as f64;
+        let total = self.weights.as_ref().map_or(vertices, |weights| weights.iter().sum());
+        let factor = total / (sums.weight - of_seam);
+        let all = sums.moments.iter_mut().chain(&mut sums.right_sides).chain(&mut sums.squares);
+        all.chain([&mut sums.weight]).for_each(|sum| *sum *= factor);
+        Ok(sums)
+    }
+
+    /// The sums, and what the seams' vertices count in them.
+    fn run_by_run(
+        &self,
+        targets: &[(Range<usize>, ArrayView2<'_, f64>)],
+        monitor: &dyn Monitor,
+    ) -> Result<(SampleSums, f64), Error> {
+        let columns = columns(targets);
+        let (mut sums, mut of_surface, mut of_seam) = (Accumulator::new(self.params.max_degree, columns)?, 0.0, 0.0);
+        for triangles in self.sampling.runs(RUN) {
+            monitor.check()?;
+            let SphereSamples { directions, weights } = self.weighted(triangles.clone())?;
+            let mut values = Array2::zeros((weights.len(), columns));
+            for (group, target) in targets {
+                let columns = values.slice_mut(s![.., group.clone()]);
+                self.sampling.interpolate_to(target.view(), triangles.clone(), columns);
+            }
+            sums.add(directions.as_slice(), Some(&weights), values.view())?;
+            of_surface += weights.iter().sum::<f64>();
+        }
+        if let Some(seam) = &self.seam {
+            let weights = self.of_seam(seam, of_surface);
+            let mut values = Array2::zeros((weights.len(), columns));
+            for (group, target) in targets {
+                values.slice_mut(s![.., group.clone()]).assign(&seam.rows_of(target.view()));
+            }
+            sums.add(&seam.directions(self.sphere), Some(&weights), values.view())?;
+            of_seam = weights.iter().sum();
+        }
+        Ok((sums.finish()?.sums, of_seam))
+    }
+}
+
+fn columns(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> usize {
+    targets.last().map_or(0, |(group, _)| group.end)
+}
+
+/// The targets' columns, (n, columns).
+fn side_by_side(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> Array2<f64> {
+    let rows = targets.first().map_or(0, |(_, target)| target.nrows());
+    let mut all = Array2::zeros((rows, columns(targets)));
+    all.axis_chunks_iter_mut(Axis(0), ROWS).into_par_iter().enumerate().for_each(|(chunk, mut all)| {
+        let rows = chunk * ROWS..chunk * ROWS + all.nrows();
+        for (group, target) in targets {
+            all.slice_mut(s![.., group.clone()]).assign(&target.slice(s![rows.clone(), ..]));
+        }
+    });
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm_monitor::Silent;
+    use spharm_surface::{Mesh, Seam};
+
+    use super::super::lsq_plan::Sizes;
+    use super::*;
+    use crate::Weights;
+
+    fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
+        values.into_iter().fold(0.0, |a: f64, b| a.max(b.abs()))
+    }
+
+    #[test]
+    fn sums_by_vertices_are_those_by_samples() {
+        let mut sphere = Sphere::icosphere(3);
+        let n = sphere.directions.len();
+        let values = |c: usize| Array2::from_shape_fn((n, c), |(v, k)| ((v * (k + 3 * c)) as f64 * 0.13).sin());
+        let weights = (0..n).map(|v| (v % 5) as f64).collect();
+        let weighted = FitParams {
+            max_degree: 17,
+            weights: Weights::Values { name: "some".into(), values: weights },
+            ..FitParams::default()
+        };
+        let denoised = FitParams { denoise: true, ..weighted.clone() };
+        for (seam, params) in
+            [(false, &FitParams { max_degree: 9, ..FitParams::default() }), (true, &weighted), (true, &denoised)]
+        {
+            sphere.seam = seam.then(|| Seam { vertices: n, faces: sphere.faces.len() - 40, copies: Vec::new() });
+            let job = Job::new(&sphere, params, &Silent).unwrap();
+            let mut sums = SurfaceSums::new(&job).unwrap();
+            let (a, b) = (values(3), values(1));
+            let targets = [(0..3, a.view()), (3..4, b.view())];
+            let by_samples = sums.of(&targets, &Silent).unwrap();
+            sums.nodal = Some(sums.sorted(&Silent).unwrap());
+            let by_vertices = sums.of(&targets, &Silent).unwrap();
+            let scale = largest(&by_samples.moments);
+            let off = &by_samples.right_sides - &by_vertices.right_sides;
+            assert!(largest(&off) < 1e-12 * scale, "{:e} of {scale}", largest(&off));
+            for (a, b) in by_samples.moments.iter().zip(&by_vertices.moments) {
+                assert!((a - b).abs() < 1e-12 * scale, "{a} {b}");
+            }
+            for (a, b) in by_samples.squares.iter().zip(&by_vertices.squares) {
+                assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+            }
+            assert!((by_samples.weight / by_vertices.weight - 1.0).abs() < 1e-13);
+            assert_eq!(by_samples.count, by_vertices.count);
+        }
+    }
+
+    /// Samples are sorted by vertices where there is room, and patches kept where they serve several surfaces; not where
+    /// triangles reach over the whole sphere.
+    #[test]
+    fn vertices_are_chosen_by_memory_and_shape() {
+        let params = FitParams { max_degree: 20, ..FitParams::default() };
+        let chosen = |sphere: &Sphere, budget: usize, several: bool| {
+            let job = Job::new(sphere, &params, &Silent).unwrap();
+            let mut sums = SurfaceSums::new(&job).unwrap();
+            let sizes = Sizes {
+                vertices: sphere.directions.len(),
+                faces: sphere.faces.len(),
+                max_degree: 20,
+                channels: 3,
+                denoise: false,
+            };
+            let plan = sums.by_nodes(SurfacePlan::new(sizes, budget, 32).unwrap(), 32, several, &Silent).unwrap();
+            assert!(plan.needed(plan.together) + sums.kept_bytes() <= budget);
+            (sums.nodal.is_some(), sums.kept_bytes() > 0)
+        };
+        let even = Sphere::icosphere(4);
+        assert_eq!(chosen(&even, 1 << 30, true), (true, true));
+        assert_eq!(chosen(&even, 1 << 30, false), (true, false));
+        // A pole with 20,000 triangles that reach to the equator, and another one.
+        let ring = 20_000_u32;
+        let around = (0..ring).map(|i| {
+            let phi = std::f64::consts::TAU * f64::from(i) / f64::from(ring);
+            [phi.cos(), phi.sin(), 0.0]
+        });
+        let vertices: Vec<[f64; 3]> = around.chain([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]).collect();
+        let faces = (0..ring).flat_map(|i| [[i, (i + 1) % ring, ring], [(i + 1) % ring, i, ring + 1]]).collect();
+        let fan = Sphere::from_mesh(&Mesh::new(vertices, faces)).unwrap();
+        assert_eq!(chosen(&fan, 1 << 30, true), (false, false));
+    }
+}
