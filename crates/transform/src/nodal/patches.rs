@@ -12,7 +12,7 @@ use crate::cells::place;
 use crate::grid::{Layout, MARGIN};
 use crate::gridding::Gridding;
 use crate::kernel::{Kernel, MAX_WIDTH};
-use crate::lanes::fused;
+use crate::lanes::{fused, load};
 
 /// Directions that are placed by a task.
 const RUN: usize = 4096;
@@ -237,7 +237,7 @@ impl Incidence {
             rows = [rows[0].min(row), rows[1].max(row)];
             // The shorter way around from the first one.
             let away = column - *origin.get_or_insert(column);
-            let away = (away + around / 2).rem_euclid(around) - around / 2;
+            let away = within(away + around / 2, around) - around / 2;
             columns = [columns[0].min(away), columns[1].max(away)];
         });
         let Some(origin) = origin else { return Extent { row: 0, rows: 0, column: 0, pieces: 0 } };
@@ -257,7 +257,7 @@ impl Incidence {
         out.tiles.clear();
         out.nodes.clear();
         out.values.clear();
-        let mut making = Making { batch: Batch::new(), lines: [[0.0; LINE]; Self::ROWS] };
+        let mut kernels = Kernels::new();
         for pieces in pieces.chunk_by(|a, b| a.column == b.column) {
             let rows = |piece: &Piece| self.extents[piece.node as usize].rows_of(strip);
             let mut first = [0; Self::ROWS + 1];
@@ -271,39 +271,44 @@ impl Incidence {
             let mut next = first;
             for piece in pieces {
                 let rows = rows(piece);
-                self.add_kernels(*piece, strip * Self::ROWS + rows.start, rows.len(), &mut making);
-                for (row, line) in rows.zip(&making.lines) {
-                    let at = next[row] as usize;
-                    next[row] += 1;
-                    out.nodes[at] = piece.node;
-                    out.values[at].copy_from_slice(&line[..COLUMNS]);
-                }
+                let places = &mut next[rows.clone()];
+                places.iter().for_each(|&at| out.nodes[at as usize] = piece.node);
+                self.add_kernels(*piece, strip, rows.start, places, &mut kernels, &mut out.values);
+                places.iter_mut().for_each(|at| *at += 1);
             }
             out.tiles.push(Tile { column: pieces[0].column as usize * STEP + MARGIN, first });
         }
     }
 
-    /// Adds up the kernels of a node's samples on so many rows of a piece, from row `first_row` of the grid on.
-    fn add_kernels(&self, piece: Piece, first_row: usize, rows: usize, making: &mut Making) {
+    /// Adds the kernels of a node's samples to the rows of a piece: from row `first_row` of a strip on, which are at `places`
+    /// among the values.
+    fn add_kernels(
+        &self,
+        piece: Piece,
+        strip: usize,
+        first_row: usize,
+        places: &[u32],
+        kernels: &mut Kernels,
+        values: &mut [[f64; COLUMNS]],
+    ) {
         let (layout, node) = (self.layout(1), piece.node as usize);
         let (around, width) = (self.gridding.grid as isize, self.kernel.width as isize);
         let first_column = self.extents[node].column as isize;
         let first_of_piece = (COLUMNS * piece.part as usize) as isize;
         let (mut cells, mut fractions) = ([[0; 2]; BATCH], [[0.0; 2]; BATCH]);
         let (mut corners, mut counts, mut found) = ([[0; 2]; BATCH], [0.0; BATCH], 0);
-        let Making { batch, lines } = making;
-        let lines = &mut lines[..rows];
-        lines.iter_mut().for_each(|line| line.fill(0.0));
         let mut add = |cells: &[[u32; 2]], fractions: &[[f64; 2]], corners: &[[isize; 2]], counts: &[f64]| {
-            batch.fill_at(layout, &self.kernel, cells, fractions);
-            add_kernels(self.kernel.width, batch, corners, counts, lines);
+            kernels.batch.fill_at(layout, &self.kernel, cells, fractions);
+            kernels.shift(corners, counts);
+            add_kernels(kernels, corners.len(), first_row, places, values);
         };
         self.each_sample(node, |sample, share| {
             let [row, column] = self.corner(sample, layout.margin);
-            let along = (column - first_column).rem_euclid(around) - first_of_piece;
-            let down = row - first_row as isize;
+            let along = within(column - first_column, around) - first_of_piece;
+            let down = row - (strip * Self::ROWS) as isize;
             // Kernels beside the piece.
-            if along <= -width || along >= COLUMNS as isize || down <= -width || down >= rows as isize {
+            let beside = |from: isize, end: usize| from <= -width || from >= end as isize;
+            if beside(along, COLUMNS) || beside(down, Self::ROWS) {
                 return;
             }
             (cells[found], fractions[found]) = (self.cells[sample], self.fractions[sample]);
@@ -318,47 +323,91 @@ impl Incidence {
     }
 }
 
-/// Values of a row of a piece while it is made: kernels reach beyond its end.
-const LINE: usize = COLUMNS + MAX_WIDTH;
+/// A column from 0 to `around` that is the same on the sphere, of one that is less than twice as many away.
+fn within(mut column: isize, around: isize) -> isize {
+    while column < 0 {
+        column += around;
+    }
+    while column >= around {
+        column -= around;
+    }
+    column
+}
 
-/// A piece while it is made.
-struct Making {
+/// Kernels of some samples over the rows of a strip and the columns of a piece, with room for what reaches beyond.
+struct Kernels {
     batch: Batch,
-    lines: [[f64; LINE]; Incidence::ROWS],
+    /// Times what the samples count.
+    rows: [[f64; MAX_WIDTH + Incidence::ROWS + MAX_WIDTH]; BATCH],
+    columns: [[f64; MAX_WIDTH + COLUMNS + MAX_WIDTH]; BATCH],
 }
 
-/// Adds kernels times what their samples count at `corners`, of rows and columns that the piece has.
+impl Kernels {
+    fn new() -> Self {
+        Self {
+            batch: Batch::new(),
+            rows: [[0.0; MAX_WIDTH + Incidence::ROWS + MAX_WIDTH]; BATCH],
+            columns: [[0.0; MAX_WIDTH + COLUMNS + MAX_WIDTH]; BATCH],
+        }
+    }
+
+    /// Puts the batch's kernels where their samples are, at row and column `corners` of the piece.
+    fn shift(&mut self, corners: &[[isize; 2]], counts: &[f64]) {
+        for (i, (&[down, along], count)) in corners.iter().zip(counts).enumerate() {
+            let at = |from: isize| MAX_WIDTH.saturating_add_signed(from);
+            self.rows[i] = [0.0; MAX_WIDTH + Incidence::ROWS + MAX_WIDTH];
+            self.columns[i] = [0.0; MAX_WIDTH + COLUMNS + MAX_WIDTH];
+            if let Some(rows) = self.rows[i][at(down)..].first_chunk_mut::<MAX_WIDTH>() {
+                *rows = self.batch.row_values[i].map(|value| count * value);
+            }
+            if let Some(columns) = self.columns[i][at(along)..].first_chunk_mut::<MAX_WIDTH>() {
+                *columns = self.batch.column_values[i];
+            }
+        }
+    }
+}
+
+/// Adds so many kernels to the rows of a piece, from row `first_row` of the strip on, which are at `places` among the values.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-fn add_kernels(width: usize, batch: &Batch, corners: &[[isize; 2]], counts: &[f64], lines: &mut [[f64; LINE]]) {
-    for (i, (count, corner)) in counts.iter().zip(corners).enumerate() {
-        let values = (&batch.row_values[i][..width], &batch.column_values[i]);
-        if target_cfg_f!(target_feature = "fma") {
-            add_kernel::<true>(values, *corner, *count, lines);
-        } else {
-            add_kernel::<false>(values, *corner, *count, lines);
-        }
+fn add_kernels(kernels: &Kernels, count: usize, first_row: usize, places: &[u32], values: &mut [[f64; COLUMNS]]) {
+    let mut done = 0;
+    while done < places.len() {
+        let (row, places) = (first_row + done, &places[done..]);
+        let fma = target_cfg_f!(target_feature = "fma");
+        // As many sums as there are registers.
+        done += match (target_cfg_f!(target_feature = "avx512f"), fma, places.len()) {
+            (true, _, 8..) => add_to_rows::<8, true>(kernels, count, row, places, values),
+            (_, true, 2..) => add_to_rows::<2, true>(kernels, count, row, places, values),
+            (_, true, _) => add_to_rows::<1, true>(kernels, count, row, places, values),
+            _ => add_to_rows::<1, false>(kernels, count, row, places, values),
+        };
     }
 }
 
+/// Adds kernels to R rows. Returns R.
 #[inline(always)]
-fn add_kernel<const FMA: bool>(
-    (row_values, column_values): (&[f64], &[f64; MAX_WIDTH]),
-    [row, column]: [isize; 2],
-    count: f64,
-    lines: &mut [[f64; LINE]],
-) {
-    // A kernel that begins before the piece has its end there.
-    let mut columns = *column_values;
-    if column < 0 {
-        columns.rotate_left(column.unsigned_abs());
-        columns[MAX_WIDTH.saturating_add_signed(column)..].fill(0.0);
+fn add_to_rows<const R: usize, const FMA: bool>(
+    kernels: &Kernels,
+    count: usize,
+    row: usize,
+    places: &[u32],
+    values: &mut [[f64; COLUMNS]],
+) -> usize {
+    let mut sums = [[0.0; COLUMNS]; R];
+    for (sums, &place) in sums.iter_mut().zip(places) {
+        *sums = values[place as usize];
     }
-    let above = row.min(0).unsigned_abs();
-    for (line, row_value) in lines.iter_mut().skip(row.max(0) as usize).zip(row_values.iter().skip(above)) {
-        let factor = count * row_value;
-        let Some(line) = line[column.max(0) as usize..].first_chunk_mut::<MAX_WIDTH>() else { break };
-        for (sum, value) in line.iter_mut().zip(&columns) {
-            *sum = fused::<FMA>(factor, *value, *sum);
+    for (rows, columns) in kernels.rows[..count].iter().zip(&kernels.columns) {
+        let rows: [f64; R] = load(rows, MAX_WIDTH + row);
+        let columns: [f64; COLUMNS] = load(columns, MAX_WIDTH);
+        for (sums, row) in sums.iter_mut().zip(rows) {
+            for (sum, column) in sums.iter_mut().zip(&columns) {
+                *sum = fused::<FMA>(row, *column, *sum);
+            }
         }
     }
+    for (sums, &place) in sums.iter().zip(places) {
+        values[place as usize] = *sums;
+    }
+    R
 }
