@@ -20,7 +20,10 @@
 //! kernel. Patches have `3 w^2` products for each sample. Memory: 48 bytes a sample and 120 a triangle, 8 bytes for each value
 //! of a patch that is kept, and a grid.
 
+mod incidence;
+mod kernels;
 mod patches;
+mod samples;
 mod spread;
 
 use std::ops::Range;
@@ -28,7 +31,9 @@ use std::ops::Range;
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 
-use self::patches::{Element, Incidence, Patches};
+use self::incidence::{Element, Incidence};
+use self::patches::{Patches, ROWS};
+pub use self::samples::NodalSamples;
 use self::spread::add_patches;
 use crate::grid::Layout;
 use crate::gridding::Gridding;
@@ -43,19 +48,6 @@ const CHANNELS: usize = 32;
 
 /// Elements whose squares are summed at a time.
 const ELEMENTS: usize = 4096;
-
-/// Samples and the nodes that they are linear in.
-#[derive(Debug, Clone, Copy)]
-pub struct NodalSamples<'a> {
-    /// Unit vectors, (n, 3).
-    pub directions: &'a [[f64; 3]],
-    /// Weights, (n), finite and at least 0.
-    pub weights: &'a [f64],
-    /// The nodes of each sample's triangle, (n, 3).
-    pub nodes: &'a [[u32; 3]],
-    /// What the value of each of these counts, (n, 3).
-    pub shares: &'a [[f64; 3]],
-}
 
 /// Collects the samples of a [`NodalSums`].
 #[derive(Debug)]
@@ -184,7 +176,7 @@ impl NodalSums {
 
     /// Writes the grid of the patches of all nodes times some of their values, the layout's channels from channel `first` on.
     fn spread(&self, layout: Layout, first: usize, values: &[f64], channels: usize, grid: &mut [f64]) {
-        let strips = grid.par_chunks_mut(Incidence::ROWS * layout.row()).enumerate().with_max_len(1);
+        let strips = grid.par_chunks_mut(ROWS * layout.row()).enumerate().with_max_len(1);
         strips.for_each_init(Patches::default, |scratch, (strip, grid)| {
             grid.fill(0.0);
             if let Some(kept) = &self.kept {

@@ -1,0 +1,310 @@
+//! Which samples are a node's, where on the grid their kernels lie, and the sums of these.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::kernels::{Kernels, add_kernels};
+use super::patches::{COLUMNS, Patches, ROWS, Tile};
+use super::samples::NodalSamples;
+use crate::FINEST;
+use crate::batch::BATCH;
+use crate::cells::place;
+use crate::grid::{Layout, MARGIN};
+use crate::gridding::Gridding;
+use crate::kernel::Kernel;
+
+/// Directions that are placed by a task.
+const RUN: usize = 4096;
+
+/// Where pieces begin: at every eighth column, which is a multiple of the size of the grid and of its margin.
+const STEP: usize = 8;
+
+/// A part of a node's patch: columns from `COLUMNS * part` on, of one strip's rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Piece {
+    /// First column, in steps, without margin.
+    column: u32,
+    node: u32,
+    part: u32,
+}
+
+/// The grid points under a node's kernels.
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    /// First row, margin included.
+    row: u32,
+    rows: u32,
+    /// First column, a multiple of [`STEP`] from 0 to the grid's size.
+    column: u32,
+    /// Number of pieces; they may go around the sphere.
+    pieces: u32,
+}
+
+impl Extent {
+    /// Its rows on a strip, counted from that strip's first one.
+    fn rows_of(&self, strip: usize) -> Range<usize> {
+        let first = strip * ROWS;
+        let (start, end) = (self.row as usize, (self.row + self.rows) as usize);
+        start.saturating_sub(first)..end.min(first + ROWS).saturating_sub(first)
+    }
+}
+
+/// A triangle with samples.
+#[derive(Debug)]
+pub(super) struct Element {
+    pub(super) nodes: [u32; 3],
+    /// `sum_i w_i lambda_ij lambda_ik` for its corners, by rows of the lower half.
+    pub(super) products: [f64; 6],
+    /// Its first sample; the last one is that before the next element's.
+    first: usize,
+}
+
+/// Samples on the grid, and those of each node.
+#[derive(Debug)]
+pub(super) struct Incidence {
+    gridding: Gridding,
+    kernel: Kernel,
+    /// Row and column of each sample's cell, and its position in it.
+    cells: Vec<[u32; 2]>,
+    fractions: Vec<[f64; 2]>,
+    /// What each corner of a sample's triangle counts, times the weight.
+    shares: Vec<[f64; 3]>,
+    elements: Vec<Element>,
+    /// Where the triangles of each node begin in the list that follows.
+    first: Vec<usize>,
+    /// Triangles, and which of their corners the node is.
+    elements_of: Vec<(u32, u32)>,
+    extents: Vec<Extent>,
+    /// The pieces on each strip of the grid, from west to east.
+    strips: Vec<Vec<Piece>>,
+}
+
+impl Incidence {
+    pub(super) fn new(gridding: Gridding, max_degree: usize, samples: usize) -> Self {
+        Self {
+            gridding,
+            kernel: Kernel::new(gridding.width, max_degree, gridding.grid, FINEST),
+            cells: Vec::with_capacity(samples),
+            fractions: Vec::with_capacity(samples),
+            shares: Vec::with_capacity(samples),
+            elements: Vec::new(),
+            first: Vec::new(),
+            elements_of: Vec::new(),
+            extents: Vec::new(),
+            strips: Vec::new(),
+        }
+    }
+
+    pub(super) fn elements(&self) -> &[Element] {
+        &self.elements
+    }
+
+    pub(super) fn layout(&self, channels: usize) -> Layout {
+        Layout::new(self.gridding.grid, self.gridding.reach, channels)
+    }
+
+    pub(super) fn gridding(&self) -> Gridding {
+        self.gridding
+    }
+
+    /// Values of all patches.
+    pub(super) fn patch_values(&self) -> usize {
+        self.extents.iter().map(|extent| extent.rows as usize * extent.pieces as usize * COLUMNS).sum()
+    }
+
+    /// Products of all samples' kernels.
+    pub(super) fn kernel_values(&self) -> usize {
+        self.cells.len() * self.kernel.width * self.kernel.padded
+    }
+
+    pub(super) fn strips(&self) -> usize {
+        let layout = self.layout(1);
+        (layout.core_rows() + 2 * layout.margin).div_ceil(ROWS)
+    }
+
+    /// The pieces on a strip.
+    pub(super) fn pieces(&self, strip: usize) -> &[Piece] {
+        self.strips.get(strip).map_or(&[], Vec::as_slice)
+    }
+
+    /// Adds samples; those without weight are left out.
+    pub(super) fn add(&mut self, NodalSamples { directions, weights, nodes, shares }: NodalSamples<'_>) {
+        const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
+        let mut places = vec![([0; 2], [0.0; 2]); directions.len()];
+        places.par_chunks_mut(RUN).zip(directions.par_chunks(RUN)).for_each(|(places, directions)| {
+            place(directions, self.gridding.grid, places);
+        });
+        let samples = places.into_iter().zip(weights).zip(nodes.iter().zip(shares));
+        for (((cell, fraction), &weight), (&nodes, &shares)) in samples {
+            if weight == 0.0 {
+                continue;
+            }
+            if self.elements.last().is_none_or(|last| last.nodes != nodes) {
+                self.elements.push(Element { nodes, products: [0.0; 6], first: self.cells.len() });
+            }
+            let weighted = shares.map(|share| weight * share);
+            self.cells.push(cell);
+            self.fractions.push(fraction);
+            self.shares.push(weighted);
+            if let Some(Element { products, .. }) = self.elements.last_mut() {
+                for (product, (j, k)) in products.iter_mut().zip(PAIRS) {
+                    *product += weighted[j] * shares[k];
+                }
+            }
+        }
+    }
+
+    /// Sorts the triangles by their nodes, of which there are so many.
+    pub(super) fn sort(&mut self, nodes: usize) {
+        self.first = vec![0; nodes + 1];
+        for &node in self.elements.iter().flat_map(|element| &element.nodes) {
+            self.first[node as usize + 1] += 1;
+        }
+        for node in 0..nodes {
+            self.first[node + 1] += self.first[node];
+        }
+        let mut next = self.first.clone();
+        self.elements_of = vec![(0, 0); 3 * self.elements.len()];
+        for (number, element) in (0..).zip(&self.elements) {
+            for (corner, &node) in (0..).zip(&element.nodes) {
+                let at = &mut next[node as usize];
+                self.elements_of[*at] = (number, corner);
+                *at += 1;
+            }
+        }
+        self.extents = (0..nodes).into_par_iter().with_min_len(256).map(|node| self.extent(node)).collect();
+        self.strips = vec![Vec::new(); self.strips()];
+        for (node, extent) in (0..).zip(&self.extents).filter(|(_, extent)| extent.rows > 0) {
+            let rows = extent.row as usize..(extent.row + extent.rows) as usize;
+            let strips = rows.start / ROWS..rows.end.div_ceil(ROWS);
+            for part in 0..extent.pieces {
+                let column = (extent.column as usize + COLUMNS * part as usize) % self.gridding.grid / STEP;
+                let piece = Piece { column: column as u32, node, part };
+                self.strips[strips.clone()].iter_mut().for_each(|pieces| pieces.push(piece));
+            }
+        }
+        self.strips.par_iter_mut().for_each(|pieces| pieces.sort_unstable());
+    }
+
+    /// Calls `found` for each of a node's samples with what the node counts in it.
+    #[inline]
+    fn each_sample(&self, node: usize, mut found: impl FnMut(usize, f64)) {
+        for &(element, corner) in &self.elements_of[self.first[node]..self.first[node + 1]] {
+            let next = self.elements.get(element as usize + 1).map_or(self.cells.len(), |next| next.first);
+            for sample in self.elements[element as usize].first..next {
+                found(sample, self.shares[sample][corner as usize]);
+            }
+        }
+    }
+
+    /// Row, with a margin of so many, and column of the first grid point under a sample's kernel.
+    fn corner(&self, sample: usize, margin: usize) -> [isize; 2] {
+        let ([row, column], [across, along]) = (self.cells[sample], self.fractions[sample]);
+        [self.kernel.place(row, across).0 + margin as isize, self.kernel.place(column, along).0]
+    }
+
+    fn extent(&self, node: usize) -> Extent {
+        let (around, margin) = (self.gridding.grid as isize, self.layout(1).margin);
+        let (mut rows, mut columns, mut origin) = ([isize::MAX, isize::MIN], [0, 0], None);
+        self.each_sample(node, |sample, _| {
+            let [row, column] = self.corner(sample, margin);
+            rows = [rows[0].min(row), rows[1].max(row)];
+            // The shorter way around from the first one.
+            let away = column - *origin.get_or_insert(column);
+            let away = within(away + around / 2, around) - around / 2;
+            columns = [columns[0].min(away), columns[1].max(away)];
+        });
+        let Some(origin) = origin else { return Extent { row: 0, rows: 0, column: 0, pieces: 0 } };
+        let first = (origin + columns[0]).rem_euclid(around) as usize;
+        let column = first / STEP * STEP;
+        let width = first - column + (columns[1] - columns[0]) as usize + self.kernel.width;
+        Extent {
+            row: rows[0] as u32,
+            rows: (rows[1] - rows[0]) as u32 + self.kernel.width as u32,
+            column: column as u32,
+            pieces: width.div_ceil(COLUMNS) as u32,
+        }
+    }
+
+    /// Makes some of the pieces on a strip.
+    pub(super) fn patches(&self, strip: usize, pieces: &[Piece], out: &mut Patches) {
+        out.tiles.clear();
+        out.nodes.clear();
+        out.values.clear();
+        let mut kernels = Kernels::new();
+        for pieces in pieces.chunk_by(|a, b| a.column == b.column) {
+            let rows = |piece: &Piece| self.extents[piece.node as usize].rows_of(strip);
+            let mut first = [0; ROWS + 1];
+            pieces.iter().flat_map(rows).for_each(|row| first[row + 1] += 1);
+            first[0] = out.nodes.len() as u32;
+            for row in 0..ROWS {
+                first[row + 1] += first[row];
+            }
+            out.nodes.resize(first[ROWS] as usize, 0);
+            out.values.resize(first[ROWS] as usize, [0.0; COLUMNS]);
+            let mut next = first;
+            for piece in pieces {
+                let rows = rows(piece);
+                let places = &mut next[rows.clone()];
+                places.iter().for_each(|&at| out.nodes[at as usize] = piece.node);
+                self.add_kernels(*piece, strip, rows.start, places, &mut kernels, &mut out.values);
+                places.iter_mut().for_each(|at| *at += 1);
+            }
+            out.tiles.push(Tile { column: pieces[0].column as usize * STEP + MARGIN, first });
+        }
+    }
+
+    /// Adds the kernels of a node's samples to the rows of a piece: from row `first_row` of a strip on, which are at `places`
+    /// among the values.
+    fn add_kernels(
+        &self,
+        piece: Piece,
+        strip: usize,
+        first_row: usize,
+        places: &[u32],
+        kernels: &mut Kernels,
+        values: &mut [[f64; COLUMNS]],
+    ) {
+        let (layout, node) = (self.layout(1), piece.node as usize);
+        let (around, width) = (self.gridding.grid as isize, self.kernel.width as isize);
+        let first_column = self.extents[node].column as isize;
+        let first_of_piece = (COLUMNS * piece.part as usize) as isize;
+        let (mut cells, mut fractions) = ([[0; 2]; BATCH], [[0.0; 2]; BATCH]);
+        let (mut corners, mut counts, mut found) = ([[0; 2]; BATCH], [0.0; BATCH], 0);
+        let mut add = |cells: &[[u32; 2]], fractions: &[[f64; 2]], corners: &[[isize; 2]], counts: &[f64]| {
+            kernels.batch.fill_at(layout, &self.kernel, cells, fractions);
+            kernels.shift(corners, counts);
+            add_kernels(kernels, corners.len(), first_row, places, values);
+        };
+        self.each_sample(node, |sample, share| {
+            let [row, column] = self.corner(sample, layout.margin);
+            let along = within(column - first_column, around) - first_of_piece;
+            let down = row - (strip * ROWS) as isize;
+            // Kernels beside the piece.
+            let beside = |from: isize, end: usize| from <= -width || from >= end as isize;
+            if beside(along, COLUMNS) || beside(down, ROWS) {
+                return;
+            }
+            (cells[found], fractions[found]) = (self.cells[sample], self.fractions[sample]);
+            (corners[found], counts[found]) = ([down, along], share);
+            found += 1;
+            if found == BATCH {
+                add(&cells, &fractions, &corners, &counts);
+                found = 0;
+            }
+        });
+        add(&cells[..found], &fractions[..found], &corners[..found], &counts[..found]);
+    }
+}
+
+/// A column from 0 to `around` that is the same on the sphere, of one that is less than twice as many away.
+fn within(mut column: isize, around: isize) -> isize {
+    while column < 0 {
+        column += around;
+    }
+    while column >= around {
+        column -= around;
+    }
+    column
+}

@@ -1,0 +1,93 @@
+//! The kernels of a node's samples, added up in registers: a small matrix product for each piece of a patch.
+
+use multiversion::{multiversion, target::target_cfg_f};
+
+use super::patches::{COLUMNS, ROWS};
+use crate::batch::{BATCH, Batch};
+use crate::kernel::MAX_WIDTH;
+use crate::lanes::{fused, load};
+
+/// Kernels of some samples over the rows of a strip and the columns of a piece, with room for what reaches beyond.
+pub(super) struct Kernels {
+    pub(super) batch: Batch,
+    /// Times what the samples count.
+    rows: [[f64; MAX_WIDTH + ROWS + MAX_WIDTH]; BATCH],
+    columns: [[f64; MAX_WIDTH + COLUMNS + MAX_WIDTH]; BATCH],
+}
+
+impl Kernels {
+    pub(super) fn new() -> Self {
+        Self {
+            batch: Batch::new(),
+            rows: [[0.0; MAX_WIDTH + ROWS + MAX_WIDTH]; BATCH],
+            columns: [[0.0; MAX_WIDTH + COLUMNS + MAX_WIDTH]; BATCH],
+        }
+    }
+
+    /// Puts the batch's kernels where their samples are, at row and column `corners` of the piece.
+    pub(super) fn shift(&mut self, corners: &[[isize; 2]], counts: &[f64]) {
+        for (i, (&[down, along], count)) in corners.iter().zip(counts).enumerate() {
+            let at = |from: isize| MAX_WIDTH.saturating_add_signed(from);
+            self.rows[i] = [0.0; MAX_WIDTH + ROWS + MAX_WIDTH];
+            self.columns[i] = [0.0; MAX_WIDTH + COLUMNS + MAX_WIDTH];
+            if let Some(rows) = self.rows[i][at(down)..].first_chunk_mut::<MAX_WIDTH>() {
+                *rows = self.batch.row_values[i].map(|value| count * value);
+            }
+            if let Some(columns) = self.columns[i][at(along)..].first_chunk_mut::<MAX_WIDTH>() {
+                *columns = self.batch.column_values[i];
+            }
+        }
+    }
+}
+
+/// Adds so many kernels to the rows of a piece, from row `first_row` of the strip on, which are at `places` among the values.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+pub(super) fn add_kernels(
+    kernels: &Kernels,
+    count: usize,
+    first_row: usize,
+    places: &[u32],
+    values: &mut [[f64; COLUMNS]],
+) {
+    let mut done = 0;
+    while done < places.len() {
+        let (row, places) = (first_row + done, &places[done..]);
+        let fma = target_cfg_f!(target_feature = "fma");
+        // As many sums as there are registers.
+        done += match (target_cfg_f!(target_feature = "avx512f"), fma, places.len()) {
+            (true, _, 8..) => add_to_rows::<8, true>(kernels, count, row, places, values),
+            (_, true, 2..) => add_to_rows::<2, true>(kernels, count, row, places, values),
+            (_, true, _) => add_to_rows::<1, true>(kernels, count, row, places, values),
+            _ => add_to_rows::<1, false>(kernels, count, row, places, values),
+        };
+    }
+}
+
+/// Adds kernels to R rows. Returns R.
+#[inline(always)]
+fn add_to_rows<const R: usize, const FMA: bool>(
+    kernels: &Kernels,
+    count: usize,
+    row: usize,
+    places: &[u32],
+    values: &mut [[f64; COLUMNS]],
+) -> usize {
+    let mut sums = [[0.0; COLUMNS]; R];
+    for (sums, &place) in sums.iter_mut().zip(places) {
+        *sums = values[place as usize];
+    }
+    for (rows, columns) in kernels.rows[..count].iter().zip(&kernels.columns) {
+        let rows: [f64; R] = load(rows, MAX_WIDTH + row);
+        let columns: [f64; COLUMNS] = load(columns, MAX_WIDTH);
+        // Rows within columns: the other way round the compiler gathers.
+        for (k, column) in columns.iter().enumerate() {
+            for (sums, row) in sums.iter_mut().zip(&rows) {
+                sums[k] = fused::<FMA>(*row, *column, sums[k]);
+            }
+        }
+    }
+    for (sums, &place) in sums.iter().zip(places) {
+        values[place as usize] = *sums;
+    }
+    R
+}
