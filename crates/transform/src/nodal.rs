@@ -138,13 +138,6 @@ impl NodalSums {
         8 * self.incidence.patch_values()
     }
 
-    /// Returns the products of a channel over those of spreading its samples one by one: large where triangles are long and
-    /// thin, so that patches reach over much of the sphere.
-    #[must_use]
-    pub fn cost_ratio(&self) -> f64 {
-        self.incidence.patch_values() as f64 / self.incidence.kernel_values().max(1) as f64
-    }
-
     /// Makes the patches, which [`sums`](Self::sums) then takes as they are.
     pub fn keep(&mut self) {
         let strips = 0..self.incidence.strips();

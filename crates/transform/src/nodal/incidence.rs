@@ -113,11 +113,6 @@ impl Incidence {
         self.extents.iter().map(|extent| extent.rows as usize * extent.pieces as usize * COLUMNS).sum()
     }
 
-    /// Products of all samples' kernels.
-    pub(super) fn kernel_values(&self) -> usize {
-        self.cells.len() * self.kernel.width * self.kernel.padded
-    }
-
     pub(super) fn strips(&self) -> usize {
         let layout = self.layout(1);
         (layout.core_rows() + 2 * layout.margin).div_ceil(ROWS)
