@@ -71,15 +71,15 @@ pub struct NodalSums {
 }
 
 impl NodalSumsBuilder {
-    /// Starts sums for fits to degree L = `max_degree` of values at so many nodes, over about so many samples.
+    /// Starts sums for fits to degree L = `max_degree` of values at so many nodes, over about so many triangles and samples.
     ///
     /// # Errors
     ///
     /// Those of [`Accumulator::new`].
-    pub fn new(max_degree: usize, nodes: usize, samples: usize) -> Result<Self, TransformError> {
+    pub fn new(max_degree: usize, nodes: usize, triangles: usize, samples: usize) -> Result<Self, TransformError> {
         let gridding = Gridding::choose(max_degree, nodes, FINEST)?;
         let weights = Accumulator::new(max_degree, 0)?;
-        Ok(Self { nodes, weights, incidence: Incidence::new(gridding, max_degree, samples) })
+        Ok(Self { nodes, weights, incidence: Incidence::new(gridding, max_degree, triangles, samples) })
     }
 
     /// Adds samples. Those of a triangle come one after another.
@@ -125,7 +125,7 @@ impl NodalSums {
     #[must_use]
     pub fn bytes(max_degree: usize, nodes: usize, triangles: usize, samples: usize, channels: usize) -> usize {
         // Places and shares; triangles, and those of each node; where these and the patches of nodes begin.
-        let own = 48 * samples + (size_of::<Element>() + 24) * triangles + 64 * nodes;
+        let own = 48 * samples + (size_of::<Element>() + 24) * triangles + 128 * nodes;
         let scratch = (1 << 20) * rayon::current_num_threads();
         let params = TransformParams { max_degree, accuracy: FINEST, channels: CHANNELS };
         let transform = Transform::bytes(&params, nodes, channels).unwrap_or(usize::MAX / 4);
@@ -246,7 +246,7 @@ mod tests {
 
     impl Problem {
         fn sums(&self, max_degree: usize, nodes: u32) -> NodalSums {
-            let mut builder = NodalSumsBuilder::new(max_degree, nodes as usize, self.weights.len()).unwrap();
+            let mut builder = NodalSumsBuilder::new(max_degree, nodes as usize, 10, self.weights.len()).unwrap();
             let half = self.weights.len() / 2;
             for rows in [0..half, half..self.weights.len()] {
                 builder.add(self.samples(rows)).unwrap();
@@ -331,13 +331,13 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_refused() {
         let problem = problem(20, 40);
-        let mut builder = NodalSumsBuilder::new(2, 20, 40).unwrap();
+        let mut builder = NodalSumsBuilder::new(2, 20, 40, 40).unwrap();
         let samples = problem.samples(0..40);
         assert!(builder.add(NodalSamples { nodes: &samples.nodes[1..], ..samples }).is_err());
         assert!(builder.add(NodalSamples { shares: &samples.shares[1..], ..samples }).is_err());
         assert!(builder.add(NodalSamples { weights: &samples.weights[1..], ..samples }).is_err());
-        assert!(NodalSumsBuilder::new(2, 19, 40).unwrap().add(samples).is_err());
+        assert!(NodalSumsBuilder::new(2, 19, 40, 40).unwrap().add(samples).is_err());
         assert!(problem.sums(2, 20).sums(at_nodes(19, 1).view()).is_err());
-        assert!(NodalSumsBuilder::new(spharm_harmonics::MAX_DEGREE + 1, 1, 1).is_err());
+        assert!(NodalSumsBuilder::new(spharm_harmonics::MAX_DEGREE + 1, 1, 1, 1).is_err());
     }
 }

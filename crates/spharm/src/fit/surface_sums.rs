@@ -92,7 +92,10 @@ impl<'a> SurfaceSums<'a> {
     }
 
     fn sorted(&self, monitor: &dyn Monitor) -> Result<Nodal, Error> {
-        let mut builder = NodalSumsBuilder::new(self.params.max_degree, self.sphere.directions.len(), self.samples())?;
+        let (nodes, on_seam) =
+            (self.sphere.directions.len(), self.seam.as_ref().map_or(0, |seam| seam.vertices().len()));
+        let (triangles, samples) = (self.sphere.faces.len() + on_seam, self.samples() + on_seam);
+        let mut builder = NodalSumsBuilder::new(self.params.max_degree, nodes, triangles, samples)?;
         let mut of_surface = 0.0;
         for triangles in self.sampling.runs(NODAL_RUN) {
             monitor.check()?;

@@ -81,14 +81,14 @@ pub(super) struct Incidence {
 }
 
 impl Incidence {
-    pub(super) fn new(gridding: Gridding, max_degree: usize, samples: usize) -> Self {
+    pub(super) fn new(gridding: Gridding, max_degree: usize, triangles: usize, samples: usize) -> Self {
         Self {
             gridding,
             kernel: Kernel::new(gridding.width, max_degree, gridding.grid, FINEST),
             cells: Vec::with_capacity(samples),
             fractions: Vec::with_capacity(samples),
             shares: Vec::with_capacity(samples),
-            elements: Vec::new(),
+            elements: Vec::with_capacity(triangles),
             first: Vec::new(),
             elements_of: Vec::new(),
             extents: Vec::new(),
