@@ -220,7 +220,7 @@ fn side_by_side(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> Array2<f64> 
 #[cfg(test)]
 mod tests {
     use spharm_monitor::Silent;
-    use spharm_surface::{Mesh, Seam};
+    use spharm_surface::Seam;
 
     use super::super::lsq_plan::Sizes;
     use super::*;
