@@ -88,7 +88,7 @@ pub use cost::moments_pay;
 pub use denoise::{Denoise, NoisePower};
 pub use gcv::{Gcv, choose_smoothness, choose_smoothness_by_moments};
 #[cfg(feature = "dense")]
-pub use moment_solver::{MomentFit, solve_moments, solve_moments_of_groups};
+pub use moment_solver::{GroupFit, MomentFit, solve_moments, solve_moments_of_groups};
 pub use moments::MomentProblem;
 pub use normal_equations::NormalEquations;
 #[cfg(feature = "dense")]

@@ -6,7 +6,7 @@
 
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector;
-use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
+use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 use parry3d_f64::query::{PointQuery, PointQueryWithLocation};
 use parry3d_f64::shape::Triangle;
 
@@ -59,16 +59,40 @@ impl TriangleTree {
             };
             return slivers.nearest(point, on).map(|(_, (_, found))| found);
         }
+        let (triangle, _) = self.search(point, f64::MAX)?;
+        Some(self.on_triangle(triangle, point))
+    }
+
+    /// Returns the distance from `point` to the mesh, and the triangle that is nearest; `None` as [`nearest`](Self::nearest)
+    /// does. Fast where a triangle near to the nearest one is known.
+    pub(crate) fn distance(&self, point: Vec3, near: Option<u32>) -> Option<(u32, f64)> {
+        if self.slivers.is_some() {
+            return self.nearest(point).map(|found| (found.triangle, found.distance));
+        }
+        let known = near.map(|triangle| (triangle, self.square(triangle, Vector::from(point))));
+        let known = known.filter(|(_, square)| square.is_finite());
+        let better = self.search(point, known.map_or(f64::MAX, |(_, square)| square));
+        better.or(known).map(|(triangle, square)| (triangle, square.sqrt()))
+    }
+
+    /// The triangle that is nearest, and the square of its distance; `None` where none is below `most`.
+    fn search(&self, point: Vec3, most: f64) -> Option<(u32, f64)> {
         let p = Vector::from(point);
-        let (_, (_, found)) = self.tree.find_best(
-            f64::MAX,
-            |node, _| node.aabb().distance_to_local_point(p, true),
-            |triangle, _| {
-                let found = self.on_triangle(triangle, point);
-                Some((found.distance, found))
-            },
-        )?;
-        Some(found)
+        let to_box = |node: &BvhNode, _| {
+            let own = node.aabb();
+            (own.mins - p).max(p - own.maxs).max(Vector::ZERO).length_squared()
+        };
+        if !p.is_finite() {
+            return None;
+        }
+        let found = self.tree.find_best(most, to_box, |triangle, _| Some(self.square(triangle, p)));
+        found.filter(|(_, square)| square.is_finite())
+    }
+
+    /// The square of the distance to a triangle.
+    fn square(&self, triangle: u32, point: Vector) -> f64 {
+        let found = self.triangle(triangle).project_local_point(point, false);
+        (found.point - point).length_squared()
     }
 
     /// Returns the point of a triangle that is nearest to `point`.
@@ -118,11 +142,16 @@ mod tests {
                 .map(|f| tree.triangle(f).distance_to_local_point(Vector::from(point), false));
             let least = all.fold(f64::INFINITY, f64::min);
             assert!((found.distance - least).abs() < 1e-14, "{point:?}: {found:?}, {least}");
+            for near in [None, Some(found.triangle), Some(k)] {
+                let (_, distance) = tree.distance(point, near).unwrap();
+                assert_eq!(distance.to_bits(), found.distance.to_bits(), "from {near:?}");
+            }
             let corners = mesh.faces[found.triangle as usize].map(|v| mesh.vertices[v as usize]);
             let point: [f64; 3] = std::array::from_fn(|k| (0..3).map(|i| found.barycentric[i] * corners[i][k]).sum());
             assert!(dot(sub(point, found.point), sub(point, found.point)).sqrt() < 1e-14);
         }
         assert_eq!(TriangleTree::new(&Mesh::default()).nearest([0.0; 3]), None);
         assert_eq!(tree.nearest([f64::NAN; 3]), None);
+        assert_eq!(tree.distance([0.0, f64::INFINITY, 0.0], Some(3)), None);
     }
 }

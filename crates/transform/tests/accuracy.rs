@@ -70,6 +70,24 @@ fn synthesis_is_the_direct_sum_to_the_accuracy_asked_for() {
     }
 }
 
+/// Models are evaluated several at a time, and one alone has the same bits.
+#[test]
+fn a_channel_has_the_same_bits_among_any_others() {
+    for (max_degree, scattered) in [(1, 30), (20, 4000), (61, 900)] {
+        let directions = directions(scattered);
+        let x = coefficients(max_degree, 14);
+        let on = |channels: usize, columns: std::ops::Range<usize>| {
+            let params = TransformParams { max_degree, accuracy: 1e-12, channels };
+            let transform = Transform::new(&directions, &params).unwrap();
+            transform.synthesis(x.slice(ndarray::s![.., columns])).unwrap()
+        };
+        let all = on(14, 0..14);
+        for (channels, columns) in [(1, 5..6), (3, 0..14), (12, 0..13), (3, 3..6), (2, 9..11)] {
+            assert_eq!(on(channels, columns.clone()), all.slice(ndarray::s![.., columns]), "degree {max_degree}");
+        }
+    }
+}
+
 #[test]
 fn synthesis_is_the_direct_sum_at_high_degrees() {
     check(300, 300, 2, &[1e-13]);

@@ -218,7 +218,9 @@ impl Cg {
     }
 
     /// Forms the gradient from the samples, and goes on from there where the iteration's own was wrong about having
-    /// converged. Returns how it ended and the residual, (n, c), where there are samples.
+    /// converged. Where forming it takes nothing but another product that is as exact as those of the iteration, and N is so
+    /// well conditioned that the two can't differ by much, the iteration's own stands. Returns how it ended and the residual,
+    /// (n, c), where there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -227,10 +229,14 @@ impl Cg {
         params: &CgParams,
         monitor: &dyn Monitor,
     ) -> Result<(Stop, Option<Array2<f64>>), SolverError> {
-        if stop == Stop::Converged
-            && let Some(residual) = self.confirm_by_residual(problem, preconditioner, params.tolerance)?
-        {
-            return Ok((stop, Some(residual)));
+        if stop == Stop::Converged {
+            if let Some(doubt) = self.little_doubt(problem.gradient_error(), preconditioner, params.tolerance) {
+                self.doubt = doubt;
+                return Ok((stop, None));
+            }
+            if let Some(residual) = self.confirm_by_residual(problem, preconditioner, params.tolerance)? {
+                return Ok((stop, Some(residual)));
+            }
         }
         let mut before = f64::INFINITY;
         loop {
@@ -246,6 +252,14 @@ impl Cg {
         }
     }
 
+    /// Returns what the optimality may be off by where products are off by `error` of the norm of N, if that is little beside
+    /// the tolerance.
+    fn little_doubt(&self, error: Option<f64>, preconditioner: &dyn Preconditioner, tolerance: f64) -> Option<f64> {
+        let doubt = (error? + f64::EPSILON * self.iterations as f64) * self.condition;
+        // The condition is that of N where nothing preconditions but a number.
+        (preconditioner.name() == UNPRECONDITIONED && doubt <= ERROR_SHARE * tolerance).then_some(doubt)
+    }
+
     /// Returns the residual, (n, c), where it tells enough about a gradient that the iteration carries, for half the cost
     /// of another one from the samples.
     ///
@@ -259,12 +273,8 @@ impl Cg {
         preconditioner: &dyn Preconditioner,
         tolerance: f64,
     ) -> Result<Option<Array2<f64>>, SolverError> {
-        let Some(error) = problem.product_error() else { return Ok(None) };
-        let doubt = (error + f64::EPSILON * self.iterations as f64) * self.condition;
-        // The condition is that of N where nothing preconditions but a number.
-        if preconditioner.name() != UNPRECONDITIONED || doubt > ERROR_SHARE * tolerance {
-            return Ok(None);
-        }
+        let doubt = self.little_doubt(problem.product_error(), preconditioner, tolerance);
+        let Some(doubt) = doubt else { return Ok(None) };
         let Some(residual) = problem.residual(&self.x)? else { return Ok(None) };
         let lengths = norms(&self.x).into_iter().zip(&self.scale).map(|(x, scale)| ERROR_SHARE * tolerance * x * scale);
         let mut slopes = residual.slopes.iter().zip(dots(&self.x, &self.gradient)).zip(lengths);

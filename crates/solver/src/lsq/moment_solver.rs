@@ -27,6 +27,15 @@ pub struct MomentFit {
     pub standard_errors: Option<Array2<f64>>,
 }
 
+/// One group's part of a fit of several from the same moments.
+#[derive(Debug, Clone)]
+pub struct GroupFit {
+    /// Canonical coefficients, (K, c).
+    pub coefficients: Coefficients,
+    /// How it was solved, and how close it is.
+    pub report: LsqReport,
+}
+
 /// Solves a problem that is known by its moments, as [`LsqSolver::fit`] would with the samples; the strategy
 /// [`DensityCg`](super::Strategy::DensityCg), which needs them, is plain conjugate gradients. With `standard_errors`
 /// also those, which take a factor: `K^3 / 3` flops and `4 K^2` bytes.
@@ -85,14 +94,13 @@ pub fn solve_moments_of_groups(
     groups: &[Range<usize>],
     params: &LsqParams,
     monitor: &dyn Monitor,
-) -> Result<Vec<MomentFit>, SolverError> {
+) -> Result<Vec<GroupFit>, SolverError> {
     let make_gram = || Ok(Box::new(problem.gram()?) as Box<dyn GramMatrix>);
     let params = LsqParams { weights: None, areas: None, ..params.clone() };
     let fit = |solver: &mut LsqSolver<'_>, group: &Range<usize>| {
         let own = problem.of_columns(group.clone());
         let (coefficients, _, report) = solver.solve(Given::Sums(&own), &[], monitor)?;
-        let residual_squares = own.residual_squares(coefficients.values())?;
-        Ok(MomentFit { coefficients, residual_squares, report, standard_errors: None })
+        Ok(GroupFit { coefficients, report })
     };
     // A product of a group takes one thread. A factor takes all of them, and the memory for one.
     let without_factor = |group: &Range<usize>| {
@@ -103,10 +111,10 @@ pub fn solve_moments_of_groups(
             found => found.map(Some),
         }
     };
-    let found: Vec<Option<MomentFit>> =
+    let found: Vec<Option<GroupFit>> =
         groups.par_iter().with_max_len(1).map(without_factor).collect::<Result<_, SolverError>>()?;
     let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params.clone())?;
-    let with_factor = |(group, found): (&Range<usize>, Option<MomentFit>)| match found {
+    let with_factor = |(group, found): (&Range<usize>, Option<GroupFit>)| match found {
         Some(found) => Ok(found),
         None => fit(&mut solver, group),
     };

@@ -22,6 +22,9 @@ use super::columns::dots;
 use super::problem::{Problem, penalised_product};
 use crate::SolverError;
 
+/// Rounding errors of products with a [`MomentOperator`], relative to its norm: 9e-15 at L = 100, 2e-14 at L = 500.
+const PRODUCT_ERROR: f64 = 1e-13;
+
 /// A least-squares problem to degree L, known by its moments.
 #[derive(Debug, Clone)]
 pub struct MomentProblem {
@@ -147,5 +150,9 @@ impl Problem for Summed<'_> {
 
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError> {
         Ok((&self.problem.right_sides - &self.product(x)?, None))
+    }
+
+    fn gradient_error(&self) -> Option<f64> {
+        self.penalty.is_none().then_some(PRODUCT_ERROR)
     }
 }

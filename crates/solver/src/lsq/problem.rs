@@ -25,6 +25,11 @@ pub(crate) trait Problem: Sync {
         None
     }
 
+    /// How far products are from exact, relative to the norm of N, where the gradient would be formed by such a product, too.
+    fn gradient_error(&self) -> Option<f64> {
+        None
+    }
+
     /// The residual alone, at half the cost of the gradient; `None` where there are no samples.
     fn residual(&self, _x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {
         Ok(None)

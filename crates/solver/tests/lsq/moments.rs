@@ -6,7 +6,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
-use spharm_solver::lsq::{MomentProblem, choose_smoothness, choose_smoothness_by_moments, solve_moments};
+use spharm_solver::lsq::{
+    MomentProblem, choose_smoothness, choose_smoothness_by_moments, solve_moments, solve_moments_of_groups,
+};
 use spharm_solver::{
     GramMatrix, LsqFit, LsqParams, LsqSolver, MatrixFreeOperator, Operator, SolverError, Strategy, moment_gram,
     moment_operator,
@@ -105,6 +107,29 @@ fn a_lower_degree_needs_no_other_sums() {
     let (found, expected) = (of(7, &to_twelve), of(7, &sums(&sampling, None, &targets, 7)));
     assert!(norms(&(&found - &expected))[0] < 1e-9 * norms(&expected)[0]);
     assert!(matches!(MomentProblem::new(&to_twelve, 13), Err(SolverError::Degree { found: 13, max_degree: 12 })));
+}
+
+/// On even samplings the gradient that iterations carry isn't formed again in the end. What is said of it holds.
+#[test]
+fn the_optimality_of_each_group_is_that_of_its_solution() {
+    let (sampling, targets) = (even(1500), Random(10).normals(1500, 5));
+    let problem = MomentProblem::new(&sums(&sampling, None, &targets, 12), 12).unwrap();
+    let groups = [0..3, 3..4, 4..5];
+    for tolerance in [1e-6, 1e-10, 1e-13] {
+        let params = LsqParams { tolerance, ..LsqParams::default() };
+        let fits = solve_moments_of_groups(&problem, &groups, &params, &Silent).unwrap();
+        for (group, fit) in groups.iter().zip(fits) {
+            let own = problem.of_columns(group.clone());
+            let alone = solve_moments(&own, &params, false, &Silent).unwrap();
+            assert_eq!(fit.coefficients.values(), alone.coefficients.values());
+            let x = fit.coefficients.values();
+            let right = sums(&sampling, None, &targets, 12).right_sides.slice(s![.., group.clone()]).to_owned();
+            let gradient = &right - &problem.operator().apply(x.view()).unwrap();
+            let found = norms(&gradient).into_iter().zip(norms(&right)).map(|(g, b)| g / b).fold(0.0, f64::max);
+            assert!(fit.report.optimality <= 1.5 * tolerance.max(2e-14), "{}", fit.report.optimality);
+            assert!(found <= fit.report.optimality + 1e-15, "{found:.1e} {:.1e}", fit.report.optimality);
+        }
+    }
 }
 
 #[test]

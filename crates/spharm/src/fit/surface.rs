@@ -9,6 +9,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 use ndarray::{Array2, ArrayView2, Axis, s};
+use rayon::prelude::*;
 use spharm_harmonics::{Directions, basis_size};
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments, solve_moments_of_groups};
@@ -83,6 +84,8 @@ struct Fitter<'a> {
     sums: SurfaceSums<'a>,
     /// At the vertices, where msd and xsd are taken, and after them at the centres of some triangles.
     evaluation: Transform,
+    /// Surfaces whose models are evaluated together.
+    evaluated: usize,
     model_surface: Option<ModelSurface>,
     solver: LsqParams,
 }
@@ -93,13 +96,15 @@ impl<'a> Fitter<'a> {
         let max_degree = params.max_degree;
         let held = plan.needed(plan.together) + sums.kept_bytes();
         let spare = plan.budget.saturating_sub(held);
+        let evaluated = plan.evaluated(plan.together);
         let level =
             if params.surface_distance { ModelSurface::level(max_degree, sphere.faces.len(), spare) } else { None };
         Ok(Self {
             sphere,
             params,
             sums,
-            evaluation: Transform::new(&places(job)?, &transform(max_degree, plan.sizes.channels))?,
+            evaluation: Transform::new(&places(job)?, &transform(max_degree, plan.sizes.channels * evaluated))?,
+            evaluated,
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
             solver: LsqParams {
                 smoothness: match params.smoothness {
@@ -149,12 +154,7 @@ impl<'a> Fitter<'a> {
         let mut report = reports.into_iter().reduce(together).expect("a batch has a target");
         report.seconds.total = started.elapsed().as_secs_f64();
         note_solution(&report, monitor);
-        let (mut residuals, mut at_centres) = (Vec::new(), Vec::new());
-        for (group, target) in batch.targets() {
-            let (residual, centres) = self.residual(target, coefficients.slice(s![.., group]))?;
-            residuals.push(ResidualNorms::of(residual.view()));
-            at_centres.push(centres);
-        }
+        let (residuals, at_centres) = self.assess(&targets, coefficients.view())?;
         let surface_distances = match &self.model_surface {
             Some(model) => batch.surface_distances(model, coefficients.view(), self.sphere, monitor)?,
             None => Vec::new(),
@@ -170,6 +170,26 @@ impl<'a> Fitter<'a> {
             at_centres,
             report: BatchReport::LeastSquares { report, gcv: None },
         })
+    }
+
+    /// Returns the norms of the residuals of targets with their columns of all, and the models at the centres of some triangles,
+    /// (places, c) each.
+    fn assess(
+        &self,
+        targets: &[(Range<usize>, ArrayView2<'_, f64>)],
+        coefficients: ArrayView2<'_, f64>,
+    ) -> Result<(Vec<ResidualNorms>, Vec<Array2<f64>>), Error> {
+        let mut assessed = Vec::with_capacity(targets.len());
+        for some in targets.chunks(self.evaluated) {
+            let columns = some[0].0.start..some[some.len() - 1].0.end;
+            let model = self.evaluation.synthesis(coefficients.slice(s![.., columns.clone()]))?;
+            assessed.par_extend(some.par_iter().map(|(group, target)| {
+                let own = model.slice(s![.., group.start - columns.start..group.end - columns.start]);
+                let (vertices, centres) = own.split_at(Axis(0), target.nrows());
+                (ResidualNorms::of((target - &vertices).view()), centres.to_owned())
+            }));
+        }
+        Ok(assessed.into_iter().unzip())
     }
 
     /// Returns a target minus its model at the vertices, (n, c), and the model at the centres of some triangles, (places, c).

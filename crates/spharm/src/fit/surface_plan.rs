@@ -13,6 +13,10 @@ pub(crate) const RUN: usize = 1 << 18;
 /// Samples that are made at a time where they are sorted by vertices.
 pub(crate) const NODAL_RUN: usize = 1 << 15;
 
+/// Columns of models that are evaluated at the vertices together: kernels and Legendre functions are then computed once for
+/// several surfaces, and the grid still fits a cache.
+const EVALUATED: usize = 12;
+
 /// The memory that fits of surfaces take.
 pub(crate) struct SurfacePlan {
     pub(crate) sizes: Sizes,
@@ -67,13 +71,18 @@ impl SurfacePlan {
         // Moments and right-hand sides, twice; the vectors of conjugate gradients.
         let solving = 16 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
         let operator = MomentOperator::bytes(max_degree, columns, rayon::current_num_threads());
-        // At the vertices the models are evaluated one after another.
+        let evaluated = channels * self.evaluated(together);
         let at_vertices =
-            Transform::bytes(&transform(max_degree, channels), vertices, channels).unwrap_or(usize::MAX / 4);
-        // Noise beside its residual, where it is removed.
-        let residual = 16 * channels * vertices + if denoise { 16 * columns * vertices } else { 0 };
+            Transform::bytes(&transform(max_degree, evaluated), vertices, evaluated).unwrap_or(usize::MAX / 4);
+        // Models and residuals; noise beside its residual, where it is removed.
+        let residual = 16 * evaluated * vertices + if denoise { 16 * columns * vertices } else { 0 };
         let held = held(vertices, faces, together, channels, 1);
         held + sampling + sums.max(operator) + solving + at_vertices + residual
+    }
+
+    /// How many of so many surfaces are evaluated at the vertices together.
+    pub(crate) fn evaluated(&self, together: usize) -> usize {
+        (EVALUATED / self.sizes.channels.max(1)).clamp(1, together)
     }
 
     /// How many of the threads may read a surface at a time.

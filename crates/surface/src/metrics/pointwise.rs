@@ -82,14 +82,21 @@ pub(super) fn nearest_distances(
     /// Points between which the monitor is asked. One in the middle of a sphere is as near to all of its triangles, and
     /// takes milliseconds.
     const CHUNK: usize = 16;
+    /// Points that are looked for one after another, each from the triangle that is nearest to the one before: most follow
+    /// their neighbours.
+    const RUN: usize = 16 * CHUNK;
     monitor.begin(Stage::counted("distance", "points"), points.len() as u64);
     let mut distances = vec![0.0; points.len()];
-    distances.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).try_for_each(|(distances, points)| {
-        monitor.check()?;
-        for (distance, &point) in distances.iter_mut().zip(points) {
-            *distance = tree.nearest(point).ok_or_else(|| none(point))?.distance;
+    distances.par_chunks_mut(RUN).zip(points.par_chunks(RUN)).try_for_each(|(distances, points)| {
+        let mut near = None;
+        for (distances, points) in distances.chunks_mut(CHUNK).zip(points.chunks(CHUNK)) {
+            monitor.check()?;
+            for (distance, &point) in distances.iter_mut().zip(points) {
+                let (triangle, found) = tree.distance(point, near).ok_or_else(|| none(point))?;
+                (*distance, near) = (found, Some(triangle));
+            }
+            monitor.step(points.len() as u64);
         }
-        monitor.step(points.len() as u64);
         Ok::<_, SurfaceError>(())
     })?;
     monitor.end();

@@ -17,7 +17,7 @@ use crate::kernel::Kernel;
 /// Directions that are placed by a task.
 const RUN: usize = 4096;
 
-/// Where pieces begin: at every eighth column, which is a multiple of the size of the grid and of its margin.
+/// Where pieces begin: at every eighth column. The size of the grid and its margin are multiples of that.
 const STEP: usize = 8;
 
 /// A part of a node's patch: columns from `COLUMNS * part` on, of one strip's rows.
