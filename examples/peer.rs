@@ -22,7 +22,10 @@ use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 use spharm_transform::{Transform, TransformParams};
 
-// The program's choice, so that its rates are measured.
+// The program's choices, so that its rates are measured.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[path = "../tools/allocator.rs"]
+mod allocator;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 #[path = "../tools/kernels.rs"]
 mod kernels;

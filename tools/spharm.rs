@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+mod allocator;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 mod kernels;
 
