@@ -1,46 +1,21 @@
-//! Large arrays in large pages, and their memory kept for the next ones.
+//! Large arrays in large pages.
 //!
-//! A fit makes and drops arrays of megabytes in every step. By default the C library gives the end of its heap back to the
-//! system as soon as it is free, and takes it again a moment later: each page of 4 KiB is then a fault and has to be cleared,
-//! a quarter of the time of a small fit. So up to [`KEPT`] bytes stay in the heap, and arrays from [`LARGE`] bytes on ask for pages
-//! of 2 MiB where the system grants them on request (`/sys/kernel/mm/transparent_hugepage/enabled`: `madvise`, the default of most
-//! distributions). Neither takes more memory than before at its peak but for the rest of a page.
+//! A fit makes and drops arrays of megabytes in every step, and each page of 4 KiB that is new to the program is a fault and has to
+//! be cleared: a quarter of the time of a small fit. So arrays from [`LARGE`] bytes on ask for pages of 2 MiB, where the system
+//! grants them on request (`/sys/kernel/mm/transparent_hugepage/enabled`: `madvise`, the default of most distributions). Memory is
+//! that of the system's allocator; an array that is touched in part takes at most the rest of a page more.
 //!
-//! As with the [kernels](crate::kernels), that is for programs to choose, not for libraries.
+//! That is for programs to choose, not for libraries, as are OpenBLAS's kernels.
 
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 
-/// Bytes from which on an array asks for large pages: it has some of them wholly.
+/// Bytes from which on an array asks for large pages: it has one of them wholly, wherever it begins.
 const LARGE: usize = 4 << 20;
 
 /// A large page.
 const PAGE: usize = 2 << 20;
-
-/// Bytes of arrays that get a mapping of their own, which goes back to the system with them.
-const MAPPED: libc::c_int = 32 << 20;
-
-/// Free bytes at the end of the heap that aren't given back.
-const KEPT: libc::c_int = 64 << 20;
-
-/// Runs before `main`.
-#[used]
-#[unsafe(link_section = ".init_array.00200")]
-static KEEP_MEMORY: extern "C" fn() = keep_memory;
-
-/// Whoever has set the C library's variables knows better than this.
-extern "C" fn keep_memory() {
-    // SAFETY: the texts end in a zero, `mallopt` takes numbers, and no other thread runs before `main`.
-    unsafe {
-        let set = |name: &std::ffi::CStr| !libc::getenv(name.as_ptr()).is_null();
-        if set(c"MALLOC_MMAP_THRESHOLD_") || set(c"MALLOC_TRIM_THRESHOLD_") || set(c"GLIBC_TUNABLES") {
-            return;
-        }
-        libc::mallopt(libc::M_MMAP_THRESHOLD, MAPPED);
-        libc::mallopt(libc::M_TRIM_THRESHOLD, KEPT);
-    }
-}
 
 struct LargePages;
 

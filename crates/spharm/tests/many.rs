@@ -33,16 +33,23 @@ fn results_are_in_order_and_those_of_each_alone() {
     };
     let keep = |number: usize, fit: spharm::Fit| {
         done.fetch_add(1, Ordering::SeqCst);
-        Ok((number, fit.coefficients))
+        Ok((number, fit))
     };
     let (found, report) = fit_many(&sphere, COUNT, &next, &params(), &keep, &Silent).expect("fits");
     assert!(found.iter().map(|(number, _)| *number).eq(0..COUNT));
     assert_eq!(report.batches.len(), 3, "96 columns at a time are 32 surfaces");
     // A batch, and what the threads have read of the next.
     assert!(most.into_inner() <= 32 + 2);
-    for number in [0, 31, 32, COUNT - 1] {
-        let alone = fit(&sphere, &target(number), &params()).expect("a fit");
-        assert!(alone.coefficients == found[number].1, "{number}: not the same bits");
+    for number in [0, 1, 31, 32, COUNT - 2, COUNT - 1] {
+        let (alone, among) = (fit(&sphere, &target(number), &params()).expect("a fit"), &found[number].1);
+        assert!(alone.coefficients == among.coefficients, "{number}: not the same bits");
+        let figures = |fit: &spharm::Fit| {
+            let report = &fit.report;
+            let distance = report.surface_distance.map(|found| [found.rms, found.percentile95, found.hausdorff]);
+            ([report.msd, report.xsd, report.off_vertex], report.optimality, distance)
+        };
+        assert_eq!(figures(&alone), figures(among), "{number}");
+        assert!(alone.report.msd > 0.0 && alone.report.off_vertex > 0.0);
     }
 }
 

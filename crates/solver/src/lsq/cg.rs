@@ -218,9 +218,8 @@ impl Cg {
     }
 
     /// Forms the gradient from the samples, and goes on from there where the iteration's own was wrong about having
-    /// converged. Where forming it takes nothing but another product that is as exact as those of the iteration, and N is so
-    /// well conditioned that the two can't differ by much, the iteration's own stands. Returns how it ended and the residual,
-    /// (n, c), where there are samples.
+    /// converged. Without samples the gradient is but one more product, no more exact than those before; where N is well
+    /// conditioned it isn't formed. Returns how it ended and the residual, (n, c), where there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -255,7 +254,9 @@ impl Cg {
     /// Returns what the optimality may be off by where products are off by `error` of the norm of N, if that is little beside
     /// the tolerance.
     fn little_doubt(&self, error: Option<f64>, preconditioner: &dyn Preconditioner, tolerance: f64) -> Option<f64> {
-        let doubt = (error? + f64::EPSILON * self.iterations as f64) * self.condition;
+        // Right-hand sides are exact.
+        let error = error.map(|error| if self.iterations == 0 { 0.0 } else { error })?;
+        let doubt = (error + f64::EPSILON * self.iterations as f64) * self.condition;
         // The condition is that of N where nothing preconditions but a number.
         (preconditioner.name() == UNPRECONDITIONED && doubt <= ERROR_SHARE * tolerance).then_some(doubt)
     }

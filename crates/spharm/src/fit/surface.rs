@@ -84,7 +84,7 @@ struct Fitter<'a> {
     sums: SurfaceSums<'a>,
     /// At the vertices, where msd and xsd are taken, and after them at the centres of some triangles.
     evaluation: Transform,
-    /// Surfaces whose models are evaluated together.
+    /// Columns of models that are evaluated together.
     evaluated: usize,
     model_surface: Option<ModelSurface>,
     solver: LsqParams,
@@ -96,14 +96,14 @@ impl<'a> Fitter<'a> {
         let max_degree = params.max_degree;
         let held = plan.needed(plan.together) + sums.kept_bytes();
         let spare = plan.budget.saturating_sub(held);
-        let evaluated = plan.evaluated(plan.together);
+        let evaluated = plan.sizes.channels * plan.evaluated(plan.together);
         let level =
             if params.surface_distance { ModelSurface::level(max_degree, sphere.faces.len(), spare) } else { None };
         Ok(Self {
             sphere,
             params,
             sums,
-            evaluation: Transform::new(&places(job)?, &transform(max_degree, plan.sizes.channels * evaluated))?,
+            evaluation: Transform::new(&places(job)?, &transform(max_degree, evaluated))?,
             evaluated,
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
             solver: LsqParams {
@@ -180,7 +180,13 @@ impl<'a> Fitter<'a> {
         coefficients: ArrayView2<'_, f64>,
     ) -> Result<(Vec<ResidualNorms>, Vec<Array2<f64>>), Error> {
         let mut assessed = Vec::with_capacity(targets.len());
-        for some in targets.chunks(self.evaluated) {
+        let mut rest = targets;
+        while !rest.is_empty() {
+            // As many as were planned for, also where targets differ in their channels.
+            let fits = |count: &usize| rest[count - 1].0.end - rest[0].0.start <= self.evaluated;
+            let count = (1..=rest.len()).rev().find(fits).unwrap_or(1);
+            let (some, others) = rest.split_at(count);
+            rest = others;
             let columns = some[0].0.start..some[some.len() - 1].0.end;
             let model = self.evaluation.synthesis(coefficients.slice(s![.., columns.clone()]))?;
             assessed.par_extend(some.par_iter().map(|(group, target)| {

@@ -13,9 +13,12 @@ pub(crate) const RUN: usize = 1 << 18;
 /// Samples that are made at a time where they are sorted by vertices.
 pub(crate) const NODAL_RUN: usize = 1 << 15;
 
-/// Columns of models that are evaluated at the vertices together: kernels and Legendre functions are then computed once for
-/// several surfaces, and the grid still fits a cache.
+/// Columns of models that are evaluated at the vertices together, at most: kernels and Legendre functions are then computed once
+/// for several surfaces.
 const EVALUATED: usize = 12;
+
+/// Coefficients of these columns, at most, so that a cache holds their grid: 12 columns to degree 100, 3 to degree 200.
+const COEFFICIENTS: usize = 12 * 101 * 101;
 
 /// The memory that fits of surfaces take.
 pub(crate) struct SurfacePlan {
@@ -82,7 +85,8 @@ impl SurfacePlan {
 
     /// How many of so many surfaces are evaluated at the vertices together.
     pub(crate) fn evaluated(&self, together: usize) -> usize {
-        (EVALUATED / self.sizes.channels.max(1)).clamp(1, together)
+        let columns = (COEFFICIENTS / basis_size(self.sizes.max_degree)).min(EVALUATED);
+        (columns / self.sizes.channels.max(1)).clamp(1, together)
     }
 
     /// How many of the threads may read a surface at a time.

@@ -83,7 +83,7 @@ pub(super) fn nearest_distances(
     /// takes milliseconds.
     const CHUNK: usize = 16;
     /// Points that are looked for one after another, each from the triangle that is nearest to the one before: most follow
-    /// their neighbours.
+    /// their neighbours. Where triangles are as near but for rounding, the order of points can change a last digit.
     const RUN: usize = 16 * CHUNK;
     monitor.begin(Stage::counted("distance", "points"), points.len() as u64);
     let mut distances = vec![0.0; points.len()];
