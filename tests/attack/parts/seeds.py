@@ -70,7 +70,9 @@ def make(site, folder):
         if path.suffix != ".json":
             corpora.add("surfaces", path.name, path.read_bytes(), ending(path.name, SURFACES))
     program("generate", "--subdivisions", 0, "--surface", "s.ply", "--sphere", "sphere.obj")
-    for name in ("s.surf.gii", "s.stl", "s.vtk", "s.off"):
+    corpora.add("surfaces", "s.stl", b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
+                b"endfacet\nendsolid a\n", SURFACES.index(".stl"))
+    for name in ("s.surf.gii", "s.vtk", "s.off"):
         program("generate", "--subdivisions", 0, "--surface", name)
         corpora.add("surfaces", name, (work / name).read_bytes() if (work / name).exists() else b"", ending(name, SURFACES))
     corpora.add("surfaces", "s.mgz", mgh(), SURFACES.index(".mgh"))
@@ -117,8 +119,11 @@ def make(site, folder):
     corpora.add("cohorts", "list.csv", b"id,surface,group\na,a.ply,1\nb,b.ply,2\n", 1)
     corpora.add("cohorts", "status.tsv", b"id\tstate\tmsd\txsd\tseconds\terror\toutput\na\tdone\t1e-5\t2e-4\t0.5\t\ta.npz\n"
                 b"b\tfailed\t\t\t0.1\tno such file\t\n", 2)
+    # A radius, which is all that one of the formats has.
+    (work / "radius.csv").write_text("radius\n" + "1\n" * 12)
+    program("fit", "--sphere", "sphere.obj", "--surface", "radius.csv", "--max-degree", 1, "-o", "radius.npz", "-q", "--force")
     for number, name in enumerate(FORMATS):
-        program("export", "m.npz", "--to", name, "-o", f"x-{name}", "-q", "--force")
+        program("export", "radius.npz" if name == "aics" else "m.npz", "--to", name, "-o", f"x-{name}", "-q", "--force")
         for path in sorted(work.glob(f"x-{name}*")):
             for file in [path] if path.is_file() else sorted(path.iterdir()):
                 corpora.add("exchange", f"{name}-{file.name}", file.read_bytes(), number)
