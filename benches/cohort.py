@@ -276,7 +276,7 @@ def cost(folder, count):
         for degree, times in seconds.items():
             began = time.monotonic()
             fit(folder, folder / "cortex", "--manifest", folder / "cortex.tsv", "--report", folder / f"cortex{degree}.json",
-                degree=degree, threads=os.cpu_count())
+                "--force", degree=degree, threads=os.cpu_count())
             times.append((time.monotonic() - began) / count)
             shutil.rmtree(folder / "cortex")
     parts = json.loads((folder / "cortex100.json").read_text())["seconds"]
