@@ -13,7 +13,7 @@ def links(app, name, source):
 
 def included(app, relative, parent, source):
     """The same for files that a page of `reference` includes, whose links are relative to the root."""
-    for name in ("methods", "parameterisation", "files", "performance", "accuracy", "memory"):
+    for name in ("methods", "parameterisation", "files", "performance", "accuracy", "memory", "correctness"):
         source[0] = source[0].replace(f"](docs/{name}.md", f"](../{name}.md")
     source[0] = source[0].replace("](store-format.md)", "](../reference/store-format.md)")
 

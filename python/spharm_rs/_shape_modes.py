@@ -34,7 +34,7 @@ class Quality:
 
 
 class Modes:
-    """Mean and m modes of variation of a group of n surfaces, from `pca`.
+    """Mean and m modes of variation of a group of n surfaces, from `spharm_rs.shape.pca`.
 
     A shape is ``mean + sum(deviations[k] * sqrt(variances[k]) * modes[k])``. Its place in space doesn't count.
     """

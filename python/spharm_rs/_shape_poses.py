@@ -346,7 +346,7 @@ def mean(
     names: Sequence[str] | None = None,
     threads: int | None = None,
 ) -> Model:
-    """Averages surfaces that correspond, such as those of `procrustes`.
+    """Averages surfaces that correspond, such as those of `spharm_rs.shape.procrustes`.
 
     Parameters
     ----------

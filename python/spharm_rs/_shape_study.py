@@ -45,13 +45,13 @@ def measure_group(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Field:
-    """Measures models that correspond at the vertices of one sphere, as `test` takes them.
+    """Measures models that correspond at the vertices of one sphere, as `spharm_rs.shape.test` takes them.
 
     Parameters
     ----------
     models : sequence of Model
         Such as those of `procrustes`, or over spheres that share their parameters.
-    sphere : int, Surface or what `as_surface` takes, or array_like of float, (V, 3)
+    sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
         Level of an icosphere, a sphere, or directions.
     signal : {"normal", "position", "value"}
         Displacement from the mean along its outward normal; position; or the value of a signal of one channel.
@@ -285,7 +285,7 @@ def test(
         Order of the groups; sorted by default.
     signal : {"normal", "position", "value"}
         What models are measured by, as in `measure_group`.
-    sphere : int, Surface or what `as_surface` takes, or array_like of float, (V, 3)
+    sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
         Where they are measured.
     degree : int, optional
         Highest degree of models; by default the lowest of them.

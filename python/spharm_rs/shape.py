@@ -211,7 +211,7 @@ def geometry(
     Returns
     -------
     Geometry
-        Along the parameterisation: of a model over a mirrored sphere (`Measures.inwards`) normals point inwards.
+        Along the parameterisation: of a model over a mirrored sphere (``Measures.inwards``) normals point inwards.
     """
     positions, normals, columns = _core.shape_geometry(
         _model("model", model),
@@ -321,7 +321,7 @@ def even(
     ----------
     model : Model
         Of a surface.
-    at : int, Surface or what `as_surface` takes
+    at : int, Surface or what `spharm_rs.as_surface` takes
         Level of an icosphere, or a sphere.
     degree : int, optional
         Highest degree of the surface; by default all.
