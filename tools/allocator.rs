@@ -22,10 +22,10 @@ struct LargePages;
 #[global_allocator]
 static ALLOCATOR: LargePages = LargePages;
 
-/// Asks for large pages within an array. What the system doesn't grant changes nothing.
-fn advise(array: *mut u8, bytes: usize) {
+/// Asks for large pages within an array, and returns it. What the system doesn't grant changes nothing.
+fn advised(array: *mut u8, bytes: usize) -> *mut u8 {
     if bytes < LARGE || array.is_null() {
-        return;
+        return array;
     }
     let before = array.align_offset(PAGE);
     let within = bytes.saturating_sub(before) / PAGE * PAGE;
@@ -33,22 +33,19 @@ fn advise(array: *mut u8, bytes: usize) {
         // SAFETY: the range lies within the array, which is this program's; the advice doesn't change what is in it.
         unsafe { libc::madvise(array.wrapping_add(before).cast(), within, libc::MADV_HUGEPAGE) };
     }
+    array
 }
 
 // SAFETY: all memory is the system allocator's, which is given what this is given.
 unsafe impl GlobalAlloc for LargePages {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's promises are those of `System`.
-        let array = unsafe { System.alloc(layout) };
-        advise(array, layout.size());
-        array
+        advised(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as above.
-        let array = unsafe { System.alloc_zeroed(layout) };
-        advise(array, layout.size());
-        array
+        advised(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn dealloc(&self, array: *mut u8, layout: Layout) {
@@ -58,8 +55,6 @@ unsafe impl GlobalAlloc for LargePages {
 
     unsafe fn realloc(&self, array: *mut u8, layout: Layout, bytes: usize) -> *mut u8 {
         // SAFETY: as above.
-        let array = unsafe { System.realloc(array, layout, bytes) };
-        advise(array, bytes);
-        array
+        advised(unsafe { System.realloc(array, layout, bytes) }, bytes)
     }
 }

@@ -177,7 +177,7 @@ pub enum ShapeError {
         /// The largest absolute value, without row 0 where that is only a place.
         largest: f64,
     },
-    /// A column of a study that has one value, so that it has no effect that could be told.
+    /// A column of a study that has the same value in all rows: its effect can't be estimated.
     #[error("column {column:?}: the value is {value} in all rows, so that it tells nothing: leave the column out")]
     Constant {
         /// The column's name.

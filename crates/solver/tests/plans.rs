@@ -219,7 +219,7 @@ fn what_is_left_of_the_budget_goes_to_the_basis() {
     assert_eq!((one.basis, one.read_ahead), (WHOLE * columns.iter().sum::<usize>(), true));
 }
 
-/// Keeps what it is told.
+/// Records the calls of a monitor.
 #[derive(Default)]
 struct Told {
     total: AtomicU64,

@@ -78,13 +78,13 @@ impl TriangleTree {
     /// The triangle that is nearest, and the square of its distance; `None` where none is below `most`.
     fn search(&self, point: Vec3, most: f64) -> Option<(u32, f64)> {
         let p = Vector::from(point);
+        if !p.is_finite() {
+            return None;
+        }
         let to_box = |node: &BvhNode, _| {
             let own = node.aabb();
             (own.mins - p).max(p - own.maxs).max(Vector::ZERO).length_squared()
         };
-        if !p.is_finite() {
-            return None;
-        }
         let found = self.tree.find_best(most, to_box, |triangle, _| Some(self.square(triangle, p)));
         found.filter(|(_, square)| square.is_finite())
     }

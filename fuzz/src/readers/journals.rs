@@ -13,14 +13,17 @@ use super::{choice, file, mend};
 /// The bytes of a record, its check sum among them.
 const RECORD: usize = 196;
 
+/// Kinds of inputs. Only those of the last two are aligned with: that takes ten milliseconds, and reading takes microseconds.
+const KINDS: usize = 64;
+
 /// The input is a file as it is, or the numbers of records, which get the start and the check sums that they need: poses that
 /// nobody computed. An alignment that goes on with them ends all the same.
 pub(super) fn journals(folder: &Path, input: &[u8]) {
-    let Some((kind, bytes)) = choice(input, 2) else { return };
+    let Some((kind, bytes)) = choice(input, KINDS) else { return };
     let (members, params) = (members(), ProcrustesParams::default());
     let path = folder.join("group.journal");
     let _ = fs::remove_file(&path);
-    let bytes = if kind == 0 {
+    let bytes = if kind.is_multiple_of(2) {
         bytes.to_vec()
     } else {
         drop(Journal::open(&path, &members, &params).expect("a new file"));
@@ -32,6 +35,9 @@ pub(super) fn journals(folder: &Path, input: &[u8]) {
         return;
     };
     assert!(journal.found() <= bytes.len() / RECORD, "poses are in the file");
+    if kind < KINDS - 2 {
+        return;
+    }
     if let Ok(found) = procrustes_with(&members, &params, Some(&mut journal), &Silent) {
         assert!(found.mean.values().iter().all(|x| x.is_finite()), "the mean is finite");
     }

@@ -129,7 +129,8 @@ def make(site, folder):
                 corpora.add("exchange", f"{name}-{file.name}", file.read_bytes(), number)
                 corpora.add("exchange", f"{name}-{file.name}-told", file.read_bytes(), len(FORMATS))
     pose = struct.pack("<24d", *[1.0, 0, 0, 0, 1, 0, 0, 0, 1] * 2, 0.1, 1, 3, 2, 1, 0)
-    corpora.add("journals", "poses", pose * 4, 1)
+    # Kinds from 62 on are aligned with.
+    corpora.add("journals", "poses", pose * 4, 63)
     corpora.add("journals", "short", pose + pose[:100], 1)
     corpora.add("journals", "start", b"spharm group 1\r\n".ljust(64, b"\0"), 0)
     # What has been found before, and the formats that nothing here writes.

@@ -10,8 +10,9 @@
 //!
 //! with M the preconditioner. In exact arithmetic the same iterates as LSQR's with the same preconditioner, at less
 //! storage: four (K, c) arrays, no (n, c) one. The normal equations square the condition, which bounds the optimality
-//! that can be reached by rounding; so r is formed anew from the samples in the end, and the iteration is started again
-//! from there while that gains something. From zero it tends to the minimum-norm solution where there are many.
+//! that can be reached by rounding; so r is formed anew in the end unless its errors are estimated to be small, and the
+//! iteration is started again from there while that gains something. From zero it tends to the minimum-norm solution where
+//! there are many.
 //!
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
@@ -228,14 +229,10 @@ impl Cg {
         params: &CgParams,
         monitor: &dyn Monitor,
     ) -> Result<(Stop, Option<Array2<f64>>), SolverError> {
-        if stop == Stop::Converged {
-            if let Some(doubt) = self.little_doubt(problem.gradient_error(), preconditioner, params.tolerance) {
-                self.doubt = doubt;
-                return Ok((stop, None));
-            }
-            if let Some(residual) = self.confirm_by_residual(problem, preconditioner, params.tolerance)? {
-                return Ok((stop, Some(residual)));
-            }
+        if stop == Stop::Converged
+            && let Some(residual) = self.confirm_carried(problem, preconditioner, params.tolerance)?
+        {
+            return Ok((stop, residual));
         }
         let mut before = f64::INFINITY;
         loop {
@@ -251,37 +248,36 @@ impl Cg {
         }
     }
 
-    /// Returns what the optimality may be off by where products are off by `error` of the norm of N, if that is little beside
-    /// the tolerance.
-    fn little_doubt(&self, error: Option<f64>, preconditioner: &dyn Preconditioner, tolerance: f64) -> Option<f64> {
-        // Right-hand sides are exact.
-        let error = error.map(|error| if self.iterations == 0 { 0.0 } else { error })?;
-        let doubt = (error + f64::EPSILON * self.iterations as f64) * self.condition;
-        // The condition is that of N where nothing preconditions but a number.
-        (preconditioner.name() == UNPRECONDITIONED && doubt <= ERROR_SHARE * tolerance).then_some(doubt)
-    }
-
-    /// Returns the residual, (n, c), where it tells enough about a gradient that the iteration carries, for half the cost
-    /// of another one from the samples.
+    /// Returns the residual, (n, c), where there are samples, if the gradient that the iteration carries is known well enough
+    /// with it; `None` where the gradient has to be formed, at twice the cost of the residual.
     ///
     /// Products that are off by e of the norm of N leave the gradient off by some e times the condition number of N, in units
     /// of the optimality, which has to be little beside the tolerance. It is an estimate: the condition is that of what the
-    /// iteration has seen of N. That products are no worse is held against the samples in the direction of x, in which the
-    /// residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
-    fn confirm_by_residual(
+    /// iteration has seen of N. Where there are samples, that products are no worse is held against them in the direction of x,
+    /// in which the residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
+    fn confirm_carried(
         &mut self,
         problem: &dyn Problem,
         preconditioner: &dyn Preconditioner,
         tolerance: f64,
-    ) -> Result<Option<Array2<f64>>, SolverError> {
-        let doubt = self.little_doubt(problem.product_error(), preconditioner, tolerance);
-        let Some(doubt) = doubt else { return Ok(None) };
-        let Some(residual) = problem.residual(&self.x)? else { return Ok(None) };
+    ) -> Result<Option<Option<Array2<f64>>>, SolverError> {
+        let Some(error) = problem.product_error() else { return Ok(None) };
+        // No product has been made before the first iteration.
+        let error = if self.iterations == 0 { 0.0 } else { error };
+        let doubt = (error + f64::EPSILON * self.iterations as f64) * self.condition;
+        // The condition is that of N where nothing preconditions but a number.
+        if preconditioner.name() != UNPRECONDITIONED || doubt > ERROR_SHARE * tolerance {
+            return Ok(None);
+        }
+        let Some(residual) = problem.residual(&self.x)? else {
+            self.doubt = doubt;
+            return Ok(Some(None));
+        };
         let lengths = norms(&self.x).into_iter().zip(&self.scale).map(|(x, scale)| ERROR_SHARE * tolerance * x * scale);
         let mut slopes = residual.slopes.iter().zip(dots(&self.x, &self.gradient)).zip(lengths);
         let agree = slopes.all(|((slope, carried), most)| (slope - carried).abs() <= most);
         self.doubt = if agree { doubt } else { 0.0 };
-        Ok(agree.then_some(residual.values))
+        Ok(agree.then_some(Some(residual.values)))
     }
 }
 

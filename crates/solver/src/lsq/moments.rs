@@ -153,7 +153,7 @@ impl Problem for Summed<'_> {
         Ok((&self.problem.right_sides - &self.product(x)?, None))
     }
 
-    fn gradient_error(&self) -> Option<f64> {
+    fn product_error(&self) -> Option<f64> {
         self.penalty.is_none().then_some(PRODUCT_ERROR)
     }
 }

@@ -20,13 +20,9 @@ pub(crate) trait Problem: Sync {
     /// `A^T W (f - A x) - P x` as exactly as it can be had, and the residual `f - A x`, (n, c), where there are samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
 
-    /// How far products are from the samples' own, relative to the norm of N, where that is known; then there are samples.
+    /// How far products are from the samples' own, or from exact ones where there are no samples, relative to the norm of N;
+    /// `None` where that isn't known.
     fn product_error(&self) -> Option<f64> {
-        None
-    }
-
-    /// How far products are from exact, relative to the norm of N, where the gradient would be formed by such a product, too.
-    fn gradient_error(&self) -> Option<f64> {
         None
     }
 

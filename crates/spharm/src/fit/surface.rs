@@ -96,7 +96,7 @@ impl<'a> Fitter<'a> {
         let max_degree = params.max_degree;
         let held = plan.needed(plan.together) + sums.kept_bytes();
         let spare = plan.budget.saturating_sub(held);
-        let evaluated = plan.sizes.channels * plan.evaluated(plan.together);
+        let evaluated = plan.evaluated(plan.together);
         let level =
             if params.surface_distance { ModelSurface::level(max_degree, sphere.faces.len(), spare) } else { None };
         Ok(Self {

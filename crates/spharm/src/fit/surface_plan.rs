@@ -74,7 +74,7 @@ impl SurfacePlan {
         // Moments and right-hand sides, twice; the vectors of conjugate gradients.
         let solving = 16 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
         let operator = MomentOperator::bytes(max_degree, columns, rayon::current_num_threads());
-        let evaluated = channels * self.evaluated(together);
+        let evaluated = self.evaluated(together);
         let at_vertices =
             Transform::bytes(&transform(max_degree, evaluated), vertices, evaluated).unwrap_or(usize::MAX / 4);
         // Models and residuals; noise beside its residual, where it is removed.
@@ -83,10 +83,11 @@ impl SurfacePlan {
         held + sampling + sums.max(operator) + solving + at_vertices + residual
     }
 
-    /// How many of so many surfaces are evaluated at the vertices together.
+    /// Columns that are evaluated at the vertices together, of so many surfaces: those of whole surfaces.
     pub(crate) fn evaluated(&self, together: usize) -> usize {
         let columns = (COEFFICIENTS / basis_size(self.sizes.max_degree)).min(EVALUATED);
-        (columns / self.sizes.channels.max(1)).clamp(1, together)
+        let channels = self.sizes.channels;
+        channels * (columns / channels.max(1)).clamp(1, together)
     }
 
     /// How many of the threads may read a surface at a time.
