@@ -259,21 +259,21 @@ fn tables_and_settings_that_lie_are_refused() {
     for name in ["claim.npy", "twice.npy", "claim.npz"] {
         samples(name);
     }
-    // Pages of Parquet: 2 GiB in 20 bytes, for few rows or for as many as that; more than the column, less than nothing,
-    // columns that aren't in the file. Files of the corpus end with a byte that says how they are read.
-    for (name, expected) in [
-        ("pages-expands", "2147483647 bytes in a page of"),
-        ("pages-rows", "pages that take 2.0 GiB of memory"),
-        ("pages-long", "a page of 2147483647 bytes"),
-        ("pages-less", "a page of less than no bytes"),
-        ("pages-column", "isn't in the file"),
-        ("pages-before", "isn't in the file"),
+    // A buffer of Arrow: 8 TiB in 85 bytes, for as many rows. Pages of Parquet: 2 GiB in 20 bytes, for few rows or for as many as
+    // that; more than the column, less than nothing, columns that aren't in the file. Files of the corpus end with a byte that says how they are read.
+    for (file, expected) in [
+        ("rows.arrow", "8796093022272 bytes in a buffer of 85 compressed ones"),
+        ("pages-expands.parquet", "2147483647 bytes in a page of"),
+        ("pages-rows.parquet", "pages that take 2.0 GiB of memory"),
+        ("pages-long.parquet", "a page of 2147483647 bytes"),
+        ("pages-less.parquet", "a page of less than no bytes"),
+        ("pages-column.parquet", "isn't in the file"),
+        ("pages-before.parquet", "isn't in the file"),
     ] {
-        let file = format!("{name}.parquet");
-        let bytes = std::fs::read(root().join("tests/data/hostile/tables").join(&file)).expect("a file of the corpus");
-        site.put(&file, &bytes[..bytes.len() - 1]);
-        let moments = ["moments", "--samples", &file, "--values", "f", "--max-degree", "1", "-q", "-o", "o.moments"];
-        let line = site.refused(&file, &moments);
+        let bytes = std::fs::read(root().join("tests/data/hostile/tables").join(file)).expect("a file of the corpus");
+        site.put(file, &bytes[..bytes.len() - 1]);
+        let moments = ["moments", "--samples", file, "--values", "f", "--max-degree", "1", "-q", "-o", "o.moments"];
+        let line = site.refused(file, &moments);
         assert!(line.contains(expected), "{line}");
     }
     let import = |name: &str| site.refused(name, &["import", name, "-q", "-o", "o.npz"]);

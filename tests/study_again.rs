@@ -82,7 +82,7 @@ fn a_study_is_the_same_from_another_folder() {
 fn a_study_runs_once_at_a_time() {
     let site = site();
     fs::create_dir_all(site.path().join("out/.study")).expect("a folder");
-    let lock = fs::File::create(site.path().join("out/.study/lock")).expect("a file");
+    let lock = fs::File::create(site.path().join("out/.study/.lock")).expect("a file");
     lock.try_lock().expect("it is free");
     for arguments in [&["study.toml"][..], &["study.toml", "--shard", "0/2"]] {
         let error = fail(&mut study(site.path(), arguments));

@@ -77,7 +77,7 @@ pub(crate) fn run(
 
 /// Holds the study for this process; jobs that fit parts of it share it. Where the file system has no locks, so it is left.
 fn lock(plan: &Plan, shared: bool) -> Result<File> {
-    let path = plan.records().join("lock");
+    let path = plan.records().join(".lock");
     let file = File::options().create(true).append(true).open(&path).with_context(|| path.display().to_string())?;
     if let Err(TryLockError::WouldBlock) = if shared { file.try_lock_shared() } else { file.try_lock() } {
         bail!("{}: the study is running already; wait for its end, or stop it", plan.file.display());
