@@ -8,10 +8,12 @@
 //!
 //! 1. Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly a
 //!    multiple of the identity, and a handful of iterations suffices.
-//! 2. Where they are slow, the Cholesky factor of N, from the Gram matrix, and refinement: `x += N^-1 g` with the gradient
+//! 2. Where they are slow, a Cholesky factor of N in single precision, from the Gram matrix, to precondition with, from some 4,000
+//!    columns on and where condition numbers, which are estimated with it, allow for that.
+//! 3. Else the Cholesky factor of N in double precision, and refinement: `x += N^-1 g` with the gradient
 //!    `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or stops
 //!    improving. A factor that is at hand, say in a store, is used from the start where it is faster.
-//! 3. Where N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
+//! 4. Where N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
 //!    From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
 //!    small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
@@ -26,6 +28,7 @@
 //! | `params`, `solver`, `iterate`, `cost` | [`LsqParams`], [`LsqSolver`]: the strategy |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
+//! | `single` | the factor in single precision |
 //! | `problem` | products and gradients, from samples or from moments |
 //! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples alone |
 //! | `standard_errors` | of the coefficients |
@@ -77,6 +80,8 @@ mod refine;
 #[cfg(feature = "dense")]
 mod report;
 mod signs;
+#[cfg(feature = "dense")]
+mod single;
 #[cfg(feature = "dense")]
 mod solver;
 #[cfg(feature = "dense")]

@@ -3,11 +3,12 @@
 //! For columns J = [a, b) the panel G[a.., J] is asked for, what the columns before contribute is subtracted,
 //!
 //! ```text
-//! P = G[a.., J] - sum_k C[a.., k] C[J, k]^T        (dgemm, runs of k of some 512 columns)
-//! C[J, J] = chol(P[J])                              (dpotrf)
-//! C[b.., J] = P[b..] C[J, J]^-T                     (dtrsm)
+//! P = G[a.., J] - sum_k C[a.., k] C[J, k]^T        (gemm, runs of k of some 512 columns)
+//! C[J, J] = chol(P[J])                              (potrf)
+//! C[b.., J] = P[b..] C[J, J]^-T                     (trsm)
 //! ```
 //!
+//! in double or in single precision ([`Arithmetic`]),
 //! and the finished tiles are put away. Earlier columns are read again for each panel, so a panel of w columns costs
 //! 4 K^3 / (3 w) bytes of reading in all beside K^3 / 3 flops; the wider the budget allows it to be, the less. In memory
 //! "reading" is a copy between tiles and panels. Each entry is computed in an order that depends on the panels' width
@@ -17,12 +18,11 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 use spharm_harmonics::index::degree_order;
-use spharm_harmonics::product::Matrix;
 use spharm_monitor::Monitor;
 use spharm_store::TileGrid;
 
 use crate::SolverError;
-use crate::blas::Blas;
+use crate::cholesky::arithmetic::{Arithmetic, Block};
 use crate::cholesky::tiles::Finished;
 use crate::gram::GramMatrix;
 
@@ -41,14 +41,15 @@ pub(crate) struct Panels {
 }
 
 impl Panels {
-    /// Bytes of workspace.
-    pub(crate) fn bytes(&self) -> usize {
+    /// Bytes of workspace for values of type `S`.
+    pub(crate) fn bytes<S: Arithmetic>(&self) -> usize {
         let (size, tile) = (self.grid.size(), self.grid.tile());
         let width = (self.width * tile).min(size);
         let run = RUN.max(tile).min(size);
         let rows = ROWS.max(tile).min(size);
         // The panel; its triangle apart; the gathered run of the panel's rows and of others; a tile for each thread.
-        8 * (size * width + width * width + width * run + rows * run + 2 * self.threads * tile * tile)
+        let values = size * width + width * width + width * run + rows * run + 2 * self.threads * tile * tile;
+        size_of::<S>() * values + S::wide_bytes(size, width)
     }
 
     /// Flops of all of it.
@@ -58,9 +59,9 @@ impl Panels {
 }
 
 /// Factorises `source` into `finished`; gives the 1-norm of G. Steps of the monitor are flops.
-pub(crate) fn factorise(
+pub(crate) fn factorise<S: Arithmetic>(
     source: &dyn GramMatrix,
-    finished: &dyn Finished,
+    finished: &dyn Finished<S>,
     panels: &Panels,
     monitor: &dyn Monitor,
 ) -> Result<f64, SolverError> {
@@ -68,16 +69,17 @@ pub(crate) fn factorise(
     let (size, count) = (grid.size(), grid.columns());
     assert_eq!(source.size(), size, "the Gram matrix and its tiles");
     let mut sums = vec![0.0; size];
-    let (mut panel, mut top, mut other) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut wide_panel, mut own_panel, mut top, mut other) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for first in (0..count).step_by(width) {
         let columns = first..(first + width).min(count);
         let (a, b) = (grid.range(first).start, grid.range(columns.end - 1).end);
         let (rows, wide) = (size - a, b - a);
-        panel.clear();
-        panel.resize(rows * wide, 0.0);
+        wide_panel.clear();
+        wide_panel.resize(rows * wide, 0.0);
         monitor.check()?;
-        source.tile(a..size, a..b, &mut panel, rows)?;
-        add_norms(&panel, rows, &mut sums[a..]);
+        source.tile(a..size, a..b, &mut wide_panel, rows)?;
+        add_norms(&wide_panel, rows, &mut sums[a..]);
+        let panel = S::rounded(&mut wide_panel, &mut own_panel);
         let run = (RUN / grid.tile()).max(1);
         for start in (0..first).step_by(run) {
             let before = start..(start + run).min(first);
@@ -91,26 +93,25 @@ pub(crate) fn factorise(
                 let range = grid.range(row).start..grid.range(tiles.end - 1).end;
                 gather(finished, grid, tiles, before.clone(), &mut other)?;
                 let (height, at) = (range.len(), range.start - a);
-                let (left, right) = (Matrix::new(&other, height, k, height), Matrix::new(&top, wide, k, wide));
-                Blas::with_threads(threads).subtract_outer(left, right, &mut panel[at..], rows);
+                let (left, right) = (Block::new(&other, height, k), Block::new(&top, wide, k));
+                S::subtract_outer(left, right, &mut panel[at..], rows, threads);
                 monitor.step(2 * (height * wide * k) as u64);
             }
         }
         monitor.check()?;
-        let factored = Blas::with_threads(threads).cholesky(&mut panel, wide, rows);
-        factored.map_err(|column| not_positive(a + column))?;
+        S::cholesky(panel, wide, rows, threads).map_err(|column| not_positive(a + column))?;
         // LAPACK's comparison with zero lets a NaN through.
         if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].is_finite()) {
             return Err(not_positive(a + column));
         }
         if rows > wide {
-            let triangle: Vec<f64> = panel.chunks(rows).flat_map(|column| &column[..wide]).copied().collect();
-            let triangle = Matrix::new(&triangle, wide, wide, wide);
-            Blas::with_threads(threads).divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows);
+            let triangle: Vec<S> = panel.chunks(rows).flat_map(|column| &column[..wide]).copied().collect();
+            let triangle = Block::new(&triangle, wide, wide);
+            S::divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows, threads);
         }
         let wide = wide as u64;
         monitor.step(wide * wide * (wide / 3 + rows as u64 - wide));
-        put(finished, grid, columns, &panel, rows)?;
+        put(finished, grid, columns, panel, rows)?;
     }
     // Not f64::max, which would pass over a NaN.
     Ok(sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m }))
@@ -131,20 +132,20 @@ fn add_norms(panel: &[f64], rows: usize, sums: &mut [f64]) {
 }
 
 /// Finished tiles of some tile rows and columns, side by side: column-major without gaps. The columns are full ones.
-fn gather(
-    finished: &dyn Finished,
+fn gather<S: Arithmetic>(
+    finished: &dyn Finished<S>,
     grid: TileGrid,
     rows: Range<usize>,
     columns: Range<usize>,
-    out: &mut Vec<f64>,
+    out: &mut Vec<S>,
 ) -> Result<(), SolverError> {
     let start = grid.range(rows.start).start;
     let height = grid.range(rows.end - 1).end - start;
-    out.resize(height * columns.len() * grid.tile(), 0.0);
+    out.resize(height * columns.len() * grid.tile(), S::default());
     out.par_chunks_exact_mut(height * grid.tile()).zip(columns).try_for_each_init(Vec::new, |tile, (out, column)| {
         for row in rows.clone() {
             let range = grid.range(row);
-            tile.resize(grid.len(row, column), 0.0);
+            tile.resize(grid.len(row, column), S::default());
             finished.get(row, column, tile)?;
             for (out, values) in out.chunks_exact_mut(height).zip(tile.chunks_exact(range.len())) {
                 out[range.start - start..range.end - start].copy_from_slice(values);
@@ -155,11 +156,11 @@ fn gather(
 }
 
 /// Puts a panel's tiles away.
-fn put(
-    finished: &dyn Finished,
+fn put<S: Arithmetic>(
+    finished: &dyn Finished<S>,
     grid: TileGrid,
     columns: Range<usize>,
-    panel: &[f64],
+    panel: &[S],
     rows: usize,
 ) -> Result<(), SolverError> {
     let start = grid.range(columns.start).start;
@@ -172,7 +173,7 @@ fn put(
             let at = tile.len();
             tile.extend_from_slice(&values[height.start - start..height.end - start]);
             if row == column {
-                tile[at..at + k].fill(0.0);
+                tile[at..at + k].fill(S::default());
             }
         }
         finished.put(row, column, tile)

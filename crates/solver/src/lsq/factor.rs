@@ -55,17 +55,20 @@ pub(super) fn factorise_shifted(
 }
 
 fn largest_diagonal(gram: &dyn GramMatrix, penalty: &[f64]) -> Result<f64, SolverError> {
-    let mut largest = 0.0f64;
+    Ok(diagonal(gram)?.iter().zip(penalty).fold(0.0, |largest: f64, (value, p)| largest.max(value + p)))
+}
+
+/// Returns the diagonal of a Gram matrix, (K).
+pub(super) fn diagonal(gram: &dyn GramMatrix) -> Result<Vec<f64>, SolverError> {
+    let mut values = Vec::with_capacity(gram.size());
     for l in 0..=max_degree_of(gram.size()).unwrap_or(0) {
         let columns = first_column(l)..first_column(l + 1);
         let k = columns.len();
         let mut tile = vec![0.0; k * k];
-        gram.tile(columns.clone(), columns.clone(), &mut tile, k)?;
-        for (i, column) in columns.enumerate() {
-            largest = largest.max(tile[i * k + i] + penalty[column]);
-        }
+        gram.tile(columns.clone(), columns, &mut tile, k)?;
+        values.extend(tile.iter().step_by(k + 1));
     }
-    Ok(largest)
+    Ok(values)
 }
 
 /// The preconditioner of the degrees up to `degree`: the factor of their part of `G + diag(penalty)`, and `rest` for those

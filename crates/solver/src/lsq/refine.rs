@@ -1,14 +1,19 @@
 //! Refinement with a factor of the normal equations: `x += M g`, `M = (N + mu I)^-1`, with the gradient g formed by the
-//! operator.
+//! operator. With a factor in single precision conjugate gradients go on instead, preconditioned with it.
 
+use std::time::Instant;
+
+use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
 
 use super::cg::{Cg, CgParams, Stop, relative};
 use super::columns::norms;
-use super::preconditioner::ByFactor;
+use super::preconditioner::{ByFactor, Preconditioner};
 use super::problem::Problem;
-use super::solver::{LsqSolver, Solution};
+use super::single::{Single, make_single};
+use super::solver::{FIT, Given, LsqSolver, Solution};
 use crate::SolverError;
+use crate::cholesky::plan_single;
 
 /// Most refinements.
 const REFINEMENTS: usize = 40;
@@ -18,7 +23,72 @@ const PATIENCE: usize = 30;
 /// Optimality that rounding errors of targets and transforms leave.
 const ROUNDING: f64 = 1e-9;
 
+/// Columns from which a factor is made in single precision: one in double precision of fewer takes less than a quarter of a
+/// second.
+const SINGLE_FROM: usize = 4096;
+
 impl LsqSolver<'_> {
+    /// Makes a factor in single precision unless there is one. False where it isn't worth it, where memory doesn't suffice, or where
+    /// N is too ill-conditioned for it.
+    pub(super) fn make_single(&mut self, given: Given<'_>, monitor: &dyn Monitor) -> Result<bool, SolverError> {
+        if self.single.is_some() {
+            return Ok(true);
+        }
+        let (Some(make_gram), None, None) = (self.make_gram, self.stored, &self.made) else { return Ok(false) };
+        let (size, params) = (basis_size(self.source.max_degree()), self.factor_params());
+        let Ok(plan) = plan_single(size, &params) else { return Ok(false) };
+        // What is held is there already.
+        let more = plan.memory - self.params.held + plan.reserved;
+        if size < SINGLE_FROM || self.check_limits.is_some_and(|check| check(more).is_err()) {
+            return Ok(false);
+        }
+        let started = Instant::now();
+        let problem = self.problem(given);
+        let single = make_single(&*make_gram()?, self.penalty.as_deref(), &*problem, &params, monitor)?;
+        drop(problem);
+        self.single = single;
+        monitor.begin(FIT, 0);
+        self.factor_seconds += started.elapsed().as_secs_f64();
+        Ok(self.single.is_some())
+    }
+
+    /// Goes on with the factor that there is: with one in single precision as far as that goes.
+    pub(super) fn solve_with_factor(
+        &mut self,
+        cg: &mut Cg,
+        given: Given<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<Solution, SolverError> {
+        if let Some(single) = &self.single {
+            let solution = self.iterate_with_single(single, cg, &*self.problem(given), monitor)?;
+            if solution.stop == Stop::Converged {
+                return Ok(solution);
+            }
+            self.single = None;
+            if !self.make_factor(false, monitor)? {
+                return Ok(solution);
+            }
+        }
+        self.refine(cg, &*self.problem(given), monitor)
+    }
+
+    fn iterate_with_single(
+        &self,
+        single: &Single,
+        cg: &mut Cg,
+        problem: &dyn Problem,
+        monitor: &dyn Monitor,
+    ) -> Result<Solution, SolverError> {
+        let max_iterations = self.params.max_iterations.saturating_sub(cg.iterations);
+        let params = CgParams { tolerance: self.params.tolerance, max_iterations, patience: PATIENCE };
+        let stop = cg.run(problem, single, &params, monitor)?;
+        let (mut stop, residual) = cg.confirm(stop, problem, single, &params, monitor)?;
+        if stop == Stop::Stalled && cg.optimality() <= ROUNDING {
+            stop = Stop::Converged;
+        }
+        Ok(Solution { stop, preconditioner: single.name(), refinements: None, residual })
+    }
+
     /// Refines x until its optimality is met or stops improving.
     pub(super) fn refine(
         &self,

@@ -15,7 +15,7 @@ pub struct LsqReport {
     pub rows: usize,
     /// Columns of the targets, c.
     pub channels: usize,
-    /// The preconditioner of the last steps: `none`, `density`, `low-degrees`, `factor`, `stored-factor`.
+    /// The preconditioner of the last steps: `none`, `density`, `low-degrees`, `factor`, `factor-f32`, `stored-factor`.
     pub preconditioner: &'static str,
     /// Iterations of conjugate gradients.
     pub iterations: usize,

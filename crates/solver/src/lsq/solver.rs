@@ -17,6 +17,7 @@ use super::params::{LsqParams, Strategy};
 use super::preconditioner::{Density, Diagonal, LowDegrees, Preconditioner};
 use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
+use super::single::Single;
 use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
 use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
@@ -31,7 +32,7 @@ const WELL_CONDITIONED: f64 = 1e-2;
 const FEW: usize = 12;
 
 /// The stage of a fit but for the making of a factor; how many steps it will take isn't known.
-const FIT: Stage = Stage::counted("fit", "steps");
+pub(super) const FIT: Stage = Stage::counted("fit", "steps");
 
 /// The result of a least-squares fit.
 #[derive(Debug, Clone)]
@@ -92,12 +93,13 @@ pub struct LsqSolver<'a> {
     pub(super) source: Source<'a>,
     pub(super) make_gram: Option<&'a MakeGram<'a>>,
     pub(super) make_moments: Option<&'a MakeMoments<'a>>,
-    check_limits: Option<&'a CheckLimits<'a>>,
+    pub(super) check_limits: Option<&'a CheckLimits<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
     /// Diagonal of P, (K), where there is a penalty.
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
+    pub(super) single: Option<Single>,
     pub(super) moments: Option<Moments>,
     pub(super) low_degrees: Option<LowDegrees>,
     pub(super) warnings: Vec<LsqWarning>,
@@ -160,6 +162,7 @@ impl<'a> LsqSolver<'a> {
             params,
             penalty,
             made: None,
+            single: None,
             moments: None,
             low_degrees: None,
             warnings: Vec::new(),
@@ -232,11 +235,11 @@ impl<'a> LsqSolver<'a> {
         };
         let solution = if self.starts_with_factor(cg.x.ncols()) {
             self.make_factor(self.params.strategy == Strategy::Cholesky, monitor)?;
-            self.refine(&mut cg, &*self.problem(given), monitor)?
+            self.solve_with_factor(&mut cg, given, monitor)?
         } else {
             match self.iterate(&mut cg, given, monitor)? {
                 Some(solution) => solution,
-                None => self.refine(&mut cg, &*self.problem(given), monitor)?,
+                None => self.solve_with_factor(&mut cg, given, monitor)?,
             }
         };
         monitor.end();
@@ -246,7 +249,7 @@ impl<'a> LsqSolver<'a> {
 
     /// Whether to use a factor from the start.
     pub(super) fn starts_with_factor(&self, columns: usize) -> bool {
-        let at_hand = self.stored.is_some() || self.made.is_some();
+        let at_hand = self.stored.is_some() || self.made.is_some() || self.single.is_some();
         let well = self.stored.is_some_and(|factor| factor.condition().reciprocal > WELL_CONDITIONED);
         match self.params.strategy {
             Strategy::Cholesky => true,
@@ -264,21 +267,16 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Makes a factor unless there is one. False where memory or the process's limits don't allow for one; an error then
-    /// where it is `required`.
+    /// Makes a factor unless there is one; in double precision where it is `required`. False where memory or the process's limits
+    /// don't allow for one; an error then where it is `required`.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
-        if self.stored.is_some() || self.made.is_some() {
+        if self.stored.is_some() || self.made.is_some() || (!required && self.single.is_some()) {
             return Ok(true);
         }
+        self.single = None;
         let Some(make_gram) = self.make_gram else { return Err(SolverError::NoGram) };
         let started = Instant::now();
-        let held_by_moments = if self.moments.is_some() { self.params.moment_bytes } else { 0 };
-        let params = FactorParams {
-            memory: self.params.memory,
-            held: self.params.held + self.params.gram_bytes + held_by_moments,
-            threads: self.params.threads,
-            ..FactorParams::default()
-        };
+        let params = self.factor_params();
         let size = basis_size(self.source.max_degree());
         if let Err(error) = self.plan_factor(size, &params) {
             if required {
@@ -293,6 +291,16 @@ impl<'a> LsqSolver<'a> {
         monitor.begin(FIT, 0);
         self.factor_seconds += started.elapsed().as_secs_f64();
         Ok(true)
+    }
+
+    pub(super) fn factor_params(&self) -> FactorParams {
+        let held_by_moments = if self.moments.is_some() { self.params.moment_bytes } else { 0 };
+        FactorParams {
+            memory: self.params.memory,
+            held: self.params.held + self.params.gram_bytes + held_by_moments,
+            threads: self.params.threads,
+            ..FactorParams::default()
+        }
     }
 
     fn plan_factor(&self, size: usize, params: &FactorParams) -> Result<(), SolverError> {

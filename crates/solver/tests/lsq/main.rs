@@ -7,6 +7,7 @@ mod moments;
 mod preconditioned;
 mod problems;
 mod refusals;
+mod single;
 mod singular;
 mod standard_errors;
 mod strategies;
