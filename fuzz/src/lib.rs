@@ -9,6 +9,6 @@ mod readers;
 /// Where the reader doesn't keep a promise.
 pub fn run(name: &str, input: &[u8]) {
     // As programs do; less than the fuzzer lets a reader have.
-    spharm_surface::room::ask_for_free_memory(|| 256 << 20);
+    spharm_surface::io::ask_for_free_memory(|| 256 << 20);
     readers::run(name, readers::scratch(), input);
 }
