@@ -26,6 +26,9 @@ use crate::{TransformError, TransformParams};
 
 /// Samples that a task sorts.
 const RUN: usize = 1 << 12;
+/// Bytes of samples of several groups of channels that are sorted together: rows of many channels are so long that sorting one
+/// group after the other reads as many lines of the cache for each as for all of them.
+const SORTED: usize = 16 << 20;
 
 /// A plan for transforms between coefficients to one degree and samples at one list of directions.
 ///
@@ -122,7 +125,8 @@ impl Transform {
         let tables = 8 * degrees * (degrees + gridding.rings / 2 + 8);
         let circles = 16 * (degrees / 2 + 1) * group * gridding.grid;
         let spectra = 16 * core * group * degrees;
-        let samples = 8 * directions * group + 16 * basis_size(params.max_degree) * group;
+        let sorted = (8 * directions * channels).min(SORTED).max(8 * directions * group);
+        let samples = sorted + 16 * basis_size(params.max_degree) * group;
         Ok(2 * Points::bytes(directions) + tables + circles + spectra + 16 * layout.len() + samples)
     }
 
@@ -145,18 +149,22 @@ impl Transform {
     pub fn synthesis(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("coefficients", basis_size(self.max_degree), coefficients.nrows())?;
         let mut samples = Array2::zeros((self.points.len(), coefficients.ncols()));
-        self.grouped(coefficients.ncols(), Uses::SYNTHESIS, |space, columns| {
-            let count = columns.len();
-            let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns.clone()]), space);
-            interpolate(layout, &space.grids[0], &self.kernel, &self.points, &mut space.samples);
-            let (sorted, all) = (&space.samples, coefficients.ncols());
-            let samples = samples.as_slice_mut().unwrap_or_default();
-            let runs = samples.par_chunks_mut(RUN * all).zip(self.points.ranks().par_chunks(RUN));
-            runs.for_each(|(samples, ranks)| {
+        let all = coefficients.ncols();
+        self.grouped(all, self.sorted_together(), Uses::SYNTHESIS, |space, block| {
+            let (count, length) = self.group(&block);
+            for (columns, place) in self.groups(&block).zip(0..) {
+                let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns]), space);
+                let sorted = &mut space.samples[place * length..(place + 1) * length];
+                interpolate(layout, &space.grids[0], &self.kernel, &self.points, sorted);
+            }
+            let runs = samples.as_slice_mut().unwrap_or_default().par_chunks_mut(RUN * all);
+            runs.zip(self.points.ranks().par_chunks(RUN)).for_each(|(samples, ranks)| {
                 for (row, rank) in samples.chunks_exact_mut(all).zip(ranks) {
-                    let at = *rank as usize * count;
-                    for (value, sorted) in row[columns.clone()].iter_mut().zip(&sorted[at..at + count]) {
-                        *value = *sorted;
+                    let groups = row[block.clone()].chunks_exact_mut(count);
+                    for (values, sorted) in groups.zip(space.samples.chunks_exact(length)) {
+                        for (value, sorted) in values.iter_mut().zip(&sorted[*rank as usize * count..]) {
+                            *value = *sorted;
+                        }
                     }
                 }
             });
@@ -207,17 +215,27 @@ impl Transform {
     /// Adjoint synthesis of samples that `fill` gives, for a direction and a range of columns.
     fn adjoint_of(&self, channels: usize, fill: impl Fn(usize, Range<usize>, &mut [f64]) + Sync) -> Array2<f64> {
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
-        self.grouped(channels, Uses::ADJOINT, |space, columns| {
-            let runs = space.samples.par_chunks_mut(RUN * columns.len()).zip(self.points.order().par_chunks(RUN));
-            runs.for_each(|(sorted, order)| {
-                for (sorted, direction) in sorted.chunks_exact_mut(columns.len()).zip(order) {
-                    fill(*direction as usize, columns.clone(), sorted);
+        self.grouped(channels, self.sorted_together(), Uses::ADJOINT, |space, block| {
+            let (count, length) = self.group(&block);
+            // The same run of each group.
+            let mut runs: Vec<Vec<&mut [f64]>> = self.points.order().chunks(RUN).map(|_| Vec::new()).collect();
+            for sorted in space.samples.chunks_exact_mut(length.max(1)) {
+                runs.iter_mut().zip(sorted.chunks_mut(RUN * count)).for_each(|(run, sorted)| run.push(sorted));
+            }
+            runs.into_par_iter().zip(self.points.order().par_chunks(RUN)).for_each(|(mut run, order)| {
+                for (place, direction) in order.iter().enumerate() {
+                    for (sorted, columns) in run.iter_mut().zip(self.groups(&block)) {
+                        fill(*direction as usize, columns, &mut sorted[place * count..(place + 1) * count]);
+                    }
                 }
             });
-            let layout = self.layout(columns.len());
-            space.grids[1].par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
-            spread(layout, &mut space.grids[1], &self.kernel, &self.points, &space.samples);
-            self.coefficients_of(layout, space, coefficients.slice_mut(ndarray::s![.., columns]));
+            let layout = self.layout(count);
+            for (columns, place) in self.groups(&block).zip(0..) {
+                space.grids[1].par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
+                let sorted = &space.samples[place * length..(place + 1) * length];
+                spread(layout, &mut space.grids[1], &self.kernel, &self.points, sorted);
+                self.coefficients_of(layout, space, coefficients.slice_mut(ndarray::s![.., columns]));
+            }
         });
         coefficients
     }
@@ -230,7 +248,7 @@ impl Transform {
         spread: impl Fn(Layout, Range<usize>, &mut [f64]),
     ) -> Array2<f64> {
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
-        self.grouped(channels, Uses::ADJOINT, |space, columns| {
+        self.grouped(channels, 1, Uses::ADJOINT, |space, columns| {
             let layout = self.layout(columns.len());
             spread(layout, columns.clone(), &mut space.grids[1][..layout.len()]);
             self.coefficients_of(layout, space, coefficients.slice_mut(ndarray::s![.., columns]));
@@ -257,7 +275,7 @@ impl Transform {
             self.expect("weights", self.points.len(), weights.len())?;
         }
         let mut result = Array2::zeros(coefficients.dim());
-        self.grouped(coefficients.ncols(), Uses::NORMAL, |space, columns| {
+        self.grouped(coefficients.ncols(), 1, Uses::NORMAL, |space, columns| {
             let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns.clone()]), space);
             let [from, to] = &mut space.grids;
             to.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
@@ -285,23 +303,48 @@ impl Transform {
         Layout::new(self.gridding.grid, self.gridding.reach, channels)
     }
 
-    /// Calls `work` for each group of channels with working memory of the right size: what it uses of it.
-    fn grouped(&self, channels: usize, uses: Uses, mut work: impl FnMut(&mut Workspace, Range<usize>)) {
+    /// The number of groups of channels whose samples are sorted together.
+    fn sorted_together(&self) -> usize {
+        SORTED / (8 * self.points.len() * self.channels).max(1)
+    }
+
+    /// The number of channels of each group of a block of channels, and of their samples.
+    fn group(&self, block: &Range<usize>) -> (usize, usize) {
+        let count = block.len().min(self.channels);
+        (count, count * self.points.len())
+    }
+
+    /// The groups of a block of channels.
+    fn groups(&self, block: &Range<usize>) -> impl Iterator<Item = Range<usize>> + use<> {
+        let count = block.len().min(self.channels);
+        block.clone().step_by(count.max(1)).map(move |first| first..first + count)
+    }
+
+    /// Calls `work` for blocks of channels, of up to `together` whole groups or of what is left of one, with working memory of the
+    /// right size for a group: what it uses of it; samples for all of them.
+    fn grouped(
+        &self,
+        channels: usize,
+        together: usize,
+        uses: Uses,
+        mut work: impl FnMut(&mut Workspace, Range<usize>),
+    ) {
         let mut space = self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop().unwrap_or_default();
         let mut first = 0;
         while first < channels {
-            let columns = first..(first + self.channels).min(channels);
-            let count = columns.len();
+            let whole = ((channels - first) / self.channels).min(together.max(1));
+            let block = first..if whole > 0 { first + whole * self.channels } else { channels };
+            let (count, samples) = self.group(&block);
             let sizes = Sizes {
                 circles: self.fourier.order_pairs() * count * self.gridding.grid,
                 spectra: self.layout(count).core_rows() * count * (self.max_degree + 1),
                 grid: self.layout(count).len(),
-                samples: self.points.len() * count,
+                samples: samples * whole.max(1),
                 by_order: (self.max_degree + 1) * (self.max_degree + 2) * count,
             };
             space.resize(&sizes, uses);
-            first = columns.end;
-            work(&mut space, columns);
+            first = block.end;
+            work(&mut space, block);
         }
         self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(space);
     }

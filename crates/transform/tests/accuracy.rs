@@ -203,6 +203,28 @@ fn plans_of_a_lower_degree_share_the_directions() {
     }
 }
 
+/// Whether groups are sorted together, which depends on the number of directions, or are what is left.
+#[test]
+fn groups_of_channels_are_transformed_as_if_alone() {
+    for (n, channels) in [(1000, 11), (200_000, 20)] {
+        let directions = directions(n);
+        let params = TransformParams { max_degree: 6, accuracy: 1e-10, channels: 3 };
+        let transform = Transform::new(&directions, &params).unwrap();
+        let x = coefficients(6, channels);
+        let samples = transform.synthesis(x.view()).unwrap();
+        let back = transform.adjoint_synthesis(samples.view()).unwrap();
+        for first in (0..channels).step_by(3) {
+            let columns = ndarray::s![.., first..(first + 3).min(channels)];
+            assert_eq!(transform.synthesis(x.slice(columns)).unwrap(), samples.slice(columns), "{n} {first}");
+            assert_eq!(
+                transform.adjoint_synthesis(samples.slice(columns)).unwrap(),
+                back.slice(columns),
+                "{n} {first}"
+            );
+        }
+    }
+}
+
 #[test]
 fn weighted_sums_are_adjoint_syntheses_of_weights_and_weighted_samples() {
     let directions = directions(700);
