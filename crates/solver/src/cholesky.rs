@@ -12,7 +12,7 @@
 //! |---|---|
 //! | `build` | memory and disk that a factor takes; computing it in memory or into a store |
 //! | `factorise` | the factorisation, panel by panel |
-//! | `arithmetic` | its products and triangles: in double precision by OpenBLAS, in single by faer |
+//! | `arithmetic` | its products and triangles: in double precision by OpenBLAS, in single by faer but for the diagonal |
 //! | `single` | a factor in single precision, to precondition with |
 //! | `tiles` | tiles in memory, and those of an unfinished file |
 //! | `stored` | tiles in a store |

@@ -308,7 +308,7 @@ impl Transform {
         SORTED / (8 * self.points.len() * self.channels).max(1)
     }
 
-    /// The number of channels of each group of a block of channels, and of their samples.
+    /// For a block of channels: the number of channels of each of its groups, and the number of samples of a group.
     fn group(&self, block: &Range<usize>) -> (usize, usize) {
         let count = block.len().min(self.channels);
         (count, count * self.points.len())
@@ -320,8 +320,8 @@ impl Transform {
         block.clone().step_by(count.max(1)).map(move |first| first..first + count)
     }
 
-    /// Calls `work` for blocks of channels, of up to `together` whole groups or of what is left of one, with working memory of the
-    /// right size for a group: what it uses of it; samples for all of them.
+    /// Calls `work` for blocks of channels: up to `together` whole groups, and in the end what is less than a group. Its working
+    /// memory has the parts that `uses` names: samples of all groups of the block, the rest of one group.
     fn grouped(
         &self,
         channels: usize,

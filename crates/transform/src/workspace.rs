@@ -13,7 +13,7 @@ pub(crate) struct Workspace {
     pub(crate) spectra: Vec<Complex64>,
     /// The grid that is interpolated from, and the one that is spread to, with margins.
     pub(crate) grids: [Vec<f64>; 2],
-    /// Samples in sorted order, (n, channels) row-major.
+    /// Samples in sorted order, (groups, n, channels of a group) row-major.
     pub(crate) samples: Vec<f64>,
     /// Coefficients by order: for each m, (L + 1 - m, columns) row-major.
     pub(crate) by_order: Vec<f64>,

@@ -17,7 +17,7 @@ const MARK: [u8; 4] = [0xff; 4];
 /// Bytes that a buffer takes beside its numbers of at most 64 bits: Arrow pads buffers.
 const PADDING: u64 = 64;
 /// Bytes that a compressed one stands for at most: zstd writes a run of 128 KiB in four bytes, LZ4 one of 255 in one.
-const LONGEST_RUN: u64 = 1 << 15;
+const MOST_PER_BYTE: u64 = 1 << 15;
 /// The number of bytes of a buffer that isn't compressed, within a compressed block.
 const PLAIN: i64 = -1;
 
@@ -83,8 +83,8 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
         }
         let expanded = u64::try_from(expanded).map_err(|_| "a buffer of less than no bytes")?;
         // Constants compress to next to nothing, but to no more than their rows.
-        let constants = length.saturating_mul(LONGEST_RUN).min(rows.saturating_mul(8).saturating_add(PADDING));
-        if expanded > most_expanded(length).max(constants) {
+        let plausible = most_expanded(length).max(rows.saturating_mul(8).saturating_add(PADDING));
+        if expanded > plausible.min(length.saturating_mul(MOST_PER_BYTE)) {
             return Err(format!("{expanded} bytes in a buffer of {length} compressed ones, for {rows} rows"));
         }
         all = all.saturating_add(expanded);

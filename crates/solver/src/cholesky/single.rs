@@ -7,9 +7,9 @@
 //! ```
 //!
 //! with sigma some rounding errors of single precision, so that S is definite where N is. `D S^-1 D N` has eigenvalues near 1
-//! but for those directions in which N is smaller than some sigma: conjugate gradients with products in double precision take
-//! five to ten iterations with it up to condition numbers of N that sigma alone would be lost in. Measured on head27618 at
-//! degree 100, whose condition number is 1.6e8: seven to an optimality of 3e-14 for sigma = 6e-7, eleven to 7e-15 for 2e-6.
+//! but for those directions in which N is smaller than some sigma. Conjugate gradients with products in double precision take
+//! five to ten iterations with it, even where sigma is a hundred times N's smallest eigenvalue. Measured on head27618 at degree
+//! 100, whose N has a condition number of 1.6e8: seven to an optimality of 3e-14 for sigma = 6e-7, eleven to 7e-15 for 2e-6.
 
 use ndarray::Array2;
 use spharm_monitor::{Monitor, Stage, Unit};

@@ -44,7 +44,7 @@ impl LsqSolver<'_> {
         let params = self.cg_params();
         let cost = Cost { rows: self.source.rows(), max_degree: self.source.max_degree(), channels: cg.x.ncols() };
         let factor_possible = self.params.strategy == Strategy::Auto
-            && (self.make_gram.is_some() || self.stored.is_some() || self.made.is_some() || self.single.is_some())
+            && (self.make_gram.is_some() || self.stored.is_some() || self.made.is_some())
             && basis_size(self.source.max_degree()) <= self.source.rows();
         let mut stop = Stop::IterationLimit;
         if let Given::Targets(..) = given
@@ -71,7 +71,8 @@ impl LsqSolver<'_> {
         }
         // The user's limit is a limit on all the work: no factor then.
         if stop == Stop::IterationLimit && factor_possible && cg.iterations < params.max_iterations {
-            if self.make_single(given, monitor)? || self.make_factor(false, monitor)? {
+            let single = self.make_single(given, left(cg).max_iterations, monitor)?;
+            if single || self.make_factor(false, monitor)? {
                 return Ok(None);
             }
             stop = cg.run(&*self.problem(given), &*self.preconditioner(), &left(cg), monitor)?;

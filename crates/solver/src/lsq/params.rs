@@ -4,8 +4,8 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Strategy {
-    /// Conjugate gradients first; where they are slow, a Cholesky factor with refinement, shifted where the normal matrix
-    /// is singular.
+    /// Conjugate gradients first; where they are slow, they go on with a Cholesky factor in single precision; where that doesn't
+    /// serve, a factor in double precision with refinement, shifted where the normal matrix is singular.
     Auto,
     /// Conjugate gradients without a preconditioner.
     Cg,

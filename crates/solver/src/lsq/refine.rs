@@ -10,7 +10,7 @@ use super::cg::{Cg, CgParams, Stop, relative};
 use super::columns::norms;
 use super::preconditioner::{ByFactor, Preconditioner};
 use super::problem::Problem;
-use super::single::{Single, make_single};
+use super::single::{Single, single_factor};
 use super::solver::{FIT, Given, LsqSolver, Solution};
 use crate::SolverError;
 use crate::cholesky::plan_single;
@@ -26,28 +26,46 @@ const ROUNDING: f64 = 1e-9;
 /// Columns from which a factor is made in single precision: one in double precision of fewer takes less than a quarter of a
 /// second.
 const SINGLE_FROM: usize = 4096;
+/// Iterations that have to be left for one: it takes five to ten of them, on matrices that it barely serves for some more.
+const SINGLE_ITERATIONS: usize = 40;
+/// How much further than the tolerance iterations with it go, a digit each: what the optimality says little of, coefficients in
+/// directions of small eigenvalues, converges with the rest.
+const FURTHER: f64 = 1e-2;
+/// Rounds of these, each from the gradient that is formed from the samples.
+const ROUNDS: usize = 2;
 
 impl LsqSolver<'_> {
     /// Makes a factor in single precision unless there is one. False where it isn't worth it, where memory doesn't suffice, or where
     /// N is too ill-conditioned for it.
-    pub(super) fn make_single(&mut self, given: Given<'_>, monitor: &dyn Monitor) -> Result<bool, SolverError> {
-        if self.single.is_some() {
-            return Ok(true);
+    pub(super) fn make_single(
+        &mut self,
+        given: Given<'_>,
+        iterations: usize,
+        monitor: &dyn Monitor,
+    ) -> Result<bool, SolverError> {
+        if self.single.is_some() || self.single_refused {
+            return Ok(self.single.is_some());
         }
         let (Some(make_gram), None, None) = (self.make_gram, self.stored, &self.made) else { return Ok(false) };
         let (size, params) = (basis_size(self.source.max_degree()), self.factor_params());
+        if size < SINGLE_FROM || iterations < SINGLE_ITERATIONS {
+            return Ok(false);
+        }
         let Ok(plan) = plan_single(size, &params) else { return Ok(false) };
         // What is held is there already.
         let more = plan.memory - self.params.held + plan.reserved;
-        if size < SINGLE_FROM || self.check_limits.is_some_and(|check| check(more).is_err()) {
+        if self.check_limits.is_some_and(|check| check(more).is_err()) {
             return Ok(false);
         }
         let started = Instant::now();
-        let problem = self.problem(given);
-        let single = make_single(&*make_gram()?, self.penalty.as_deref(), &*problem, &params, monitor)?;
-        drop(problem);
-        self.single = single;
+        let factor = single_factor(&*make_gram()?, self.penalty.as_deref(), &params, monitor)?;
         monitor.begin(FIT, 0);
+        let single = match factor {
+            Some(factor) => Single::new(factor, &*self.problem(given), monitor)?,
+            None => None,
+        };
+        self.single_refused = single.is_none();
+        self.single = single;
         self.factor_seconds += started.elapsed().as_secs_f64();
         Ok(self.single.is_some())
     }
@@ -61,10 +79,10 @@ impl LsqSolver<'_> {
     ) -> Result<Solution, SolverError> {
         if let Some(single) = &self.single {
             let solution = self.iterate_with_single(single, cg, &*self.problem(given), monitor)?;
-            if solution.stop == Stop::Converged {
+            if solution.stop != Stop::Stalled {
                 return Ok(solution);
             }
-            self.single = None;
+            (self.single, self.single_refused) = (None, true);
             if !self.make_factor(false, monitor)? {
                 return Ok(solution);
             }
@@ -79,13 +97,20 @@ impl LsqSolver<'_> {
         problem: &dyn Problem,
         monitor: &dyn Monitor,
     ) -> Result<Solution, SolverError> {
-        let max_iterations = self.params.max_iterations.saturating_sub(cg.iterations);
-        let params = CgParams { tolerance: self.params.tolerance, max_iterations, patience: PATIENCE };
-        let stop = cg.run(problem, single, &params, monitor)?;
-        let (mut stop, residual) = cg.confirm(stop, problem, single, &params, monitor)?;
-        if stop == Stop::Stalled && cg.optimality() <= ROUNDING {
-            stop = Stop::Converged;
+        let tolerance = self.params.tolerance;
+        let further = (FURTHER * tolerance).max(f64::EPSILON).min(tolerance);
+        let (mut stop, mut residual) = (Stop::Stalled, None);
+        for _ in 0..ROUNDS {
+            let max_iterations = self.params.max_iterations.saturating_sub(cg.iterations);
+            let params = CgParams { tolerance: further, max_iterations, patience: PATIENCE / ROUNDS };
+            stop = cg.run(problem, single, &params, monitor)?;
+            (cg.gradient, residual) = problem.gradient(&cg.x)?;
         }
+        let stop = match stop {
+            _ if cg.optimality() <= 1.5 * tolerance => Stop::Converged,
+            Stop::IterationLimit => Stop::IterationLimit,
+            _ => Stop::Stalled,
+        };
         Ok(Solution { stop, preconditioner: single.name(), refinements: None, residual })
     }
 

@@ -1,7 +1,7 @@
 //! A factor of N in single precision, and whether it serves.
 
 use ndarray::Array2;
-use spharm_monitor::{Level, Monitor, Silent};
+use spharm_monitor::{Level, Monitor, OnlyCancel};
 
 use super::cg::{Cg, CgParams, Stop};
 use super::factor::diagonal;
@@ -16,9 +16,10 @@ use crate::{SolverError, condition};
 const RESIDUAL: f64 = 1e-3;
 /// Iterations for that, which take five at condition numbers of 1e8. Where they don't suffice, the fit's may be hundreds.
 const ITERATIONS: usize = 20;
-/// Below this reciprocal condition number products that are formed by fast transforms say little about N's smallest
-/// eigenvalues.
-const ILL_CONDITIONED: f64 = 1e-11;
+/// The least error of products that are formed by fast transforms, relative to the norm of N.
+const PRODUCT_ERROR: f64 = 1e-12;
+/// How far above that N's smallest eigenvalue has to be for products to say anything about it.
+const ABOVE_ERROR: f64 = 10.0;
 
 /// A factor of N in single precision.
 pub(super) struct Single {
@@ -43,35 +44,37 @@ enum Unknown {
     Error(SolverError),
 }
 
-/// Makes a factor in single precision of `G + diag(penalty)`; `None` where N is too ill-conditioned for it. `problem` has products
-/// with N.
-pub(super) fn make_single(
+/// Makes a factor in single precision of `G + diag(penalty)`; `None` where rounding makes that indefinite.
+pub(super) fn single_factor(
     gram: &dyn GramMatrix,
     penalty: Option<&[f64]>,
-    problem: &dyn Problem,
     params: &FactorParams,
     monitor: &dyn Monitor,
-) -> Result<Option<Single>, SolverError> {
+) -> Result<Option<SingleFactor>, SolverError> {
     let penalty = penalty.map_or_else(|| vec![0.0; gram.size()], <[f64]>::to_vec);
     let penalised = Penalised::new(gram, penalty);
     let diagonal = diagonal(&penalised)?;
     if !diagonal.iter().all(|&value| value.is_normal() && value > 0.0) {
         return Ok(None);
     }
-    let factor = match factorise_single(&penalised, &diagonal, params, monitor) {
-        Ok(factor) => factor,
-        Err(SolverError::NotPositiveDefinite { .. }) => return Ok(None),
-        Err(error) => return Err(error),
-    };
-    let assessed = Single { factor, reciprocal: 0.0 }.assessed(problem, monitor)?;
-    Ok(assessed.filter(|single| single.reciprocal > ILL_CONDITIONED))
+    match factorise_single(&penalised, &diagonal, params, monitor) {
+        Ok(factor) => Ok(Some(factor)),
+        Err(SolverError::NotPositiveDefinite { .. }) => Ok(None),
+        Err(error) => Err(error),
+    }
 }
 
 impl Single {
-    /// Estimates the condition of N, by solves with it; `None` where they take too long.
-    fn assessed(self, problem: &dyn Problem, monitor: &dyn Monitor) -> Result<Option<Self>, SolverError> {
+    /// Estimates the condition of N by solves with the factor and products of the problem; `None` where these take too long, or N
+    /// is too ill-conditioned for such products.
+    pub(super) fn new(
+        factor: SingleFactor,
+        problem: &dyn Problem,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Self>, SolverError> {
         monitor.note(Level::Status, format_args!("estimating the condition"));
-        let size = self.factor.size();
+        let size = factor.size();
+        let single = Self { factor, reciprocal: 0.0 };
         let column = |v: &[f64]| Array2::from_shape_fn((size, 1), |(k, _)| v[k]);
         let norm = condition::one_norm(size, &mut |v: &mut [f64]| {
             monitor.check()?;
@@ -81,9 +84,8 @@ impl Single {
         })?;
         let params = CgParams { tolerance: RESIDUAL, max_iterations: ITERATIONS, patience: ITERATIONS };
         let inverse = condition::one_norm(size, &mut |v: &mut [f64]| {
-            monitor.check().map_err(|error| Unknown::Error(error.into()))?;
             let mut cg = Cg::from_right_sides(column(v));
-            match cg.run(problem, &self, &params, &Silent).map_err(Unknown::Error)? {
+            match cg.run(problem, &single, &params, &OnlyCancel(monitor)).map_err(Unknown::Error)? {
                 Stop::Converged => {
                     v.iter_mut().zip(&cg.x).for_each(|(v, value)| *v = *value);
                     Ok(())
@@ -91,10 +93,14 @@ impl Single {
                 _ => Err(Unknown::Slow),
             }
         });
-        match inverse {
-            Ok(inverse) => Ok(Some(Self { reciprocal: (1.0 / (norm * inverse)).min(1.0), ..self })),
-            Err(Unknown::Slow) => Ok(None),
-            Err(Unknown::Error(error)) => Err(error),
-        }
+        let reciprocal = match inverse {
+            Ok(inverse) => 1.0 / (norm * inverse),
+            Err(Unknown::Slow) => return Ok(None),
+            Err(Unknown::Error(error)) => return Err(error),
+        };
+        let error = problem.product_error().unwrap_or(0.0).max(PRODUCT_ERROR);
+        // Not where it is NaN either.
+        let serves = reciprocal > ABOVE_ERROR * error;
+        Ok(serves.then(|| Self { reciprocal: reciprocal.min(1.0), ..single }))
     }
 }

@@ -100,6 +100,8 @@ pub struct LsqSolver<'a> {
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
     pub(super) single: Option<Single>,
+    /// Whether a factor in single precision was tried in vain.
+    pub(super) single_refused: bool,
     pub(super) moments: Option<Moments>,
     pub(super) low_degrees: Option<LowDegrees>,
     pub(super) warnings: Vec<LsqWarning>,
@@ -163,6 +165,7 @@ impl<'a> LsqSolver<'a> {
             penalty,
             made: None,
             single: None,
+            single_refused: false,
             moments: None,
             low_degrees: None,
             warnings: Vec::new(),

@@ -69,9 +69,8 @@ fn it_gives_what_a_factor_in_double_precision_gives() {
                 let off = norms(&(fit.coefficients.values() - expected.coefficients.values()));
                 let size = norms(expected.coefficients.values());
                 let off = largest(off.iter().zip(&size).map(|(off, size)| off / size));
-                // What the optimality leaves open.
-                let allowed = 4.0 * report.optimality * expected.report.condition.powi(2);
-                assert!(off <= allowed && off < 1e-3, "{off:e} {allowed:e}");
+                let allowed = 1e-8;
+                assert!(off <= allowed, "{off:e}");
             }
             assert_eq!(problem.factors.load(Ordering::Relaxed), 1, "one factor for both batches");
             // Standard errors come from one in double precision.
