@@ -11,7 +11,7 @@ use super::columns::norms;
 use super::preconditioner::{ByFactor, Preconditioner};
 use super::problem::Problem;
 use super::single::{Single, single_factor};
-use super::solver::{FIT, Given, LsqSolver, Solution};
+use super::solver::{FEW, FIT, Given, LsqSolver, Solution};
 use crate::SolverError;
 use crate::cholesky::plan_single;
 
@@ -39,8 +39,8 @@ impl LsqSolver<'_> {
     /// N is too ill-conditioned for it.
     pub(super) fn make_single(
         &mut self,
+        cg: &Cg,
         given: Given<'_>,
-        iterations: usize,
         monitor: &dyn Monitor,
     ) -> Result<bool, SolverError> {
         if self.single.is_some() || self.single_refused {
@@ -48,7 +48,8 @@ impl LsqSolver<'_> {
         }
         let (Some(make_gram), None, None) = (self.make_gram, self.stored, &self.made) else { return Ok(false) };
         let (size, params) = (basis_size(self.source.max_degree()), self.factor_params());
-        if size < SINGLE_FROM || iterations < SINGLE_ITERATIONS {
+        let left = self.params.max_iterations.saturating_sub(cg.iterations);
+        if size < SINGLE_FROM || left < SINGLE_ITERATIONS || cg.x.ncols() > FEW {
             return Ok(false);
         }
         let Ok(plan) = plan_single(size, &params) else { return Ok(false) };

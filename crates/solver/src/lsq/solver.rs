@@ -28,8 +28,9 @@ const PATIENCE: usize = 250;
 /// Above this reciprocal condition number few iterations are needed, and for few columns they are faster than reading a
 /// stored factor.
 const WELL_CONDITIONED: f64 = 1e-2;
-/// Most columns for which that holds.
-const FEW: usize = 12;
+/// Most columns for which that holds, and for which a factor in single precision is made: solving with it takes more of them than
+/// refinement with one in double precision.
+pub(super) const FEW: usize = 12;
 
 /// The stage of a fit but for the making of a factor; how many steps it will take isn't known.
 pub(super) const FIT: Stage = Stage::counted("fit", "steps");
