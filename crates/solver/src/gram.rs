@@ -120,24 +120,23 @@ impl<S: GramMatrix + ?Sized> GramMatrix for Penalised<'_, S> {
     }
 }
 
-/// `D G D + sigma I`, D diagonal.
+/// `D G D`, D diagonal.
 #[cfg(feature = "dense")]
 pub(crate) struct Equilibrated<'a> {
     source: &'a dyn GramMatrix,
     scaling: &'a [f64],
-    shift: f64,
 }
 
 #[cfg(feature = "dense")]
 impl<'a> Equilibrated<'a> {
-    /// Scales with D = `scaling`, (K), and adds sigma = `shift`.
+    /// Scales with D = `scaling`, (K).
     ///
     /// # Panics
     ///
     /// If D isn't of the matrix's size.
-    pub(crate) fn new(source: &'a dyn GramMatrix, scaling: &'a [f64], shift: f64) -> Self {
+    pub(crate) fn new(source: &'a dyn GramMatrix, scaling: &'a [f64]) -> Self {
         assert_eq!(scaling.len(), source.size(), "scaling of rows and columns");
-        Self { source, scaling, shift }
+        Self { source, scaling }
     }
 }
 
@@ -163,9 +162,6 @@ impl GramMatrix for Equilibrated<'_> {
             let factor = self.scaling[column];
             for (value, row_factor) in out.iter_mut().zip(&self.scaling[rows.clone()]) {
                 *value *= factor * row_factor;
-            }
-            if rows.contains(&column) {
-                out[column - rows.start] += self.shift;
             }
         }
         Ok(())

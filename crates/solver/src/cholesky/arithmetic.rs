@@ -11,6 +11,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 use spharm_harmonics::product::Matrix;
 
 use crate::blas::Blas;
+use crate::cholesky::kernels::Real;
 
 /// Fewer rows are no work for several threads.
 const ROWS: usize = 256;
@@ -47,12 +48,11 @@ impl<'a> From<Block<'a, f32>> for MatRef<'a, f32> {
 }
 
 /// What a factorisation does with its values.
-pub(crate) trait Arithmetic: Copy + Default + Send + Sync + 'static {
+pub(crate) trait Arithmetic: Real + Default {
     /// Bytes that a panel of so many rows and columns takes in double precision beside its own.
     fn wide_bytes(rows: usize, columns: usize) -> usize;
     /// Rounds a panel: into `own`, where it isn't the panel itself.
     fn rounded<'a>(wide: &'a mut [f64], own: &'a mut Vec<Self>) -> &'a mut [Self];
-    fn is_finite(self) -> bool;
     /// Computes `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) with `leading`.
     fn subtract_outer(a: Block<'_, Self>, b: Block<'_, Self>, out: &mut [Self], leading: usize, threads: usize);
     /// Computes the lower Cholesky factor, in place, of a matrix (k, k) with `leading`, given by its lower triangle. Fails with
@@ -69,10 +69,6 @@ impl Arithmetic for f64 {
 
     fn rounded<'a>(wide: &'a mut [f64], _own: &'a mut Vec<f64>) -> &'a mut [f64] {
         wide
-    }
-
-    fn is_finite(self) -> bool {
-        self.is_finite()
     }
 
     fn subtract_outer(a: Block<'_, f64>, b: Block<'_, f64>, out: &mut [f64], leading: usize, threads: usize) {
@@ -97,10 +93,6 @@ impl Arithmetic for f32 {
         own.clear();
         own.extend(wide.iter().map(|&value| value as f32));
         own
-    }
-
-    fn is_finite(self) -> bool {
-        self.is_finite()
     }
 
     fn subtract_outer(a: Block<'_, f32>, b: Block<'_, f32>, out: &mut [f32], leading: usize, threads: usize) {

@@ -101,7 +101,7 @@ pub(crate) fn factorise<S: Arithmetic>(
         monitor.check()?;
         S::cholesky(panel, wide, rows, threads).map_err(|column| not_positive(a + column))?;
         // LAPACK's comparison with zero lets a NaN through.
-        if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].is_finite()) {
+        if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].widen().is_finite()) {
             return Err(not_positive(a + column));
         }
         if rows > wide {

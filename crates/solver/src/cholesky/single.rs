@@ -19,7 +19,7 @@ use crate::cholesky::build::{FactorParams, FactorPlan, plan_of};
 use crate::cholesky::factorise::{Panels, factorise};
 use crate::cholesky::tiles::MemoryTiles;
 use crate::cholesky::triangular;
-use crate::gram::{Equilibrated, GramMatrix};
+use crate::gram::{Equilibrated, GramMatrix, Penalised};
 use crate::lsq::columns::scale_rows;
 
 /// sigma: the smallest that made head27618's matrix definite is below half of it.
@@ -62,7 +62,9 @@ pub(crate) fn factorise_single(
     let panels = Panels { grid, width: plan.panel.div_ceil(grid.tile()), threads };
     let tiles = MemoryTiles::new(grid);
     monitor.begin(Stage { name: "factor", unit: Unit::Flops }, panels.flops() as u64);
-    factorise::<f32>(&Equilibrated::new(source, &scaling, SHIFT), &tiles, &panels, monitor)?;
+    // D (N + sigma D^-2) D.
+    let shifted = Penalised::new(source, diagonal.iter().map(|value| SHIFT * value).collect());
+    factorise::<f32>(&Equilibrated::new(&shifted, &scaling), &tiles, &panels, monitor)?;
     monitor.end();
     Ok(SingleFactor { tiles, scaling, threads })
 }

@@ -52,10 +52,7 @@ impl LsqSolver<'_> {
         if size < SINGLE_FROM || left < SINGLE_ITERATIONS || cg.x.ncols() > FEW {
             return Ok(false);
         }
-        let Ok(plan) = plan_single(size, &params) else { return Ok(false) };
-        // What is held is there already.
-        let more = plan.memory - self.params.held + plan.reserved;
-        if self.check_limits.is_some_and(|check| check(more).is_err()) {
+        if plan_single(size, &params).and_then(|plan| self.check_plan(&plan)).is_err() {
             return Ok(false);
         }
         let started = Instant::now();

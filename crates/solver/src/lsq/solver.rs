@@ -18,7 +18,7 @@ use super::preconditioner::{Density, Diagonal, LowDegrees, Preconditioner};
 use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
 use super::single::Single;
-use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
+use crate::cholesky::{CholeskyFactor, FactorParams, FactorPlan, plan_factor};
 use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
 use crate::{SolverError, check};
@@ -28,8 +28,8 @@ const PATIENCE: usize = 250;
 /// Above this reciprocal condition number few iterations are needed, and for few columns they are faster than reading a
 /// stored factor.
 const WELL_CONDITIONED: f64 = 1e-2;
-/// Most columns for which that holds, and for which a factor in single precision is made: solving with it takes more of them than
-/// refinement with one in double precision.
+/// Most columns for which that holds, and for which a factor in single precision is made: a fit takes more solves with it than with
+/// one in double precision.
 pub(super) const FEW: usize = 12;
 
 /// The stage of a fit but for the making of a factor; how many steps it will take isn't known.
@@ -94,7 +94,7 @@ pub struct LsqSolver<'a> {
     pub(super) source: Source<'a>,
     pub(super) make_gram: Option<&'a MakeGram<'a>>,
     pub(super) make_moments: Option<&'a MakeMoments<'a>>,
-    pub(super) check_limits: Option<&'a CheckLimits<'a>>,
+    check_limits: Option<&'a CheckLimits<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
     /// Diagonal of P, (K), where there is a penalty.
@@ -237,14 +237,15 @@ impl<'a> LsqSolver<'a> {
             Some(right_sides) => Cg::from_right_sides(right_sides),
             None => Cg::new(&*self.problem(given))?,
         };
-        let solution = if self.starts_with_factor(cg.x.ncols()) {
+        let iterated = if self.starts_with_factor(cg.x.ncols()) {
             self.make_factor(self.params.strategy == Strategy::Cholesky, monitor)?;
-            self.solve_with_factor(&mut cg, given, monitor)?
+            None
         } else {
-            match self.iterate(&mut cg, given, monitor)? {
-                Some(solution) => solution,
-                None => self.solve_with_factor(&mut cg, given, monitor)?,
-            }
+            self.iterate(&mut cg, given, monitor)?
+        };
+        let solution = match iterated {
+            Some(solution) => solution,
+            None => self.solve_with_factor(&mut cg, given, monitor)?,
         };
         monitor.end();
         let report = self.report(&cg, &solution, groups, started);
@@ -308,7 +309,11 @@ impl<'a> LsqSolver<'a> {
     }
 
     fn plan_factor(&self, size: usize, params: &FactorParams) -> Result<(), SolverError> {
-        let (plan, _) = plan_factor(size, params, false)?;
+        self.check_plan(&plan_factor(size, params, false)?.0)
+    }
+
+    /// Checks that the process's limits allow for a factorisation.
+    pub(super) fn check_plan(&self, plan: &FactorPlan) -> Result<(), SolverError> {
         // What is held is there already.
         self.check_limits.map_or(Ok(()), |check| check(plan.memory - self.params.held + plan.reserved))
     }
