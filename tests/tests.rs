@@ -24,6 +24,7 @@ mod memory;
 mod mended;
 mod moments;
 mod moments_faults;
+mod moments_schemes;
 mod outputs;
 mod paper;
 mod pipeline;

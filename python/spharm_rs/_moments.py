@@ -120,6 +120,14 @@ class Moments:
         """Sum of the weights."""
         return self._inner.weight
 
+    @property
+    def scheme(self) -> str | None:
+        """Key of the sampling scheme at whose vertices all samples are, as a store in f64 has it.
+
+        Files of ``spharm moments --sphere`` have one. None for samples of arrays, and for sums over several schemes.
+        """
+        return self._inner.scheme
+
     @classmethod
     def merge(cls, parts: Iterable[Moments], *, partial: bool = False) -> Moments:
         """Adds the moments of parts.
@@ -164,7 +172,7 @@ class Moments:
         Returns
         -------
         Model
-            Its ``report`` has ``rms``, ``explained``, ``largest_gap`` and ``solver``.
+            Its ``report`` has ``rms``, ``explained``, ``largest_gap``, ``scheme_key`` and ``solver``.
         """
         settings = _settings(
             self.max_degree if max_degree is None else max_degree,

@@ -70,6 +70,22 @@ def test_parts_add_up_travel_and_are_kept(tmp_path: Path) -> None:
     assert np.array_equal(again.coefficients, model.coefficients)
 
 
+def test_the_scheme_is_the_one_that_the_program_read(tmp_path: Path) -> None:
+    sphere = sp.icosphere(3)
+    sphere.save(tmp_path / "s.obj")
+    np.save(tmp_path / "f.npy", sphere.vertices[:, 2] ** 2)
+    command = [sys.executable, "-m", "spharm_rs", "moments", "--sphere", "s.obj", "--samples", "f.npy", "--values", "0"]
+    subprocess.run([*command, "--max-degree", "4", "-o", "f.moments"], check=True, capture_output=True, cwd=tmp_path)
+    moments = sp.Moments.load(tmp_path / "f.moments")
+    # A fit of a surface over the sphere reports the key of its sampling scheme.
+    key = sp.fit(sphere, sphere, 1).report["scheme_key"]
+    assert moments.scheme == key and moments.fit(2).report["scheme_key"] == key
+    assert pickle.loads(pickle.dumps(moments)).scheme == key
+    arrays = sp.Moments(sphere.vertices, sphere.vertices[:, 2] ** 2, max_degree=4, channels=["0"])
+    assert arrays.scheme is None and arrays.fit(2).report["scheme_key"] is None
+    assert sp.Moments.merge([moments, arrays]).scheme is None
+
+
 def test_bad_samples_are_refused(tmp_path: Path) -> None:
     values = VALUES.copy()
     values[17, 1] = np.nan

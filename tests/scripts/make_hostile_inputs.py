@@ -162,6 +162,15 @@ def others():
     for name, place in (("degree", 28), ("channels", 32), ("sources", 36), ("names", 40), ("cells", 44)):
         put("moments", f"{name}-most", changed(moments, place, b"\xff" * 4), 1)
         put("moments", f"{name}-2000", changed(moments, place, struct.pack("<I", 2000)), 1)
+    schemes = (DATA.parent.parent / "crates/moments/tests/data/v2.moments").read_bytes()
+    put("moments", "sound-2", schemes, 0)
+    put("moments", "no-scheme", changed(schemes, 72, bytes(32)), 1)
+    put("moments", "reserved-most", changed(schemes, 104, b"\xff" * 24), 1)
+    put("moments", "header-1", changed(schemes, 12, struct.pack("<I", 128)), 1)
+    put("moments", "version-1", changed(schemes, 8, struct.pack("<I", 1)), 1)
+    put("moments", "version-2", changed(moments, 8, struct.pack("<I", 2)), 1)
+    put("moments", "version-most", changed(schemes, 8, b"\xff" * 4), 1)
+    put("moments", "short-2", schemes[:170], 1)
     for path in sorted((DATA / "sphz-v1").glob("*.sphz")):
         data = path.read_bytes()
         put("sphz", f"sound-{path.stem}", data, 0)

@@ -42,6 +42,7 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
         "versions": spharm::versions(),
         "method": "lsq",
         "moments": path,
+        "scheme_key": fit.report.scheme.map(|key| key.to_string()),
         "output": files.model,
         "fit": fit.report,
         "seconds": { "total": seconds },

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use spharm::Directions;
 use spharm::moments::{Columns, Positions, Shard};
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
@@ -14,6 +15,10 @@ const TABLES: &str = "Tables: .npy and .npz (columns of plain arrays are numbere
                       without names in the first line), .parquet, .arrow, point clouds in .ply and .las; - is standard \
                       input, a .npy or text.";
 
+/// What else is read over a sphere, for the help.
+const OVER_A_SPHERE: &str = "With --sphere or --icosphere also values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files \
+                             and maps (.mgh, .mgz); their columns are numbered from 0.";
+
 /// Sum up samples for fits, in bounded memory, by parts that add up
 ///
 /// A fit needs the moments of its samples alone, whose size depends on the degree and not on their number. This reads tables
@@ -24,11 +29,12 @@ const TABLES: &str = "Tables: .npy and .npz (columns of plain arrays are numbere
 #[command(after_long_help = help::examples(
     &[
         "spharm moments --samples topography.npy --vectors 0 1 2 --values 3 --max-degree 1000 -o topography.moments",
+        "spharm moments --sphere lh.sphere.surf.gii --samples lh.thickness.npy --values 0 --max-degree 80 -o thickness.moments",
         "spharm moments --samples scan-*.csv --lonlat lon lat --values height --max-degree 200 --shard 3/16 -o part3.moments",
         "spharm moments merge part*.moments -o all.moments",
         "spharm fit --moments all.moments --max-degree 150",
     ],
-    &[TABLES],
+    &[TABLES, OVER_A_SPHERE],
 ))]
 pub(crate) struct Cli {
     #[command(subcommand)]
@@ -44,7 +50,7 @@ pub(super) enum Command {
     /// Add the moments of parts
     ///
     /// Parts must be of one degree and of the same channels, and have no samples in common. Shards of the same tables must
-    /// all be there.
+    /// all be there. Parts over different spheres add up, to moments without the key of a sampling scheme.
     Merge(Merge),
 }
 
@@ -69,7 +75,7 @@ pub(super) struct Form {
     #[arg(long, value_name = "FILE", num_args = 1.., required = true, help_heading = INPUT)]
     pub(super) samples: Vec<PathBuf>,
     #[command(flatten)]
-    positions: PositionArgs,
+    pub(super) positions: PositionArgs,
     /// Columns of the values, each a channel
     ///
     /// With vectors, radius is their length.
@@ -94,7 +100,7 @@ pub(super) struct Form {
 
 /// Where samples are.
 #[derive(Debug, Args)]
-struct PositionArgs {
+pub(super) struct PositionArgs {
     /// Columns of colatitude and azimuth, in radians
     #[arg(long, value_names = ["THETA", "PHI"], num_args = 2, group = "positions", help_heading = INPUT)]
     angles: Option<Vec<String>>,
@@ -106,8 +112,32 @@ struct PositionArgs {
     /// Unit vectors, or vectors of any length with --values radius.
     #[arg(long, value_names = ["X", "Y", "Z"], num_args = 3, group = "positions", help_heading = INPUT)]
     vectors: Option<Vec<String>>,
+    /// Sphere at whose vertices the samples are, a row a vertex
+    ///
+    /// Each table has the values at all vertices, in their order. A mesh of any radius, centred at the origin; or a CSV of
+    /// theta,phi in radians.
+    #[arg(long, value_name = "SPHERE", group = "positions", help_heading = INPUT)]
+    pub(super) sphere: Option<PathBuf>,
+    /// Icosphere at whose vertices the samples are, a row a vertex
+    ///
+    /// Of N subdivisions: 10 4^N + 2 vertices.
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(0..=12),
+        group = "positions",
+        help_heading = INPUT
+    )]
+    pub(super) icosphere: Option<u32>,
     /// Centre that vectors begin at [default: 0 0 0]
-    #[arg(long, value_names = ["X", "Y", "Z"], num_args = 3, allow_negative_numbers = true, help_heading = INPUT)]
+    #[arg(
+        long,
+        value_names = ["X", "Y", "Z"],
+        num_args = 3,
+        allow_negative_numbers = true,
+        conflicts_with_all = ["sphere", "icosphere"],
+        help_heading = INPUT
+    )]
     centre: Option<Vec<f64>>,
 }
 
@@ -129,15 +159,15 @@ pub(super) struct OutputArgs {
 }
 
 impl Form {
-    /// The columns that are meant.
-    pub(super) fn columns(&self) -> Columns {
-        let PositionArgs { angles, lonlat, vectors, centre } = &self.positions;
+    /// The columns that are meant, and the vertices of the sphere that samples are at, where there is one.
+    pub(super) fn columns(&self, vertices: Option<Directions>) -> Columns {
+        let PositionArgs { angles, lonlat, vectors, centre, .. } = &self.positions;
         // The numbers of values are clap's to check.
         let positions = match (angles.as_deref(), lonlat.as_deref(), vectors.as_deref()) {
             (Some([theta, phi]), ..) => Some(Positions::Angles([theta.clone(), phi.clone()])),
             (_, Some([lon, lat]), _) => Some(Positions::LonLat([lon.clone(), lat.clone()])),
             (.., Some([x, y, z])) => Some(Positions::Vectors([x.clone(), y.clone(), z.clone()])),
-            _ => None,
+            _ => vertices.map(|vertices| Positions::Scheme(vertices.into())),
         };
         let centre = match centre.as_deref() {
             Some(&[x, y, z]) => [x, y, z],

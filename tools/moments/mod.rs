@@ -7,11 +7,16 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::{Value, json};
+use spharm::Directions;
 use spharm::moments::{Accumulated, Moments, Request, accumulate, merge_named};
 use spharm_cli::Usage;
+use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::memory;
+use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, is_stdout, prepare, print_json, print_line, write_json};
+use spharm_surface::Sphere;
+use spharm_surface::generate::{icosphere_bytes, icosphere_counts};
 use spharm_surface::io::bytes_to_read;
 
 pub(crate) use self::args::Cli;
@@ -28,10 +33,11 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 
 fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
     let output = Output::new(&form.output)?;
-    let free = usize::try_from(form.memory.budget(form.threads.count()).work()).unwrap_or(usize::MAX);
+    let budget = form.memory.budget(form.threads.count());
+    let free = usize::try_from(budget.work()).unwrap_or(usize::MAX);
     let request = Request {
         files: form.samples.clone(),
-        columns: form.columns(),
+        columns: form.columns(vertices(form, budget, monitor)?),
         max_degree: form.max_degree.ok_or_else(|| Usage::missing("--max-degree is needed"))?,
         shard: form.shard,
         memory: Some(form.memory.memory.map_or(free, |size| size.0)),
@@ -42,10 +48,30 @@ fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let mut report = output.write(&moments)?;
     report["samples"] = json!(form.samples);
+    report["sphere"] = json!(form.positions.sphere);
+    report["icosphere"] = json!(form.positions.icosphere);
     report["shard"] = json!([form.shard.index, form.shard.of]);
     report["warnings"] = json!(warnings.iter().map(ToString::to_string).collect::<Vec<_>>());
     report["seconds"] = json!(seconds);
     output.finish(&moments, &report, seconds.total)
+}
+
+/// The vertices of the sphere that samples are at.
+fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Option<Directions>> {
+    let sphere = match (&form.positions.sphere, form.positions.icosphere) {
+        (Some(path), _) => {
+            budget.check_inputs("moments", [path.as_path()])?;
+            read_sphere(path, false, monitor.console())?
+        }
+        (None, Some(subdivisions)) => {
+            let vertices = icosphere_counts(subdivisions)[0];
+            let what = format_args!("moments --icosphere {subdivisions} ({vertices} vertices)");
+            budget.check(what, icosphere_bytes(subdivisions))?;
+            Sphere::icosphere(subdivisions)
+        }
+        (None, None) => return Ok(None),
+    };
+    Ok(Some(sphere.directions))
 }
 
 fn add(cli: &Merge) -> Result<()> {
@@ -68,6 +94,7 @@ fn report(moments: &Moments, output: &Path) -> Value {
         "tool": "moments",
         "versions": spharm::versions(),
         "output": output,
+        "scheme_key": moments.scheme.map(|key| key.to_string()),
         "max_degree": moments.sums.max_degree,
         "channels": moments.channels,
         "rows": moments.rows,

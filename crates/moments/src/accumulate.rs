@@ -5,18 +5,22 @@
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
 use std::time::Instant;
 
 use ndarray::ArrayView2;
 use serde::Serialize;
+use spharm_harmonics::Directions;
 use spharm_monitor::{Monitor, Stage};
+use spharm_store::{Scalar, SchemeKey};
+use spharm_surface::io::bytes_to_read;
 use spharm_transform::{Accumulated as Found, Accumulator};
 
 use crate::MomentsError;
 use crate::moments::{Moments, Shard, Source};
-use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, open};
+use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, is_table, open, open_over_scheme};
 
 const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
 /// Bytes of either end of a file that its key depends on.
@@ -45,6 +49,14 @@ impl Request {
     /// Returns a request for the moments of whole tables, whose values have yet to be named.
     pub fn new(files: Vec<PathBuf>, max_degree: usize) -> Self {
         Self { files, columns: Columns::default(), max_degree, shard: Shard::WHOLE, memory: None }
+    }
+
+    /// The sampling scheme that each table has a row for each direction of.
+    fn scheme(&self) -> Option<&Directions> {
+        match &self.columns.positions {
+            Some(Positions::Scheme(directions)) => Some(directions),
+            _ => None,
+        }
     }
 }
 
@@ -112,20 +124,31 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     let channels = request.columns.values.len();
     check_memory(request, channels)?;
     let mut sums = Accumulator::new(request.max_degree, channels)?;
-    let mut key = Key::new(&request.columns);
+    let scheme = request.scheme();
+    let scheme_key = scheme.map(|directions| SchemeKey::of(directions, Scalar::F64));
+    let mut key = Key::new(&request.columns, scheme_key);
+    // Rows that are used of what is opened.
+    let used = scheme.map_or(0..u64::MAX, |directions| request.shard.range(directions.len() as u64));
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
     let mut has_values = vec![false; channels];
     monitor.begin(Stage::counted("moments", "rows"), 0);
     for path in &request.files {
+        let check_rows = |found: u64| match scheme.map(|directions| directions.len() as u64) {
+            Some(expected) if expected != found => Err(MomentsError::Rows { path: path.clone(), expected, found }),
+            _ => Ok(()),
+        };
+        let open = if scheme.is_some() { open_over_scheme } else { open };
         let mut opened = open(path, request.shard)?;
         let (plan, numbers) = request.columns.plan(path, opened.table.columns())?;
         opened.table.select(numbers);
         if let Some(rows) = opened.rows {
+            check_rows(rows)?;
             monitor.begin(Stage::counted("moments", "rows"), rows);
         }
         let mut reading = Reading {
             path,
             plan: &plan,
+            used: used.clone(),
             sums: &mut sums,
             seconds: &mut seconds,
             largest: &mut largest,
@@ -136,6 +159,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
             return Err(MomentsError::Empty { path: path.clone() });
         }
         key.add(path, &opened)?;
+        check_rows(rows)?;
     }
     monitor.end();
     sums.spread();
@@ -155,7 +179,8 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     if longitude > 0.0 && small && rows >= 10 {
         warnings.push(Warning::LooksLikeRadians { longitude, latitude });
     }
-    let moments = Moments { channels: request.columns.values.clone(), sums, rows, occupied, sources };
+    let moments =
+        Moments { channels: request.columns.values.clone(), sums, rows, occupied, scheme: scheme_key, sources };
     let lost =
         |((has, square), channel): ((&bool, &f64), &'_ String)| (*has && *square == 0.0).then(|| channel.clone());
     let lost = has_values.iter().zip(&moments.sums.squares).zip(&moments.channels).find_map(lost);
@@ -173,7 +198,12 @@ pub fn bytes(max_degree: usize, channels: usize) -> usize {
 }
 
 fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> {
-    let (needed, max_degree) = (bytes(request.max_degree, channels), request.max_degree);
+    // Over a scheme its directions, and values on vertices, which are read whole.
+    let directions = request.scheme().map_or(0, |directions| std::mem::size_of_val(directions.as_slice()));
+    let values = request.files.iter().filter(|path| directions > 0 && !is_table(path)).map(|path| bytes_to_read(path));
+    let values = usize::try_from(values.max().unwrap_or(0)).unwrap_or(usize::MAX);
+    let needed = bytes(request.max_degree, channels).saturating_add(directions).saturating_add(values);
+    let max_degree = request.max_degree;
     match request.memory {
         Some(budget) if needed > budget => Err(MomentsError::Memory { max_degree, needed, budget }),
         _ => Ok(()),
@@ -184,13 +214,14 @@ fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> 
 struct Key(blake3::Hasher);
 
 impl Key {
-    fn new(columns: &Columns) -> Self {
+    fn new(columns: &Columns, scheme: Option<SchemeKey>) -> Self {
         let mut key = Self(blake3::Hasher::new_derive_key(KEY_CONTEXT));
         let (kind, names): (u8, &[String]) = match &columns.positions {
             None => (0, &[]),
             Some(Positions::Angles(names)) => (1, names),
             Some(Positions::LonLat(names)) => (2, names),
             Some(Positions::Vectors(names)) => (3, names),
+            Some(Positions::Scheme(_)) => (4, &[]),
         };
         key.0.update(&[kind]);
         for list in [names, &columns.values, columns.weight.as_slice()] {
@@ -198,6 +229,9 @@ impl Key {
             list.iter().for_each(|name| key.bytes(name.as_bytes()));
         }
         columns.centre.iter().for_each(|x| key.number(x.to_bits()));
+        if let Some(SchemeKey(scheme)) = scheme {
+            key.0.update(&scheme);
+        }
         key
     }
 
@@ -252,6 +286,8 @@ impl Key {
 struct Reading<'a> {
     path: &'a PathBuf,
     plan: &'a Plan,
+    /// Its rows that are used, by their numbers from 0 in what is read.
+    used: Range<u64>,
     sums: &'a mut Accumulator,
     seconds: &'a mut Seconds,
     largest: &'a mut [f64; 2],
@@ -272,7 +308,7 @@ impl Reading<'_> {
             // In the caller's threads, of which there may be a single one: neither waits for the other before its end.
             let (count, done) = rayon::join(
                 || table.read(most, &mut next).map(|count| (count, started.elapsed().as_secs_f64())),
-                || self.one(&rows, &mut chunk),
+                || self.one(&rows, before, &mut chunk),
             );
             let done = done?;
             if let Some(BadRow { row, column, expected, found }) = done {
@@ -293,11 +329,15 @@ impl Reading<'_> {
         Ok(before)
     }
 
-    /// Adds the samples of a chunk of rows.
-    fn one(&mut self, rows: &[f64], chunk: &mut Chunk) -> Result<Option<BadRow>, MomentsError> {
+    /// Adds the samples of a chunk of rows that `before` others precede.
+    fn one(&mut self, rows: &[f64], before: u64, chunk: &mut Chunk) -> Result<Option<BadRow>, MomentsError> {
         let started = Instant::now();
-        if let Err(bad) = self.plan.samples(rows, chunk) {
-            return Ok(Some(bad));
+        let columns = self.plan.columns();
+        let within = |row: u64| row.saturating_sub(before).min((rows.len() / columns) as u64) as usize;
+        let (first, end) = (within(self.used.start), within(self.used.end));
+        let rows = &rows[first * columns..end * columns];
+        if let Err(bad) = self.plan.samples(rows, before as usize + first, chunk) {
+            return Ok(Some(BadRow { row: bad.row + first, ..bad }));
         }
         self.seconds.convert += started.elapsed().as_secs_f64();
         note_values(self.has_values, chunk.weights.as_deref(), chunk.values.view());

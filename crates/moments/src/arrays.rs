@@ -79,7 +79,7 @@ pub fn accumulate_samples(
     monitor.end();
     let Found { sums, rows, occupied } = sums.finish()?;
     let sources = vec![Source { key: samples.key(part), shard: part.shard, rows }];
-    let moments = Moments { channels, sums, rows, occupied, sources };
+    let moments = Moments { channels, sums, rows, occupied, scheme: None, sources };
     match moments.out_of_range() {
         Some(channel) => Err(MomentsError::Range { channel: channel.to_owned() }),
         None => Ok(moments),

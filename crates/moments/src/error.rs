@@ -1,6 +1,7 @@
 //! What can go wrong with samples and with files of moments.
 
 use std::io;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use spharm_monitor::Interrupted;
@@ -111,6 +112,19 @@ pub enum MomentsError {
         /// The file.
         path: PathBuf,
     },
+    /// A table over a sampling scheme that hasn't a row for each of its vertices.
+    #[error("{}: expected {expected} rows, one for each vertex of the sphere, found {found}; give the sphere that the values are of", .path.display())]
+    Rows {
+        /// The file.
+        path: PathBuf,
+        /// Vertices of the sphere.
+        expected: u64,
+        /// Rows of the whole table.
+        found: u64,
+    },
+    /// Values on vertices that can't be read.
+    #[error(transparent)]
+    Signal(SurfaceError),
     /// A file that grew or shrank while it was read.
     #[error("{}: {was} bytes when it was opened, {now} when it had been read; wait until nobody writes to it", .path.display())]
     Changed {
@@ -155,12 +169,12 @@ pub enum MomentsError {
         found: String,
     },
     /// A version of the format that this program doesn't know.
-    #[error("{}: moments of format version {found}, this program reads version {expected}; use the program that wrote it, or make this part again", .path.display())]
+    #[error("{}: moments of format version {found}, this program reads versions {} to {}; use the program that wrote it, or make this part again", .path.display(), .expected.start(), .expected.end())]
     Version {
         /// The file.
         path: PathBuf,
-        /// The version that can be read.
-        expected: u32,
+        /// The versions that can be read.
+        expected: RangeInclusive<u32>,
         /// The version found.
         found: u32,
     },

@@ -2,18 +2,22 @@
 
 use std::fs::File;
 use std::io::{self, Read, Write};
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use ndarray::Array2;
 use spharm_harmonics::{MAX_DEGREE, basis_size};
+use spharm_store::SchemeKey;
 use spharm_surface::io::write_new;
 use spharm_transform::{Occupied, SampleSums};
 
 use crate::MomentsError;
 use crate::moments::{MOST_SHARDS, Moments, Shard, Source};
 
-/// The version that is written, and the only one that is read.
-const VERSION: u32 = 1;
+/// The version that is written.
+const VERSION: u32 = 2;
+/// The versions that are read.
+const VERSIONS_READ: RangeInclusive<u32> = 1..=VERSION;
 
 const MAGIC: [u8; 8] = *b"SPHMOMNT";
 /// Real orthonormal harmonics without the Condon-Shortley phase, row `l^2 + l + m`.
@@ -31,9 +35,12 @@ const CELLS_AT: usize = NAMES_AT + 4;
 const ROWS_AT: usize = CELLS_AT + 4;
 const COUNT_AT: usize = ROWS_AT + 8;
 const WEIGHT_AT: usize = COUNT_AT + 8;
-const RESERVED_AT: usize = WEIGHT_AT + 8;
-const HEADER_HASH_AT: usize = 96;
-const HEADER_LEN: usize = HEADER_HASH_AT + HASH;
+/// From version 2 on; zeros without a scheme. Version 1 has reserved bytes from here on.
+const SCHEME_AT: usize = WEIGHT_AT + 8;
+const RESERVED_AT: usize = SCHEME_AT + 32;
+const HEADER_LEN: usize = 160;
+const HEADER_LEN_V1: usize = 128;
+/// Bytes of a hash: that of the header is its end, that of the file the file's.
 const HASH: usize = 32;
 /// Bytes of an entry of the list of sources.
 const SOURCE: usize = 48;
@@ -107,7 +114,7 @@ impl Moments {
         put(0, &MAGIC);
         put(VERSION_AT, &VERSION.to_le_bytes());
         put(HEADER_LEN_AT, &u32_of(HEADER_LEN)?.to_le_bytes());
-        put(FILE_LEN_AT, &sizes.file_len().to_le_bytes());
+        put(FILE_LEN_AT, &sizes.file_len(HEADER_LEN).to_le_bytes());
         put(CONVENTION_AT, &CONVENTION.to_le_bytes());
         for (at, value) in [
             (DEGREE_AT, sizes.max_degree),
@@ -121,8 +128,9 @@ impl Moments {
         put(ROWS_AT, &self.rows.to_le_bytes());
         put(COUNT_AT, &self.sums.count.to_le_bytes());
         put(WEIGHT_AT, &self.sums.weight.to_le_bytes());
-        let hash = blake3::hash(&header[..HEADER_HASH_AT]);
-        header[HEADER_HASH_AT..].copy_from_slice(hash.as_bytes());
+        put(SCHEME_AT, &self.scheme.map_or([0; 32], |SchemeKey(key)| key));
+        let (fields, hash) = header.split_at_mut(HEADER_LEN - HASH);
+        hash.copy_from_slice(blake3::hash(fields).as_bytes());
         let mut out = Hashing { out, hasher: blake3::Hasher::new() };
         out.write_all(&header)?;
         for values in [&self.sums.squares, &self.sums.moments] {
@@ -157,8 +165,8 @@ impl Sizes {
     }
 
     /// Below 2^60, as all sizes have been held against their bounds.
-    fn file_len(&self) -> u64 {
-        (HEADER_LEN + 8 * self.numbers() + SOURCE * self.sources + self.cells + self.names + HASH) as u64
+    fn file_len(&self, header: usize) -> u64 {
+        (header + 8 * self.numbers() + SOURCE * self.sources + self.cells + self.names + HASH) as u64
     }
 }
 
@@ -208,28 +216,46 @@ fn decode_names(mut bytes: &[u8], count: usize) -> Option<Vec<String>> {
     bytes.is_empty().then_some(names)
 }
 
-fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, MomentsError> {
-    let corrupt = |what, expected: &dyn ToString, found: &dyn ToString| {
-        let (path, expected, found) = (path.to_owned(), expected.to_string(), found.to_string());
-        MomentsError::Corrupt { path, what, expected, found }
+fn corrupt(path: &Path, what: &'static str, expected: &dyn ToString, found: &dyn ToString) -> MomentsError {
+    let (path, expected, found) = (path.to_owned(), expected.to_string(), found.to_string());
+    MomentsError::Corrupt { path, what, expected, found }
+}
+
+/// Reads the header of a file of so many bytes. Its version is one that is read, and its hash is right.
+fn read_header(input: &mut dyn Read, length: u64, path: &Path) -> Result<Vec<u8>, MomentsError> {
+    let mut header = Vec::new();
+    let mut read_to = |end: usize, header: &mut Vec<u8>| {
+        if length < (end + HASH) as u64 {
+            return Err(corrupt(path, "length", &format!("at least {} bytes", end + HASH), &length));
+        }
+        let start = header.len();
+        header.resize(end, 0);
+        input.read_exact(&mut header[start..]).map_err(MomentsError::io(path, "read"))
     };
-    if length < (HEADER_LEN + HASH) as u64 {
-        return Err(corrupt("length", &format!("at least {} bytes", HEADER_LEN + HASH), &length));
-    }
-    let mut header = [0; HEADER_LEN];
-    input.read_exact(&mut header).map_err(MomentsError::io(path, "read"))?;
-    let u32_at = |at: usize| header[at..at + 4].try_into().map_or(0, u32::from_le_bytes);
-    let u64_at = |at: usize| header[at..at + 8].try_into().map_or(0, u64::from_le_bytes);
+    read_to(HEADER_LEN_V1, &mut header)?;
     if header[..8] != MAGIC {
-        return Err(corrupt("magic number", &MAGIC.escape_ascii(), &header[..8].escape_ascii()));
+        return Err(corrupt(path, "magic number", &MAGIC.escape_ascii(), &header[..8].escape_ascii()));
     }
-    let found = u32_at(VERSION_AT);
-    if found != VERSION {
-        return Err(MomentsError::Version { path: path.to_owned(), expected: VERSION, found });
+    let version = header[VERSION_AT..HEADER_LEN_AT].try_into().map_or(0, u32::from_le_bytes);
+    if !VERSIONS_READ.contains(&version) {
+        return Err(MomentsError::Version { path: path.to_owned(), expected: VERSIONS_READ, found: version });
     }
-    if blake3::hash(&header[..HEADER_HASH_AT]).as_bytes() != &header[HEADER_HASH_AT..] {
-        return Err(corrupt("header", &"bytes that match its hash", &"other bytes"));
+    if version > 1 {
+        read_to(HEADER_LEN, &mut header)?;
     }
+    let (fields, hash) = header.split_at(header.len() - HASH);
+    if blake3::hash(fields).as_bytes() != hash {
+        return Err(corrupt(path, "header", &"bytes that match its hash", &"other bytes"));
+    }
+    Ok(header)
+}
+
+fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, MomentsError> {
+    let corrupt = |what, expected: &dyn ToString, found: &dyn ToString| corrupt(path, what, expected, found);
+    let header = read_header(input, length, path)?;
+    let fields = &header[..header.len() - HASH];
+    let u32_at = |at: usize| fields[at..at + 4].try_into().map_or(0, u32::from_le_bytes);
+    let u64_at = |at: usize| fields[at..at + 8].try_into().map_or(0, u64::from_le_bytes);
     let sizes = Sizes {
         max_degree: u32_at(DEGREE_AT) as usize,
         channels: u32_at(CHANNELS_AT) as usize,
@@ -248,23 +274,27 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
             return Err(corrupt(what, &format!("at most {most}"), &found));
         }
     }
-    if u32_at(HEADER_LEN_AT) as usize != HEADER_LEN {
-        return Err(corrupt("header length", &HEADER_LEN, &u32_at(HEADER_LEN_AT)));
+    if u32_at(HEADER_LEN_AT) as usize != header.len() {
+        return Err(corrupt("header length", &header.len(), &u32_at(HEADER_LEN_AT)));
     }
     if u32_at(CONVENTION_AT) != CONVENTION {
         return Err(corrupt("convention", &CONVENTION, &u32_at(CONVENTION_AT)));
     }
-    if header[RESERVED_AT..HEADER_HASH_AT].iter().any(|&byte| byte != 0) {
+    // Version 1 has no scheme, and reserved bytes in its place.
+    let scheme = if u32_at(VERSION_AT) == 1 { None } else { fields[SCHEME_AT..].first_chunk() };
+    let reserved = if scheme.is_none() { SCHEME_AT } else { RESERVED_AT };
+    let scheme = scheme.copied().filter(|key| *key != [0; 32]).map(SchemeKey);
+    if fields[reserved..].iter().any(|&byte| byte != 0) {
         return Err(corrupt("reserved bytes", &"zeros", &"other bytes"));
     }
-    if sizes.file_len() != length || u64_at(FILE_LEN_AT) != length {
-        return Err(corrupt("length", &sizes.file_len(), &length));
+    if sizes.file_len(header.len()) != length || u64_at(FILE_LEN_AT) != length {
+        return Err(corrupt("length", &sizes.file_len(header.len()), &length));
     }
     // The file is as long as it says, so that as much may be allocated.
-    let mut body = Vec::with_capacity(length as usize - HEADER_LEN);
+    let mut body = Vec::with_capacity(length as usize - header.len());
     input.read_to_end(&mut body).map_err(MomentsError::io(path, "read"))?;
-    if body.len() != length as usize - HEADER_LEN {
-        return Err(corrupt("length", &length, &(body.len() + HEADER_LEN)));
+    if body.len() != length as usize - header.len() {
+        return Err(corrupt("length", &length, &(body.len() + header.len())));
     }
     let (content, hash) = body.split_at(body.len() - HASH);
     let mut hasher = blake3::Hasher::new();
@@ -304,5 +334,5 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
         .ok_or_else(|| corrupt("names of the channels", &"as many as there are channels", &"others"))?;
     let (max_degree, count) = (sizes.max_degree, u64_at(COUNT_AT));
     let sums = SampleSums { max_degree, moments, right_sides: right, squares, weight, count };
-    Ok(Moments { channels, sums, rows: u64_at(ROWS_AT), occupied, sources })
+    Ok(Moments { channels, sums, rows: u64_at(ROWS_AT), occupied, scheme, sources })
 }

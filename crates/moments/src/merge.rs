@@ -7,6 +7,9 @@ use crate::{MomentsError, Source as PartSource};
 
 /// Adds the moments of parts; to rounding, their order doesn't matter. With `partial` shards may be missing.
 ///
+/// The sum keeps the key of a sampling scheme that all parts have. Parts of different schemes, or without one, add up to
+/// moments without a key.
+///
 /// # Errors
 ///
 /// [`MomentsError::Differ`], [`MomentsError::Overlap`], [`MomentsError::Missing`], [`MomentsError::NoParts`]. Parts are
@@ -61,6 +64,7 @@ fn same_kind(first: &Moments, second: &Moments, [a, b]: [&String; 2]) -> Result<
 
 fn add(all: &mut Moments, part: Moments) {
     all.rows += part.rows;
+    all.scheme = all.scheme.filter(|_| all.scheme == part.scheme);
     all.occupied.merge(&part.occupied);
     let (all, part) = (&mut all.sums, part.sums);
     for (sum, value) in all.moments.iter_mut().zip(&part.moments) {

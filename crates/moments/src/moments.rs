@@ -1,5 +1,6 @@
 //! The sums over samples that a fit needs, and what they are of.
 
+use spharm_store::SchemeKey;
 use spharm_transform::{Occupied, SampleSums};
 
 use crate::MomentsError;
@@ -35,7 +36,7 @@ impl Shard {
 /// Samples that moments are of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Hash of what was read: columns; names, sizes, first and last bytes of the files.
+    /// Hash of what was read: columns, or the sampling scheme; names, sizes, first and last bytes of the files.
     pub key: [u8; 32],
     /// The part of it.
     pub shard: Shard,
@@ -54,6 +55,8 @@ pub struct Moments {
     pub rows: u64,
     /// Where samples with weight are.
     pub occupied: Occupied,
+    /// Key of the sampling scheme whose vertices all samples are at, with the scalar f64; none where they are anywhere.
+    pub scheme: Option<SchemeKey>,
     /// The samples that they are of, sorted by key and shard.
     pub sources: Vec<Source>,
 }

@@ -14,21 +14,25 @@ mod open;
 mod pages;
 mod ply;
 mod records;
+mod signal;
 mod table;
+
+use std::sync::Arc;
 
 use ndarray::Array2;
 use rayon::prelude::*;
+use spharm_harmonics::Directions;
 use spharm_harmonics::directions::normalise;
 
 use crate::MomentsError;
 pub use crate::samples::open::ENDINGS;
-pub(crate) use crate::samples::open::{Opened, STDIN, open};
+pub(crate) use crate::samples::open::{Opened, STDIN, is_table, open, open_over_scheme};
 
 /// The value that is a sample's distance from the centre, for positions that are vectors.
 pub const RADIUS: &str = "radius";
 
-/// Columns that say where samples are.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// What says where samples are: columns, or a sampling scheme.
+#[derive(Debug, Clone, PartialEq)]
 pub enum Positions {
     /// Colatitude and azimuth, in radians.
     Angles([String; 2]),
@@ -36,6 +40,8 @@ pub enum Positions {
     LonLat([String; 2]),
     /// x, y and z: unit vectors, or vectors of any length where [`RADIUS`] is a value.
     Vectors([String; 3]),
+    /// The directions of a sampling scheme, such as the vertices of a sphere: row i of each table is at direction i.
+    Scheme(Arc<Directions>),
 }
 
 impl Positions {
@@ -56,6 +62,7 @@ impl Positions {
         match self {
             Self::Angles(names) | Self::LonLat(names) => names,
             Self::Vectors(names) => names,
+            Self::Scheme(_) => &[],
         }
     }
 }
@@ -157,8 +164,9 @@ impl Plan {
         self.names.len()
     }
 
-    /// Converts rows to samples, and checks them.
-    pub(crate) fn samples(&self, rows: &[f64], chunk: &mut Chunk) -> Result<(), BadRow> {
+    /// Converts rows to samples, and checks them. `start` is the number of the first one in its table, from 0; over a scheme
+    /// it has a direction for each of them.
+    pub(crate) fn samples(&self, rows: &[f64], start: usize, chunk: &mut Chunk) -> Result<(), BadRow> {
         let (columns, channels) = (self.columns(), self.values.len());
         let n = rows.len() / columns;
         chunk.directions.resize(n, [0.0; 3]);
@@ -184,7 +192,8 @@ impl Plan {
             .map(|(piece, ((directions, values), weights))| {
                 let first = piece * PIECE;
                 let rows = &rows[first * columns..(first + directions.len()) * columns];
-                self.piece(rows, directions, values, weights).map_err(|bad| BadRow { row: bad.row + first, ..bad })
+                let piece = self.piece(rows, start + first, directions, values, weights);
+                piece.map_err(|bad| BadRow { row: bad.row + first, ..bad })
             })
             .collect();
         chunk.values = Array2::from_shape_vec((n, channels), values).unwrap_or_default();
@@ -199,6 +208,7 @@ impl Plan {
     fn piece(
         &self,
         rows: &[f64],
+        start: usize,
         directions: &mut [[f64; 3]],
         values: &mut [f64],
         weights: &mut [f64],
@@ -217,7 +227,8 @@ impl Plan {
                 return Err(bad(column, "a finite number"));
             }
             let mut radius = 1.0;
-            *direction = match self.positions {
+            *direction = match &self.positions {
+                Positions::Scheme(directions) => directions.as_slice()[start + row],
                 Positions::Angles(_) => {
                     if !(0.0..=MOST_THETA).contains(&cells[0]) {
                         return Err(bad(0, "a colatitude from 0 to pi, in radians"));

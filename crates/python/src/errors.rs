@@ -150,7 +150,7 @@ fn memory<'a>(budget: u64, needed: u64) -> Kind<'a> {
 fn of_moments(error: &MomentsError) -> Kind<'_> {
     match error {
         MomentsError::Io { path, source, .. } => Kind::Os { path, cause: source },
-        MomentsError::Output(error) => of_surface(error),
+        MomentsError::Output(error) | MomentsError::Signal(error) => of_surface(error),
         MomentsError::Memory { needed, budget, .. } => memory(*budget as u64, *needed as u64),
         MomentsError::Interrupted(_) => Kind::Interrupted,
         MomentsError::Corrupt { .. } | MomentsError::Version { .. } => Kind::Spharm,

@@ -107,6 +107,12 @@ impl Moments {
         self.inner.sums.weight
     }
 
+    /// Key of the sampling scheme whose vertices the samples are at.
+    #[getter]
+    fn scheme(&self) -> Option<String> {
+        self.inner.scheme.map(|key| key.to_string())
+    }
+
     /// The least squares of the samples.
     #[pyo3(signature = (settings, progress = None))]
     fn fit<'py>(
@@ -121,6 +127,10 @@ impl Moments {
         })?;
         let warnings = fit.report.warnings.iter().map(|warning| (category(warning), warning.to_string())).collect();
         let errors = fit.standard_errors.clone().map(|errors| numpy::IntoPyArray::into_pyarray(errors, py));
-        Ok((Model { inner: fit.model() }, errors, json!(fit.report).to_string(), warnings))
+        let mut report = json!(fit.report);
+        if let Some(report) = report.as_object_mut() {
+            report.insert("scheme_key".to_owned(), json!(self.scheme()));
+        }
+        Ok((Model { inner: fit.model() }, errors, report.to_string(), warnings))
     }
 }

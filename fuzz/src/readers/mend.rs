@@ -66,12 +66,14 @@ pub(super) fn container(bytes: &[u8], kind: usize, root_context: &str) -> Vec<u8
 /// Moments: the length, and the hashes of the header and of all.
 pub(super) fn moments(bytes: &mut [u8]) {
     let len = bytes.len();
-    if len < 160 {
+    // The header's hash follows its fields, of which version 1 has fewer.
+    let fields = if bytes.get(8) == Some(&1) { 96 } else { 128 };
+    if len < fields + 64 {
         return;
     }
     put(bytes, 16, &(len as u64).to_le_bytes());
-    let hash = blake3::hash(&bytes[..96]);
-    put(bytes, 96, hash.as_bytes());
+    let hash = blake3::hash(&bytes[..fields]);
+    put(bytes, fields, hash.as_bytes());
     let hash = blake3::hash(&bytes[..len - 32]);
     put(bytes, len - 32, hash.as_bytes());
 }

@@ -109,7 +109,7 @@ def make(site, folder):
         for path in sorted((data / "golden-v1").glob(pattern)):
             for kind in (0, 3, 31):
                 corpora.add(target, f"{path.parent.name[:4]}-{path.name}-{kind}", path.read_bytes(), kind)
-    for path in [ROOT / "crates/moments/tests/data/v1.moments"]:
+    for path in sorted((ROOT / "crates/moments/tests/data").glob("*.moments")):
         for kind in (0, 1):
             corpora.add("moments", f"{path.name}-{kind}", path.read_bytes(), kind)
     for path in sorted((data / "sphz-v1").glob("*.sphz")):

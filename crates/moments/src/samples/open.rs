@@ -5,10 +5,12 @@ use std::io::{self, BufReader, Read};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use spharm_surface::SurfaceError;
+
 use super::table::Table;
 #[cfg(feature = "tables")]
 use super::{arrow, las};
-use super::{csv, npy, npz, ply};
+use super::{csv, npy, npz, ply, signal};
 use crate::MomentsError;
 use crate::moments::Shard;
 
@@ -17,6 +19,9 @@ pub(crate) const STDIN: &str = "-";
 /// Endings of the names of files that are read.
 pub const ENDINGS: [&str; 10] =
     [".npy", ".npz", ".csv", ".tsv", ".txt", ".parquet", ".arrow", ".feather", ".ply", ".las"];
+
+/// Endings of values on vertices, which are read over a sampling scheme; FreeSurfer's have none.
+const SIGNALS: [&str; 3] = [".gii", ".mgh", ".mgz"];
 
 /// A table, and what is known of it before it is read.
 pub(crate) struct Opened {
@@ -34,21 +39,11 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if path.as_os_str() == STDIN {
         return standard_input(path, shard);
     }
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let ending = ENDINGS.into_iter().find(|ending| name.ends_with(ending));
-    // A FIFO would be waited for.
-    if path.exists() && !path.is_file() {
-        return Err(MomentsError::io(path, "read")(io::Error::other("not a regular file")));
-    }
-    let file = File::open(path).map_err(MomentsError::io(path, "open"))?;
-    let bytes = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
-    if bytes == 0 {
-        return Err(MomentsError::Empty { path: path.to_owned() });
-    }
+    let (file, bytes) = open_file(path)?;
     fn known<T: Table + 'static>((table, rows): (T, u64)) -> (Box<dyn Table>, Option<u64>) {
         (Box::new(table), Some(rows))
     }
-    let (table, rows) = match ending {
+    let (table, rows) = match ending(path) {
         Some(".npy") => known(npy::open(path, file, bytes, shard)?),
         Some(".npz") => known(npz::open(path, file, shard)?),
         #[cfg(feature = "tables")]
@@ -66,6 +61,50 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
         None => return Err(MomentsError::UnknownFormat { path: path.to_owned(), expected: ENDINGS.to_vec() }),
     };
     Ok(Opened { table, bytes: Some(bytes), rows, hash: None })
+}
+
+/// Opens all of a table over a sampling scheme, of which a shard is used: shards of text are known by their bytes, and here the
+/// numbers of the rows count. Values on vertices are read as well.
+pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
+    if path.as_os_str() == STDIN {
+        return standard_input(path, shard);
+    }
+    if is_table(path) {
+        return open(path, Shard::WHOLE);
+    }
+    let (_, bytes) = open_file(path)?;
+    let table = signal::open(path).map_err(|error| match error {
+        SurfaceError::UnknownFormat { path, .. } => {
+            MomentsError::UnknownFormat { path, expected: [&ENDINGS[..], &SIGNALS].concat() }
+        }
+        error => MomentsError::Signal(error),
+    })?;
+    let rows = Some(table.rows());
+    Ok(Opened { table: Box::new(table), bytes: Some(bytes), rows, hash: None })
+}
+
+/// Whether a file has the name of a table.
+pub(crate) fn is_table(path: &Path) -> bool {
+    ending(path).is_some()
+}
+
+fn ending(path: &Path) -> Option<&'static str> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    ENDINGS.into_iter().find(|ending| name.ends_with(ending))
+}
+
+/// A regular file that isn't empty, and its size.
+fn open_file(path: &Path) -> Result<(File, u64), MomentsError> {
+    // A FIFO would be waited for.
+    if path.exists() && !path.is_file() {
+        return Err(MomentsError::io(path, "read")(io::Error::other("not a regular file")));
+    }
+    let file = File::open(path).map_err(MomentsError::io(path, "open"))?;
+    let bytes = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
+    if bytes == 0 {
+        return Err(MomentsError::Empty { path: path.to_owned() });
+    }
+    Ok((file, bytes))
 }
 
 /// Standard input: an array of NumPy's where it begins like one, else text.

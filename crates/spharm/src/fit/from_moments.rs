@@ -11,7 +11,7 @@ use spharm_solver::lsq::{
     Denoise, Gcv, LsqReport, LsqWarning, MomentFit, MomentProblem, NoisePower, choose_smoothness_by_moments,
     solve_moments,
 };
-use spharm_store::Scalar;
+use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Kind;
 use spharm_surface::range::{times, times_within};
 use spharm_transform::{MomentGram, MomentOperator};
@@ -39,6 +39,9 @@ pub struct MomentsFit {
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct MomentsReport {
+    /// Key of the sampling scheme whose vertices the samples are at; none where they are anywhere.
+    #[serde(skip)]
+    pub scheme: Option<SchemeKey>,
     /// Names of the channels, (c).
     pub channels: Vec<String>,
     /// Number of samples with weight.
@@ -174,6 +177,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     }
     let provenance = provenance(params, &found.report, converged);
     let report = MomentsReport {
+        scheme: moments.scheme,
         channels: moments.channels.clone(),
         samples: moments.sums.count,
         weight: moments.sums.weight,
@@ -266,12 +270,14 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
 }
 
 impl MomentsFit {
-    /// Returns the model: a surface where the channels are x, y and z, else a signal. It has no sampling of its own.
+    /// Returns the model: a surface where the channels are x, y and z, else a signal. It has no sphere, but the key of the
+    /// sampling scheme that the samples are at the vertices of.
     #[must_use]
     pub fn model(&self) -> Model {
         let surface = is_surface(&self.report.channels);
+        let scheme_key = self.report.scheme.map(|key| key.to_string());
         let fitted =
-            Fitted { coefficients: self.coefficients.clone(), scheme_key: None, provenance: self.provenance.clone() };
+            Fitted { coefficients: self.coefficients.clone(), scheme_key, provenance: self.provenance.clone() };
         Model::without_sphere(fitted, if surface { Kind::Surface } else { Kind::Signal })
     }
 }
