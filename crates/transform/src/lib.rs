@@ -77,6 +77,7 @@ mod points;
 mod polar_rings;
 mod ring_sums;
 mod ring_table;
+mod sorting;
 pub mod transform;
 mod workspace;
 

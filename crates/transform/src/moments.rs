@@ -53,7 +53,7 @@ use rustfft::num_complex::Complex64;
 use spharm_harmonics::basis_size;
 
 use crate::TransformError;
-use ring_grid::{RingGrid, Workspace};
+use ring_grid::{RingGrid, SomeColumns, Workspace};
 
 pub use sums::SampleSums;
 
@@ -126,16 +126,18 @@ impl MomentOperator {
             return Err(TransformError::Shape { what: "coefficients", expected, found });
         }
         let mut out = Array2::zeros(x.dim());
+        let all = x.ncols();
+        let x = x.as_standard_layout();
+        let x = x.as_slice().unwrap_or_default();
         // Groups of channels are independent: with several of them each thread has its own.
-        out.axis_chunks_iter_mut(Axis(1), CHANNELS)
-            .into_par_iter()
-            .zip(x.axis_chunks_iter(Axis(1), CHANNELS).into_par_iter())
-            .with_max_len(1)
-            .for_each(|(out, x)| {
+        out.axis_chunks_iter_mut(Axis(1), CHANNELS).into_par_iter().enumerate().with_max_len(1).for_each(
+            |(group, out)| {
                 let mut space = self.space();
+                let x = SomeColumns { values: x, all, first: group * CHANNELS };
                 self.grid.product(&self.density, x, out, &mut space);
                 self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(space);
-            });
+            },
+        );
         Ok(out)
     }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use rayon::prelude::*;
 
 use crate::TransformError;
-use crate::cells::{Place, place};
+use crate::cells::{self, Place};
 
 /// Columns of a tile; points are sorted by tiles. A tile with the rows of its strip fits the L1 cache.
 const TILE_COLUMNS: usize = 16;
@@ -14,6 +14,8 @@ const TILE_COLUMNS: usize = 16;
 /// Runs that directions are sorted in, and the least length of one.
 const RUNS: usize = 16;
 const LEAST_RUN: usize = 1 << 13;
+/// Directions that are placed together: what is known of them stays in the L1 cache until it is sorted.
+const PLACED: usize = 256;
 
 /// The directions' positions on the grid, sorted. A *place* is an index in sorted order.
 ///
@@ -21,8 +23,8 @@ const LEAST_RUN: usize = 1 << 13;
 /// each other; where cells outnumber the directions these are left as they come.
 #[derive(Debug)]
 pub(crate) struct Points {
-    /// The place of each direction.
-    rank: Vec<u32>,
+    /// The place of each direction. Threads write to each other's neighbourhood: a relaxed store is a plain one.
+    rank: Vec<AtomicU32>,
     /// The direction at each place.
     order: Vec<u32>,
     /// At each place, row and column of the grid cell.
@@ -41,38 +43,39 @@ impl Points {
             return Err(TransformError::TooManyDirections { found: directions.len(), max });
         }
         let count = directions.len();
-        let mut places: Vec<Place> = vec![([0; 2], [0.0; 2]); count];
-        let (mut order, strips) = by_strips(directions, grid, strip_rows, &mut places);
-        let (mut cells, mut fractions) = (vec![[0; 2]; count], vec![[0.0; 2]; count]);
-        let mut tasks = Vec::with_capacity(strips.len() - 1);
-        let mut rest = (&mut order[..], &mut cells[..], &mut fractions[..]);
-        for (strip, bounds) in strips.windows(2).enumerate() {
-            let length = bounds[1] - bounds[0];
-            let (order, cells, fractions) = (
-                rest.0.split_off_mut(..length).unwrap_or_default(),
-                rest.1.split_off_mut(..length).unwrap_or_default(),
-                rest.2.split_off_mut(..length).unwrap_or_default(),
-            );
-            tasks.push((strip * strip_rows..(strip + 1) * strip_rows, order, cells, fractions));
-        }
+        let (mut order, mut cells, mut fractions) = (vec![0; count], vec![[0; 2]; count], vec![[0.0; 2]; count]);
+        let all = Slots { order: &mut order, cells: &mut cells, fractions: &mut fractions };
+        let strips = by_strips(directions, grid, strip_rows, all);
+        let mut rest = Slots { order: &mut order, cells: &mut cells, fractions: &mut fractions };
+        let mut tasks: Vec<(Range<usize>, Slots<'_>)> = strips
+            .windows(2)
+            .enumerate()
+            .map(|(strip, bounds)| {
+                (strip * strip_rows..(strip + 1) * strip_rows, rest.split_off(bounds[1] - bounds[0]))
+            })
+            .collect();
         // The longest first, so that no thread starts on a long one at the end.
-        tasks.sort_by_key(|(_, order, ..)| std::cmp::Reverse(order.len()));
-        tasks.into_par_iter().with_max_len(1).for_each_init(Default::default, |sorter: &mut CellSorter, task| {
-            let (rows, order, cells, fractions) = task;
-            let from = order.to_vec();
-            let cell = |direction: &u32| places[*direction as usize].0;
-            sorter.sort(grid, rows, from.len(), from.iter().copied(), cell, |direction, at| {
-                order[at] = direction;
-                (cells[at], fractions[at]) = places[direction as usize];
-            });
-        });
-        drop(places);
-        // Threads write to places of each other's neighbourhood: a relaxed store is a plain one.
+        tasks.sort_by_key(|(_, slots)| std::cmp::Reverse(slots.order.len()));
         let rank: Vec<AtomicU32> = (0..count).into_par_iter().map(|_| AtomicU32::new(0)).collect();
+        tasks.into_par_iter().with_max_len(1).for_each_init(Default::default, |(sorter, from): &mut Sorting, task| {
+            let (rows, slots) = task;
+            from.clear();
+            from.extend(slots.order.iter().zip(&*slots.cells).zip(&*slots.fractions).map(|((o, c), f)| (*o, (*c, *f))));
+            sorter.sort(
+                grid,
+                rows,
+                from.len(),
+                from.iter(),
+                |(_, (cell, _))| *cell,
+                |(direction, place), at| {
+                    slots.order[at] = *direction;
+                    (slots.cells[at], slots.fractions[at]) = *place;
+                },
+            );
+        });
         order.par_iter().enumerate().for_each(|(place, direction)| {
             rank[*direction as usize].store(place as u32, Ordering::Relaxed);
         });
-        let rank = rank.into_par_iter().map(AtomicU32::into_inner).collect();
         Ok(Self { rank, order, cells, fractions, strips })
     }
 
@@ -81,7 +84,7 @@ impl Points {
         self.order.len()
     }
 
-    /// Bytes held for a number of directions; `new` takes twice that.
+    /// Bytes held for a number of directions; `new` takes those of the longest strip of each thread beside it, at most twice that.
     pub(crate) const fn bytes(directions: usize) -> usize {
         directions * (2 * 4 + 8 + 16)
     }
@@ -97,48 +100,74 @@ impl Points {
     }
 
     /// The place of each direction.
-    pub(crate) fn ranks(&self) -> &[u32] {
+    pub(crate) fn ranks(&self) -> &[AtomicU32] {
         &self.rank
     }
 }
 
-/// Places directions on the grid and sorts them by strips, stably: returns the direction at each place, and the first place
-/// of each strip with their number at the end.
-fn by_strips(directions: &[[f64; 3]], grid: usize, strip_rows: usize, places: &mut [Place]) -> (Vec<u32>, Vec<usize>) {
-    let buckets = (grid / 2 + 1).div_ceil(strip_rows);
-    let bucket = |cell: [u32; 2]| cell[0] as usize / strip_rows;
-    // A counting sort of runs of directions at once.
-    let run = directions.len().div_ceil(RUNS).max(LEAST_RUN);
-    let mut counts: Vec<Vec<u32>> = places
-        .par_chunks_mut(run)
-        .zip(directions.par_chunks(run))
-        .map(|(places, directions)| {
-            let mut counts = vec![0u32; buckets];
-            place(directions, grid, places);
-            for (cell, _) in places {
-                counts[bucket(*cell)] += 1;
-            }
-            counts
-        })
-        .collect();
-    // Counts become the first places of each run in each bucket.
-    let (mut next, mut strips) = (0u32, Vec::with_capacity(buckets + 1));
-    for at in 0..buckets {
-        strips.push(next as usize);
-        for counts in &mut counts {
-            (counts[at], next) = (next, next + counts[at]);
+/// A direction and where it is, and a thread's memory for sorting.
+type Sorting = (CellSorter, Vec<(u32, Place)>);
+
+/// Slots for directions and their positions.
+#[derive(Default)]
+struct Slots<'a> {
+    order: &'a mut [u32],
+    cells: &'a mut [[u32; 2]],
+    fractions: &'a mut [[f64; 2]],
+}
+
+impl<'a> Slots<'a> {
+    /// Takes the first `count` slots away.
+    fn split_off(&mut self, count: usize) -> Slots<'a> {
+        Slots {
+            order: self.order.split_off_mut(..count).unwrap_or_default(),
+            cells: self.cells.split_off_mut(..count).unwrap_or_default(),
+            fractions: self.fractions.split_off_mut(..count).unwrap_or_default(),
         }
     }
-    strips.push(next as usize);
-    let order: Vec<AtomicU32> = (0..places.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
-    places.par_chunks(run).zip(&mut counts).enumerate().for_each(|(first, (places, next))| {
-        for (i, (cell, _)) in places.iter().enumerate() {
-            let next = &mut next[bucket(*cell)];
-            order[*next as usize].store((first * run + i) as u32, Ordering::Relaxed);
-            *next += 1;
+}
+
+/// Places directions on the grid and writes them to the slots sorted by strips, stably: returns the first place of each strip,
+/// with their number at the end.
+///
+/// A counting sort of runs of directions at once, each of which has slots of its own in every strip: they are placed twice, the
+/// first time their rows alone, which takes less than keeping what is found.
+fn by_strips(directions: &[[f64; 3]], grid: usize, strip_rows: usize, mut slots: Slots<'_>) -> Vec<usize> {
+    let buckets = (grid / 2 + 1).div_ceil(strip_rows);
+    let run = directions.len().div_ceil(RUNS).max(LEAST_RUN);
+    let count = |directions: &[[f64; 3]]| {
+        let (mut counts, mut rows) = (vec![0; buckets], [0; PLACED]);
+        for directions in directions.chunks(PLACED) {
+            let rows = &mut rows[..directions.len()];
+            cells::rows(directions, grid, rows);
+            rows.iter().for_each(|row| counts[*row as usize / strip_rows] += 1);
+        }
+        counts
+    };
+    let counts: Vec<Vec<usize>> = directions.par_chunks(run).map(count).collect();
+    let mut of_runs: Vec<Vec<Slots<'_>>> = counts.iter().map(|_| Vec::with_capacity(buckets)).collect();
+    let mut strips = vec![0];
+    for strip in 0..buckets {
+        for (of_run, counts) in of_runs.iter_mut().zip(&counts) {
+            of_run.push(slots.split_off(counts[strip]));
+        }
+        strips.push(directions.len() - slots.order.len());
+    }
+    directions.par_chunks(run).zip(of_runs).enumerate().for_each(|(index, (directions, mut slots))| {
+        let (mut next, mut places) = (vec![0; buckets], [Place::default(); PLACED]);
+        for (chunk, directions) in directions.chunks(PLACED).enumerate() {
+            let places = &mut places[..directions.len()];
+            cells::place(directions, grid, places);
+            for (i, (cell, fraction)) in places.iter().enumerate() {
+                let strip = cell[0] as usize / strip_rows;
+                let (slots, at) = (&mut slots[strip], next[strip]);
+                slots.order[at] = (index * run + chunk * PLACED + i) as u32;
+                (slots.cells[at], slots.fractions[at]) = (*cell, *fraction);
+                next[strip] += 1;
+            }
         }
     });
-    (order.into_par_iter().map(AtomicU32::into_inner).collect(), strips)
+    strips
 }
 
 /// Sorts the points of a strip, with memory that it keeps.
@@ -206,7 +235,7 @@ mod tests {
         let mut seen = vec![false; 500];
         for at in 0..500 {
             seen[points.direction(at)] = true;
-            assert_eq!(points.ranks()[points.direction(at)] as usize, at);
+            assert_eq!(points.ranks()[points.direction(at)].load(Ordering::Relaxed) as usize, at);
         }
         assert!(seen.into_iter().all(|s| s));
         assert_eq!((points.strips[0], points.strips[points.strips.len() - 1]), (0, 500));

@@ -21,6 +21,7 @@ use crate::interpolation::{interpolate, interpolate_and_spread, spread};
 use crate::kernel::Kernel;
 use crate::legendre::Legendre;
 use crate::points::Points;
+use crate::sorting::{Columns, sort, unsort};
 use crate::workspace::{Sizes, Uses, Workspace};
 use crate::{TransformError, TransformParams};
 
@@ -46,8 +47,9 @@ pub struct Transform {
     points: Arc<Points>,
     /// `1 / (2 p_m)`.
     order_factor: Vec<f64>,
-    /// Working memory of earlier calls, for later ones: a fresh page costs more than writing to it.
-    spaces: Mutex<Vec<Workspace>>,
+    /// Working memory of earlier calls, for later ones and for those of plans that share the sorting: a fresh page costs more than
+    /// writing to it.
+    spaces: Arc<Mutex<Vec<Workspace>>>,
 }
 
 impl Transform {
@@ -89,7 +91,8 @@ impl Transform {
         }
         let gridding = self.gridding.of_degree(max_degree, self.accuracy);
         let params = TransformParams { max_degree, accuracy: self.accuracy, channels };
-        Ok(Self::over(self.points.clone(), gridding, &MonicRecurrence::new(max_degree)?, &params))
+        let plan = Self::over(self.points.clone(), gridding, &MonicRecurrence::new(max_degree)?, &params);
+        Ok(Self { spaces: self.spaces.clone(), ..plan })
     }
 
     fn over(points: Arc<Points>, gridding: Gridding, recurrence: &MonicRecurrence, params: &TransformParams) -> Self {
@@ -107,7 +110,7 @@ impl Transform {
             kernel,
             legendre,
             points,
-            spaces: Mutex::default(),
+            spaces: Arc::default(),
         }
     }
 
@@ -148,25 +151,21 @@ impl Transform {
     /// [`TransformError::Shape`]: `coefficients` doesn't have `K = (L + 1)^2` rows.
     pub fn synthesis(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("coefficients", basis_size(self.max_degree), coefficients.nrows())?;
-        let mut samples = Array2::zeros((self.points.len(), coefficients.ncols()));
         let all = coefficients.ncols();
+        let coefficients = coefficients.as_standard_layout();
+        let coefficients = coefficients.as_slice().unwrap_or_default();
+        let mut samples = Array2::zeros((self.points.len(), all));
         self.grouped(all, self.sorted_together(), Uses::SYNTHESIS, |space, block| {
             let (count, length) = self.group(&block);
             for (columns, place) in self.groups(&block).zip(0..) {
-                let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns]), space);
+                let layout = self.grid_of(coefficients, all, columns, space);
                 let sorted = &mut space.samples[place * length..(place + 1) * length];
                 interpolate(layout, &space.grids[0], &self.kernel, &self.points, sorted);
             }
+            let columns = Columns { first: block.start, count };
             let runs = samples.as_slice_mut().unwrap_or_default().par_chunks_mut(RUN * all);
             runs.zip(self.points.ranks().par_chunks(RUN)).for_each(|(samples, ranks)| {
-                for (row, rank) in samples.chunks_exact_mut(all).zip(ranks) {
-                    let groups = row[block.clone()].chunks_exact_mut(count);
-                    for (values, sorted) in groups.zip(space.samples.chunks_exact(length)) {
-                        for (value, sorted) in values.iter_mut().zip(&sorted[*rank as usize * count..]) {
-                            *value = *sorted;
-                        }
-                    }
-                }
+                unsort(ranks, columns, &space.samples, length, samples, all);
             });
         });
         Ok(samples)
@@ -180,10 +179,11 @@ impl Transform {
     /// [`TransformError::Shape`]: `samples` doesn't have n rows.
     pub fn adjoint_synthesis(&self, samples: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("samples", self.points.len(), samples.nrows())?;
-        Ok(self.adjoint_of(samples.ncols(), |direction, columns, out| {
-            for (out, value) in out.iter_mut().zip(samples.slice(ndarray::s![direction, columns])) {
-                *out = *value;
-            }
+        let channels = samples.ncols();
+        let samples = samples.as_standard_layout();
+        let samples = samples.as_slice().unwrap_or_default();
+        Ok(self.adjoint_of(channels, &|direction, column, out| {
+            out.copy_from_slice(&samples[direction * channels + column..][..out.len()]);
         }))
     }
 
@@ -204,16 +204,20 @@ impl Transform {
         if let Some(weights) = weights {
             self.expect("weights", self.points.len(), weights.len())?;
         }
-        Ok(self.adjoint_of(1 + samples.ncols(), |direction, columns, out| {
+        let channels = samples.ncols();
+        let samples = samples.as_standard_layout();
+        let samples = samples.as_slice().unwrap_or_default();
+        Ok(self.adjoint_of(1 + channels, &|direction, column, out| {
             let weight = weights.map_or(1.0, |weights| weights[direction]);
-            for (out, column) in out.iter_mut().zip(columns) {
-                *out = if column == 0 { weight } else { weight * samples[[direction, column - 1]] };
+            let row = &samples[direction * channels..][..channels];
+            for (out, column) in out.iter_mut().zip(column..) {
+                *out = if column == 0 { weight } else { weight * row[column - 1] };
             }
         }))
     }
 
-    /// Adjoint synthesis of samples that `fill` gives, for a direction and a range of columns.
-    fn adjoint_of(&self, channels: usize, fill: impl Fn(usize, Range<usize>, &mut [f64]) + Sync) -> Array2<f64> {
+    /// Adjoint synthesis of samples that `fill` gives, for a direction from a column on.
+    fn adjoint_of(&self, channels: usize, fill: &(impl Fn(usize, usize, &mut [f64]) + Sync)) -> Array2<f64> {
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
         self.grouped(channels, self.sorted_together(), Uses::ADJOINT, |space, block| {
             let (count, length) = self.group(&block);
@@ -222,12 +226,9 @@ impl Transform {
             for sorted in space.samples.chunks_exact_mut(length.max(1)) {
                 runs.iter_mut().zip(sorted.chunks_mut(RUN * count)).for_each(|(run, sorted)| run.push(sorted));
             }
+            let columns = Columns { first: block.start, count };
             runs.into_par_iter().zip(self.points.order().par_chunks(RUN)).for_each(|(mut run, order)| {
-                for (place, direction) in order.iter().enumerate() {
-                    for (sorted, columns) in run.iter_mut().zip(self.groups(&block)) {
-                        fill(*direction as usize, columns, &mut sorted[place * count..(place + 1) * count]);
-                    }
-                }
+                sort(order, columns, &mut run, fill);
             });
             let layout = self.layout(count);
             for (columns, place) in self.groups(&block).zip(0..) {
@@ -275,8 +276,11 @@ impl Transform {
             self.expect("weights", self.points.len(), weights.len())?;
         }
         let mut result = Array2::zeros(coefficients.dim());
-        self.grouped(coefficients.ncols(), 1, Uses::NORMAL, |space, columns| {
-            let layout = self.grid_of(coefficients.slice(ndarray::s![.., columns.clone()]), space);
+        let all = coefficients.ncols();
+        let coefficients = coefficients.as_standard_layout();
+        let coefficients = coefficients.as_slice().unwrap_or_default();
+        self.grouped(all, 1, Uses::NORMAL, |space, columns| {
+            let layout = self.grid_of(coefficients, all, columns.clone(), space);
             let [from, to] = &mut space.grids;
             to.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
             interpolate_and_spread(layout, [from, to], &self.kernel, &self.points, weights.map(|w| &w.0[..]));

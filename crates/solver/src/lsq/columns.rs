@@ -1,6 +1,6 @@
 //! Arithmetic on (K, c) arrays column by column, in parallel and with one order of summation.
 
-use ndarray::{Array2, Axis};
+use ndarray::Array2;
 use rayon::prelude::*;
 
 /// Rows whose sums are formed together; fixed, so that sums don't depend on the threads.
@@ -15,21 +15,37 @@ pub(crate) fn dots(a: &Array2<f64>, b: &Array2<f64>) -> Vec<f64> {
     let parts: Vec<Vec<f64>> = a
         .par_chunks(RUN * c.max(1))
         .zip(b.par_chunks(RUN * c.max(1)))
-        .map(|(a, b)| {
-            let mut sums = vec![0.0; c];
-            for (a, b) in a.chunks_exact(c).zip(b.chunks_exact(c)) {
-                for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-                    *sum += a * b;
-                }
-            }
-            sums
-        })
+        .map(|(a, b)| if c == 1 { vec![dot(a, b)] } else { dots_of_rows(a, b, c) })
         .collect();
     let mut total = vec![0.0; c];
     for part in parts {
         total.iter_mut().zip(part).for_each(|(total, part)| *total += part);
     }
     total
+}
+
+/// In sums of their own, which the processor forms side by side.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    const LANES: usize = 16;
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut sums = [0.0; LANES];
+    for (a, b) in a.iter().zip(b) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+fn dots_of_rows(a: &[f64], b: &[f64], c: usize) -> Vec<f64> {
+    let mut sums = vec![0.0; c];
+    for (a, b) in a.chunks_exact(c).zip(b.chunks_exact(c)) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
+        }
+    }
+    sums
 }
 
 /// Norms of the columns.
@@ -40,15 +56,24 @@ pub(crate) fn norms(a: &Array2<f64>) -> Vec<f64> {
 /// `y_c = s_c y_c + a_c x_c` for each column c.
 pub(crate) fn combine(y: &mut Array2<f64>, s: &[f64], a: &[f64], x: &Array2<f64>) {
     assert_eq!(y.dim(), x.dim(), "arrays to combine");
-    y.axis_chunks_iter_mut(Axis(0), RUN).into_par_iter().zip(x.axis_chunks_iter(Axis(0), RUN)).for_each(
-        |(mut y, x)| {
-            for (mut y, x) in y.rows_mut().into_iter().zip(x.rows()) {
-                for (((y, x), s), a) in y.iter_mut().zip(x).zip(s).zip(a) {
-                    *y = s * *y + a * x;
-                }
+    let c = y.ncols().max(1);
+    let x = x.as_standard_layout();
+    let x = x.as_slice().unwrap_or_default();
+    if !y.is_standard_layout() {
+        *y = y.as_standard_layout().into_owned();
+    }
+    let y = y.as_slice_mut().unwrap_or_default();
+    y.par_chunks_mut(RUN * c).zip(x.par_chunks(RUN * c)).for_each(|(y, x)| {
+        if let ([s], [a]) = (s, a) {
+            y.iter_mut().zip(x).for_each(|(y, x)| *y = s * *y + a * x);
+            return;
+        }
+        for (y, x) in y.chunks_exact_mut(c).zip(x.chunks_exact(c)) {
+            for (((y, x), s), a) in y.iter_mut().zip(x).zip(s).zip(a) {
+                *y = s * *y + a * x;
             }
-        },
-    );
+        }
+    });
 }
 
 /// `y += x * factors`, a factor a row.

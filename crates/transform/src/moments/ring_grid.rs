@@ -11,7 +11,7 @@
 
 use std::sync::Arc;
 
-use ndarray::{ArrayView2, ArrayViewMut2};
+use ndarray::ArrayViewMut2;
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};
@@ -48,6 +48,14 @@ struct RingPair {
     orders: usize,
     forward: Arc<dyn Fft<f64>>,
     inverse: Arc<dyn Fft<f64>>,
+}
+
+/// Coefficients, (K, all) row-major, from the column `first` on.
+#[derive(Clone, Copy)]
+pub(super) struct SomeColumns<'a> {
+    pub(super) values: &'a [f64],
+    pub(super) all: usize,
+    pub(super) first: usize,
 }
 
 /// Working memory of a product.
@@ -141,20 +149,20 @@ impl RingGrid {
         parts
     }
 
-    /// `A_g^T diag(density) A_g x` for some columns of coefficients.
+    /// `A_g^T diag(density) A_g x` for the columns of the coefficients x from the first on that `out` has, (K, c).
     pub(super) fn product(
         &self,
         density: &[Complex64],
-        x: ArrayView2<'_, f64>,
+        x: SomeColumns<'_>,
         mut out: ArrayViewMut2<'_, f64>,
         space: &mut Workspace,
     ) {
-        let (columns, rings) = (2 * x.ncols(), self.legendre.rings());
+        let (columns, rings) = (2 * out.ncols(), self.legendre.rings());
         let orders = self.max_degree + 1;
         space.by_order.resize(orders * 2 * columns * rings, 0.0);
         space.by_ring.resize(orders * 2 * columns * rings, 0.0);
         space.coefficients.resize(orders * (orders + 1) / 2 * columns, 0.0);
-        self.to_rings(x, &mut space.by_order);
+        self.to_rings(x, out.ncols(), &mut space.by_order);
         self.multiply(density, columns, &space.by_order, &mut space.by_ring);
         self.to_coefficients(columns, &space.by_ring, &mut space.coefficients);
         let coefficients = &space.coefficients;
@@ -174,17 +182,15 @@ impl RingGrid {
     }
 
     /// Legendre sums of all orders.
-    fn to_rings(&self, x: ArrayView2<'_, f64>, by_order: &mut [f64]) {
-        let (channels, rings) = (x.ncols(), self.legendre.rings());
-        let columns = 2 * channels;
-        let x = x.as_standard_layout();
-        let x = x.as_slice().unwrap_or_default();
+    fn to_rings(&self, x: SomeColumns<'_>, channels: usize, by_order: &mut [f64]) {
+        let (columns, rings) = (2 * channels, self.legendre.rings());
+        let SomeColumns { values: x, all, first } = x;
         by_order.par_chunks_mut(2 * columns * rings).enumerate().with_max_len(1).for_each_init(
             || (vec![0.0; (self.max_degree + 1) * columns], Work::new()),
             |(scaled, work), (m, sums)| {
                 for ((scaled, scale), l) in scaled.chunks_exact_mut(columns).zip(self.legendre.scale(m)).zip(m..) {
-                    let cosines = (first_column(l) + l + m) * channels;
-                    let sines = (first_column(l) + l - m) * channels;
+                    let cosines = (first_column(l) + l + m) * all + first;
+                    let sines = (first_column(l) + l - m) * all + first;
                     for channel in 0..channels {
                         scaled[2 * channel] = scale * x[cosines + channel];
                         scaled[2 * channel + 1] = if m > 0 { scale * x[sines + channel] } else { 0.0 };

@@ -1,6 +1,8 @@
 //! The steps of a transform between coefficients and the oversampled grid, and their transposes.
 
-use ndarray::{Array2, ArrayView2};
+use std::ops::Range;
+
+use ndarray::Array2;
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use spharm_harmonics::index::{basis_size, first_column};
@@ -27,13 +29,17 @@ impl Transform {
         coefficients
     }
 
-    /// Evaluates the coefficients on the first grid and fills its margins.
-    pub(super) fn grid_of(&self, coefficients: ArrayView2<'_, f64>, space: &mut Workspace) -> Layout {
-        let channels = coefficients.ncols();
+    /// Evaluates these columns of the coefficients, (K, all) row-major, on the first grid and fills its margins.
+    pub(super) fn grid_of(
+        &self,
+        coefficients: &[f64],
+        all: usize,
+        group: Range<usize>,
+        space: &mut Workspace,
+    ) -> Layout {
+        let channels = group.len();
         let (columns, rings) = (2 * channels, self.legendre.rings());
         let layout = self.layout(channels);
-        let coefficients = coefficients.as_standard_layout();
-        let coefficients = coefficients.as_slice().unwrap_or_default();
         space.circles.par_chunks_mut(channels * self.gridding.grid).enumerate().with_max_len(1).for_each_init(
             || (ThreadWorkspace::new(columns, rings, self.max_degree), self.fourier.work()),
             |(scratch, fourier_work), (pair, circles)| {
@@ -48,8 +54,8 @@ impl Transform {
                     let factor = self.order_factor[m] * if m == 0 { 1.0 } else { 0.5 };
                     let x = &mut scratch.x;
                     for ((x, scale), l) in x.chunks_exact_mut(columns).zip(self.legendre.scale(m)).zip(m..) {
-                        let cosines = (first_column(l) + l + m) * channels;
-                        let sines = (first_column(l) + l - m) * channels;
+                        let cosines = (first_column(l) + l + m) * all + group.start;
+                        let sines = (first_column(l) + l - m) * all + group.start;
                         for channel in 0..channels {
                             x[2 * channel] = factor * scale * coefficients[cosines + channel];
                             x[2 * channel + 1] =

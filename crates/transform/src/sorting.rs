@@ -1,0 +1,100 @@
+//! Samples from the order of the directions to that of the places, and back.
+//!
+//! Directions come in any order, so that each value is read from somewhere else: what counts is how many of these reads are under
+//! way at once, and that a row's lines are read once for all groups of channels.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Rows that are gone through for each group of channels: what they read together stays in the L1 cache.
+const ROWS: usize = 64;
+
+/// Groups of channels that follow each other.
+#[derive(Clone, Copy)]
+pub(crate) struct Columns {
+    /// The first channel of the first group.
+    pub(crate) first: usize,
+    /// Channels of each group.
+    pub(crate) count: usize,
+}
+
+/// Fills the rows of each group, (places, channels of a group), of a run of places: `fill` gives the values of a direction from a
+/// channel on.
+pub(crate) fn sort(
+    order: &[u32],
+    columns: Columns,
+    groups: &mut [&mut [f64]],
+    fill: &impl Fn(usize, usize, &mut [f64]),
+) {
+    let Columns { first, count } = columns;
+    for (chunk, order) in order.chunks(ROWS).enumerate() {
+        for (group, rows) in groups.iter_mut().enumerate() {
+            let rows = &mut rows[chunk * ROWS * count..][..order.len() * count];
+            let column = first + group * count;
+            match count {
+                1 => sort_rows(order, column, rows.as_chunks_mut::<1>().0, fill),
+                2 => sort_rows(order, column, rows.as_chunks_mut::<2>().0, fill),
+                3 => sort_rows(order, column, rows.as_chunks_mut::<3>().0, fill),
+                _ => {
+                    for (row, direction) in rows.chunks_exact_mut(count).zip(order) {
+                        fill(*direction as usize, column, row);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Of a length that the compiler knows: the loops are a few instructions long.
+#[inline(always)]
+fn sort_rows<const C: usize>(
+    order: &[u32],
+    column: usize,
+    rows: &mut [[f64; C]],
+    fill: &impl Fn(usize, usize, &mut [f64]),
+) {
+    for (row, direction) in rows.iter_mut().zip(order) {
+        fill(*direction as usize, column, row);
+    }
+}
+
+/// Writes the columns of a run of directions, rows of `channels` values, from groups in sorted order, (groups, `length` / channels
+/// of a group, channels of a group).
+pub(crate) fn unsort(
+    ranks: &[AtomicU32],
+    columns: Columns,
+    groups: &[f64],
+    length: usize,
+    samples: &mut [f64],
+    channels: usize,
+) {
+    let Columns { first, count } = columns;
+    for (ranks, samples) in ranks.chunks(ROWS).zip(samples.chunks_mut(ROWS * channels)) {
+        for (group, sorted) in groups.chunks_exact(length.max(1)).enumerate() {
+            let columns = Columns { first: first + group * count, count };
+            match count {
+                1 => unsort_rows(ranks, columns, sorted.as_chunks::<1>().0, samples, channels),
+                2 => unsort_rows(ranks, columns, sorted.as_chunks::<2>().0, samples, channels),
+                3 => unsort_rows(ranks, columns, sorted.as_chunks::<3>().0, samples, channels),
+                _ => {
+                    for (row, rank) in samples.chunks_exact_mut(channels).zip(ranks) {
+                        let at = rank.load(Ordering::Relaxed) as usize * count;
+                        row[columns.first..][..count].copy_from_slice(&sorted[at..at + count]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn unsort_rows<const C: usize>(
+    ranks: &[AtomicU32],
+    columns: Columns,
+    sorted: &[[f64; C]],
+    samples: &mut [f64],
+    channels: usize,
+) {
+    for (row, rank) in samples.chunks_exact_mut(channels).zip(ranks) {
+        row[columns.first..][..C].copy_from_slice(&sorted[rank.load(Ordering::Relaxed) as usize]);
+    }
+}
