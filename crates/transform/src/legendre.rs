@@ -22,12 +22,22 @@
 
 use std::ops::Range;
 
+use ndarray::ArrayViewMut2;
 use rayon::prelude::*;
+use spharm_harmonics::index::{degree_order, first_column};
 use spharm_harmonics::rings::{MonicRecurrence, sine_powers};
 
 use crate::polar_rings::{PolarRings, PolarState};
 use crate::ring_sums::{Coefficients, projections_2, projections_4, projections_6, sums_2, sums_4, sums_6};
 use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
+
+/// Coefficients in canonical order, (K, all) row-major, from the column `first` on.
+#[derive(Clone, Copy)]
+pub(crate) struct SomeColumns<'a> {
+    pub(crate) values: &'a [f64],
+    pub(crate) all: usize,
+    pub(crate) first: usize,
+}
 
 /// The recurrences of all orders, and the pairs of rings on which they are evaluated.
 #[derive(Debug)]
@@ -112,9 +122,14 @@ impl Legendre {
         self.first_ring.partition_point(|first| *first <= ring)
     }
 
+    /// Index of (m, m) where degrees follow each other order by order.
+    fn start(&self, m: usize) -> usize {
+        m * (2 * self.max_degree + 3 - m) / 2
+    }
+
     /// `alpha` and `s` of order m, from degree m on.
     fn order(&self, m: usize) -> (&[f64], &[f64]) {
-        let start = m * (2 * self.max_degree + 3 - m) / 2;
+        let start = self.start(m);
         let count = self.max_degree + 1 - m;
         (&self.alpha[start..start + count], &self.scale[start..start + count])
     }
@@ -123,6 +138,33 @@ impl Legendre {
     /// [`synthesis`](Self::synthesis) takes, and those that [`adjoint`](Self::adjoint) returns, by them.
     pub(crate) fn scale(&self, m: usize) -> &[f64] {
         self.order(m).1
+    }
+
+    /// Writes the coefficients of order m of `channels` columns as [`synthesis`](Self::synthesis) takes them, multiplied by
+    /// [`scale`](Self::scale) and a factor: x is (L + 1 - m, 2 c) row-major, cosine and sine of each channel. Sines of order 0 are 0.
+    pub(crate) fn scaled(&self, m: usize, factor: f64, from: SomeColumns<'_>, channels: usize, x: &mut [f64]) {
+        let SomeColumns { values, all, first } = from;
+        for ((x, scale), l) in x.chunks_exact_mut(2 * channels).zip(self.scale(m)).zip(m..) {
+            let cosines = (first_column(l) + l + m) * all + first;
+            let sines = (first_column(l) + l - m) * all + first;
+            for channel in 0..channels {
+                x[2 * channel] = factor * scale * values[cosines + channel];
+                x[2 * channel + 1] = if m == 0 { 0.0 } else { factor * scale * values[sines + channel] };
+            }
+        }
+    }
+
+    /// Brings coefficients order by order, for each m (L + 1 - m, 2 c) row-major, into canonical order, (K, c).
+    pub(crate) fn to_canonical(&self, by_order: &[f64], mut out: ArrayViewMut2<'_, f64>) {
+        let columns = 2 * out.ncols();
+        ndarray::Zip::indexed(out.rows_mut()).par_for_each(|k, mut row| {
+            let (l, order) = degree_order(k);
+            let m = order.unsigned_abs();
+            let at = (self.start(m) + l - m) * columns + usize::from(order < 0);
+            for (channel, value) in row.iter_mut().enumerate() {
+                *value = by_order[at + 2 * channel];
+            }
+        });
     }
 
     /// Computes the sums over even and over odd `l - m` on the rings. `x` is (L + 1 - m, columns) row-major, already

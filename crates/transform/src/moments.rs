@@ -53,7 +53,8 @@ use rustfft::num_complex::Complex64;
 use spharm_harmonics::basis_size;
 
 use crate::TransformError;
-use ring_grid::{RingGrid, SomeColumns, Workspace};
+use crate::legendre::SomeColumns;
+use ring_grid::{RingGrid, Workspace};
 
 pub use sums::SampleSums;
 

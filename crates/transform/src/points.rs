@@ -57,21 +57,15 @@ impl Points {
         // The longest first, so that no thread starts on a long one at the end.
         tasks.sort_by_key(|(_, slots)| std::cmp::Reverse(slots.order.len()));
         let rank: Vec<AtomicU32> = (0..count).into_par_iter().map(|_| AtomicU32::new(0)).collect();
-        tasks.into_par_iter().with_max_len(1).for_each_init(Default::default, |(sorter, from): &mut Sorting, task| {
-            let (rows, slots) = task;
-            from.clear();
-            from.extend(slots.order.iter().zip(&*slots.cells).zip(&*slots.fractions).map(|((o, c), f)| (*o, (*c, *f))));
-            sorter.sort(
-                grid,
-                rows,
-                from.len(),
-                from.iter(),
-                |(_, (cell, _))| *cell,
-                |(direction, place), at| {
-                    slots.order[at] = *direction;
-                    (slots.cells[at], slots.fractions[at]) = *place;
-                },
-            );
+        tasks.into_par_iter().with_max_len(1).for_each(|(rows, slots)| {
+            let Slots { order, cells, fractions } = slots;
+            let from: Vec<(u32, Place)> =
+                order.iter().zip(&*cells).zip(&*fractions).map(|((o, c), f)| (*o, (*c, *f))).collect();
+            let cell = |(_, (cell, _)): &&(u32, Place)| *cell;
+            CellSorter::default().sort(grid, rows, from.len(), from.iter(), cell, |(direction, place), at| {
+                order[at] = *direction;
+                (cells[at], fractions[at]) = *place;
+            });
         });
         order.par_iter().enumerate().for_each(|(place, direction)| {
             rank[*direction as usize].store(place as u32, Ordering::Relaxed);
@@ -104,9 +98,6 @@ impl Points {
         &self.rank
     }
 }
-
-/// A direction and where it is, and a thread's memory for sorting.
-type Sorting = (CellSorter, Vec<(u32, Place)>);
 
 /// Slots for directions and their positions.
 #[derive(Default)]

@@ -19,7 +19,7 @@ use crate::grid::Layout;
 use crate::gridding::Gridding;
 use crate::interpolation::{interpolate, interpolate_and_spread, spread};
 use crate::kernel::Kernel;
-use crate::legendre::Legendre;
+use crate::legendre::{Legendre, SomeColumns};
 use crate::points::Points;
 use crate::sorting::{Columns, sort, unsort};
 use crate::workspace::{Sizes, Uses, Workspace};
@@ -158,7 +158,8 @@ impl Transform {
         self.grouped(all, self.sorted_together(), Uses::SYNTHESIS, |space, block| {
             let (count, length) = self.group(&block);
             for (columns, place) in self.groups(&block).zip(0..) {
-                let layout = self.grid_of(coefficients, all, columns, space);
+                let from = SomeColumns { values: coefficients, all, first: columns.start };
+                let layout = self.grid_of(from, columns.len(), space);
                 let sorted = &mut space.samples[place * length..(place + 1) * length];
                 interpolate(layout, &space.grids[0], &self.kernel, &self.points, sorted);
             }
@@ -280,7 +281,8 @@ impl Transform {
         let coefficients = coefficients.as_standard_layout();
         let coefficients = coefficients.as_slice().unwrap_or_default();
         self.grouped(all, 1, Uses::NORMAL, |space, columns| {
-            let layout = self.grid_of(coefficients, all, columns.clone(), space);
+            let from = SomeColumns { values: coefficients, all, first: columns.start };
+            let layout = self.grid_of(from, columns.len(), space);
             let [from, to] = &mut space.grids;
             to.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
             interpolate_and_spread(layout, [from, to], &self.kernel, &self.points, weights.map(|w| &w.0[..]));

@@ -16,7 +16,7 @@ pub(super) struct Values {
     done: usize,
 }
 
-/// Reads a file. Rows that have no value are told of when they are used.
+/// Reads a file. A vertex without a value has NaN, which is refused with its row where the row is used.
 pub(super) fn open(path: &Path) -> Result<Values, SurfaceError> {
     let signal = read_signal_with_gaps(path)?;
     let names = (0..signal.channels).map(|channel| channel.to_string()).collect();

@@ -15,13 +15,12 @@ use ndarray::ArrayViewMut2;
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};
-use spharm_harmonics::index::{column, degree_order, first_column};
 use spharm_harmonics::rings::MonicRecurrence;
 use spharm_harmonics::{GaussLegendre, gauss_legendre};
 
 use crate::TransformError;
 use crate::gridding::smooth;
-use crate::legendre::{Legendre, Work};
+use crate::legendre::{Legendre, SomeColumns, Work};
 use crate::ring_table::LANES;
 
 /// Values of `P_{l,m}` below this are zero to all digits of a sum.
@@ -48,14 +47,6 @@ struct RingPair {
     orders: usize,
     forward: Arc<dyn Fft<f64>>,
     inverse: Arc<dyn Fft<f64>>,
-}
-
-/// Coefficients, (K, all) row-major, from the column `first` on.
-#[derive(Clone, Copy)]
-pub(super) struct SomeColumns<'a> {
-    pub(super) values: &'a [f64],
-    pub(super) all: usize,
-    pub(super) first: usize,
 }
 
 /// Working memory of a product.
@@ -112,16 +103,15 @@ impl RingGrid {
     fn density(&self, twice: &Legendre, moments: &[f64], gauss: &GaussLegendre) -> Vec<Complex64> {
         let (degree, rings) = (2 * self.max_degree, twice.rings());
         let mut sums = vec![0.0; (degree + 1) * 4 * rings];
-        sums.par_chunks_mut(4 * rings).enumerate().with_max_len(1).for_each_init(Work::new, |work, (m, sums)| {
-            let mut x = Vec::with_capacity(2 * (degree + 1 - m));
-            for (scale, l) in twice.scale(m).iter().zip(m..) {
-                let centre = column(l, 0);
-                x.push(scale * moments[centre + m]);
-                x.push(if m > 0 { scale * moments[centre - m] } else { 0.0 });
-            }
-            let (even, odd) = sums.split_at_mut(2 * rings);
-            twice.synthesis(m, &x, 2, even, odd, work);
-        });
+        let moments = SomeColumns { values: moments, all: 1, first: 0 };
+        sums.par_chunks_mut(4 * rings).enumerate().with_max_len(1).for_each_init(
+            || (vec![0.0; 2 * (degree + 1)], Work::new()),
+            |(x, work), (m, sums)| {
+                twice.scaled(m, 1.0, moments, 1, x);
+                let (even, odd) = sums.split_at_mut(2 * rings);
+                twice.synthesis(m, x, 2, even, odd, work);
+            },
+        );
         let mut density = vec![Complex64::default(); self.points()];
         self.of_pairs(&mut density).into_par_iter().enumerate().for_each(|(j, points)| {
             let pair = &self.pairs[j];
@@ -154,7 +144,7 @@ impl RingGrid {
         &self,
         density: &[Complex64],
         x: SomeColumns<'_>,
-        mut out: ArrayViewMut2<'_, f64>,
+        out: ArrayViewMut2<'_, f64>,
         space: &mut Workspace,
     ) {
         let (columns, rings) = (2 * out.ncols(), self.legendre.rings());
@@ -165,37 +155,16 @@ impl RingGrid {
         self.to_rings(x, out.ncols(), &mut space.by_order);
         self.multiply(density, columns, &space.by_order, &mut space.by_ring);
         self.to_coefficients(columns, &space.by_ring, &mut space.coefficients);
-        let coefficients = &space.coefficients;
-        ndarray::Zip::indexed(out.rows_mut()).par_for_each(|k, mut row| {
-            let (l, order) = degree_order(k);
-            let m = order.unsigned_abs();
-            let at = (self.start(m) + l - m) * columns + usize::from(order < 0);
-            for (channel, value) in row.iter_mut().enumerate() {
-                *value = coefficients[at + 2 * channel];
-            }
-        });
-    }
-
-    /// Index of (m, m) where degrees follow each other order by order.
-    fn start(&self, m: usize) -> usize {
-        m * (2 * self.max_degree + 3 - m) / 2
+        self.legendre.to_canonical(&space.coefficients, out);
     }
 
     /// Legendre sums of all orders.
     fn to_rings(&self, x: SomeColumns<'_>, channels: usize, by_order: &mut [f64]) {
         let (columns, rings) = (2 * channels, self.legendre.rings());
-        let SomeColumns { values: x, all, first } = x;
         by_order.par_chunks_mut(2 * columns * rings).enumerate().with_max_len(1).for_each_init(
             || (vec![0.0; (self.max_degree + 1) * columns], Work::new()),
             |(scaled, work), (m, sums)| {
-                for ((scaled, scale), l) in scaled.chunks_exact_mut(columns).zip(self.legendre.scale(m)).zip(m..) {
-                    let cosines = (first_column(l) + l + m) * all + first;
-                    let sines = (first_column(l) + l - m) * all + first;
-                    for channel in 0..channels {
-                        scaled[2 * channel] = scale * x[cosines + channel];
-                        scaled[2 * channel + 1] = if m > 0 { scale * x[sines + channel] } else { 0.0 };
-                    }
-                }
+                self.legendre.scaled(m, 1.0, x, channels, scaled);
                 let (even, odd) = sums.split_at_mut(columns * rings);
                 self.legendre.synthesis(m, scaled, columns, even, odd, work);
             },

@@ -1,15 +1,14 @@
 //! The steps of a transform between coefficients and the oversampled grid, and their transposes.
 
-use std::ops::Range;
-
 use ndarray::Array2;
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
-use spharm_harmonics::index::{basis_size, first_column};
+use spharm_harmonics::index::basis_size;
 
 use super::Transform;
 use crate::fourier::RingPair;
 use crate::grid::Layout;
+use crate::legendre::SomeColumns;
 use crate::workspace::{ThreadWorkspace, Workspace};
 
 impl Transform {
@@ -29,15 +28,8 @@ impl Transform {
         coefficients
     }
 
-    /// Evaluates these columns of the coefficients, (K, all) row-major, on the first grid and fills its margins.
-    pub(super) fn grid_of(
-        &self,
-        coefficients: &[f64],
-        all: usize,
-        group: Range<usize>,
-        space: &mut Workspace,
-    ) -> Layout {
-        let channels = group.len();
+    /// Evaluates the coefficients of `channels` columns on the first grid and fills its margins.
+    pub(super) fn grid_of(&self, coefficients: SomeColumns<'_>, channels: usize, space: &mut Workspace) -> Layout {
         let (columns, rings) = (2 * channels, self.legendre.rings());
         let layout = self.layout(channels);
         space.circles.par_chunks_mut(channels * self.gridding.grid).enumerate().with_max_len(1).for_each_init(
@@ -53,15 +45,7 @@ impl Transform {
                     }
                     let factor = self.order_factor[m] * if m == 0 { 1.0 } else { 0.5 };
                     let x = &mut scratch.x;
-                    for ((x, scale), l) in x.chunks_exact_mut(columns).zip(self.legendre.scale(m)).zip(m..) {
-                        let cosines = (first_column(l) + l + m) * all + group.start;
-                        let sines = (first_column(l) + l - m) * all + group.start;
-                        for channel in 0..channels {
-                            x[2 * channel] = factor * scale * coefficients[cosines + channel];
-                            x[2 * channel + 1] =
-                                if m == 0 { 0.0 } else { factor * scale * coefficients[sines + channel] };
-                        }
-                    }
+                    self.legendre.scaled(m, factor, coefficients, channels, x);
                     self.legendre.synthesis(m, x, columns, even, odd, &mut scratch.work);
                 }
                 let [[ee, eo], [oe, oo]] = &scratch.sums;
@@ -81,12 +65,7 @@ impl Transform {
     }
 
     /// Computes coefficients from the second grid with its margins: the transpose of [`grid_of`](Self::grid_of).
-    pub(super) fn coefficients_of(
-        &self,
-        layout: Layout,
-        space: &mut Workspace,
-        mut out: ndarray::ArrayViewMut2<'_, f64>,
-    ) {
+    pub(super) fn coefficients_of(&self, layout: Layout, space: &mut Workspace, out: ndarray::ArrayViewMut2<'_, f64>) {
         let channels = layout.channels;
         let (columns, rings) = (2 * channels, self.legendre.rings());
         layout.fold(&mut space.grids[1]);
@@ -140,16 +119,6 @@ impl Transform {
                     }
                 },
             );
-        let by_order = &space.by_order;
-        let start = |m: usize| m * (2 * self.max_degree + 3 - m) / 2;
-        let gather = |column: usize, mut row: ndarray::ArrayViewMut1<'_, f64>| {
-            let (l, order) = spharm_harmonics::index::degree_order(column);
-            let m = order.unsigned_abs();
-            let at = (start(m) + l - m) * columns + usize::from(order < 0);
-            for (channel, value) in row.iter_mut().enumerate() {
-                *value = by_order[at + 2 * channel];
-            }
-        };
-        ndarray::Zip::indexed(out.rows_mut()).par_for_each(gather);
+        self.legendre.to_canonical(&space.by_order, out);
     }
 }
