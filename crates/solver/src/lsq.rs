@@ -12,20 +12,21 @@
 //!    columns on and where condition numbers, which are estimated with it, allow for that.
 //! 3. Else the Cholesky factor of N in double precision, and refinement: `x += N^-1 g` with the gradient
 //!    `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or stops
-//!    improving. A factor that is at hand, say in a store, is used from the start where it is faster.
+//!    improving. A factor that is at hand, say in a store, is used from the start; where N is well conditioned, when the
+//!    iterations that seem to be left would take longer.
 //! 4. Where N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
 //!    From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
 //!    small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
 //! Where the samples are many, products with N in 1 come from moments of the sampling ([`MomentProblem`]), at a cost that
-//! doesn't depend on their number; the gradient is formed from the samples in the end, and the iteration goes on from there
+//! doesn't depend on their number, three columns to their end after the others; the gradient is formed from the samples in the end, and the iteration goes on from there
 //! where the optimality asks for it.
 //!
 //! The report says which of these was done, and how close the result is.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `params`, `solver`, `iterate`, `cost` | [`LsqParams`], [`LsqSolver`]: the strategy |
+//! | `params`, `solver`, `iterate`, `progress`, `cost` | [`LsqParams`], [`LsqSolver`]: the strategy |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
 //! | `single` | the factor in single precision |
@@ -75,6 +76,7 @@ pub mod normal_equations;
 mod params;
 pub mod preconditioner;
 mod problem;
+mod progress;
 #[cfg(feature = "dense")]
 mod refine;
 #[cfg(feature = "dense")]

@@ -22,7 +22,7 @@
 
 use std::ops::Range;
 
-use ndarray::ArrayViewMut2;
+use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;
 use spharm_harmonics::index::{degree_order, first_column};
 use spharm_harmonics::rings::{MonicRecurrence, sine_powers};
@@ -30,6 +30,9 @@ use spharm_harmonics::rings::{MonicRecurrence, sine_powers};
 use crate::polar_rings::{PolarRings, PolarState};
 use crate::ring_sums::{Coefficients, projections_2, projections_4, projections_6, sums_2, sums_4, sums_6};
 use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
+
+/// Coefficients that a task brings into canonical order.
+const RUN: usize = 1024;
 
 /// Coefficients in canonical order, (K, all) row-major, from the column `first` on.
 #[derive(Clone, Copy)]
@@ -157,12 +160,15 @@ impl Legendre {
     /// Brings coefficients order by order, for each m (L + 1 - m, 2 c) row-major, into canonical order, (K, c).
     pub(crate) fn to_canonical(&self, by_order: &[f64], mut out: ArrayViewMut2<'_, f64>) {
         let columns = 2 * out.ncols();
-        ndarray::Zip::indexed(out.rows_mut()).par_for_each(|k, mut row| {
-            let (l, order) = degree_order(k);
-            let m = order.unsigned_abs();
-            let at = (self.start(m) + l - m) * columns + usize::from(order < 0);
-            for (channel, value) in row.iter_mut().enumerate() {
-                *value = by_order[at + 2 * channel];
+        out.axis_chunks_iter_mut(Axis(0), RUN).into_par_iter().enumerate().for_each(|(run, mut rows)| {
+            let (mut l, mut order) = degree_order(run * RUN);
+            for row in rows.rows_mut() {
+                let m = order.unsigned_abs();
+                let at = (self.start(m) + l - m) * columns + usize::from(order < 0);
+                for (value, channel) in row.into_iter().zip(0..) {
+                    *value = by_order[at + 2 * channel];
+                }
+                (l, order) = if m == l && order >= 0 { (l + 1, -(l as isize) - 1) } else { (l, order + 1) };
             }
         });
     }

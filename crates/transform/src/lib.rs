@@ -75,6 +75,7 @@ pub mod nodal;
 mod params;
 mod points;
 mod polar_rings;
+mod pool;
 mod ring_sums;
 mod ring_table;
 mod sorting;

@@ -45,8 +45,6 @@ mod sums;
 #[cfg(test)]
 mod tests;
 
-use std::sync::Mutex;
-
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
@@ -54,12 +52,10 @@ use spharm_harmonics::basis_size;
 
 use crate::TransformError;
 use crate::legendre::SomeColumns;
+use crate::pool::Pool;
 use ring_grid::{RingGrid, Workspace};
 
 pub use sums::SampleSums;
-
-/// Channels that share Legendre functions and stay in a cache together.
-const CHANNELS: usize = 3;
 
 /// The normal operator `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.
 ///
@@ -72,10 +68,13 @@ pub struct MomentOperator {
     density: Vec<Complex64>,
     max_degree: usize,
     /// Working memory of earlier calls, for later ones.
-    spaces: Mutex<Vec<Workspace>>,
+    spaces: Pool<Workspace>,
 }
 
 impl MomentOperator {
+    /// Channels that share Legendre functions and stay in a cache together: of more, so many are multiplied after the others.
+    pub const CHANNELS: usize = ring_grid::CHANNELS;
+
     /// Makes the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2`
     /// values in canonical order.
     ///
@@ -87,7 +86,7 @@ impl MomentOperator {
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
         check(max_degree, moments)?;
         let (grid, density) = RingGrid::new(max_degree, moments)?;
-        Ok(Self { grid, density, max_degree, spaces: Mutex::default() })
+        Ok(Self { grid, density, max_degree, spaces: Pool::default() })
     }
 
     /// Returns the most bytes that an operator takes, while it is made or with the working memory of calls with so many
@@ -99,8 +98,8 @@ impl MomentOperator {
         let held = 8 * orders * (orders + 1) + 8 * orders * rings + 16 * rings * (4 * orders + 64);
         // The same of twice the degree, and its sums.
         let made = 8 * 2 * orders * (2 * orders + 1) + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
-        let group = if channels < CHANNELS { channels } else { CHANNELS };
-        let groups = channels.div_ceil(CHANNELS);
+        let group = if channels < Self::CHANNELS { channels } else { Self::CHANNELS };
+        let groups = channels.div_ceil(Self::CHANNELS);
         let groups = if groups < threads { groups } else { threads };
         let called = groups * 2 * group * (2 * 8 * 2 * orders * rings + 4 * orders * (orders + 1));
         held + if made > called { made } else { called }
@@ -131,19 +130,13 @@ impl MomentOperator {
         let x = x.as_standard_layout();
         let x = x.as_slice().unwrap_or_default();
         // Groups of channels are independent: with several of them each thread has its own.
-        out.axis_chunks_iter_mut(Axis(1), CHANNELS).into_par_iter().enumerate().with_max_len(1).for_each(
+        out.axis_chunks_iter_mut(Axis(1), Self::CHANNELS).into_par_iter().enumerate().with_max_len(1).for_each(
             |(group, out)| {
-                let mut space = self.space();
-                let x = SomeColumns { values: x, all, first: group * CHANNELS };
-                self.grid.product(&self.density, x, out, &mut space);
-                self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(space);
+                let x = SomeColumns { values: x, all, first: group * Self::CHANNELS };
+                self.spaces.with(Workspace::default, |space| self.grid.product(&self.density, x, out, space));
             },
         );
         Ok(out)
-    }
-
-    fn space(&self) -> Workspace {
-        self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop().unwrap_or_default()
     }
 }
 

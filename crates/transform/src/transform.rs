@@ -6,7 +6,7 @@
 mod steps;
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
@@ -21,6 +21,7 @@ use crate::interpolation::{interpolate, interpolate_and_spread, spread};
 use crate::kernel::Kernel;
 use crate::legendre::{Legendre, SomeColumns};
 use crate::points::Points;
+use crate::pool::Pool;
 use crate::sorting::{Columns, sort, unsort};
 use crate::workspace::{Sizes, Uses, Workspace};
 use crate::{TransformError, TransformParams};
@@ -47,9 +48,8 @@ pub struct Transform {
     points: Arc<Points>,
     /// `1 / (2 p_m)`.
     order_factor: Vec<f64>,
-    /// Working memory of earlier calls, for later ones and for those of plans that share the sorting: a fresh page costs more than
-    /// writing to it.
-    spaces: Arc<Mutex<Vec<Workspace>>>,
+    /// Working memory of earlier calls, for later ones and for those of plans that share the sorting.
+    spaces: Arc<Pool<Workspace>>,
 }
 
 impl Transform {
@@ -335,24 +335,24 @@ impl Transform {
         uses: Uses,
         mut work: impl FnMut(&mut Workspace, Range<usize>),
     ) {
-        let mut space = self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop().unwrap_or_default();
-        let mut first = 0;
-        while first < channels {
-            let whole = ((channels - first) / self.channels).min(together.max(1));
-            let block = first..if whole > 0 { first + whole * self.channels } else { channels };
-            let (count, samples) = self.group(&block);
-            let sizes = Sizes {
-                circles: self.fourier.order_pairs() * count * self.gridding.grid,
-                spectra: self.layout(count).core_rows() * count * (self.max_degree + 1),
-                grid: self.layout(count).len(),
-                samples: samples * whole.max(1),
-                by_order: (self.max_degree + 1) * (self.max_degree + 2) * count,
-            };
-            space.resize(&sizes, uses);
-            first = block.end;
-            work(&mut space, block);
-        }
-        self.spaces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(space);
+        self.spaces.with(Workspace::default, |space| {
+            let mut first = 0;
+            while first < channels {
+                let whole = ((channels - first) / self.channels).min(together.max(1));
+                let block = first..if whole > 0 { first + whole * self.channels } else { channels };
+                let (count, samples) = self.group(&block);
+                let sizes = Sizes {
+                    circles: self.fourier.order_pairs() * count * self.gridding.grid,
+                    spectra: self.layout(count).core_rows() * count * (self.max_degree + 1),
+                    grid: self.layout(count).len(),
+                    samples: samples * whole.max(1),
+                    by_order: (self.max_degree + 1) * (self.max_degree + 2) * count,
+                };
+                space.resize(&sizes, uses);
+                first = block.end;
+                work(space, block);
+            }
+        });
     }
 }
 

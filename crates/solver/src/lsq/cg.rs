@@ -17,6 +17,8 @@
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
 
+mod groups;
+
 use std::time::Instant;
 
 use ndarray::Array2;
@@ -26,6 +28,7 @@ use super::columns::{combine, dots, norms};
 use super::normal_equations::NormalEquations;
 use super::preconditioner::{Preconditioner, UNPRECONDITIONED};
 use super::problem::{Problem, Sampled};
+use super::progress::Progress;
 use crate::SolverError;
 
 /// The share of the tolerance by which an optimality may be off.
@@ -144,21 +147,25 @@ impl Cg {
         params: &CgParams,
         monitor: &dyn Monitor,
     ) -> Result<Stop, SolverError> {
-        self.run_while(problem, preconditioner, params, &mut |_, _| true, monitor)
+        self.run_while(problem, preconditioner, params, None, monitor)
     }
 
-    /// Iterates until a stopping rule applies, or `goes_on` says no for the number of iterations of this run and the
-    /// optimality, which counts as the limit of iterations.
+    /// Iterates until a stopping rule applies, or `progress` isn't enough, which counts as the limit of iterations.
     pub(crate) fn run_while(
         &mut self,
         problem: &dyn Problem,
         preconditioner: &dyn Preconditioner,
         params: &CgParams,
-        goes_on: &mut dyn FnMut(usize, f64) -> bool,
+        progress: Option<Progress>,
         monitor: &dyn Monitor,
     ) -> Result<Stop, SolverError> {
         let started = Instant::now();
-        let stop = self.steps(problem, preconditioner, params, goes_on, monitor);
+        let stop = match problem.columns_together() {
+            Some(width) if width < self.x.ncols() && preconditioner.is_diagonal() => {
+                self.steps_of_groups(width, problem, preconditioner, params, progress, monitor)
+            }
+            _ => self.steps(problem, preconditioner, params, progress, monitor),
+        };
         self.seconds += started.elapsed().as_secs_f64();
         stop
     }
@@ -168,7 +175,7 @@ impl Cg {
         problem: &dyn Problem,
         preconditioner: &dyn Preconditioner,
         params: &CgParams,
-        goes_on: &mut dyn FnMut(usize, f64) -> bool,
+        mut progress: Option<Progress>,
         monitor: &dyn Monitor,
     ) -> Result<Stop, SolverError> {
         let c = self.x.ncols();
@@ -205,7 +212,7 @@ impl Cg {
                 self.condition = self.condition.max(lanczos.condition());
                 return Ok(Stop::Stalled);
             }
-            if !goes_on(iteration, optimality) {
+            if progress.as_mut().is_some_and(|progress| !progress.may_go_on(iteration, optimality)) {
                 break;
             }
             z = preconditioner.apply(&self.gradient)?;

@@ -12,15 +12,11 @@ use super::columns::dots;
 use super::cost::Cost;
 use super::params::Strategy;
 use super::problem::{Moments, Problem};
+use super::progress::{BEFORE_FACTOR, Progress, STRETCH_BESIDE};
 use super::report::LsqWarning;
-use super::solver::{Given, LsqSolver, Solution};
+use super::solver::{Given, LsqSolver, Solution, Source};
 use crate::SolverError;
 
-/// Iterations after which a factor is made, where one can be, unless few more are expected to be needed: on samplings
-/// that need more, many more are needed.
-const BEFORE_FACTOR: usize = 60;
-/// Iterations over which progress is measured.
-const STRETCH: usize = 30;
 /// Share of a factor's cost that the iterations which seem to be left may take: they tend to be more than it seems.
 const SHARE: f64 = 0.2;
 /// Accuracy of moments relative to the tolerance: times a condition number of up to ten it is little beside it, and the last
@@ -61,13 +57,15 @@ impl LsqSolver<'_> {
         let left = |cg: &Cg| CgParams { max_iterations: params.max_iterations - cg.iterations, ..params };
         if stop == Stop::IterationLimit {
             let by_moments = self.moments.is_some() || matches!(given, Given::Sums(_));
-            let mut goes_on = Progress {
-                tolerance: params.tolerance,
-                allowed: if by_moments { SHARE * cost.factor() / cost.by_moments() } else { 0.0 },
-                before: f64::INFINITY,
+            let progress = match (self.stored, by_moments) {
+                _ if !factor_possible => None,
+                (Some(_), true) => {
+                    Some(Progress::beside_factor(params.tolerance, cost.with_factor() / cost.by_moments()))
+                }
+                (None, true) => Some(Progress::new(params.tolerance, SHARE * cost.factor() / cost.by_moments())),
+                (_, false) => Some(Progress::new(params.tolerance, 0.0)),
             };
-            let mut goes_on = |iteration, optimality| !factor_possible || goes_on.may_go_on(iteration, optimality);
-            stop = cg.run_while(&*self.problem(given), &*self.preconditioner(), &left(cg), &mut goes_on, monitor)?;
+            stop = cg.run_while(&*self.problem(given), &*self.preconditioner(), &left(cg), progress, monitor)?;
         }
         // The user's limit is a limit on all the work: no factor then.
         if stop == Stop::IterationLimit && factor_possible && cg.iterations < params.max_iterations {
@@ -121,6 +119,19 @@ impl LsqSolver<'_> {
         Some(if cost.at_once(self.params.tolerance) { 0 } else { paid_after.ceil() as usize })
     }
 
+    /// Whether iterations by moments are worth beginning for so many columns where there is a factor of a matrix of moderate
+    /// condition: whether the few that show how many it takes are less than half the work of using the factor.
+    pub(super) fn moments_beside_factor(&self, columns: usize) -> bool {
+        let cost = Cost { rows: self.source.rows(), max_degree: self.source.max_degree(), channels: columns };
+        let making = match self.source {
+            _ if self.moments.is_some() => 0.0,
+            Source::Moments(_) => 0.0,
+            Source::Samples(_) if self.before_moments(&cost) == Some(0) => cost.making(),
+            Source::Samples(_) => return false,
+        };
+        making + STRETCH_BESIDE as f64 * cost.by_moments() < 0.5 * cost.with_factor()
+    }
+
     /// Makes moments where they are needed from the first iteration on; returns right-hand sides, (K, c), that came with them.
     pub(super) fn moments_at_once(
         &mut self,
@@ -157,28 +168,4 @@ impl LsqSolver<'_> {
 fn further_than_zero(cg: &Cg, problem: &dyn Problem) -> Result<bool, SolverError> {
     let sum = problem.right_sides()? + &cg.gradient;
     Ok(dots(&cg.x, &sum).iter().any(|gain| *gain < 0.0))
-}
-
-/// How fast an iteration gets on.
-struct Progress {
-    tolerance: f64,
-    /// Iterations that may seem to be left when a factor could be made instead.
-    allowed: f64,
-    before: f64,
-}
-
-impl Progress {
-    /// Whether to go on after so many iterations of a run.
-    fn may_go_on(&mut self, iteration: usize, optimality: f64) -> bool {
-        if !iteration.is_multiple_of(STRETCH) {
-            return true;
-        }
-        let gained = (self.before / optimality).ln();
-        self.before = optimality;
-        if iteration < BEFORE_FACTOR {
-            return true;
-        }
-        let left = STRETCH as f64 * (optimality / self.tolerance).ln() / gained;
-        gained > 0.0 && left <= self.allowed
-    }
 }

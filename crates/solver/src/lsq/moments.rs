@@ -153,6 +153,10 @@ impl Problem for Summed<'_> {
         Ok((&self.problem.right_sides - &self.product(x)?, None))
     }
 
+    fn columns_together(&self) -> Option<usize> {
+        Some(MomentOperator::CHANNELS)
+    }
+
     fn product_error(&self) -> Option<f64> {
         self.penalty.is_none().then_some(PRODUCT_ERROR)
     }

@@ -17,6 +17,11 @@ pub trait Preconditioner: Sync {
     /// Returns its name in reports.
     fn name(&self) -> &'static str;
 
+    /// Returns whether M is diagonal, so that columns after each other cost no more than all at once.
+    fn is_diagonal(&self) -> bool {
+        false
+    }
+
     /// Computes `M r`, r (K, c).
     ///
     /// # Errors
@@ -28,6 +33,10 @@ pub trait Preconditioner: Sync {
 impl<P: Preconditioner + ?Sized> Preconditioner for &P {
     fn name(&self) -> &'static str {
         (**self).name()
+    }
+
+    fn is_diagonal(&self) -> bool {
+        (**self).is_diagonal()
     }
 
     fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
@@ -57,6 +66,10 @@ impl Diagonal {
 impl Preconditioner for Diagonal {
     fn name(&self) -> &'static str {
         UNPRECONDITIONED
+    }
+
+    fn is_diagonal(&self) -> bool {
+        true
     }
 
     fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {

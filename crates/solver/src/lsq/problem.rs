@@ -26,6 +26,11 @@ pub(crate) trait Problem: Sync {
         None
     }
 
+    /// Columns that products take together, where they take those of more after each other; `None` where they don't.
+    fn columns_together(&self) -> Option<usize> {
+        None
+    }
+
     /// The residual alone, at half the cost of the gradient; `None` where there are no samples.
     fn residual(&self, _x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {
         Ok(None)
@@ -76,6 +81,10 @@ impl Problem for Sampled<'_> {
     fn product_error(&self) -> Option<f64> {
         // A penalty changes the norm of N.
         self.moments.filter(|_| self.equations.penalty.is_none()).map(|moments| moments.accuracy)
+    }
+
+    fn columns_together(&self) -> Option<usize> {
+        self.moments.map(|_| MomentOperator::CHANNELS)
     }
 
     fn residual(&self, x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {

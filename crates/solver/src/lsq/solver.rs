@@ -25,8 +25,8 @@ use crate::{SolverError, check};
 
 /// Iterations without the optimality halving after which to give up.
 const PATIENCE: usize = 250;
-/// Above this reciprocal condition number few iterations are needed, and for few columns they are faster than reading a
-/// stored factor.
+/// Above this reciprocal condition number few iterations are needed, and for few columns or by moments they may be faster than
+/// a stored factor.
 const WELL_CONDITIONED: f64 = 1e-2;
 /// Most columns for which that holds, and for which a factor in single precision is made: a fit takes more solves with it than with
 /// one in double precision.
@@ -258,7 +258,7 @@ impl<'a> LsqSolver<'a> {
         let well = self.stored.is_some_and(|factor| factor.condition().reciprocal > WELL_CONDITIONED);
         match self.params.strategy {
             Strategy::Cholesky => true,
-            Strategy::Auto => at_hand && !(well && columns <= FEW),
+            Strategy::Auto => at_hand && !(well && (columns <= FEW || self.moments_beside_factor(columns))),
             _ => false,
         }
     }

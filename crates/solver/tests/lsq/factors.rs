@@ -1,13 +1,17 @@
 //! Factors that are kept, stored, or of single precision.
 
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use ndarray::Array2;
 use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
 use spharm_solver::cholesky::build_factor;
 use spharm_solver::gram::{Penalised, smoothness_penalty};
 use spharm_solver::lsq::Stop;
-use spharm_solver::{FactorParams, GramMatrix, LsqParams, LsqSolver, StoredFactor, Strategy, moment_gram};
+use spharm_solver::{
+    FactorParams, GramMatrix, LsqParams, LsqSolver, StoredFactor, Strategy, moment_gram, moment_operator,
+};
 use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
@@ -108,4 +112,34 @@ fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_tha
     let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
     assert!(fit.report.optimality <= 1e-9, "{:?}", fit.report);
     expected.meets(&fit, fit.report.optimality, "single");
+}
+
+/// Beside a factor of a matrix of moderate condition many columns are iterated by moments as long as few iterations seem to be
+/// left, else the factor takes over.
+#[test]
+fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
+    const DEGREE: usize = 12;
+    let folder = tempfile::tempdir().unwrap();
+    let sampling = even(6000);
+    let targets = Random(3).normals(6000, 48);
+    let a = matrix(&sampling.directions, DEGREE);
+    let operator = transforms(&sampling.directions, DEGREE);
+    let steep: Vec<f64> = sampling.directions.as_slice().iter().map(|[_, _, z]| (1.8 * z).exp()).collect();
+    for (weights, iterated) in [(None, true), (Some(steep), false)] {
+        let weights = weights.as_deref();
+        let factor = stored(folder.path(), &sampling, DEGREE, weights, 0.0, Scalar::F64);
+        let moments = |accuracy: f64, _: Option<&Array2<f64>>| {
+            Ok((Arc::new(moment_operator(&sampling.directions, weights, DEGREE, accuracy)?), None))
+        };
+        let params = LsqParams { weights: weights.map(<[f64]>::to_vec), ..params(&sampling, Strategy::Auto) };
+        let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_factor(&factor).with_moments(&moments);
+        let fit = solver.fit(&targets, std::slice::from_ref(&(0..48)), &Silent).unwrap();
+        dense(&a, &targets, weights, 0.0).meets(&fit, fit.report.optimality, "beside a factor");
+        assert_eq!(fit.report.stop, Stop::Converged, "{:?}", fit.report);
+        let expected = if iterated { ("none", "moments") } else { ("stored-factor", "moments") };
+        assert_eq!((fit.report.preconditioner, fit.report.products), expected, "{:?}", fit.report);
+        // Three show how many it would take.
+        assert!(fit.report.condition < 100.0 && fit.report.iterations == 3, "{:?}", fit.report);
+        assert_eq!(fit.report.refinements > 0, !iterated, "{:?}", fit.report);
+    }
 }

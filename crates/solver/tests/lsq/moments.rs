@@ -7,7 +7,7 @@ use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
 use spharm_solver::lsq::{
-    MomentProblem, choose_smoothness, choose_smoothness_by_moments, solve_moments, solve_moments_of_groups,
+    MomentProblem, Stop, choose_smoothness, choose_smoothness_by_moments, solve_moments, solve_moments_of_groups,
 };
 use spharm_solver::{
     GramMatrix, LsqFit, LsqParams, LsqSolver, MatrixFreeOperator, Operator, SolverError, Strategy, moment_gram,
@@ -138,6 +138,31 @@ fn the_optimality_of_each_group_is_that_of_its_solution() {
             assert_eq!(carried, tolerance > 1e-12, "{found:.1e} {:.1e}", fit.report.optimality);
         }
     }
+}
+
+/// Columns that are multiplied after others are iterated after them, too, each to its own end.
+#[test]
+fn columns_of_many_have_the_bits_that_they_have_with_their_own_few() {
+    let (sampling, mut targets) = (irregular(900, 5), Random(11).normals(900, 8));
+    // One that needs fewer iterations than the others.
+    targets.column_mut(4).fill(1.0);
+    targets.column_mut(3).fill(0.0);
+    let sums = sums(&sampling, None, &targets, 11);
+    let problem = MomentProblem::new(&sums, 11).unwrap();
+    let params = LsqParams { strategy: Strategy::Cg, ..LsqParams::default() };
+    let all = solve_moments(&problem, &params, false, &Silent).unwrap();
+    let mut iterations = 0;
+    for group in [0..3, 3..6, 6..8] {
+        let own = solve_moments(&problem.of_columns(group.clone()), &params, false, &Silent).unwrap();
+        assert_eq!(all.coefficients.values().slice(s![.., group.clone()]), own.coefficients.values(), "{group:?}");
+        iterations = iterations.max(own.report.iterations);
+        assert!(own.report.condition <= all.report.condition && own.report.optimality <= all.report.optimality);
+    }
+    assert_eq!(all.report.iterations, iterations);
+    // The limit is each group's.
+    let params = LsqParams { max_iterations: 3, ..params };
+    let stopped = solve_moments(&problem, &params, false, &Silent).unwrap().report;
+    assert_eq!((stopped.iterations, stopped.stop), (3, Stop::IterationLimit));
 }
 
 /// The larger the condition, the more the carried gradient may be off, and from some condition on it isn't trusted.

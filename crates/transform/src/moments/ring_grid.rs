@@ -21,10 +21,13 @@ use spharm_harmonics::{GaussLegendre, gauss_legendre};
 use crate::TransformError;
 use crate::gridding::smooth;
 use crate::legendre::{Legendre, SomeColumns, Work};
+use crate::pool::Pool;
 use crate::ring_table::LANES;
 
 /// Values of `P_{l,m}` below this are zero to all digits of a sum.
 const NEGLIGIBLE: f64 = 1e-18;
+/// Channels that share Legendre functions and stay in a cache together.
+pub(super) const CHANNELS: usize = 3;
 /// A ring's number of points is the next smooth multiple of this: few sizes, which have few plans.
 const STEP: usize = 4;
 
@@ -58,6 +61,20 @@ pub(super) struct Workspace {
     by_ring: Vec<f64>,
     /// Coefficients by order: for each m, (L + 1 - m, 2 c) row-major.
     coefficients: Vec<f64>,
+    tasks: Pool<Task>,
+}
+
+/// Working memory of a task: an order, or a run of rings.
+#[derive(Debug)]
+struct Task {
+    /// Coefficients of an order, (L + 1 - m, 2 c) row-major.
+    x: Vec<f64>,
+    /// Sums of an order over even and those over odd `l - m`, (pairs of rings, 2 c) column-major.
+    sums: Vec<f64>,
+    /// Points of a pair of rings.
+    circle: Vec<Complex64>,
+    fourier: Vec<Complex64>,
+    legendre: Work,
 }
 
 impl std::fmt::Debug for RingGrid {
@@ -152,63 +169,84 @@ impl RingGrid {
         space.by_order.resize(orders * 2 * columns * rings, 0.0);
         space.by_ring.resize(orders * 2 * columns * rings, 0.0);
         space.coefficients.resize(orders * (orders + 1) / 2 * columns, 0.0);
-        self.to_rings(x, out.ncols(), &mut space.by_order);
-        self.multiply(density, columns, &space.by_order, &mut space.by_ring);
-        self.to_coefficients(columns, &space.by_ring, &mut space.coefficients);
+        let Workspace { by_order, by_ring, coefficients, tasks } = space;
+        self.to_rings(x, out.ncols(), by_order, tasks);
+        self.multiply(density, columns, by_order, by_ring, tasks);
+        self.to_coefficients(columns, by_ring, coefficients, tasks);
         self.legendre.to_canonical(&space.coefficients, out);
     }
 
+    /// Working memory of a task.
+    fn task(&self) -> Task {
+        let columns = 2 * CHANNELS;
+        let points = self.pairs.iter().map(|pair| pair.points).max().unwrap_or(0);
+        Task {
+            x: vec![0.0; (self.max_degree + 1) * columns],
+            sums: vec![0.0; 2 * columns * self.legendre.rings()],
+            circle: vec![Complex64::default(); points],
+            fourier: vec![Complex64::default(); self.scratch],
+            legendre: Work::new(),
+        }
+    }
+
     /// Legendre sums of all orders.
-    fn to_rings(&self, x: SomeColumns<'_>, channels: usize, by_order: &mut [f64]) {
+    fn to_rings(&self, x: SomeColumns<'_>, channels: usize, by_order: &mut [f64], tasks: &Pool<Task>) {
         let (columns, rings) = (2 * channels, self.legendre.rings());
-        by_order.par_chunks_mut(2 * columns * rings).enumerate().with_max_len(1).for_each_init(
-            || (vec![0.0; (self.max_degree + 1) * columns], Work::new()),
-            |(scaled, work), (m, sums)| {
-                self.legendre.scaled(m, 1.0, x, channels, scaled);
-                let (even, odd) = sums.split_at_mut(columns * rings);
-                self.legendre.synthesis(m, scaled, columns, even, odd, work);
-            },
-        );
+        by_order.par_chunks_mut(2 * columns * rings).enumerate().with_max_len(1).for_each(|(m, sums)| {
+            tasks.with(
+                || self.task(),
+                |Task { x: scaled, legendre, .. }| {
+                    self.legendre.scaled(m, 1.0, x, channels, scaled);
+                    let (even, odd) = sums.split_at_mut(columns * rings);
+                    self.legendre.synthesis(m, scaled, columns, even, odd, legendre);
+                },
+            );
+        });
     }
 
     /// To the points of the rings, times the density, and back to sums for each order.
-    fn multiply(&self, density: &[Complex64], columns: usize, by_order: &[f64], by_ring: &mut [f64]) {
+    fn multiply(
+        &self,
+        density: &[Complex64],
+        columns: usize,
+        by_order: &[f64],
+        by_ring: &mut [f64],
+        tasks: &Pool<Task>,
+    ) {
         let (orders, rings) = (self.max_degree + 1, self.legendre.rings());
-        let most = self.pairs.iter().map(|pair| pair.points).max().unwrap_or(0);
-        by_ring.par_chunks_mut(orders * 2 * columns * LANES).enumerate().with_max_len(1).for_each_init(
-            || (vec![Complex64::default(); most], vec![Complex64::default(); self.scratch]),
-            |(circle, scratch), (run, by_ring)| {
-                for lane in 0..LANES.min(self.pairs.len() - run * LANES) {
-                    let j = run * LANES + lane;
-                    let pair = &self.pairs[j];
-                    let circle = &mut circle[..pair.points];
-                    let density = &density[pair.first..][..pair.points];
-                    for cosine in (0..columns).step_by(2) {
-                        // Where the even sums of cosines and sines are, and the odd ones.
-                        let places = [cosine, cosine + 1, columns + cosine, columns + cosine + 1];
-                        circle.fill(Complex64::default());
-                        for m in 0..pair.orders {
-                            let at = places.map(|column| by_order[(2 * m * columns + column) * rings + j]);
-                            pair.put(m, at, circle);
-                        }
-                        pair.inverse.process_with_scratch(circle, scratch);
-                        for (point, density) in circle.iter_mut().zip(density) {
-                            *point = Complex64::new(point.re * density.re, point.im * density.im);
-                        }
-                        pair.forward.process_with_scratch(circle, scratch);
-                        for m in 0..pair.orders {
-                            for (column, value) in places.into_iter().zip(pair.take(m, circle)) {
-                                by_ring[(2 * m * columns + column) * LANES + lane] = value;
-                            }
+        let run = |(run, by_ring): (usize, &mut [f64]), Task { circle, fourier, .. }: &mut Task| {
+            for lane in 0..LANES.min(self.pairs.len() - run * LANES) {
+                let j = run * LANES + lane;
+                let pair = &self.pairs[j];
+                let circle = &mut circle[..pair.points];
+                let density = &density[pair.first..][..pair.points];
+                for cosine in (0..columns).step_by(2) {
+                    // Where the even sums of cosines and sines are, and the odd ones.
+                    let places = [cosine, cosine + 1, columns + cosine, columns + cosine + 1];
+                    circle.fill(Complex64::default());
+                    for m in 0..pair.orders {
+                        let at = places.map(|column| by_order[(2 * m * columns + column) * rings + j]);
+                        pair.put(m, at, circle);
+                    }
+                    pair.inverse.process_with_scratch(circle, fourier);
+                    for (point, density) in circle.iter_mut().zip(density) {
+                        *point = Complex64::new(point.re * density.re, point.im * density.im);
+                    }
+                    pair.forward.process_with_scratch(circle, fourier);
+                    for m in 0..pair.orders {
+                        for (column, value) in places.into_iter().zip(pair.take(m, circle)) {
+                            by_ring[(2 * m * columns + column) * LANES + lane] = value;
                         }
                     }
                 }
-            },
-        );
+            }
+        };
+        let runs = by_ring.par_chunks_mut(orders * 2 * columns * LANES).enumerate().with_max_len(1);
+        runs.for_each(|item| tasks.with(|| self.task(), |task| run(item, task)));
     }
 
     /// The transpose of [`to_rings`](Self::to_rings).
-    fn to_coefficients(&self, columns: usize, by_ring: &[f64], coefficients: &mut [f64]) {
+    fn to_coefficients(&self, columns: usize, by_ring: &[f64], coefficients: &mut [f64], tasks: &Pool<Task>) {
         let (orders, rings) = (self.max_degree + 1, self.legendre.rings());
         let mut rest = coefficients;
         let mut parts = Vec::with_capacity(orders);
@@ -217,26 +255,22 @@ impl RingGrid {
             parts.push(part);
             rest = tail;
         }
-        parts.into_par_iter().enumerate().with_max_len(1).for_each_init(
-            || (vec![0.0; 2 * columns * rings], Work::new()),
-            |(sums, work), (m, x)| {
-                let first = self.legendre.first_ring(m);
-                for (run, by_ring) in by_ring.chunks_exact(orders * 2 * columns * LANES).enumerate() {
-                    if run * LANES < first {
-                        continue;
-                    }
-                    let lanes = by_ring[2 * m * columns * LANES..][..2 * columns * LANES].chunks_exact(LANES);
-                    for (sums, lanes) in sums.chunks_exact_mut(rings).zip(lanes) {
-                        sums[run * LANES..][..LANES].copy_from_slice(lanes);
-                    }
+        let order = |(m, x): (usize, &mut [f64]), Task { sums, legendre, .. }: &mut Task| {
+            let first = self.legendre.first_ring(m) / LANES;
+            for (run, by_ring) in by_ring.chunks_exact(orders * 2 * columns * LANES).enumerate().skip(first) {
+                let lanes = by_ring[2 * m * columns * LANES..][..2 * columns * LANES].chunks_exact(LANES);
+                for (sums, lanes) in sums.chunks_exact_mut(rings).zip(lanes) {
+                    sums[run * LANES..][..LANES].copy_from_slice(lanes);
                 }
-                let (even, odd) = sums.split_at_mut(columns * rings);
-                self.legendre.adjoint(m, even, odd, columns, x, work);
-                for (x, scale) in x.chunks_exact_mut(columns).zip(self.legendre.scale(m)) {
-                    x.iter_mut().for_each(|x| *x *= scale);
-                }
-            },
-        );
+            }
+            let (even, odd) = sums[..2 * columns * rings].split_at_mut(columns * rings);
+            self.legendre.adjoint(m, even, odd, columns, x, legendre);
+            for (x, scale) in x.chunks_exact_mut(columns).zip(self.legendre.scale(m)) {
+                x.iter_mut().for_each(|x| *x *= scale);
+            }
+        };
+        let parts = parts.into_par_iter().enumerate().with_max_len(1);
+        parts.for_each(|item| tasks.with(|| self.task(), |task| order(item, task)));
     }
 }
 

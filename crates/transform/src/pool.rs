@@ -1,0 +1,42 @@
+//! Memory that calls, or the tasks of a call, use one after another.
+
+use std::sync::{Mutex, PoisonError};
+
+/// As many values as were in use at once, each for whoever comes next: a fresh page costs more than writing to it.
+#[derive(Debug)]
+pub(crate) struct Pool<T>(Mutex<Vec<T>>);
+
+impl<T> Default for Pool<T> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<T> Pool<T> {
+    /// Works with a value that isn't in use, which holds what its last user left in it, or with one that `make` gives.
+    pub(crate) fn with<R>(&self, make: impl FnOnce() -> T, work: impl FnOnce(&mut T) -> R) -> R {
+        let free = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut value = free.unwrap_or_else(make);
+        let result = work(&mut value);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(value);
+        result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_that_are_in_use_are_not_given_again_and_others_are() {
+        let (pool, mut made) = (Pool::default(), 0);
+        let mut make = || {
+            made += 1;
+            made
+        };
+        let inner = pool.with(&mut make, |first| (*first, pool.with(|| 7, |second| *second)));
+        assert_eq!(inner, (1, 7));
+        assert_eq!(pool.with(&mut make, |again| *again), 1);
+        assert_eq!(made, 1);
+    }
+}
