@@ -92,6 +92,8 @@ fn repeat<T>(repeats: usize, mut work: impl FnMut() -> Result<T>) -> Result<(Vec
 }
 
 fn main() -> Result<()> {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    allocator::keep_freed(std::env::args_os());
     rayon::ThreadPoolBuilder::new().num_threads(2).build_global()?;
     match Cli::parse().command {
         Command::Transforms { directions: path, coefficients, max_degree, accuracy, repeats, out } => {

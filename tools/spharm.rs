@@ -8,5 +8,7 @@ mod allocator;
 mod kernels;
 
 fn main() -> ExitCode {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    allocator::keep_freed(std::env::args_os());
     ExitCode::from(spharm_tools::main(std::env::args_os()))
 }
