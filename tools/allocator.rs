@@ -27,15 +27,22 @@ const KEPT: usize = 128 << 20;
 /// The largest array that glibc takes from what it keeps.
 const LARGEST: usize = 32 << 20;
 
-/// Lets the allocator keep freed memory: a sixteenth of what is free, shared among the threads, at most [`KEPT`] for each. Not where
-/// the user has said how much memory may be used.
+/// Lets the allocator keep freed memory, at the end of what each thread has: a sixteenth of what is free, shared among the threads,
+/// at most [`KEPT`] for each. Not where that is less than it keeps of itself, where the user has said how much memory may be
+/// used, or has set the allocator up. Verbs whose budget is small by default are not told apart: they take less than it.
 pub(crate) fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
-    if arguments.any(|argument| argument.as_encoded_bytes().starts_with(b"--memory")) {
+    let limited = arguments.any(|argument| argument.as_encoded_bytes().starts_with(b"--memory"));
+    let set_up = ["GLIBC_TUNABLES", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"];
+    if limited || set_up.iter().any(|name| std::env::var_os(name).is_some()) {
         return;
     }
     let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get());
     let kept = (spharm::machine::available_memory() / 16 / (threads + 1)).min(KEPT);
-    for (parameter, bytes) in [(libc::M_MMAP_THRESHOLD, kept.min(LARGEST)), (libc::M_TRIM_THRESHOLD, kept)] {
+    // Left alone it keeps twice the largest array that it has given back to the system.
+    if kept < 2 * LARGEST {
+        return;
+    }
+    for (parameter, bytes) in [(libc::M_MMAP_THRESHOLD, LARGEST), (libc::M_TRIM_THRESHOLD, kept)] {
         // SAFETY: it sets a number of the allocator's, which it checks.
         unsafe { libc::mallopt(parameter, bytes as libc::c_int) };
     }

@@ -19,7 +19,7 @@
 //!    small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
 //! Where the samples are many, products with N in 1 come from moments of the sampling ([`MomentProblem`]), at a cost that
-//! doesn't depend on their number, three columns to their end after the others; the gradient is formed from the samples in the end, and the iteration goes on from there
+//! doesn't depend on their number, and three columns are iterated at a time; the gradient is formed from the samples in the end, and the iteration goes on from there
 //! where the optimality asks for it.
 //!
 //! The report says which of these was done, and how close the result is.

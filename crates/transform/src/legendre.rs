@@ -46,7 +46,7 @@ pub(crate) struct SomeColumns<'a> {
 #[derive(Debug)]
 pub(crate) struct Legendre {
     max_degree: usize,
-    /// `alpha_{l,m}` and `s_{l,m}` at `offset(m) + l - m`.
+    /// `alpha_{l,m}` and `s_{l,m}` at `start(m) + l - m`.
     alpha: Vec<f64>,
     scale: Vec<f64>,
     /// `cos theta` of the northern rings from the pole to the equator, padded.

@@ -53,7 +53,7 @@ use spharm_harmonics::basis_size;
 use crate::TransformError;
 use crate::legendre::SomeColumns;
 use crate::pool::Pool;
-use ring_grid::{RingGrid, Workspace};
+use ring_grid::{RingGrid, Task, Workspace};
 
 pub use sums::SampleSums;
 
@@ -69,10 +69,11 @@ pub struct MomentOperator {
     max_degree: usize,
     /// Working memory of earlier calls, for later ones.
     spaces: Pool<Workspace>,
+    tasks: Pool<Task>,
 }
 
 impl MomentOperator {
-    /// Channels that share Legendre functions and stay in a cache together: of more, so many are multiplied after the others.
+    /// Channels that a product takes at a time: these share Legendre functions and stay in a cache together.
     pub const CHANNELS: usize = ring_grid::CHANNELS;
 
     /// Makes the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2`
@@ -86,7 +87,7 @@ impl MomentOperator {
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
         check(max_degree, moments)?;
         let (grid, density) = RingGrid::new(max_degree, moments)?;
-        Ok(Self { grid, density, max_degree, spaces: Pool::default() })
+        Ok(Self { grid, density, max_degree, spaces: Pool::default(), tasks: Pool::default() })
     }
 
     /// Returns the most bytes that an operator takes, while it is made or with the working memory of calls with so many
@@ -101,7 +102,8 @@ impl MomentOperator {
         let group = if channels < Self::CHANNELS { channels } else { Self::CHANNELS };
         let groups = channels.div_ceil(Self::CHANNELS);
         let groups = if groups < threads { groups } else { threads };
-        let called = groups * 2 * group * (2 * 8 * 2 * orders * rings + 4 * orders * (orders + 1));
+        let tasks = threads * (8 * 18 * rings + 2 * 16 * (4 * orders + 64) + (32 << 10));
+        let called = tasks + groups * 2 * group * (2 * 8 * 2 * orders * rings + 4 * orders * (orders + 1));
         held + if made > called { made } else { called }
     }
 
@@ -133,7 +135,8 @@ impl MomentOperator {
         out.axis_chunks_iter_mut(Axis(1), Self::CHANNELS).into_par_iter().enumerate().with_max_len(1).for_each(
             |(group, out)| {
                 let x = SomeColumns { values: x, all, first: group * Self::CHANNELS };
-                self.spaces.with(Workspace::default, |space| self.grid.product(&self.density, x, out, space));
+                self.spaces
+                    .with(Workspace::default, |space| self.grid.product(&self.density, x, out, space, &self.tasks));
             },
         );
         Ok(out)

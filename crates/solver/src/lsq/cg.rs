@@ -1,4 +1,4 @@
-//! Preconditioned conjugate gradients on the normal equations, all columns in step.
+//! Preconditioned conjugate gradients on the normal equations, all columns in step, or by moments a few at a time.
 //!
 //! Problem: `min |W^(1/2) (A x - f)|^2 + x^T P x` for each column f of the targets; N = A^T W A + P. From x = 0:
 //!

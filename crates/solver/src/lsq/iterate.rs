@@ -14,7 +14,7 @@ use super::params::Strategy;
 use super::problem::{Moments, Problem};
 use super::progress::{BEFORE_FACTOR, Progress, STRETCH_BESIDE};
 use super::report::LsqWarning;
-use super::solver::{Given, LsqSolver, Solution, Source};
+use super::solver::{Given, LsqSolver, Solution};
 use crate::SolverError;
 
 /// Share of a factor's cost that the iterations which seem to be left may take: they tend to be more than it seems.
@@ -59,9 +59,11 @@ impl LsqSolver<'_> {
             let by_moments = self.moments.is_some() || matches!(given, Given::Sums(_));
             let progress = match (self.stored, by_moments) {
                 _ if !factor_possible => None,
-                (Some(_), true) => {
-                    Some(Progress::beside_factor(params.tolerance, cost.with_factor() / cost.by_moments()))
-                }
+                (Some(_), true) => Some(Progress::beside_factor(
+                    params.tolerance,
+                    cost.with_factor() / cost.by_moments(),
+                    cg.optimality(),
+                )),
                 (None, true) => Some(Progress::new(params.tolerance, SHARE * cost.factor() / cost.by_moments())),
                 (_, false) => Some(Progress::new(params.tolerance, 0.0)),
             };
@@ -123,11 +125,10 @@ impl LsqSolver<'_> {
     /// condition: whether the few that show how many it takes are less than half the work of using the factor.
     pub(super) fn moments_beside_factor(&self, columns: usize) -> bool {
         let cost = Cost { rows: self.source.rows(), max_degree: self.source.max_degree(), channels: columns };
-        let making = match self.source {
-            _ if self.moments.is_some() => 0.0,
-            Source::Moments(_) => 0.0,
-            Source::Samples(_) if self.before_moments(&cost) == Some(0) => cost.making(),
-            Source::Samples(_) => return false,
+        let making = match (self.moments.is_some(), self.before_moments(&cost)) {
+            (true, _) => 0.0,
+            (false, Some(0)) => cost.making(),
+            _ => return false,
         };
         making + STRETCH_BESIDE as f64 * cost.by_moments() < 0.5 * cost.with_factor()
     }

@@ -124,9 +124,10 @@ fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
     let targets = Random(3).normals(6000, 48);
     let a = matrix(&sampling.directions, DEGREE);
     let operator = transforms(&sampling.directions, DEGREE);
-    let steep: Vec<f64> = sampling.directions.as_slice().iter().map(|[_, _, z]| (1.8 * z).exp()).collect();
-    for (weights, iterated) in [(None, true), (Some(steep), false)] {
-        let weights = weights.as_deref();
+    for (steepness, iterated) in [(0.4, true), (1.8, false)] {
+        let weights = sampling.directions.as_slice().iter().map(|[_, _, z]| (steepness * z).exp());
+        let weights: Vec<f64> = weights.collect();
+        let weights = Some(&weights[..]);
         let factor = stored(folder.path(), &sampling, DEGREE, weights, 0.0, Scalar::F64);
         let moments = |accuracy: f64, _: Option<&Array2<f64>>| {
             Ok((Arc::new(moment_operator(&sampling.directions, weights, DEGREE, accuracy)?), None))
@@ -139,7 +140,8 @@ fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
         let expected = if iterated { ("none", "moments") } else { ("stored-factor", "moments") };
         assert_eq!((fit.report.preconditioner, fit.report.products), expected, "{:?}", fit.report);
         // Three show how many it would take.
-        assert!(fit.report.condition < 100.0 && fit.report.iterations == 3, "{:?}", fit.report);
+        assert!(fit.report.condition < 100.0, "{:?}", fit.report);
+        assert!(if iterated { fit.report.iterations > 3 } else { fit.report.iterations == 3 }, "{:?}", fit.report);
         assert_eq!(fit.report.refinements > 0, !iterated, "{:?}", fit.report);
     }
 }

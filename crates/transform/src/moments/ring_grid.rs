@@ -61,12 +61,11 @@ pub(super) struct Workspace {
     by_ring: Vec<f64>,
     /// Coefficients by order: for each m, (L + 1 - m, 2 c) row-major.
     coefficients: Vec<f64>,
-    tasks: Pool<Task>,
 }
 
 /// Working memory of a task: an order, or a run of rings.
 #[derive(Debug)]
-struct Task {
+pub(super) struct Task {
     /// Coefficients of an order, (L + 1 - m, 2 c) row-major.
     x: Vec<f64>,
     /// Sums of an order over even and those over odd `l - m`, (pairs of rings, 2 c) column-major.
@@ -163,13 +162,14 @@ impl RingGrid {
         x: SomeColumns<'_>,
         out: ArrayViewMut2<'_, f64>,
         space: &mut Workspace,
+        tasks: &Pool<Task>,
     ) {
         let (columns, rings) = (2 * out.ncols(), self.legendre.rings());
         let orders = self.max_degree + 1;
         space.by_order.resize(orders * 2 * columns * rings, 0.0);
         space.by_ring.resize(orders * 2 * columns * rings, 0.0);
         space.coefficients.resize(orders * (orders + 1) / 2 * columns, 0.0);
-        let Workspace { by_order, by_ring, coefficients, tasks } = space;
+        let Workspace { by_order, by_ring, coefficients } = space;
         self.to_rings(x, out.ncols(), by_order, tasks);
         self.multiply(density, columns, by_order, by_ring, tasks);
         self.to_coefficients(columns, by_ring, coefficients, tasks);
@@ -215,6 +215,10 @@ impl RingGrid {
     ) {
         let (orders, rings) = (self.max_degree + 1, self.legendre.rings());
         let run = |(run, by_ring): (usize, &mut [f64]), Task { circle, fourier, .. }: &mut Task| {
+            if (run + 1) * LANES > self.pairs.len() {
+                // Lanes without a ring count with a factor of zero; what another call left there may be no number.
+                by_ring.fill(0.0);
+            }
             for lane in 0..LANES.min(self.pairs.len() - run * LANES) {
                 let j = run * LANES + lane;
                 let pair = &self.pairs[j];

@@ -270,3 +270,17 @@ proptest! {
         prop_assert!(off(&found, &expected) < 1e-12);
     }
 }
+
+/// Degree 11 has twelve pairs of rings in two runs of eight lanes, which lie elsewhere for other numbers of columns.
+#[test]
+fn what_is_no_number_stays_in_its_call() {
+    let moments: Vec<f64> = (0..529).map(|k| if k == 0 { 10.0 } else { (k as f64).sin() }).collect();
+    let x = Array2::from_shape_fn((144, 1), |(k, _)| (k as f64).cos());
+    let expected = MomentOperator::new(11, &moments).unwrap().apply(x.view()).unwrap();
+    let operator = MomentOperator::new(11, &moments).unwrap();
+    for columns in [3, 2, 1] {
+        let bad = operator.apply(Array2::from_elem((144, columns), f64::NAN).view()).unwrap();
+        assert!(bad.iter().all(|value| value.is_nan()));
+        assert_eq!(operator.apply(x.view()).unwrap(), expected);
+    }
+}

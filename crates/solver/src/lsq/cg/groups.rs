@@ -1,12 +1,12 @@
-//! Groups of columns, each iterated to its own end, side by side.
+//! Columns in groups of a few at a time.
 //!
-//! Where a product with all columns is but products with a few of them, one after another, a group's arrays stay in a
-//! thread's cache from one step to the next, threads wait for each other once, and a group that has converged takes no more
-//! products. Its iterates are those that it has by itself, bit for bit.
+//! Where products take a few columns at a time anyhow, each group is iterated to its own end. Its arrays stay in a thread's
+//! cache from one step to the next, threads wait for each other once, and a group that has converged takes no more products. In
+//! a run from x = 0 a group's iterates are those that it has without the others, bit for bit.
 
 use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;
-use spharm_monitor::Monitor;
+use spharm_monitor::{Level, Monitor, OnlyCancel};
 
 use super::{Cg, CgParams, Stop};
 use crate::SolverError;
@@ -15,7 +15,10 @@ use crate::lsq::problem::Problem;
 use crate::lsq::progress::Progress;
 
 impl Cg {
-    /// Iterates `width` columns after the others; otherwise as [`steps`](Self::steps).
+    /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps). Where the first of them make too little progress
+    /// the others are left as they are.
+    ///
+    /// The monitor gets the steps of a group when it has ended.
     pub(super) fn steps_of_groups(
         &mut self,
         width: usize,
@@ -25,50 +28,58 @@ impl Cg {
         progress: Option<Progress>,
         monitor: &dyn Monitor,
     ) -> Result<Stop, SolverError> {
-        let (before, condition, doubt) = (self.iterations, self.condition, self.doubt);
-        let run = |((x, gradient), scale): ((ArrayViewMut2<'_, f64>, ArrayViewMut2<'_, f64>), &[f64])| {
-            let (own_x, own_gradient, scale) = (x.to_owned(), gradient.to_owned(), scale.to_vec());
-            let mut cg = Self {
-                x: own_x,
-                gradient: own_gradient,
-                scale,
-                iterations: 0,
-                best_at: 0,
-                condition,
-                doubt,
-                seconds: 0.0,
-            };
-            let stop = cg.steps(problem, preconditioner, params, progress, monitor)?;
-            { x }.assign(&cg.x);
-            { gradient }.assign(&cg.gradient);
-            Ok(Group { stop, iterations: cg.iterations, best_at: cg.best_at, condition: cg.condition })
+        let &mut Self { condition, doubt, .. } = self;
+        let run = |mut group: Group<'_>| {
+            let (x, gradient, scale) = (group.x.to_owned(), group.gradient.to_owned(), group.scale.to_vec());
+            let mut cg = Self { x, gradient, scale, iterations: 0, best_at: 0, condition, doubt, seconds: 0.0 };
+            let stop = cg.steps(problem, preconditioner, params, progress, &OnlyCancel(monitor))?;
+            group.x.assign(&cg.x);
+            group.gradient.assign(&cg.gradient);
+            monitor.step(cg.iterations as u64);
+            let optimality = cg.optimality();
+            monitor.note(Level::Status, format_args!("{} iterations, optimality {optimality:.1e}", cg.iterations));
+            Ok(Ended { stop, iterations: cg.iterations, best_at: cg.best_at, condition: cg.condition })
         };
-        let xs = self.x.axis_chunks_iter_mut(Axis(1), width).into_par_iter();
-        let gradients = self.gradient.axis_chunks_iter_mut(Axis(1), width).into_par_iter();
-        let groups: Vec<Group> = xs
-            .zip(gradients)
-            .zip(self.scale.par_chunks(width))
-            .with_max_len(1)
-            .map(run)
-            .collect::<Result<_, SolverError>>()?;
-        self.iterations = before + groups.iter().map(|group| group.iterations).max().unwrap_or(0);
-        self.condition = groups.iter().map(|group| group.condition).fold(condition, f64::max);
-        // Of those that are not there: what they are to go back to.
-        let left = groups.iter().filter(|group| group.stop != Stop::Converged);
-        self.best_at = before + left.map(|group| group.best_at).min().unwrap_or(self.iterations - before);
-        let any = |stop: Stop| groups.iter().any(|group| group.stop == stop);
-        Ok(if any(Stop::IterationLimit) {
-            Stop::IterationLimit
-        } else if any(Stop::Stalled) {
-            Stop::Stalled
-        } else {
-            Stop::Converged
+        let columns =
+            self.x.axis_chunks_iter_mut(Axis(1), width).zip(self.gradient.axis_chunks_iter_mut(Axis(1), width));
+        let groups = columns.zip(self.scale.chunks(width));
+        let mut groups: Vec<Group<'_>> = groups.map(|((x, gradient), scale)| Group { x, gradient, scale }).collect();
+        let mut ended = Vec::with_capacity(groups.len());
+        if progress.is_some() {
+            // Groups have the same matrix: one shows whether a factor is to serve them all.
+            ended.push(run(groups.remove(0))?);
+        }
+        let given_up = |first: &Ended| first.stop == Stop::IterationLimit && first.iterations < params.max_iterations;
+        if !ended.iter().any(given_up) {
+            let others = groups.into_par_iter().with_max_len(1).map(run);
+            ended.extend(others.collect::<Result<Vec<_>, SolverError>>()?);
+        }
+        // Of the groups that haven't converged: what they are to go back to.
+        let before = self.iterations;
+        let left = ended.iter().filter(|group| group.stop != Stop::Converged && group.best_at > 0);
+        if let Some(best_at) = left.map(|group| before + group.best_at).min() {
+            self.best_at = best_at;
+        }
+        self.iterations += ended.iter().map(|group| group.iterations).max().unwrap_or(0);
+        self.condition = ended.iter().map(|group| group.condition).fold(condition, f64::max);
+        let any = |stop: Stop| ended.iter().any(|group| group.stop == stop);
+        Ok(match (any(Stop::IterationLimit), any(Stop::Stalled)) {
+            (true, _) => Stop::IterationLimit,
+            (false, true) => Stop::Stalled,
+            (false, false) => Stop::Converged,
         })
     }
 }
 
+/// The columns of a group.
+struct Group<'a> {
+    x: ArrayViewMut2<'a, f64>,
+    gradient: ArrayViewMut2<'a, f64>,
+    scale: &'a [f64],
+}
+
 /// How a group ended.
-struct Group {
+struct Ended {
     stop: Stop,
     iterations: usize,
     best_at: usize,
