@@ -12,24 +12,25 @@ use spharm_harmonics::double_double::{DoubleDouble, unit};
 use spharm_harmonics::polar::is_polar;
 use spharm_harmonics::rings::{MonicRecurrence, SEED};
 
+use crate::lanes::load;
 use crate::ring_table::{LANES, Tiling};
 
-/// A double-double as (hi, lo), the same on any processor.
-type Pair = [f64; 2];
+/// Double-doubles as their leading parts and their remainders: rings are then the lanes of a vector.
+type Pairs = [Vec<f64>; 2];
 
 /// The rings next to the north pole.
 #[derive(Debug)]
 pub(crate) struct PolarRings {
-    z: Vec<Pair>,
+    z: Pairs,
     /// For each order that counts on these rings: `alpha_l` from degree m on.
-    alpha: Vec<Vec<Pair>>,
+    alpha: Vec<Vec<[f64; 2]>>,
 }
 
 /// `r_{l-2}` and `r_{l-1}` of a block of rings.
 #[derive(Debug, Default)]
 pub(crate) struct PolarState {
-    older: Vec<Pair>,
-    newest: Vec<Pair>,
+    older: Pairs,
+    newest: Pairs,
 }
 
 impl PolarRings {
@@ -38,7 +39,9 @@ impl PolarRings {
         let polar = angles.iter().take_while(|[_, sine]| is_polar(*sine, max_degree)).count();
         let count = polar.next_multiple_of(LANES).min(angles.len() / LANES * LANES);
         let pair = |d: DoubleDouble<false>| [d.hi, d.lo];
-        let z = angles[..count].iter().map(|&[cosine, sine]| pair(unit([sine, 0.0, cosine])[2])).collect();
+        let z: Vec<[f64; 2]> =
+            angles[..count].iter().map(|&[cosine, sine]| pair(unit([sine, 0.0, cosine])[2])).collect();
+        let z = [0, 1].map(|part| z.iter().map(|z| z[part]).collect());
         let orders = first_ring.iter().take_while(|&&first| first < count).count();
         let alpha = (0..orders).map(|m| recurrence.exact_order(m).into_iter().map(pair).collect()).collect();
         Self { z, alpha }
@@ -46,7 +49,7 @@ impl PolarRings {
 
     /// Number of polar rings; a multiple of [`LANES`].
     pub(crate) fn count(&self) -> usize {
-        self.z.len()
+        self.z[0].len()
     }
 
     /// Writes the values of r for a chunk of degrees and a block of these rings to `table`, (tiling.block, degrees)
@@ -61,32 +64,55 @@ impl PolarRings {
         table: &mut [f64],
     ) {
         if chunk == 0 {
-            state.newest = vec![[0.0; 2]; rings.len()];
-            state.older = vec![[-SEED, 0.0]; rings.len()];
+            for (values, start) in state.newest.iter_mut().chain(&mut state.older).zip([0.0, 0.0, -SEED, 0.0]) {
+                values.clear();
+                values.resize(rings.len(), start);
+            }
         }
         let alpha = &self.alpha[m][chunk * tiling.chunk..];
-        recur(&self.z[rings], &alpha[..tiling.chunk.min(alpha.len())], state, table, tiling.block);
+        let z = [&self.z[0][rings.clone()], &self.z[1][rings]];
+        recur(z, &alpha[..tiling.chunk.min(alpha.len())], state, table, tiling.block);
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-fn recur(z: &[Pair], alpha: &[Pair], state: &mut PolarState, table: &mut [f64], block: usize) {
-    if target_cfg_f!(target_feature = "fma") {
-        recur_of::<true>(z, alpha, state, table, block);
-    } else {
-        recur_of::<false>(z, alpha, state, table, block);
+fn recur(z: [&[f64]; 2], alpha: &[[f64; 2]], state: &mut PolarState, table: &mut [f64], block: usize) {
+    for at in (0..z[0].len()).step_by(LANES) {
+        if target_cfg_f!(target_feature = "fma") {
+            recur_lanes::<true>(z, alpha, state, table, block, at);
+        } else {
+            recur_lanes::<false>(z, alpha, state, table, block, at);
+        }
     }
 }
 
 #[inline(always)]
-fn recur_of<const FMA: bool>(z: &[Pair], alpha: &[Pair], state: &mut PolarState, table: &mut [f64], block: usize) {
-    let number = |[hi, lo]: Pair| DoubleDouble::<FMA> { hi, lo };
-    for (alpha, column) in alpha.iter().zip(table.chunks_exact_mut(block)) {
-        let alpha = number(*alpha);
-        for (((z, newest), older), out) in z.iter().zip(&mut state.newest).zip(&mut state.older).zip(column) {
-            let r = alpha.mul(number(*z)).mul(number(*newest)).sub(number(*older));
-            *out = r.hi;
-            *older = std::mem::replace(newest, [r.hi, r.lo]);
+fn recur_lanes<const FMA: bool>(
+    z: [&[f64]; 2],
+    alpha: &[[f64; 2]],
+    state: &mut PolarState,
+    table: &mut [f64],
+    block: usize,
+    at: usize,
+) {
+    let z: [[f64; LANES]; 2] = z.map(|part| load(part, at));
+    let [mut older, mut newest]: [[[f64; LANES]; 2]; 2] =
+        [&state.older, &state.newest].map(|pairs| [load(&pairs[0], at), load(&pairs[1], at)]);
+    let number = |pairs: &[[f64; LANES]; 2], i: usize| DoubleDouble::<FMA> { hi: pairs[0][i], lo: pairs[1][i] };
+    for (&[hi, lo], column) in alpha.iter().zip(table.chunks_exact_mut(block)) {
+        let alpha = DoubleDouble::<FMA> { hi, lo };
+        let mut r = [[0.0; LANES]; 2];
+        let [leading, rest] = &mut r;
+        for (i, (leading, rest)) in leading.iter_mut().zip(rest).enumerate() {
+            let next = alpha.mul(number(&z, i)).mul(number(&newest, i)).sub(number(&older, i));
+            (*leading, *rest) = (next.hi, next.lo);
+        }
+        column[at..at + LANES].copy_from_slice(&r[0]);
+        (older, newest) = (newest, r);
+    }
+    for (pairs, values) in [(&mut state.older, older), (&mut state.newest, newest)] {
+        for (part, values) in pairs.iter_mut().zip(values) {
+            part[at..at + LANES].copy_from_slice(&values);
         }
     }
 }

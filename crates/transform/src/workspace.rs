@@ -1,5 +1,6 @@
 //! Working memory: of a call, which the plan keeps for the next one, and of a thread.
 
+use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 
 use crate::legendre::Work;
@@ -46,20 +47,31 @@ pub(crate) struct Sizes {
 impl Workspace {
     /// Gives the parts that are used their lengths.
     pub(crate) fn resize(&mut self, sizes: &Sizes, uses: Uses) {
-        let complex = Complex64::default();
-        self.circles.resize(sizes.circles, complex);
+        lengthen(&mut self.circles, sizes.circles);
         for (grid, used) in self.grids.iter_mut().zip(uses.grids) {
             if used {
-                grid.resize(sizes.grid, 0.0);
+                lengthen(grid, sizes.grid);
             }
         }
         if uses.grids[1] {
-            self.spectra.resize(sizes.spectra, complex);
-            self.by_order.resize(sizes.by_order, 0.0);
+            lengthen(&mut self.spectra, sizes.spectra);
+            lengthen(&mut self.by_order, sizes.by_order);
         }
         if uses.samples {
-            self.samples.resize(sizes.samples, 0.0);
+            lengthen(&mut self.samples, sizes.samples);
         }
+    }
+}
+
+/// Gives an array a length; what it holds is overwritten by whoever uses it. A longer one is made by all threads, as new pages take
+/// longer than anything else that is done with them.
+fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize) {
+    if length > values.capacity() {
+        // Nothing of the old one is copied.
+        *values = Vec::new();
+        values.par_extend(rayon::iter::repeat_n(T::default(), length));
+    } else {
+        values.resize(length, T::default());
     }
 }
 
