@@ -13,9 +13,9 @@ use std::ops::{Range, RangeInclusive};
 use ndarray::Array2;
 use spharm_harmonics::index::order_count;
 use spharm_harmonics::{Directions, HarmonicsError, MAX_DEGREE};
-use spharm_transform::{FINEST, MomentGram, MomentOperator, Transform, TransformParams};
+use spharm_transform::{FINEST, MomentGram, Transform, TransformParams};
 
-use crate::SolverError;
+use crate::{MomentNormal, SolverError};
 
 /// A symmetric matrix `G = A^T diag(w) A`, (K, K), columns in the order `l^2 + l + m`, that is read by tiles.
 pub trait GramMatrix: Sync {
@@ -194,19 +194,19 @@ pub fn moment_gram(
     Ok(MomentGram::new(max_degree, &moments(directions, weights, max_degree, FINEST)?)?)
 }
 
-/// Computes the normal operator of the harmonics to `max_degree` at weighted directions, from the moments of the sampling
+/// Computes the normal matrix of the harmonics to `max_degree` at weighted directions, from the moments of the sampling
 /// to a relative accuracy. Without weights all are 1; there must be one for each direction otherwise.
 ///
 /// # Errors
 ///
 /// Those of the transforms, to twice the degree.
-pub fn moment_operator(
+pub fn moment_normal(
     directions: &Directions,
     weights: Option<&[f64]>,
     max_degree: usize,
     accuracy: f64,
-) -> Result<MomentOperator, SolverError> {
-    Ok(MomentOperator::new(max_degree, &moments(directions, weights, max_degree, accuracy)?)?)
+) -> Result<MomentNormal, SolverError> {
+    MomentNormal::new(max_degree, moments(directions, weights, max_degree, accuracy)?)
 }
 
 fn moments(

@@ -56,6 +56,7 @@ pub mod gram;
 #[cfg(feature = "dense")]
 pub mod irf;
 pub mod lsq;
+mod moment_normal;
 pub mod operator;
 pub mod residual;
 
@@ -64,11 +65,12 @@ pub use cholesky::{CholeskyFactor, FactorParams, MemoryFactor, StoredFactor};
 #[cfg(feature = "dense")]
 pub use chunked_rows::ChunkedRows;
 pub use error::SolverError;
-pub use gram::{GramMatrix, moment_gram, moment_gram_bytes, moment_operator};
+pub use gram::{GramMatrix, moment_gram, moment_gram_bytes, moment_normal};
 #[cfg(feature = "dense")]
 pub use irf::{IrfFit, IrfParams, IrfPlan, IrfReport, IrfSolver, Method};
 #[cfg(feature = "dense")]
 pub use lsq::{LsqFit, LsqParams, LsqReport, LsqSolver, Strategy};
+pub use moment_normal::MomentNormal;
 #[cfg(feature = "dense")]
 pub use operator::{BlockOperator, DiskOperator, MemoryOperator, Residency};
 pub use operator::{MatrixFreeOperator, Operator};

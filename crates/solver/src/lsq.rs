@@ -59,6 +59,8 @@
 #[cfg(feature = "dense")]
 mod assess;
 pub mod cg;
+#[cfg(feature = "dense")]
+mod choice;
 pub(crate) mod columns;
 #[cfg(feature = "dense")]
 mod cost;

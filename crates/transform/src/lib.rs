@@ -87,7 +87,7 @@ pub use either::synthesis;
 pub use error::TransformError;
 pub use gram::MomentGram;
 pub use gridding::{COARSEST, FINEST};
-pub use moments::{MomentOperator, SampleSums};
+pub use moments::{InverseDensity, MomentOperator, SampleSums};
 pub use nodal::{NodalSamples, NodalSums, NodalSumsBuilder};
 pub use params::TransformParams;
 pub use transform::{SortedWeights, Transform};

@@ -40,21 +40,21 @@
 //! # Ok::<(), spharm_transform::TransformError>(())
 //! ```
 
+mod inverse_density;
+mod on_grid;
 mod ring_grid;
 mod sums;
 #[cfg(test)]
 mod tests;
 
-use ndarray::{Array2, ArrayView2, Axis};
-use rayon::prelude::*;
-use rustfft::num_complex::Complex64;
+use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::basis_size;
 
 use crate::TransformError;
-use crate::legendre::SomeColumns;
-use crate::pool::Pool;
-use ring_grid::{RingGrid, Task, Workspace};
+use on_grid::OnGrid;
+use ring_grid::{RingGrid, Size};
 
+pub use inverse_density::InverseDensity;
 pub use sums::SampleSums;
 
 /// The normal operator `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.
@@ -63,13 +63,9 @@ pub use sums::SampleSums;
 /// operator can be used by several threads at once.
 #[derive(Debug)]
 pub struct MomentOperator {
-    grid: RingGrid,
-    /// `q_g S(g)`, northern rings as real and southern ones as imaginary parts.
-    density: Vec<Complex64>,
-    max_degree: usize,
-    /// Working memory of earlier calls, for later ones.
-    spaces: Pool<Workspace>,
-    tasks: Pool<Task>,
+    /// With `q_g S(g)`.
+    on_grid: OnGrid,
+    norm: f64,
 }
 
 impl MomentOperator {
@@ -86,35 +82,37 @@ impl MomentOperator {
     /// - [`TransformError::Harmonics`]: L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
         check(max_degree, moments)?;
-        let (grid, density) = RingGrid::new(max_degree, moments)?;
-        Ok(Self { grid, density, max_degree, spaces: Pool::default(), tasks: Pool::default() })
+        let (grid, twice) = RingGrid::new(max_degree, Size::Exact)?;
+        let mut density = grid.function(&twice, moments, None);
+        drop(twice);
+        let norm = density.iter().fold(0.0, |norm: f64, point| norm.max(point.re.abs()).max(point.im.abs()));
+        grid.weigh(&mut density, |[weight, mirror], point| {
+            (point.re, point.im) = (weight * point.re, mirror * point.im);
+        });
+        Ok(Self { on_grid: OnGrid::new(grid, density), norm })
     }
 
     /// Returns the most bytes that an operator takes, while it is made or with the working memory of calls with so many
     /// channels on `threads` threads: about `190 (L + 1)^2` while it is made, then `80 (L + 1)^2` and for each channel,
     /// of up to 3 on each thread, `72 (L + 1)^2`.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
-        let (orders, rings) = (max_degree + 1, (max_degree + 1).next_multiple_of(8));
-        // alpha, scale and powers, and the points of all pairs.
-        let held = 8 * orders * (orders + 1) + 8 * orders * rings + 16 * rings * (4 * orders + 64);
-        // The same of twice the degree, and its sums.
-        let made = 8 * 2 * orders * (2 * orders + 1) + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
-        let group = if channels < Self::CHANNELS { channels } else { Self::CHANNELS };
-        let groups = channels.div_ceil(Self::CHANNELS);
-        let groups = if groups < threads { groups } else { threads };
-        let tasks = threads * (8 * 18 * rings + 2 * 16 * (4 * orders + 64) + (32 << 10));
-        let called = tasks + groups * 2 * group * (2 * 8 * 2 * orders * rings + 4 * orders * (orders + 1));
-        held + if made > called { made } else { called }
+        let rings = (max_degree + 1).next_multiple_of(8);
+        OnGrid::bytes(max_degree, rings, 4 * (max_degree + 1) + 64, channels, threads)
     }
 
     /// Returns the highest degree, L.
     pub fn max_degree(&self) -> usize {
-        self.max_degree
+        self.on_grid.max_degree()
     }
 
     /// Returns the number of rows and of columns, `K = (L + 1)^2`.
     pub fn size(&self) -> usize {
-        basis_size(self.max_degree)
+        basis_size(self.max_degree())
+    }
+
+    /// Returns a bound on the largest eigenvalue in size: the largest `|S(g)|`, as `A_g^T diag(q_g) A_g` is the identity.
+    pub fn norm(&self) -> f64 {
+        self.norm
     }
 
     /// Computes `A^T diag(w) A x`: (K, c) for the coefficients x, (K, c).
@@ -123,23 +121,7 @@ impl MomentOperator {
     ///
     /// [`TransformError::Shape`]: x doesn't have `K = (L + 1)^2` rows.
     pub fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
-        let (expected, found) = (self.size(), x.nrows());
-        if found != expected {
-            return Err(TransformError::Shape { what: "coefficients", expected, found });
-        }
-        let mut out = Array2::zeros(x.dim());
-        let all = x.ncols();
-        let x = x.as_standard_layout();
-        let x = x.as_slice().unwrap_or_default();
-        // Groups of channels are independent: with several of them each thread has its own.
-        out.axis_chunks_iter_mut(Axis(1), Self::CHANNELS).into_par_iter().enumerate().with_max_len(1).for_each(
-            |(group, out)| {
-                let x = SomeColumns { values: x, all, first: group * Self::CHANNELS };
-                self.spaces
-                    .with(Workspace::default, |space| self.grid.product(&self.density, x, out, space, &self.tasks));
-            },
-        );
-        Ok(out)
+        self.on_grid.apply(x)
     }
 }
 

@@ -76,11 +76,12 @@ impl LsqSolver<'_> {
             (None, None) if let Some(single) = &self.single => of(single.reciprocal),
             (None, Some(made)) if made.shift > 0.0 => f64::INFINITY,
             (None, Some(made)) => of(made.factor.condition().reciprocal),
-            // Preconditioned by more than a number it isn't the matrix's own.
-            (None, None) if solution.preconditioner == UNPRECONDITIONED && self.penalty.is_none() => {
-                cg.condition.sqrt()
+            (None, None) if self.penalty.is_some() => f64::NAN,
+            (None, None) if solution.preconditioner == UNPRECONDITIONED => cg.condition.sqrt(),
+            // Preconditioned by more than a number it isn't the matrix's own, but bounds that.
+            (None, None) => {
+                self.inverse_density().map_or(f64::NAN, |inverse| (cg.condition * inverse.condition()).sqrt())
             }
-            (None, None) => f64::NAN,
         }
     }
 }

@@ -26,8 +26,8 @@ use spharm_monitor::{Level, Monitor};
 
 use super::columns::{combine, dots, norms};
 use super::normal_equations::NormalEquations;
-use super::preconditioner::{Preconditioner, UNPRECONDITIONED};
-use super::problem::{Problem, Sampled};
+use super::preconditioner::Preconditioner;
+use super::problem::{Problem, ProductError, Sampled};
 use super::progress::Progress;
 use crate::SolverError;
 
@@ -161,7 +161,7 @@ impl Cg {
     ) -> Result<Stop, SolverError> {
         let started = Instant::now();
         let stop = match problem.columns_together() {
-            Some(width) if width < self.x.ncols() && preconditioner.is_diagonal() => {
+            Some(width) if width < self.x.ncols() && preconditioner.takes_columns_alone() => {
                 self.steps_of_groups(width, problem, preconditioner, params, progress, monitor)
             }
             _ => self.steps(problem, preconditioner, params, progress, monitor),
@@ -226,8 +226,8 @@ impl Cg {
     }
 
     /// Forms the gradient from the samples, and goes on from there where the iteration's own was wrong about having
-    /// converged. Without samples the gradient is but one more product, no more exact than those before; where N is well
-    /// conditioned it isn't formed. Returns how it ended and the residual, (n, c), where there are samples.
+    /// converged. Without samples the gradient is but one more product, no more exact than those before; where the errors of
+    /// products are small it isn't formed. Returns how it ended and the residual, (n, c), where there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -237,7 +237,7 @@ impl Cg {
         monitor: &dyn Monitor,
     ) -> Result<(Stop, Option<Array2<f64>>), SolverError> {
         if stop == Stop::Converged
-            && let Some(residual) = self.confirm_carried(problem, preconditioner, params.tolerance)?
+            && let Some(residual) = self.confirm_carried(problem, params.tolerance)?
         {
             return Ok((stop, residual));
         }
@@ -258,22 +258,19 @@ impl Cg {
     /// Returns the residual, (n, c), where there are samples, if the gradient that the iteration carries is known well enough
     /// with it; `None` where the gradient has to be formed, at twice the cost of the residual.
     ///
-    /// Products that are off by e of the norm of N leave the gradient off by some e times the condition number of N, in units
-    /// of the optimality, which has to be little beside the tolerance. It is an estimate: the condition is that of what the
-    /// iteration has seen of N. Where there are samples, that products are no worse is held against them in the direction of x,
-    /// in which the residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
+    /// Products that are off by e of the norm of N leave the gradient, `b - N x`, off by up to `e |N| |x|`, and rounding by some
+    /// eps of `|N| |x|` in each iteration; in units of the optimality that is divided by `|b|`, and has to be little beside the
+    /// tolerance. Where there are samples, that products are no worse is held against them in the direction of x, in which the
+    /// residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
     fn confirm_carried(
         &mut self,
         problem: &dyn Problem,
-        preconditioner: &dyn Preconditioner,
         tolerance: f64,
     ) -> Result<Option<Option<Array2<f64>>>, SolverError> {
-        let Some(error) = problem.product_error() else { return Ok(None) };
-        // No product has been made before the first iteration.
-        let error = if self.iterations == 0 { 0.0 } else { error };
-        let doubt = (error + f64::EPSILON * self.iterations as f64) * self.condition;
-        // The condition is that of N where nothing preconditions but a number.
-        if preconditioner.name() != UNPRECONDITIONED || doubt > ERROR_SHARE * tolerance {
+        let Some(ProductError { relative: error, norm }) = problem.product_error() else { return Ok(None) };
+        let error = error + f64::EPSILON * self.iterations as f64;
+        let doubt = error * norm * relative(&norms(&self.x), &self.scale);
+        if doubt > ERROR_SHARE * tolerance {
             return Ok(None);
         }
         let Some(residual) = problem.residual(&self.x)? else {

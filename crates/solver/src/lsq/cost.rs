@@ -27,6 +27,11 @@ impl Cost {
         c * (0.2 * l.powi(3) + 13.0 * l * l * l.log2())
     }
 
+    /// A product by moments and one with the inverse of their density.
+    pub(super) fn preconditioned(&self) -> f64 {
+        1.5 * self.by_moments()
+    }
+
     /// Making the moments and the operator from them.
     pub(super) fn making(&self) -> f64 {
         let (n, l, _) = self.sizes();
@@ -102,6 +107,7 @@ mod tests {
         let cortex = cost(40_962, 100, 3);
         near(cortex.by_samples(), 13.596, "by samples");
         near(cortex.by_moments(), 3.267, "by moments");
+        near(cortex.preconditioned(), 4.9, "preconditioned");
         near(cortex.making(), 23.385, "making");
         // As 8.4 ms to 2.0 ms.
         assert!((cortex.by_samples() / cortex.by_moments() / 4.2 - 1.0).abs() < 0.05);

@@ -57,14 +57,13 @@ impl LsqSolver<'_> {
         let left = |cg: &Cg| CgParams { max_iterations: params.max_iterations - cg.iterations, ..params };
         if stop == Stop::IterationLimit {
             let by_moments = self.moments.is_some() || matches!(given, Given::Sums(_));
+            let product = if self.inverse_density().is_some() { cost.preconditioned() } else { cost.by_moments() };
             let progress = match (self.stored, by_moments) {
                 _ if !factor_possible => None,
-                (Some(_), true) => Some(Progress::beside_factor(
-                    params.tolerance,
-                    cost.with_factor() / cost.by_moments(),
-                    cg.optimality(),
-                )),
-                (None, true) => Some(Progress::new(params.tolerance, SHARE * cost.factor() / cost.by_moments())),
+                (Some(_), true) => {
+                    Some(Progress::beside_factor(params.tolerance, cost.with_factor() / product, cg.optimality()))
+                }
+                (None, true) => Some(Progress::new(params.tolerance, SHARE * cost.factor() / product)),
                 (_, false) => Some(Progress::new(params.tolerance, 0.0)),
             };
             stop = cg.run_while(&*self.problem(given), &*self.preconditioner(), &left(cg), progress, monitor)?;
@@ -157,8 +156,8 @@ impl LsqSolver<'_> {
         monitor.note(Level::Status, format_args!("moments"));
         let accuracy = (MOMENT_ACCURACY * self.params.tolerance).clamp(FINEST, COARSEST);
         let started = Instant::now();
-        let (operator, right_sides) = make(accuracy, targets)?;
-        self.moments = Some(Moments { operator, accuracy });
+        let (normal, right_sides) = make(accuracy, targets)?;
+        self.moments = Some(Moments { normal, accuracy });
         self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(right_sides)
     }

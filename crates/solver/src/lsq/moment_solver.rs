@@ -36,8 +36,8 @@ pub struct GroupFit {
     pub report: LsqReport,
 }
 
-/// Solves a problem that is known by its moments, as [`LsqSolver::fit`] would with the samples; the strategy
-/// [`DensityCg`](super::Strategy::DensityCg), which needs them, is plain conjugate gradients. With `standard_errors`
+/// Solves a problem that is known by its moments, as [`LsqSolver::fit`] would with the samples; with the strategy
+/// [`DensityCg`](super::Strategy::DensityCg) the density is that of the moments. With `standard_errors`
 /// also those, which take a factor: `K^3 / 3` flops and `4 K^2` bytes.
 ///
 /// Weights and areas of `params` don't count: the moments have the weights.

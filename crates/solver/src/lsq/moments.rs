@@ -19,8 +19,8 @@ use spharm_harmonics::basis_size;
 use spharm_transform::{MomentGram, MomentOperator, SampleSums};
 
 use super::columns::dots;
-use super::problem::{Problem, penalised_product};
-use crate::SolverError;
+use super::problem::{Problem, ProductError, penalised_product};
+use crate::{MomentNormal, SolverError};
 
 /// An estimate of the rounding errors of products with a [`MomentOperator`], relative to its norm: measured 9e-15 at L = 100,
 /// 2e-14 at L = 500.
@@ -29,8 +29,7 @@ const PRODUCT_ERROR: f64 = 1e-13;
 /// A least-squares problem to degree L, known by its moments.
 #[derive(Debug, Clone)]
 pub struct MomentProblem {
-    moments: Arc<[f64]>,
-    operator: Arc<MomentOperator>,
+    normal: Arc<MomentNormal>,
     right_sides: Array2<f64>,
     squares: Vec<f64>,
     weight: f64,
@@ -64,15 +63,15 @@ impl MomentProblem {
             }
         }
         let right_sides = sums.right_sides.slice(ndarray::s![..basis_size(max_degree), ..]).to_owned();
-        let moments: Arc<[f64]> = sums.moments[..sums.moments.len().min(basis_size(2 * max_degree))].into();
-        let operator = Arc::new(MomentOperator::new(max_degree, &moments)?);
+        let moments = &sums.moments[..sums.moments.len().min(basis_size(2 * max_degree))];
+        let normal = Arc::new(MomentNormal::new(max_degree, moments.to_vec())?);
         let rows = usize::try_from(sums.count).unwrap_or(usize::MAX);
-        Ok(Self { moments, operator, right_sides, squares: sums.squares.clone(), weight: sums.weight, rows })
+        Ok(Self { normal, right_sides, squares: sums.squares.clone(), weight: sums.weight, rows })
     }
 
     /// Returns the highest degree, L.
     pub fn max_degree(&self) -> usize {
-        self.operator.max_degree()
+        self.operator().max_degree()
     }
 
     /// Returns the number of columns of the targets, c.
@@ -87,8 +86,7 @@ impl MomentProblem {
         Self {
             right_sides,
             squares: self.squares[columns].to_vec(),
-            moments: self.moments.clone(),
-            operator: self.operator.clone(),
+            normal: self.normal.clone(),
             weight: self.weight,
             rows: self.rows,
         }
@@ -106,7 +104,13 @@ impl MomentProblem {
 
     /// Returns the normal operator without a penalty.
     pub fn operator(&self) -> &MomentOperator {
-        &self.operator
+        self.normal.operator()
+    }
+
+    /// Returns the normal matrix without a penalty.
+    #[cfg(feature = "dense")]
+    pub(crate) fn normal(&self) -> &MomentNormal {
+        &self.normal
     }
 
     /// Returns the Gram matrix `A^T W A`, from the same moments.
@@ -115,7 +119,7 @@ impl MomentProblem {
     ///
     /// Those of [`MomentGram::new`].
     pub fn gram(&self) -> Result<MomentGram, SolverError> {
-        Ok(MomentGram::new(self.max_degree(), &self.moments)?)
+        Ok(MomentGram::new(self.max_degree(), self.normal.moments())?)
     }
 
     /// Computes `sum w (f - A x)^2` of each column for coefficients x, (K, c); not below zero.
@@ -126,7 +130,7 @@ impl MomentProblem {
     ///
     /// Those of [`MomentOperator::apply`].
     pub fn residual_squares(&self, x: &Array2<f64>) -> Result<Vec<f64>, SolverError> {
-        let rest = &self.right_sides - &self.operator.apply(x.view())?;
+        let rest = &self.right_sides - &self.operator().apply(x.view())?;
         let (explained, left) = (dots(x, &self.right_sides), dots(x, &rest));
         let squares = self.squares.iter().zip(explained).zip(left);
         Ok(squares.map(|((square, explained), left)| (square - explained - left).max(0.0)).collect())
@@ -146,7 +150,7 @@ impl Problem for Summed<'_> {
     }
 
     fn product(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
-        penalised_product(&self.problem.operator, self.penalty, x)
+        penalised_product(self.problem.operator(), self.penalty, x)
     }
 
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError> {
@@ -157,7 +161,8 @@ impl Problem for Summed<'_> {
         Some(MomentOperator::CHANNELS)
     }
 
-    fn product_error(&self) -> Option<f64> {
-        self.penalty.is_none().then_some(PRODUCT_ERROR)
+    fn product_error(&self) -> Option<ProductError> {
+        let norm = self.problem.operator().norm();
+        self.penalty.is_none().then_some(ProductError { relative: PRODUCT_ERROR, norm })
     }
 }

@@ -2,6 +2,8 @@
 
 use ndarray::Array2;
 use spharm_harmonics::index::order_count;
+#[cfg(feature = "dense")]
+use spharm_transform::InverseDensity;
 
 use super::columns::scale_rows;
 use crate::SolverError;
@@ -17,8 +19,8 @@ pub trait Preconditioner: Sync {
     /// Returns its name in reports.
     fn name(&self) -> &'static str;
 
-    /// Returns whether M is diagonal, so that columns after each other cost no more than all at once.
-    fn is_diagonal(&self) -> bool {
+    /// Returns whether columns a few after each other cost no more than all at once.
+    fn takes_columns_alone(&self) -> bool {
         false
     }
 
@@ -35,8 +37,8 @@ impl<P: Preconditioner + ?Sized> Preconditioner for &P {
         (**self).name()
     }
 
-    fn is_diagonal(&self) -> bool {
-        (**self).is_diagonal()
+    fn takes_columns_alone(&self) -> bool {
+        (**self).takes_columns_alone()
     }
 
     fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
@@ -68,7 +70,7 @@ impl Preconditioner for Diagonal {
         UNPRECONDITIONED
     }
 
-    fn is_diagonal(&self) -> bool {
+    fn takes_columns_alone(&self) -> bool {
         true
     }
 
@@ -110,6 +112,25 @@ impl Preconditioner for Density<'_> {
 
     fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         self.operator.normal(r.view(), Some(&self.squares))
+    }
+}
+
+/// The inverse of the density from moments, for samplings of any kind: see [`InverseDensity`].
+#[cfg(feature = "dense")]
+pub(crate) struct ByMoments<'a>(pub(crate) &'a InverseDensity);
+
+#[cfg(feature = "dense")]
+impl Preconditioner for ByMoments<'_> {
+    fn name(&self) -> &'static str {
+        "density"
+    }
+
+    fn takes_columns_alone(&self) -> bool {
+        true
+    }
+
+    fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
+        Ok(self.0.apply(r.view())?)
     }
 }
 

@@ -7,7 +7,7 @@ use spharm_transform::MomentOperator;
 
 use super::columns::{add_scaled_rows, dots};
 use super::normal_equations::NormalEquations;
-use crate::SolverError;
+use crate::{MomentNormal, SolverError};
 
 /// Products with the normal matrix, and the gradient that they are held against in the end.
 pub(crate) trait Problem: Sync {
@@ -20,9 +20,8 @@ pub(crate) trait Problem: Sync {
     /// `A^T W (f - A x) - P x` as exactly as it can be had, and the residual `f - A x`, (n, c), where there are samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
 
-    /// How far products are from the samples' own, or from exact ones where there are no samples, relative to the norm of N;
-    /// `None` where that isn't known.
-    fn product_error(&self) -> Option<f64> {
+    /// How far products are from the samples' own, or from exact ones where there are no samples; `None` where that isn't known.
+    fn product_error(&self) -> Option<ProductError> {
         None
     }
 
@@ -35,6 +34,15 @@ pub(crate) trait Problem: Sync {
     fn residual(&self, _x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {
         Ok(None)
     }
+}
+
+/// A bound on the errors of products.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ProductError {
+    /// Relative to the norm of N.
+    pub(crate) relative: f64,
+    /// A bound on the norm of N.
+    pub(crate) norm: f64,
 }
 
 /// A residual r.
@@ -54,9 +62,9 @@ pub(crate) struct Sampled<'a> {
     pub(crate) moments: Option<&'a Moments>,
 }
 
-/// The normal operator from moments.
+/// The normal matrix from moments.
 pub(crate) struct Moments {
-    pub(crate) operator: Arc<MomentOperator>,
+    pub(crate) normal: Arc<MomentNormal>,
     /// Relative accuracy of the moments.
     pub(crate) accuracy: f64,
 }
@@ -68,7 +76,7 @@ impl Problem for Sampled<'_> {
 
     fn product(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         match self.moments {
-            Some(moments) => penalised_product(&moments.operator, self.equations.penalty, x),
+            Some(moments) => penalised_product(moments.normal.operator(), self.equations.penalty, x),
             None => self.equations.apply(x),
         }
     }
@@ -78,9 +86,10 @@ impl Problem for Sampled<'_> {
         Ok((gradient, Some(residual)))
     }
 
-    fn product_error(&self) -> Option<f64> {
-        // A penalty changes the norm of N.
-        self.moments.filter(|_| self.equations.penalty.is_none()).map(|moments| moments.accuracy)
+    fn product_error(&self) -> Option<ProductError> {
+        // A penalty is no part of what the residual's slope shows.
+        let moments = self.moments.filter(|_| self.equations.penalty.is_none())?;
+        Some(ProductError { relative: moments.accuracy, norm: moments.normal.operator().norm() })
     }
 
     fn columns_together(&self) -> Option<usize> {

@@ -98,7 +98,7 @@ impl Single {
             Err(Unknown::Slow) => return Ok(None),
             Err(Unknown::Error(error)) => return Err(error),
         };
-        let error = problem.product_error().unwrap_or(0.0).max(PRODUCT_ERROR);
+        let error = problem.product_error().map_or(0.0, |error| error.relative).max(PRODUCT_ERROR);
         // Not where it is NaN either.
         let serves = reciprocal > ABOVE_ERROR * error;
         Ok(serves.then(|| Self { reciprocal: reciprocal.min(1.0), ..single }))

@@ -7,21 +7,20 @@ use std::time::Instant;
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::{Monitor, Stage};
-use spharm_transform::MomentOperator;
 
 use super::cg::{Cg, CgParams, Stop};
-use super::factor::{MadeFactor, factorise_low_degrees, factorise_shifted};
+use super::factor::{MadeFactor, factorise_shifted};
 use super::moments::{MomentProblem, Summed};
 use super::normal_equations::NormalEquations;
 use super::params::{LsqParams, Strategy};
-use super::preconditioner::{Density, Diagonal, LowDegrees, Preconditioner};
+use super::preconditioner::LowDegrees;
 use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
 use super::single::Single;
 use crate::cholesky::{CholeskyFactor, FactorParams, FactorPlan, plan_factor};
 use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
-use crate::{SolverError, check};
+use crate::{MomentNormal, SolverError, check};
 
 /// Iterations without the optimality halving after which to give up.
 const PATIENCE: usize = 250;
@@ -52,12 +51,12 @@ pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + S
 /// Checks that the process's limits allow for so many bytes of anonymous memory beyond what it has.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Makes the normal operator from moments of a relative accuracy, or a better one, when iterations are faster with it; and the
+/// Makes the normal matrix from moments of a relative accuracy, or a better one, when iterations are faster with it; and the
 /// right-hand sides `A^T W f` of targets that it is given, (n, c), where these come with it.
 pub type MakeMoments<'a> = dyn Fn(f64, Option<&Array2<f64>>) -> Result<MomentsAndRightSides, SolverError> + Sync + 'a;
 
-/// The normal operator from moments, and right-hand sides, (K, c), where they came with it.
-pub type MomentsAndRightSides = (Arc<MomentOperator>, Option<Array2<f64>>);
+/// The normal matrix from moments, and right-hand sides, (K, c), where they came with it.
+pub type MomentsAndRightSides = (Arc<MomentNormal>, Option<Array2<f64>>);
 
 /// What a solver is for.
 #[derive(Clone, Copy)]
@@ -183,7 +182,7 @@ impl<'a> LsqSolver<'a> {
         self
     }
 
-    /// Lets iterations use the normal operator from moments, of the operator's directions and degree and of the weights
+    /// Lets iterations use the normal matrix from moments, of the operator's directions and degree and of the weights
     /// of the parameters, where they are faster with it.
     #[must_use]
     pub fn with_moments(mut self, make: &'a MakeMoments<'a>) -> Self {
@@ -316,32 +315,6 @@ impl<'a> LsqSolver<'a> {
     pub(super) fn check_plan(&self, plan: &FactorPlan) -> Result<(), SolverError> {
         // What is held is there already.
         self.check_limits.map_or(Ok(()), |check| check(plan.memory - self.params.held + plan.reserved))
-    }
-
-    pub(super) fn make_low_degrees(&self, degree: usize) -> Result<LowDegrees, SolverError> {
-        let make_gram = self.make_gram.ok_or(SolverError::NoGram)?;
-        let degree = degree.min(self.source.max_degree());
-        factorise_low_degrees(&*make_gram()?, self.penalty.as_deref(), degree, self.diagonal())
-    }
-
-    pub(super) fn preconditioner(&self) -> Box<dyn Preconditioner + '_> {
-        match (self.params.strategy, self.source, &self.params.areas, &self.low_degrees) {
-            (Strategy::DensityCg, Source::Samples(operator), Some(areas), _) => {
-                Box::new(Density::new(operator, areas, self.params.weights.as_deref()))
-            }
-            (Strategy::LowDegreesCg(_), _, _, Some(low_degrees)) => Box::new(low_degrees),
-            _ => Box::new(self.diagonal()),
-        }
-    }
-
-    fn diagonal(&self) -> Diagonal {
-        let weight = match self.source {
-            Source::Samples(operator) => {
-                self.params.weights.as_ref().map_or(operator.rows() as f64, |weights| weights.iter().sum())
-            }
-            Source::Moments(problem) => problem.weight(),
-        };
-        Diagonal::new(self.source.max_degree(), weight, self.penalty.as_deref())
     }
 
     pub(super) fn cg_params(&self) -> CgParams {

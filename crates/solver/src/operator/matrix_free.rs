@@ -2,11 +2,11 @@
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::{Directions, basis_size};
-use spharm_transform::{MomentOperator, Transform, TransformParams};
+use spharm_transform::{Transform, TransformParams};
 
 use super::Operator;
-use crate::SolverError;
-use crate::gram::{check_count, moment_operator};
+use crate::gram::{check_count, moment_normal};
+use crate::{MomentNormal, SolverError};
 
 /// A basis at scattered directions by [`Transform`]; to the accuracy that it was made for.
 #[derive(Debug)]
@@ -55,33 +55,33 @@ impl MatrixFreeOperator {
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: group };
         // Grids of twice the size for the channels of a group, and those of the weights.
         let grids = Transform::bytes(&twice, directions, channels.min(group) + 1)?;
-        Ok(grids + MomentOperator::bytes(max_degree, channels, threads))
+        Ok(grids + MomentNormal::bytes(max_degree, channels, threads))
     }
 
-    /// Computes the normal operator from moments at `directions`, those of this operator, with weights (n), all one where
+    /// Computes the normal matrix by moments at `directions`, those of this operator, with weights (n), all one where
     /// there are none; to a relative accuracy at least. By shared transforms, where the operator has them, the right-hand
     /// sides of targets, (n, c), come with it, for the price of their products.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`] for other numbers of weights; those of [`MomentOperator::new`].
+    /// [`SolverError::Rows`] for other numbers of weights; those of [`MomentNormal::new`].
     pub fn moments(
         &self,
         directions: &Directions,
         weights: Option<&[f64]>,
         accuracy: f64,
         targets: Option<&Array2<f64>>,
-    ) -> Result<(MomentOperator, Option<Array2<f64>>), SolverError> {
+    ) -> Result<(MomentNormal, Option<Array2<f64>>), SolverError> {
         let max_degree = self.max_degree();
         let Some(twice) = self.twice.as_ref().filter(|_| self.accuracy <= accuracy) else {
-            return Ok((moment_operator(directions, weights, max_degree, accuracy)?, None));
+            return Ok((moment_normal(directions, weights, max_degree, accuracy)?, None));
         };
         check_count(self.rows(), weights)?;
         let none = Array2::zeros((self.rows(), 0));
         let sums = twice.weighted_sums(targets.unwrap_or(&none).view(), weights)?;
-        let operator = MomentOperator::new(max_degree, &sums.column(0).to_vec())?;
+        let normal = MomentNormal::new(max_degree, sums.column(0).to_vec())?;
         let right_sides = targets.map(|_| sums.slice(ndarray::s![..basis_size(max_degree), 1..]).to_owned());
-        Ok((operator, right_sides))
+        Ok((normal, right_sides))
     }
 
     /// Returns the transform.

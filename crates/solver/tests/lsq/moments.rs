@@ -11,7 +11,7 @@ use spharm_solver::lsq::{
 };
 use spharm_solver::{
     GramMatrix, LsqFit, LsqParams, LsqSolver, MatrixFreeOperator, Operator, SolverError, Strategy, moment_gram,
-    moment_operator,
+    moment_normal,
 };
 use spharm_transform::{FINEST, SampleSums, TransformParams};
 
@@ -163,19 +163,21 @@ fn columns_of_many_have_the_bits_that_they_have_with_their_own_few() {
     }
 }
 
-/// The larger the condition, the more the carried gradient may be off, and from some condition on it isn't trusted.
+/// Whatever the condition, the carried gradient is off by no more than is said, and near the last digits it is formed.
 #[test]
-fn an_ill_conditioned_problem_has_its_gradient_formed() {
-    for (sampling, tolerance) in [(irregular(240, 3), 1e-10), (irregular(240, 6), 1e-11)] {
+fn the_gradient_of_an_ill_conditioned_problem_is_as_good_as_it_is_said_to_be() {
+    for (sampling, tolerance, carried) in
+        [(irregular(240, 3), 1e-10, true), (irregular(240, 6), 1e-10, true), (irregular(240, 6), 1e-12, false)]
+    {
         let targets = Random(11).normals(240, 1);
         let sums = sums(&sampling, None, &targets, 12);
         let problem = MomentProblem::new(&sums, 12).unwrap();
-        let params = LsqParams { tolerance, strategy: Strategy::DensityCg, ..LsqParams::default() };
+        let params = LsqParams { tolerance, strategy: Strategy::Cg, ..LsqParams::default() };
         let fit = solve_moments(&problem, &params, false, &Silent).unwrap();
         let found = optimality_of(&problem, &sums.right_sides, fit.coefficients.values().view());
-        let off = (fit.report.optimality - found).abs();
         assert!(fit.report.condition > 20.0, "{:?}", fit.report);
-        assert!(off < 1e-15, "{}: {found:.1e} {:.1e}", sampling.name, fit.report.optimality);
+        assert!(found <= fit.report.optimality + 1e-15, "{found:.1e} {:?}", fit.report);
+        assert_eq!(fit.report.optimality - found > 1e-14, carried, "{found:.1e} {:?}", fit.report);
     }
 }
 
@@ -227,7 +229,7 @@ fn fit_with_moments(
     let made = AtomicUsize::new(0);
     let moments = |accuracy: f64, _: Option<&Array2<f64>>| {
         made.fetch_add(1, Ordering::Relaxed);
-        Ok((Arc::new(moment_operator(&sampling.directions, of_moments, DEGREE, accuracy)?), None))
+        Ok((Arc::new(moment_normal(&sampling.directions, of_moments, DEGREE, accuracy)?), None))
     };
     let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&moments);
     let columns = 0..targets.ncols();
@@ -285,13 +287,13 @@ fn where_moments_are_exact_enough_the_residual_tells_that_the_tolerance_is_met()
     for (sampling, weights, adjoints) in [
         (irregular(6000, 16), None, 1),
         (irregular(6000, 17), Some(uneven_weights(6000)), 1),
-        // Of a condition too large: the gradient is formed from the samples as well.
+        // Of a density too large at the one pole: the gradient is formed from the samples as well.
         (clustered(6000), None, 2),
     ] {
         let operator = Counted(transforms(&sampling.directions, 8), AtomicUsize::new(0));
         let targets = Random(18).normals(6000, 2);
         let make = |accuracy, _: Option<&Array2<f64>>| {
-            Ok((Arc::new(moment_operator(&sampling.directions, weights.as_deref(), 8, accuracy)?), None))
+            Ok((Arc::new(moment_normal(&sampling.directions, weights.as_deref(), 8, accuracy)?), None))
         };
         let params = LsqParams { weights: weights.clone(), ..params(&sampling, Strategy::Cg) };
         let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&make);

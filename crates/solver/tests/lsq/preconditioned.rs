@@ -1,13 +1,14 @@
-//! Preconditioned iterations keep their preconditioner to the end.
+//! Preconditioned iterations: what they gain by moments, and that they keep their preconditioner to the end.
 
 use std::sync::Mutex;
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, s};
 use spharm_monitor::Silent;
-use spharm_solver::lsq::Stop;
+use spharm_solver::lsq::{MomentFit, MomentProblem, Stop, solve_moments};
 use spharm_solver::{LsqParams, MatrixFreeOperator, Operator, SolverError, Strategy, lsq};
+use spharm_transform::{FINEST, SampleSums};
 
-use crate::problems::{Random, clustered, params, transforms};
+use crate::problems::{Random, Sampling, clustered, dense, even, irregular, matrix, norms, params, transforms};
 
 /// Products with the normal matrix that are off by a part in a thousand, so that an iteration believes too early that it
 /// has converged; and a record of what it was asked for.
@@ -78,4 +79,55 @@ fn an_iteration_that_goes_on_after_a_false_convergence_keeps_its_preconditioner(
     let after = |what: Asked| asked[confirmed..].iter().filter(|asked| **asked == what).count();
     assert!(after(Asked::Normal) > 0, "the first convergence was a false one");
     assert!(after(Asked::Weighted) >= after(Asked::Normal), "{asked:?}");
+}
+
+const DEGREE: usize = 12;
+
+fn problem(sampling: &Sampling, targets: &Array2<f64>) -> MomentProblem {
+    let sums = SampleSums::new(&sampling.directions, None, targets.view(), DEGREE, FINEST).unwrap();
+    MomentProblem::new(&sums, DEGREE).unwrap()
+}
+
+fn by(problem: &MomentProblem, strategy: Strategy) -> MomentFit {
+    solve_moments(problem, &LsqParams { strategy, ..LsqParams::default() }, false, &Silent).unwrap()
+}
+
+#[test]
+fn uneven_samplings_take_fewer_iterations_by_moments() {
+    // Six samples to a coefficient, at random; six times as many, and a hundred times denser at the one pole.
+    for (sampling, gain) in [(irregular(1000, 4), 1.6), (clustered(6000), 2.0)] {
+        let targets = Random(5).normals(sampling.directions.len(), 5);
+        let problem = problem(&sampling, &targets);
+        let expected = dense(&matrix(&sampling.directions, DEGREE), &targets, None, 0.0).x;
+        let plain = by(&problem, Strategy::Cg);
+        assert_eq!(plain.report.preconditioner, "none");
+        for strategy in [Strategy::Auto, Strategy::DensityCg] {
+            let fit = by(&problem, strategy);
+            assert_eq!((fit.report.preconditioner, fit.report.products), ("density", "moments"));
+            assert_eq!(fit.report.stop, Stop::Converged);
+            let bound = fit.report.condition / plain.report.condition;
+            assert!((1.0..4.0).contains(&bound), "{bound}");
+            let iterations = [&plain, &fit].map(|fit| fit.report.iterations as f64);
+            assert!(iterations[1] * gain < iterations[0], "{}: {iterations:?}", sampling.name);
+            let off = norms(&(fit.coefficients.values() - &expected));
+            assert!(off.iter().zip(norms(&expected)).all(|(off, norm)| *off < 1e-8 * norm), "{off:?}");
+            // Three columns have the bits that they have alone.
+            let alone = by(&problem.of_columns(0..3), strategy);
+            assert_eq!(alone.coefficients.values(), fit.coefficients.values().slice(s![.., ..3]));
+        }
+    }
+}
+
+#[test]
+fn the_density_is_left_alone_where_it_gains_nothing() {
+    let preconditioner = |sampling: &Sampling, smoothness: f64| {
+        let targets = Random(5).normals(sampling.directions.len(), 1);
+        let params = LsqParams { smoothness, ..LsqParams::default() };
+        solve_moments(&problem(sampling, &targets), &params, false, &Silent).unwrap().report.preconditioner
+    };
+    assert_eq!(preconditioner(&irregular(1000, 4), 0.0), "density");
+    assert_eq!(preconditioner(&irregular(1000, 4), 1e-3), "none");
+    assert_eq!(preconditioner(&even(1000), 0.0), "none");
+    // Fewer than two samples to a coefficient: there may be many solutions.
+    assert_ne!(preconditioner(&irregular(330, 4), 0.0), "density");
 }

@@ -6,15 +6,15 @@ use spharm_harmonics::{Coefficients, basis_size};
 use spharm_model::{Fitted, Provenance, Settings};
 use spharm_moments::Moments;
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::LsqParams;
 use spharm_solver::lsq::{
     Denoise, Gcv, LsqReport, LsqWarning, MomentFit, MomentProblem, NoisePower, choose_smoothness_by_moments,
     solve_moments,
 };
+use spharm_solver::{LsqParams, MomentNormal};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Kind;
 use spharm_surface::range::{times, times_within};
-use spharm_transform::{MomentGram, MomentOperator};
+use spharm_transform::MomentGram;
 
 use super::denoise::{merge, parts, set_columns};
 use super::in_pool;
@@ -110,7 +110,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let threads = rayon::current_num_threads();
     // The sums, those of the problem, and the vectors of conjugate gradients.
     let sums = 8 * (moments.sums.moments.len() + moments.sums.right_sides.len());
-    let held = 2 * sums + 64 * functions * channels + MomentOperator::bytes(max_degree, channels, threads);
+    let held = 2 * sums + 64 * functions * channels + MomentNormal::bytes(max_degree, channels, threads);
     if held > budget {
         return Err(Error::Memory { budget, needed: held });
     }

@@ -1,5 +1,5 @@
-//! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator): coefficients to rings, a product at the grid's
-//! points, and rings to coefficients.
+//! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an [`InverseDensity`](super::InverseDensity):
+//! coefficients to rings, a product at the grid's points, and rings to coefficients.
 //!
 //! Rings come in pairs, a northern one and its mirror: the sums over even and over odd `l - m` that
 //! [`Legendre`] gives are their sum and difference. Both are real, so one complex Fourier transform serves a pair: the
@@ -7,7 +7,7 @@
 //!
 //! On a ring next to a pole orders above some `m(theta)` are negligible. A product of functions of orders up to a, b and
 //! a with one needs `2 a + b + 1` points to be integrated exactly, so such a ring has fewer points than the equator:
-//! over the sphere a third less.
+//! over the sphere a third less. Where it needn't be exact rings and points may be fewer.
 
 use std::sync::Arc;
 
@@ -36,8 +36,37 @@ pub(super) struct RingGrid {
     max_degree: usize,
     legendre: Legendre,
     pairs: Vec<RingPair>,
+    gauss: GaussLegendre,
     /// Complex numbers that a Fourier transform of any pair takes beside its points.
     scratch: usize,
+}
+
+/// How fine a grid is.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Size {
+    /// Products of two functions of degree L and one of degree 2L are integrated exactly.
+    Exact,
+    /// 5/4 of the rings and points that functions of degree L have digits on: a product with a function is near to the exact
+    /// one, at less than half the cost.
+    Coarse,
+}
+
+impl Size {
+    /// The pair that is the equator; pairs are counted from the pole on.
+    pub(super) const fn last_pair(self, max_degree: usize) -> usize {
+        match self {
+            Self::Exact => max_degree,
+            Self::Coarse => (5 * max_degree).div_ceil(8),
+        }
+    }
+
+    /// The points that a ring needs for functions of so many orders and a density of so many.
+    const fn points(self, orders: usize, of_density: usize) -> usize {
+        match self {
+            Self::Exact => 2 * (orders - 1) + of_density,
+            Self::Coarse => (5 * orders).div_ceil(2),
+        }
+    }
 }
 
 /// A northern ring and its mirror; the equator is its own.
@@ -84,30 +113,33 @@ impl std::fmt::Debug for RingGrid {
 }
 
 impl RingGrid {
-    /// Plans the grid for degree L, and returns it with `q_g S(g)` at its points for the moments of S to degree 2L.
+    /// Plans a grid for degree L, and the Legendre sums of degree 2L on its rings for [`function`](Self::function).
     ///
     /// # Errors
     ///
     /// [`TransformError::Harmonics`] where 2L is too high.
-    pub(super) fn new(max_degree: usize, moments: &[f64]) -> Result<(Self, Vec<Complex64>), TransformError> {
-        let rings = gauss_legendre(2 * max_degree + 1);
-        let angles: Vec<[f64; 2]> = (0..=max_degree).map(|j| [rings.cosines[j], rings.sines[j]]).collect();
+    pub(super) fn new(max_degree: usize, size: Size) -> Result<(Self, Legendre), TransformError> {
+        let last = size.last_pair(max_degree);
+        let gauss = gauss_legendre(2 * last + 1);
+        let angles: Vec<[f64; 2]> = (0..=last).map(|j| [gauss.cosines[j], gauss.sines[j]]).collect();
         let legendre = Legendre::new(&MonicRecurrence::new(max_degree)?, &angles, NEGLIGIBLE);
         let twice = Legendre::new(&MonicRecurrence::new(2 * max_degree)?, &angles, NEGLIGIBLE);
         let mut planner = FftPlanner::new();
-        let mut pairs = Vec::with_capacity(max_degree + 1);
+        let mut pairs = Vec::with_capacity(last + 1);
         let (mut first, mut scratch) = (0, 0);
-        for j in 0..=max_degree {
-            let (orders, of_density) = (legendre.orders(j), twice.orders(j));
-            let points = smooth(2 * (orders - 1) + of_density, STEP);
+        for j in 0..=last {
+            let orders = legendre.orders(j);
+            let points = smooth(size.points(orders, twice.orders(j)), STEP);
             let (forward, inverse) = (planner.plan_fft_forward(points), planner.plan_fft_inverse(points));
             scratch = scratch.max(forward.get_inplace_scratch_len()).max(inverse.get_inplace_scratch_len());
             pairs.push(RingPair { points, first, orders, forward, inverse });
             first += points;
         }
-        let grid = Self { max_degree, legendre, pairs, scratch };
-        let density = grid.density(&twice, moments, &rings);
-        Ok((grid, density))
+        Ok((Self { max_degree, legendre, pairs, gauss, scratch }, twice))
+    }
+
+    pub(super) fn max_degree(&self) -> usize {
+        self.max_degree
     }
 
     /// Number of points of all pairs.
@@ -115,8 +147,10 @@ impl RingGrid {
         self.pairs.iter().map(|pair| pair.points).sum()
     }
 
-    /// `q_g S(g)`, northern rings as real and southern ones as imaginary parts.
-    fn density(&self, twice: &Legendre, moments: &[f64], gauss: &GaussLegendre) -> Vec<Complex64> {
+    /// The function S with the moments s to degree 2L, each times the factor of its degree, at the points: northern rings as real
+    /// and southern ones as imaginary parts.
+    pub(super) fn function(&self, twice: &Legendre, moments: &[f64], factors: Option<&[f64]>) -> Vec<Complex64> {
+        let mut values = vec![Complex64::default(); self.points()];
         let (degree, rings) = (2 * self.max_degree, twice.rings());
         let mut sums = vec![0.0; (degree + 1) * 4 * rings];
         let moments = SomeColumns { values: moments, all: 1, first: 0 };
@@ -124,24 +158,38 @@ impl RingGrid {
             || (vec![0.0; 2 * (degree + 1)], Work::new()),
             |(x, work), (m, sums)| {
                 twice.scaled(m, 1.0, moments, 1, x);
+                if let Some(factors) = factors {
+                    x.iter_mut().zip(factors[m..].iter().flat_map(|factor| [factor; 2])).for_each(|(x, f)| *x *= f);
+                }
                 let (even, odd) = sums.split_at_mut(2 * rings);
                 twice.synthesis(m, x, 2, even, odd, work);
             },
         );
-        let mut density = vec![Complex64::default(); self.points()];
-        self.of_pairs(&mut density).into_par_iter().enumerate().for_each(|(j, points)| {
+        self.of_pairs(&mut values).into_par_iter().enumerate().for_each(|(j, points)| {
             let pair = &self.pairs[j];
             for m in 0..twice.orders(j) {
                 let at = |column: usize| sums[(4 * m + column) * rings + j];
-                pair.put(m, [at(0), at(1), at(2), at(3)], points);
+                // Orders that the points don't tell apart add up, so that values are right at the points.
+                let [plus, minus] = pair.spectrum(m, [at(0), at(1), at(2), at(3)]);
+                points[m % pair.points] += plus;
+                if m > 0 {
+                    points[(2 * pair.points - m) % pair.points] += minus;
+                }
             }
             pair.inverse.process(points);
-            let weight = gauss.weights[j] * std::f64::consts::TAU / pair.points as f64;
-            // The equator counts once.
-            let mirror = if j == self.max_degree { 0.0 } else { weight };
-            points.iter_mut().for_each(|point| *point = Complex64::new(weight * point.re, mirror * point.im));
         });
-        density
+        values
+    }
+
+    /// Calls `change` with the quadrature weights and the values of each point and its mirror; zero is the weight of a mirror that
+    /// counts already.
+    pub(super) fn weigh(&self, values: &mut [Complex64], change: impl Fn([f64; 2], &mut Complex64) + Sync) {
+        self.of_pairs(values).into_par_iter().enumerate().for_each(|(j, points)| {
+            let weight = self.gauss.weights[j] * std::f64::consts::TAU / points.len() as f64;
+            // The equator counts once.
+            let mirror = if j + 1 == self.pairs.len() { 0.0 } else { weight };
+            points.iter_mut().for_each(|point| change([weight, mirror], point));
+        });
     }
 
     /// The parts of each pair of rings.
@@ -279,18 +327,29 @@ impl RingGrid {
 }
 
 impl RingPair {
-    /// Puts order m into the spectrum of the pair: even and odd sums of cosines and sines, as `[even cosine, even sine,
-    /// odd cosine, odd sine]`.
+    /// The spectrum of the pair at m and -m, from even and odd sums of cosines and sines, `[even cosine, even sine, odd
+    /// cosine, odd sine]`.
     #[inline(always)]
-    fn put(&self, m: usize, [even_cosine, even_sine, odd_cosine, odd_sine]: [f64; 4], spectrum: &mut [Complex64]) {
+    fn spectrum(&self, m: usize, [even_cosine, even_sine, odd_cosine, odd_sine]: [f64; 4]) -> [Complex64; 2] {
         let north = Complex64::new(even_cosine + odd_cosine, -even_sine - odd_sine);
         let south = Complex64::new(even_cosine - odd_cosine, odd_sine - even_sine);
         if m == 0 {
-            spectrum[0] = Complex64::new(north.re, south.re);
-        } else {
-            // North plus i south, each with half of its order on either side.
-            spectrum[m] = Complex64::new(0.5 * (north.re - south.im), 0.5 * (north.im + south.re));
-            spectrum[self.points - m] = Complex64::new(0.5 * (north.re + south.im), 0.5 * (south.re - north.im));
+            return [Complex64::new(north.re, south.re); 2];
+        }
+        // North plus i south, each with half of its order on either side.
+        [
+            Complex64::new(0.5 * (north.re - south.im), 0.5 * (north.im + south.re)),
+            Complex64::new(0.5 * (north.re + south.im), 0.5 * (south.re - north.im)),
+        ]
+    }
+
+    /// Puts order m into the spectrum of the pair.
+    #[inline(always)]
+    fn put(&self, m: usize, sums: [f64; 4], spectrum: &mut [Complex64]) {
+        let [plus, minus] = self.spectrum(m, sums);
+        spectrum[m] = plus;
+        if m > 0 {
+            spectrum[self.points - m] = minus;
         }
     }
 

@@ -15,7 +15,7 @@ fn noise(i: usize) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-fn scattered(seed: usize, n: usize) -> Directions {
+pub(super) fn scattered(seed: usize, n: usize) -> Directions {
     let at = |i: usize| {
         let (z, phi) = (noise(seed + 2 * i), std::f64::consts::PI * noise(seed + 2 * i + 1));
         let u = (1.0 - z * z).sqrt();
@@ -24,7 +24,7 @@ fn scattered(seed: usize, n: usize) -> Directions {
     Directions::from_vertices(&(0..n).map(at).collect::<Vec<_>>()).unwrap()
 }
 
-fn numbers(seed: usize, rows: usize, columns: usize) -> Array2<f64> {
+pub(super) fn numbers(seed: usize, rows: usize, columns: usize) -> Array2<f64> {
     Array2::from_shape_fn((rows, columns), |(k, c)| noise(seed + k * 31 + c * 1_000_003))
 }
 
@@ -33,7 +33,7 @@ fn basis(directions: &Directions, max_degree: usize) -> Array2<f64> {
     synthesis(directions, Array2::eye(basis_size(max_degree)).view()).unwrap()
 }
 
-fn dot(a: ArrayView1<'_, f64>, b: ArrayView1<'_, f64>) -> f64 {
+pub(super) fn dot(a: ArrayView1<'_, f64>, b: ArrayView1<'_, f64>) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
@@ -49,11 +49,11 @@ fn moments(directions: &Directions, weights: &[f64], max_degree: usize) -> Vec<f
     a.columns().into_iter().map(|column| dot(column, ArrayView1::from(weights))).collect()
 }
 
-fn norm(values: &Array2<f64>) -> f64 {
+pub(super) fn norm(values: &Array2<f64>) -> f64 {
     values.iter().map(|value| value * value).sum::<f64>().sqrt()
 }
 
-fn off(found: &Array2<f64>, expected: &Array2<f64>) -> f64 {
+pub(super) fn off(found: &Array2<f64>, expected: &Array2<f64>) -> f64 {
     norm(&(found - expected)) / norm(expected)
 }
 

@@ -1,0 +1,52 @@
+//! The preconditioner of a strategy.
+
+use spharm_harmonics::basis_size;
+use spharm_transform::InverseDensity;
+
+use super::factor::factorise_low_degrees;
+use super::params::Strategy;
+use super::preconditioner::{ByMoments, Density, Diagonal, LowDegrees, Preconditioner};
+use super::solver::{LsqSolver, Source};
+use crate::SolverError;
+
+impl LsqSolver<'_> {
+    pub(super) fn make_low_degrees(&self, degree: usize) -> Result<LowDegrees, SolverError> {
+        let make_gram = self.make_gram.ok_or(SolverError::NoGram)?;
+        let degree = degree.min(self.source.max_degree());
+        factorise_low_degrees(&*make_gram()?, self.penalty.as_deref(), degree, self.diagonal())
+    }
+
+    pub(super) fn preconditioner(&self) -> Box<dyn Preconditioner + '_> {
+        match (self.params.strategy, self.source, &self.params.areas, &self.low_degrees) {
+            (Strategy::DensityCg, Source::Samples(operator), Some(areas), _) => {
+                Box::new(Density::new(operator, areas, self.params.weights.as_deref()))
+            }
+            (Strategy::LowDegreesCg(_), _, _, Some(low_degrees)) => Box::new(low_degrees),
+            (Strategy::Auto | Strategy::DensityCg, ..) if let Some(inverse) = self.inverse_density() => {
+                Box::new(ByMoments(inverse))
+            }
+            _ => Box::new(self.diagonal()),
+        }
+    }
+
+    /// The inverse of the density, where there are moments and no penalty, and the rows determine the columns: where they don't,
+    /// the solution of least norm is what iterations without a preconditioner tend to.
+    pub(super) fn inverse_density(&self) -> Option<&InverseDensity> {
+        let normal = match self.source {
+            Source::Samples(_) => &*self.moments.as_ref()?.normal,
+            Source::Moments(problem) => problem.normal(),
+        };
+        let determined = self.rows_with_weight() >= 2 * basis_size(self.source.max_degree());
+        if determined && self.penalty.is_none() { normal.inverse() } else { None }
+    }
+
+    pub(super) fn diagonal(&self) -> Diagonal {
+        let weight = match self.source {
+            Source::Samples(operator) => {
+                self.params.weights.as_ref().map_or(operator.rows() as f64, |weights| weights.iter().sum())
+            }
+            Source::Moments(problem) => problem.weight(),
+        };
+        Diagonal::new(self.source.max_degree(), weight, self.penalty.as_deref())
+    }
+}

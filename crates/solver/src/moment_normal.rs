@@ -1,0 +1,51 @@
+//! The normal matrix of a sampling by its moments.
+
+use std::sync::OnceLock;
+
+use spharm_transform::{InverseDensity, MomentOperator};
+
+use crate::SolverError;
+
+/// The normal operator from the moments of a sampling, and an approximate inverse from the same once it is asked for.
+#[derive(Debug)]
+pub struct MomentNormal {
+    operator: MomentOperator,
+    moments: Vec<f64>,
+    inverse: OnceLock<Option<InverseDensity>>,
+}
+
+impl MomentNormal {
+    /// Makes the operator to degree L = `max_degree` from moments to degree 2L, `(2L + 1)^2` values in canonical order.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`MomentOperator::new`].
+    pub fn new(max_degree: usize, moments: Vec<f64>) -> Result<Self, SolverError> {
+        let operator = MomentOperator::new(max_degree, &moments)?;
+        Ok(Self { operator, moments, inverse: OnceLock::new() })
+    }
+
+    /// Returns the most bytes that it takes, as [`MomentOperator::bytes`] does for the operator.
+    pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
+        let moments = 8 * (2 * max_degree + 1) * (2 * max_degree + 1);
+        let inverse = InverseDensity::bytes(max_degree, channels, threads);
+        moments + MomentOperator::bytes(max_degree, channels, threads) + inverse
+    }
+
+    /// Returns the normal operator.
+    pub fn operator(&self) -> &MomentOperator {
+        &self.operator
+    }
+
+    /// Returns the moments.
+    pub fn moments(&self) -> &[f64] {
+        &self.moments
+    }
+
+    /// Returns the approximate inverse; `None` where the sampling has none that is worth it.
+    pub fn inverse(&self) -> Option<&InverseDensity> {
+        // What could be wrong with degree or moments was found by `new`.
+        let make = || InverseDensity::new(self.operator.max_degree(), &self.moments).unwrap_or_default();
+        self.inverse.get_or_init(make).as_ref()
+    }
+}

@@ -1,0 +1,75 @@
+//! `A_g^T D A_g`, with the basis A_g at the points of a grid and a diagonal D.
+
+use ndarray::{Array2, ArrayView2, Axis};
+use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
+use spharm_harmonics::basis_size;
+
+use super::ring_grid::{CHANNELS, RingGrid, Task, Workspace};
+use crate::TransformError;
+use crate::legendre::SomeColumns;
+use crate::pool::Pool;
+
+/// A grid and a diagonal.
+#[derive(Debug)]
+pub(super) struct OnGrid {
+    grid: RingGrid,
+    /// D, northern rings as real and southern ones as imaginary parts.
+    diagonal: Vec<Complex64>,
+    /// Working memory of earlier calls, for later ones.
+    spaces: Pool<Workspace>,
+    tasks: Pool<Task>,
+}
+
+impl OnGrid {
+    pub(super) fn new(grid: RingGrid, diagonal: Vec<Complex64>) -> Self {
+        Self { grid, diagonal, spaces: Pool::default(), tasks: Pool::default() }
+    }
+
+    /// The most bytes, with those while it is made from a function of degree 2L, of a grid with so many pairs of rings, a multiple of
+    /// 8, of up to so many points.
+    pub(super) const fn bytes(
+        max_degree: usize,
+        rings: usize,
+        points: usize,
+        channels: usize,
+        threads: usize,
+    ) -> usize {
+        let orders = max_degree + 1;
+        // alpha, scale and powers, and the points of all pairs.
+        let held = 8 * orders * (orders + 1) + 8 * orders * rings + 16 * rings * points;
+        // The same of twice the degree, and its sums.
+        let made = 8 * 2 * orders * (2 * orders + 1) + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
+        let group = if channels < CHANNELS { channels } else { CHANNELS };
+        let groups = channels.div_ceil(CHANNELS);
+        let groups = if groups < threads { groups } else { threads };
+        let tasks = threads * (8 * 18 * rings + 2 * 16 * points + (32 << 10));
+        let called = tasks + groups * 2 * group * (2 * 8 * 2 * orders * rings + 4 * orders * (orders + 1));
+        held + if made > called { made } else { called }
+    }
+
+    pub(super) fn max_degree(&self) -> usize {
+        self.grid.max_degree()
+    }
+
+    /// `A_g^T D A_g x` for x, (K, c).
+    pub(super) fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
+        let (expected, found) = (basis_size(self.max_degree()), x.nrows());
+        if found != expected {
+            return Err(TransformError::Shape { what: "coefficients", expected, found });
+        }
+        let mut out = Array2::zeros(x.dim());
+        let all = x.ncols();
+        let x = x.as_standard_layout();
+        let x = x.as_slice().unwrap_or_default();
+        // Groups of channels are independent: with several of them each thread has its own.
+        out.axis_chunks_iter_mut(Axis(1), CHANNELS).into_par_iter().enumerate().with_max_len(1).for_each(
+            |(group, out)| {
+                let x = SomeColumns { values: x, all, first: group * CHANNELS };
+                self.spaces
+                    .with(Workspace::default, |space| self.grid.product(&self.diagonal, x, out, space, &self.tasks));
+            },
+        );
+        Ok(out)
+    }
+}
