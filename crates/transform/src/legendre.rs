@@ -15,7 +15,8 @@
 //! The work is cut into blocks of rings and chunks of degrees: the values of r go to a [table](crate::ring_table) that
 //! stays in the L1 cache and serves all channels. A value costs two fused products, and one more for the cosine and one
 //! for the sine of each channel: with three channels 8 fused products in 4 cycles for eight rings, of which six are the
-//! sums.
+//! sums. On most rings one value serves a [pair of degrees](crate::degree_pairs), at half of that. Next to the equator degrees
+//! are taken one by one, next to the poles in [double-double](crate::polar_rings).
 //!
 //! Near the poles, where `u` is so small that all `P_{l,m}` of an order are negligible, rings are skipped
 //! (`first_ring`).
@@ -27,10 +28,19 @@ use rayon::prelude::*;
 use spharm_harmonics::index::{degree_order, first_column};
 use spharm_harmonics::rings::{MonicRecurrence, sine_powers};
 
+use crate::degree_pairs::DegreePairs;
 use crate::polar_rings::{PolarRings, PolarState};
-use crate::ring_sums::{Coefficients, projections_2, projections_4, projections_6, sums_2, sums_4, sums_6};
+use crate::ring_sums::{
+    Coefficients, pair_projections_2, pair_projections_4, pair_projections_6, pair_projections_of_channel, pair_sums_2,
+    pair_sums_4, pair_sums_6, pair_sums_of_channel, projections_2, projections_4, projections_6, sums_2, sums_4,
+    sums_6,
+};
 use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
 
+/// Rings with a cosine of the colatitude below this, and some of each degree, are next to the equator: [pairs of degrees](DegreePairs)
+/// lose a digit there, and at high degrees more.
+const EQUATORIAL_COSINE: f64 = 0.05;
+const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
 /// Coefficients that a task brings into canonical order.
 const RUN: usize = 1024;
 
@@ -57,6 +67,11 @@ pub(crate) struct Legendre {
     first_ring: Vec<usize>,
     /// The rings next to the pole, a multiple of [`LANES`] of them.
     polar: PolarRings,
+    /// The first of the rings next to the equator, a multiple of [`LANES`], and not before the end of the polar ones.
+    equatorial: usize,
+    pairs: DegreePairs,
+    /// `cos^2 theta` of the rings.
+    squares: Vec<f64>,
 }
 
 impl Legendre {
@@ -92,7 +107,13 @@ impl Legendre {
             })
             .collect();
         let polar = PolarRings::new(recurrence, angles, &first_ring);
+        let equator = |z: &f64| *z < EQUATORIAL_COSINE + EQUATORIAL_COSINE_PER_DEGREE * max_degree as f64;
+        let equatorial = z.iter().position(equator).unwrap_or(z.len()) / LANES * LANES;
+        // Rounded once: next to a pole an error would add up from step to step.
+        let square = |[cosine, sine]: &[f64; 2]| if sine < cosine { 1.0 - sine * sine } else { cosine * cosine };
+        let mut squares: Vec<f64> = angles.iter().map(square).collect();
         z.resize(rings, 0.0);
+        squares.resize(rings, 0.0);
         let orders: Vec<(Vec<f64>, Vec<f64>)> = (0..=max_degree)
             .into_par_iter()
             .map(|m| {
@@ -107,7 +128,10 @@ impl Legendre {
             alpha.extend_from_slice(&of_alpha);
             scale.extend_from_slice(&of_scale);
         }
-        Self { max_degree, alpha, scale, z, power, first_ring, polar }
+        let of_order = |m: usize| &alpha[m * (2 * max_degree + 3 - m) / 2..][..max_degree + 1 - m];
+        let pairs = DegreePairs::new(max_degree, of_order);
+        let equatorial = equatorial.max(polar.count());
+        Self { max_degree, alpha, scale, z, power, first_ring, polar, equatorial, pairs, squares }
     }
 
     /// Number of pairs of rings, padded to a multiple of [`LANES`].
@@ -187,30 +211,48 @@ impl Legendre {
         let (alpha, rings) = (self.order(m).0, self.rings());
         even[..rings * columns].fill(0.0);
         odd[..rings * columns].fill(0.0);
-        self.blocks(m, SYNTHESIS.block, |first, count| {
+        let mut mixed = std::mem::take(&mut work.mixed);
+        self.pairs.mix(m, &x[..alpha.len() * columns], columns, &mut mixed);
+        self.blocks(m, SYNTHESIS.block, |first, count, zone| {
             work.table.start(SYNTHESIS, count);
-            for (chunk, alpha) in alpha.chunks(SYNTHESIS.chunk).enumerate() {
-                self.fill(m, chunk, first..first + count, alpha, work);
-                let degrees = alpha.len();
+            let in_table = &mut |chunk: usize, x: &[f64], stride: usize, rows: usize, table: &[f64]| {
                 for column in (0..columns).step_by(6) {
-                    let x = Coefficients { values: &x[chunk * SYNTHESIS.chunk * columns + column..], stride: columns };
                     let even = &mut even[column * rings + first..];
                     let odd = &mut odd[column * rings + first..];
-                    let table = &work.table.values;
-                    match columns - column {
-                        2 => sums_2(table, count, degrees, x, even, odd, rings),
-                        4 => sums_4(table, count, degrees, x, even, odd, rings),
-                        _ => sums_6(table, count, degrees, x, even, odd, rings),
+                    let of = |at: usize| Coefficients { values: &x[chunk * SYNTHESIS.chunk * stride + at..], stride };
+                    match (zone, columns - column) {
+                        (Zone::Middle, 2) if columns == 2 => {
+                            pair_sums_of_channel(table, count, rows, of(0), even, odd, rings);
+                        }
+                        (Zone::Middle, left) => {
+                            for (at, out) in [(column, even), (columns + column, odd)] {
+                                match left {
+                                    2 => pair_sums_2(table, count, rows, of(at), out, rings),
+                                    4 => pair_sums_4(table, count, rows, of(at), out, rings),
+                                    _ => pair_sums_6(table, count, rows, of(at), out, rings),
+                                }
+                            }
+                        }
+                        (_, 2) => sums_2(table, count, rows, of(column), even, odd, rings),
+                        (_, 4) => sums_4(table, count, rows, of(column), even, odd, rings),
+                        _ => sums_6(table, count, rows, of(column), even, odd, rings),
                     }
+                }
+            };
+            if zone == Zone::Middle {
+                for (chunk, steps) in self.pairs.steps(m).chunks(SYNTHESIS.chunk).enumerate() {
+                    work.table.advance_pairs(&self.squares[first..first + count], steps);
+                    in_table(chunk, &mixed, 2 * columns, steps.len(), &work.table.values);
+                }
+            } else {
+                for (chunk, alpha) in alpha.chunks(SYNTHESIS.chunk).enumerate() {
+                    self.fill(m, chunk, first..first + count, zone, alpha, work);
+                    in_table(chunk, x, columns, alpha.len(), &work.table.values);
                 }
             }
         });
-        let power = &self.power[m * rings..(m + 1) * rings];
-        for column in even.chunks_exact_mut(rings).chain(odd.chunks_exact_mut(rings)).take(2 * columns) {
-            for (value, power) in column.iter_mut().zip(power) {
-                *value *= power;
-            }
-        }
+        work.mixed = mixed;
+        self.weigh(m, columns, even, odd);
     }
 
     /// The transpose of [`synthesis`](Self::synthesis). `even` and `odd`, (rings, columns) column-major, are used as
@@ -225,50 +267,85 @@ impl Legendre {
         work: &mut Work,
     ) {
         let (alpha, rings) = (self.order(m).0, self.rings());
-        let power = &self.power[m * rings..(m + 1) * rings];
-        for column in even.chunks_exact_mut(rings).chain(odd.chunks_exact_mut(rings)).take(2 * columns) {
-            for (value, power) in column.iter_mut().zip(power) {
-                *value *= power;
-            }
-        }
+        self.weigh(m, columns, even, odd);
         x[..alpha.len() * columns].fill(0.0);
-        self.blocks(m, ADJOINT.block, |first, count| {
+        let mut mixed = std::mem::take(&mut work.mixed);
+        mixed.clear();
+        mixed.resize(self.pairs.steps(m).len() * 2 * columns, 0.0);
+        self.blocks(m, ADJOINT.block, |first, count, zone| {
             work.table.start(ADJOINT, count);
-            for (chunk, alpha) in alpha.chunks(ADJOINT.chunk).enumerate() {
-                self.fill(m, chunk, first..first + count, alpha, work);
-                let degrees = alpha.len();
+            let in_table = &mut |chunk: usize, x: &mut [f64], stride: usize, rows: usize, table: &[f64]| {
                 for column in (0..columns).step_by(6) {
-                    let x = &mut x[chunk * ADJOINT.chunk * columns + column..];
+                    let x = &mut x[chunk * ADJOINT.chunk * stride..];
                     let even = &even[column * rings + first..];
                     let odd = &odd[column * rings + first..];
-                    let table = &work.table.values;
-                    match columns - column {
-                        2 => projections_2(table, count, degrees, x, columns, even, odd, rings),
-                        4 => projections_4(table, count, degrees, x, columns, even, odd, rings),
-                        _ => projections_6(table, count, degrees, x, columns, even, odd, rings),
+                    match (zone, columns - column) {
+                        (Zone::Middle, 2) if columns == 2 => {
+                            pair_projections_of_channel(table, count, rows, x, stride, even, odd, rings);
+                        }
+                        (Zone::Middle, left) => {
+                            for (at, h) in [(column, even), (columns + column, odd)] {
+                                let x = &mut x[at..];
+                                match left {
+                                    2 => pair_projections_2(table, count, rows, x, stride, h, rings),
+                                    4 => pair_projections_4(table, count, rows, x, stride, h, rings),
+                                    _ => pair_projections_6(table, count, rows, x, stride, h, rings),
+                                }
+                            }
+                        }
+                        (_, 2) => projections_2(table, count, rows, &mut x[column..], stride, even, odd, rings),
+                        (_, 4) => projections_4(table, count, rows, &mut x[column..], stride, even, odd, rings),
+                        _ => projections_6(table, count, rows, &mut x[column..], stride, even, odd, rings),
                     }
+                }
+            };
+            if zone == Zone::Middle {
+                for (chunk, steps) in self.pairs.steps(m).chunks(ADJOINT.chunk).enumerate() {
+                    work.table.advance_pairs(&self.squares[first..first + count], steps);
+                    in_table(chunk, &mut mixed, 2 * columns, steps.len(), &work.table.values);
+                }
+            } else {
+                for (chunk, alpha) in alpha.chunks(ADJOINT.chunk).enumerate() {
+                    self.fill(m, chunk, first..first + count, zone, alpha, work);
+                    in_table(chunk, x, columns, alpha.len(), &work.table.values);
                 }
             }
         });
+        self.pairs.unmix(m, &mixed, columns, &mut x[..alpha.len() * columns]);
+        work.mixed = mixed;
     }
 
-    /// Calls `block` with the first ring and the number of rings of each block that counts for order m. Blocks don't
-    /// mix polar and other rings.
-    fn blocks(&self, m: usize, size: usize, mut block: impl FnMut(usize, usize)) {
+    /// Multiplies the columns by `u^m`, those of odd `l - m` by z where pairs of degrees take that out.
+    fn weigh(&self, m: usize, columns: usize, even: &mut [f64], odd: &mut [f64]) {
+        let rings = self.rings();
+        let power = &self.power[m * rings..(m + 1) * rings];
+        for column in even.chunks_exact_mut(rings).take(columns) {
+            column.iter_mut().zip(power).for_each(|(value, power)| *value *= power);
+        }
+        let middle = self.polar.count()..self.equatorial;
+        for column in odd.chunks_exact_mut(rings).take(columns) {
+            column.iter_mut().zip(power).for_each(|(value, power)| *value *= power);
+            column[middle.clone()].iter_mut().zip(&self.z[middle.clone()]).for_each(|(value, z)| *value *= z);
+        }
+    }
+
+    /// Calls `block` with the first ring, the number of rings and the zone of each block that counts for order m.
+    fn blocks(&self, m: usize, size: usize, mut block: impl FnMut(usize, usize, Zone)) {
         let mut first = self.first_ring[m];
-        for end in [self.polar.count(), self.rings()] {
+        let ends = [self.polar.count(), self.equatorial, self.rings()];
+        for (end, zone) in ends.into_iter().zip([Zone::Polar, Zone::Middle, Zone::Equatorial]) {
             while first < end {
                 let count = size.min(end - first);
-                block(first, count);
+                block(first, count, zone);
                 first += count;
             }
         }
     }
 
-    /// Fills the table with the values of a chunk of degrees on a block of rings.
-    fn fill(&self, m: usize, chunk: usize, rings: Range<usize>, alpha: &[f64], work: &mut Work) {
-        let Work { polar, table } = work;
-        if rings.start < self.polar.count() {
+    /// Fills the table with the values of a chunk of degrees on a block of rings, which aren't in the middle.
+    fn fill(&self, m: usize, chunk: usize, rings: Range<usize>, zone: Zone, alpha: &[f64], work: &mut Work) {
+        let Work { polar, table, .. } = work;
+        if zone == Zone::Polar {
             self.polar.fill(m, chunk, rings, table.tiling, polar, &mut table.values);
         } else {
             table.advance(&self.z[rings], alpha);
@@ -276,16 +353,29 @@ impl Legendre {
     }
 }
 
+/// How rings are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Zone {
+    /// In double-double.
+    Polar,
+    /// By pairs of degrees.
+    Middle,
+    /// One degree at a time.
+    Equatorial,
+}
+
 /// Scratch space of one thread.
 #[derive(Debug)]
 pub(crate) struct Work {
     polar: PolarState,
     table: RingTable,
+    /// Mixed coefficients of an order, (pairs of degrees, 2 columns).
+    mixed: Vec<f64>,
 }
 
 impl Work {
     pub(crate) fn new() -> Self {
-        Self { polar: PolarState::default(), table: RingTable::new() }
+        Self { polar: PolarState::default(), table: RingTable::new(), mixed: Vec::new() }
     }
 }
 

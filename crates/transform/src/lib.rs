@@ -58,6 +58,7 @@
 pub mod accumulator;
 mod batch;
 mod cells;
+mod degree_pairs;
 mod either;
 mod error;
 mod fourier;

@@ -93,7 +93,7 @@ impl MomentOperator {
     }
 
     /// Returns the most bytes that an operator takes, while it is made or with the working memory of calls with so many
-    /// channels on `threads` threads: about `190 (L + 1)^2` while it is made, then `80 (L + 1)^2` and for each channel,
+    /// channels on `threads` threads: about `240 (L + 1)^2` while it is made, then `90 (L + 1)^2` and for each channel,
     /// of up to 3 on each thread, `72 (L + 1)^2`.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
         let rings = (max_degree + 1).next_multiple_of(8);

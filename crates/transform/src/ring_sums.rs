@@ -1,24 +1,36 @@
 //! Sums over degrees and sums over rings of a [ring table](crate::ring_table), for two to six columns at a time.
 //!
 //! A column is the cosine or the sine coefficients of a channel. Rings are taken 8 or 16 at a time, with all columns'
-//! sums in registers.
+//! sums in registers. The table's values are those of one degree, even and odd ones in turn, or of a
+//! [pair of degrees](crate::degree_pairs), with which the coefficients of both are multiplied.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::lanes::{fused, load};
 use crate::ring_table::{ADJOINT, LANES, SYNTHESIS};
 
-/// Coefficients of a chunk's degrees: those of a degree are together, `stride` apart from the next degree's.
+/// Coefficients of a chunk's degrees or pairs: those of one are together, `stride` apart from the next one's.
 #[derive(Clone, Copy)]
 pub(crate) struct Coefficients<'a> {
     pub(crate) values: &'a [f64],
     pub(crate) stride: usize,
 }
 
+/// Values of a table: of every `step`-th degree or pair from `first` to `end`.
+#[derive(Clone, Copy)]
+struct Rows<'a> {
+    table: &'a [f64],
+    first: usize,
+    step: usize,
+    end: usize,
+}
+
+/// A kernel for each number of columns, with one call for each width of rings.
 macro_rules! sums_for {
-    ($name:ident, $columns:literal) => {
+    ($degrees:ident, $pairs:ident, $columns:literal) => {
+        /// Sums over even degrees to `even` and over odd ones to `odd`.
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-        pub(crate) fn $name(
+        pub(crate) fn $degrees(
             table: &[f64],
             rings: usize,
             degrees: usize,
@@ -27,60 +39,114 @@ macro_rules! sums_for {
             odd: &mut [f64],
             leading: usize,
         ) {
-            let mut at = 0;
-            while at < rings {
-                let wide = rings - at >= 16;
-                for (parity, out) in [&mut *even, &mut *odd].into_iter().enumerate() {
-                    match (wide, target_cfg_f!(target_feature = "fma")) {
-                        (true, true) => sums::<16, $columns, true>(table, at, parity, degrees, x, out, leading),
-                        (false, true) => sums::<8, $columns, true>(table, at, parity, degrees, x, out, leading),
-                        (true, false) => sums::<16, $columns, false>(table, at, parity, degrees, x, out, leading),
-                        (false, false) => sums::<8, $columns, false>(table, at, parity, degrees, x, out, leading),
-                    }
+            for (first, out) in [&mut *even, &mut *odd].into_iter().enumerate() {
+                let rows = Rows { table, first, step: 2, end: degrees };
+                if target_cfg_f!(target_feature = "fma") {
+                    sums_of_rings::<$columns, true, _>(rows, rings, x, [out], leading);
+                } else {
+                    sums_of_rings::<$columns, false, _>(rows, rings, x, [out], leading);
                 }
-                at += if wide { 16 } else { 8 };
+            }
+        }
+
+        /// Sums over pairs.
+        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+        pub(crate) fn $pairs(
+            table: &[f64],
+            rings: usize,
+            pairs: usize,
+            x: Coefficients<'_>,
+            out: &mut [f64],
+            leading: usize,
+        ) {
+            let rows = Rows { table, first: 0, step: 1, end: pairs };
+            if target_cfg_f!(target_feature = "fma") {
+                sums_of_rings::<$columns, true, _>(rows, rings, x, [out], leading);
+            } else {
+                sums_of_rings::<$columns, false, _>(rows, rings, x, [out], leading);
             }
         }
     };
 }
-sums_for!(sums_2, 2);
-sums_for!(sums_4, 4);
-sums_for!(sums_6, 6);
+sums_for!(sums_2, pair_sums_2, 2);
+sums_for!(sums_4, pair_sums_4, 4);
+sums_for!(sums_6, pair_sums_6, 6);
+
+/// Sums over pairs for one channel: two columns for even and two for odd degrees.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+pub(crate) fn pair_sums_of_channel(
+    table: &[f64],
+    rings: usize,
+    pairs: usize,
+    x: Coefficients<'_>,
+    even: &mut [f64],
+    odd: &mut [f64],
+    leading: usize,
+) {
+    let rows = Rows { table, first: 0, step: 1, end: pairs };
+    if target_cfg_f!(target_feature = "fma") {
+        sums_of_rings::<4, true, _>(rows, rings, x, [even, odd], leading);
+    } else {
+        sums_of_rings::<4, false, _>(rows, rings, x, [even, odd], leading);
+    }
+}
+
+/// The columns go to the arrays `out`, as many to each.
+#[inline(always)]
+fn sums_of_rings<const C: usize, const FMA: bool, const N: usize>(
+    rows: Rows<'_>,
+    rings: usize,
+    x: Coefficients<'_>,
+    mut out: [&mut [f64]; N],
+    leading: usize,
+) {
+    let mut at = 0;
+    while at < rings {
+        if rings - at >= 16 {
+            sums::<16, C, FMA, N>(rows, at, x, &mut out, leading);
+            at += 16;
+        } else {
+            sums::<8, C, FMA, N>(rows, at, x, &mut out, leading);
+            at += 8;
+        }
+    }
+}
 
 #[inline(always)]
-fn sums<const W: usize, const C: usize, const FMA: bool>(
-    table: &[f64],
+fn sums<const W: usize, const C: usize, const FMA: bool, const N: usize>(
+    rows: Rows<'_>,
     at: usize,
-    parity: usize,
-    degrees: usize,
     x: Coefficients<'_>,
-    out: &mut [f64],
+    out: &mut [&mut [f64]; N],
     leading: usize,
 ) {
     let mut sums = [[0.0; W]; C];
-    let mut k = parity;
-    while k < degrees {
-        let r: [f64; W] = load(table, k * SYNTHESIS.block + at);
+    let mut k = rows.first;
+    while k < rows.end {
+        let r: [f64; W] = load(rows.table, k * SYNTHESIS.block + at);
         let x: [f64; C] = load(x.values, k * x.stride);
         for c in 0..C {
             for i in 0..W {
                 sums[c][i] = fused::<FMA>(r[i], x[c], sums[c][i]);
             }
         }
-        k += 2;
+        k += rows.step;
     }
-    for (c, sums) in sums.iter().enumerate() {
-        for (out, sum) in out[c * leading + at..][..W].iter_mut().zip(sums) {
-            *out += sum;
+    for (out, sums) in out.iter_mut().zip(sums.chunks_exact(C / N)) {
+        for (c, sums) in sums.iter().enumerate() {
+            for (out, sum) in out[c * leading + at..][..W].iter_mut().zip(sums) {
+                *out += sum;
+            }
         }
     }
 }
 
 macro_rules! projections_for {
-    ($name:ident, $columns:literal) => {
+    ($degrees:ident, $pairs:ident, $columns:literal) => {
+        /// Sums of products with `even` for even degrees and with `odd` for odd ones.
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         #[allow(clippy::too_many_arguments, reason = "a kernel")]
-        pub(crate) fn $name(
+        pub(crate) fn $degrees(
             table: &[f64],
             rings: usize,
             degrees: usize,
@@ -90,49 +156,102 @@ macro_rules! projections_for {
             odd: &[f64],
             leading: usize,
         ) {
-            for (parity, h) in [even, odd].into_iter().enumerate() {
-                let mut k = parity;
-                while k < degrees {
-                    // Two degrees of the same parity share the loads of h.
-                    let twin = if k + 2 < degrees { k + 2 } else { k };
-                    let sums = if target_cfg_f!(target_feature = "fma") {
-                        projections::<$columns, true>(table, [k, twin], rings, h, leading)
-                    } else {
-                        projections::<$columns, false>(table, [k, twin], rings, h, leading)
-                    };
-                    for c in 0..$columns {
-                        x[k * stride + c] += sums[0][c];
-                    }
-                    if twin > k {
-                        for c in 0..$columns {
-                            x[twin * stride + c] += sums[1][c];
-                        }
-                    }
-                    k += 4;
+            for (first, h) in [even, odd].into_iter().enumerate() {
+                let h: [&[f64]; $columns] = std::array::from_fn(|c| &h[c * leading..][..rings]);
+                let rows = Rows { table, first, step: 2, end: degrees };
+                if target_cfg_f!(target_feature = "fma") {
+                    projections_to::<$columns, true>(rows, rings, x, stride, h);
+                } else {
+                    projections_to::<$columns, false>(rows, rings, x, stride, h);
                 }
+            }
+        }
+
+        /// Sums of products for pairs.
+        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+        pub(crate) fn $pairs(
+            table: &[f64],
+            rings: usize,
+            pairs: usize,
+            x: &mut [f64],
+            stride: usize,
+            h: &[f64],
+            leading: usize,
+        ) {
+            let h: [&[f64]; $columns] = std::array::from_fn(|c| &h[c * leading..][..rings]);
+            let rows = Rows { table, first: 0, step: 1, end: pairs };
+            if target_cfg_f!(target_feature = "fma") {
+                projections_to::<$columns, true>(rows, rings, x, stride, h);
+            } else {
+                projections_to::<$columns, false>(rows, rings, x, stride, h);
             }
         }
     };
 }
-projections_for!(projections_2, 2);
-projections_for!(projections_4, 4);
-projections_for!(projections_6, 6);
+projections_for!(projections_2, pair_projections_2, 2);
+projections_for!(projections_4, pair_projections_4, 4);
+projections_for!(projections_6, pair_projections_6, 6);
+
+/// Sums of products for pairs for one channel: two columns for even and two for odd degrees.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+#[allow(clippy::too_many_arguments, reason = "a kernel")]
+pub(crate) fn pair_projections_of_channel(
+    table: &[f64],
+    rings: usize,
+    pairs: usize,
+    x: &mut [f64],
+    stride: usize,
+    even: &[f64],
+    odd: &[f64],
+    leading: usize,
+) {
+    let h: [&[f64]; 4] = std::array::from_fn(|c| &[even, odd][c / 2][(c % 2) * leading..][..rings]);
+    let rows = Rows { table, first: 0, step: 1, end: pairs };
+    if target_cfg_f!(target_feature = "fma") {
+        projections_to::<4, true>(rows, rings, x, stride, h);
+    } else {
+        projections_to::<4, false>(rows, rings, x, stride, h);
+    }
+}
+
+#[inline(always)]
+fn projections_to<const C: usize, const FMA: bool>(
+    rows: Rows<'_>,
+    rings: usize,
+    x: &mut [f64],
+    stride: usize,
+    h: [&[f64]; C],
+) {
+    let mut k = rows.first;
+    while k < rows.end {
+        // Two rows share the loads of h.
+        let twin = if k + rows.step < rows.end { k + rows.step } else { k };
+        let sums = projections::<C, FMA>(rows.table, [k, twin], rings, h);
+        for c in 0..C {
+            x[k * stride + c] += sums[0][c];
+        }
+        if twin > k {
+            for c in 0..C {
+                x[twin * stride + c] += sums[1][c];
+            }
+        }
+        k += 2 * rows.step;
+    }
+}
 
 #[inline(always)]
 fn projections<const C: usize, const FMA: bool>(
     table: &[f64],
-    degrees: [usize; 2],
+    rows: [usize; 2],
     rings: usize,
-    h: &[f64],
-    leading: usize,
+    h: [&[f64]; C],
 ) -> [[f64; C]; 2] {
     let mut lanes = [[[0.0; LANES]; C]; 2];
     let mut at = 0;
     while at < rings {
-        let r: [[f64; LANES]; 2] =
-            [load(table, degrees[0] * ADJOINT.block + at), load(table, degrees[1] * ADJOINT.block + at)];
+        let r: [[f64; LANES]; 2] = rows.map(|k| load(table, k * ADJOINT.block + at));
         for c in 0..C {
-            let h: [f64; LANES] = load(h, c * leading + at);
+            let h: [f64; LANES] = load(h[c], at);
             for (lanes, r) in lanes.iter_mut().zip(&r) {
                 for i in 0..LANES {
                     lanes[c][i] = fused::<FMA>(r[i], h[i], lanes[c][i]);

@@ -1,6 +1,7 @@
 //! A table of Legendre values on a block of rings, for a chunk of degrees of one order.
 //!
-//! The values are those of the recurrence `r_l = alpha_l z r_{l-1} - r_{l-2}` (see [`legendre`](crate::legendre)). The
+//! The values are those of the recurrence `r_l = alpha_l z r_{l-1} - r_{l-2}` (see [`legendre`](crate::legendre)), or those of
+//! [pairs of degrees](crate::degree_pairs). The
 //! table is 16 kB, so that it stays in the L1 cache while all channels are multiplied with it. Degrees follow each
 //! other from chunk to chunk: the table keeps the last two values of each ring.
 
@@ -60,40 +61,68 @@ impl RingTable {
     pub(crate) fn advance(&mut self, z: &[f64], alpha: &[f64]) {
         fill(z, alpha, self);
     }
-}
 
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-fn fill(z: &[f64], alpha: &[f64], table: &mut RingTable) {
-    let rings = z.len();
-    let mut at = 0;
-    while at < rings {
-        let step = match rings - at {
-            32.. => 32,
-            16.. => 16,
-            _ => 8,
-        };
-        let fma = target_cfg_f!(target_feature = "fma");
-        match (step, fma) {
-            (32, true) => fill_lanes::<32, true>(z, alpha, table, at),
-            (16, true) => fill_lanes::<16, true>(z, alpha, table, at),
-            (_, true) => fill_lanes::<8, true>(z, alpha, table, at),
-            (32, false) => fill_lanes::<32, false>(z, alpha, table, at),
-            (16, false) => fill_lanes::<16, false>(z, alpha, table, at),
-            (_, false) => fill_lanes::<8, false>(z, alpha, table, at),
-        }
-        at += step;
+    /// Computes the next `steps.len()` [pairs of degrees](crate::degree_pairs) on rings with these squares of the cosine.
+    pub(crate) fn advance_pairs(&mut self, squares: &[f64], steps: &[[f64; 2]]) {
+        fill_pairs(squares, steps, self);
     }
 }
 
+macro_rules! fill_with {
+    ($name:ident, $step:ty, $factor:ident) => {
+        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+        fn $name(of_ring: &[f64], steps: &[$step], table: &mut RingTable) {
+            let rings = of_ring.len();
+            let mut at = 0;
+            while at < rings {
+                let step = match rings - at {
+                    32.. => 32,
+                    16.. => 16,
+                    _ => 8,
+                };
+                match (step, target_cfg_f!(target_feature = "fma")) {
+                    (32, true) => fill_lanes::<32, true, _>(of_ring, steps, table, at, $factor::<true>),
+                    (16, true) => fill_lanes::<16, true, _>(of_ring, steps, table, at, $factor::<true>),
+                    (_, true) => fill_lanes::<8, true, _>(of_ring, steps, table, at, $factor::<true>),
+                    (32, false) => fill_lanes::<32, false, _>(of_ring, steps, table, at, $factor::<false>),
+                    (16, false) => fill_lanes::<16, false, _>(of_ring, steps, table, at, $factor::<false>),
+                    (_, false) => fill_lanes::<8, false, _>(of_ring, steps, table, at, $factor::<false>),
+                }
+                at += step;
+            }
+        }
+    };
+}
+fill_with!(fill, f64, degree);
+fill_with!(fill_pairs, [f64; 2], pair);
+
+/// The factor of the newest value in the step to a degree.
 #[inline(always)]
-fn fill_lanes<const W: usize, const FMA: bool>(z: &[f64], alpha: &[f64], table: &mut RingTable, at: usize) {
-    let z: [f64; W] = load(z, at);
+fn degree<const FMA: bool>(z: f64, alpha: &f64) -> f64 {
+    alpha * z
+}
+
+/// The same in the step to a pair of degrees.
+#[inline(always)]
+fn pair<const FMA: bool>(square: f64, [a, b]: &[f64; 2]) -> f64 {
+    fused::<FMA>(*a, square, *b)
+}
+
+#[inline(always)]
+fn fill_lanes<const W: usize, const FMA: bool, S>(
+    of_ring: &[f64],
+    steps: &[S],
+    table: &mut RingTable,
+    at: usize,
+    factor: impl Fn(f64, &S) -> f64,
+) {
+    let of_ring: [f64; W] = load(of_ring, at);
     let mut older: [f64; W] = load(&table.older, at);
     let mut newest: [f64; W] = load(&table.newest, at);
-    for (alpha, column) in alpha.iter().zip(table.values.chunks_exact_mut(table.tiling.block)) {
+    for (step, column) in steps.iter().zip(table.values.chunks_exact_mut(table.tiling.block)) {
         let mut r = [0.0; W];
         for i in 0..W {
-            r[i] = fused::<FMA>(alpha * z[i], newest[i], -older[i]);
+            r[i] = fused::<FMA>(factor(of_ring[i], step), newest[i], -older[i]);
         }
         column[at..at + W].copy_from_slice(&r);
         older = newest;

@@ -42,7 +42,7 @@ const UNEVEN: f64 = 0.25;
 /// Standard deviation below which the sampling is even: random samples have it at 70 to a coefficient.
 const EVEN: f64 = 0.1;
 /// Between the two it pays where the density is anywhere below this, relative to its mean.
-const SPARSE: f64 = 0.5;
+const SPARSE: f64 = 0.3;
 /// The largest share of the sphere whose density may be below the floor. Functions within larger gaps aren't determined; what
 /// iterations make of them then depends on the preconditioner.
 const GAPS: f64 = 0.02;

@@ -36,10 +36,10 @@ impl OnGrid {
         threads: usize,
     ) -> usize {
         let orders = max_degree + 1;
-        // alpha, scale and powers, and the points of all pairs.
-        let held = 8 * orders * (orders + 1) + 8 * orders * rings + 16 * rings * points;
+        // alpha, scale, pairs of degrees and powers, and the points of all pairs of rings.
+        let held = 18 * orders * (orders + 1) + 8 * orders * rings + 16 * rings * points;
         // The same of twice the degree, and its sums.
-        let made = 8 * 2 * orders * (2 * orders + 1) + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
+        let made = 18 * 2 * orders * (2 * orders + 1) + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
         let group = if channels < CHANNELS { channels } else { CHANNELS };
         let groups = channels.div_ceil(CHANNELS);
         let groups = if groups < threads { groups } else { threads };

@@ -1,0 +1,245 @@
+//! The Legendre recurrence over pairs of degrees: one value for two degrees.
+//!
+//! For `z` not near zero the functions of odd `k = l - m` are z times polynomials in `z^2`, and each of even k is a sum of two
+//! neighbours of these. With the values r and alpha of [`legendre`](crate::legendre), `A_k = alpha_{m+k}`,
+//!
+//! ```text
+//! r_{m+2j+1} = z sigma_j t_j,   r_{m+2j} = (sigma_j t_j + sigma_{j-1} t_{j-1}) / A_{2j+1},   t_0 = r_m
+//! t_{j+1} = (a_j z^2 + b_j) t_j - t_{j-1},
+//! a_j = A_{2j+2} A_{2j+3} sigma_j / sigma_{j+1},   b_j = -(1 + A_{2j+3} / A_{2j+1}) sigma_j / sigma_{j+1}
+//! sigma_0 = sigma_1 = 1,   sigma_{j+1} = sigma_{j-1} A_{2j+3} / A_{2j+1}
+//! ```
+//!
+//! so that sums over degrees are sums of t with mixed coefficients,
+//!
+//! ```text
+//! sum_k x_k r_{m+k} = sum_j t_j sigma_j (x_{2j} / A_{2j+1} + x_{2j+2} / A_{2j+3})  +  z sum_j t_j sigma_j x_{2j+1}
+//! ```
+//!
+//! A value costs two fused products for two degrees, where r costs a product and a fused one for each: of one channel's Legendre
+//! sums a quarter is saved. K. Ishioka, "A new recurrence formula for efficient computation of spherical harmonic transform", J.
+//! Meteorol. Soc. Japan 96 (2018).
+//!
+//! Next to the equator the two neighbours nearly cancel, and rounding errors grow by `1 / z` as they do by `1 / sin theta` next to
+//! the poles: rings there take one degree at a time.
+
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+/// Values `a`, `b` and mixing factors of all orders.
+#[derive(Debug)]
+pub(crate) struct DegreePairs {
+    orders: Vec<Order>,
+}
+
+#[derive(Debug, Default)]
+struct Order {
+    /// `a_{j-1}` and `b_{j-1}`, with which t_j comes from the two before; zero for j = 0.
+    steps: Vec<[f64; 2]>,
+    /// `sigma_j / A_{2j+1}`, `sigma_j / A_{2j+3}` and `sigma_j`.
+    mixing: Vec<[f64; 3]>,
+}
+
+impl DegreePairs {
+    /// Takes `alpha_l` of each order to degree L, from degree m on.
+    pub(crate) fn new<'a>(max_degree: usize, alpha: impl Fn(usize) -> &'a [f64] + Sync) -> Self {
+        Self { orders: (0..=max_degree).into_par_iter().map(|m| order(m, alpha(m))).collect() }
+    }
+
+    /// The steps of order m.
+    pub(crate) fn steps(&self, m: usize) -> &[[f64; 2]] {
+        &self.orders[m].steps
+    }
+
+    /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): those of even degrees first.
+    pub(crate) fn mix(&self, m: usize, x: &[f64], columns: usize, mixed: &mut Vec<f64>) {
+        mixed.clear();
+        let row = |k: usize| x.get(k * columns..(k + 1) * columns);
+        for (j, [here, next, odd]) in self.mixing(m).enumerate() {
+            let (even, after) = (&x[2 * j * columns..][..columns], row(2 * j + 2));
+            mixed.extend((0..columns).map(|c| here * even[c] + after.map_or(0.0, |after| next * after[c])));
+            match row(2 * j + 1) {
+                Some(row) => mixed.extend(row.iter().map(|x| odd * x)),
+                None => mixed.extend(std::iter::repeat_n(0.0, columns)),
+            }
+        }
+    }
+
+    /// The transpose of [`mix`](Self::mix), added to x.
+    pub(crate) fn unmix(&self, m: usize, mixed: &[f64], columns: usize, x: &mut [f64]) {
+        for ((j, [here, next, odd]), mixed) in self.mixing(m).enumerate().zip(mixed.chunks_exact(2 * columns)) {
+            let (even_sums, odd_sums) = mixed.split_at(columns);
+            for (k, factor, sums) in
+                [(2 * j, here, even_sums), (2 * j + 1, odd, odd_sums), (2 * j + 2, next, even_sums)]
+            {
+                let row = x.get_mut(k * columns..(k + 1) * columns).unwrap_or_default();
+                row.iter_mut().zip(sums).for_each(|(x, sum)| *x += factor * sum);
+            }
+        }
+    }
+
+    fn mixing(&self, m: usize) -> impl Iterator<Item = [f64; 3]> + '_ {
+        self.orders[m].mixing.iter().copied()
+    }
+}
+
+/// With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`: a and b are rounded from that but for the last bit, as their
+/// errors add up from step to step.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
+fn order(m: usize, alpha: &[f64]) -> Order {
+    let count = alpha.len().div_ceil(2);
+    let mut order = Order { steps: Vec::with_capacity(count), mixing: Vec::with_capacity(count) };
+    let square = |l: usize| {
+        let (l, m) = (l as f64, m as f64);
+        (4.0 * l * l - 1.0, l * l - m * m)
+    };
+    // Numerator and denominator of kappa = A_{2j+1} / A_{2j-1}.
+    let kappa = |j: usize| {
+        let ((above, below), (above_before, below_before)) = (square(m + 2 * j), square(m + 2 * j - 1));
+        (above * below_before, below * above_before)
+    };
+    // A_{2j+1}; the one beyond the highest degree from the one before.
+    let odd = |j: usize| match (alpha.get(2 * j + 1), j) {
+        (Some(alpha), _) => *alpha,
+        (None, 0) => 1.0,
+        (None, _) => alpha[2 * j - 1] * (kappa(j).0 / kappa(j).1),
+    };
+    let (mut before, mut sigma) = (1.0, 1.0);
+    for j in 0..count {
+        if j == 0 {
+            order.steps.push([0.0; 2]);
+        } else {
+            let ((above, below), kappa) = (square(m + 2 * j), kappa(j));
+            let next = if j == 1 { 1.0 } else { before * (kappa.0 / kappa.1) };
+            let ratio = quotient(sigma, next);
+            let a = product(quotient(above, below), ratio);
+            let b = product(quotient(kappa.0 + kappa.1, kappa.1), ratio);
+            order.steps.push([a, -b]);
+            (before, sigma) = (sigma, next);
+        }
+        // What would come after the highest degree has no coefficient.
+        let next = if 2 * j + 2 < alpha.len() { sigma / odd(j + 1) } else { 0.0 };
+        order.mixing.push([sigma / odd(j), next, sigma]);
+    }
+    order
+}
+
+/// A quotient and what it is off by.
+#[inline(always)]
+fn quotient(a: f64, b: f64) -> [f64; 2] {
+    let q = a / b;
+    [q, (-q).mul_add(b, a) / b]
+}
+
+#[inline(always)]
+fn product([a, rest_of_a]: [f64; 2], [b, rest_of_b]: [f64; 2]) -> f64 {
+    let p = a * b;
+    p + (a.mul_add(b, -p) + (a * rest_of_b + b * rest_of_a))
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm_harmonics::double_double::unit;
+    use spharm_harmonics::rings::MonicRecurrence;
+
+    use super::*;
+
+    struct Problem {
+        alpha: Vec<f64>,
+        scale: Vec<f64>,
+        pairs: DegreePairs,
+    }
+
+    /// Of one order; the others are there for the index.
+    fn problem(max_degree: usize, m: usize) -> Problem {
+        let recurrence = MonicRecurrence::new(max_degree).unwrap();
+        let of = |m: usize| {
+            let (mut alpha, mut scale) = (Vec::new(), Vec::new());
+            recurrence.order(m, &mut alpha, &mut scale);
+            (alpha, scale)
+        };
+        let all: Vec<_> = (0..=max_degree).map(of).collect();
+        let pairs = DegreePairs::new(max_degree, |m| &all[m].0);
+        let (alpha, scale) = all[m].clone();
+        Problem { alpha, scale, pairs }
+    }
+
+    /// `r_l` for all degrees at a colatitude, in double-double, each with its scale: as P is, but for `u^m`.
+    fn exact(max_degree: usize, m: usize, theta: f64, scale: &[f64]) -> Vec<f64> {
+        let alpha = MonicRecurrence::new(max_degree).unwrap().exact_order::<false>(m);
+        let z = unit::<false>([theta.sin(), 0.0, theta.cos()])[2];
+        let (mut older, mut newest) = (spharm_harmonics::double_double::DoubleDouble::new(-1.0), alpha[0]);
+        let step = |alpha: &_| {
+            let r = *alpha * z * newest - older;
+            (older, newest) = (newest, r);
+            r.value()
+        };
+        alpha.iter().map(step).zip(scale).map(|(r, s): (f64, _)| r * s).collect()
+    }
+
+    /// The values t by the recurrence.
+    fn values(pairs: &DegreePairs, m: usize, square: f64) -> Vec<f64> {
+        let (mut older, mut newest) = (-1.0, 0.0);
+        let step = |&[a, b]: &[f64; 2]| {
+            let t = a.mul_add(square, b).mul_add(newest, -older);
+            (older, newest) = (newest, t);
+            t
+        };
+        pairs.steps(m).iter().map(step).collect()
+    }
+
+    /// Each function by mixing its unit coefficient, beside double-double: the largest error relative to the largest value.
+    fn off(max_degree: usize, m: usize, theta: f64) -> f64 {
+        let Problem { alpha, scale, pairs } = problem(max_degree, m);
+        let expected = exact(max_degree, m, theta, &scale);
+        let square = if theta < 0.8 { 1.0 - theta.sin().powi(2) } else { theta.cos().powi(2) };
+        let t = values(&pairs, m, square);
+        let mut mixed = Vec::new();
+        let found = (0..alpha.len()).map(|k| {
+            let mut x = vec![0.0; alpha.len()];
+            x[k] = scale[k];
+            pairs.mix(m, &x, 1, &mut mixed);
+            mixed.chunks_exact(2).zip(&t).map(|(x, t)| t * (x[0] + theta.cos() * x[1])).sum::<f64>()
+        });
+        let largest = expected.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+        found.zip(&expected).fold(0.0f64, |most, (found, expected)| most.max((found - expected).abs())) / largest
+    }
+
+    #[test]
+    fn functions_are_those_of_double_double() {
+        for (max_degree, m) in [(0, 0), (1, 0), (1, 1), (2, 0), (7, 3), (8, 3), (60, 0), (61, 2), (90, 40)] {
+            for theta in [0.02, 0.3, 0.8, 1.2, 1.5] {
+                let off = off(max_degree, m, theta);
+                assert!(off < 4e-14, "L = {max_degree}, m = {m}, theta = {theta}: {off:e}");
+            }
+        }
+    }
+
+    /// Errors grow with the degree, and next to poles and equator: as what a rounding of z does to the phase `l theta`.
+    #[test]
+    fn high_degrees_keep_their_digits() {
+        const DEGREE: usize = 1000;
+        for (m, theta) in [(0, 0.06), (5, 0.06), (0, 0.5), (30, 1.0), (0, 1.45)] {
+            let off = off(DEGREE, m, theta);
+            let most = 0.3 * f64::EPSILON * DEGREE as f64 / (2.0 * theta).sin();
+            assert!(off < most, "m = {m}, theta = {theta}: {off:e}");
+        }
+    }
+
+    #[test]
+    fn unmixing_is_the_transpose() {
+        for (max_degree, m, columns) in [(9, 2, 2), (10, 2, 4), (5, 5, 2)] {
+            let Problem { alpha, pairs, .. } = problem(max_degree, m);
+            let numbers =
+                |count: usize, seed: f64| -> Vec<f64> { (0..count).map(|i| (seed * i as f64).sin()).collect() };
+            let x = numbers(alpha.len() * columns, 1.3);
+            let mut mixed = Vec::new();
+            pairs.mix(m, &x, columns, &mut mixed);
+            let y = numbers(mixed.len(), 0.7);
+            let mut back = vec![0.0; x.len()];
+            pairs.unmix(m, &y, columns, &mut back);
+            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            assert!((dot(&mixed, &y) - dot(&x, &back)).abs() < 1e-13 * dot(&mixed, &mixed).sqrt() * dot(&y, &y).sqrt());
+        }
+    }
+}
