@@ -194,7 +194,7 @@ pub(super) struct Solver {
     pub(super) max_iterations: usize,
     /// Preconditioner of the iterations (lsq)
     ///
-    /// auto makes a factor where they are slow.
+    /// auto uses the density where many samples are uneven, and makes a factor where iterations are slow.
     #[arg(long, value_name = "auto|none|density|low-degrees|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
     /// Highest degree of --preconditioner low-degrees [default: 20]

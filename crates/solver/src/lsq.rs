@@ -19,14 +19,15 @@
 //!    small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
 //! Where the samples are many, products with N in 1 come from moments of the sampling ([`MomentProblem`]), at a cost that
-//! doesn't depend on their number, and three columns are iterated at a time; the gradient is formed from the samples in the end, and the iteration goes on from there
-//! where the optimality asks for it.
+//! doesn't depend on their number, three columns are iterated at a time, and where the sampling is uneven the inverse of its density
+//! preconditions ([`InverseDensity`](spharm_transform::InverseDensity)); the gradient is formed from the samples in the end where its
+//! errors may count, and the iteration goes on from there where the optimality asks for it.
 //!
 //! The report says which of these was done, and how close the result is.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `params`, `solver`, `iterate`, `progress`, `cost` | [`LsqParams`], [`LsqSolver`]: the strategy |
+//! | `params`, `solver`, `iterate`, `choice`, `progress`, `cost` | [`LsqParams`], [`LsqSolver`]: the strategy |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
 //! | `single` | the factor in single precision |

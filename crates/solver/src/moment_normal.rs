@@ -28,8 +28,7 @@ impl MomentNormal {
     /// Returns the most bytes that it takes, as [`MomentOperator::bytes`] does for the operator.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
         let moments = 8 * (2 * max_degree + 1) * (2 * max_degree + 1);
-        let inverse = InverseDensity::bytes(max_degree, channels, threads);
-        moments + MomentOperator::bytes(max_degree, channels, threads) + inverse
+        moments + InverseDensity::bytes_with_operator(max_degree, channels, threads)
     }
 
     /// Returns the normal operator.
@@ -44,8 +43,12 @@ impl MomentNormal {
 
     /// Returns the approximate inverse; `None` where the sampling has none that is worth it.
     pub fn inverse(&self) -> Option<&InverseDensity> {
-        // What could be wrong with degree or moments was found by `new`.
-        let make = || InverseDensity::new(self.operator.max_degree(), &self.moments).unwrap_or_default();
-        self.inverse.get_or_init(make).as_ref()
+        if self.inverse.get().is_none() {
+            // Not within the cell: a thread that waits there for others' parts of the work may take up what waits for the cell.
+            // What could be wrong with degree or moments was found by `new`.
+            let made = InverseDensity::new(self.operator.max_degree(), &self.moments).unwrap_or_default();
+            let _ = self.inverse.set(made);
+        }
+        self.inverse.get()?.as_ref()
     }
 }

@@ -30,6 +30,7 @@
 //! | `legendre` | coefficients to rings and back |
 //! | `ring_table`, `ring_sums` | the inner loops of `legendre`: Legendre values on a block of rings, and sums with them |
 //! | `polar_rings` | the Legendre recurrence next to the poles |
+//! | `degree_pairs` | the Legendre recurrence over pairs of degrees, away from poles and equator |
 //! | `fourier` | rings to the oversampled grid and back |
 //! | `grid` | the layout of the oversampled grid and its margins |
 //! | `cells`, `points` | the cells of directions; directions sorted by them |

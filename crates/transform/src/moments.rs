@@ -51,7 +51,7 @@ use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::basis_size;
 
 use crate::TransformError;
-use on_grid::OnGrid;
+use on_grid::{OnGrid, Sizes};
 use ring_grid::{RingGrid, Size};
 
 pub use inverse_density::InverseDensity;
@@ -96,8 +96,13 @@ impl MomentOperator {
     /// channels on `threads` threads: about `240 (L + 1)^2` while it is made, then `90 (L + 1)^2` and for each channel,
     /// of up to 3 on each thread, `72 (L + 1)^2`.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
+        let Sizes { held, made, called } = Self::sizes(max_degree, channels, threads);
+        held + if made > called { made } else { called }
+    }
+
+    const fn sizes(max_degree: usize, channels: usize, threads: usize) -> Sizes {
         let rings = (max_degree + 1).next_multiple_of(8);
-        OnGrid::bytes(max_degree, rings, 4 * (max_degree + 1) + 64, channels, threads)
+        OnGrid::sizes(max_degree, rings, 4 * (max_degree + 1) + 64, channels, threads)
     }
 
     /// Returns the highest degree, L.

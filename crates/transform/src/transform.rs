@@ -125,7 +125,7 @@ impl Transform {
         let group = channels.min(params.channels.max(1));
         let layout = Layout::new(gridding.grid, gridding.reach, group);
         let (degrees, core) = (params.max_degree + 1, layout.core_rows());
-        let tables = degrees * (18 * degrees + 8 * (gridding.rings / 2 + 8));
+        let tables = degrees * (18 * degrees + 8 * (gridding.rings / 2 + 8) + 100);
         let circles = 16 * (degrees / 2 + 1) * group * gridding.grid;
         let spectra = 16 * core * group * degrees;
         let sorted = (8 * directions * channels).min(SORTED).max(8 * directions * group);

@@ -7,7 +7,6 @@ use ndarray::{Array2, s};
 
 use super::cg::{Cg, Stop};
 use super::columns::norms;
-use super::preconditioner::UNPRECONDITIONED;
 use super::report::{LsqReport, LsqSeconds, LsqWarning};
 use super::solver::{LsqSolver, Solution, Source};
 use crate::cholesky::CholeskyFactor;
@@ -52,7 +51,7 @@ impl LsqSolver<'_> {
             refinements: solution.refinements.unwrap_or(0),
             optimality,
             stop,
-            condition: self.condition(cg, solution),
+            condition: self.condition(cg),
             shift,
             breaks_at,
             norm,
@@ -69,7 +68,7 @@ impl LsqSolver<'_> {
     }
 
     /// Condition number of `W^(1/2) A`, stacked on `P^(1/2)`.
-    fn condition(&self, cg: &Cg, solution: &Solution) -> f64 {
+    fn condition(&self, cg: &Cg) -> f64 {
         let of = |reciprocal: f64| if reciprocal > 0.0 { (1.0 / reciprocal).sqrt() } else { f64::INFINITY };
         match (self.stored, &self.made) {
             (Some(factor), _) => of(factor.condition().reciprocal),
@@ -77,11 +76,7 @@ impl LsqSolver<'_> {
             (None, Some(made)) if made.shift > 0.0 => f64::INFINITY,
             (None, Some(made)) => of(made.factor.condition().reciprocal),
             (None, None) if self.penalty.is_some() => f64::NAN,
-            (None, None) if solution.preconditioner == UNPRECONDITIONED => cg.condition.sqrt(),
-            // Preconditioned by more than a number it isn't the matrix's own, but bounds that.
-            (None, None) => {
-                self.inverse_density().map_or(f64::NAN, |inverse| (cg.condition * inverse.condition()).sqrt())
-            }
+            (None, None) => cg.condition.sqrt(),
         }
     }
 }

@@ -113,7 +113,8 @@ pub(crate) struct Cg {
     pub(crate) iterations: usize,
     /// The iteration at which the optimality halved for the last time.
     pub(crate) best_at: usize,
-    /// Of N preconditioned, from the iteration's own coefficients; of the column with the largest.
+    /// Of N, from the iterations' own coefficients, times that of the preconditioner; of the column with the largest. NaN where that of the
+    /// preconditioner isn't known.
     pub(crate) condition: f64,
     /// An estimate of what the optimality may be off by, where the gradient is the iteration's own.
     pub(crate) doubt: f64,
@@ -160,6 +161,7 @@ impl Cg {
         monitor: &dyn Monitor,
     ) -> Result<Stop, SolverError> {
         let started = Instant::now();
+        let before = std::mem::replace(&mut self.condition, 1.0);
         let stop = match problem.columns_together() {
             Some(width) if width < self.x.ncols() && preconditioner.takes_columns_alone() => {
                 self.steps_of_groups(width, problem, preconditioner, params, progress, monitor)
@@ -167,6 +169,8 @@ impl Cg {
             _ => self.steps(problem, preconditioner, params, progress, monitor),
         };
         self.seconds += started.elapsed().as_secs_f64();
+        let own = self.condition * preconditioner.condition().unwrap_or(f64::NAN);
+        self.condition = if own.is_nan() { own } else { own.max(before) };
         stop
     }
 

@@ -22,20 +22,23 @@ impl LsqSolver<'_> {
                 Box::new(Density::new(operator, areas, self.params.weights.as_deref()))
             }
             (Strategy::LowDegreesCg(_), _, _, Some(low_degrees)) => Box::new(low_degrees),
-            (Strategy::Auto | Strategy::DensityCg, ..) if let Some(inverse) = self.inverse_density() => {
-                Box::new(ByMoments(inverse))
-            }
-            _ => Box::new(self.diagonal()),
+            _ => match self.inverse_density() {
+                Some(inverse) => Box::new(ByMoments(inverse)),
+                None => Box::new(self.diagonal()),
+            },
         }
     }
 
-    /// The inverse of the density, where there are moments and no penalty, and the rows determine the columns: where they don't,
-    /// the solution of least norm is what iterations without a preconditioner tend to.
+    /// The inverse of the density, where the strategy allows for it, there are moments and no penalty, and the rows determine the
+    /// columns: where they don't, the solution of least norm is what iterations without a preconditioner tend to.
     pub(super) fn inverse_density(&self) -> Option<&InverseDensity> {
         let normal = match self.source {
             Source::Samples(_) => &*self.moments.as_ref()?.normal,
             Source::Moments(problem) => problem.normal(),
         };
+        if !matches!(self.params.strategy, Strategy::Auto | Strategy::DensityCg) {
+            return None;
+        }
         let determined = self.rows_with_weight() >= 2 * basis_size(self.source.max_degree());
         if determined && self.penalty.is_none() { normal.inverse() } else { None }
     }

@@ -19,8 +19,8 @@ use crate::SolverError;
 
 /// Share of a factor's cost that the iterations which seem to be left may take: they tend to be more than it seems.
 const SHARE: f64 = 0.2;
-/// Accuracy of moments relative to the tolerance: times a condition number of up to ten it is little beside it, and the last
-/// gradient needn't be formed from the samples.
+/// Accuracy of moments relative to the tolerance: where the density is up to ten times its mean what it leaves of the gradient is
+/// little beside it, and the last gradient needn't be formed from the samples.
 const MOMENT_ACCURACY: f64 = 0.02;
 /// The coarsest moments that are any cheaper.
 const COARSEST: f64 = 1e-8;
@@ -77,7 +77,7 @@ impl LsqSolver<'_> {
         }
         let preconditioner = self.preconditioner();
         let (mut stop, mut residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
-        let name = preconditioner.name();
+        let mut name = preconditioner.name();
         if stop != Stop::Converged && further_than_zero(cg, &*self.problem(given))? {
             // Rounding has carried it there: up to where it was best, it hadn't.
             let before = cg.iterations;
@@ -95,8 +95,10 @@ impl LsqSolver<'_> {
         if stop == Stop::Converged && cg.optimality() > 1.5 * params.tolerance && self.moments.is_some() {
             self.warnings.push(LsqWarning::MomentsLoseDigits { optimality: cg.optimality() });
             (self.moments, self.make_moments) = (None, None);
-            stop = cg.run(&*self.problem(given), &*self.preconditioner(), &left(cg), monitor)?;
-            (stop, residual) = cg.confirm(stop, &*self.problem(given), &*self.preconditioner(), &params, monitor)?;
+            let preconditioner = self.preconditioner();
+            stop = cg.run(&*self.problem(given), &*preconditioner, &left(cg), monitor)?;
+            (stop, residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
+            name = preconditioner.name();
         }
         Ok(Some(Solution { stop, preconditioner: name, refinements: None, residual }))
     }
@@ -129,7 +131,8 @@ impl LsqSolver<'_> {
             (false, Some(0)) => cost.making(),
             _ => return false,
         };
-        making + STRETCH_BESIDE as f64 * cost.by_moments() < 0.5 * cost.with_factor()
+        let product = if self.inverse_density().is_some() { cost.preconditioned() } else { cost.by_moments() };
+        making + STRETCH_BESIDE as f64 * product < 0.5 * cost.with_factor()
     }
 
     /// Makes moments where they are needed from the first iteration on; returns right-hand sides, (K, c), that came with them.
@@ -158,6 +161,8 @@ impl LsqSolver<'_> {
         let started = Instant::now();
         let (normal, right_sides) = make(accuracy, targets)?;
         self.moments = Some(Moments { normal, accuracy });
+        // Made now if it is to be.
+        let _ = self.inverse_density();
         self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(right_sides)
     }

@@ -102,6 +102,9 @@ pub fn solve_moments_of_groups(
         let (coefficients, _, report) = solver.solve(Given::Sums(&own), &[], monitor)?;
         Ok(GroupFit { coefficients, report })
     };
+    let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params.clone())?;
+    // Groups share it: it is made before them, by all threads.
+    let _ = solver.inverse_density();
     // A product of a group takes one thread. A factor takes all of them, and the memory for one.
     let without_factor = |group: &Range<usize>| {
         let refuse = || Err(SolverError::NoGram);
@@ -113,7 +116,6 @@ pub fn solve_moments_of_groups(
     };
     let found: Vec<Option<GroupFit>> =
         groups.par_iter().with_max_len(1).map(without_factor).collect::<Result<_, SolverError>>()?;
-    let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params.clone())?;
     let with_factor = |(group, found): (&Range<usize>, Option<GroupFit>)| match found {
         Some(found) => Ok(found),
         None => fit(&mut solver, group),

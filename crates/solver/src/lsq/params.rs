@@ -4,12 +4,13 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Strategy {
-    /// Conjugate gradients first; where they are slow, they go on with a Cholesky factor in single precision; where that doesn't
+    /// Conjugate gradients first, by moments of an uneven sampling preconditioned with its density; where they are slow, they go on with a Cholesky factor in single precision; where that doesn't
     /// serve, a factor in double precision with refinement, shifted where the normal matrix is singular.
     Auto,
     /// Conjugate gradients without a preconditioner.
     Cg,
-    /// Conjugate gradients preconditioned with the sampling's density; needs [`LsqParams::areas`].
+    /// Conjugate gradients preconditioned with the sampling's density: that of moments where there are no samples, else of
+    /// [`LsqParams::areas`].
     DensityCg,
     /// Conjugate gradients preconditioned with the factor of the Gram matrix of the degrees up to this one.
     LowDegreesCg(usize),

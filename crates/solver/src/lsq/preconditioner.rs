@@ -19,6 +19,11 @@ pub trait Preconditioner: Sync {
     /// Returns its name in reports.
     fn name(&self) -> &'static str;
 
+    /// Returns a bound on its condition number; `None` where that isn't known.
+    fn condition(&self) -> Option<f64> {
+        None
+    }
+
     /// Returns whether columns a few after each other cost no more than all at once.
     fn takes_columns_alone(&self) -> bool {
         false
@@ -35,6 +40,10 @@ pub trait Preconditioner: Sync {
 impl<P: Preconditioner + ?Sized> Preconditioner for &P {
     fn name(&self) -> &'static str {
         (**self).name()
+    }
+
+    fn condition(&self) -> Option<f64> {
+        (**self).condition()
     }
 
     fn takes_columns_alone(&self) -> bool {
@@ -68,6 +77,11 @@ impl Diagonal {
 impl Preconditioner for Diagonal {
     fn name(&self) -> &'static str {
         UNPRECONDITIONED
+    }
+
+    fn condition(&self) -> Option<f64> {
+        let ends = self.inverse.iter().fold([f64::INFINITY, 0.0f64], |[low, high], &v| [low.min(v), high.max(v)]);
+        Some(ends[1] / ends[0])
     }
 
     fn takes_columns_alone(&self) -> bool {
@@ -123,6 +137,10 @@ pub(crate) struct ByMoments<'a>(pub(crate) &'a InverseDensity);
 impl Preconditioner for ByMoments<'_> {
     fn name(&self) -> &'static str {
         "density"
+    }
+
+    fn condition(&self) -> Option<f64> {
+        Some(self.0.condition())
     }
 
     fn takes_columns_alone(&self) -> bool {

@@ -28,7 +28,7 @@ pub struct LsqReport {
     pub optimality: f64,
     /// How it ended.
     pub stop: Stop,
-    /// Estimated condition number of the basis matrix, with its weights and penalty, or a bound on it where the density of moments
+    /// Estimated condition number of the basis matrix, with its weights and penalty, or of a bound on it where the density of moments
     /// preconditions; infinite (null in JSON) where it is numerically singular, NaN (null) where it isn't known.
     pub condition: f64,
     /// What was added to the diagonal of a singular normal matrix, relative to its largest entry; zero otherwise.
@@ -52,7 +52,7 @@ pub struct LsqReport {
 pub struct LsqSeconds {
     /// Gram matrix and its factorisation.
     pub factor: f64,
-    /// Moments of the sampling, and the operator from them.
+    /// Moments of the sampling, the operator from them and its approximate inverse.
     pub moments: f64,
     /// Iterations of conjugate gradients.
     pub iterations: f64,

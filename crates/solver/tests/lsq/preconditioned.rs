@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use ndarray::{Array2, ArrayView2, s};
 use spharm_monitor::Silent;
-use spharm_solver::lsq::{MomentFit, MomentProblem, Stop, solve_moments};
+use spharm_solver::lsq::{MomentFit, MomentProblem, Stop, solve_moments, solve_moments_of_groups};
 use spharm_solver::{LsqParams, MatrixFreeOperator, Operator, SolverError, Strategy, lsq};
 use spharm_transform::{FINEST, SampleSums};
 
@@ -116,6 +116,37 @@ fn uneven_samplings_take_fewer_iterations_by_moments() {
             assert_eq!(alone.coefficients.values(), fit.coefficients.values().slice(s![.., ..3]));
         }
     }
+}
+
+/// Groups share the inverse, each on a thread of its own.
+#[test]
+fn groups_of_an_uneven_sampling_are_each_as_if_alone() {
+    let targets = Random(5).normals(1000, 12);
+    let sampling = irregular(1000, 4);
+    let alone = problem(&sampling, &targets);
+    let groups: Vec<_> = (0..12).map(|c| c..c + 1).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(6).build().unwrap();
+    for _ in 0..20 {
+        // It has no inverse yet.
+        let all = problem(&sampling, &targets);
+        let fits = pool.install(|| solve_moments_of_groups(&all, &groups, &LsqParams::default(), &Silent)).unwrap();
+        for (group, fit) in groups.iter().zip(fits) {
+            let alone = by(&alone.of_columns(group.clone()), Strategy::Auto);
+            assert_eq!(
+                (fit.report.preconditioner, fit.coefficients.values()),
+                ("density", alone.coefficients.values())
+            );
+        }
+    }
+}
+
+/// The condition is that of the basis where the preconditioner's is known.
+#[test]
+fn the_condition_isnt_known_with_low_degrees() {
+    let sampling = irregular(1000, 4);
+    let problem = problem(&sampling, &Random(5).normals(1000, 1));
+    let fit = by(&problem, Strategy::LowDegreesCg(4));
+    assert_eq!((fit.report.preconditioner, fit.report.condition.is_nan()), ("low-degrees", true));
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! The memory that fits of surfaces take.
 
 use spharm_harmonics::basis_size;
-use spharm_transform::{Accumulator, MomentOperator, NodalSums, Transform};
+use spharm_solver::MomentNormal;
+use spharm_transform::{Accumulator, NodalSums, Transform};
 
 use super::job::{held, reading};
 use super::lsq_plan::{Sizes, transform};
@@ -71,9 +72,9 @@ impl SurfacePlan {
                 NodalSums::bytes(max_degree, vertices, faces, samples, columns),
             ),
         };
-        // Moments and right-hand sides, twice; the vectors of conjugate gradients.
-        let solving = 16 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
-        let operator = MomentOperator::bytes(max_degree, columns, rayon::current_num_threads());
+        // Moments, and what is made from them with a copy; right-hand sides, twice; the vectors of conjugate gradients.
+        let solving = 8 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
+        let operator = MomentNormal::bytes(max_degree, columns, rayon::current_num_threads());
         let evaluated = self.evaluated(together);
         let at_vertices =
             Transform::bytes(&transform(max_degree, evaluated), vertices, evaluated).unwrap_or(usize::MAX / 4);

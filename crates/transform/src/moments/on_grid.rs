@@ -10,6 +10,16 @@ use crate::TransformError;
 use crate::legendre::SomeColumns;
 use crate::pool::Pool;
 
+/// Bytes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sizes {
+    pub(super) held: usize,
+    /// Beside these, while it is made from a function of degree 2L.
+    pub(super) made: usize,
+    /// Beside these, in calls.
+    pub(super) called: usize,
+}
+
 /// A grid and a diagonal.
 #[derive(Debug)]
 pub(super) struct OnGrid {
@@ -26,26 +36,26 @@ impl OnGrid {
         Self { grid, diagonal, spaces: Pool::default(), tasks: Pool::default() }
     }
 
-    /// The most bytes, with those while it is made from a function of degree 2L, of a grid with so many pairs of rings, a multiple of
-    /// 8, of up to so many points.
-    pub(super) const fn bytes(
+    /// Bytes with a grid of so many pairs of rings, a multiple of 8, of up to so many points.
+    pub(super) const fn sizes(
         max_degree: usize,
         rings: usize,
         points: usize,
         channels: usize,
         threads: usize,
-    ) -> usize {
+    ) -> Sizes {
         let orders = max_degree + 1;
         // alpha, scale, pairs of degrees and powers, and the points of all pairs of rings.
-        let held = 18 * orders * (orders + 1) + 8 * orders * rings + 16 * rings * points;
+        let held = 18 * orders * (orders + 1) + 80 * orders + 8 * orders * rings + 16 * rings * points;
         // The same of twice the degree, and its sums.
-        let made = 18 * 2 * orders * (2 * orders + 1) + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
+        let made =
+            18 * 2 * orders * (2 * orders + 1) + 160 * orders + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
         let group = if channels < CHANNELS { channels } else { CHANNELS };
         let groups = channels.div_ceil(CHANNELS);
         let groups = if groups < threads { groups } else { threads };
-        let tasks = threads * (8 * 18 * rings + 2 * 16 * points + (32 << 10));
+        let tasks = threads * (8 * 18 * rings + 96 * orders + 2 * 16 * points + (32 << 10));
         let called = tasks + groups * 2 * group * (2 * 8 * 2 * orders * rings + 4 * orders * (orders + 1));
-        held + if made > called { made } else { called }
+        Sizes { held, made, called }
     }
 
     pub(super) fn max_degree(&self) -> usize {

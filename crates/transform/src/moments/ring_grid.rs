@@ -47,7 +47,7 @@ pub(super) enum Size {
     /// Products of two functions of degree L and one of degree 2L are integrated exactly.
     Exact,
     /// 5/4 of the rings and points that functions of degree L have digits on: a product with a function is near to the exact
-    /// one, at less than half the cost.
+    /// one, at some half of the cost.
     Coarse,
 }
 

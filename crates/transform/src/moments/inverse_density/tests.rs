@@ -102,9 +102,29 @@ fn even_samplings_and_those_with_large_gaps_have_none() {
     assert!(none(&scattered(2, 50_000)));
     assert!(none(&kept(8_000, |_, [_, _, z]| z < 0.7)));
     assert!(!none(&scattered(2, 1000)));
-    // Weights of both signs: no density.
-    assert!(InverseDensity::new(4, &[0.0; 81]).unwrap().is_none());
+    // Weights whose sum isn't positive: no density.
+    for sum in [0.0, -1.0] {
+        let mut moments = sloping(4, 0.9);
+        moments[0] = sum;
+        assert!(InverseDensity::new(4, &moments).unwrap().is_none());
+    }
     assert!(InverseDensity::new(0, &[1.0]).unwrap().is_none());
+}
+
+/// A gap is large by the wavelengths that have room in it.
+#[test]
+fn the_same_gap_is_small_for_low_degrees_and_large_for_high_ones() {
+    let directions = kept(60_000, |i, [x, _, z]| z < 0.96 && (x > 0.0 || i % 3 == 0));
+    let there = |degree: usize| InverseDensity::new(degree, &moments(&directions, degree)).unwrap().is_some();
+    assert!(there(30));
+    assert!(!there(60));
+}
+
+/// The density `1 + 0.6 z` goes from 0.4 to 1.6.
+#[test]
+fn its_condition_is_that_of_the_density() {
+    let condition = InverseDensity::new(60, &sloping(60, 0.6)).unwrap().unwrap().condition();
+    assert!((condition - 4.0).abs() < 0.05, "{condition}");
 }
 
 #[test]
