@@ -16,7 +16,8 @@ use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
 use spharm_solver::lsq::moments_pay;
 use spharm_solver::{
-    CholeskyFactor, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, StoredFactor, Strategy, moment_gram,
+    CholeskyFactor, DeferredOperator, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, Operator, StoredFactor,
+    Strategy, moment_gram, moment_normal,
 };
 use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
@@ -124,10 +125,15 @@ fn main() -> Result<()> {
             let (seconds, fit) = repeat(repeats, || {
                 let params = TransformParams { max_degree, accuracy, ..Default::default() };
                 let shared = !samples && moments_pay(directions.len(), max_degree, targets.ncols(), tolerance);
-                let make = if shared { MatrixFreeOperator::with_moments } else { MatrixFreeOperator::new };
-                let operator = make(&directions, &params)?;
+                let with_moments = || MatrixFreeOperator::with_moments(&directions, &params);
+                let with_moments = shared.then(with_moments).transpose()?;
+                let deferred = DeferredOperator::new(&directions, &params);
+                let operator: &dyn Operator = with_moments.as_ref().map_or(&deferred, |operator| operator);
                 let make_moments = |accuracy: f64, targets: Option<&Array2<f64>>| {
-                    let (moments, right_sides) = operator.moments(&directions, None, accuracy, targets)?;
+                    let (moments, right_sides) = match &with_moments {
+                        Some(operator) => operator.moments(&directions, None, accuracy, targets)?,
+                        None => (moment_normal(&directions, None, max_degree, accuracy)?, None),
+                    };
                     Ok((Arc::new(moments), right_sides))
                 };
                 let strategy = if factor { Strategy::Cholesky } else { Strategy::Auto };
@@ -145,7 +151,7 @@ fn main() -> Result<()> {
                     }
                     None => None,
                 };
-                let mut solver = LsqSolver::new(&operator, Some(&make_gram), params)?;
+                let mut solver = LsqSolver::new(operator, Some(&make_gram), params)?;
                 if !samples {
                     solver = solver.with_moments(&make_moments);
                 }

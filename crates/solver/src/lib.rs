@@ -73,7 +73,7 @@ pub use lsq::{LsqFit, LsqParams, LsqReport, LsqSolver, Strategy};
 pub use moment_normal::MomentNormal;
 #[cfg(feature = "dense")]
 pub use operator::{BlockOperator, DiskOperator, MemoryOperator, Residency};
-pub use operator::{MatrixFreeOperator, Operator};
+pub use operator::{DeferredOperator, MatrixFreeOperator, Operator};
 pub use residual::ResidualNorms;
 
 /// The number of threads that a parameter asks for; 0 stands for those of the rayon pool that the call is in.

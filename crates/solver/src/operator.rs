@@ -5,7 +5,7 @@
 //!
 //! | operator | the basis |
 //! |---|---|
-//! | [`MatrixFreeOperator`] | nowhere: fast transforms |
+//! | [`MatrixFreeOperator`], [`DeferredOperator`] | nowhere: fast transforms |
 //! | [`MemoryOperator`] | in memory |
 //! | [`DiskOperator`] | in a store |
 
@@ -27,7 +27,7 @@ use crate::SolverError;
 pub use blocks::{Block, BlockOperator, Residency, Scratch};
 #[cfg(feature = "dense")]
 pub use disk::DiskOperator;
-pub use matrix_free::MatrixFreeOperator;
+pub use matrix_free::{DeferredOperator, MatrixFreeOperator};
 #[cfg(feature = "dense")]
 pub use memory::MemoryOperator;
 

@@ -1,6 +1,7 @@
 //! The directions sorted for interpolation: by strips of the grid's rows, and by columns along a strip.
 
 use std::ops::Range;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
@@ -23,8 +24,8 @@ const PLACED: usize = 256;
 /// each other; where cells outnumber the directions these are left as they come.
 #[derive(Debug)]
 pub(crate) struct Points {
-    /// The place of each direction. Threads write to each other's neighbourhood: a relaxed store is a plain one.
-    rank: Vec<AtomicU32>,
+    /// The place of each direction, once it is asked for. Threads write to each other's neighbourhood: a relaxed store is a plain one.
+    ranks: OnceLock<Vec<AtomicU32>>,
     /// The direction at each place.
     order: Vec<u32>,
     /// At each place, row and column of the grid cell.
@@ -56,7 +57,6 @@ impl Points {
             .collect();
         // The longest first, so that no thread starts on a long one at the end.
         tasks.sort_by_key(|(_, slots)| std::cmp::Reverse(slots.order.len()));
-        let rank: Vec<AtomicU32> = (0..count).into_par_iter().map(|_| AtomicU32::new(0)).collect();
         tasks.into_par_iter().with_max_len(1).for_each(|(rows, slots)| {
             let Slots { order, cells, fractions } = slots;
             let from: Vec<(u32, Place)> =
@@ -67,10 +67,7 @@ impl Points {
                 (cells[at], fractions[at]) = *place;
             });
         });
-        order.par_iter().enumerate().for_each(|(place, direction)| {
-            rank[*direction as usize].store(place as u32, Ordering::Relaxed);
-        });
-        Ok(Self { rank, order, cells, fractions, strips })
+        Ok(Self { ranks: OnceLock::new(), order, cells, fractions, strips })
     }
 
     /// Number of directions, n.
@@ -93,9 +90,17 @@ impl Points {
         &self.order
     }
 
-    /// The place of each direction.
+    /// The place of each direction. It is made for the first who asks: samples that are only spread don't need it.
     pub(crate) fn ranks(&self) -> &[AtomicU32] {
-        &self.rank
+        if let Some(ranks) = self.ranks.get() {
+            return ranks;
+        }
+        // Not within the cell, for which a thread that has taken up other work could wait.
+        let ranks: Vec<AtomicU32> = (0..self.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
+        self.order.par_iter().enumerate().for_each(|(place, direction)| {
+            ranks[*direction as usize].store(place as u32, Ordering::Relaxed);
+        });
+        self.ranks.get_or_init(|| ranks)
     }
 }
 

@@ -1,5 +1,7 @@
 //! The basis as fast transforms, without a matrix.
 
+use std::sync::OnceLock;
+
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::{Directions, basis_size};
 use spharm_transform::{Transform, TransformParams};
@@ -117,5 +119,52 @@ impl Operator for MatrixFreeOperator {
     fn normal(&self, x: ArrayView2<'_, f64>, weights: Option<&[f64]>) -> Result<Array2<f64>, SolverError> {
         let weights = weights.map(|weights| self.transform.sorted_weights(weights)).transpose()?;
         Ok(self.transform.normal(x, weights.as_ref())?)
+    }
+}
+
+/// A [`MatrixFreeOperator`] whose transforms are planned when they are first needed. What is done before, as making moments, has
+/// the memory of the plan for itself.
+#[derive(Debug)]
+pub struct DeferredOperator<'a> {
+    directions: &'a Directions,
+    params: TransformParams,
+    planned: OnceLock<MatrixFreeOperator>,
+}
+
+impl<'a> DeferredOperator<'a> {
+    /// Plans nothing yet: what is wrong with the parameters is an error of the first product.
+    pub fn new(directions: &'a Directions, params: &TransformParams) -> Self {
+        Self { directions, params: *params, planned: OnceLock::new() }
+    }
+
+    fn planned(&self) -> Result<&MatrixFreeOperator, SolverError> {
+        if let Some(planned) = self.planned.get() {
+            return Ok(planned);
+        }
+        // Not within the cell, for which a thread that has taken up other work could wait.
+        let planned = MatrixFreeOperator::new(self.directions, &self.params)?;
+        Ok(self.planned.get_or_init(|| planned))
+    }
+}
+
+impl Operator for DeferredOperator<'_> {
+    fn rows(&self) -> usize {
+        self.directions.len()
+    }
+
+    fn max_degree(&self) -> usize {
+        self.params.max_degree
+    }
+
+    fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
+        self.planned()?.apply(x)
+    }
+
+    fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
+        self.planned()?.apply_adjoint(r)
+    }
+
+    fn normal(&self, x: ArrayView2<'_, f64>, weights: Option<&[f64]>) -> Result<Array2<f64>, SolverError> {
+        self.planned()?.normal(x, weights)
     }
 }

@@ -8,7 +8,8 @@ use ndarray::{Array2, s};
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
 use spharm_solver::{
-    GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, ResidualNorms, StoredFactor, moment_gram, moment_gram_bytes,
+    DeferredOperator, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, Operator, ResidualNorms, StoredFactor,
+    moment_gram, moment_gram_bytes, moment_normal,
 };
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
@@ -43,8 +44,10 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
     let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
         && moment_bytes <= plan.spare(together);
-    let make = if shared { MatrixFreeOperator::with_moments } else { MatrixFreeOperator::new };
-    let operator = make(directions, &transform).map_err(Error::from)?;
+    let with_moments = || MatrixFreeOperator::with_moments(directions, &transform).map_err(Error::from);
+    let with_moments = shared.then(with_moments).transpose()?;
+    let deferred = DeferredOperator::new(directions, &transform);
+    let operator: &dyn Operator = with_moments.as_ref().map_or(&deferred, |operator| operator);
     let mut warnings = Vec::new();
     // What the solver may take for moments isn't there for anything else.
     let of_moments = if moment_bytes <= plan.spare(together) { moment_bytes } else { 0 };
@@ -62,14 +65,17 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         if let Some(made) = &*moments {
             return Ok((Arc::clone(made), None));
         }
-        let (made, right_sides) = operator.moments(directions, weights.as_deref(), accuracy, targets)?;
+        let (made, right_sides) = match &with_moments {
+            Some(operator) => operator.moments(directions, weights.as_deref(), accuracy, targets)?,
+            None => (moment_normal(directions, weights.as_deref(), params.max_degree, accuracy)?, None),
+        };
         let made = Arc::new(made);
         *moments = Some(made.clone());
         Ok((made, right_sides))
     };
     let equations = Equations {
         params,
-        operator: &operator,
+        operator,
         make_gram: &make_gram,
         make_moments: &make_moments,
         stored: stored.as_ref().filter(|_| !automatic),
@@ -103,7 +109,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
 /// The normal equations that all batches share.
 struct Equations<'a> {
     params: &'a FitParams,
-    operator: &'a MatrixFreeOperator,
+    operator: &'a dyn Operator,
     make_gram: &'a MakeGram<'a>,
     make_moments: &'a MakeMoments<'a>,
     stored: Option<&'a StoredFactor>,
