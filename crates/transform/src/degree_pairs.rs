@@ -26,6 +26,19 @@
 use multiversion::multiversion;
 use rayon::prelude::*;
 
+/// Degree from which on pairs of degrees pay: mixing coefficients takes as long as some ten rings, and so does a zone of its own.
+const PAIRS_FROM: usize = 256;
+/// Rings with a cosine of the colatitude below this, and some of each degree, are next to the equator: pairs of degrees
+/// lose a digit there, and at high degrees more.
+const EQUATORIAL_COSINE: f64 = 0.05;
+const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
+/// The number of rings, with these cosines of the colatitude from the pole to the equator, that come before those next to the equator;
+/// none where the degree is too low.
+pub(crate) fn end(max_degree: usize, cosines: &[f64]) -> usize {
+    let least = EQUATORIAL_COSINE + EQUATORIAL_COSINE_PER_DEGREE * max_degree as f64;
+    if max_degree < PAIRS_FROM { 0 } else { cosines.partition_point(|z| *z >= least) }
+}
+
 /// Values `a`, `b` and mixing factors of all orders.
 #[derive(Debug)]
 pub(crate) struct DegreePairs {
@@ -54,32 +67,69 @@ impl DegreePairs {
     /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): those of even degrees first.
     pub(crate) fn mix(&self, m: usize, x: &[f64], columns: usize, mixed: &mut Vec<f64>) {
         mixed.clear();
-        let row = |k: usize| x.get(k * columns..(k + 1) * columns);
-        for (j, [here, next, odd]) in self.mixing(m).enumerate() {
-            let (even, after) = (&x[2 * j * columns..][..columns], row(2 * j + 2));
-            mixed.extend((0..columns).map(|c| here * even[c] + after.map_or(0.0, |after| next * after[c])));
-            match row(2 * j + 1) {
-                Some(row) => mixed.extend(row.iter().map(|x| odd * x)),
-                None => mixed.extend(std::iter::repeat_n(0.0, columns)),
+        mixed.resize(self.orders[m].mixing.len() * 2 * columns, 0.0);
+        let Order { mixing, .. } = &self.orders[m];
+        match columns {
+            2 => mix_rows(mixing, x.as_chunks::<2>().0, mixed.as_chunks_mut::<2>().0),
+            4 => mix_rows(mixing, x.as_chunks::<4>().0, mixed.as_chunks_mut::<4>().0),
+            6 => mix_rows(mixing, x.as_chunks::<6>().0, mixed.as_chunks_mut::<6>().0),
+            _ => {
+                for column in 0..columns {
+                    let x: Vec<[f64; 1]> = x.chunks_exact(columns).map(|row| [row[column]]).collect();
+                    let mut own = vec![[0.0]; 2 * mixing.len()];
+                    mix_rows(mixing, &x, &mut own);
+                    mixed.chunks_exact_mut(columns).zip(own).for_each(|(row, [own])| row[column] = own);
+                }
             }
         }
     }
 
     /// The transpose of [`mix`](Self::mix), added to x.
     pub(crate) fn unmix(&self, m: usize, mixed: &[f64], columns: usize, x: &mut [f64]) {
-        for ((j, [here, next, odd]), mixed) in self.mixing(m).enumerate().zip(mixed.chunks_exact(2 * columns)) {
-            let (even_sums, odd_sums) = mixed.split_at(columns);
-            for (k, factor, sums) in
-                [(2 * j, here, even_sums), (2 * j + 1, odd, odd_sums), (2 * j + 2, next, even_sums)]
-            {
-                let row = x.get_mut(k * columns..(k + 1) * columns).unwrap_or_default();
-                row.iter_mut().zip(sums).for_each(|(x, sum)| *x += factor * sum);
+        let Order { mixing, .. } = &self.orders[m];
+        match columns {
+            2 => unmix_rows(mixing, mixed.as_chunks::<2>().0, x.as_chunks_mut::<2>().0),
+            4 => unmix_rows(mixing, mixed.as_chunks::<4>().0, x.as_chunks_mut::<4>().0),
+            6 => unmix_rows(mixing, mixed.as_chunks::<6>().0, x.as_chunks_mut::<6>().0),
+            _ => {
+                for column in 0..columns {
+                    let own: Vec<[f64; 1]> = mixed.chunks_exact(columns).map(|row| [row[column]]).collect();
+                    let mut sums = vec![[0.0]; x.len() / columns];
+                    unmix_rows(mixing, &own, &mut sums);
+                    x.chunks_exact_mut(columns).zip(sums).for_each(|(row, [sum])| row[column] += sum);
+                }
             }
         }
     }
+}
 
-    fn mixing(&self, m: usize) -> impl Iterator<Item = [f64; 3]> + '_ {
-        self.orders[m].mixing.iter().copied()
+/// Rows of coefficients, one a degree, to two rows a pair: of even degrees and of odd ones.
+fn mix_rows<const C: usize>(mixing: &[[f64; 3]], x: &[[f64; C]], mixed: &mut [[f64; C]]) {
+    let zero = [0.0; C];
+    for ((j, [here, next, odd]), mixed) in mixing.iter().enumerate().zip(mixed.as_chunks_mut::<2>().0) {
+        let row = |k: usize| x.get(k).unwrap_or(&zero);
+        let (even, middle, after) = (row(2 * j), row(2 * j + 1), row(2 * j + 2));
+        for c in 0..C {
+            mixed[0][c] = here * even[c] + next * after[c];
+            mixed[1][c] = odd * middle[c];
+        }
+    }
+}
+
+/// The transpose of [`mix_rows`], added to x.
+fn unmix_rows<const C: usize>(mixing: &[[f64; 3]], mixed: &[[f64; C]], x: &mut [[f64; C]]) {
+    let mut carried = [0.0; C];
+    for ((j, [here, next, odd]), mixed) in mixing.iter().enumerate().zip(mixed.as_chunks::<2>().0) {
+        let Some(even) = x.get_mut(2 * j) else { break };
+        for c in 0..C {
+            even[c] += here * mixed[0][c] + carried[c];
+            carried[c] = next * mixed[0][c];
+        }
+        if let Some(middle) = x.get_mut(2 * j + 1) {
+            for c in 0..C {
+                middle[c] += odd * mixed[1][c];
+            }
+        }
     }
 }
 

@@ -15,7 +15,7 @@
 //! The work is cut into blocks of rings and chunks of degrees: the values of r go to a [table](crate::ring_table) that
 //! stays in the L1 cache and serves all channels. A value costs two fused products, and one more for the cosine and one
 //! for the sine of each channel: with three channels 8 fused products in 4 cycles for eight rings, of which six are the
-//! sums. On most rings one value serves a [pair of degrees](crate::degree_pairs), at half of that. Next to the equator degrees
+//! sums. From degree 256 on one value serves a [pair of degrees](crate::degree_pairs) on most rings, at half of that. Next to the equator degrees
 //! are taken one by one, next to the poles in [double-double](crate::polar_rings).
 //!
 //! Near the poles, where `u` is so small that all `P_{l,m}` of an order are negligible, rings are skipped
@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use spharm_harmonics::index::{degree_order, first_column};
 use spharm_harmonics::rings::{MonicRecurrence, sine_powers};
 
-use crate::degree_pairs::DegreePairs;
+use crate::degree_pairs::{self, DegreePairs};
 use crate::polar_rings::{PolarRings, PolarState};
 use crate::ring_sums::{
     Coefficients, pair_projections_2, pair_projections_4, pair_projections_6, pair_projections_of_channel, pair_sums_2,
@@ -37,10 +37,6 @@ use crate::ring_sums::{
 };
 use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
 
-/// Rings with a cosine of the colatitude below this, and some of each degree, are next to the equator: [pairs of degrees](DegreePairs)
-/// lose a digit there, and at high degrees more.
-const EQUATORIAL_COSINE: f64 = 0.05;
-const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
 /// Coefficients that a task brings into canonical order.
 const RUN: usize = 1024;
 
@@ -69,7 +65,8 @@ pub(crate) struct Legendre {
     polar: PolarRings,
     /// The first of the rings next to the equator, a multiple of [`LANES`], and not before the end of the polar ones.
     equatorial: usize,
-    pairs: DegreePairs,
+    /// Where there are rings between the two.
+    pairs: Option<DegreePairs>,
     /// `cos^2 theta` of the rings.
     squares: Vec<f64>,
 }
@@ -107,8 +104,7 @@ impl Legendre {
             })
             .collect();
         let polar = PolarRings::new(recurrence, angles, &first_ring);
-        let equator = |z: &f64| *z < EQUATORIAL_COSINE + EQUATORIAL_COSINE_PER_DEGREE * max_degree as f64;
-        let equatorial = z.iter().position(equator).unwrap_or(z.len()) / LANES * LANES;
+        let equatorial = degree_pairs::end(max_degree, &z) / LANES * LANES;
         // Rounded once: next to a pole an error would add up from step to step.
         let square = |[cosine, sine]: &[f64; 2]| if sine < cosine { 1.0 - sine * sine } else { cosine * cosine };
         let mut squares: Vec<f64> = angles.iter().map(square).collect();
@@ -129,8 +125,9 @@ impl Legendre {
             scale.extend_from_slice(&of_scale);
         }
         let of_order = |m: usize| &alpha[m * (2 * max_degree + 3 - m) / 2..][..max_degree + 1 - m];
-        let pairs = DegreePairs::new(max_degree, of_order);
-        let equatorial = equatorial.max(polar.count());
+        let by_pairs = equatorial > polar.count();
+        let pairs = by_pairs.then(|| DegreePairs::new(max_degree, of_order));
+        let equatorial = if by_pairs { equatorial } else { polar.count() };
         Self { max_degree, alpha, scale, z, power, first_ring, polar, equatorial, pairs, squares }
     }
 
@@ -212,7 +209,10 @@ impl Legendre {
         even[..rings * columns].fill(0.0);
         odd[..rings * columns].fill(0.0);
         let mut mixed = std::mem::take(&mut work.mixed);
-        self.pairs.mix(m, &x[..alpha.len() * columns], columns, &mut mixed);
+        let steps = self.pairs.as_ref().map_or(&[][..], |pairs| {
+            pairs.mix(m, &x[..alpha.len() * columns], columns, &mut mixed);
+            pairs.steps(m)
+        });
         self.blocks(m, SYNTHESIS.block, |first, count, zone| {
             work.table.start(SYNTHESIS, count);
             let in_table = &mut |chunk: usize, x: &[f64], stride: usize, rows: usize, table: &[f64]| {
@@ -240,7 +240,7 @@ impl Legendre {
                 }
             };
             if zone == Zone::Middle {
-                for (chunk, steps) in self.pairs.steps(m).chunks(SYNTHESIS.chunk).enumerate() {
+                for (chunk, steps) in steps.chunks(SYNTHESIS.chunk).enumerate() {
                     work.table.advance_pairs(&self.squares[first..first + count], steps);
                     in_table(chunk, &mixed, 2 * columns, steps.len(), &work.table.values);
                 }
@@ -270,8 +270,9 @@ impl Legendre {
         self.weigh(m, columns, even, odd);
         x[..alpha.len() * columns].fill(0.0);
         let mut mixed = std::mem::take(&mut work.mixed);
+        let steps = self.pairs.as_ref().map_or(&[][..], |pairs| pairs.steps(m));
         mixed.clear();
-        mixed.resize(self.pairs.steps(m).len() * 2 * columns, 0.0);
+        mixed.resize(steps.len() * 2 * columns, 0.0);
         self.blocks(m, ADJOINT.block, |first, count, zone| {
             work.table.start(ADJOINT, count);
             let in_table = &mut |chunk: usize, x: &mut [f64], stride: usize, rows: usize, table: &[f64]| {
@@ -300,7 +301,7 @@ impl Legendre {
                 }
             };
             if zone == Zone::Middle {
-                for (chunk, steps) in self.pairs.steps(m).chunks(ADJOINT.chunk).enumerate() {
+                for (chunk, steps) in steps.chunks(ADJOINT.chunk).enumerate() {
                     work.table.advance_pairs(&self.squares[first..first + count], steps);
                     in_table(chunk, &mut mixed, 2 * columns, steps.len(), &work.table.values);
                 }
@@ -311,7 +312,9 @@ impl Legendre {
                 }
             }
         });
-        self.pairs.unmix(m, &mixed, columns, &mut x[..alpha.len() * columns]);
+        if let Some(pairs) = &self.pairs {
+            pairs.unmix(m, &mixed, columns, &mut x[..alpha.len() * columns]);
+        }
         work.mixed = mixed;
     }
 

@@ -95,7 +95,7 @@ fn high_degrees_agree_with_transforms() {
     for (degree, n) in [(100, 30_000), (257, 50_000)] {
         let directions = scattered(4, n);
         let weights: Vec<f64> = (0..n).map(|i| 1.0 + 0.9 * noise(i)).collect();
-        let x = numbers(5, basis_size(degree), 4);
+        let x = numbers(5, basis_size(degree), 5);
         let sums = SampleSums::new(&directions, Some(&weights), numbers(6, n, 2).view(), degree, FINEST).unwrap();
         let params = TransformParams { max_degree: degree, accuracy: FINEST, ..Default::default() };
         let transform = Transform::new(&directions, &params).unwrap();
