@@ -64,22 +64,24 @@ impl DegreePairs {
         &self.orders[m].steps
     }
 
-    /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): those of even degrees first.
+    /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): for each channel, cosine and sine of even
+    /// degrees and then those of odd ones.
     pub(crate) fn mix(&self, m: usize, x: &[f64], columns: usize, mixed: &mut Vec<f64>) {
-        mixed.clear();
-        mixed.resize(self.orders[m].mixing.len() * 2 * columns, 0.0);
         let Order { mixing, .. } = &self.orders[m];
-        match columns {
-            2 => mix_rows(mixing, x.as_chunks::<2>().0, mixed.as_chunks_mut::<2>().0),
-            4 => mix_rows(mixing, x.as_chunks::<4>().0, mixed.as_chunks_mut::<4>().0),
-            6 => mix_rows(mixing, x.as_chunks::<6>().0, mixed.as_chunks_mut::<6>().0),
-            _ => {
-                for column in 0..columns {
-                    let x: Vec<[f64; 1]> = x.chunks_exact(columns).map(|row| [row[column]]).collect();
-                    let mut own = vec![[0.0]; 2 * mixing.len()];
-                    mix_rows(mixing, &x, &mut own);
-                    mixed.chunks_exact_mut(columns).zip(own).for_each(|(row, [own])| row[column] = own);
+        mixed.clear();
+        mixed.resize(mixing.len() * 2 * columns, 0.0);
+        for ((j, factors), mixed) in mixing.iter().enumerate().zip(mixed.chunks_exact_mut(2 * columns)) {
+            for (k, even_factor) in [(2 * j, factors[0]), (2 * j + 2, factors[1])] {
+                let row = x.get(k * columns..(k + 1) * columns).unwrap_or_default();
+                for (x, mixed) in row.as_chunks::<2>().0.iter().zip(mixed.as_chunks_mut::<4>().0) {
+                    mixed[0] += even_factor * x[0];
+                    mixed[1] += even_factor * x[1];
                 }
+            }
+            let row = x.get((2 * j + 1) * columns..(2 * j + 2) * columns).unwrap_or_default();
+            for (x, mixed) in row.as_chunks::<2>().0.iter().zip(mixed.as_chunks_mut::<4>().0) {
+                mixed[2] = factors[2] * x[0];
+                mixed[3] = factors[2] * x[1];
             }
         }
     }
@@ -87,47 +89,13 @@ impl DegreePairs {
     /// The transpose of [`mix`](Self::mix), added to x.
     pub(crate) fn unmix(&self, m: usize, mixed: &[f64], columns: usize, x: &mut [f64]) {
         let Order { mixing, .. } = &self.orders[m];
-        match columns {
-            2 => unmix_rows(mixing, mixed.as_chunks::<2>().0, x.as_chunks_mut::<2>().0),
-            4 => unmix_rows(mixing, mixed.as_chunks::<4>().0, x.as_chunks_mut::<4>().0),
-            6 => unmix_rows(mixing, mixed.as_chunks::<6>().0, x.as_chunks_mut::<6>().0),
-            _ => {
-                for column in 0..columns {
-                    let own: Vec<[f64; 1]> = mixed.chunks_exact(columns).map(|row| [row[column]]).collect();
-                    let mut sums = vec![[0.0]; x.len() / columns];
-                    unmix_rows(mixing, &own, &mut sums);
-                    x.chunks_exact_mut(columns).zip(sums).for_each(|(row, [sum])| row[column] += sum);
+        for ((j, factors), mixed) in mixing.iter().enumerate().zip(mixed.chunks_exact(2 * columns)) {
+            for (k, factor, first) in [(2 * j, factors[0], 0), (2 * j + 1, factors[2], 2), (2 * j + 2, factors[1], 0)] {
+                let row = x.get_mut(k * columns..(k + 1) * columns).unwrap_or_default();
+                for (x, mixed) in row.as_chunks_mut::<2>().0.iter_mut().zip(mixed.as_chunks::<4>().0) {
+                    x[0] += factor * mixed[first];
+                    x[1] += factor * mixed[first + 1];
                 }
-            }
-        }
-    }
-}
-
-/// Rows of coefficients, one a degree, to two rows a pair: of even degrees and of odd ones.
-fn mix_rows<const C: usize>(mixing: &[[f64; 3]], x: &[[f64; C]], mixed: &mut [[f64; C]]) {
-    let zero = [0.0; C];
-    for ((j, [here, next, odd]), mixed) in mixing.iter().enumerate().zip(mixed.as_chunks_mut::<2>().0) {
-        let row = |k: usize| x.get(k).unwrap_or(&zero);
-        let (even, middle, after) = (row(2 * j), row(2 * j + 1), row(2 * j + 2));
-        for c in 0..C {
-            mixed[0][c] = here * even[c] + next * after[c];
-            mixed[1][c] = odd * middle[c];
-        }
-    }
-}
-
-/// The transpose of [`mix_rows`], added to x.
-fn unmix_rows<const C: usize>(mixing: &[[f64; 3]], mixed: &[[f64; C]], x: &mut [[f64; C]]) {
-    let mut carried = [0.0; C];
-    for ((j, [here, next, odd]), mixed) in mixing.iter().enumerate().zip(mixed.as_chunks::<2>().0) {
-        let Some(even) = x.get_mut(2 * j) else { break };
-        for c in 0..C {
-            even[c] += here * mixed[0][c] + carried[c];
-            carried[c] = next * mixed[0][c];
-        }
-        if let Some(middle) = x.get_mut(2 * j + 1) {
-            for c in 0..C {
-                middle[c] += odd * mixed[1][c];
             }
         }
     }
@@ -246,10 +214,10 @@ mod tests {
         let t = values(&pairs, m, square);
         let mut mixed = Vec::new();
         let found = (0..alpha.len()).map(|k| {
-            let mut x = vec![0.0; alpha.len()];
-            x[k] = scale[k];
-            pairs.mix(m, &x, 1, &mut mixed);
-            mixed.chunks_exact(2).zip(&t).map(|(x, t)| t * (x[0] + theta.cos() * x[1])).sum::<f64>()
+            let mut x = vec![0.0; 2 * alpha.len()];
+            x[2 * k + 1] = scale[k];
+            pairs.mix(m, &x, 2, &mut mixed);
+            mixed.chunks_exact(4).zip(&t).map(|(x, t)| t * (x[1] + theta.cos() * x[3])).sum::<f64>()
         });
         let largest = expected.iter().fold(0.0f64, |most, value| most.max(value.abs()));
         found.zip(&expected).fold(0.0f64, |most, (found, expected)| most.max((found - expected).abs())) / largest

@@ -31,9 +31,7 @@ use spharm_harmonics::rings::{MonicRecurrence, sine_powers};
 use crate::degree_pairs::{self, DegreePairs};
 use crate::polar_rings::{PolarRings, PolarState};
 use crate::ring_sums::{
-    Coefficients, pair_projections_2, pair_projections_4, pair_projections_6, pair_projections_of_channel, pair_sums_2,
-    pair_sums_4, pair_sums_6, pair_sums_of_channel, projections_2, projections_4, projections_6, sums_2, sums_4,
-    sums_6,
+    Coefficients, pair_projections, pair_sums, projections_2, projections_4, projections_6, sums_2, sums_4, sums_6,
 };
 use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
 
@@ -215,39 +213,32 @@ impl Legendre {
         });
         self.blocks(m, SYNTHESIS.block, |first, count, zone| {
             work.table.start(SYNTHESIS, count);
-            let in_table = &mut |chunk: usize, x: &[f64], stride: usize, rows: usize, table: &[f64]| {
-                for column in (0..columns).step_by(6) {
-                    let even = &mut even[column * rings + first..];
-                    let odd = &mut odd[column * rings + first..];
-                    let of = |at: usize| Coefficients { values: &x[chunk * SYNTHESIS.chunk * stride + at..], stride };
-                    match (zone, columns - column) {
-                        (Zone::Middle, 2) if columns == 2 => {
-                            pair_sums_of_channel(table, count, rows, of(0), even, odd, rings);
-                        }
-                        (Zone::Middle, left) => {
-                            for (at, out) in [(column, even), (columns + column, odd)] {
-                                match left {
-                                    2 => pair_sums_2(table, count, rows, of(at), out, rings),
-                                    4 => pair_sums_4(table, count, rows, of(at), out, rings),
-                                    _ => pair_sums_6(table, count, rows, of(at), out, rings),
-                                }
-                            }
-                        }
-                        (_, 2) => sums_2(table, count, rows, of(column), even, odd, rings),
-                        (_, 4) => sums_4(table, count, rows, of(column), even, odd, rings),
-                        _ => sums_6(table, count, rows, of(column), even, odd, rings),
-                    }
-                }
-            };
             if zone == Zone::Middle {
                 for (chunk, steps) in steps.chunks(SYNTHESIS.chunk).enumerate() {
                     work.table.advance_pairs(&self.squares[first..first + count], steps);
-                    in_table(chunk, &mixed, 2 * columns, steps.len(), &work.table.values);
+                    let rows = &mixed[chunk * SYNTHESIS.chunk * 2 * columns..];
+                    for column in (0..columns).step_by(2) {
+                        let x = Coefficients { values: &rows[2 * column..], stride: 2 * columns };
+                        let even = &mut even[column * rings + first..];
+                        let odd = &mut odd[column * rings + first..];
+                        pair_sums(&work.table.values, count, steps.len(), x, even, odd, rings);
+                    }
                 }
-            } else {
-                for (chunk, alpha) in alpha.chunks(SYNTHESIS.chunk).enumerate() {
-                    self.fill(m, chunk, first..first + count, zone, alpha, work);
-                    in_table(chunk, x, columns, alpha.len(), &work.table.values);
+                return;
+            }
+            for (chunk, alpha) in alpha.chunks(SYNTHESIS.chunk).enumerate() {
+                self.fill(m, chunk, first..first + count, zone, alpha, work);
+                let degrees = alpha.len();
+                for column in (0..columns).step_by(6) {
+                    let x = Coefficients { values: &x[chunk * SYNTHESIS.chunk * columns + column..], stride: columns };
+                    let even = &mut even[column * rings + first..];
+                    let odd = &mut odd[column * rings + first..];
+                    let table = &work.table.values;
+                    match columns - column {
+                        2 => sums_2(table, count, degrees, x, even, odd, rings),
+                        4 => sums_4(table, count, degrees, x, even, odd, rings),
+                        _ => sums_6(table, count, degrees, x, even, odd, rings),
+                    }
                 }
             }
         });
@@ -275,40 +266,32 @@ impl Legendre {
         mixed.resize(steps.len() * 2 * columns, 0.0);
         self.blocks(m, ADJOINT.block, |first, count, zone| {
             work.table.start(ADJOINT, count);
-            let in_table = &mut |chunk: usize, x: &mut [f64], stride: usize, rows: usize, table: &[f64]| {
-                for column in (0..columns).step_by(6) {
-                    let x = &mut x[chunk * ADJOINT.chunk * stride..];
-                    let even = &even[column * rings + first..];
-                    let odd = &odd[column * rings + first..];
-                    match (zone, columns - column) {
-                        (Zone::Middle, 2) if columns == 2 => {
-                            pair_projections_of_channel(table, count, rows, x, stride, even, odd, rings);
-                        }
-                        (Zone::Middle, left) => {
-                            for (at, h) in [(column, even), (columns + column, odd)] {
-                                let x = &mut x[at..];
-                                match left {
-                                    2 => pair_projections_2(table, count, rows, x, stride, h, rings),
-                                    4 => pair_projections_4(table, count, rows, x, stride, h, rings),
-                                    _ => pair_projections_6(table, count, rows, x, stride, h, rings),
-                                }
-                            }
-                        }
-                        (_, 2) => projections_2(table, count, rows, &mut x[column..], stride, even, odd, rings),
-                        (_, 4) => projections_4(table, count, rows, &mut x[column..], stride, even, odd, rings),
-                        _ => projections_6(table, count, rows, &mut x[column..], stride, even, odd, rings),
-                    }
-                }
-            };
             if zone == Zone::Middle {
                 for (chunk, steps) in steps.chunks(ADJOINT.chunk).enumerate() {
                     work.table.advance_pairs(&self.squares[first..first + count], steps);
-                    in_table(chunk, &mut mixed, 2 * columns, steps.len(), &work.table.values);
+                    let rows = &mut mixed[chunk * ADJOINT.chunk * 2 * columns..];
+                    for column in (0..columns).step_by(2) {
+                        let x = &mut rows[2 * column..];
+                        let even = &even[column * rings + first..];
+                        let odd = &odd[column * rings + first..];
+                        pair_projections(&work.table.values, count, steps.len(), x, 2 * columns, even, odd, rings);
+                    }
                 }
-            } else {
-                for (chunk, alpha) in alpha.chunks(ADJOINT.chunk).enumerate() {
-                    self.fill(m, chunk, first..first + count, zone, alpha, work);
-                    in_table(chunk, x, columns, alpha.len(), &work.table.values);
+                return;
+            }
+            for (chunk, alpha) in alpha.chunks(ADJOINT.chunk).enumerate() {
+                self.fill(m, chunk, first..first + count, zone, alpha, work);
+                let degrees = alpha.len();
+                for column in (0..columns).step_by(6) {
+                    let x = &mut x[chunk * ADJOINT.chunk * columns + column..];
+                    let even = &even[column * rings + first..];
+                    let odd = &odd[column * rings + first..];
+                    let table = &work.table.values;
+                    match columns - column {
+                        2 => projections_2(table, count, degrees, x, columns, even, odd, rings),
+                        4 => projections_4(table, count, degrees, x, columns, even, odd, rings),
+                        _ => projections_6(table, count, degrees, x, columns, even, odd, rings),
+                    }
                 }
             }
         });
@@ -372,7 +355,7 @@ enum Zone {
 pub(crate) struct Work {
     polar: PolarState,
     table: RingTable,
-    /// Mixed coefficients of an order, (pairs of degrees, 2 columns).
+    /// Mixed coefficients of an order, (pairs of degrees, 2 columns): for each channel those of even degrees and those of odd ones.
     mixed: Vec<f64>,
 }
 

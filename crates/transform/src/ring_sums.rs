@@ -27,7 +27,7 @@ struct Rows<'a> {
 
 /// A kernel for each number of columns, with one call for each width of rings.
 macro_rules! sums_for {
-    ($degrees:ident, $pairs:ident, $columns:literal) => {
+    ($degrees:ident, $columns:literal) => {
         /// Sums over even degrees to `even` and over odd ones to `odd`.
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         pub(crate) fn $degrees(
@@ -48,33 +48,15 @@ macro_rules! sums_for {
                 }
             }
         }
-
-        /// Sums over pairs.
-        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-        pub(crate) fn $pairs(
-            table: &[f64],
-            rings: usize,
-            pairs: usize,
-            x: Coefficients<'_>,
-            out: &mut [f64],
-            leading: usize,
-        ) {
-            let rows = Rows { table, first: 0, step: 1, end: pairs };
-            if target_cfg_f!(target_feature = "fma") {
-                sums_of_rings::<$columns, true, _>(rows, rings, x, [out], leading);
-            } else {
-                sums_of_rings::<$columns, false, _>(rows, rings, x, [out], leading);
-            }
-        }
     };
 }
-sums_for!(sums_2, pair_sums_2, 2);
-sums_for!(sums_4, pair_sums_4, 4);
-sums_for!(sums_6, pair_sums_6, 6);
+sums_for!(sums_2, 2);
+sums_for!(sums_4, 4);
+sums_for!(sums_6, 6);
 
-/// Sums over pairs for one channel: two columns for even and two for odd degrees.
+/// Sums over pairs of degrees for a channel: two columns for even and two for odd degrees.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-pub(crate) fn pair_sums_of_channel(
+pub(crate) fn pair_sums(
     table: &[f64],
     rings: usize,
     pairs: usize,
@@ -142,7 +124,7 @@ fn sums<const W: usize, const C: usize, const FMA: bool, const N: usize>(
 }
 
 macro_rules! projections_for {
-    ($degrees:ident, $pairs:ident, $columns:literal) => {
+    ($degrees:ident, $columns:literal) => {
         /// Sums of products with `even` for even degrees and with `odd` for odd ones.
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         #[allow(clippy::too_many_arguments, reason = "a kernel")]
@@ -166,36 +148,16 @@ macro_rules! projections_for {
                 }
             }
         }
-
-        /// Sums of products for pairs.
-        #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
-        pub(crate) fn $pairs(
-            table: &[f64],
-            rings: usize,
-            pairs: usize,
-            x: &mut [f64],
-            stride: usize,
-            h: &[f64],
-            leading: usize,
-        ) {
-            let h: [&[f64]; $columns] = std::array::from_fn(|c| &h[c * leading..][..rings]);
-            let rows = Rows { table, first: 0, step: 1, end: pairs };
-            if target_cfg_f!(target_feature = "fma") {
-                projections_to::<$columns, true>(rows, rings, x, stride, h);
-            } else {
-                projections_to::<$columns, false>(rows, rings, x, stride, h);
-            }
-        }
     };
 }
-projections_for!(projections_2, pair_projections_2, 2);
-projections_for!(projections_4, pair_projections_4, 4);
-projections_for!(projections_6, pair_projections_6, 6);
+projections_for!(projections_2, 2);
+projections_for!(projections_4, 4);
+projections_for!(projections_6, 6);
 
-/// Sums of products for pairs for one channel: two columns for even and two for odd degrees.
+/// Sums of products for pairs of degrees for a channel: two columns for even and two for odd degrees.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "a kernel")]
-pub(crate) fn pair_projections_of_channel(
+pub(crate) fn pair_projections(
     table: &[f64],
     rings: usize,
     pairs: usize,
