@@ -23,7 +23,6 @@
 //! Next to the equator the two neighbours nearly cancel, and rounding errors grow by `1 / z` as they do by `1 / sin theta` next to
 //! the poles: rings there take one degree at a time.
 
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Degree from which on pairs of degrees pay: mixing coefficients takes as long as some ten rings, and so does a zone of its own.
@@ -103,7 +102,6 @@ impl DegreePairs {
 
 /// With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`: a and b are rounded from that but for the last bit, as their
 /// errors add up from step to step.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn order(m: usize, alpha: &[f64]) -> Order {
     let count = alpha.len().div_ceil(2);
     let mut order = Order { steps: Vec::with_capacity(count), mixing: Vec::with_capacity(count) };

@@ -84,7 +84,8 @@ fn sums_of_rings<const C: usize, const FMA: bool, const N: usize>(
 ) {
     let mut at = 0;
     while at < rings {
-        if rings - at >= 16 {
+        // Without fused products, on old processors, the wider one would be code for its own sake.
+        if FMA && rings - at >= 16 {
             sums::<16, C, FMA, N>(rows, at, x, &mut out, leading);
             at += 16;
         } else {

@@ -84,9 +84,10 @@ macro_rules! fill_with {
                     (32, true) => fill_lanes::<32, true, _>(of_ring, steps, table, at, $factor::<true>),
                     (16, true) => fill_lanes::<16, true, _>(of_ring, steps, table, at, $factor::<true>),
                     (_, true) => fill_lanes::<8, true, _>(of_ring, steps, table, at, $factor::<true>),
-                    (32, false) => fill_lanes::<32, false, _>(of_ring, steps, table, at, $factor::<false>),
-                    (16, false) => fill_lanes::<16, false, _>(of_ring, steps, table, at, $factor::<false>),
-                    (_, false) => fill_lanes::<8, false, _>(of_ring, steps, table, at, $factor::<false>),
+                    // On old processors: of any width by eights.
+                    (step, false) => (at..at + step)
+                        .step_by(8)
+                        .for_each(|at| fill_lanes::<8, false, _>(of_ring, steps, table, at, $factor::<false>)),
                 }
                 at += step;
             }
