@@ -31,6 +31,7 @@ const PAIRS_FROM: usize = 256;
 /// lose a digit there, and at high degrees more.
 const EQUATORIAL_COSINE: f64 = 0.05;
 const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
+
 /// The number of rings, with these cosines of the colatitude from the pole to the equator, that come before those next to the equator;
 /// none where the degree is too low.
 pub(crate) fn end(max_degree: usize, cosines: &[f64]) -> usize {
@@ -44,7 +45,7 @@ pub(crate) struct DegreePairs {
     orders: Vec<Order>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Order {
     /// `a_{j-1}` and `b_{j-1}`, with which t_j comes from the two before; zero for j = 0.
     steps: Vec<[f64; 2]>,

@@ -15,8 +15,8 @@
 //! The work is cut into blocks of rings and chunks of degrees: the values of r go to a [table](crate::ring_table) that
 //! stays in the L1 cache and serves all channels. A value costs two fused products, and one more for the cosine and one
 //! for the sine of each channel: with three channels 8 fused products in 4 cycles for eight rings, of which six are the
-//! sums. From degree 256 on one value serves a [pair of degrees](crate::degree_pairs) on most rings, at half of that. Next to the equator degrees
-//! are taken one by one, next to the poles in [double-double](crate::polar_rings).
+//! sums. From degree 256 on one value serves a [pair of degrees](crate::degree_pairs) on most rings, at half of that. Next to
+//! the equator degrees are taken one by one, next to the poles in [double-double](crate::polar_rings).
 //!
 //! Near the poles, where `u` is so small that all `P_{l,m}` of an order are negligible, rings are skipped
 //! (`first_ring`).

@@ -57,7 +57,7 @@ impl LsqSolver<'_> {
         let left = |cg: &Cg| CgParams { max_iterations: params.max_iterations - cg.iterations, ..params };
         if stop == Stop::IterationLimit {
             let by_moments = self.moments.is_some() || matches!(given, Given::Sums(_));
-            let product = if self.inverse_density().is_some() { cost.preconditioned() } else { cost.by_moments() };
+            let product = self.cost_by_moments(&cost);
             let progress = match (self.stored, by_moments) {
                 _ if !factor_possible => None,
                 (Some(_), true) => {
@@ -131,8 +131,12 @@ impl LsqSolver<'_> {
             (false, Some(0)) => cost.making(),
             _ => return false,
         };
-        let product = if self.inverse_density().is_some() { cost.preconditioned() } else { cost.by_moments() };
-        making + STRETCH_BESIDE as f64 * product < 0.5 * cost.with_factor()
+        making + STRETCH_BESIDE as f64 * self.cost_by_moments(&cost) < 0.5 * cost.with_factor()
+    }
+
+    /// What an iteration by moments takes, with its preconditioner.
+    fn cost_by_moments(&self, cost: &Cost) -> f64 {
+        if self.inverse_density().is_some() { cost.preconditioned() } else { cost.by_moments() }
     }
 
     /// Makes moments where they are needed from the first iteration on; returns right-hand sides, (K, c), that came with them.

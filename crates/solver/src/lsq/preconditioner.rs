@@ -11,9 +11,6 @@ use crate::SolverError;
 use crate::cholesky::CholeskyFactor;
 use crate::operator::Operator;
 
-/// The name in reports of what changes nothing but, with a penalty, the diagonal.
-pub(crate) const UNPRECONDITIONED: &str = "none";
-
 /// An approximate inverse M of N = A^T W A + P.
 pub trait Preconditioner: Sync {
     /// Returns its name in reports.
@@ -75,8 +72,9 @@ impl Diagonal {
 }
 
 impl Preconditioner for Diagonal {
+    /// It changes nothing but, with a penalty, the diagonal.
     fn name(&self) -> &'static str {
-        UNPRECONDITIONED
+        "none"
     }
 
     fn condition(&self) -> Option<f64> {

@@ -145,10 +145,10 @@ impl Smoothed {
     }
 }
 
-/// The factor of each degree up to 2L, and one more, for a scale c.
+/// The factor of each degree up to 2L for a scale c.
 fn smoothing(max_degree: usize, scale: f64) -> Vec<f64> {
     let scale = scale / max_degree.max(1) as f64;
-    (0..=2 * max_degree + 1).map(|l| (-0.5 * (scale * l as f64).powi(2)).exp()).collect()
+    (0..=2 * max_degree).map(|l| (-0.5 * (scale * l as f64).powi(2)).exp()).collect()
 }
 
 /// The standard deviation of the smoothed density, relative to its mean: by Parseval's equation, without its values.
