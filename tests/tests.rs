@@ -35,6 +35,7 @@ mod rerun_settings;
 mod reruns;
 mod resumed;
 mod shape;
+mod shape_means;
 mod shape_study;
 mod store;
 mod study;

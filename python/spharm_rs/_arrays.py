@@ -77,8 +77,13 @@ def whole(what: str, value: Any, least: int = 0) -> int:
 
 
 def threads(value: Any) -> int | None:
-    """Returns a number of threads, at least 1; none for the default."""
-    return None if value is None else whole("threads", value, 1)
+    """Returns a number of threads, 1 to 64; none for the default."""
+    if value is None:
+        return None
+    count = whole("threads", value, 1)
+    if count > 64:
+        raise ValueError(f"threads: expected a number from 1 to 64, found {count}")
+    return count
 
 
 #: As of the program's options.

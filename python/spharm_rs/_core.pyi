@@ -326,6 +326,7 @@ def shape_measure_group(
     degree: int | None,
     *,
     signal: str,
+    pairs: bool,
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> tuple[_Floats, int, Model, list[str]]: ...

@@ -40,6 +40,7 @@ def measure_group(
     models: Sequence[Model],
     sphere: Any = 5,
     *,
+    minus: Sequence[Model] | None = None,
     signal: str = "normal",
     degree: int | None = None,
     threads: int | None = None,
@@ -53,6 +54,8 @@ def measure_group(
         Such as those of `procrustes`, or over spheres that share their parameters.
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
         Level of an icosphere, a sphere, or directions.
+    minus : sequence of Model, optional
+        A second model of each subject, whose measurements are subtracted: those of an earlier time, or of another side.
     signal : {"normal", "position", "value"}
         Displacement from the mean along its outward normal; position; or the value of a signal of one channel.
     degree : int, optional
@@ -72,12 +75,22 @@ def measure_group(
     >>> sp.shape.measure_group(spheres, 0).values[:, 0].round(12).tolist()
     [-2.0, -1.0, 3.0]
     """
-    return _measured(models, sphere, signal, degree, threads, progress)
+    return _measured(models, minus, sphere, signal, degree, threads, progress)
 
 
 def _measured(
-    models: Sequence[Model], sphere: Any, signal: str, degree: int | None, threads: int | None, progress: Progress
+    models: Sequence[Model],
+    minus: Sequence[Model] | None,
+    sphere: Any,
+    signal: str,
+    degree: int | None,
+    threads: int | None,
+    progress: Progress,
 ) -> Field:
+    if minus is not None:
+        if len(minus) != len(models):
+            raise ValueError(f"minus: expected {len(models)} models, one for each subject; found {len(minus)}")
+        models = [*models, *minus]
     whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
     directions = sphere_arrays(icosphere(int(sphere)) if whole else named_icosphere(sphere))[0]
     if directions is None:
@@ -87,6 +100,7 @@ def _measured(
         directions,
         None if degree is None else _arrays.whole("degree", degree),
         signal=str(signal),
+        pairs=minus is not None,
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
@@ -139,17 +153,17 @@ def _covariates(given: Any, count: int) -> list[tuple[str, Cells]]:
 
 
 def _asked(
-    count: int, groups: Any, effect: Any, design: Any, contrast: Any, covariates: Any, levels: Any
+    count: int, groups: Any, effect: Any, mean: bool, design: Any, contrast: Any, covariates: Any, levels: Any
 ) -> dict[str, Any]:
     """Returns what is tested, as the extension module takes it."""
-    if sum(given is not None for given in (groups, effect, design)) != 1:
-        raise ValueError("groups, effect, design: expected one of them")
+    if sum(given is not None for given in (groups, effect, design)) + mean != 1:
+        raise ValueError("groups, effect, mean, design: expected one of them")
     if (design is None) != (contrast is None):
         raise ValueError("design, contrast: expected both, or neither")
     if levels is not None and groups is None:
         raise ValueError("levels: they are those of groups")
     asked: dict[str, Any] = {
-        "name": "groups", "effect": None, "levels": [], "covariates": [], "design": None, "columns": [], "contrast": None,
+        "name": "groups", "mean": mean, "effect": None, "levels": [], "covariates": [], "design": None, "columns": [], "contrast": None,
     }  # fmt: skip
     if design is not None:
         if covariates is not None:
@@ -164,7 +178,7 @@ def _asked(
     if groups is not None:
         asked["effect"], order = _levels("groups", _column("groups", groups, count))
         asked["levels"] = order if levels is None else [str(level) for level in levels]
-    else:
+    elif not mean:
         numbers = _arrays.real("effect", _column("effect", effect, count), f"({count},)")
         asked.update(name="effect", effect=numbers)
     asked["covariates"] = _covariates(covariates, count)
@@ -201,6 +215,13 @@ class TestResult:
         Subjects of each group.
     columns : list of str
         Of the design.
+    codes : dict
+        Covariates of at most six different whole numbers, with these: taken as amounts, with one slope each. If they are
+        codes of levels, such as sites, give names in their place.
+    resampling : str or None
+        What the relabelled studies differ by: "permutations" of subjects, "sign flips", or both.
+    assumption : str or None
+        The assumption about the errors that `p_fwe` and `p_permutation` rest on.
     relabellings : int
         0 without any.
     exact : bool
@@ -226,6 +247,9 @@ class TestResult:
     meaning: str
     levels: dict[str, int]
     columns: list[str]
+    codes: dict[str, list[float]]
+    resampling: str | None
+    assumption: str | None
     relabellings: int
     exact: bool
     smallest_p: float | None
@@ -246,10 +270,12 @@ def test(
     groups: Any = None,
     *,
     effect: ArrayLike | None = None,
+    mean: bool = False,
     design: Any = None,
     contrast: ArrayLike | None = None,
     covariates: Any = None,
     levels: Sequence[Any] | None = None,
+    minus: Sequence[Model] | ArrayLike | None = None,
     signal: str = "normal",
     sphere: Any = 5,
     degree: int | None = None,
@@ -261,10 +287,12 @@ def test(
     threads: int | None = None,
     progress: Progress = None,
 ) -> TestResult:
-    """Tests groups, a slope, or a contrast at every vertex, with family-wise and false-discovery control.
+    """Tests groups, a slope, a mean, or a contrast at every vertex, with family-wise and false-discovery control.
 
     At each vertex a linear model is tested: by t, by F for more than two groups, by Hotelling's T-squared for positions.
-    Family-wise p values are of the largest statistic over relabelled studies: all of them where there are at most 20,000.
+    Rows have to be independent subjects. Family-wise p values are of the largest statistic over relabelled studies: all of
+    them if there are at most 20,000. Subjects are exchanged; where that changes nothing, as for means, and for Welch's
+    test, the signs of residuals are flipped. If neither changes the statistic, `p_fwe` is None, with a warning.
 
     Parameters
     ----------
@@ -275,14 +303,18 @@ def test(
         between more.
     effect : array_like of float, (n,), optional
         A number of each subject, whose slope is tested.
+    mean : bool
+        Test whether the mean is zero, of values, of a signal, or of differences (``minus``).
     design : array_like of float, (n, p), optional
         A design of one's own, of full column rank.
     contrast : array_like of float, (p,) or (q, p), optional
         What is tested of the design's columns: that these combinations are zero.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
-        What to account for: numbers, or names of levels; for ``groups`` and ``effect``.
+        What to account for: numbers, or names of levels; for ``groups``, ``effect`` and ``mean``.
     levels : sequence, optional
         Order of the groups; sorted by default.
+    minus : sequence of Model, or array_like of float, of the shape of subjects, optional
+        A second measurement of each subject, which is subtracted: the differences are tested.
     signal : {"normal", "position", "value"}
         What models are measured by, as in `measure_group`.
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
@@ -290,9 +322,9 @@ def test(
     degree : int, optional
         Highest degree of models; by default the lowest of them.
     welch : bool
-        Welch's t, for two groups of unequal variance without covariates.
+        Welch's test, for two groups of unequal variance without covariates.
     permutations : int
-        Random relabellings; 0 for none.
+        Random relabellings, at most 100,000,000; 0 for none.
     seed : int
         Of the relabellings.
     confidence : float
@@ -315,21 +347,32 @@ def test(
     >>> found = sp.shape.test(values, groups=["a"] * 5 + ["b"] * 5)
     >>> found.meaning, found.relabellings, bool(np.isclose(found.p_fwe[1], 2 / 252))
     ('a - b', 252, True)
+    >>> later = values + np.random.default_rng(1).normal(0.5, 0.1, size=(10, 2))
+    >>> change = sp.shape.test(later, minus=values, mean=True, covariates={"age": np.arange(30, 80, 5.0)})
+    >>> change.resampling, bool((change.p_fwe < 0.01).all())
+    ('sign flips', True)
     """
-    mean: Model | None = None
+    average: Model | None = None
     noted: tuple[str, ...] = ()
     if _are_models(subjects):
-        measured = _measured(subjects, sphere, signal, degree, threads, progress)  # type: ignore[arg-type]
-        values, mean, noted = measured.values, measured.mean, measured.warnings
+        measured = _measured(subjects, minus, sphere, signal, degree, threads, progress)  # type: ignore[arg-type]
+        values, average, noted = measured.values, measured.mean, measured.warnings
+        if mean and minus is None and signal != "value":
+            raise ValueError("mean: of displacements from the mean it is zero: expected minus, or signal='value'")
     else:
         values = _arrays.real("subjects", subjects, "(n, V) or (n, V, 3)")  # type: ignore[arg-type]
         if values.ndim not in (2, 3):
             raise ValueError(f"subjects: expected models, or values of shape (n, V) or (n, V, 3), found {values.shape}")
+        if minus is not None:
+            others = _arrays.real("minus", minus, "that of subjects")  # type: ignore[arg-type]
+            if others.shape != values.shape:
+                raise ValueError(f"minus: expected shape {values.shape}, found {others.shape}")
+            values = values - others
     components = values.shape[2] if values.ndim == 3 else 1
     found = _core.shape_test(
         values.reshape(len(values), values.shape[1] * components),
         components,
-        _asked(len(values), groups, effect, design, contrast, covariates, levels),
+        _asked(len(values), groups, effect, bool(mean), design, contrast, covariates, levels),
         welch=bool(welch),
         permutations=_arrays.whole("permutations", permutations),
         seed=_arrays.whole("seed", seed),
@@ -349,11 +392,14 @@ def test(
         size=found.pop("size", None),
         freedom=tuple(found.pop("freedom")),
         levels=dict(found.pop("levels")),
+        codes=dict(found.pop("codes")),
+        resampling=found.pop("resampling", None),
+        assumption=found.pop("assumption", None),
         relabellings=found.pop("relabellings", 0),
         exact=found.pop("exact", False),
         smallest_p=found.pop("smallest_p", None),
         warnings=noted + warnings,
-        mean=mean,
+        mean=average,
         **found,
     )
 

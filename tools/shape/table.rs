@@ -59,7 +59,18 @@ impl Table {
         self.header.iter().any(|other| other == name)
     }
 
-    fn cells(&self, name: &str) -> Result<Vec<&str>> {
+    /// Number of rows.
+    pub(super) fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Names of the columns.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.header.iter().map(String::as_str)
+    }
+
+    /// The cells of a column, each of which has a value.
+    pub(super) fn cells(&self, name: &str) -> Result<Vec<&str>> {
         let Some(column) = self.header.iter().position(|other| other == name) else {
             bail!("{}: there is no column {name:?}; there are {}", self.path.display(), self.header.join(", "));
         };

@@ -48,6 +48,9 @@ fn correspondence(plan: &Plan) -> Result<()> {
 fn tested(plan: &Plan, test: &Test) -> Result<()> {
     let effect = cells(plan, &test.effect)?;
     let column = |name: &str, cells: &[&str]| {
+        if test.categorical.iter().any(|of| of == name) {
+            return Ok(Column::Levels(cells.iter().map(|cell| (*cell).to_owned()).collect()));
+        }
         column_of(cells).map_err(|row| {
             let id = &plan.manifest.rows[row].id;
             anyhow!("{}: {id}: column {name:?}: {}", plan.table.display(), no_number(cells[row]))
@@ -59,7 +62,11 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     };
     let covariate = |name: &String| Ok((name.clone(), column(name, &cells(plan, name)?)?));
     let covariates = test.covariates.iter().map(covariate).collect::<Result<Vec<_>>>()?;
-    question((&test.effect, &effect), &test.levels, &covariates).with_context(|| plan.table.display().to_string())?;
+    let question = question((&test.effect, &effect), &test.levels, &covariates);
+    let question = question.with_context(|| plan.table.display().to_string())?;
+    if test.welch && (question.levels.len() != 2 || !covariates.is_empty()) {
+        bail!("welch: it tests the difference of two groups without covariates; leave it out");
+    }
     Ok(())
 }
 

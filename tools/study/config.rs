@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
+use spharm::shape::stats::MAX_RELABELLINGS;
 use toml::{Table, Value};
 
 /// A study as its file says it; paths are those of the file's text.
@@ -116,7 +117,10 @@ pub(super) struct Test {
     pub(super) effect: String,
     pub(super) levels: Vec<String>,
     pub(super) covariates: Vec<String>,
+    /// Columns whose numbers are levels.
+    pub(super) categorical: Vec<String>,
     pub(super) signal: Option<String>,
+    pub(super) welch: bool,
     pub(super) permutations: Option<usize>,
 }
 
@@ -128,7 +132,7 @@ const SECTIONS: [(&str, usize, &[&str]); 7] = [
     ("align", 0, &["method", "scale", "mirror"]),
     ("modes", 0, &["count"]),
     ("page", 0, &["subjects"]),
-    ("test", 2, &["name", "effect", "levels", "covariates", "signal", "permutations"]),
+    ("test", 2, &["name", "effect", "levels", "covariates", "categorical", "signal", "welch", "permutations"]),
 ];
 
 /// Most bytes of a study's file.
@@ -176,6 +180,14 @@ impl Study {
             }
             if self.test[..index].iter().any(|other| other.name == test.name) {
                 bail!("test {:?}: the name is there twice", test.name);
+            }
+            if let Some(name) =
+                test.categorical.iter().find(|name| **name != test.effect && !test.covariates.contains(name))
+            {
+                bail!("test {:?}: categorical: {name:?} is neither the effect nor one of the covariates", test.name);
+            }
+            if let Some(count) = test.permutations.filter(|count| *count > MAX_RELABELLINGS) {
+                bail!("test {:?}: permutations: expected at most {MAX_RELABELLINGS}, found {count}", test.name);
             }
             if let Some(signal) = test.signal.as_deref().filter(|signal| !["normal", "position"].contains(signal)) {
                 bail!("test {:?}: signal: expected \"normal\" or \"position\", found {signal:?}", test.name);

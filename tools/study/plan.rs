@@ -212,13 +212,15 @@ impl Plan {
         let table = self.records().join("aligned.csv");
         let (table_text, folder_text) = (text(&table), text(&folder));
         let (levels, covariates) = (test.levels.join(","), test.covariates.join(","));
+        let categorical = test.categorical.join(",");
         let permutations = test.permutations.map(|count| count.to_string());
         let mut arguments = vec!["shape", "test", "--table", &table_text, "--effect", &test.effect, "-o", &folder_text];
-        for (flag, value) in [("--levels", &levels), ("--covariates", &covariates)] {
+        for (flag, value) in [("--levels", &levels), ("--covariates", &covariates), ("--categorical", &categorical)] {
             if !value.is_empty() {
                 arguments.extend([flag, value.as_str()]);
             }
         }
+        arguments.extend(test.welch.then_some("--welch"));
         arguments.extend(test.signal.iter().flat_map(|signal| ["--signal", signal.as_str()]));
         arguments.extend(permutations.iter().flat_map(|count| ["--permutations", count.as_str()]));
         let inputs: Vec<PathBuf> = std::iter::once(table.clone()).chain(aligned.iter().cloned()).collect();

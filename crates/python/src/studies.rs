@@ -7,7 +7,8 @@ use pyo3::types::PyDict;
 use spharm::Kind;
 use spharm::model::made;
 use spharm::shape::stats::{
-    Column, Contrast, Design, FamilyWise, PermutationParams, Question, Statistic, TestParams, question, test,
+    Column, Contrast, Design, FamilyWise, PermutationParams, Question, Statistic, TestParams, mean_question, question,
+    test,
 };
 use spharm::shape::{Measurement, ShapeError, measure_group};
 
@@ -20,15 +21,17 @@ use crate::run::{run, run_owned};
 /// Measurements (n, V d), d, the mean, and warnings.
 type Measured<'py> = (Bound<'py, PyArray2<f64>>, usize, Model, Vec<String>);
 
-/// What a group measures at directions.
+/// Measures a group at directions; of pairs, the first half of the models less the second half.
 #[pyfunction]
-#[pyo3(signature = (models, directions, degree, *, signal, threads = None, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[pyo3(signature = (models, directions, degree, *, signal, pairs, threads = None, progress = None))]
 pub(crate) fn shape_measure_group<'py>(
     py: Python<'py>,
     models: Vec<Py<Model>>,
     directions: Positions<'py>,
     degree: Option<usize>,
     signal: &str,
+    pairs: bool,
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Measured<'py>> {
@@ -45,6 +48,7 @@ pub(crate) fn shape_measure_group<'py>(
     let (field, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let group = group(&models, kind, degree)?;
         let field = measure_group(&group.members, &sphere.check()?.directions, measurement, monitor)?;
+        let field = if pairs { field.differences()? } else { field };
         Ok((field, group.warnings))
     })?;
     let mean = Model { inner: made(field.mean, kind, "shape mean") };
@@ -67,11 +71,12 @@ impl Cells<'_> {
     }
 }
 
-/// What is tested: an effect with covariates, or a contrast of a design.
+/// What is tested: an effect or a mean with covariates, or a contrast of a design.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
     name: String,
+    mean: bool,
     effect: Option<Cells<'py>>,
     levels: Vec<String>,
     covariates: Vec<(String, Cells<'py>)>,
@@ -81,16 +86,20 @@ pub(crate) struct Asked<'py> {
 }
 
 impl Asked<'_> {
-    fn question(&self) -> Result<Question, Failure> {
+    fn question(&self, subjects: usize) -> Result<Question, Failure> {
+        let covariates = self.covariates.iter().map(|(name, cells)| (name.clone(), cells.column()));
+        let covariates: Vec<(String, Column)> = covariates.collect();
+        if self.mean {
+            return Ok(mean_question(subjects, &covariates)?);
+        }
         if let Some(effect) = &self.effect {
-            let covariates: Vec<(String, Column)> =
-                self.covariates.iter().map(|(name, cells)| (name.clone(), cells.column())).collect();
             return Ok(question((&self.name, &effect.column()), &self.levels, &covariates)?);
         }
         let (Some(design), Some(contrast)) = (&self.design, &self.contrast) else { return Err(Failure::Panic) };
         let design = Design::new(design.as_array().to_owned(), self.columns.clone())?;
         let contrast = Contrast { weights: contrast.as_array().to_owned() };
-        Ok(Question { design, contrast, meaning: "a contrast of the design".to_owned(), levels: Vec::new() })
+        let meaning = "a contrast of the design".to_owned();
+        Ok(Question { design, contrast, meaning, levels: Vec::new(), codes: Vec::new() })
     }
 }
 
@@ -114,7 +123,7 @@ pub(crate) fn shape_test<'py>(
     let relabel = PermutationParams { count: permutations, seed, ..PermutationParams::default() };
     let params = TestParams { permutations: (permutations > 0).then_some(relabel), welch, confidence, level };
     let values = values.as_array();
-    let question = asked.question().map_err(|failure| crate::errors::exception(py, failure))?;
+    let question = asked.question(values.nrows()).map_err(|failure| crate::errors::exception(py, failure))?;
     let (design, contrast) = (&question.design, &question.contrast);
     let found = run(py, threads, progress.as_ref(), |monitor| {
         // For warnings alone, so the library takes any.
@@ -136,9 +145,11 @@ pub(crate) fn shape_test<'py>(
     result.set_item("statistic", array(found.statistic))?;
     result.set_item("p", array(found.p))?;
     result.set_item("q", array(found.q))?;
-    if let Some(FamilyWise { p, pointwise, relabellings, exact, floor }) = found.family_wise {
+    if let Some(FamilyWise { p, pointwise, resampling, relabellings, exact, floor }) = found.family_wise {
         result.set_item("p_fwe", array(p))?;
         result.set_item("p_permutation", array(pointwise))?;
+        result.set_item("resampling", resampling.name())?;
+        result.set_item("assumption", resampling.assumption())?;
         result.set_item("relabellings", relabellings)?;
         result.set_item("exact", exact)?;
         result.set_item("smallest_p", floor)?;
@@ -152,6 +163,9 @@ pub(crate) fn shape_test<'py>(
     }
     result.set_item("meaning", &question.meaning)?;
     result.set_item("levels", question.levels.clone())?;
+    // The effect's numbers are amounts, as the caller said so.
+    let codes = question.codes.iter().filter(|(column, _)| *column != asked.name).cloned();
+    result.set_item("codes", codes.collect::<Vec<_>>())?;
     result.set_item("columns", design.names().to_vec())?;
     result.set_item("warnings", found.warnings.iter().map(ToString::to_string).collect::<Vec<_>>())?;
     Ok(result)

@@ -66,10 +66,8 @@ pub enum ShapeError {
         /// What it is.
         found: String,
     },
-    /// Welch's test of something else than the difference of two groups of scalars.
-    #[error(
-        "Welch's t is of the difference of two groups without covariates, one component at a vertex: use the pooled one"
-    )]
+    /// Welch's test of something else than the difference of two groups.
+    #[error("Welch's test is of the difference of two groups without covariates: use pooled variances")]
     NotTwoGroups,
     /// Columns that aren't whole vertices.
     #[error("{columns} columns are no whole number of vertices of {components} components")]
@@ -108,9 +106,6 @@ pub enum ShapeError {
     /// A singular value decomposition that doesn't converge.
     #[error("the singular value decomposition of the group did not converge")]
     NoDecomposition,
-    /// A number of relabellings of zero.
-    #[error("relabellings: expected at least 1, found 0")]
-    NoRelabellings,
     /// Stopped by the monitor.
     #[error("{0}")]
     Interrupted(#[from] Interrupted),

@@ -31,6 +31,24 @@ pub struct Field {
     pub mean: Coefficients,
 }
 
+impl Field {
+    /// Returns the differences of paired models: those of the first half less those of the second half, in order. The mean
+    /// stays that of all.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Differ`] for an odd number of models.
+    pub fn differences(self) -> Result<Self, ShapeError> {
+        let models = self.values.nrows();
+        let half = models / 2;
+        if models % 2 == 1 {
+            return Err(ShapeError::Differ { what: "number of models", expected: half + 1, found: half });
+        }
+        let values = &self.values.slice(s![..half, ..]) - &self.values.slice(s![half.., ..]);
+        Ok(Self { values, ..self })
+    }
+}
+
 /// Evaluates models at directions. Models are of the degree of the first one or of higher ones, of which the degrees up to
 /// that are used. Memory: `8 n V d` bytes and a transform's.
 ///
@@ -117,6 +135,19 @@ mod tests {
             let y = positions.values[[2, 3 * 7 + 1]] - centre;
             assert!((y - 6.0 * directions.as_slice()[7][1]).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn pairs_of_models_are_subtracted() {
+        let directions = Directions::fibonacci(20).unwrap();
+        let group = [4.0, 5.0, 1.0, 3.0].map(|radius| sphere(radius, false));
+        let found = measure_group(&group, &directions, Measurement::Normal, &Silent).unwrap().differences().unwrap();
+        assert_eq!(found.values.nrows(), 2);
+        for (row, off) in found.values.rows().into_iter().zip([3.0, 2.0]) {
+            assert!(row.iter().all(|value| (value - off).abs() < 1e-12), "{row}");
+        }
+        let odd = measure_group(&group[..3], &directions, Measurement::Position, &Silent).unwrap();
+        assert!(odd.differences().is_err());
     }
 
     #[test]

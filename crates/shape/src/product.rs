@@ -7,6 +7,9 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use ndarray::{Array2, ArrayView2};
 
+/// Columns of B in one product: with some dozens of rows of A they fit the L2 cache.
+pub(crate) const COLUMNS: usize = 768;
+
 /// `A B`: (m, n) for (m, k) and (k, n). Arguments that aren't row-major are copied first.
 ///
 /// # Panics

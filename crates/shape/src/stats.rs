@@ -8,7 +8,8 @@
 //! ```
 //!
 //! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. Two groups are the design with a
-//! column for each and the contrast (1, -1): the pooled t test.
+//! column for each and the contrast (1, -1): the pooled t test. Rows have to be independent subjects; of repeated
+//! measurements, take each subject's difference and test its mean.
 //!
 //! # Modules
 //!
@@ -18,8 +19,11 @@
 //! | [`study`] | designs from tables of subjects |
 //! | [`linear`] | statistics, p values, effects and their confidence at each vertex |
 //! | [`welch`] | two groups of unequal variance |
+//! | `variances` | the warning of unequal variances |
 //! | [`permutation`] | family-wise p values by the largest statistic of relabelled studies |
+//! | `resampling` | the choice between exchanges of subjects and flips of signs |
 //! | [`arrangements`] | relabellings, all of them or random ones |
+//! | `explained`, `welch_flips` | statistics of relabelled studies |
 //! | [`fdr`] | false-discovery rate |
 //! | [`distributions`] | tails of t and F |
 //!
@@ -43,14 +47,18 @@
 pub mod arrangements;
 pub mod design;
 pub mod distributions;
+mod explained;
 pub mod fdr;
 pub mod linear;
 pub mod permutation;
 mod projection;
+mod resampling;
 pub mod study;
 #[cfg(test)]
 mod tests;
+mod variances;
 pub mod welch;
+mod welch_flips;
 
 use ndarray::ArrayView2;
 use spharm_monitor::Monitor;
@@ -59,15 +67,16 @@ use crate::ShapeError;
 
 pub use design::{Contrast, Design};
 pub use linear::{Effect, Statistic};
-pub use permutation::{FamilyWise, PermutationParams};
-pub use study::{Column, Question, question};
+pub use permutation::{FamilyWise, MAX_RELABELLINGS, PermutationParams};
+pub use resampling::Resampling;
+pub use study::{Column, Question, mean_question, question};
 
 /// What a test computes.
 #[derive(Debug, Clone)]
 pub struct TestParams {
     /// Relabellings for family-wise p values; none without. Default: 10,000 at seed 0.
     pub permutations: Option<PermutationParams>,
-    /// Welch's t in place of the pooled one, for two groups and d = 1. Default: no.
+    /// Welch's t or its `T^2` in place of the pooled one, for two groups. Default: no.
     pub welch: bool,
     /// The coverage of confidence intervals of the effect, in (0, 1). Default: 0.95.
     pub confidence: f64,
@@ -92,7 +101,7 @@ pub struct Test {
     pub p: Vec<f64>,
     /// False-discovery rates of Benjamini and Hochberg, from `p`, (V).
     pub q: Vec<f64>,
-    /// Family-wise p values, where relabellings were asked for.
+    /// Family-wise p values, if relabellings were asked for and change the statistics.
     pub family_wise: Option<FamilyWise>,
     /// The contrast's estimate, its error and size; where the contrast has one row.
     pub effect: Option<Effect>,
@@ -111,6 +120,30 @@ pub enum TestWarning {
         vertices: usize,
         /// Number of all.
         of: usize,
+    },
+    /// No exchange of subjects and no flip of signs changes the statistics.
+    #[error("no family-wise p: neither exchanges of subjects nor flips of signs change this contrast's statistics")]
+    NoRelabelling,
+    /// Two groups differ in size and in variance.
+    #[error(
+        "the variance of {wide} ({wide_subjects} subjects) is {ratio:.1} times that of {narrow} ({narrow_subjects}): p values \
+         assume equal variances and are {}; use Welch's test, which doesn't{}",
+        if *.wide_subjects < *.narrow_subjects { "too small" } else { "too large" },
+        if *.covariates { " (of two groups without covariates)" } else { "" }
+    )]
+    UnequalVariances {
+        /// The group of the larger variance.
+        wide: String,
+        /// Its subjects.
+        wide_subjects: usize,
+        /// The other group.
+        narrow: String,
+        /// Its subjects.
+        narrow_subjects: usize,
+        /// The larger variance over the smaller one, each summed over all vertices.
+        ratio: f64,
+        /// Whether the design has more columns than the two groups'.
+        covariates: bool,
     },
     /// Relabellings are so few that none can be significant.
     #[error(
@@ -147,13 +180,10 @@ pub fn test(
 ) -> Result<Test, ShapeError> {
     linear::check(values, components, design, contrast, params)?;
     let model = projection::Projection::new(design, contrast)?;
-    if params.welch && components != 1 {
-        return Err(ShapeError::NotTwoGroups);
-    }
-    let (kind, statistic, p, effect) = if params.welch {
-        welch::statistics(values, design, contrast, params.confidence)?
-    } else {
-        linear::statistics(values, components, contrast, &model, params.confidence)?
+    let groups = params.welch.then(|| welch::groups(design, contrast, components)).transpose()?;
+    let (kind, statistic, p, effect) = match &groups {
+        Some((groups, weight)) => welch::statistics(values, components, (groups, *weight), params.confidence),
+        None => linear::statistics(values, components, contrast, &model, params.confidence)?,
     };
     let mut warnings = Vec::new();
     let flat = statistic.iter().filter(|value| value.is_nan()).count();
@@ -165,17 +195,25 @@ pub fn test(
     if flat > 0 {
         warnings.push(TestWarning::NoVariance { vertices: flat, of });
     }
-    let family_wise = match &params.permutations {
-        Some(asked) => {
-            let found = permutation::family_wise(values, components, design, &model, params.welch, asked, monitor)?;
-            if found.floor > params.level {
-                let FamilyWise { floor, relabellings, exact, .. } = found;
+    if !params.welch {
+        warnings.extend(variances::unequal(values, design, contrast));
+    }
+    let mut family_wise = None;
+    if let Some(asked) = &params.permutations {
+        let compared = match &groups {
+            Some((groups, _)) => permutation::Compared::Welch(&model, groups),
+            None => permutation::Compared::Pooled(&model),
+        };
+        family_wise = permutation::family_wise(values, components, &compared, asked, monitor)?;
+        match &family_wise {
+            Some(FamilyWise { floor, relabellings, exact, .. }) if *floor > params.level => {
+                let (floor, relabellings, exact) = (*floor, *relabellings, *exact);
                 warnings.push(TestWarning::Floor { floor, relabellings, level: params.level, exact });
             }
-            Some(found)
+            Some(_) => {}
+            None => warnings.push(TestWarning::NoRelabelling),
         }
-        None => None,
-    };
+    }
     let q = fdr::benjamini_hochberg(&p);
     Ok(Test { kind, statistic, p, q, family_wise, effect, warnings })
 }

@@ -1,13 +1,15 @@
-//! Relabellings of a study: all of them where there are few, else random ones.
+//! Relabellings of a study: all of them if there are few, else random ones.
 //!
-//! Subjects whose rows of the design are equal can be exchanged without changing anything, so that only arrangements of
-//! the distinct rows count: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. Tests of a mean
-//! change signs instead: `2^n` of them. Random relabelling b is drawn from stream b of ChaCha8 with the seed, so that it
+//! Exchanges of subjects whose rows of the design are equal change nothing, so that only arrangements of the distinct rows
+//! count: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. Flips of signs are `2^n`, both
+//! together the product of the two. Random relabelling b is drawn from stream b of ChaCha8 with the seed, so that it
 //! doesn't depend on threads.
 
 use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+
+use super::resampling::Resampling;
 
 /// Relabellings of n subjects.
 #[derive(Debug, Clone)]
@@ -16,7 +18,7 @@ pub(crate) struct Arrangements {
     classes: Vec<u32>,
     /// A subject with each distinct row.
     representatives: Vec<u32>,
-    signs: bool,
+    resampling: Resampling,
     seed: u64,
     /// Number of relabellings, the labels as they are being the first.
     pub(crate) count: usize,
@@ -28,9 +30,15 @@ pub(crate) struct Arrangements {
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
 impl Arrangements {
-    /// All relabellings of the rows of (n, p) where there are at most `exact_up_to`, else `random` random ones and the
-    /// labels as they are.
-    pub(crate) fn new(rows: ArrayView2<'_, f64>, signs: bool, random: usize, exact_up_to: usize, seed: u64) -> Self {
+    /// All relabellings of the rows of (n, p) if there are at most `exact_up_to`, else `random` random ones and the labels as
+    /// they are.
+    pub(crate) fn new(
+        rows: ArrayView2<'_, f64>,
+        resampling: Resampling,
+        random: usize,
+        exact_up_to: usize,
+        seed: u64,
+    ) -> Self {
         let mut representatives: Vec<u32> = Vec::new();
         let mut classes = Vec::with_capacity(rows.nrows());
         for (i, row) in rows.rows().into_iter().enumerate() {
@@ -44,22 +52,40 @@ impl Arrangements {
             });
             classes.push(class as u32);
         }
-        let all = if signs { power_of_two(rows.nrows()) } else { multinomial(&classes, representatives.len()) };
+        let exchanges = || multinomial(&classes, representatives.len());
+        let flips = || power_of_two(rows.nrows());
+        let all = match resampling {
+            Resampling::Permutations => exchanges(),
+            Resampling::SignFlips => flips(),
+            Resampling::Both => exchanges().zip(flips()).and_then(|(exchanges, flips)| exchanges.checked_mul(flips)),
+        };
         let exact = all.is_some_and(|all| all <= exact_up_to as u64);
         let count = if exact { all.unwrap_or_default() as usize } else { random + 1 };
-        Self { classes, representatives, signs, seed, count, exact }
+        Self { classes, representatives, resampling, seed, count, exact }
     }
 
     /// Relabellings `from..to` of the count.
     pub(crate) fn range(&self, from: usize, to: usize) -> Vec<Relabelling> {
-        if self.signs {
-            return (from..to).map(|index| self.with_signs(index)).collect();
-        }
-        let identity: Relabelling = (0..self.classes.len()).map(|i| (i as u32, 1.0)).collect();
         if !self.exact {
-            return (from..to).map(|index| if index == 0 { identity.clone() } else { self.shuffled(index) }).collect();
+            return (from..to).map(|index| self.random(index)).collect();
         }
-        // In lexicographic order from the first one on; where a run begins it is stepped to.
+        match self.resampling {
+            Resampling::Permutations => self.exchanges(from, to),
+            Resampling::SignFlips => (from..to).map(|index| flipped(self.identity(), index)).collect(),
+            Resampling::Both => {
+                let flips = 1 << self.classes.len();
+                let orders = self.exchanges(from / flips, to.div_ceil(flips));
+                (from..to).map(|i| flipped(orders[i / flips - from / flips].clone(), i % flips)).collect()
+            }
+        }
+    }
+
+    fn identity(&self) -> Relabelling {
+        (0..self.classes.len()).map(|i| (i as u32, 1.0)).collect()
+    }
+
+    /// Exchanges `from..to` in lexicographic order from the first one on; where a run begins it is stepped to.
+    fn exchanges(&self, from: usize, to: usize) -> Vec<Relabelling> {
         let mut classes = self.classes.clone();
         classes.sort_unstable();
         let mut found = Vec::with_capacity(to - from);
@@ -74,23 +100,22 @@ impl Arrangements {
         found
     }
 
-    fn shuffled(&self, index: usize) -> Relabelling {
-        let mut random = self.stream(index);
-        let mut order: Vec<u32> = (0..self.classes.len() as u32).collect();
-        for last in (1..order.len()).rev() {
-            order.swap(last, below(&mut random, last as u64 + 1) as usize);
-        }
-        order.into_iter().map(|i| (i, 1.0)).collect()
-    }
-
-    fn with_signs(&self, index: usize) -> Relabelling {
-        let n = self.classes.len();
-        let sign = |negative: bool| if negative { -1.0 } else { 1.0 };
-        if self.exact || index == 0 {
-            return (0..n).map(|i| (i as u32, sign(i < 64 && index >> i & 1 == 1))).collect();
+    /// The labels as they are at index 0, else a random relabelling.
+    fn random(&self, index: usize) -> Relabelling {
+        let mut relabelling = self.identity();
+        if index == 0 {
+            return relabelling;
         }
         let mut random = self.stream(index);
-        (0..n).map(|i| (i as u32, sign(random.next_u32() & 1 == 1))).collect()
+        if self.resampling != Resampling::SignFlips {
+            for last in (1..relabelling.len()).rev() {
+                relabelling.swap(last, below(&mut random, last as u64 + 1) as usize);
+            }
+        }
+        if self.resampling != Resampling::Permutations {
+            relabelling.iter_mut().for_each(|(_, sign)| *sign = if random.next_u32() & 1 == 1 { -1.0 } else { 1.0 });
+        }
+        relabelling
     }
 
     fn stream(&self, index: usize) -> ChaCha8Rng {
@@ -98,6 +123,13 @@ impl Arrangements {
         random.set_stream(index as u64);
         random
     }
+}
+
+/// A relabelling with the signs of number `index` of all.
+fn flipped(mut relabelling: Relabelling, index: usize) -> Relabelling {
+    let flip = |i: usize| i < 64 && index >> i & 1 == 1;
+    relabelling.iter_mut().enumerate().filter(|(i, _)| flip(*i)).for_each(|(_, (_, sign))| *sign = -*sign);
+    relabelling
 }
 
 /// A number below `bound`, each equally likely.
@@ -152,7 +184,7 @@ mod tests {
     #[test]
     fn all_relabellings_of_groups_are_there_once() {
         for classes in [vec![0, 0, 1, 1, 1], vec![0, 1, 2, 1], vec![1, 0, 1, 0, 2, 2]] {
-            let all = Arrangements::new(rows(&classes).view(), false, 10, 20_000, 0);
+            let all = Arrangements::new(rows(&classes).view(), Resampling::Permutations, 10, 20_000, 0);
             let labels = |relabelling: &Relabelling| -> Vec<u32> {
                 relabelling.iter().map(|(i, _)| classes[*i as usize]).collect()
             };
@@ -161,14 +193,15 @@ mod tests {
             let parts: Vec<_> = all.range(0, 3).into_iter().chain(all.range(3, all.count)).collect();
             assert_eq!(parts, all.range(0, all.count));
         }
-        let ten = Arrangements::new(rows(&[0, 0, 0, 0, 0, 1, 1, 1, 1, 1]).view(), false, 10, 20_000, 0);
+        let ten =
+            Arrangements::new(rows(&[0, 0, 0, 0, 0, 1, 1, 1, 1, 1]).view(), Resampling::Permutations, 10, 20_000, 0);
         assert_eq!(ten.count, 252);
     }
 
     #[test]
     fn random_relabellings_are_even_and_the_same_for_a_seed() {
         let classes: Vec<u32> = (0..40).collect();
-        let random = Arrangements::new(rows(&classes).view(), false, 4_000, 20_000, 7);
+        let random = Arrangements::new(rows(&classes).view(), Resampling::Permutations, 4_000, 20_000, 7);
         assert!(!random.exact && random.count == 4_001);
         let found = random.range(0, 4_001);
         assert!(found[0].iter().enumerate().all(|(i, (of, _))| i as u32 == *of));
@@ -182,10 +215,27 @@ mod tests {
     #[test]
     fn signs_are_all_or_random() {
         let ones = Array2::ones((5, 1));
-        let all = Arrangements::new(ones.view(), true, 10, 20_000, 0);
+        let all = Arrangements::new(ones.view(), Resampling::SignFlips, 10, 20_000, 0);
         let distinct: HashSet<String> = all.range(0, 32).iter().map(|signs| format!("{signs:?}")).collect();
         assert_eq!((all.count, distinct.len()), (32, 32));
-        let many = Arrangements::new(Array2::ones((70, 1)).view(), true, 10, 20_000, 0);
+        let many = Arrangements::new(Array2::ones((70, 1)).view(), Resampling::SignFlips, 10, 20_000, 0);
         assert!(!many.exact && many.range(0, 1)[0].iter().all(|(_, sign)| *sign == 1.0));
+    }
+
+    #[test]
+    fn exchanges_and_signs_together_are_all_there_once() {
+        let classes = [0, 1, 1, 1];
+        let all = Arrangements::new(rows(&classes).view(), Resampling::Both, 10, 20_000, 0);
+        let labels = |relabelling: &Relabelling| -> Vec<(u32, bool)> {
+            relabelling.iter().map(|(from, sign)| (classes[*from as usize], *sign < 0.0)).collect()
+        };
+        let found: HashSet<_> = all.range(0, all.count).iter().map(labels).collect();
+        assert!(all.exact && all.count == 4 * 16 && found.len() == 64);
+        let parts: Vec<_> = all.range(0, 21).into_iter().chain(all.range(21, 64)).collect();
+        assert_eq!(parts, all.range(0, 64));
+        let many = Arrangements::new(rows(&[0; 30]).view(), Resampling::Both, 10, 20_000, 0);
+        let found = many.range(0, 3);
+        assert!(found[0].iter().enumerate().all(|(i, (of, sign))| (i as u32, 1.0) == (*of, *sign)));
+        assert!(found[1].iter().any(|(_, sign)| *sign < 0.0) && found[1] != found[2]);
     }
 }

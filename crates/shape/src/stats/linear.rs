@@ -218,6 +218,19 @@ impl Small {
         Self { size, values }
     }
 
+    pub(crate) fn zeros(size: usize) -> Self {
+        Self { size, values: vec![0.0; size * size] }
+    }
+
+    /// Sets the lower triangle, `value(row, column)`.
+    pub(crate) fn fill(&mut self, value: impl Fn(usize, usize) -> f64) {
+        for i in 0..self.size {
+            for j in 0..=i {
+                self.values[i * self.size + j] = value(i, j);
+            }
+        }
+    }
+
     /// The unit matrix without `sum g g^T`.
     pub(crate) fn unit_without<'g>(size: usize, vectors: impl Iterator<Item = &'g [f64]>) -> Self {
         let mut values = vec![0.0; size * size];

@@ -59,18 +59,28 @@ impl Projection {
         without(self.nuisance.view(), values.to_owned())
     }
 
-    /// Whether the reduced model is at most a constant: errors then have the same mean, and relabelling keeps it.
-    pub(crate) fn constant_nuisance(&self) -> bool {
-        match self.nuisance.ncols() {
-            0 => true,
-            1 => constant(self.nuisance.view()),
-            _ => false,
-        }
+    /// Whether a constant is in the span of the reduced model, so that residuals have a mean of zero.
+    pub(crate) fn keeps_constant(&self) -> bool {
+        let n = self.nuisance.nrows() as f64;
+        let along: f64 = self.nuisance.columns().into_iter().map(|column| column.sum().powi(2)).sum();
+        along >= n * (1.0 - 1e-9)
     }
 
-    /// Whether the test is of the mean itself, which relabelling doesn't change.
-    pub(crate) fn of_the_mean(&self) -> bool {
-        self.nuisance.ncols() == 0 && self.effect.ncols() == 1 && constant(self.effect.view())
+    /// Whether a relabelled study has the statistics of the study itself: both parts of the model span what they did.
+    pub(crate) fn unchanged_by(&self, relabelling: &[(u32, f64)]) -> bool {
+        let keeps = |basis: &Array2<f64>| {
+            if basis.ncols() == 0 {
+                return true;
+            }
+            let mut moved = Array2::zeros(basis.raw_dim());
+            for (mut row, (from, sign)) in moved.rows_mut().into_iter().zip(relabelling) {
+                row.assign(&basis.row(*from as usize));
+                row *= *sign;
+            }
+            let along = product(basis.t(), moved.view());
+            along.iter().map(|value| value * value).sum::<f64>() >= basis.ncols() as f64 - 1e-9
+        };
+        keeps(&self.effect) && keeps(&self.nuisance)
     }
 }
 
@@ -81,11 +91,6 @@ pub(crate) fn without(basis: ArrayView2<'_, f64>, mut values: Array2<f64>) -> Ar
         values -= &product(basis, along.view());
     }
     values
-}
-
-fn constant(column: ArrayView2<'_, f64>) -> bool {
-    let first = column[[0, 0]];
-    column.iter().all(|value| (value - first).abs() < 1e-12)
 }
 
 #[cfg(test)]
@@ -106,6 +111,22 @@ mod tests {
         assert_eq!((found.nuisance.ncols(), found.freedom), (2, 6));
         let gram = product(found.nuisance.t(), found.effect.view());
         assert!(gram.iter().all(|value| value.abs() < 1e-14));
+    }
+
+    #[test]
+    fn a_constant_in_the_reduced_model_is_found() {
+        let ages = [21.0, 34.0, 28.0, 47.0, 39.0, 30.0];
+        let age = Array2::from_shape_fn((6, 1), |(i, _)| ages[i]);
+        let keeps = |design: &Design, weights: &[f64]| {
+            Projection::new(design, &Contrast::row(weights)).unwrap().keeps_constant()
+        };
+        let groups = Design::groups(&[3, 3]).unwrap();
+        assert!(keeps(&groups, &[1.0, -1.0]) && !keeps(&groups, &[1.0, 0.0]) && !keeps(&groups, &[0.5, 0.5]));
+        let centred = Design::groups(&[6]).unwrap().with_covariates(age.view(), &[]).unwrap();
+        assert!(keeps(&centred, &[0.0, 1.0]) && !keeps(&centred, &[1.0, 0.0]));
+        let raw = concatenate![ndarray::Axis(1), Array2::ones((6, 1)), age];
+        let raw = Design::new(raw, Vec::new()).unwrap();
+        assert!(keeps(&raw, &[0.0, 1.0]) && !keeps(&raw, &[1.0, 0.0]));
     }
 
     #[test]

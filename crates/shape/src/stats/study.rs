@@ -39,11 +39,37 @@ impl Column {
         }
     }
 
+    /// Returns the values of numbers that may be codes of levels: at most six, all whole, fewer than subjects. None for
+    /// levels.
+    ///
+    /// ```
+    /// use spharm_shape::stats::Column;
+    /// assert_eq!(Column::of(["3", "1", "1", "2"]).codes(), Some(vec![1.0, 2.0, 3.0]));
+    /// assert_eq!(Column::of(["31.5", "28", "31.5", "40"]).codes(), None);
+    /// ```
+    pub fn codes(&self) -> Option<Vec<f64>> {
+        let Self::Numbers(numbers) = self else { return None };
+        let mut values = Vec::new();
+        for number in numbers {
+            if !values.contains(number) {
+                values.push(*number);
+            }
+            if number.fract() != 0.0 || values.len() > MAX_CODES {
+                return None;
+            }
+        }
+        values.sort_by(f64::total_cmp);
+        (values.len() < numbers.len()).then_some(values)
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
+
+/// More values than these are taken for measurements.
+const MAX_CODES: usize = 6;
 
 /// A design, what to test of it, and what that means.
 #[derive(Debug, Clone)]
@@ -54,8 +80,10 @@ pub struct Question {
     pub contrast: Contrast,
     /// In words: "control - patient", "slope of age".
     pub meaning: String,
-    /// Subjects of each level, where the effect has levels.
+    /// Subjects of each level, if the effect has levels.
     pub levels: Vec<(String, usize)>,
+    /// Columns taken as numbers that may be codes of levels, with their values.
+    pub codes: Vec<(String, Vec<f64>)>,
 }
 
 /// Makes the design and the contrast of an effect, given its name, with covariates: the slope of a number, the difference
@@ -72,32 +100,10 @@ pub fn question(
     covariates: &[(String, Column)],
 ) -> Result<Question, ShapeError> {
     let n = effect.len();
-    if let Some((_, other)) = covariates.iter().find(|(_, column)| column.len() != n) {
-        return Err(ShapeError::Subjects { what: "covariates", expected: n, found: other.len() });
-    }
-    // Before the design, in which it would be one of the columns that depend on others.
-    let numbers = covariates.iter().map(|(name, column)| (name.as_str(), column)).chain([(name, effect)]);
-    for (name, column) in numbers {
-        let (Column::Numbers(values), column) = (column, name.to_owned()) else { continue };
-        if let Some(&value) = values.first().filter(|first| values.iter().all(|value| value == *first)) {
-            return Err(ShapeError::Constant { column, value });
-        }
-    }
-    let (mut columns, mut names): (Vec<Vec<f64>>, Vec<String>) = (Vec::new(), Vec::new());
-    for (name, column) in covariates {
-        match column {
-            Column::Numbers(numbers) => {
-                columns.push(numbers.clone());
-                names.push(name.clone());
-            }
-            Column::Levels(of) => {
-                for level in distinct(of).into_iter().skip(1) {
-                    columns.push(of.iter().map(|other| f64::from(*other == level)).collect());
-                    names.push(format!("{name} {level}"));
-                }
-            }
-        }
-    }
+    let (mut columns, mut names) = columns_of(n, covariates)?;
+    check_varies(name, effect)?;
+    let mut codes = codes_of(covariates);
+    codes.extend(effect.codes().map(|values| (name.to_owned(), values)));
     let (base, effects, meaning, levels) = match effect {
         Column::Numbers(numbers) => {
             columns.insert(0, numbers.clone());
@@ -120,8 +126,7 @@ pub fn question(
             (Design::new(matrix, found.clone())?, Some(found.len()), meaning, counts.collect())
         }
     };
-    let table = Array2::from_shape_fn((n, columns.len()), |(i, column)| columns[column][i]);
-    let design = if columns.is_empty() { base } else { base.with_covariates(table.view(), &names)? };
+    let design = with_columns(base, &columns, &names)?;
     let all = design.matrix().ncols();
     let contrast = match effects {
         None => Contrast::column(all, 1),
@@ -131,7 +136,71 @@ pub fn question(
             }),
         },
     };
-    Ok(Question { design, contrast, meaning, levels })
+    Ok(Question { design, contrast, meaning, levels, codes })
+}
+
+/// Makes the design and the contrast of the mean of n subjects, with covariates about their means: that the mean is zero.
+/// Values are differences of two measurements of each subject, or other values whose mean can be zero.
+///
+/// # Errors
+///
+/// As those of [`question`].
+pub fn mean_question(subjects: usize, covariates: &[(String, Column)]) -> Result<Question, ShapeError> {
+    let (columns, names) = columns_of(subjects, covariates)?;
+    let base = Design::new(Array2::ones((subjects, 1)), vec!["mean".to_owned()])?;
+    let design = with_columns(base, &columns, &names)?;
+    let contrast = Contrast::column(design.matrix().ncols(), 0);
+    let codes = codes_of(covariates);
+    Ok(Question { design, contrast, meaning: "mean".to_owned(), levels: Vec::new(), codes })
+}
+
+fn with_columns(base: Design, columns: &[Vec<f64>], names: &[String]) -> Result<Design, ShapeError> {
+    if columns.is_empty() {
+        return Ok(base);
+    }
+    let table = Array2::from_shape_fn((base.subjects(), columns.len()), |(i, column)| columns[column][i]);
+    base.with_covariates(table.view(), names)
+}
+
+/// The columns of covariates and their names: numbers as they are, ones and zeros for each level but the first.
+fn columns_of(n: usize, covariates: &[(String, Column)]) -> Result<(Vec<Vec<f64>>, Vec<String>), ShapeError> {
+    if let Some((_, other)) = covariates.iter().find(|(_, column)| column.len() != n) {
+        return Err(ShapeError::Subjects { what: "covariates", expected: n, found: other.len() });
+    }
+    let (mut columns, mut names): (Vec<Vec<f64>>, Vec<String>) = (Vec::new(), Vec::new());
+    for (name, column) in covariates {
+        check_varies(name, column)?;
+        match column {
+            Column::Numbers(numbers) => {
+                columns.push(numbers.clone());
+                names.push(name.clone());
+            }
+            Column::Levels(of) => {
+                for level in distinct(of).into_iter().skip(1) {
+                    columns.push(of.iter().map(|other| f64::from(*other == level)).collect());
+                    names.push(format!("{name} {level}"));
+                }
+            }
+        }
+    }
+    Ok((columns, names))
+}
+
+/// Refuses numbers that are all the same, which a design would have as a column that depends on others.
+fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError> {
+    let Column::Numbers(values) = column else { return Ok(()) };
+    match values.first() {
+        Some(&value) if values.iter().all(|other| *other == value) => {
+            Err(ShapeError::Constant { column: name.to_owned(), value })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Covariates that may be codes of levels; two values are the same model either way.
+fn codes_of(covariates: &[(String, Column)]) -> Vec<(String, Vec<f64>)> {
+    let codes = covariates.iter().filter_map(|(name, column)| Some((name.clone(), column.codes()?)));
+    codes.filter(|(_, values)| values.len() > 2).collect()
 }
 
 fn distinct(levels: &[String]) -> Vec<String> {

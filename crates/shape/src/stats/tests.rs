@@ -6,6 +6,9 @@ use spharm_monitor::Silent;
 use super::*;
 use crate::product::product;
 
+mod means;
+mod unequal;
+
 /// Numbers in (-1, 1) that look random.
 fn noise(rows: usize, columns: usize, seed: u64) -> Array2<f64> {
     Array2::from_shape_fn((rows, columns), |(i, j)| {
@@ -83,34 +86,6 @@ fn three_components_are_hotellings_test() {
 }
 
 #[test]
-fn welchs_test_is_scipys() {
-    // By scipy.stats.ttest_ind(a, b, equal_var=False).
-    let y = array![[1.0], [2.0], [3.0], [4.0], [2.0], [9.0], [4.0], [6.0], [3.0], [7.0], [5.5]];
-    let params = TestParams { welch: true, ..TestParams::default() };
-    let design = Design::groups(&[4, 7]).unwrap();
-    let contrast = Contrast::difference(2, 0, 1);
-    let found = test(y.view(), 1, &design, &contrast, &params, &Silent).unwrap();
-    assert!((found.statistic[0] - WELCH.0).abs() < 1e-13, "{}", found.statistic[0]);
-    assert!((found.p[0] / WELCH.1 - 1.0).abs() < 1e-12, "{}", found.p[0]);
-    // Its relabelled studies: those whose |t|, computed afresh, is at least as large.
-    let all = arrangements::Arrangements::new(design.matrix(), false, 1, 20_000, 0);
-    let reached = all.range(0, all.count).into_iter().filter(|relabelling| {
-        let rows: Vec<usize> = (0..11).map(|i| relabelling[i].0 as usize).collect();
-        // Values with the first group's labels first.
-        let mut order: Vec<usize> = (0..11).collect();
-        order.sort_by_key(|&i| rows[i] >= 4);
-        let moved = y.select(Axis(0), &order);
-        let again = welch::statistics(moved.view(), &design, &contrast, 0.95).unwrap();
-        again.1[0].abs() >= found.statistic[0].abs() * (1.0 - 1e-9)
-    });
-    let expected = reached.count() as f64 / all.count as f64;
-    let family_wise = found.family_wise.unwrap();
-    assert_eq!((family_wise.relabellings, family_wise.p[0]), (330, expected));
-}
-
-const WELCH: (f64, f64) = (-2.429384151785845, 0.038020963933738994);
-
-#[test]
 fn all_relabellings_are_a_brute_force() {
     let y = noise(10, 25, 3);
     let design = Design::groups(&[5, 5]).unwrap();
@@ -154,7 +129,7 @@ fn covariates_are_freedman_and_lanes() {
     let fitted = product(reduced.view(), product(reduced.t(), y.view()).view());
     let residual = &y - &fitted;
     let rows = Array2::from_shape_fn((n, 1), |(i, _)| i as f64);
-    let all = arrangements::Arrangements::new(rows.view(), false, 1, 20_000, 0);
+    let all = arrangements::Arrangements::new(rows.view(), Resampling::Permutations, 1, 20_000, 0);
     let largest: Vec<f64> = all
         .range(0, all.count)
         .iter()
@@ -267,12 +242,15 @@ fn few_subjects_are_warned_of_and_bad_input_is_refused() {
     assert!(matches!(refused(&wide, 5, &contrast, &params), ShapeError::Subjects { expected: 7, .. }));
     let welch = TestParams { welch: true, ..TestParams::default() };
     assert!(matches!(refused(&y, 1, &Contrast::row(&[1.0, 1.0]), &welch), ShapeError::NotTwoGroups));
-    // Positions have three components at a vertex.
-    let unpermuted = TestParams { permutations: None, ..welch.clone() };
-    for params in [welch, unpermuted] {
-        assert!(matches!(refused(&y, 3, &contrast, &params), ShapeError::NotTwoGroups));
+    // T^2 of three components takes a covariance of each group: four subjects.
+    let found = refused(&y, 3, &contrast, &welch);
+    assert!(matches!(found, ShapeError::Subjects { what: "a group", expected: 4, found: 3 }), "{found}");
+    for count in [MAX_RELABELLINGS + 1, usize::MAX] {
+        let many = PermutationParams { count, ..PermutationParams::default() };
+        let many = TestParams { permutations: Some(many), ..TestParams::default() };
+        assert!(matches!(refused(&y, 1, &contrast, &many), ShapeError::Setting { .. }));
     }
     let none = PermutationParams { count: 0, ..PermutationParams::default() };
     let none = TestParams { permutations: Some(none), ..TestParams::default() };
-    assert!(matches!(refused(&y, 1, &contrast, &none), ShapeError::NoRelabellings));
+    assert!(matches!(refused(&y, 1, &contrast, &none), ShapeError::Setting { name: "relabellings", .. }));
 }

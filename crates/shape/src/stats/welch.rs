@@ -1,93 +1,174 @@
-//! Two groups of unequal variance: B. L. Welch, "The generalization of 'Student's' problem when several different
-//! population variances are involved", Biometrika 34 (1947).
+//! Two groups of unequal variance.
 //!
-//! `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)`, on the degrees of freedom of Satterthwaite, which differ from vertex
-//! to vertex.
+//! One component: `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` on the degrees of freedom of Satterthwaite (B. L. Welch,
+//! "The generalization of 'Student's' problem when several different population variances are involved", Biometrika 34
+//! (1947)). Several: `T^2 = D^T C^-1 D` with `D = m_1 - m_2`, `C = C_1 + C_2`, `C_g = S_g / n_g`, of which
+//! `(v - d + 1) / (v d) T^2` is nearly F on (d, v - d + 1), with
+//!
+//! ```text
+//! v = (d + d^2) / sum_g (tr (C_g C^-1)^2 + (tr C_g C^-1)^2) / (n_g - 1)
+//! ```
+//!
+//! (K. Krishnamoorthy and J. Yu, "Modified Nel and Van der Merwe test for the multivariate Behrens-Fisher problem", Stat.
+//! Probab. Lett. 66 (2004)). Degrees of freedom differ from vertex to vertex; for d = 1 both are the same.
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
 
 use super::design::{Contrast, Design};
-use super::distributions::{p_of_t, quantile_of_t};
-use super::linear::{Effect, Found, Statistic, floors};
+use super::distributions::{p_of_f, p_of_t, quantile_of_t};
+use super::linear::{Effect, Found, Small, Statistic, floors};
 use crate::ShapeError;
 
-/// The sign of the first group in a contrast of two groups.
-pub(crate) fn groups(design: &Design, contrast: &Contrast) -> Result<(Vec<usize>, f64), ShapeError> {
+/// The group of each subject, 0 or 1, and the weight of the first one's mean in a contrast of two groups; `components` at a
+/// vertex.
+pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) -> Result<(Vec<usize>, f64), ShapeError> {
     let groups = design.two_groups().ok_or(ShapeError::NotTwoGroups)?;
     let weights = &contrast.weights;
     if weights.nrows() != 1 || weights[[0, 0]] != -weights[[0, 1]] {
         return Err(ShapeError::NotTwoGroups);
     }
+    // Each group's own covariance has to have an inverse.
+    let expected = components + 1;
     let sizes = [0, 1].map(|group| groups.iter().filter(|of| **of == group).count());
-    if let Some(small) = sizes.iter().find(|size| **size < 2) {
-        return Err(ShapeError::Subjects { what: "a group", expected: 2, found: *small });
+    if let Some(&found) = sizes.iter().find(|size| **size < expected) {
+        return Err(ShapeError::Subjects { what: "a group", expected, found });
     }
     Ok((groups, weights[[0, 0]]))
 }
 
-/// Welch's t and its p at each vertex, NaN where there is no variance.
+/// Welch's statistics and their p at each vertex, NaN if there is no variance, of values (n, V d).
 pub(crate) fn statistics(
     values: ArrayView2<'_, f64>,
-    design: &Design,
-    contrast: &Contrast,
+    components: usize,
+    (groups, weight): (&[usize], f64),
     confidence: f64,
-) -> Result<Found, ShapeError> {
-    if values.ncols() == 0 {
-        return Err(ShapeError::NotTwoGroups);
-    }
-    let (groups, weight) = groups(design, contrast)?;
+) -> Found {
     let floor = floors(values);
-    let rows: Vec<Vertex> = (0..values.ncols())
+    let members = [0, 1].map(|group| (0..groups.len()).filter(|i| groups[*i] == group).collect::<Vec<_>>());
+    let rows: Vec<Vertex> = (0..values.ncols() / components)
         .into_par_iter()
         .map(|v| {
-            let of = |group: usize| {
-                moments(values.column(v).iter().zip(&groups).filter(|(_, of)| **of == group).map(|(y, _)| *y))
-            };
-            let ([n1, m1, s1], [n2, m2, s2]) = (of(0), of(1));
-            let (v1, v2) = (s1 / (n1 - 1.0) / n1, s2 / (n2 - 1.0) / n2);
-            let error = if s1 + s2 > floor[v] { (v1 + v2).sqrt() } else { f64::NAN };
-            let freedom = (v1 + v2).powi(2) / (v1 * v1 / (n1 - 1.0) + v2 * v2 / (n2 - 1.0));
-            let difference = m1 - m2;
-            let pooled = ((s1 + s2) / (n1 + n2 - 2.0)).sqrt();
-            let t = difference / error;
-            Vertex {
-                estimate: weight * difference,
-                error: weight.abs() * error,
-                t: weight.signum() * t,
-                freedom,
-                p: p_of_t(t, freedom),
-                size: if error.is_nan() { f64::NAN } else { weight * difference / pooled },
-            }
+            let columns = v * components..(v + 1) * components;
+            let floor = floor[columns.clone()].iter().copied().fold(0.0, f64::max);
+            let block = values.slice(s![.., columns]);
+            let halves = [0, 1].map(|group| Half::new(block.select(Axis(0), &members[group])));
+            Vertex::new(&halves, weight, confidence, floor)
         })
         .collect();
     let column = |pick: fn(&Vertex) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
-    let table = |values: Vec<f64>| Array2::from_shape_vec((rows.len(), 1), values).unwrap_or_default();
+    let table = |pick: fn(&Vertex) -> &Vec<f64>| {
+        Array2::from_shape_fn((rows.len(), components), |(v, component)| pick(&rows[v])[component])
+    };
     let least = rows.iter().map(|row| row.freedom).fold(f64::INFINITY, f64::min);
-    let zero = |value: f64| if value.is_nan() { 0.0 } else { value };
+    let kind = match components {
+        1 => Statistic::T { freedom: least },
+        _ => Statistic::TSquared { components, freedom: least },
+    };
     let effect = Effect {
-        estimate: table(column(|row| row.estimate)),
-        standard_error: table(rows.iter().map(|row| zero(row.error)).collect()),
-        margin: table(rows.iter().map(|row| zero(row.error * quantile_of_t(confidence, row.freedom))).collect()),
+        estimate: table(|row| &row.estimate),
+        standard_error: table(|row| &row.error),
+        margin: table(|row| &row.margin),
         size: column(|row| row.size),
     };
-    Ok((Statistic::T { freedom: least }, column(|row| row.t), column(|row| row.p), Some(effect)))
+    (kind, column(|row| row.statistic), column(|row| row.p), Some(effect))
 }
 
-/// What is found at a vertex; NaN where there is no variance.
+/// One group at a vertex.
+struct Half {
+    n: f64,
+    mean: Vec<f64>,
+    /// Scatter about the mean, (d, d).
+    scatter: Array2<f64>,
+}
+
+impl Half {
+    fn new(mut values: Array2<f64>) -> Self {
+        let (n, d) = values.dim();
+        let mean: Vec<f64> = values.columns().into_iter().map(|column| column.sum() / n as f64).collect();
+        for mut row in values.rows_mut() {
+            row.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= mean);
+        }
+        let scatter = Array2::from_shape_fn((d, d), |(i, j)| values.column(i).dot(&values.column(j)));
+        Self { n: n as f64, mean, scatter }
+    }
+
+    /// The covariance of the mean, `C_g`.
+    fn error(&self, i: usize, j: usize) -> f64 {
+        self.scatter[[i, j]] / (self.n - 1.0) / self.n
+    }
+}
+
+/// Results at a vertex; statistic, p and size are NaN if there is no variance.
 struct Vertex {
-    estimate: f64,
-    error: f64,
-    t: f64,
+    estimate: Vec<f64>,
+    error: Vec<f64>,
+    margin: Vec<f64>,
+    statistic: f64,
     freedom: f64,
     p: f64,
     size: f64,
 }
 
-/// Number, mean, and sum of squares about the mean, in two rounds.
-fn moments(values: impl Iterator<Item = f64> + Clone) -> [f64; 3] {
-    let (mut n, mut sum) = (0.0, 0.0);
-    values.clone().for_each(|value| (n, sum) = (n + 1.0, sum + value));
-    let mean = sum / n;
-    [n, mean, values.map(|value| (value - mean).powi(2)).sum()]
+impl Vertex {
+    fn new(halves: &[Half; 2], weight: f64, confidence: f64, floor: f64) -> Self {
+        let [a, b] = halves;
+        let d = a.mean.len();
+        let difference: Vec<f64> = a.mean.iter().zip(&b.mean).map(|(a, b)| a - b).collect();
+        let estimate: Vec<f64> = difference.iter().map(|difference| weight * difference).collect();
+        let variances: Vec<f64> = (0..d).map(|i| a.error(i, i) + b.error(i, i)).collect();
+        let error: Vec<f64> = variances.iter().map(|variance| weight.abs() * variance.sqrt()).collect();
+        let margin = (0..d).map(|i| {
+            let halves = halves.iter().map(|half| half.error(i, i).powi(2) / (half.n - 1.0)).sum::<f64>();
+            if halves > 0.0 { quantile_of_t(confidence, variances[i].powi(2) / halves) * error[i] } else { 0.0 }
+        });
+        let margin = margin.collect();
+        let flat = |estimate, error, margin| Self {
+            estimate,
+            error,
+            margin,
+            statistic: f64::NAN,
+            freedom: f64::INFINITY,
+            p: f64::NAN,
+            size: f64::NAN,
+        };
+        let mut errors = Small::zeros(d);
+        errors.fill(|i, j| a.error(i, j) + b.error(i, j));
+        if !errors.factorise(floor / (a.n * b.n)) {
+            return flat(estimate, error, margin);
+        }
+        let squared = errors.quotient(&difference);
+        let freedom = freedom(halves, &errors);
+        let mut pooled = Small::zeros(d);
+        pooled.fill(|i, j| (a.scatter[[i, j]] + b.scatter[[i, j]]) / (a.n + b.n - 2.0));
+        let known = pooled.factorise(0.0);
+        let size = if known { weight.abs() * pooled.quotient(&difference).sqrt() } else { f64::NAN };
+        let within = freedom - d as f64 + 1.0;
+        let (statistic, p, size) = if d == 1 {
+            let t = (weight * difference[0]).signum() * squared.sqrt();
+            (t, p_of_t(t, freedom), size.copysign(weight * difference[0]))
+        } else {
+            (squared, p_of_f(squared * within / (freedom * d as f64), d as f64, within), size)
+        };
+        Self { estimate, error, margin, statistic, freedom, p, size }
+    }
+}
+
+/// Krishnamoorthy and Yu's degrees of freedom, given the factor of C.
+fn freedom(halves: &[Half; 2], factor: &Small) -> f64 {
+    let d = halves[0].mean.len();
+    let sum: f64 = halves
+        .iter()
+        .map(|half| {
+            // B = L^-1 C_g L^-T has the traces of C_g C^-1.
+            let mut b: Vec<Vec<f64>> = (0..d).map(|i| (0..d).map(|j| half.error(i, j)).collect()).collect();
+            b.iter_mut().for_each(|row| factor.whiten(row));
+            let mut columns: Vec<Vec<f64>> = (0..d).map(|j| b.iter().map(|row| row[j]).collect()).collect();
+            columns.iter_mut().for_each(|column| factor.whiten(column));
+            let trace: f64 = (0..d).map(|i| columns[i][i]).sum();
+            let of_square: f64 = columns.iter().flatten().map(|value| value * value).sum();
+            (of_square + trace * trace) / (half.n - 1.0)
+        })
+        .sum();
+    (d + d * d) as f64 / sum
 }

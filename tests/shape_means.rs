@@ -1,0 +1,166 @@
+//! Tests of means, differences of paired models, and groups of unequal variance, through the program.
+
+use std::fs;
+use std::path::Path;
+
+use ndarray::Array2;
+use serde_json::Value;
+use spharm::{Coefficients, Kind};
+use spharm_model::Model;
+use spharm_surface::io::read_signal;
+
+use crate::common::{error_line, fail, finish, succeed, text, tool};
+
+/// Models of balls whose radius is `radius(subject, year)`, in `year1` and `year2`; the table `t.csv` of the subjects.
+fn site(radius: impl Fn(usize, usize) -> f64) -> tempfile::TempDir {
+    let site = tempfile::tempdir().expect("a folder");
+    for year in [1, 2] {
+        let folder = site.path().join(format!("year{year}"));
+        fs::create_dir(&folder).expect("a folder");
+        for subject in 0..10 {
+            let size = radius(subject, year) * (4.0 * std::f64::consts::PI / 3.0).sqrt();
+            let mut values = Array2::zeros((9, 3));
+            (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (size, 0.9 * size, 0.8 * size);
+            // Shapes differ, so that positions vary in all directions.
+            values.iter_mut().skip(12).enumerate().for_each(|(k, value)| {
+                *value += 0.02 * (((subject * 31 + year * 17 + k * k * 7) % 23) as f64 - 11.0);
+            });
+            let model = Model::without_sphere(Coefficients::new(values).expect("coefficients"), Kind::Surface);
+            model.write(folder.join(format!("s{subject}.spharm.npz"))).expect("a model");
+        }
+    }
+    let row = |subject: usize| {
+        let site = 1 + subject % 3;
+        format!(
+            "s{subject},year1/s{subject}.spharm.npz,year2/s{subject}.spharm.npz,{},{site}\n",
+            40 + subject * subject
+        )
+    };
+    let rows: String = (0..10).map(row).collect();
+    fs::write(site.path().join("t.csv"), format!("id,first,second,age,site\n{rows}")).expect("a table");
+    site
+}
+
+fn test(site: &Path, arguments: &[&str]) -> std::process::Command {
+    let mut command = tool("shape");
+    command.arg("test").args(arguments).args(["--icosphere", "1"]).current_dir(site);
+    command
+}
+
+fn report(site: &Path, arguments: &[&str], name: &str) -> Value {
+    succeed(test(site, arguments).args(["-q", "-o", name, "--report"]).arg(format!("{name}.json")));
+    serde_json::from_str(&fs::read_to_string(site.join(format!("{name}.json"))).expect("a report")).expect("JSON")
+}
+
+#[test]
+fn a_mean_change_is_found_whatever_columns_are_beside_it() {
+    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = site.path();
+    let table = ["--table", "t.csv", "--models", "year2", "--minus", "year1"];
+    let of = |more: &[&str], name: &str| report(site, &[&table[..], more].concat(), name);
+    for (more, name) in [(&["--mean"][..], "plain"), (&["--mean", "--covariates", "age"], "age")] {
+        let found = of(more, name);
+        assert_eq!((&found["resampling"], &found["relabellings"]), (&"sign flips".into(), &1024.into()), "{found}");
+        assert_eq!(found["meaning"], "mean of year2 - year1");
+        assert!(found["assumption"].as_str().expect("text").contains("symmetric"), "{found}");
+        let p = read_signal(site.join(name).join("p-fwe.shape.gii")).expect("a map").values;
+        let effect = read_signal(site.join(name).join("effect.shape.gii")).expect("a map").values;
+        assert!(p.iter().all(|p| *p < 0.01), "{p:?}");
+        assert!(effect.iter().all(|effect| (0.3..0.7).contains(effect)), "{effect:?}");
+    }
+    let columns = ["--table", "t.csv", "--model-column", "second", "--minus", "first", "--mean"];
+    let by_columns = report(site, &columns, "columns");
+    assert_eq!(by_columns["meaning"], "mean of second - first");
+    let map = |folder: &str| fs::read(site.join(folder).join("test.csv")).expect("a table");
+    assert!(map("columns") == map("plain"));
+    let paired = report(site, &["--a", "year2", "--b", "year1", "--paired"], "paired");
+    assert_eq!(paired["meaning"], "mean of a - b");
+    assert!(map("paired") == map("plain"));
+    // Changes that differ between groups are no mean: subjects are exchanged.
+    let slope = of(&["--effect", "age", "--signal", "position"], "slope");
+    assert_eq!((&slope["resampling"], &slope["statistic"]["name"]), (&"permutations".into(), &"T2".into()));
+}
+
+#[test]
+fn questions_that_mean_nothing_are_refused() {
+    let site = site(|subject, year| 10.0 + (subject + year) as f64);
+    let site = site.path();
+    for (arguments, words) in [
+        (&["--table", "t.csv", "--models", "year1", "--mean"][..], "--minus"),
+        (&["--table", "t.csv", "--models", "year1"], "--effect"),
+        (&["--table", "t.csv", "--models", "year1", "--effect", "age", "--categorical", "site"], "--categorical site"),
+        (
+            &["--table", "t.csv", "--models", "year1", "--effect", "age", "--permutations", "18446744073709551615"],
+            "100000000",
+        ),
+        (
+            &["--table", "t.csv", "--models", "year1", "--effect", "age", "--permutations", "9223372036854775807"],
+            "100000000",
+        ),
+    ] {
+        let output = finish(test(site, arguments).args(["-o", "out"]));
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output));
+        assert!(text(&output).contains(words), "{arguments:?}: {}", text(&output));
+    }
+    let some = ["year1/s0.spharm.npz", "year1/s1.spharm.npz"];
+    for (a, b, paired, words) in [
+        (&some[..], &["year2/s0.spharm.npz"][..], true, "as many models in --b as in --a, 2, found 1"),
+        (&some, &["./year1/s1.spharm.npz", "year2/s2.spharm.npz"], false, "in both groups"),
+        (&["year1/s0.spharm.npz", "./year1/s0.spharm.npz"], &["year2/s2.spharm.npz"], false, "in its group twice"),
+    ] {
+        let groups = [&["--a"][..], a, &["--b"], b, if paired { &["--paired"] } else { &[] }].concat();
+        let error = fail(test(site, &groups).args(["-o", "out"]));
+        assert!(error.contains(words), "{error}");
+    }
+    assert!(!site.join("out").exists());
+}
+
+#[test]
+fn numbers_that_may_be_codes_and_repeated_subjects_are_named() {
+    let site = site(|subject, year| 10.0 + (subject * subject + year) as f64);
+    let site = site.path();
+    let table = ["--table", "t.csv", "--models", "year1", "--effect", "age", "--covariates", "site"];
+    let output = finish(test(site, &table).args(["-o", "slope", "--report", "slope.json"]));
+    assert!(text(&output).contains("site: the numbers 1, 2, 3 are taken as amounts"), "{}", text(&output));
+    let found: Value =
+        serde_json::from_str(&fs::read_to_string(site.join("slope.json")).expect("a report")).expect("JSON");
+    assert_eq!(found["numbers_that_may_be_codes"][0]["column"], "site");
+    let levels = report(site, &[&table[..], &["--categorical", "site"]].concat(), "levels");
+    assert_eq!(levels["design"]["columns"].as_array().expect("columns").len(), 4, "{levels}");
+    assert_eq!(levels["numbers_that_may_be_codes"], Value::Array(Vec::new()));
+
+    let rows: String =
+        (0..10).map(|s| format!("p{},year1/s{s}.spharm.npz,{}\n", s / 2, if s < 4 { "a" } else { "b" })).collect();
+    fs::write(site.join("twice.csv"), format!("participant_id,model,group\n{rows}")).expect("a table");
+    let found = report(site, &["--table", "twice.csv", "--effect", "group"], "twice");
+    let warnings = found["warnings"].to_string();
+    assert!(warnings.contains("participant_id p0 has 2 rows, and 5 of 5 subjects more than one"), "{warnings}");
+    let about = fs::read_to_string(site.join("twice/test.json")).expect("a file");
+    assert!(about.contains("has 2 rows"), "{about}");
+}
+
+#[test]
+fn unequal_groups_are_warned_of_and_tested_by_welch() {
+    let wide = |subject: usize| if subject < 3 { 6.0 * (subject as f64 - 1.0) } else { 0.2 * (subject % 4) as f64 };
+    let site = site(|subject, _| 20.0 + wide(subject));
+    let site = site.path();
+    let names: Vec<String> = (0..10).map(|s| format!("year1/s{s}.spharm.npz")).collect();
+    let mut groups: Vec<&str> = names.iter().map(String::as_str).collect();
+    groups.insert(3, "--b");
+    groups.insert(0, "--a");
+    let pooled = report(site, &groups, "pooled");
+    let warnings = pooled["warnings"].to_string();
+    assert!(
+        warnings.contains("a (3 subjects)") && warnings.contains("too small") && warnings.contains("--welch"),
+        "{warnings}"
+    );
+    let welch = report(site, &[&groups[..], &["--welch"]].concat(), "welch");
+    assert_eq!((&welch["resampling"], &welch["welch"]), (&"sign flips".into(), &true.into()));
+    assert!(!welch["warnings"].to_string().contains("Welch"), "{welch}");
+    let least = |report: &Value| report["summary"]["p"]["least"].as_f64().expect("a number");
+    assert!(least(&welch) > least(&pooled));
+    // Three subjects have no covariance of positions.
+    let positions = [&groups[..], &["--welch", "--signal", "position", "-o", "few"]].concat();
+    let error = error_line(&finish(&mut test(site, &positions)));
+    assert!(error.contains("expected 4 subjects or more"), "{error}");
+}

@@ -1,0 +1,128 @@
+//! Arguments of `shape test`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use spharm::shape::stats::MAX_RELABELLINGS;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+
+use super::super::args::{ReportArgs, Resources};
+
+/// Test groups, covariates and means at every vertex
+///
+/// Two groups of models, --a and --b, or a table of subjects with an --effect or --mean and --covariates. Surfaces have to
+/// correspond (`spharm shape align --group`, or spheres that share their parameters), and rows have to be independent
+/// subjects: of two models of each, --paired and --minus take the differences. At each vertex of the sampling a linear model
+/// is tested: t, F, or Hotelling's T-squared for positions. Family-wise p values are of the largest statistic over
+/// relabelled studies, exchanges of subjects or, for means and Welch's test, flips of signs: all of them if there are at
+/// most 20,000.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape test --a @patients.txt --b @controls.txt -o test",
+        "spharm shape test --table study.csv --effect group --covariates age,sex -o test",
+        "spharm shape test --table subjects.csv --models aligned --effect group -o test",
+        "spharm shape test --table study.csv --effect age --signal position --permutations 50000 -o test",
+        "spharm shape test --a thick/a* --b thick/b* --signal value --welch -o test",
+        "spharm shape test --a year2/* --b year1/* --paired -o change",
+        "spharm shape test --table study.csv --models year2 --minus year1 --mean --covariates age -o change",
+    ],
+    &[
+        "The folder gets mean.surf.gii and, as NAME.shape.gii, statistic, p, q (false-discovery rate), p-fwe (family-wise), \
+         p-permutation (by relabelling, uncorrected), effect, its margin of confidence, and size; all of it in test.csv, and in \
+         test.json what was tested.",
+        "A table has a column `model` with paths relative to it, or a column `id` and --models, and a column for each variable: \
+         numbers, or levels; --categorical takes numbers as levels.",
+    ],
+))]
+pub(crate) struct Cli {
+    /// Models of the first group
+    #[arg(long, value_name = "MODEL", num_args = 1.., requires = "b", conflicts_with = "table", help_heading = INPUT)]
+    pub(super) a: Vec<PathBuf>,
+    /// Models of the second group
+    #[arg(long, value_name = "MODEL", num_args = 1.., requires = "a", help_heading = INPUT)]
+    pub(super) b: Vec<PathBuf>,
+    /// Models of --a and --b are pairs, in order: test the mean of their differences, a less b
+    #[arg(long, requires = "a", help_heading = INPUT)]
+    pub(super) paired: bool,
+    /// Table of subjects, CSV or TSV
+    #[arg(long, value_name = "FILE", help_heading = INPUT)]
+    pub(super) table: Option<PathBuf>,
+    /// Column of the table with the models' paths
+    #[arg(long, value_name = "COLUMN", default_value = "model", help_heading = INPUT)]
+    pub(super) model_column: String,
+    /// Folder of the models, named by the table's column `id`: ID.spharm.npz
+    #[arg(long, value_name = "DIR", requires = "table", conflicts_with = "model_column", help_heading = INPUT)]
+    pub(super) models: Option<PathBuf>,
+    /// Test differences: each model less the subject's other model, by its column of the table, or its folder with --models
+    #[arg(long, value_name = "COLUMN|DIR", requires = "table", help_heading = INPUT)]
+    pub(super) minus: Option<PathBuf>,
+    /// Column of the table to test: the slope of numbers, the difference of levels
+    #[arg(long, value_name = "COLUMN", requires = "table", help_heading = METHOD)]
+    pub(super) effect: Option<String>,
+    /// Test whether the mean is zero, of differences (--minus) or of a signal's values
+    #[arg(long, requires = "table", conflicts_with = "effect", help_heading = METHOD)]
+    pub(super) mean: bool,
+    /// Order of the effect's levels, which may be numbers: the difference is the first less the second [default: sorted]
+    #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
+    pub(super) levels: Vec<String>,
+    /// Columns of the table to account for
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
+    pub(super) covariates: Vec<String>,
+    /// Columns, of --effect and --covariates, whose numbers are levels, such as codes of sites
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
+    pub(super) categorical: Vec<String>,
+    /// What is measured at a vertex: displacement along the mean's normal, position, or the value of a signal
+    #[arg(long, value_enum, default_value_t = What::Normal, help_heading = METHOD)]
+    pub(super) signal: What,
+    /// Welch's test, for two groups of unequal variance
+    #[arg(long, help_heading = METHOD)]
+    pub(super) welch: bool,
+    /// Random relabellings; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = relabellings, help_heading = METHOD)]
+    pub(super) permutations: usize,
+    /// Seed of the relabellings
+    #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
+    pub(super) seed: u64,
+    /// Level of significance, for the summary and warnings
+    #[arg(long, value_name = "ALPHA", default_value_t = 0.05, help_heading = METHOD)]
+    pub(super) level: f64,
+    /// Highest degree to use [default: the lowest of the models']
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    pub(super) max_degree: Option<usize>,
+    /// Test at the vertices of a sphere mesh
+    #[arg(long, value_name = "SPHERE", conflicts_with = "icosphere", help_heading = METHOD)]
+    pub(super) sphere: Option<PathBuf>,
+    /// Test at the vertices of an icosphere of N subdivisions
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=9), help_heading = METHOD)]
+    pub(super) icosphere: u32,
+    /// Folder to write to
+    #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
+    pub(super) output: PathBuf,
+    #[command(flatten)]
+    pub(super) report: ReportArgs,
+    #[command(flatten)]
+    pub(super) resources: Resources,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum What {
+    Normal,
+    Position,
+    Value,
+}
+
+impl Cli {
+    /// A file in the folder of the output.
+    pub(super) fn file(&self, name: &str) -> PathBuf {
+        self.output.join(name)
+    }
+}
+
+/// A number of relabellings, at most [`MAX_RELABELLINGS`].
+fn relabellings(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count <= MAX_RELABELLINGS => Ok(count),
+        _ => Err(format!("expected a whole number from 0 to {MAX_RELABELLINGS}")),
+    }
+}

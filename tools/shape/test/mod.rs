@@ -1,0 +1,117 @@
+//! `shape test`: groups, covariates and means at every vertex of a common sampling.
+
+mod args;
+mod question;
+mod results;
+
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use spharm::shape::stats::{PermutationParams, TestParams, TestWarning, test};
+use spharm::shape::{Measurement, measure_group};
+use spharm::{Kind, Sphere};
+use spharm_cli::inputs::read_sphere;
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::check_outputs;
+use spharm_cli::output::{OutputFile, prepare};
+use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal};
+use spharm_surface::{Mesh, Signal};
+
+pub(super) use self::args::Cli;
+use self::args::What;
+use self::results::MAPS;
+use super::groups::read_group;
+use super::outputs::{finish, write_text};
+use super::plan::Plan;
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let console = monitor.console();
+    let study = cli.study()?;
+    let (kind, measurement) = match cli.signal {
+        What::Normal => (Kind::Surface, Measurement::Normal),
+        What::Position => (Kind::Surface, Measurement::Position),
+        What::Value => (Kind::Signal, Measurement::Value),
+    };
+    let about_file = cli.file("test.json");
+    let map_files = MAPS.map(|name| cli.file(&format!("{name}.shape.gii")));
+    let mean_file = cli.file("mean.surf.gii");
+    let table_file = cli.file("test.csv");
+    let maps_out = map_files.iter().map(|path| OutputFile::holding(path, "--output", Output::Signal));
+    let more = [
+        OutputFile::new(&mean_file, "--output"),
+        OutputFile::new(&table_file, "--output"),
+        OutputFile::new(&about_file, "--output"),
+    ];
+    let of_report = cli.report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
+    check_outputs(maps_out.chain(more).chain(of_report), cli.report.force)?;
+    let plan = Plan::new("test", &study.paths, cli.resources.both())?;
+    let sphere = match &cli.sphere {
+        Some(path) => {
+            plan.budget.check_inputs("shape test", [path.as_path()])?;
+            Some(read_sphere(path, false, console)?)
+        }
+        None => None,
+    };
+    let components = if cli.signal == What::Position { 3 } else { 1 };
+    let of = |vertices: u64| plan.group.test(vertices, components, cli.permutations, plan.threads);
+    let needed = |[vertices, faces]: [u64; 2]| {
+        plan.coefficients().saturating_add(of(vertices)).saturating_add(24 * (vertices + faces))
+    };
+    let icosphere = sphere.is_none().then_some(cli.icosphere);
+    plan.check_sampling(icosphere, plan.sampling(icosphere, sphere.as_ref()), needed)?;
+    let sphere = match sphere {
+        Some(sphere) => sphere,
+        None => Sphere::icosphere(cli.icosphere),
+    };
+    let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };
+    let params = TestParams {
+        permutations: (cli.permutations > 0).then_some(permutations),
+        welch: cli.welch,
+        level: cli.level,
+        ..TestParams::default()
+    };
+    let (group, field, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
+        let group = read_group(&study.paths, kind, cli.max_degree, monitor, console)?;
+        let field = measure_group(&group.members, &sphere.directions, measurement, monitor)?;
+        let field = if study.pairs { field.differences()? } else { field };
+        let (design, contrast) = (&study.question.design, &study.question.contrast);
+        let found = test(field.values.view(), field.components, design, contrast, &params, monitor)?;
+        Ok((group, field, found))
+    })?;
+    study.notes().iter().for_each(|note| console.note(note));
+    let tested: Vec<String> = study.warnings.iter().cloned().chain(found.warnings.iter().map(advised)).collect();
+    tested.iter().for_each(|warning| console.warn(warning));
+    let options = WriteOptions { overwrite: cli.report.force, double: false };
+    let maps = results::maps(&found);
+    prepare(&table_file)?;
+    for (name, file) in MAPS.iter().zip(&map_files) {
+        match maps.iter().find(|(written, _)| written == name) {
+            Some((_, values)) => write_signal(file, &Signal::new(values.clone(), values.len(), 1), &options)?,
+            // Of an earlier test, which --force replaces.
+            None if file.exists() => std::fs::remove_file(file).with_context(|| file.display().to_string())?,
+            None => {}
+        }
+    }
+    if kind == Kind::Surface && !sphere.faces.is_empty() {
+        let mean = spharm::Model::without_sphere(field.mean.clone(), Kind::Surface);
+        let mesh: Mesh = mean.reconstruct(&sphere, group.degree)?;
+        write_mesh(&mean_file, &mesh, &options)?;
+    }
+    write_text(&table_file, cli.report.force, &results::table(&sphere, &maps))?;
+    let about = results::about(&found, &study, cli, &tested);
+    write_text(&about_file, cli.report.force, &(serde_json::to_string_pretty(&about)? + "\n"))?;
+    let warnings: Vec<String> = group.warnings.iter().cloned().chain(tested).collect();
+    let mut report = results::report(&found, &study, cli, group.degree, &warnings);
+    report["seconds"] = started.elapsed().as_secs_f64().into();
+    finish("test", &report, &results::lines(&found, &study, cli), &cli.report)
+}
+
+/// A warning with the option that it calls for.
+fn advised(warning: &TestWarning) -> String {
+    match warning {
+        TestWarning::UnequalVariances { covariates: false, .. } => format!("{warning} (--welch)"),
+        _ => warning.to_string(),
+    }
+}

@@ -1,0 +1,211 @@
+//! The models that are tested, their design, and the columns of a table that give them.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use spharm::shape::stats::{Column, Question, mean_question, question};
+use spharm_cli::Usage;
+use spharm_cli::paths::with_ending;
+
+use super::super::args::files;
+use super::super::table::Table;
+use super::args::{Cli, What};
+
+/// Models and the question asked of them.
+pub(super) struct Study {
+    /// Paths of the models; of pairs, all first models before all second ones.
+    pub(super) paths: Vec<PathBuf>,
+    /// Whether models are pairs, whose differences are tested.
+    pub(super) pairs: bool,
+    pub(super) question: Question,
+    /// Name of the column that is tested; `mean` for a mean.
+    pub(super) of: String,
+    /// The names of the covariates, with the number of levels of those that have levels.
+    pub(super) covariates: Vec<String>,
+    /// Reasons to doubt that rows are independent subjects.
+    pub(super) warnings: Vec<String>,
+}
+
+impl Cli {
+    /// Reads the table, or takes the two groups.
+    pub(super) fn study(&self) -> Result<Study> {
+        if let Some(path) = &self.table {
+            return self.study_of_table(path);
+        }
+        if self.a.is_empty() {
+            return Err(Usage::missing("--a and --b, or --table, name the models").into());
+        }
+        let (a, b) = (files(&self.a)?, files(&self.b)?);
+        distinct(&a, &b)?;
+        let (question, of) = if self.paired {
+            if a.len() != b.len() {
+                bail!("--paired: expected as many models in --b as in --a, {}, found {}", a.len(), b.len());
+            }
+            let question = mean_question(a.len(), &[])?;
+            (Question { meaning: "mean of a - b".to_owned(), ..question }, "mean")
+        } else {
+            let levels = std::iter::repeat_n("a", a.len()).chain(std::iter::repeat_n("b", b.len()));
+            (question(("group", &Column::of(levels)), &[], &[])?, "group")
+        };
+        Ok(Study {
+            paths: a.into_iter().chain(b).collect(),
+            pairs: self.paired,
+            question,
+            of: of.to_owned(),
+            covariates: Vec::new(),
+            warnings: Vec::new(),
+        })
+    }
+
+    fn study_of_table(&self, path: &Path) -> Result<Study> {
+        if self.mean && self.minus.is_none() && self.signal != What::Value {
+            return Err(Usage::missing(
+                "--mean of surfaces needs --minus, each subject's other model: about the group's own mean, the mean \
+                 displacement is zero; a signal's values are tested with --signal value",
+            )
+            .into());
+        }
+        let table = Table::read(path)?;
+        let mut paths = files(&self.models_of(&table, path)?)?;
+        if let Some(minus) = &self.minus {
+            let others = files(&self.others_of(&table, minus)?)?;
+            distinct(&paths, &others)?;
+            paths.extend(others);
+        }
+        for name in &self.categorical {
+            if self.effect.as_ref() != Some(name) && !self.covariates.contains(name) {
+                return Err(Usage::conflict(format!(
+                    "--categorical {name}: it is neither the --effect nor one of the --covariates"
+                ))
+                .into());
+            }
+        }
+        let column = |name: &str| match self.categorical.iter().any(|of| of == name) {
+            true => table.levels(name),
+            false => table.column(name),
+        };
+        let covariates = self.covariates.iter().map(|name| Ok((name.clone(), column(name)?)));
+        let covariates = covariates.collect::<Result<Vec<_>>>()?;
+        let (mut question, of) = match &self.effect {
+            Some(effect) => {
+                // With levels named, numbers are levels.
+                let column = if self.levels.is_empty() { column(effect)? } else { table.levels(effect)? };
+                let question = question((effect, &column), &self.levels, &covariates);
+                (question.with_context(|| path.display().to_string())?, effect.clone())
+            }
+            None if self.mean => (mean_question(table.len(), &covariates)?, "mean".to_owned()),
+            None => return Err(Usage::missing("--effect names the column of --table to test, or --mean").into()),
+        };
+        if let Some(minus) = &self.minus {
+            let first = self.models.as_deref().unwrap_or(Path::new(&self.model_column));
+            question.meaning = format!("{} of {} - {}", question.meaning, first.display(), minus.display());
+        }
+        Ok(Study {
+            paths,
+            pairs: self.minus.is_some(),
+            question,
+            of,
+            covariates: covariates.iter().map(with_levels).collect(),
+            warnings: repeated(&table, &covariates).into_iter().collect(),
+        })
+    }
+
+    /// The models of a table's rows: by their paths, or by their names in a folder.
+    fn models_of(&self, table: &Table, path: &Path) -> Result<Vec<PathBuf>> {
+        if let Some(folder) = &self.models {
+            return named(table, folder);
+        }
+        if !table.has(&self.model_column) && table.has("id") {
+            let (table, column) = (path.display(), &self.model_column);
+            bail!(
+                "{table}: there is no column {column:?}; --models DIR names the folder of the models by the column \"id\""
+            );
+        }
+        table.paths(&self.model_column)
+    }
+
+    /// The models that are subtracted: those of another column, or of another folder.
+    fn others_of(&self, table: &Table, minus: &Path) -> Result<Vec<PathBuf>> {
+        if self.models.is_some() {
+            return named(table, minus);
+        }
+        table.paths(minus.to_str().with_context(|| format!("--minus: expected a column, found {}", minus.display()))?)
+    }
+}
+
+impl Study {
+    /// Notes on columns of numbers that may be codes of levels.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let codes = self.question.codes.iter();
+        let note = |(column, values): &(String, Vec<f64>)| {
+            let values: Vec<String> = values.iter().map(f64::to_string).collect();
+            let sign = if *column == self.of && values.len() == 2 {
+                format!("the effect is {} less {}; ", values[1], values[0])
+            } else {
+                String::new()
+            };
+            format!(
+                "{column}: the numbers {} are taken as amounts, with one slope; {sign}--categorical {column} takes them as \
+                 levels",
+                values.join(", ")
+            )
+        };
+        codes.map(note).collect()
+    }
+}
+
+/// `DIR/ID.spharm.npz` of each row.
+fn named(table: &Table, folder: &Path) -> Result<Vec<PathBuf>> {
+    let file = |id: &str| with_ending(&folder.join(id), "spharm.npz");
+    Ok(table.different("id")?.into_iter().map(file).collect())
+}
+
+/// Refuses a model that both lists have, and one that a list has twice, however their paths are written.
+fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
+    let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let first: HashSet<PathBuf> = a.iter().map(place).collect();
+    if let Some(both) = b.iter().find(|path| first.contains(&place(path))) {
+        bail!("{}: it is in both groups", both.display());
+    }
+    for group in [a, b] {
+        let mut seen = HashSet::new();
+        if let Some(twice) = group.iter().find(|path| !seen.insert(place(path))) {
+            bail!("{}: it is in its group twice", twice.display());
+        }
+    }
+    Ok(())
+}
+
+/// Columns that name subjects.
+const SUBJECTS: [&str; 5] = ["participant_id", "participant", "subject", "subject_id", "subject_label"];
+
+/// A warning of subjects that have more than one row, unless the design accounts for subjects by name.
+fn repeated(table: &Table, covariates: &[(String, Column)]) -> Option<String> {
+    let is_subject = |name: &str| SUBJECTS.iter().any(|other| name.eq_ignore_ascii_case(other));
+    if covariates.iter().any(|(name, column)| is_subject(name) && matches!(column, Column::Levels(_))) {
+        return None;
+    }
+    table.names().filter(|name| is_subject(name)).find_map(|name| {
+        let cells = table.cells(name).ok()?;
+        let mut seen = HashSet::new();
+        let twice: HashSet<&str> = cells.iter().copied().filter(|cell| !seen.insert(*cell)).collect();
+        let first = cells.iter().find(|cell| twice.contains(*cell))?;
+        Some(format!(
+            "{name} {first} has {} rows, and {} of {} subjects more than one: rows have to be independent subjects, and p \
+             values are too small; test the differences of two models of each (--minus), or, for an effect within subjects, \
+             account for them (--covariates {name} --categorical {name})",
+            cells.iter().filter(|cell| *cell == first).count(),
+            twice.len(),
+            seen.len(),
+        ))
+    })
+}
+
+/// A covariate's name; with the number of its levels if it has levels.
+fn with_levels((name, column): &(String, Column)) -> String {
+    match column {
+        Column::Levels(levels) => format!("{name} ({} levels)", levels.iter().collect::<HashSet<_>>().len()),
+        Column::Numbers(_) => name.clone(),
+    }
+}

@@ -1,0 +1,195 @@
+//! Results of a test: maps, their table, the summary for people and for programs.
+
+use clap::ValueEnum;
+use serde_json::{Value, json};
+use spharm::Sphere;
+use spharm::shape::stats::{FamilyWise, Statistic, Test};
+
+use super::super::outputs::{csv, number};
+use super::args::Cli;
+use super::question::Study;
+
+/// Names of all maps that a test may write.
+pub(super) const MAPS: [&str; 14] = [
+    "statistic",
+    "p",
+    "q",
+    "p-fwe",
+    "p-permutation",
+    "effect",
+    "margin",
+    "effect-x",
+    "margin-x",
+    "effect-y",
+    "margin-y",
+    "effect-z",
+    "margin-z",
+    "size",
+];
+
+/// Maps that are written, by name.
+pub(super) fn maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
+    let mut maps = vec![("statistic", found.statistic.clone()), ("p", found.p.clone()), ("q", found.q.clone())];
+    if let Some(family_wise) = &found.family_wise {
+        maps.push(("p-fwe", family_wise.p.clone()));
+        maps.push(("p-permutation", family_wise.pointwise.clone()));
+    }
+    if let Some(effect) = &found.effect {
+        let names: &[[&str; 2]] = match effect.estimate.ncols() {
+            1 => &[["effect", "margin"]],
+            _ => &[["effect-x", "margin-x"], ["effect-y", "margin-y"], ["effect-z", "margin-z"]],
+        };
+        for (column, [name, margin]) in names.iter().enumerate() {
+            maps.push((name, effect.estimate.column(column).to_vec()));
+            maps.push((margin, effect.margin.column(column).to_vec()));
+        }
+        let size = effect.size.iter().map(|size| if size.is_nan() { 0.0 } else { *size });
+        maps.push(("size", size.collect()));
+    }
+    maps
+}
+
+/// The study that was tested, for pages: the same for the same study, whenever and wherever it is run.
+pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String]) -> Value {
+    let question = &study.question;
+    let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
+    json!({
+        "tested": question.meaning,
+        "of": study.of,
+        "signal": cli.signal.to_possible_value().map(|value| value.get_name().to_owned()),
+        "subjects": question.design.subjects(),
+        "levels": levels.collect::<Vec<_>>(),
+        "covariates": study.covariates,
+        "numbers_that_may_be_codes": codes(study),
+        "statistic": kind_of(&found.kind),
+        "welch": cli.welch,
+        "relabellings": relabellings(found),
+        "exact": found.family_wise.as_ref().map(|found| found.exact),
+        "resampling": found.family_wise.as_ref().map(|found| found.resampling.name()),
+        "assumption": found.family_wise.as_ref().map(|found| found.resampling.assumption()),
+        "level": cli.level,
+        "warnings": warnings,
+    })
+}
+
+/// The whole report.
+pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warnings: &[String]) -> Value {
+    let question = &study.question;
+    let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
+    let models = study.paths.iter().map(|path| path.display().to_string());
+    json!({
+        "models": models.collect::<Vec<_>>(),
+        "pairs": study.pairs,
+        "degree": degree,
+        "meaning": question.meaning,
+        "levels": levels.collect::<Vec<_>>(),
+        "numbers_that_may_be_codes": codes(study),
+        "design": { "columns": question.design.names(), "rows": rows_of(question.design.matrix()) },
+        "contrast": rows_of(question.contrast.weights.view()),
+        "statistic": kind_of(&found.kind),
+        "welch": cli.welch,
+        "vertices": found.p.len(),
+        "relabellings": relabellings(found),
+        "exact": found.family_wise.as_ref().map(|found| found.exact),
+        "resampling": found.family_wise.as_ref().map(|found| found.resampling.name()),
+        "assumption": found.family_wise.as_ref().map(|found| found.resampling.assumption()),
+        "smallest_p_possible": found.family_wise.as_ref().map(|found| found.floor),
+        "seed": cli.seed,
+        "summary": summary(found, cli.level),
+        "folder": cli.output.display().to_string(),
+        "warnings": warnings,
+    })
+}
+
+fn relabellings(found: &Test) -> Option<usize> {
+    found.family_wise.as_ref().map(|found| found.relabellings)
+}
+
+/// Columns of numbers that may be codes, with their values.
+fn codes(study: &Study) -> Vec<Value> {
+    study.question.codes.iter().map(|(column, values)| json!({ "column": column, "values": values })).collect()
+}
+
+fn rows_of(matrix: ndarray::ArrayView2<'_, f64>) -> Vec<Vec<f64>> {
+    matrix.rows().into_iter().map(|row| row.to_vec()).collect()
+}
+
+fn kind_of(kind: &Statistic) -> Value {
+    match *kind {
+        Statistic::T { freedom } => json!({ "name": "t", "freedom": freedom }),
+        Statistic::F { between, within } => json!({ "name": "F", "freedom": [between, within] }),
+        Statistic::TSquared { components, freedom } => {
+            json!({ "name": "T2", "components": components, "freedom": freedom })
+        }
+        _ => Value::Null,
+    }
+}
+
+fn least(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+fn below(values: &[f64], level: f64) -> usize {
+    values.iter().filter(|p| **p <= level).count()
+}
+
+fn summary(found: &Test, level: f64) -> Value {
+    let of = |values: &[f64]| json!({ "least": least(values), "vertices": below(values, level) });
+    json!({
+        "level": level,
+        "largest": found.statistic.iter().fold(0.0_f64, |most, value| most.max(value.abs())),
+        "p": of(&found.p),
+        "q": of(&found.q),
+        "p_fwe": found.family_wise.as_ref().map(|found| of(&found.p)),
+    })
+}
+
+/// The table for people.
+pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> {
+    let Study { question, covariates, .. } = study;
+    let pair = |name: &str, value: String| vec![name.to_owned(), value];
+    let largest = found.statistic.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let (name, freedom) = match found.kind {
+        Statistic::T { freedom } => ("|t|", format!("{freedom:.4}")),
+        Statistic::F { between, within } => ("F", format!("{between:.0}, {within:.0}")),
+        Statistic::TSquared { freedom, .. } => ("T-squared", format!("{freedom:.0}")),
+        _ => ("statistic", String::new()),
+    };
+    let count = |values: &[f64]| {
+        let share = below(values, cli.level);
+        format!("{:.4e}; {share} of {} vertices at most {}", least(values), values.len(), cli.level)
+    };
+    let mut lines = vec![
+        pair("tested", question.meaning.clone()),
+        pair("accounted for", if covariates.is_empty() { "nothing".to_owned() } else { covariates.join(", ") }),
+        pair("subjects", question.design.subjects().to_string()),
+        pair(&format!("largest {name}"), format!("{largest:.6}, {freedom} degrees of freedom")),
+        pair("least p", count(&found.p)),
+        pair("least q", count(&found.q)),
+    ];
+    if let Some(FamilyWise { p, resampling, relabellings, exact, .. }) = &found.family_wise {
+        let which = if *exact { "all of them" } else { "random" };
+        lines.push(pair("relabellings", format!("{relabellings}, {which}: {}", resampling.name())));
+        lines.push(pair("assumed", resampling.assumption().to_owned()));
+        lines.push(pair("least family-wise p", count(p)));
+    }
+    lines.push(pair("maps", cli.output.display().to_string()));
+    lines
+}
+
+/// The maps as CSV, a row a vertex.
+pub(super) fn table(sphere: &Sphere, maps: &[(&str, Vec<f64>)]) -> String {
+    let header: Vec<&str> =
+        ["vertex", "ux", "uy", "uz"].into_iter().chain(maps.iter().map(|(name, _)| *name)).collect();
+    let rows: Vec<Vec<String>> = sphere
+        .directions
+        .as_slice()
+        .iter()
+        .enumerate()
+        .map(|(v, u)| {
+            let numbers = u.iter().copied().chain(maps.iter().map(|(_, values)| values[v])).map(number);
+            std::iter::once(v.to_string()).chain(numbers).collect()
+        })
+        .collect();
+    csv(&header, rows.iter().map(Vec::as_slice))
+}
