@@ -73,7 +73,7 @@ fn a_surface_of_any_size_gets_the_digits_of_one_of_size_one() {
         &["--target", "vertices"],
         &["--target", "vertices", "--stderr"],
         &["--smoothness", "0.01"],
-        &["--smoothness", "auto"],
+        &["--target", "vertices", "--smoothness", "auto"],
         &["--denoise"],
         &["--method", "quadrature"],
         &["--method", "irf", "--granularity", "9", "--passes", "2"],
@@ -248,7 +248,7 @@ fn degrees_far_above_what_vertices_determine_are_fitted_or_refused() {
         command.args(["--max-degree", degree, "--json", "--force", "-q"]).args(arguments);
         command
     };
-    let refused = fail(&mut fit("300", &["--smoothness", "auto"]));
+    let refused = fail(&mut fit("300", &["--target", "vertices", "--smoothness", "auto"]));
     assert!(refused.contains("4 for 90601"), "{refused}");
     // Samples of its large triangles are as dense on the sphere as those of small ones.
     let report: Value = serde_json::from_str(&succeed(&mut fit("60", &[]))).expect("JSON");

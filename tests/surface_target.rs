@@ -2,7 +2,7 @@
 
 use ndarray::Array2;
 use serde_json::Value;
-use spharm::{FitParams, FitTo, Kind, Model, Signal, Smoothness, Sphere, Target, fit, fit_many};
+use spharm::{Error, FitParams, FitTo, Kind, Model, Preconditioner, Signal, Smoothness, Sphere, Target, fit, fit_many};
 use spharm_monitor::Silent;
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
@@ -117,17 +117,27 @@ fn signals_are_of_the_vertices_unless_asked_for() {
     assert!(1e-4 < off && off < 0.2, "linear on triangles is another function: {off}");
 }
 
-/// What is of the vertices is fitted to them unasked.
+/// A setting never turns a fit of the surface into one of the vertices: what surfaces haven't is refused.
 #[test]
-fn settings_of_the_vertices_choose_them() {
+fn settings_of_the_vertices_are_refused_for_surfaces() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
     let target = |params: FitParams| fit(&sphere, &surface, &params).unwrap().report.settings.target;
     let lsq = FitParams::lsq(6);
     assert_eq!(target(lsq.clone()), FitTo::Surface);
-    assert_eq!(target(FitParams { hold_out: Some(0.1), ..lsq.clone() }), FitTo::Vertices);
-    assert_eq!(target(FitParams { standard_errors: true, ..lsq.clone() }), FitTo::Vertices);
-    assert_eq!(target(FitParams { smoothness: Smoothness::Auto, ..lsq.clone() }), FitTo::Vertices);
+    assert_eq!(target(FitParams { preconditioner: Preconditioner::Density, ..lsq.clone() }), FitTo::Surface);
+    let signal = Signal::new(vec![0.5; 642], 642, 1);
+    for params in [
+        FitParams { hold_out: Some(0.1), ..lsq.clone() },
+        FitParams { standard_errors: true, ..lsq.clone() },
+        FitParams { smoothness: Smoothness::Auto, ..lsq.clone() },
+    ] {
+        let error = fit(&sphere, &surface, &params).unwrap_err();
+        assert!(matches!(error, Error::OfVertices { .. }), "{error}");
+        assert!(matches!(spharm::check_mapping(642, &params), Err(Error::OfVertices { .. })), "before it is mapped");
+        assert_eq!(target(FitParams { target: FitTo::Vertices, ..params.clone() }), FitTo::Vertices);
+        assert_eq!(fit(&sphere, &signal, &params).unwrap().report.settings.target, FitTo::Vertices);
+    }
     let bare = Sphere::from_directions(sphere.directions.clone());
     let without = fit(&bare, &surface, &lsq).unwrap().report;
     assert_eq!((without.settings.target, without.surface_distance), (FitTo::Vertices, None));

@@ -45,3 +45,4 @@ mod surface_target;
 mod verbs;
 mod volume_tables;
 mod volumes;
+mod weights;

@@ -12,14 +12,14 @@ Triangles = NDArray[np.uint32]
 
 
 def real(what: str, values: ArrayLike, shape: str) -> Floats:
-    """Returns real numbers as float64, a view where they are that already."""
+    """Returns real numbers as aligned float64, a view if they are that already."""
     try:
         array = np.asarray(values)
     except ValueError as error:
         raise ValueError(f"{what}: expected an array of shape {shape}, found rows of different lengths") from error
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{what}: expected real numbers of shape {shape}, found {_described(array)}")
-    return np.asarray(array, dtype=np.float64)
+    return np.require(array, np.float64, "A")
 
 
 def _described(array: NDArray[Any]) -> str:
@@ -46,7 +46,7 @@ def triangles(what: str, values: ArrayLike) -> Triangles:
         raise ValueError(f"{what}: expected integers, found {array.dtype}")
     if array.size and (array.min() < 0 or array.max() > np.iinfo(np.uint32).max):
         raise ValueError(f"{what}: expected vertex numbers from 0, found {array.min()} to {array.max()}")
-    return np.asarray(array, dtype=np.uint32)
+    return np.require(array, np.uint32, "A")
 
 
 def channels(what: str, values: ArrayLike) -> Floats:

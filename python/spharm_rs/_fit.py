@@ -125,10 +125,11 @@ def fit(
         Without a sphere: cut a surface that has handles, as `parametrize` does.
     target : {"surface", "vertices"}, optional
         What is fitted: all triangles of the surface, each part weighted by its share of the sphere, or its vertices alone, as
-        in the paper. By default the surface where there is one over triangles; the vertices of signals, over a store, and
-        with ``hold_out``, ``stderr``, ``smoothness="auto"`` and ``preconditioner="density"``, which are of the vertices.
+        in the paper. By default the surface if there is one over triangles; the vertices of signals and over a store.
+        ``hold_out``, ``stderr`` and ``smoothness="auto"`` are of the vertices: a surface needs ``target="vertices"`` for them.
     weights : {"uniform", "area"} or array_like of float, (n,)
-        What each vertex counts: one, its share of the sphere, or these.
+        Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
+        be NaN; a fit of the surface leaves out the triangles that they are corners of.
     smoothness : float or "auto", optional
         Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses it by generalised cross-validation. By default
         none; for the vertices over a sphere that `parametrize` made, a small one.
@@ -137,9 +138,9 @@ def fit(
         surface, or from each channel of a signal. In place of a smoothness, with ``lsq``. ``report["denoise"]`` has the
         noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``.
     stderr : bool
-        Compute the standard error of each coefficient.
+        Compute the standard error of each coefficient, of a fit of the vertices.
     hold_out : float, optional
-        Fraction of the vertices to leave out and assess apart.
+        Fraction of the vertices to leave out and assess apart, of a fit of the vertices.
     surface_distance : bool
         Measure how far model and surface are apart, where the surface is fitted: a second or so.
     method : {"lsq", "irf", "sirf", "mirf", "nlsf", "quadrature"}, optional

@@ -215,7 +215,7 @@ def _volume(volume: Path | ArrayLike, affine: ArrayLike | None) -> Any:
     matrix = _arrays.real("affine", np.eye(4) if affine is None else affine, "(4, 4)")
     if matrix.shape != (4, 4):
         raise ValueError(f"affine: expected shape (4, 4), found {matrix.shape}")
-    return np.asarray(array, dtype=np.int32), matrix
+    return np.require(array, np.int32, "A"), matrix
 
 
 def resample(

@@ -86,3 +86,22 @@ def test_shapes_are_named() -> None:
         sp.fit(np.ones(41), BALL, 2)
     with pytest.raises(sp.MeshError, match="vertex"):
         sp.fit((BALL.vertices[:10], BALL.faces), max_degree=2)
+
+
+def test_unaligned_arrays_are_copied() -> None:
+    """As other processes' buffers are, such as those of Dask's workers."""
+
+    def unaligned(array: Any) -> Any:
+        buffer = bytearray(array.nbytes + 1)
+        moved = np.frombuffer(buffer, array.dtype, array.size, offset=1).reshape(array.shape)
+        moved.flags.writeable = True
+        moved[...] = array
+        assert not moved.flags.aligned
+        return moved
+
+    surface = sp.Surface(unaligned(BALL.vertices), unaligned(BALL.faces))
+    found = sp.fit(surface, unaligned(BALL.vertices), 3, weights=unaligned(np.ones(len(BALL.vertices))))
+    assert np.allclose(found.coefficients, sp.fit(BALL, BALL, 3).coefficients, rtol=0, atol=1e-14)
+    volume = np.zeros((9, 9, 9), np.int32)
+    volume[3:6, 3:6, 3:6] = 1
+    assert sp.parametrize_volume(unaligned(volume)).sphere is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,10 +73,10 @@ def test_weights_smoothness_and_errors_are_given(study: Study) -> None:
     assert np.array_equal(by_area, sp.fit(surface, sphere, 8, weights="area").coefficients)
     ones = sp.fit(surface, sphere, 8, weights=np.ones(len(surface.vertices), np.float32)).coefficients
     assert np.allclose(ones, sp.fit(surface, sphere, 8).coefficients, atol=1e-9)
-    smooth = sp.fit(surface, sphere, 8, smoothness=1.0, stderr=True, hold_out=0.1)
+    smooth = sp.fit(surface, sphere, 8, target="vertices", smoothness=1.0, stderr=True, hold_out=0.1)
     assert smooth.report["smoothness"] == 1.0 and smooth.report["held_out"]["held_out"]["msd"] > 0
     assert smooth.standard_errors is not None and smooth.standard_errors.shape == (81, 3)
-    assert sp.fit(surface, sphere, 8, smoothness="auto").report["smoothness"] > 0
+    assert sp.fit(surface, sphere, 8, target="vertices", smoothness="auto").report["smoothness"] > 0
 
 
 def test_noise_is_removed(study: Study) -> None:
@@ -91,6 +92,33 @@ def test_noise_is_removed(study: Study) -> None:
     for wrong in ({"smoothness": "auto"}, {"smoothness": 1.0}, {"method": "quadrature"}):
         with pytest.raises(ValueError, match="denoise"):
             sp.fit(noisy, sphere, 14, denoise=True, **wrong)
+
+
+def test_values_of_weight_zero_are_never_read(study: Study) -> None:
+    surface, sphere = study[:2]
+    weights = np.where(sphere.vertices[:, 2] > 0.9 * sphere.vertices.max(), 0.0, 1.0)
+    assert 0 < (weights == 0).sum() < 600
+    for target in ("surface", "vertices"):
+        right = sp.fit(surface, sphere, 8, target=target, weights=weights)
+        for value in (1e3, np.nan, -np.inf):
+            wild = np.where(weights[:, None] == 0, value, surface.vertices)
+            found = sp.fit(wild, sphere, 8, target=target, weights=weights)
+            assert np.array_equal(found.coefficients, right.coefficients) and found.report["msd"] == right.report["msd"]
+    with pytest.raises(ValueError, match="NaN at vertex"):
+        sp.fit(np.where(weights[:, None] == 0, np.nan, surface.vertices), sphere, 8)
+    signal = np.where(weights == 0, np.nan, sphere.vertices[:, 0])
+    assert np.isfinite(sp.fit(signal, sphere, 3, weights=weights).coefficients).all()
+
+
+def test_a_setting_of_the_vertices_is_refused_for_surfaces(study: Study) -> None:
+    surface, sphere = study[:2]
+    setting: dict[str, Any]
+    for setting in ({"hold_out": 0.1}, {"stderr": True}, {"smoothness": "auto"}):
+        for over in (sphere, None):
+            with pytest.raises(ValueError, match="needs a fit of the vertices"):
+                sp.fit(surface, over, max_degree=6, **setting)
+        assert sp.fit(surface, sphere, 6, target="vertices", **setting).provenance["target"] == "vertices"
+    assert sp.fit(surface, sphere, 6, preconditioner="density").provenance["target"] == "surface"
 
 
 def test_many_are_fitted_as_each(study: Study) -> None:

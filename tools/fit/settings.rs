@@ -40,7 +40,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         memory: cli.resources.memory.map(|size| size.0),
         threads: Some(cli.resources.threads.count()),
     };
-    if let (FitTo::Surface, Some(setting)) = (params.target, params.of_the_vertices()) {
+    if let (FitTo::Surface, Some(setting)) = (params.target, params.first_vertex_only_setting()) {
         let flag = if setting == "standard_errors" { "stderr".to_owned() } else { setting.replace('_', "-") };
         let text = format!("--{flag} is of the vertices and doesn't go with --target surface");
         return Err(Usage::conflict(text).into());

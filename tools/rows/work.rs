@@ -17,7 +17,6 @@ use spharm_cli::exit::{is_interrupted, line_with_advice};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::surfaces::{Labels, SurfaceReader};
-use spharm_store::SchemeKey;
 
 use super::fitted::{Fitted, Mapped};
 use super::groups::{Group, groups};
@@ -26,7 +25,7 @@ use super::ledger::{LISTED, Ledger};
 use super::options::{Options, Rows};
 use super::quiet::Quiet;
 use super::report::Totals;
-use super::unread::{self, Kept};
+use super::unread;
 
 /// Rows under way.
 pub(super) struct Work<'a> {
@@ -191,16 +190,13 @@ impl<'a> Work<'a> {
         };
         let fitted = prepare().map_err(Broken::Group).and_then(|(sphere, params)| {
             let Some(sphere) = sphere.as_ref().or(self.rows.sphere.as_ref()) else { return Ok(()) };
-            let masked = self.options.mask.is_some();
-            for part in unread::parts(&self.rows.rows, &group.rows, sphere, &params, masked).map_err(Broken::Group)? {
-                let kept = part.kept.as_ref();
-                self.note_unread(&part);
-                let read = |place: usize| self.read(part.rows[place], sphere, &params, kept);
+            for part in unread::parts(&self.rows.rows, &group.rows, sphere, &params).map_err(Broken::Group)? {
+                self.note_unread(&part, sphere);
+                let read = |place: usize| self.read(part.rows[place], sphere, &params);
                 let done = |place: usize, fit: Result<Fit, Broken>| {
-                    self.hand_over(part.rows[place], fit, sphere, &params, kept)
+                    self.hand_over(part.rows[place], fit, sphere, &params, part.unread)
                 };
-                let (over, over_params) = kept.map_or((sphere, &params), |kept| (&kept.sphere, &kept.params));
-                let (_, report) = fit_each(over, part.rows.len(), &read, over_params, &done, monitor)?;
+                let (_, report) = fit_each(sphere, part.rows.len(), &read, &part.params, &done, monitor)?;
                 totals.add(report, self.rows.rows.len() <= LISTED);
             }
             Ok(())
@@ -229,28 +225,26 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Says how many vertices are left out, while there are not too many rows to say it of.
-    fn note_unread(&self, part: &unread::Part) {
-        let Some(kept) = part.kept.as_ref().filter(|_| self.rows.rows.len() <= LISTED) else { return };
+    /// Notes how many vertices are left out, unless there are too many rows.
+    fn note_unread(&self, part: &unread::Part, sphere: &Sphere) {
+        if part.unread == 0 || self.rows.rows.len() > LISTED {
+            return;
+        }
         for &number in &part.rows {
             let surface = self.rows.rows[number].surface.display();
-            let (unread, all) = (kept.unread(), kept.unread() + kept.count());
+            let (unread, all) = (part.unread, sphere.directions.len());
             self.monitor.console().note(format!("{surface}: {unread} of {all} vertices aren't read"));
         }
     }
 
-    /// Reads a row's target, at the vertices that are kept where not all are.
-    fn read(&self, number: usize, sphere: &Sphere, params: &FitParams, kept: Option<&Kept>) -> Result<Target, Broken> {
+    /// Reads a row's target.
+    fn read(&self, number: usize, sphere: &Sphere, params: &FitParams) -> Result<Target, Broken> {
         let row = &self.rows.rows[number];
         self.ledger.start(number, row);
         let item = self.decide(number, Some(sphere), params).map_err(Broken::Row)?.ok_or(Broken::Skip)?;
         let own = own_name(row, sphere);
         let sphere = own.as_ref().unwrap_or(sphere);
-        let target = match kept.map(|kept| kept.read(&row.surface, sphere)) {
-            Some(Ok(Some(target))) => Ok(target),
-            Some(Err(error)) => Err(error),
-            None | Some(Ok(None)) => spharm::read_target(&row.surface, sphere).map_err(anyhow::Error::from),
-        };
+        let target = spharm::read_target_with_gaps(&row.surface, sphere).map_err(anyhow::Error::from);
         let target = match &self.options.check {
             Some(check) => check(row, sphere, target),
             None => target,
@@ -264,10 +258,7 @@ impl<'a> Work<'a> {
             self.ledger.warn_once(text);
         }
         lock(&self.items).insert(number, item);
-        Ok(match kept {
-            Some(kept) => kept.of(target),
-            None => target,
-        })
+        Ok(target)
     }
 
     fn hand_over(
@@ -276,18 +267,14 @@ impl<'a> Work<'a> {
         fit: Result<Fit, Broken>,
         sphere: &Sphere,
         params: &FitParams,
-        kept: Option<&Kept>,
+        unread: usize,
     ) -> Result<(), Broken> {
         let row = &self.rows.rows[number];
         let outcome = match fit {
             Ok(mut fit) => {
-                if kept.is_some() {
-                    // The model is one over the whole sphere.
-                    let settings = &mut fit.report.settings;
-                    settings.scheme = SchemeKey::of(&sphere.directions, settings.scalar);
-                    settings.weights = params.weights.name().to_owned();
-                    settings.weights_hash = params.weights.hash();
-                }
+                // Those that were asked for: gaps of the row itself are no setting.
+                fit.report.settings.weights = params.weights.name().to_owned();
+                fit.report.settings.weights_hash = params.weights.hash();
                 let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
                 let own = own_name(row, sphere);
                 self.write((row, &item), own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params, None)
@@ -298,7 +285,7 @@ impl<'a> Work<'a> {
         };
         match outcome {
             Ok(mut fitted) => {
-                fitted.unread = kept.map(Kept::unread);
+                fitted.unread = (unread > 0).then_some(unread);
                 self.ledger.done(number, row, fitted).map_err(Broken::Stop)
             }
             Err(error) => {

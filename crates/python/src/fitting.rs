@@ -243,9 +243,9 @@ fn target(
     let flat: Vec<f64> = values.as_slice().map_or_else(|| values.iter().copied().collect(), <[f64]>::to_vec);
     if surface && channels == 3 && !triangles.is_empty() {
         let mesh = Mesh::new(flat.as_chunks().0.to_vec(), triangles.to_vec());
-        return Ok(Target::from_mesh(&mesh, sphere)?);
+        return Ok(Target::from_mesh_with_gaps(&mesh, sphere)?);
     }
-    let target = Target::from_signal(Signal::new(flat, vertices, channels), sphere)?;
+    let target = Target::from_signal_with_gaps(Signal::new(flat, vertices, channels), sphere)?;
     let kind = if surface { Kind::Surface } else { Kind::Signal };
     Ok(Target { kind, ..target })
 }

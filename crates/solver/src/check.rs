@@ -21,6 +21,14 @@ pub(crate) fn weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
     Ok(())
 }
 
+/// Refuses a list of unread rows that isn't one of all rows.
+pub(crate) fn unread(unread: Option<&Vec<bool>>, rows: usize) -> Result<(), SolverError> {
+    match unread.map(Vec::len).filter(|found| *found != rows) {
+        Some(found) => Err(SolverError::Rows { what: "the list of unread rows", expected: rows, found }),
+        None => Ok(()),
+    }
+}
+
 /// Refuses targets, (n, c), that haven't `rows` rows or hold a NaN or an infinity.
 pub(crate) fn targets(targets: &Array2<f64>, rows: usize) -> Result<(), SolverError> {
     if targets.nrows() != rows {

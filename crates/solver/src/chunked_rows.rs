@@ -8,7 +8,7 @@ use std::ops::Range;
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 
-use crate::residual::ResidualNorms;
+use crate::residual::{ResidualNorms, rows_read};
 
 /// An (n, c) array in chunks of rows: the targets of a fit, and then its residual.
 #[derive(Debug, Clone)]
@@ -122,8 +122,8 @@ impl ChunkedRows {
         })
     }
 
-    /// Norms over the columns of a range.
-    pub(crate) fn norms(&self, columns: &Range<usize>) -> ResidualNorms {
+    /// Norms over the columns of a range and the rows that `unread` doesn't mark.
+    pub(crate) fn norms(&self, columns: &Range<usize>, unread: Option<&[bool]>) -> ResidualNorms {
         let (mut sum, mut max) = (0.0, 0.0f64);
         let mut norms = Vec::new();
         for chunk in 0..self.rows.div_ceil(self.chunk_rows) {
@@ -136,10 +136,14 @@ impl ChunkedRows {
                     *norm += value * value;
                 }
             }
+            if let Some(unread) = unread {
+                let unread = &unread[chunk * self.chunk_rows..];
+                norms.iter_mut().zip(unread).filter(|(_, unread)| **unread).for_each(|(norm, _)| *norm = 0.0);
+            }
             sum += norms.iter().sum::<f64>();
             max = norms.iter().fold(max, |max, &norm| max.max(norm));
         }
-        ResidualNorms { mean_square: sum / self.rows as f64, max_square: max }
+        ResidualNorms { mean_square: sum / rows_read(self.rows, unread) as f64, max_square: max }
     }
 }
 
@@ -177,9 +181,14 @@ mod tests {
             let chunked = ChunkedRows::from_array(array.view(), 8);
             assert_eq!(chunked.to_array(), array);
             let squares: Vec<f64> = array.rows().into_iter().map(|r| r[1] * r[1] + r[2] * r[2]).collect();
-            let ResidualNorms { mean_square: mean, max_square: max } = chunked.norms(&(1..3));
+            let ResidualNorms { mean_square: mean, max_square: max } = chunked.norms(&(1..3), None);
             assert!((mean - squares.iter().sum::<f64>() / rows as f64).abs() < 1e-12);
             assert_eq!(max, squares.iter().copied().fold(0.0, f64::max));
+            let unread: Vec<bool> = (0..rows).map(|i| i % 3 == 1).collect();
+            let expected = ResidualNorms::without(array.slice(ndarray::s![.., 1..3]), Some(&unread));
+            let found = chunked.norms(&(1..3), Some(&unread));
+            assert!((found.mean_square - expected.mean_square).abs() < 1e-12 * expected.mean_square);
+            assert_eq!(found.max_square, expected.max_square);
         }
     }
 }

@@ -19,20 +19,34 @@ pub struct ResidualNorms {
 impl ResidualNorms {
     /// Computes the norms of a target's residual, (n, c).
     pub fn of(residual: ArrayView2<'_, f64>) -> Self {
+        Self::without(residual, None)
+    }
+
+    /// As [`of`](Self::of), over the rows that `unread`, (n), doesn't mark.
+    pub fn without(residual: ArrayView2<'_, f64>, unread: Option<&[bool]>) -> Self {
         // By runs of rows, whatever the number of threads: the same sums.
         let runs: Vec<[f64; 2]> = residual
             .axis_chunks_iter(Axis(0), RUN)
             .into_par_iter()
-            .map(|rows| {
-                rows.rows().into_iter().fold([0.0, 0.0], |[sum, max]: [f64; 2], row| {
+            .enumerate()
+            .map(|(run, rows)| {
+                rows.rows().into_iter().enumerate().fold([0.0, 0.0], |[sum, max]: [f64; 2], (i, row)| {
+                    if unread.is_some_and(|unread| unread[run * RUN + i]) {
+                        return [sum, max];
+                    }
                     let square = row.iter().map(|r| r * r).sum::<f64>();
                     [sum + square, max.max(square)]
                 })
             })
             .collect();
         let [sum, max] = runs.iter().fold([0.0, 0.0], |[sum, max]: [f64; 2], run| [sum + run[0], max.max(run[1])]);
-        Self { mean_square: sum / residual.nrows() as f64, max_square: max }
+        Self { mean_square: sum / rows_read(residual.nrows(), unread) as f64, max_square: max }
     }
+}
+
+/// Number of rows that `unread` doesn't mark.
+pub(crate) fn rows_read(rows: usize, unread: Option<&[bool]>) -> usize {
+    unread.map_or(rows, |unread| unread.iter().filter(|unread| !**unread).count())
 }
 
 #[cfg(test)]
@@ -43,5 +57,8 @@ mod tests {
     fn norms_are_of_rows() {
         let found = ResidualNorms::of(ndarray::array![[3.0, 4.0], [0.0, -1.0], [2.0, 0.0]].view());
         assert_eq!((found.mean_square, found.max_square), (10.0, 25.0));
+        let residual = ndarray::array![[3.0, 4.0], [0.0, -1.0], [2.0, 0.0]];
+        let found = ResidualNorms::without(residual.view(), Some(&[true, false, false]));
+        assert_eq!((found.mean_square, found.max_square), (2.5, 4.0));
     }
 }

@@ -6,8 +6,8 @@ mod off_vertex;
 
 pub use hold_out::HeldOut;
 pub(crate) use hold_out::HoldOut;
-pub(crate) use model_surface::ModelSurface;
 pub use model_surface::SurfaceDistances;
+pub(crate) use model_surface::{ModelSurface, ReadSurface};
 pub(crate) use off_vertex::OffVertex;
 pub use spharm_model::Distances;
 

@@ -46,23 +46,24 @@ pub struct Fit {
 
 /// What can be fitted over a sphere.
 pub trait ToTarget {
-    /// Returns the target, checked against the sphere.
+    /// Returns the target, checked against the sphere. Values may be NaN or infinite at vertices of weight 0, which a fit
+    /// doesn't read.
     ///
     /// # Errors
     ///
-    /// Those of [`Target::from_mesh`] and [`Target::from_signal`].
+    /// Those of [`Target::from_mesh_with_gaps`] and [`Target::from_signal_with_gaps`].
     fn to_target(&self, sphere: &Sphere) -> Result<Cow<'_, Target>, SurfaceError>;
 }
 
 impl ToTarget for Mesh {
     fn to_target(&self, sphere: &Sphere) -> Result<Cow<'_, Target>, SurfaceError> {
-        Target::from_mesh(self, sphere).map(Cow::Owned)
+        Target::from_mesh_with_gaps(self, sphere).map(Cow::Owned)
     }
 }
 
 impl ToTarget for Signal {
     fn to_target(&self, sphere: &Sphere) -> Result<Cow<'_, Target>, SurfaceError> {
-        Target::from_signal(self.clone(), sphere).map(Cow::Owned)
+        Target::from_signal_with_gaps(self.clone(), sphere).map(Cow::Owned)
     }
 }
 

@@ -4,13 +4,12 @@ use std::str::FromStr;
 
 use spharm_surface::Kind;
 
-use crate::{FitParams, Method, Preconditioner, Smoothness};
+use crate::{Error, FitParams, Method, Smoothness};
 
 /// What of a mesh the full least squares fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FitTo {
-    /// The surface, for meshes over a sphere with triangles; the vertices for signals, and with what is of the vertices: a
-    /// store, vertices held out, standard errors, a smoothness by cross-validation, the density as preconditioner.
+    /// The surface, for meshes over a sphere with triangles; the vertices for signals and for fits over a store.
     #[default]
     Default,
     /// The surface: the integral over the sphere of the squared distance, by samples of all triangles that are as dense as
@@ -49,20 +48,32 @@ impl FitParams {
     pub fn fits_surface(&self, kind: Kind, triangles: bool) -> bool {
         match (self.method, self.target) {
             (Method::Lsq, FitTo::Surface) => true,
-            (Method::Lsq, FitTo::Default) => kind == Kind::Surface && triangles && self.of_the_vertices().is_none(),
+            (Method::Lsq, FitTo::Default) => kind == Kind::Surface && triangles && self.store.is_none(),
             _ => false,
         }
     }
 
-    /// Returns a setting that only has a meaning for a fit of the vertices, where there is one: the name of its field, and
-    /// its value where others are of surfaces too.
-    pub fn of_the_vertices(&self) -> Option<&'static str> {
+    /// Checks that no setting asks a fit of the surface for results that only fits of the vertices have. A target of this
+    /// kind is fitted over a sphere with triangles or without.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OfVertices`] with the first such setting.
+    pub fn check_target(&self, kind: Kind, triangles: bool) -> Result<(), Error> {
+        match self.first_vertex_only_setting().filter(|_| self.fits_surface(kind, triangles)) {
+            Some(setting) => Err(Error::OfVertices { setting }),
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the first setting, if any, that requires a fit of the vertices: the name of its field, and its value if
+    /// other values don't.
+    pub fn first_vertex_only_setting(&self) -> Option<&'static str> {
         let settings = [
             (self.store.is_some(), "store"),
             (self.hold_out.is_some(), "hold_out"),
             (self.standard_errors, "standard_errors"),
             (self.smoothness == Smoothness::Auto, "smoothness auto"),
-            (self.preconditioner == Preconditioner::Density, "preconditioner density"),
         ];
         settings.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
     }

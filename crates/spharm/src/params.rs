@@ -143,7 +143,9 @@ impl FromStr for Smoothness {
     }
 }
 
-/// What each vertex counts in the least squares.
+/// Weight of each vertex in the least squares. A fit of the surface weighs a sample of a triangle by the harmonic mean of its
+/// corners' weights. A vertex of weight 0 is left out: its value is never read, and may be NaN, and a fit of the surface
+/// leaves out the triangles that it is a corner of, as a mask does.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Weights {
     /// One.
@@ -194,7 +196,7 @@ impl Weights {
 /// What the iterations of the full least squares are preconditioned with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preconditioner {
-    /// Nothing at first; a Cholesky factor where convergence is slow and memory allows.
+    /// The density of uneven samplings, by moments; a Cholesky factor if convergence is slow and memory allows.
     #[default]
     Auto,
     /// Nothing.
@@ -240,7 +242,8 @@ impl FromStr for Preconditioner {
 /// ```
 /// use spharm::{FitParams, Smoothness};
 ///
-/// let params = FitParams { smoothness: Smoothness::Auto, hold_out: Some(0.1), ..FitParams::lsq(60) };
+/// let target = FitTo::Vertices;
+/// let params = FitParams { target, smoothness: Smoothness::Auto, hold_out: Some(0.1), ..FitParams::lsq(60) };
 /// assert_eq!(params.max_degree, 60);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
@@ -372,7 +375,7 @@ impl FitParams {
         if let (true, Some((_, what))) = (self.method != Method::Lsq, for_lsq_only.iter().find(|(given, _)| *given)) {
             return refuse(what, "the method lsq", name.to_owned());
         }
-        if let (FitTo::Surface, Some(what)) = (self.target, self.of_the_vertices()) {
+        if let (FitTo::Surface, Some(what)) = (self.target, self.first_vertex_only_setting()) {
             return refuse(what, "a fit of the vertices", "target surface".to_owned());
         }
         if self.method == Method::Quadrature && (self.weights != Weights::Uniform || self.hold_out.is_some()) {

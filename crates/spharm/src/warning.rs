@@ -86,6 +86,8 @@ pub enum FitWarning {
         /// The noise that was found, in which it is.
         sigma: f64,
     },
+    /// Standard errors of a fit with weights that are areas.
+    AreaErrors,
     /// Something that the solver reports.
     Solver(LsqWarning),
 }
@@ -131,6 +133,10 @@ impl fmt::Display for FitWarning {
                 "beyond degree {max_degree} there is detail of {left_out:.2e} rms, and it is in the noise of {sigma:.2e} \
                  that was removed: the model may be worse than without denoising; a higher degree would tell them apart"
             ),
+            Self::AreaErrors => f.write_str(
+                "standard errors take the weights for inverse variances, which areas aren't: of evenly certain vertices on an \
+                 uneven sphere they are too small; weigh the vertices uniformly for them",
+            ),
             Self::Solver(warning) => warning.fmt(f),
         }
     }
@@ -143,17 +149,17 @@ impl Serialize for FitWarning {
 }
 
 impl FitWarning {
-    /// Returns what a least-squares report gives reason to warn of; `by_default` where the smoothness is the default one
-    /// of a parametrised sphere.
-    pub(crate) fn of_lsq(report: &LsqReport, tolerance: f64, by_default: bool) -> Vec<Self> {
+    /// Returns the warnings of a least-squares report. `by_default` is the number of vertices with weight if the smoothness
+    /// is the default one of a parametrised sphere.
+    pub(crate) fn of_lsq(report: &LsqReport, tolerance: f64, by_default: Option<usize>) -> Vec<Self> {
         let mut warnings = Vec::new();
         let singular = report.shift > 0.0;
         if singular {
             let &LsqReport { max_degree, breaks_at, norm, optimality, .. } = report;
             warnings.push(Self::Singular { max_degree, breaks_at, norm, optimality });
         }
-        let (vertices, functions) = (report.rows, spharm_harmonics::basis_size(report.max_degree));
-        if by_default && vertices < functions {
+        let functions = spharm_harmonics::basis_size(report.max_degree);
+        if let Some(vertices) = by_default.filter(|vertices| *vertices < functions) {
             let suitable_degree = ((vertices as f64 / 1.5).sqrt() as usize).saturating_sub(1);
             warnings.push(Self::FewVertices { vertices, functions, suitable_degree });
         }

@@ -79,5 +79,5 @@ pub use hemisphere::Hemisphere;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};
 pub use seam::{Seam, Welded};
 pub use sphere::{Sphere, SphereWarning, read_sphere};
-pub use target::{Target, TargetWarning, read_target};
+pub use target::{Target, TargetWarning, read_target, read_target_with_gaps};
 pub use volume_geometry::VolumeGeometry;

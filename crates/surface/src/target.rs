@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::SurfaceError;
 use crate::hemisphere::Hemisphere;
-use crate::io::read_input;
+use crate::io::{mesh_with_gaps, read_input, read_input_with_gaps, signal_with_gaps};
 use crate::mesh::{Input, Kind, Mesh, Meta, Signal};
 use crate::sphere::Sphere;
 use crate::topology::{Topology, different_triangles};
@@ -15,7 +15,7 @@ use crate::topology::{Topology, different_triangles};
 pub struct Target {
     /// The file it was read from; none for one made in memory.
     pub path: Option<PathBuf>,
-    /// Values, (n, c) row-major, finite: positions, or signals.
+    /// Values, (n, c) row-major: positions, or signals. Finite, but at vertices that a fit doesn't read.
     pub values: Vec<f64>,
     /// Number of channels, c: 3 for a surface.
     pub channels: usize,
@@ -80,6 +80,43 @@ impl Target {
         Self::of_signal(signal, sphere, None)
     }
 
+    /// As [`from_mesh`](Self::from_mesh), for positions some of which aren't finite: at vertices of weight 0, which a fit
+    /// doesn't read.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`from_mesh`](Self::from_mesh), but for [`NonFinite`](SurfaceError::NonFinite).
+    pub fn from_mesh_with_gaps(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
+        mesh_with_gaps(Path::new("the surface"), mesh)?;
+        Self::of_mesh(mesh.clone(), sphere, None)
+    }
+
+    /// As [`from_signal`](Self::from_signal), for values some of which aren't finite: at vertices of weight 0, which a fit
+    /// doesn't read.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`from_signal`](Self::from_signal), but for [`NonFinite`](SurfaceError::NonFinite).
+    pub fn from_signal_with_gaps(signal: Signal, sphere: &Sphere) -> Result<Self, SurfaceError> {
+        signal_with_gaps(Path::new("the signal"), &signal)?;
+        Self::of_signal(signal, sphere, None)
+    }
+
+    /// Checks that values are finite at the vertices that `unread`, (n), doesn't mark.
+    ///
+    /// # Errors
+    ///
+    /// [`NonFinite`](SurfaceError::NonFinite) with the first that isn't.
+    pub fn check_finite(&self, unread: Option<&[bool]>) -> Result<(), SurfaceError> {
+        let channels = self.channels.max(1);
+        let is_read = |vertex: usize| unread.is_none_or(|unread| !unread.get(vertex).copied().unwrap_or(false));
+        let bad = self.values.iter().enumerate().find(|(i, value)| !value.is_finite() && is_read(i / channels));
+        let Some((i, &value)) = bad else { return Ok(()) };
+        let name = if self.kind == Kind::Surface { "the surface" } else { "the signal" };
+        let path = self.path.clone().unwrap_or_else(|| name.into());
+        Err(SurfaceError::NonFinite { path, vertex: i / channels, value })
+    }
+
     fn of_mesh(mesh: Mesh, sphere: &Sphere, path: Option<&Path>) -> Result<Self, SurfaceError> {
         let name = path.unwrap_or(Path::new("the surface"));
         check_count(mesh.vertices.len(), sphere, name)?;
@@ -135,7 +172,21 @@ fn check_count(found: usize, sphere: &Sphere, name: &Path) -> Result<(), Surface
 /// When the file can't be read, and as [`Target::from_mesh`] and [`Target::from_signal`].
 pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
-    let target = match read_input(path)? {
+    target_of(read_input(path)?, path, sphere)
+}
+
+/// As [`read_target`], for values some of which aren't finite: at vertices of weight 0, which a fit doesn't read.
+///
+/// # Errors
+///
+/// Those of [`read_target`], but for [`NonFinite`](SurfaceError::NonFinite).
+pub fn read_target_with_gaps(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
+    let path = path.as_ref();
+    target_of(read_input_with_gaps(path)?, path, sphere)
+}
+
+fn target_of(input: Input, path: &Path, sphere: &Sphere) -> Result<Target, SurfaceError> {
+    let target = match input {
         Input::Mesh(mesh) => Target::of_mesh(mesh, sphere, Some(path))?,
         Input::Signal(signal) => Target::of_signal(signal, sphere, Some(path))?,
     };
@@ -166,6 +217,13 @@ mod tests {
         broken.vertices[7][1] = f64::NAN;
         let error = Target::from_mesh(&broken, &sphere).unwrap_err();
         assert!(matches!(error, SurfaceError::NonFinite { vertex: 7, .. }), "{error}");
+        let target = Target::from_mesh_with_gaps(&broken, &sphere).unwrap();
+        let unread: Vec<bool> = (0..162).map(|vertex| vertex == 7).collect();
+        assert!(target.check_finite(Some(&unread)).is_ok());
+        for unread in [None, Some(&vec![false; 162][..])] {
+            let error = target.check_finite(unread).unwrap_err();
+            assert!(matches!(error, SurfaceError::NonFinite { vertex: 7, .. }), "{error}");
+        }
     }
 
     #[test]

@@ -14,6 +14,8 @@ pub struct IrfParams {
     pub refinements: usize,
     /// Weight of each row (vertex) in the least squares, (n), finite and not negative; `None` weighs all alike.
     pub weights: Option<Vec<f64>>,
+    /// Rows that the norms of residuals leave out, (n); none by default.
+    pub unread: Option<Vec<bool>>,
     /// Most bytes of memory to take, mapped windows included; default 256 MiB.
     pub memory: usize,
     /// Bytes that the caller holds already, which count against `memory`; default 0.
@@ -36,6 +38,7 @@ impl Default for IrfParams {
             method: Method::Irf { passes: 1, granularity: 100 },
             refinements: 0,
             weights: None,
+            unread: None,
             memory: 256 << 20,
             held: 0,
             threads: 0,

@@ -95,6 +95,8 @@ pub(super) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
 pub(super) struct Recorder<'a> {
     /// Columns of each target.
     groups: &'a [Range<usize>],
+    /// Rows that residual norms leave out, (n).
+    unread: Option<Vec<bool>>,
     pub(super) monitor: &'a dyn Monitor,
     pub(super) seconds: IrfSeconds,
     pub(super) history: Vec<PassReport>,
@@ -104,9 +106,9 @@ pub(super) struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    pub(super) fn new(groups: &'a [Range<usize>], monitor: &'a dyn Monitor) -> Self {
+    pub(super) fn new(groups: &'a [Range<usize>], unread: Option<Vec<bool>>, monitor: &'a dyn Monitor) -> Self {
         let (seconds, history) = (IrfSeconds::default(), Vec::new());
-        Self { groups, monitor, seconds, history, pass: 0, refinement: false, started: Instant::now() }
+        Self { groups, unread, monitor, seconds, history, pass: 0, refinement: false, started: Instant::now() }
     }
 
     pub(super) fn begin_pass(&mut self, pass: usize, refinement: bool) {
@@ -114,7 +116,7 @@ impl<'a> Recorder<'a> {
     }
 
     pub(super) fn end_pass(&mut self, residual: &ChunkedRows, bytes_read: u64) {
-        let residuals = self.groups.iter().map(|group| residual.norms(group)).collect();
+        let residuals = self.groups.iter().map(|group| residual.norms(group, self.unread.as_deref())).collect();
         let (pass, refinement, seconds) = (self.pass, self.refinement, self.started.elapsed().as_secs_f64());
         self.history.push(PassReport { pass, refinement, seconds, bytes_read, residuals });
         let name = if refinement { "refinement after pass" } else { "pass" };

@@ -81,6 +81,7 @@ impl<'o> IrfSolver<'o> {
         if let Some(weights) = &params.weights {
             check::weights(weights, operator.rows())?;
         }
+        check::unread(params.unread.as_ref(), operator.rows())?;
         let blocks = params.method.blocks(params.max_degree)?;
         let plan = plan(operator, channels, &params)?;
         let root_weights = params.weights.as_ref().map(|weights| weights.iter().map(|w| w.sqrt()).collect());
@@ -133,7 +134,7 @@ impl<'o> IrfSolver<'o> {
         let size = basis_size(self.params.max_degree);
         let mut residual = targets;
         let mut coefficients = Array2::<f64>::zeros((size, channels));
-        let mut log = Recorder::new(groups, monitor);
+        let mut log = Recorder::new(groups, self.params.unread.clone(), monitor);
         monitor.begin(Stage::counted("fit", "columns"), (size * self.params.method.passes()) as u64);
         if self.params.accelerate {
             self.accelerated(&mut residual, &mut coefficients, &mut log)?;

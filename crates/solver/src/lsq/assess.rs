@@ -36,7 +36,8 @@ impl LsqSolver<'_> {
             self.warnings.push(LsqWarning::Underdetermined { rows, columns, norm });
         }
         let of_groups = |residual: &Array2<f64>| {
-            groups.iter().map(|group| ResidualNorms::of(residual.slice(s![.., group.clone()]))).collect()
+            let unread = self.params.unread.as_deref();
+            groups.iter().map(|group| ResidualNorms::without(residual.slice(s![.., group.clone()]), unread)).collect()
         };
         LsqReport {
             max_degree: self.source.max_degree(),

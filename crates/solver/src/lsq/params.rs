@@ -23,6 +23,8 @@ pub enum Strategy {
 pub struct LsqParams {
     /// Weight of each row (vertex), (n), finite and not negative; `None` weighs all alike.
     pub weights: Option<Vec<f64>>,
+    /// Rows that the norms of residuals leave out, (n); none by default.
+    pub unread: Option<Vec<bool>>,
     /// Smoothness penalty, lambda, from 0, the default, on: adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
     pub smoothness: f64,
     /// Penalty of each degree, (L + 1), finite and not negative, default none: adds `sum_l p_l |a_l|^2` to the squared
@@ -53,6 +55,7 @@ impl Default for LsqParams {
     fn default() -> Self {
         Self {
             weights: None,
+            unread: None,
             smoothness: 0.0,
             penalty: None,
             strategy: Strategy::Auto,

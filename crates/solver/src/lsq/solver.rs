@@ -137,6 +137,7 @@ impl<'a> LsqSolver<'a> {
         if let Some(weights) = &params.weights {
             check::weights(weights, expected)?;
         }
+        check::unread(params.unread.as_ref(), expected)?;
         if let Some(areas) = &params.areas
             && areas.len() != expected
         {

@@ -59,19 +59,21 @@ impl HoldOut {
         weights
     }
 
-    /// Returns the distances of the model with these coefficients, (K, c), from targets, (n, c).
+    /// Returns the distances of the model with these coefficients, (K, c), from targets, (n, c), at the vertices that
+    /// `unread`, (n), doesn't mark.
     pub(crate) fn assess(
         &self,
         directions: &Directions,
         coefficients: ArrayView2<'_, f64>,
         targets: ArrayView2<'_, f64>,
+        unread: Option<&[bool]>,
         scale: Option<f64>,
     ) -> Result<HeldOut, Error> {
         let residual: Array2<f64> = &targets - &synthesis(directions, coefficients)?;
         let of = |which: bool| {
             let (mut sum, mut max, mut count) = (0.0, 0.0f64, 0usize);
-            for (row, held) in residual.rows().into_iter().zip(&self.held) {
-                if *held == which {
+            for (i, (row, held)) in residual.rows().into_iter().zip(&self.held).enumerate() {
+                if *held == which && !unread.is_some_and(|unread| unread[i]) {
                     let square = row.dot(&row);
                     (sum, max, count) = (sum + square, max.max(square), count + 1);
                 }

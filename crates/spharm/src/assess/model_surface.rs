@@ -16,7 +16,8 @@ use spharm_transform::{Transform, TransformParams};
 
 use crate::Error;
 
-/// Distances between a model and its surface, both ways, over the area of both.
+/// Distances between a model and its surface, both ways, over the area of both. If weights of 0 leave out a part of the
+/// surface, from the rest of it to the model alone.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct SurfaceDistances {
@@ -36,6 +37,24 @@ pub struct SurfaceDistances {
     pub points: usize,
     /// Vertices of the model's icosphere.
     pub model_vertices: usize,
+}
+
+/// The part of a surface that its model is compared with.
+pub(crate) struct ReadSurface {
+    faces: Vec<[u32; 3]>,
+    /// Whether that is all of the surface.
+    whole: bool,
+}
+
+impl ReadSurface {
+    /// The triangles of a sphere none of whose corners `unread`, (n), marks.
+    pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>) -> Self {
+        let is_read = |face: &&[u32; 3]| {
+            unread.is_none_or(|unread| face.iter().all(|&v| !unread.get(v as usize).copied().unwrap_or(false)))
+        };
+        let faces: Vec<[u32; 3]> = sphere.faces.iter().filter(is_read).copied().collect();
+        Self { whole: faces.len() == sphere.faces.len(), faces }
+    }
 }
 
 /// Of an icosphere for each basis function, at least: its triangles' edges are then a sixth of the shortest wavelength.
@@ -96,19 +115,19 @@ impl ModelSurface {
         Ok(Self { sphere, transform, points: POINTS_PER_FUNCTION * basis_size(max_degree) })
     }
 
-    /// Returns the distances between a surface, (n, 3) over a sphere's triangles, and the model with these coefficients,
+    /// Returns the distances between a surface, (n, 3) over a sphere's triangles or some of them, and the model with these coefficients,
     /// (K, 3); `None` for a surface whose bounding box has no volume, or that has no area.
     pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,
         vertices: ArrayView2<'_, f64>,
-        sphere: &Sphere,
+        read: &ReadSurface,
         scale: Option<f64>,
         monitor: &dyn Monitor,
     ) -> Result<Option<SurfaceDistances>, Error> {
         let Some(scale) = scale else { return Ok(None) };
         let points = |rows: ArrayView2<'_, f64>| rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
-        let surface = Mesh::new(points(vertices), sphere.faces.clone());
+        let surface = Mesh::new(points(vertices), read.faces.clone());
         let model = self.sphere.with_vertices(points(self.transform.synthesis(coefficients)?.view()));
         let params = SurfaceDistanceParams { samples: self.points };
         let found = match surface_distance(&surface, &model, &params, &OnlyCancel(monitor)) {
@@ -116,14 +135,22 @@ impl ModelSurface {
             Err(SurfaceError::Argument { .. }) => return Ok(None),
             found => found?,
         };
+        // The model has no counterpart where the surface isn't read.
+        let (rms, percentile95, hausdorff, points) = if read.whole {
+            let points = found.forward.samples + found.backward.samples;
+            (found.rms, found.percentile95, found.hausdorff, points)
+        } else {
+            let there = &found.forward;
+            (there.rms, there.percentile95, there.max, there.samples)
+        };
         Ok(Some(SurfaceDistances {
-            rms: found.rms / scale,
-            percentile95: found.percentile95 / scale,
-            hausdorff: found.hausdorff / scale,
-            rms_raw: found.rms,
-            percentile95_raw: found.percentile95,
-            hausdorff_raw: found.hausdorff,
-            points: found.forward.samples + found.backward.samples,
+            rms: rms / scale,
+            percentile95: percentile95 / scale,
+            hausdorff: hausdorff / scale,
+            rms_raw: rms,
+            percentile95_raw: percentile95,
+            hausdorff_raw: hausdorff,
+            points,
             model_vertices: self.sphere.vertices.len(),
         }))
     }

@@ -23,8 +23,9 @@ pub(crate) struct OffVertex {
 }
 
 impl OffVertex {
-    /// Chooses places for models of so many functions; `None` where the sphere has no triangles.
-    pub(crate) fn new(sphere: &Sphere, functions: usize) -> Result<Option<Self>, Error> {
+    /// Chooses places for models of so many functions, on triangles without a corner that `unread`, (n), marks; `None` if
+    /// the sphere has no triangles.
+    pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>, functions: usize) -> Result<Option<Self>, Error> {
         let unit = sphere.directions.as_slice();
         let sum = |face: &[u32; 3]| {
             [0, 1, 2].map(|k| face.iter().map(|&v| unit.get(v as usize).map_or(f64::NAN, |p| p[k])).sum::<f64>())
@@ -33,7 +34,10 @@ impl OffVertex {
         let step = sphere.faces.len().div_ceil(places).max(1);
         // The centre of a triangle that spans much of the sphere has no meaning.
         let small = |(_, sum): &([u32; 3], [f64; 3])| sum.iter().map(|x| x * x).sum::<f64>() > 1.0;
-        let chosen = sphere.faces.iter().step_by(step).map(|face| (*face, sum(face))).filter(small);
+        let is_read = |face: &&[u32; 3]| {
+            unread.is_none_or(|unread| face.iter().all(|&v| !unread.get(v as usize).copied().unwrap_or(false)))
+        };
+        let chosen = sphere.faces.iter().step_by(step).filter(is_read).map(|face| (*face, sum(face))).filter(small);
         let (faces, sums): (Vec<_>, Vec<_>) = chosen.unzip();
         if faces.is_empty() {
             return Ok(None);

@@ -15,7 +15,7 @@ use spharm_surface::{Kind, Sphere, SurfaceError, Target};
 use super::denoise::parts;
 use super::job::Job;
 use super::range::{Exponents, distances_of_mixed, into_range, restore, restore_batch};
-use crate::assess::{Distances, ModelSurface, SurfaceDistances, scale_of};
+use crate::assess::{Distances, ModelSurface, ReadSurface, SurfaceDistances, scale_of};
 use crate::report::{BatchReport, Denoised, FitReport, Seconds, Settings};
 use crate::{Error, Fit, FitTo, FitWarning};
 
@@ -120,12 +120,12 @@ impl Batch {
         &self,
         model_surface: &ModelSurface,
         coefficients: ArrayView2<'_, f64>,
-        sphere: &Sphere,
+        surface: &ReadSurface,
         monitor: &dyn Monitor,
     ) -> Result<Vec<Option<SurfaceDistances>>, Error> {
         let of = |(group, target): (&Range<usize>, &Target)| {
             let coefficients = coefficients.slice(s![.., group.clone()]);
-            model_surface.assess(coefficients, values(target), sphere, scale_of(target), monitor)
+            model_surface.assess(coefficients, values(target), surface, scale_of(target), monitor)
         };
         self.groups.iter().zip(&self.targets).map(of).collect()
     }
@@ -139,6 +139,19 @@ impl Batch {
         }
         all
     }
+}
+
+/// Replaces the values at vertices that aren't read by those of the first vertex that is: they have no influence on units
+/// and sizes then. Refuses values elsewhere that aren't finite.
+fn hide(target: &mut Target, unread: Option<&[bool]>) -> Result<(), Error> {
+    target.check_finite(unread)?;
+    let Some(unread) = unread else { return Ok(()) };
+    let channels = target.channels;
+    let Some(first) = unread.iter().position(|unread| !unread) else { return Ok(()) };
+    let filler = target.values[first * channels..(first + 1) * channels].to_vec();
+    let rows = target.values.chunks_exact_mut(channels).zip(unread);
+    rows.filter(|(_, unread)| **unread).for_each(|(row, _)| row.copy_from_slice(&filler));
+    Ok(())
 }
 
 /// Refuses a target that hasn't a row for each direction of the sphere.
@@ -241,10 +254,13 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
 
     /// Reads the next few targets, more where none of them can be read.
     fn fill(&mut self) -> Result<(), E> {
-        let (read, sphere) = (self.read, self.job.sphere);
+        let (read, job) = (self.read, &self.job);
+        let (sphere, unread) = (job.sphere, job.unread.as_deref());
         let one = |number: usize| -> Found<E> {
             let checked = |mut target: Target| -> Result<(Target, Exponents), E> {
                 check(&target, sphere)?;
+                job.params.check_target(target.kind, !sphere.faces.is_empty())?;
+                hide(&mut target, unread)?;
                 let exponents = into_range(&mut target);
                 Ok((target, exponents))
             };
@@ -305,8 +321,9 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         })
         .collect();
     let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
-    if let Some(distances) = distances_of_mixed(&job.sphere.directions, exponents, values(target), coefficients.view())?
-    {
+    let (directions, unread) = (&job.sphere.directions, job.unread.as_deref());
+    let mixed = distances_of_mixed(directions, unread, exponents, values(target), coefficients.view())?;
+    if let Some(distances) = mixed {
         passes = vec![distances];
     }
     let mut warnings = solved.warnings.clone();
@@ -319,7 +336,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
     };
     warnings.extend(denoise.iter().find_map(detail));
     let assess =
-        |held: &crate::assess::HoldOut| held.assess(&job.sphere.directions, coefficients.view(), values(target), scale);
+        |held: &crate::assess::HoldOut| held.assess(directions, coefficients.view(), values(target), unread, scale);
     let held_out = job.hold_out.as_ref().map(assess).transpose()?;
     let mut between = None;
     if let (Some(places), Some(at), Kind::Surface) = (&job.off_vertex, passes.last(), target.kind) {

@@ -1,4 +1,4 @@
-//! Whether the memory suffices to map a surface to the sphere and to fit it there, told before.
+//! Checks, before any work, that memory suffices for mapping and fitting a surface, and that settings are of surfaces.
 
 use spharm_surface::{Kind, Mesh};
 
@@ -30,12 +30,13 @@ pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
 }
 
 /// Checks that the memory suffices to map a surface of so many vertices to a sphere, as
-/// [`ModelFiles::map`](crate::files::ModelFiles::map) does.
+/// [`ModelFiles::map`](crate::files::ModelFiles::map) does, and that the settings can be had for its fit.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the least that works.
+/// [`Error::Memory`] with the least that works, [`Error::OfVertices`].
 pub fn check_mapping(vertices: usize, params: &FitParams) -> Result<(), Error> {
+    params.check_target(Kind::Surface, true)?;
     let method = MapMethod::Auto(params.map());
     let mapping = usize::try_from(method.bytes(vertices)).unwrap_or(usize::MAX);
     let (budget, needed) = (params.memory_budget(), mapping.saturating_add(held(0, 0, 0, 0, 0)));

@@ -150,7 +150,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         if params.denoise { denoise(&problem, &solver, params, &mut found, moments, monitor)? } else { Vec::new() };
     let largest_gap = moments.occupied.largest_gap().to_degrees();
     let resolved = (max_degree > 0).then(|| 180.0 / max_degree as f64);
-    let mut warnings = FitWarning::of_lsq(&found.report, params.tolerance, false);
+    let mut warnings = FitWarning::of_lsq(&found.report, params.tolerance, None);
     let few = found.report.warnings.iter().any(|warning| matches!(warning, LsqWarning::Underdetermined { .. }));
     let poor = found.report.shift > 0.0 || few || found.report.condition > UNDETERMINED;
     if let (true, Some(resolved)) = (poor && smoothness == 0.0, resolved) {

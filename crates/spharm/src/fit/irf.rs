@@ -82,6 +82,7 @@ impl<'o> Planner<'o> {
             method: self.method,
             refinements: if self.method == Blocks::Nlsf { defaults::REFINEMENTS } else { 0 },
             weights: job.weights.clone(),
+            unread: job.unread.clone(),
             memory: job.memory,
             held: job.held(together, channels),
             threads: job.threads,

@@ -16,6 +16,8 @@ pub(crate) struct Job<'a> {
     /// Weights of the vertices divided by 2^`weight_exponent`, (n); zero for those that are held out.
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) weight_exponent: i32,
+    /// Vertices of weight 0, whose values are never read, (n); none if there are none. Those held out aren't among them.
+    pub(crate) unread: Option<Vec<bool>>,
     pub(crate) hold_out: Option<HoldOut>,
     pub(crate) off_vertex: Option<OffVertex>,
     /// The basis, for the methods over a store.
@@ -32,6 +34,8 @@ impl<'a> Job<'a> {
         let n = sphere.directions.len();
         let hold_out = params.hold_out.map(|fraction| HoldOut::new(n, fraction)).transpose()?;
         let mut weights = weights(&params.weights, sphere)?;
+        let unread = weights.as_ref().filter(|weights| weights.contains(&0.0));
+        let unread: Option<Vec<bool>> = unread.map(|weights| weights.iter().map(|weight| *weight == 0.0).collect());
         let weight_exponent = weights_into_range(weights.as_mut());
         if let Some(hold_out) = &hold_out {
             monitor.note(Level::Info, format_args!("{} vertices are held out", hold_out.count()));
@@ -52,14 +56,21 @@ impl<'a> Job<'a> {
             params,
             weights,
             weight_exponent,
+            off_vertex: OffVertex::new(sphere, unread.as_deref(), basis_size(params.max_degree))?,
+            unread,
             hold_out,
-            off_vertex: OffVertex::new(sphere, basis_size(params.max_degree))?,
             scheme,
             key,
             scalar,
             threads: params.threads.unwrap_or_else(rayon::current_num_threads),
             memory: params.memory_budget(),
         })
+    }
+
+    /// Returns the number of vertices whose weight isn't 0.
+    pub(crate) fn vertices_with_weight(&self) -> usize {
+        let count = |weights: &Vec<f64>| weights.iter().filter(|weight| **weight > 0.0).count();
+        self.weights.as_ref().map_or(self.sphere.directions.len(), count)
     }
 
     /// Returns whether targets of this kind are fitted as surfaces.

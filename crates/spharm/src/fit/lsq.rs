@@ -20,7 +20,7 @@ use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
 use super::shared::{Within, allowed, check_auto, converged, note_solution, strategy};
 use crate::report::{BatchReport, Denoised};
-use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, defaults};
+use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, Weights, defaults};
 
 /// Fits targets at their vertices as long as they aren't to be fitted as surfaces.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
@@ -30,8 +30,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let smoothness = smoothness(job, monitor);
     let automatic = params.smoothness == Smoothness::Auto;
     if automatic {
-        let rows = job.weights.as_ref().map_or(directions.len(), |w| w.iter().filter(|w| **w > 0.0).count());
-        check_auto(rows, params.max_degree)?;
+        check_auto(job.vertices_with_weight(), params.max_degree)?;
     }
     // With a smoothness of its own, each target is a batch.
     let most = if automatic { 1 } else { (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1)) };
@@ -49,6 +48,9 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let deferred = DeferredOperator::new(directions, &transform);
     let operator: &dyn Operator = with_moments.as_ref().map_or(&deferred, |operator| operator);
     let mut warnings = Vec::new();
+    if params.standard_errors && params.weights == Weights::Area {
+        warnings.push(FitWarning::AreaErrors);
+    }
     // What the solver may take for moments isn't there for anything else.
     let of_moments = if moment_bytes <= plan.spare(together) { moment_bytes } else { 0 };
     let spare = plan.spare(together) - of_moments;
@@ -81,7 +83,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         stored: stored.as_ref().filter(|_| !automatic),
         solver: solver_params(job, smoothness, &plan, together, moment_bytes)?,
         warnings,
-        smooth_by_default: job.smooth_by_default(),
+        smooth_by_default: job.smooth_by_default().then(|| job.vertices_with_weight()),
         monitor,
     };
     let readers = plan.readers(together, of_moments, job.threads);
@@ -116,7 +118,8 @@ struct Equations<'a> {
     solver: LsqParams,
     /// Warnings that hold for every fit.
     warnings: Vec<FitWarning>,
-    smooth_by_default: bool,
+    /// Number of vertices with weight, if the smoothness is the default one of a parametrised sphere.
+    smooth_by_default: Option<usize>,
     monitor: &'a dyn Monitor,
 }
 
@@ -216,7 +219,8 @@ impl<'a> Equations<'a> {
             }
             denoised.push(of_target);
         }
-        let of_group = |group: &Range<usize>| ResidualNorms::of(residual.slice(s![.., group.clone()]));
+        let unread = job.unread.as_deref();
+        let of_group = |group: &Range<usize>| ResidualNorms::without(residual.slice(s![.., group.clone()]), unread);
         report.residuals = plain.batch.groups.iter().map(of_group).collect();
         report.seconds.total += started.elapsed().as_secs_f64();
         Ok((standard_errors, denoised))
@@ -266,6 +270,7 @@ fn solver_params(
     let by_density = matches!(params.preconditioner, Preconditioner::Density);
     Ok(LsqParams {
         weights: job.weights.clone(),
+        unread: job.unread.clone(),
         smoothness,
         penalty: None,
         strategy: strategy(params.preconditioner),

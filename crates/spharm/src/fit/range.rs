@@ -123,6 +123,7 @@ fn restore_warning(warning: &mut FitWarning, exponent: i32) {
 /// that a solver formed mean nothing there.
 pub(crate) fn distances_of_mixed(
     directions: &Directions,
+    unread: Option<&[bool]>,
     exponents: &[i32],
     values: ArrayView2<'_, f64>,
     coefficients: ArrayView2<'_, f64>,
@@ -134,7 +135,7 @@ pub(crate) fn distances_of_mixed(
     let mut residual = &values - &synthesis(directions, coefficients)?;
     let relative: Vec<i32> = exponents.iter().map(|e| e - all).collect();
     scale_columns(residual.view_mut(), &relative);
-    let ResidualNorms { mean_square, max_square } = ResidualNorms::of(residual.view());
+    let ResidualNorms { mean_square, max_square } = ResidualNorms::without(residual.view(), unread);
     Ok(Some(Distances::new(mean_square, max_square, false, None)))
 }
 

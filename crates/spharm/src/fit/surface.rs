@@ -14,7 +14,6 @@ use spharm_harmonics::{Directions, basis_size};
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments, solve_moments_of_groups};
 use spharm_solver::{LsqParams, ResidualNorms};
-use spharm_surface::Sphere;
 use spharm_transform::{MomentGram, Transform};
 
 use super::batches::{Apart, Batch, Run, Solved};
@@ -24,7 +23,7 @@ use super::lsq_plan::{Sizes, transform};
 use super::shared::{Within, converged, note_solution, strategy, together};
 use super::surface_plan::SurfacePlan;
 use super::surface_sums::SurfaceSums;
-use crate::assess::ModelSurface;
+use crate::assess::{ModelSurface, ReadSurface};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
 
@@ -79,7 +78,6 @@ fn places(job: &Job<'_>) -> Result<Directions, Error> {
 
 /// What fits of surfaces over one sphere share.
 struct Fitter<'a> {
-    sphere: &'a Sphere,
     params: &'a FitParams,
     sums: SurfaceSums<'a>,
     /// At the vertices, where msd and xsd are taken, and after them at the centres of some triangles.
@@ -87,6 +85,10 @@ struct Fitter<'a> {
     /// Columns of models that are evaluated together.
     evaluated: usize,
     model_surface: Option<ModelSurface>,
+    /// The part of each surface that is read.
+    surface: ReadSurface,
+    /// Vertices whose values aren't read, (n).
+    unread: Option<Vec<bool>>,
     solver: LsqParams,
 }
 
@@ -100,12 +102,13 @@ impl<'a> Fitter<'a> {
         let level =
             if params.surface_distance { ModelSurface::level(max_degree, sphere.faces.len(), spare) } else { None };
         Ok(Self {
-            sphere,
             params,
             sums,
             evaluation: Transform::new(&places(job)?, &transform(max_degree, evaluated))?,
             evaluated,
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
+            surface: ReadSurface::new(sphere, job.unread.as_deref()),
+            unread: job.unread.clone(),
             solver: LsqParams {
                 smoothness: match params.smoothness {
                     Smoothness::Fixed(smoothness) => job.fixed_smoothness(smoothness),
@@ -145,7 +148,7 @@ impl<'a> Fitter<'a> {
         if let Some(denoiser) = denoiser {
             denoised = self.denoise(denoiser, batch, &problem, &mut coefficients, &mut reports, &within)?;
         }
-        let warnings_of = |report: &LsqReport| FitWarning::of_lsq(report, self.params.tolerance, false);
+        let warnings_of = |report: &LsqReport| FitWarning::of_lsq(report, self.params.tolerance, None);
         let apart: Vec<Apart> = reports
             .iter()
             .map(|report| Apart { optimality: report.optimality, warnings: warnings_of(report) })
@@ -156,7 +159,7 @@ impl<'a> Fitter<'a> {
         note_solution(&report, monitor);
         let (residuals, at_centres) = self.assess(&targets, coefficients.view())?;
         let surface_distances = match &self.model_surface {
-            Some(model) => batch.surface_distances(model, coefficients.view(), self.sphere, monitor)?,
+            Some(model) => batch.surface_distances(model, coefficients.view(), &self.surface, monitor)?,
             None => Vec::new(),
         };
         Ok(Solved {
@@ -192,7 +195,7 @@ impl<'a> Fitter<'a> {
             assessed.par_extend(some.par_iter().map(|(group, target)| {
                 let own = model.slice(s![.., group.start - columns.start..group.end - columns.start]);
                 let (vertices, centres) = own.split_at(Axis(0), target.nrows());
-                (ResidualNorms::of((target - &vertices).view()), centres.to_owned())
+                (ResidualNorms::without((target - &vertices).view(), self.unread.as_deref()), centres.to_owned())
             }));
         }
         Ok(assessed.into_iter().unzip())

@@ -27,8 +27,10 @@ const ROWS: usize = 1024;
 pub(crate) struct SurfaceSums<'a> {
     sphere: &'a Sphere,
     params: &'a FitParams,
-    /// What the vertices count, (n).
+    /// Weights of the vertices, (n).
     weights: Option<Vec<f64>>,
+    /// Their reciprocals, infinite for weights of 0, (n).
+    reciprocals: Option<Vec<f64>>,
     sampling: SphereSampling,
     /// Where the surface was cut; not for denoising, as noise at the seam's vertices isn't to be fitted closely.
     seam: Option<SeamVertices>,
@@ -51,10 +53,17 @@ impl<'a> SurfaceSums<'a> {
             return Err(Error::NeedsTriangles { what: "a fit of the surface", sphere: sphere.name().to_owned() });
         }
         let max_degree = params.max_degree;
+        if let Some(weights) = &job.weights {
+            let counts = |face: &[u32; 3]| face.iter().all(|&v| weights.get(v as usize).is_some_and(|w| *w > 0.0));
+            if !sphere.faces.iter().any(counts) {
+                return Err(Error::NoTriangle { name: params.weights.name().to_owned() });
+            }
+        }
         Ok(Self {
             sphere,
             params,
             weights: job.weights.clone(),
+            reciprocals: job.weights.as_ref().map(|weights| weights.iter().map(|weight| weight.recip()).collect()),
             sampling: SphereSampling::for_degree(&sphere.directions, &sphere.faces, max_degree)?,
             seam: SeamVertices::of(sphere, max_degree).filter(|_| !params.denoise),
             nodal: None,
@@ -116,16 +125,18 @@ impl<'a> SurfaceSums<'a> {
         Ok(Nodal { sums: builder.finish()?, of_seam, kept: 0 })
     }
 
-    /// The samples of some triangles, weighted by solid angles times what the vertices count.
+    /// The samples of some triangles, weighted by solid angles times the harmonic mean of the corners' weights, by their
+    /// shares. A sample is a mean of its corners' values, and no more certain than the least certain of them: with one
+    /// weight near 0 it counts little, and with one weight of 0 nothing, so that the corner's value has no influence.
     fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
         let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;
         if self.params.denoise {
             self.count_alike(triangles.clone(), &mut samples.weights);
         }
-        if let Some(of_vertices) = &self.weights {
-            let column = aview1(of_vertices).insert_axis(Axis(1));
-            let factors = self.sampling.interpolate(column, triangles);
-            samples.weights.iter_mut().zip(&factors).for_each(|(weight, factor)| *weight *= factor);
+        if let Some(reciprocals) = &self.reciprocals {
+            let column = aview1(reciprocals).insert_axis(Axis(1));
+            let variances = self.sampling.interpolate(column, triangles);
+            samples.weights.iter_mut().zip(&variances).for_each(|(weight, variance)| *weight /= variance);
         }
         Ok(samples)
     }

@@ -26,6 +26,17 @@ pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
 /// [`Empty`](SurfaceError::Empty), [`TooLarge`](SurfaceError::TooLarge), [`NonFinite`](SurfaceError::NonFinite),
 /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange).
 pub fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
+    mesh_with_gaps(path, mesh)?;
+    for (vertex, position) in mesh.vertices.iter().enumerate() {
+        if let Some(&value) = position.iter().find(|x| !x.is_finite()) {
+            return Err(SurfaceError::NonFinite { path: path.to_owned(), vertex, value });
+        }
+    }
+    Ok(())
+}
+
+/// As [`mesh`], but for positions that aren't finite.
+pub(crate) fn mesh_with_gaps(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
     for (count, limit, one, many) in
         [(vertices, MOST_VERTICES, "vertex", "vertices"), (faces, MOST_FACES, "triangle", "triangles")]
@@ -35,11 +46,6 @@ pub fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
         }
         if count > limit {
             return Err(SurfaceError::TooLarge { path: path.to_owned(), what: many, found: count, limit });
-        }
-    }
-    for (vertex, position) in mesh.vertices.iter().enumerate() {
-        if let Some(&value) = position.iter().find(|x| !x.is_finite()) {
-            return Err(SurfaceError::NonFinite { path: path.to_owned(), vertex, value });
         }
     }
     indices(path, mesh)
@@ -58,6 +64,19 @@ pub(crate) fn indices(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
 
 /// Not empty, finite.
 pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
+    signal_with_gaps(path, signal)?;
+    match signal.values.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(i) => Err(SurfaceError::NonFinite {
+            path: path.to_owned(),
+            vertex: i / signal.channels,
+            value: signal.values.get(i).copied().unwrap_or(f64::NAN),
+        }),
+    }
+}
+
+/// As [`signal`], but for values that aren't finite.
+pub(crate) fn signal_with_gaps(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     if signal.values.is_empty() {
         return Err(SurfaceError::Empty { path: path.to_owned(), what: "value" });
     }
@@ -68,14 +87,7 @@ pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
             found: signal.values.len(),
         });
     }
-    match signal.values.iter().position(|x| !x.is_finite()) {
-        None => Ok(()),
-        Some(i) => Err(SurfaceError::NonFinite {
-            path: path.to_owned(),
-            vertex: i / signal.channels,
-            value: signal.values.get(i).copied().unwrap_or(f64::NAN),
-        }),
-    }
+    Ok(())
 }
 
 /// Whether rounding to 32 bits keeps the numbers finite. Rounding itself is expected of these formats.

@@ -57,7 +57,7 @@ use crate::mesh::{Input, Mesh, Signal};
 pub use crate::room::{NoRoom, ask_for_free_memory, check_room, most_expanded};
 pub use atomic::write_new;
 pub use check::mesh as check_mesh;
-pub(crate) use check::{indices as check_indices, signal as check_signal};
+pub(crate) use check::{indices as check_indices, mesh_with_gaps, signal as check_signal, signal_with_gaps};
 pub(crate) use formats::name_without_gz;
 pub use formats::{FORMATS, Output, check_output, is_named_signal, to_write_mesh, to_write_signal};
 pub use leftovers::remove_leftovers;
@@ -123,6 +123,16 @@ pub fn read_input(path: impl AsRef<Path>) -> Result<Input, SurfaceError> {
     let path = path.as_ref();
     let input = parse(path)?;
     check::input(path, &input)?;
+    Ok(input)
+}
+
+/// Reads a surface or a signal whose values may be NaN or infinite.
+pub(crate) fn read_input_with_gaps(path: &Path) -> Result<Input, SurfaceError> {
+    let input = parse(path)?;
+    match &input {
+        Input::Mesh(mesh) => mesh_with_gaps(path, mesh)?,
+        Input::Signal(signal) => signal_with_gaps(path, signal)?,
+    }
     Ok(input)
 }
 

@@ -1,0 +1,188 @@
+//! Weights of 0: values there are never read, by any method, and the same model is found whatever they are.
+
+use spharm::generate::icosphere;
+use spharm::{Error, FitParams, FitTo, FitWarning, Mesh, Signal, Smoothness, Sphere, Weights, fit};
+
+use crate::common::{fail, succeed, tool};
+use crate::pipeline::Study;
+
+const AXES: [f64; 3] = [30.0, 20.0, 10.0];
+
+/// An ellipsoid of 2,562 vertices and its sphere.
+fn ellipsoid() -> (Mesh, Sphere) {
+    let ball = icosphere(4);
+    let surface = ball.with_vertices(ball.vertices.iter().map(|v| [0, 1, 2].map(|k| AXES[k] * v[k])).collect());
+    (surface, Sphere::from_mesh(&ball).unwrap())
+}
+
+/// A cap of 20 vertices, or so.
+fn is_bad(vertex: [f64; 3]) -> bool {
+    vertex[2] > 0.985
+}
+
+fn spoilt(surface: &Mesh, sphere: &Sphere, by: f64) -> Mesh {
+    let mut spoilt = surface.clone();
+    for (position, direction) in spoilt.vertices.iter_mut().zip(sphere.directions.as_slice()) {
+        if is_bad(*direction) {
+            *position = position.map(|x| x + by);
+        }
+    }
+    spoilt
+}
+
+fn weights(sphere: &Sphere, of_bad: f64) -> Weights {
+    let values = sphere.directions.as_slice().iter().map(|&v| if is_bad(v) { of_bad } else { 1.0 }).collect();
+    Weights::Values { name: "some".to_owned(), values }
+}
+
+fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(0.0, |most: f64, x| most.max(x.abs()))
+}
+
+#[test]
+fn values_of_weight_zero_are_never_read() {
+    let (surface, sphere) = ellipsoid();
+    let bad = sphere.directions.as_slice().iter().filter(|v| is_bad(**v)).count();
+    assert!((15..40).contains(&bad), "{bad}");
+    let lsq = FitParams { weights: weights(&sphere, 0.0), ..FitParams::lsq(4) };
+    let vertices = FitParams { target: FitTo::Vertices, ..lsq.clone() };
+    for (name, params) in [
+        ("surface", lsq.clone()),
+        ("denoised", FitParams { denoise: true, ..lsq.clone() }),
+        ("smooth", FitParams { smoothness: Smoothness::Fixed(0.01), ..lsq.clone() }),
+        ("little memory", FitParams { memory: Some(40 << 20), ..lsq.clone() }),
+        ("vertices", vertices.clone()),
+        ("vertices, denoised", FitParams { denoise: true, ..vertices.clone() }),
+        ("held out", FitParams { hold_out: Some(0.1), ..vertices.clone() }),
+        ("errors", FitParams { standard_errors: true, ..vertices.clone() }),
+    ] {
+        let right = fit(&sphere, &surface, &params).unwrap();
+        // The ellipsoid is of degree 1; its triangles lie a little inside it.
+        let mut off = right.coefficients.values().to_owned();
+        let unit = (4.0 * std::f64::consts::PI / 3.0_f64).sqrt();
+        for (row, k) in [(3, 0), (1, 1), (2, 2)] {
+            off[[row, k]] -= unit * AXES[k];
+        }
+        assert!(largest(off) < 0.4, "{name}");
+        for by in [100.0, -1e9, f64::NAN, f64::INFINITY] {
+            let found = fit(&sphere, &spoilt(&surface, &sphere, by), &params).unwrap();
+            assert_eq!(found.coefficients, right.coefficients, "{name} {by}");
+            let (a, b) = (&found.report, &right.report);
+            assert_eq!((a.msd, a.xsd, a.scale), (b.msd, b.xsd, b.scale), "{name} {by}");
+            assert_eq!(a.surface_distance, b.surface_distance, "{name} {by}");
+            assert!(a.surface_distance.is_none_or(|distance| distance.hausdorff_raw < 1.0), "{name}: {a:?}");
+            let sigma = |report: &spharm::FitReport| report.denoise.iter().map(|of| of.noise.sigma).collect::<Vec<_>>();
+            assert_eq!(sigma(a), sigma(b), "{name} {by}");
+            if let (Some(a), Some(b)) = (&a.held_out, &b.held_out) {
+                assert_eq!((a.held_out, a.seen), (b.held_out, b.seen), "{name} {by}");
+            }
+        }
+    }
+    // Of weight 1 they are refused, and named.
+    let params = FitParams { weights: Weights::Uniform, ..lsq };
+    let error = fit(&sphere, &spoilt(&surface, &sphere, f64::NAN), &params).unwrap_err();
+    assert!(error.to_string().contains("the surface") && error.to_string().contains("NaN at vertex"), "{error}");
+    let gap = |v: &[f64; 3]| if is_bad(*v) { f64::NAN } else { v[0] };
+    let signal = Signal::new(sphere.directions.as_slice().iter().map(gap).collect(), 2562, 1);
+    assert!(fit(&sphere, &signal, &params).is_err());
+    let found = fit(&sphere, &signal, &vertices).unwrap().coefficients;
+    assert!((found.values()[[3, 0]] - (4.0 * std::f64::consts::PI / 3.0_f64).sqrt()).abs() < 1e-9);
+}
+
+/// A weight near 0 differs from 0 by as little as it is.
+#[test]
+fn weights_fade_to_zero_without_a_jump() {
+    let (surface, sphere) = ellipsoid();
+    let surface = spoilt(&surface, &sphere, 100.0);
+    for target in [FitTo::Surface, FitTo::Vertices] {
+        let of = |weight: f64| {
+            let params = FitParams { target, weights: weights(&sphere, weight), ..FitParams::lsq(4) };
+            fit(&sphere, &surface, &params).unwrap().coefficients.values().to_owned()
+        };
+        let none = of(0.0);
+        let off = |weight: f64| largest(&of(weight) - &none);
+        assert!(
+            off(1e-12) < 1e-8 && off(1e-6) < 1e-2 && off(1e-3) > 1e-3,
+            "{:e} {:e} {:e}",
+            off(1e-12),
+            off(1e-6),
+            off(1e-3)
+        );
+    }
+}
+
+#[test]
+fn weights_that_leave_no_triangle_are_refused() {
+    let (surface, sphere) = ellipsoid();
+    // One vertex in three neighbours keeps its weight, so that none of the triangles has three.
+    let values = (0..2562).map(|vertex| f64::from(vertex < 12)).collect();
+    let params = FitParams { weights: Weights::Values { name: "few".to_owned(), values }, ..FitParams::lsq(2) };
+    let error = fit(&sphere, &surface, &params).unwrap_err();
+    assert!(matches!(error, Error::NoTriangle { .. }) && error.to_string().starts_with("few: "), "{error}");
+    let params = FitParams { target: FitTo::Vertices, ..params };
+    assert!(fit(&sphere, &surface, &params).is_ok());
+}
+
+fn without_store(study: &Study, surface: &str, arguments: &[&str]) -> std::process::Command {
+    let mut fit = tool("fit");
+    fit.arg("--sphere").arg(study.path("sphere.surf.gii")).arg("--surface").arg(study.path(surface)).arg("-q");
+    fit.args(arguments);
+    fit
+}
+
+/// Intervals that assume more than the sampling gives are warned of.
+#[test]
+fn standard_errors_by_areas_are_warned_of() {
+    let (surface, sphere) = ellipsoid();
+    for (weights, warned) in [(Weights::Area, true), (Weights::Uniform, false)] {
+        let params = FitParams { target: FitTo::Vertices, standard_errors: true, weights, ..FitParams::lsq(4) };
+        let warnings = fit(&sphere, &surface, &params).unwrap().report.warnings;
+        assert_eq!(warnings.contains(&FitWarning::AreaErrors), warned, "{warnings:?}");
+    }
+}
+
+/// `--mask`, `--weights` with zeros, and both of a method over a store.
+#[test]
+fn the_program_reads_no_masked_vertex_of_a_surface() {
+    let study = Study::new();
+    let column = |name: &str, values: &dyn Fn(usize) -> f64| {
+        let text: String = (0..642).map(|vertex| format!("{}\n", values(vertex))).collect();
+        std::fs::write(study.path(name), text).unwrap();
+    };
+    column("mask.csv", &|vertex| f64::from(vertex >= 30));
+    let mut mesh = spharm::io::read_mesh(study.path("s0.surf.gii")).unwrap();
+    mesh.vertices[..30].iter_mut().for_each(|position| *position = position.map(|x| x - 1e3));
+    spharm::io::write_mesh(
+        study.path("wild.surf.gii"),
+        &mesh,
+        &spharm::io::WriteOptions { overwrite: false, double: true },
+    )
+    .unwrap();
+    let model = |surface: &str, arguments: &[&str]| {
+        let out = study.path("m.spharm.npz");
+        let arguments = [&["--max-degree", "6", "--force", "-o", out.to_str().unwrap()], arguments].concat();
+        let over_store = arguments.contains(&"irf") || arguments.contains(&"nlsf");
+        succeed(&mut if over_store {
+            study.fit(&[surface], &arguments)
+        } else {
+            without_store(&study, surface, &arguments)
+        });
+        spharm::Model::read(&out).unwrap().coefficients.values().to_owned()
+    };
+    let mask = study.path("mask.csv").display().to_string();
+    for arguments in [
+        &["--mask", &mask][..],
+        &["--weights", &mask],
+        &["--weights", "area", "--mask", &mask],
+        &["--method", "irf", "--mask", &mask],
+        &["--method", "nlsf", "--weights", &mask],
+    ] {
+        let (right, wild) = (model("s0.surf.gii", arguments), model("wild.surf.gii", arguments));
+        let scale = largest(right.iter().copied());
+        assert!(largest(&right - &wild) < 1e-6 * scale, "{arguments:?}: {:e}", largest(&right - &wild));
+    }
+    column("none.csv", &|_| 0.0);
+    let none = study.path("none.csv").display().to_string();
+    let error = fail(&mut study.fit(&["s0.surf.gii"], &["--max-degree", "4", "--mask", &none, "-o", "m.npz"]));
+    assert!(error.contains("no vertex is left to read"), "{error}");
+}
