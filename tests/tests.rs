@@ -25,6 +25,8 @@ mod mended;
 mod moments;
 mod moments_faults;
 mod moments_schemes;
+#[cfg(target_os = "linux")]
+mod odd_files;
 mod outputs;
 mod paper;
 mod pipeline;

@@ -13,8 +13,10 @@ use spharm_store::{BuildParams, BuildReport};
 pub(super) struct Report {
     pub(super) tool: &'static str,
     pub(super) versions: Versions,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     pub(super) sphere: PathBuf,
     pub(super) scheme_key: String,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     pub(super) folder: PathBuf,
     pub(super) directions: usize,
     pub(super) dtype: &'static str,
@@ -82,6 +84,7 @@ impl Basis {
 /// The factor, sizes in bytes.
 #[derive(Debug, Serialize)]
 pub(super) struct FactorRow {
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     pub(super) path: PathBuf,
     pub(super) max_degree: usize,
     pub(super) columns: usize,

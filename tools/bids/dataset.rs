@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
+use spharm_cli::inputs::MOST_OWN;
 use spharm_surface::io::write_new;
 
 /// Version of BIDS that the names follow.
@@ -20,7 +21,7 @@ const DESCRIPTION: &str = "dataset_description.json";
 pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result<()> {
     std::fs::create_dir_all(output.join("logs")).with_context(|| output.display().to_string())?;
     let path = output.join(DESCRIPTION);
-    match std::fs::read_to_string(&path) {
+    match spharm_files::read_text(&path, MOST_OWN) {
         Ok(text) if !is_ours(&text) => {
             bail!(
                 "{}: expected the description of a dataset of spharm, found another one; choose another OUT",
@@ -47,7 +48,7 @@ pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result
          vertices are files of the same name.\n",
     )?;
     let mut rows: Vec<String> = subjects.iter().map(|subject| format!("sub-{subject}\n")).collect();
-    if let Ok(found) = std::fs::read_to_string(output.join("participants.tsv")) {
+    if let Ok(found) = spharm_files::read_text(output.join("participants.tsv"), MOST_OWN) {
         rows.extend(found.lines().skip(1).map(|line| format!("{line}\n")));
     }
     rows.sort_unstable();
@@ -67,7 +68,7 @@ fn is_ours(text: &str) -> bool {
 ///
 /// When it can't be written.
 pub(super) fn text(path: &Path, text: &str) -> Result<()> {
-    if std::fs::read(path).is_ok_and(|found| found == text.as_bytes()) {
+    if spharm_files::read(path, text.len() as u64).is_ok_and(|found| found == text.as_bytes()) {
         return Ok(());
     }
     spharm_cli::output::prepare(path)?;

@@ -8,6 +8,7 @@ use spharm::Model;
 use spharm::cohort::Merged;
 use spharm_cli::output::{counted, print_line};
 use spharm_cli::paths::model_name;
+use spharm_cli::paths::shown;
 use spharm_model::arrays::{Entry, write_arrays};
 
 use super::args::{Cli, Hemi, Surface};
@@ -134,7 +135,7 @@ fn variation(
     let names = group.iter().map(|path| format!("{}/{}.spharm.npz\n", of(hemi, surface), model_name(path)));
     let aligned = cli.output.join("logs").join(format!("aligned_{}.txt", of(hemi, surface)));
     text(&aligned, &names.map(|name| format!("aligned_{name}")).collect::<String>())?;
-    let modes = shown(&cli.output.join(format!("group_{}.shape-model.npz", of(hemi, surface))));
+    let modes = shown(cli.output.join(format!("group_{}.shape-model.npz", of(hemi, surface))));
     run(&["shape", "pca", &at(&aligned), "--modes", "10", "--force", "--output", &modes])?;
     Ok(modes)
 }
@@ -151,8 +152,4 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
 
 fn named(path: &Path, start: &str) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(start))
-}
-
-fn shown(path: &Path) -> String {
-    path.display().to_string()
 }

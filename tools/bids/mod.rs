@@ -9,12 +9,15 @@ mod names;
 mod participant;
 
 use anyhow::Result;
+use spharm_cli::paths::utf8;
 
 pub(crate) use self::args::Cli;
 use self::args::Level;
 
 /// Runs the verb; `spharm` runs another one.
 pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
+    // What other verbs are called with is text.
+    [&cli.dataset, &cli.output].into_iter().try_for_each(|path| utf8(path).map(drop))?;
     match cli.level {
         Level::Participant => participant::run(cli, spharm),
         Level::Group => group::run(cli, spharm),

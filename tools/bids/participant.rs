@@ -9,6 +9,7 @@ use spharm::shape::descriptors;
 use spharm::{Model, Sphere};
 use spharm_cli::console::Console;
 use spharm_cli::output::{counted, print_line};
+use spharm_cli::paths::shown;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal_of};
 use spharm_surface::metrics::vertex_distances;
 use spharm_surface::{Hemisphere, Signal};
@@ -87,7 +88,7 @@ fn check_earlier(cli: &Cli, found: &[Found]) -> Result<()> {
     let sampled = format!("_space-icosphere{}_", cli.icosphere);
     for found in found.iter().filter(|_| !cli.force) {
         let (model, sidecar) = (cli.output.join(found.model()), cli.output.join(found.sidecar()));
-        let described = std::fs::read_to_string(&sidecar).ok().filter(|_| model.is_file());
+        let described = spharm_files::read_text(&sidecar, 1 << 20).ok().filter(|_| model.is_file());
         let described = described.and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
         let degree = described.as_ref().and_then(|described| described["MaximalDegree"].as_u64());
         if let Some(degree) = degree.filter(|degree| *degree != cli.max_degree as u64) {
@@ -127,7 +128,7 @@ impl Logs {
         for found in found {
             let absolute = |path: &Path| std::path::absolute(path).with_context(|| path.display().to_string());
             let (mesh, sphere) = (absolute(&found.mesh)?, absolute(&found.sphere)?);
-            writer.write_record([&found.id(), &shown(&mesh), &shown(&sphere), &shown(&found.model())])?;
+            writer.write_record([&found.id(), &shown(&mesh), &shown(&sphere), &shown(found.model())])?;
         }
         let table = String::from_utf8(writer.into_inner()?)?;
         let key = blake3::hash(table.as_bytes()).to_hex();
@@ -138,10 +139,6 @@ impl Logs {
         text(&manifest, &table)?;
         Ok(Self { manifest, status })
     }
-}
-
-fn shown(path: &Path) -> String {
-    path.display().to_string()
 }
 
 /// Writes what is beside a model: how it was made, its spectrum, the surface on the icosphere, its distances from the vertices.
@@ -190,7 +187,7 @@ fn pages(cli: &Cli, done: &[&Found], console: &Console, spharm: &dyn Fn(&[String
         let page = cli.output.join(format!("{subject}.html"));
         console.detail(format!("{}", page.display()));
         let mut arguments = vec!["report".to_owned()];
-        arguments.extend(group.iter().map(|found| shown(&cli.output.join(found.model()))));
+        arguments.extend(group.iter().map(|found| shown(cli.output.join(found.model()))));
         arguments.push("--surface".to_owned());
         arguments.extend(group.iter().map(|found| shown(&found.mesh)));
         arguments.extend(["--title", &subject, "--force", "--output", &shown(&page)].map(str::to_owned));

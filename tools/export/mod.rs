@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use spharm_cli::Usage;
 use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
-use spharm_cli::paths::{expand, model_name, with_ending};
+use spharm_cli::paths::{expand, model_file_name, with_ending};
 use spharm_exchange::{ExportOptions, Exported, Format, Normalization, check, export, files};
 use spharm_model::Model;
 use spharm_surface::io::bytes_to_read;
@@ -27,7 +27,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let single = models.len() == 1 && models == cli.models && !cli.output.is_dir();
     let target = |model: &PathBuf| match single {
         true => cli.output.clone(),
-        false => with_ending(&cli.output.join(model_name(model)), cli.to.ending()),
+        false => with_ending(&cli.output.join(model_file_name(model)), cli.to.ending()),
     };
     let targets: Vec<PathBuf> = models.iter().map(target).collect();
     // Every model is looked at before the first one is written.

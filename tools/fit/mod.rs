@@ -17,6 +17,7 @@ use spharm::{FitParams, Sphere};
 use spharm_cli::inputs::{expand_lists, read_sphere};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
+use spharm_cli::paths::shown;
 use spharm_cli::surfaces::SurfaceReader;
 
 pub(crate) use self::args::Cli;
@@ -47,10 +48,10 @@ fn options(cli: &Cli, params: FitParams) -> Options {
     let input = &cli.input;
     let about = [
         ("tool", json!("fit")),
-        ("store", json!(input.store)),
-        ("manifest", json!(input.manifest)),
+        ("store", json!(input.store.as_ref().map(shown))),
+        ("manifest", json!(input.manifest.as_ref().map(shown))),
         ("shard", json!(cli.cohort.shard.map(|shard| shard.to_string()))),
-        ("sphere", json!(input.sphere)),
+        ("sphere", json!(input.sphere.as_ref().map(shown))),
         ("weights", json!(input.weights)),
     ];
     Options {

@@ -12,6 +12,7 @@ use spharm_cli::machine::memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
 use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, print_json, table, write_json};
+use spharm_cli::paths::shown;
 use spharm_model::csv::write_complex_csv;
 use spharm_surface::io::write_new;
 
@@ -41,9 +42,9 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
         "tool": "fit",
         "versions": spharm::versions(),
         "method": "lsq",
-        "moments": path,
+        "moments": shown(path),
         "scheme_key": fit.report.scheme.map(|key| key.to_string()),
-        "output": files.model,
+        "output": shown(&files.model),
         "fit": fit.report,
         "seconds": { "total": seconds },
         "memory": memory(),

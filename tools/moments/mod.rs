@@ -15,6 +15,7 @@ use spharm_cli::machine::memory;
 use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, is_stdout, prepare, print_json, print_line, write_json};
+use spharm_cli::paths::{all_shown, shown};
 use spharm_surface::Sphere;
 use spharm_surface::generate::{icosphere_bytes, icosphere_counts};
 use spharm_surface::io::bytes_to_read;
@@ -47,8 +48,8 @@ fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
         monitor.console().warn(warning);
     }
     let mut report = output.write(&moments)?;
-    report["samples"] = json!(form.samples);
-    report["sphere"] = json!(form.positions.sphere);
+    report["samples"] = json!(all_shown(&form.samples));
+    report["sphere"] = json!(form.positions.sphere.as_ref().map(shown));
     report["icosphere"] = json!(form.positions.icosphere);
     report["shard"] = json!([form.shard.index, form.shard.of]);
     report["warnings"] = json!(warnings.iter().map(ToString::to_string).collect::<Vec<_>>());
@@ -84,7 +85,7 @@ fn add(cli: &Merge) -> Result<()> {
     let moments = merge_named(cli.parts.iter().map(|path| Moments::read(path)), names, cli.partial)?;
     let seconds = started.elapsed().as_secs_f64();
     let mut report = output.write(&moments)?;
-    report["parts"] = json!(cli.parts);
+    report["parts"] = json!(all_shown(&cli.parts));
     report["seconds"] = json!({ "total": seconds });
     output.finish(&moments, &report, seconds)
 }
@@ -93,7 +94,7 @@ fn report(moments: &Moments, output: &Path) -> Value {
     json!({
         "tool": "moments",
         "versions": spharm::versions(),
-        "output": output,
+        "output": shown(output),
         "scheme_key": moments.scheme.map(|key| key.to_string()),
         "max_degree": moments.sums.max_degree,
         "channels": moments.channels,

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use spharm_cli::output::{OutputFile, check_outputs};
-use spharm_cli::paths::{expand, model_name, with_ending};
+use spharm_cli::paths::{expand, model_file_name, with_ending};
 use spharm_surface::io::Output;
 
 use super::args::Cli;
@@ -44,7 +44,7 @@ pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
         models.into_iter().map(|model| Item { model, target: target() }).collect()
     } else {
         let target = |model: &Path| {
-            let path = cli.output.join(model_name(model));
+            let path = cli.output.join(model_file_name(model));
             match &cli.format {
                 Some(format) => Target::File(with_ending(&path, format)),
                 None => Target::Stem(path),

@@ -12,6 +12,7 @@ use spharm_cli::exit::{is_interrupted, line_with_advice};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, print, print_json};
+use spharm_cli::paths::shown;
 use spharm_cli::size::Size;
 
 use super::groups::{Group, groups};
@@ -61,7 +62,8 @@ pub(crate) fn preview(rows: &Rows, options: &Options, monitor: &ConsoleMonitor) 
     let own: usize = groups.iter().filter(|group| group.sphere.is_none()).map(|group| group.rows.len()).sum();
     let budget = options.params.memory_budget();
     let id = |number: usize| rows.rows[number].id.as_str();
-    let first_spheres = spheres.iter().map(|(path, rows, n)| json!({ "sphere": path, "rows": rows, "vertices": n }));
+    let first_spheres =
+        spheres.iter().map(|(path, rows, n)| json!({ "sphere": shown(path), "rows": rows, "vertices": n }));
     let fail = failed.iter().map(|(number, error)| json!({ "id": id(*number), "error": line_with_advice(error) }));
     let json = json!({
         "rows": all, "exist": exist, "kept": kept, "missing": missing, "spheres": shared,

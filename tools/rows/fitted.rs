@@ -20,7 +20,9 @@ pub(super) struct Fitted {
     id: Option<String>,
     /// The model's name.
     name: String,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     input: PathBuf,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     pub(super) output: PathBuf,
     #[serde(flatten)]
     pub(super) report: FitReport,
@@ -36,6 +38,7 @@ pub(super) struct Fitted {
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Mapped {
     /// The file.
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     pub(super) sphere: PathBuf,
     /// What was changed in the label, if anything.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -14,6 +14,7 @@ use serde_json::json;
 use spharm::cohort::{Entry, Row, State, StatusFile};
 use spharm_cli::console::Console;
 use spharm_cli::exit::line_with_advice;
+use spharm_cli::paths::shown;
 
 use super::fitted::Fitted;
 
@@ -55,9 +56,11 @@ struct Inner {
 /// A surface whose model is there already.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Skipped {
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     input: PathBuf,
     #[serde(skip_serializing_if = "Option::is_none")]
     label: Option<i64>,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     output: PathBuf,
 }
 
@@ -65,6 +68,7 @@ pub(super) struct Skipped {
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Failed {
     pub(super) id: String,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     input: PathBuf,
     error: String,
 }
@@ -75,6 +79,7 @@ pub(super) struct Distance {
     pub(super) id: String,
     pub(super) msd: f64,
     pub(super) xsd: f64,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
     pub(super) output: PathBuf,
 }
 
@@ -132,7 +137,7 @@ impl<'a> Ledger<'a> {
     /// A row is being worked on.
     pub(super) fn start(&self, number: usize, row: &Row) {
         self.lock().under_way.insert(number, Instant::now());
-        self.console.event(|| json!({ "event": "start", "id": row.id, "surface": row.surface }));
+        self.console.event(|| json!({ "event": "start", "id": row.id, "surface": shown(&row.surface) }));
     }
 
     /// A row's model was made.

@@ -8,6 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use spharm::Model;
+use spharm_cli::inputs::MOST_OWN;
 use spharm_cli::output::{is_stdout, prepare};
 use spharm_cli::printable;
 use spharm_surface::io::write_new;
@@ -55,14 +56,15 @@ impl Again {
     /// Whether the report replaces the one that is there: that of the same models, which has other seconds.
     pub(super) fn replaces_report(self, path: Option<&Path>, models: &Value) -> bool {
         let Some(path) = path.filter(|path| self.resumed && !is_stdout(path)) else { return self.force };
-        let there = std::fs::read(path).ok().and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
+        let there =
+            spharm_files::read(path, MOST_OWN).ok().and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
         self.force || there.is_some_and(|there| there["models"] == *models)
     }
 }
 
 /// Refuses a file that has other bytes.
 fn same(path: &Path, bytes: &[u8]) -> Result<()> {
-    if std::fs::read(path).with_context(|| path.display().to_string())? != bytes {
+    if !spharm_files::read(path, bytes.len() as u64).is_ok_and(|found| found == bytes) {
         bail!(
             "{}: the file exists and isn't what this run makes; choose another output or give --force",
             path.display()

@@ -18,6 +18,7 @@ use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, counted, prepare, same_place};
+use spharm_cli::paths::{all_shown, shown};
 
 use super::again::Again;
 use super::args::{Models, ReportArgs, Resources};
@@ -187,8 +188,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         .zip(found.transforms.iter().zip(&found.distances))
         .map(|((path, target), (transform, [before, after]))| {
             json!({
-                "model": path,
-                "output": target,
+                "model": shown(path),
+                "output": shown(target),
                 "rmsd_before": before,
                 "rmsd_after": after,
                 "parameters": transform.rotation.matrix(),
@@ -261,7 +262,7 @@ fn to_target(
         distances: reports.iter().map(|report| [report.rmsd_before, report.rmsd_after]).collect(),
         warnings: reports.iter().zip(paths).flat_map(warning).collect(),
         summary: json!({
-            "to": path,
+            "to": shown(path),
             "degree": reports.first().map(|report| report.degree),
             "ends": reports.iter().map(|report| &report.ends).collect::<Vec<_>>(),
         }),
@@ -305,8 +306,8 @@ fn together(
             "spread_before": report.spread_before,
             "spread_after": report.spread_after,
             "templates": ends,
-            "mirrored": mirrored,
-            "mean": cli.mean,
+            "mirrored": all_shown(mirrored),
+            "mean": cli.mean.as_ref().map(shown),
         }),
         mean: Some(found.mean),
         journal,

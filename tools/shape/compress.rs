@@ -11,6 +11,7 @@ use spharm::shape::memory::measure_bytes;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::shown;
 use spharm_model::Model;
 use spharm_surface::io::write_new;
 
@@ -138,8 +139,8 @@ fn one(
         file.max_degree.to_string(),
     ];
     let report = json!({
-        "model": path,
-        "output": target,
+        "model": shown(path),
+        "output": shown(target),
         "bytes": file.bytes.len(),
         "head_bytes": file.head,
         "distance": file.distance,

@@ -10,7 +10,7 @@ use spharm::shape::{Descriptors, descriptors};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, counted, is_stdout, print};
-use spharm_cli::paths::model_name;
+use spharm_cli::paths::{model_name, shown};
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
@@ -113,7 +113,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let seconds = started.elapsed().as_secs_f64();
     let report = json!({
-        "output": cli.output,
+        "output": cli.output.as_ref().map(shown),
         "models": paths.len(),
         "degree": degree,
         "channels": channels,

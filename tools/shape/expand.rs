@@ -1,6 +1,5 @@
 //! `shape expand`: compressed models back to models.
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -12,7 +11,7 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
-use spharm_cli::paths::with_ending;
+use spharm_cli::paths::{shown, with_ending};
 
 use super::args::ReportArgs;
 use super::outputs::{check, finish};
@@ -93,23 +92,15 @@ fn one(cli: &Cli, path: &Path, target: &Path) -> Result<Value> {
     prepare(target)?;
     expanded.model.write_with(target, cli.report.force)?;
     let channels = expanded.model.coefficients.channels();
-    Ok(json!({ "file": path, "output": target, "degree": degree, "channels": channels, "bytes": expanded.bytes }))
+    Ok(
+        json!({ "file": shown(path), "output": shown(target), "degree": degree, "channels": channels, "bytes": expanded.bytes }),
+    )
 }
 
 /// The bytes of a regular file.
 fn read(path: &Path) -> Result<Vec<u8>> {
-    let named = || format!("{}: cannot read the file", path.display());
-    // A FIFO would be waited for.
-    if path.exists() && !path.is_file() {
-        bail!("{}: not a regular file", path.display());
-    }
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).with_context(named)?;
-    file.take(MOST_BYTES + 1).read_to_end(&mut bytes).with_context(named)?;
-    if bytes.len() as u64 > MOST_BYTES {
-        bail!("{}: not a compressed model: it has more than {MOST_BYTES} bytes", path.display());
-    }
-    Ok(bytes)
+    spharm_files::read(path, MOST_BYTES)
+        .with_context(|| format!("{}: cannot read the compressed model", path.display()))
 }
 
 /// The model of each file: the one that was named for a single file, else `NAME.spharm.npz` in that folder.
@@ -122,9 +113,10 @@ fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         return Err(Usage::conflict("--output is the name of a folder where several files are written").into());
     }
     let name = |path: &PathBuf| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let stem = output.join(name.strip_suffix(".sphz").unwrap_or(&name));
-        with_ending(&stem, "spharm.npz")
+        let name = Path::new(path.file_name().unwrap_or_default());
+        let is_compressed = name.extension().is_some_and(|ending| ending == "sphz");
+        let stem = if is_compressed { name.with_extension("") } else { name.to_owned() };
+        with_ending(&output.join(stem), "spharm.npz")
     };
     Ok(paths.iter().map(name).collect())
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use spharm::shape::LocalGeometry;
 use spharm_cli::output::prepare;
-use spharm_cli::paths::{model_name, with_ending};
+use spharm_cli::paths::{model_file_name, with_ending};
 use spharm_surface::io::{PlyAttributes, WriteOptions, write_painted, write_signal};
 use spharm_surface::metrics::colors;
 use spharm_surface::{Mesh, Signal, Sphere};
@@ -56,7 +56,7 @@ impl Maps {
     /// The maps of a model in a folder; `options` are whether files are replaced, and whether values have 64 bits.
     pub(super) fn new(folder: &Path, model: &Path, format: &str, (force, double): (bool, bool)) -> Self {
         let format = format.trim_start_matches('.').to_owned();
-        Self { stem: folder.join(model_name(model)), format, force, double }
+        Self { stem: folder.join(model_file_name(model)), format, force, double }
     }
 
     /// The files that are written.

@@ -12,6 +12,7 @@ use spharm::{Coefficients, Model, Silent};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
+use spharm_cli::paths::shown;
 
 use super::args::{Models, ReportArgs, Resources, files, read_all};
 use super::describe::of;
@@ -138,13 +139,13 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         }
         let matches = found.iter().map(|found| {
             json!({
-                "model": among[found.index],
+                "model": shown(&among[found.index]),
                 "distance": found.distance,
                 "bound": found.bound,
                 "score": found.score,
             })
         });
-        reports.push(json!({ "query": path, "matches": matches.collect::<Vec<_>>() }));
+        reports.push(json!({ "query": shown(path), "matches": matches.collect::<Vec<_>>() }));
     }
     let searching = started.elapsed().as_secs_f64();
     if let Some(path) = &cli.output {

@@ -12,6 +12,7 @@ use spharm::shape::{mean, rmsd};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::{all_shown, shown};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
@@ -69,8 +70,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     rows.push(vec!["root mean square".to_owned(), length(spread)]);
     let report = json!({
-        "output": cli.output,
-        "models": paths,
+        "output": shown(&cli.output),
+        "models": all_shown(&paths),
         "degree": group.degree,
         "distances": distances,
         "spread": spread,

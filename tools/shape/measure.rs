@@ -11,7 +11,7 @@ use spharm::shape::{MeasureParams, Measures, local_geometry, measure};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
-use spharm_cli::paths::model_name;
+use spharm_cli::paths::{all_shown, model_name, shown};
 use spharm_model::Model;
 use spharm_surface::io::{Output, PAINTED};
 
@@ -147,10 +147,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let key = if cli.names { model_name(path) } else { named() };
         cells.push(cells_of(key, degree, &found));
         let mut report = of(&found);
-        report["model"] = json!(path);
+        report["model"] = json!(shown(path));
         report["degree"] = json!(degree);
         report["singular_vertices"] = json!(singular);
-        report["maps"] = json!(maps.as_ref().and_then(|maps| maps.get(number)).map(Maps::files));
+        report["maps"] = json!(maps.as_ref().and_then(|maps| maps.get(number)).map(|maps| all_shown(maps.files())));
         report["warnings"] = json!(warnings);
         report["seconds"] = json!(started.elapsed().as_secs_f64());
         reports.push(report);

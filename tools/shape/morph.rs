@@ -14,6 +14,7 @@ use spharm::{Kind, Model, Sphere};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::{all_shown, shown};
 use spharm_render::{Settings, View, render_frames, write_gif};
 use spharm_surface::Mesh;
 use spharm_surface::io::{Output, WriteOptions, write_mesh};
@@ -143,9 +144,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let seconds = started.elapsed().as_secs_f64();
     let after = morph.alignment.report.rmsd_after;
     let report = json!({
-        "from": cli.from,
-        "to": cli.to,
-        "outputs": files,
+        "from": shown(&cli.from),
+        "to": shown(&cli.to),
+        "outputs": all_shown(&files),
         "animation": cli.animation,
         "rmsd": after,
         "volume_ratio": ratio,

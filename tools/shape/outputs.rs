@@ -10,7 +10,7 @@ use spharm_cli::machine::memory;
 use spharm_cli::output::{
     OutputFile, check_files, check_outputs, is_stdout, prepare, print, print_json, table, write_json,
 };
-use spharm_cli::paths::{model_name, with_ending};
+use spharm_cli::paths::{model_file_name, with_ending};
 use spharm_surface::io::{to_write_mesh, write_new};
 
 use super::args::{Models, ReportArgs};
@@ -26,7 +26,7 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
     {
         return Err(Usage::conflict("--output is the name of a folder where several files are written").into());
     }
-    Ok(paths.iter().map(|path| with_ending(&output.join(model_name(path)), ending)).collect())
+    Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
 }
 
 /// Refuses what couldn't be written in the end.

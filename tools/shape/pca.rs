@@ -15,6 +15,7 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::memory::round_numbers_below;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::{all_shown, shown};
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
@@ -100,9 +101,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         write_text(path, cli.report.force, &csv(&names, rows.iter().map(Vec::as_slice)))?;
     }
     let report = json!({
-        "output": cli.output,
-        "scores": cli.scores,
-        "models": paths,
+        "output": shown(&cli.output),
+        "scores": cli.scores.as_ref().map(shown),
+        "models": all_shown(&paths),
         "degree": group.degree,
         "modes": file.modes.count(),
         "total_variance": file.modes.total_variance,

@@ -11,7 +11,7 @@ use spharm::shape::{EvenSphere, area_spread, degree_within, even_sphere, extent,
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
-use spharm_cli::paths::{model_name, with_ending};
+use spharm_cli::paths::{model_file_name, shown, with_ending};
 use spharm_model::Model;
 use spharm_surface::Sphere;
 use spharm_surface::io::{Output, WriteOptions, write_mesh};
@@ -139,8 +139,7 @@ fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
         return Ok(each.into_iter().map(|path| vec![path]).collect());
     };
     let file = |path: &PathBuf, level: &usize| {
-        let stem = cli.output.join(format!("{}.degree{level}", model_name(path)));
-        with_ending(&stem, &cli.format)
+        with_ending(&cli.output.join(model_file_name(path)), &format!("degree{level}.{}", cli.format))
     };
     Ok(paths.iter().map(|path| levels.iter().map(|level| file(path, level)).collect()).collect())
 }
@@ -169,8 +168,8 @@ fn one(
         prepare(target)?;
         write_mesh(target, &mesh, &options)?;
         reports.push(json!({
-            "model": path,
-            "output": target,
+            "model": shown(path),
+            "output": shown(target),
             "vertices": mesh.vertices.len(),
             "degree": degree,
             "distance": tails[degree],

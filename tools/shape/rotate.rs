@@ -13,6 +13,7 @@ use spharm_cli::Usage;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::all_shown;
 
 use super::args::{Models, ReportArgs, Resources};
 use super::outputs::{check_beside, finish, outputs};
@@ -110,8 +111,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         moved.write_with(target, cli.report.force)?;
     }
     let report = json!({
-        "models": paths,
-        "outputs": targets,
+        "models": all_shown(&paths),
+        "outputs": all_shown(&targets),
         "parameters": transform.rotation.matrix(),
         "object": transform.similarity.orthogonal,
         "scale": transform.similarity.scale,

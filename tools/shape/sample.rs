@@ -15,6 +15,7 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::{Memory, round_numbers_below};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::{all_shown, shown};
 
 use super::args::ReportArgs;
 use super::outputs::{check, finish};
@@ -94,8 +95,8 @@ pub(super) fn run(cli: &Cli, _: &ConsoleMonitor) -> Result<()> {
         model.write_with(path, cli.report.force)?;
     }
     let report = json!({
-        "model": cli.model,
-        "outputs": shapes.iter().map(|(path, _)| path).collect::<Vec<_>>(),
+        "model": shown(&cli.model),
+        "outputs": all_shown(shapes.iter().map(|(path, _)| path)),
         "standard_deviations": shapes.iter().map(|(_, deviations)| deviations).collect::<Vec<_>>(),
         "seed": cli.random.map(|_| cli.seed),
         "seconds": started.elapsed().as_secs_f64(),

@@ -13,6 +13,7 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::shown;
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs};
@@ -91,7 +92,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         transformed(&model, coefficients, "shape smooth", transform.clone()).write_with(target, cli.report.force)?;
         let left = kernel.factor(degree);
         rows.push(vec![target.display().to_string(), degree.to_string(), format!("{left:.3e}")]);
-        models.push(json!({ "model": path, "output": target, "degree": degree, "left": left }));
+        models.push(json!({ "model": shown(path), "output": shown(target), "degree": degree, "left": left }));
     }
     let seconds = started.elapsed().as_secs_f64();
     let report = json!({ "s": kernel.time(), "fwhm_degrees": fwhm, "models": models, "seconds": seconds });

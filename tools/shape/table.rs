@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use spharm::shape::stats::Column;
+use spharm_cli::inputs::read_text;
 
 /// A table with a header.
 pub(super) struct Table {
@@ -19,14 +20,7 @@ impl Table {
     /// Reads a table: RFC 4180 with commas, or tabs where the name ends in .tsv; with or without a byte-order mark.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let named = || path.display().to_string();
-        let size = std::fs::metadata(path).with_context(named)?.len();
-        if size > LARGEST {
-            bail!("{}: expected a table of at most {LARGEST} bytes, found {size}", path.display());
-        }
-        let bytes = std::fs::read(path).with_context(named)?;
-        let text = std::str::from_utf8(&bytes);
-        let text = text.with_context(|| format!("{}: expected UTF-8 text", path.display()))?;
-        let text = text.trim_start_matches('\u{feff}');
+        let text = read_text(path, "table", LARGEST)?;
         let tabs = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("tsv"));
         let mut reader = csv::ReaderBuilder::new()
             .delimiter(if tabs { b'\t' } else { b',' })

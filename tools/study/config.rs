@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use spharm::shape::stats::MAX_RELABELLINGS;
+use spharm_cli::inputs::read_text;
 use toml::{Table, Value};
 
 /// A study as its file says it; paths are those of the file's text.
@@ -146,12 +147,7 @@ impl Study {
     /// When it can't be read, has an unknown key or lacks one, or a value is of another type.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let named = || path.display().to_string();
-        let size = std::fs::metadata(path).with_context(named)?.len();
-        if size > LARGEST {
-            bail!("{}: expected a study of at most {LARGEST} bytes, found {size}", path.display());
-        }
-        let text = std::fs::read_to_string(path).with_context(named)?;
-        Self::parse(text.trim_start_matches('\u{feff}')).with_context(named)
+        Self::parse(&read_text(path, "study", LARGEST)?).with_context(named)
     }
 
     fn parse(text: &str) -> Result<Self> {

@@ -19,6 +19,7 @@ use anyhow::{Context, Result, bail};
 use spharm::cohort::{Manifest, Merged, State};
 use spharm_cli::console::Console;
 use spharm_cli::output::{counted, print, print_line, table};
+use spharm_cli::paths::utf8;
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
@@ -51,6 +52,8 @@ pub(crate) fn run(
         return print_line(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
     }
     let study = cli.study.as_ref().context("STUDY.toml is missing")?;
+    // What other verbs are called with is text.
+    utf8(study)?;
     let plan = Plan::read(study, common(cli))?;
     check::check(&plan)?;
     let mut call = Call { cli, plan: &plan, spharm, console: cli.common.console(), rows: Vec::new() };
@@ -78,7 +81,8 @@ pub(crate) fn run(
 /// Holds the study for this process; jobs that fit parts of it share it. Where the file system has no locks, so it is left.
 fn lock(plan: &Plan, shared: bool) -> Result<File> {
     let path = plan.records().join(".lock");
-    let file = File::options().create(true).append(true).open(&path).with_context(|| path.display().to_string())?;
+    let options = File::options().create(true).append(true).clone();
+    let file = spharm_files::open_with(&path, &options).with_context(|| path.display().to_string())?;
     if let Err(TryLockError::WouldBlock) = if shared { file.try_lock_shared() } else { file.try_lock() } {
         bail!("{}: the study is running already; wait for its end, or stop it", plan.file.display());
     }

@@ -307,7 +307,7 @@ impl Plan {
 
     pub(super) fn write(&self, name: &str, text: &str) -> Result<()> {
         let path = self.records().join(name);
-        if std::fs::read(&path).is_ok_and(|found| found == text.as_bytes()) {
+        if spharm_files::read(&path, text.len() as u64).is_ok_and(|found| found == text.as_bytes()) {
             return Ok(());
         }
         write_new(&path, true, |out| out.write_all(text.as_bytes()))?;

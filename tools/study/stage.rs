@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
+use spharm_cli::inputs::MOST_OWN;
 use spharm_surface::io::write_new;
 
 /// A command of a study.
@@ -72,7 +73,7 @@ impl Stage {
     }
 
     fn record(&self, records: &Path) -> Option<Record> {
-        let text = std::fs::read_to_string(self.file(records)).ok()?;
+        let text = spharm_files::read_text(self.file(records), MOST_OWN).ok()?;
         serde_json::from_str(&text).ok()
     }
 
@@ -114,7 +115,7 @@ impl Stage {
 /// that are empty then, too.
 pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> {
     let named = || record.display().to_string();
-    let text = std::fs::read_to_string(record).with_context(named)?;
+    let text = spharm_files::read_text(record, MOST_OWN).with_context(named)?;
     // Another program's file stays.
     let Ok(found) = serde_json::from_str::<Record>(&text) else { return Ok(()) };
     let outputs = found.outputs.iter().map(|(path, made)| (folder.join(path), made));
@@ -144,7 +145,7 @@ fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
 
 fn hash(path: &Path) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
-    let file = std::fs::File::open(path).with_context(|| path.display().to_string())?;
+    let file = spharm_files::open(path).with_context(|| path.display().to_string())?;
     hasher.update_reader(file).with_context(|| path.display().to_string())?;
     Ok(hasher.finalize().to_hex().to_string())
 }

@@ -42,12 +42,7 @@ pub(super) fn manifest(
 }
 
 fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Result<Vec<u8>> {
-    let size = std::fs::metadata(table)?.len();
-    if size > LARGEST {
-        bail!("expected a table of at most {LARGEST} bytes, found {size}");
-    }
-    let bytes = std::fs::read(table)?;
-    let given = std::str::from_utf8(&bytes).context("expected UTF-8 text")?.trim_start_matches('\u{feff}');
+    let given = spharm_files::read_text(table, LARGEST)?;
     let commas = table.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
     let mut reader = csv::ReaderBuilder::new()
         .delimiter(if commas { b',' } else { b'\t' })

@@ -2,13 +2,13 @@
 //! models, and what killed processes left behind. Only what the study itself has made is removed.
 
 use std::collections::HashSet;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use spharm::Model;
 use spharm::cohort::{Merged, Row, check_id};
 use spharm::files::ModelFiles;
+use spharm_cli::inputs::MOST_OWN;
 use spharm_surface::io::{remove_leftovers, write_new};
 
 use super::plan::Plan;
@@ -74,8 +74,8 @@ fn model(folder: &Path, id: &str) -> Result<bool> {
 
 /// Leaves the rows of these ids out of a status file, unless another process writes to it.
 fn forget(path: &Path, gone: &HashSet<&str>) -> Result<()> {
-    let text = std::fs::read(path)?;
-    let file = File::open(path)?;
+    let text = spharm_files::read(path, MOST_OWN)?;
+    let file = spharm_files::open(path)?;
     if file.try_lock().is_err() {
         return Ok(());
     }

@@ -1,6 +1,6 @@
 //! Spheres, surfaces and signals from files, checked before any work starts.
 
-use std::io::Read;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -76,28 +76,27 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(expanded)
 }
 
-/// Reads a text of at most `most` bytes, without the byte-order mark that some editors write; `what` names it in messages.
+/// Most bytes of a record, a report or a table that the program itself has written.
+pub const MOST_OWN: u64 = 64 << 20;
+
+/// Reads a text of at most `most` bytes, see [`spharm_files::read_text`]; `what` names it in messages.
 ///
 /// # Errors
 ///
-/// When it can't be read, isn't a regular file (a pipe would be waited for), is longer, or isn't UTF-8.
+/// Those of [`spharm_files::read_text`], with the path.
 pub fn read_text(path: &Path, what: &str, most: u64) -> Result<String> {
-    let cannot = || format!("{}: cannot read the {what}", path.display());
-    let found = std::fs::metadata(path).with_context(cannot)?;
-    if !found.is_file() {
-        bail!("{}: expected a {what}, found what isn't a regular file", path.display());
-    }
-    if found.len() > most {
-        bail!("{}: expected a {what} of at most {most} bytes, found {}", path.display(), found.len());
-    }
-    let mut text = String::new();
-    // It may grow meanwhile.
-    std::fs::File::open(path).and_then(|file| file.take(most).read_to_string(&mut text)).with_context(cannot)?;
-    Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
+    spharm_files::read_text(path, most).with_context(|| format!("{}: cannot read the {what}", path.display()))
 }
 
-/// Name of an input without folder and format: `lh.pial.surf.gii` becomes `lh.pial`.
+/// Name of an input without folder and format, for people: `lh.pial.surf.gii` becomes `lh.pial`.
+#[must_use]
 pub fn stem(path: &Path) -> String {
+    file_stem(path).to_string_lossy().into_owned()
+}
+
+/// As [`stem`], exactly, for the names of other files.
+#[must_use]
+pub fn file_stem(path: &Path) -> OsString {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let lower = name.to_ascii_lowercase();
     let unpacked = lower.strip_suffix(".gz").unwrap_or(&lower);
@@ -107,7 +106,11 @@ pub fn stem(path: &Path) -> String {
         .filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
     // `.surf.gii` is an ending, and so is `.gii`.
     let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
-    name.get(..length).unwrap_or(&name).to_owned()
+    // Endings are ASCII: a part of the name is left out for each of their dots.
+    let dots = name.get(length..).unwrap_or_default().matches('.').count();
+    let mut exact = PathBuf::from(path.file_name().unwrap_or_default());
+    (0..dots).for_each(|_| exact = PathBuf::from(exact.file_stem().unwrap_or_default()));
+    exact.into_os_string()
 }
 
 #[cfg(test)]

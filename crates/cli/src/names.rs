@@ -3,12 +3,13 @@
 //! A name must not depend on what else a call has: a cluster job with one subject and a call with all of them have to
 //! write the same files. So it is made from a template, and inputs that it gives the same name are refused.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
 
-use crate::inputs::stem;
+use crate::inputs::file_stem;
 
 /// Most folders above a file that a template may name.
 const DEEPEST: usize = 9;
@@ -78,22 +79,26 @@ impl std::fmt::Display for NameTemplate {
 }
 
 impl NameTemplate {
-    /// Returns the name of an input, and of its label if it is a volume; a folder that it doesn't have is left empty.
+    /// Returns the name of an input, and of its label if it is a volume, for people; a folder that it doesn't have is left
+    /// empty.
     #[must_use]
     pub fn name(&self, input: &Path, label: Option<i64>) -> String {
+        self.file_name(input, label).to_string_lossy().into_owned()
+    }
+
+    /// As [`name`](Self::name), exactly, for the names of files.
+    #[must_use]
+    pub fn file_name(&self, input: &Path, label: Option<i64>) -> OsString {
         let input = in_its_folder(input);
-        let folder = |level: usize| {
-            let folder = input.ancestors().nth(level).and_then(Path::file_name);
-            folder.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
-        };
+        let folder = |level: usize| input.ancestors().nth(level).and_then(Path::file_name);
         let part = |part: &Part| match part {
-            Part::Text(text) => text.clone(),
-            Part::Stem => stem(&input),
-            Part::Label => label.map(|label| label.to_string()).unwrap_or_default(),
-            Part::Parent(level) => folder(*level),
+            Part::Text(text) => OsString::from(text),
+            Part::Stem => file_stem(&input),
+            Part::Label => label.map(|label| label.to_string()).unwrap_or_default().into(),
+            Part::Parent(level) => folder(*level).unwrap_or_default().to_owned(),
         };
         let unnamed = label.filter(|_| !self.0.contains(&Part::Label));
-        let end = unnamed.map(|label| format!(".{label}"));
+        let end = unnamed.map(|label| format!(".{label}").into());
         self.0.iter().map(part).chain(end).collect()
     }
 
@@ -108,7 +113,11 @@ impl NameTemplate {
         if let (false, Some((input, _))) = (of_input, inputs.iter().find(|(_, label)| label.is_none())) {
             bail!("{}: --name-template '{self}' names labels of volumes, and this isn't one", input.display());
         }
-        let output = |(input, label): &(PathBuf, _)| folder.join(format!("{}{ending}", self.name(input, *label)));
+        let output = |(input, label): &(PathBuf, _)| {
+            let mut name = self.file_name(input, *label);
+            name.push(ending);
+            folder.join(name)
+        };
         let outputs: Vec<PathBuf> = inputs.iter().map(output).collect();
         let mut order: Vec<usize> = (0..inputs.len()).collect();
         order.sort_by(|&a, &b| outputs[a].cmp(&outputs[b]));
@@ -134,7 +143,7 @@ impl NameTemplate {
             Self(folders.chain([Part::Stem]).collect())
         };
         let distinguishes = |template: &Self| {
-            let mut names: Vec<String> = inputs.iter().map(|input| template.name(input, None)).collect();
+            let mut names: Vec<OsString> = inputs.iter().map(|input| template.file_name(input, None)).collect();
             names.sort_unstable();
             names.windows(2).all(|pair| pair[0] != pair[1])
         };

@@ -1,10 +1,14 @@
 //! Several inputs in one argument, lists and folders; names of what is made of them.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use serde::Serializer;
 
-use crate::inputs::{expand_lists, stem};
+use spharm::files::ModelFiles;
+
+use crate::inputs::{expand_lists, file_stem};
 
 /// Replaces each `@LIST` by the paths that the file names and each folder by the files in it whose names end in `ending`,
 /// sorted by name.
@@ -33,11 +37,45 @@ pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
     Ok(expanded)
 }
 
-/// Returns the name of a model without folder and endings: `models/lh.pial.spharm.npz` is `lh.pial`.
+/// Returns the name of a model without folder and endings, for people: `models/lh.pial.spharm.npz` is `lh.pial`.
+#[must_use]
 pub fn model_name(model: &Path) -> String {
-    let name = stem(model);
-    let name = name.strip_suffix(".npz").unwrap_or(&name);
-    name.strip_suffix(".spharm").unwrap_or(name).to_owned()
+    model_file_name(model).to_string_lossy().into_owned()
+}
+
+/// As [`model_name`], exactly, for the names of other files.
+#[must_use]
+pub fn model_file_name(model: &Path) -> OsString {
+    ModelFiles { model: file_stem(model).into() }.file_name()
+}
+
+/// Returns a path as reports have it: JSON holds text alone, so bytes that aren't UTF-8 become U+FFFD.
+#[must_use]
+pub fn shown(path: impl AsRef<Path>) -> String {
+    path.as_ref().display().to_string()
+}
+
+/// As [`shown`], for several paths.
+pub fn all_shown<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Vec<String> {
+    paths.into_iter().map(shown).collect()
+}
+
+/// Serialises a path as [`shown`] does, for `#[serde(serialize_with)]`.
+///
+/// # Errors
+///
+/// Those of the serializer.
+pub fn serialize_shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
+}
+
+/// Returns a path as text, for what holds text alone, such as the arguments of another verb.
+///
+/// # Errors
+///
+/// When it isn't UTF-8.
+pub fn utf8(path: &Path) -> Result<&str> {
+    path.to_str().with_context(|| format!("{}: expected a path of UTF-8 text", path.display()))
 }
 
 /// Adds an ending, with or without its dot, to a name that may have dots of its own.

@@ -27,16 +27,6 @@ pub enum CohortError {
         /// What is there.
         found: String,
     },
-    /// A table that is larger than any study's.
-    #[error("{}: expected a table of at most {most} bytes, found {found}", .path.display())]
-    TooLarge {
-        /// The table.
-        path: PathBuf,
-        /// Most bytes.
-        most: u64,
-        /// Its bytes.
-        found: u64,
-    },
     /// A table without any row below its header.
     #[error("{}: expected a header and a row for each surface, found no row", .path.display())]
     NoRows {

@@ -147,7 +147,7 @@ impl StatusFile {
             std::fs::create_dir_all(folder).map_err(io("make the folder of"))?;
         }
         let options = OpenOptions::new().read(true).append(true).create(true).clone();
-        let mut file = options.open(path).map_err(io("open"))?;
+        let mut file = spharm_files::open_with(path, &options).map_err(io("open"))?;
         // Where the file system has no locks, there is nothing to find out.
         if let Err(TryLockError::WouldBlock) = file.try_lock() {
             return Err(CohortError::Locked { path: path.to_owned() });

@@ -3,8 +3,6 @@
 //! RFC 4180 with tabs, or with commas where the name ends in `.csv`: cells in quotation marks may have separators. A
 //! byte-order mark, any line ends, blank lines, and lines that begin with `#` are passed over.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use csv::StringRecord;
@@ -23,19 +21,8 @@ pub(crate) struct Table<'a> {
 
 /// Reads a file of a table, decoded, without its byte-order mark.
 pub(crate) fn read_text(path: &Path) -> Result<String, CohortError> {
-    let io = |source| CohortError::Io { path: path.to_owned(), action: "read", source };
-    let file = File::open(path).map_err(io)?;
-    let metadata = file.metadata().map_err(io)?;
-    if metadata.is_dir() {
-        return Err(io(std::io::Error::other("it is a folder")));
-    }
-    // A pipe has no length.
-    let mut bytes = Vec::new();
-    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(io)?;
-    if bytes.len() as u64 > LARGEST {
-        return Err(CohortError::TooLarge { path: path.to_owned(), most: LARGEST, found: metadata.len() });
-    }
-    decode(path, bytes)
+    let bytes = spharm_files::read(path, LARGEST);
+    decode(path, bytes.map_err(|source| CohortError::Io { path: path.to_owned(), action: "read", source })?)
 }
 
 /// Returns the text of a table's bytes, without its byte-order mark.

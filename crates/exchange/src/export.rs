@@ -1,5 +1,6 @@
 //! Models as files of other packages.
 
+use std::ffi::OsString;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -62,9 +63,13 @@ pub fn files(format: Format, channels: usize, path: &Path) -> Vec<PathBuf> {
     if !format.file_a_channel() || channels == 1 {
         return vec![path.to_owned()];
     }
-    let named = |name: String| match path.extension() {
-        Some(ending) => path.with_extension(format!("{name}.{}", ending.to_string_lossy())),
-        None => path.with_extension(name),
+    let named = |name: String| {
+        let mut ending = OsString::from(name);
+        if let Some(of_path) = path.extension() {
+            ending.push(".");
+            ending.push(of_path);
+        }
+        path.with_extension(ending)
     };
     table::channel_names(channels).into_iter().map(named).collect()
 }

@@ -1,6 +1,5 @@
 //! Models from files of other packages.
 
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -95,15 +94,12 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
 
 /// Reads a regular file whole; a FIFO would be waited for.
 fn load(path: &Path) -> io::Result<Vec<u8>> {
-    let found = std::fs::metadata(path)?;
-    if !found.is_file() {
-        return Err(io::Error::other("not a regular file"));
-    }
+    let mut file = spharm_files::open(path)?;
     // A sparse file takes no room on a disk; of a text of numbers each takes about as many bytes.
-    check_room(found.len().saturating_mul(2))
+    check_room(file.metadata()?.len().saturating_mul(2))
         .map_err(|room| io::Error::other(format!("what it holds takes {room}")))?;
     let mut bytes = Vec::new();
-    File::open(path)?.read_to_end(&mut bytes)?;
+    file.read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 

@@ -67,10 +67,7 @@ impl Arrays {
     /// [`Open`](ModelError::Open), [`Invalid`](ModelError::Invalid).
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         let open = |source| ModelError::Open { path: path.to_owned(), source };
-        if !std::fs::metadata(path).map_err(open)?.is_file() {
-            return Err(ModelError::Invalid { path: path.to_owned(), problem: "it is not a regular file".to_owned() });
-        }
-        let zip = ZipArchive::new(BufReader::new(File::open(path).map_err(open)?));
+        let zip = ZipArchive::new(BufReader::new(spharm_files::open(path).map_err(open)?));
         let zip = zip.map_err(|error| ModelError::Invalid { path: path.to_owned(), problem: error.to_string() })?;
         Ok(Self { path: path.to_owned(), zip })
     }

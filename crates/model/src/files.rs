@@ -1,6 +1,5 @@
 //! Reading and writing models.
 
-use std::fs::File;
 use std::io::{self, BufReader, Cursor, Write};
 use std::path::Path;
 
@@ -54,10 +53,7 @@ impl Model {
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let path = path.as_ref();
         let open = |source| ModelError::Open { path: path.to_owned(), source };
-        if !std::fs::metadata(path).map_err(open)?.is_file() {
-            return Err(ModelError::Invalid { path: path.to_owned(), problem: "it is not a regular file".to_owned() });
-        }
-        npz::read(path, BufReader::new(File::open(path).map_err(open)?))
+        npz::read(path, BufReader::new(spharm_files::open(path).map_err(open)?))
     }
 
     /// Reads a model from the bytes of an archive, as [`read`](Self::read) does from a file.

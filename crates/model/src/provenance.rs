@@ -3,8 +3,6 @@
 //! It holds what a program needs to tell whether a model that it finds is the one it would make.
 
 use std::fmt;
-use std::fs::File;
-use std::io;
 use std::path::Path;
 
 use serde::{Deserialize, Deserializer, Serialize};
@@ -109,13 +107,8 @@ impl FileRecord {
     /// [`Input`](ModelError::Input) where there is no such file, or no regular one, and when it can't be read.
     pub fn of(path: &Path) -> Result<Self, ModelError> {
         let refuse = |source| ModelError::Input { path: path.to_owned(), source };
-        // A FIFO would be waited for.
-        if !path.is_file() {
-            let problem = if path.exists() { "not a regular file" } else { "no such file" };
-            return Err(refuse(io::Error::other(problem)));
-        }
         let mut hasher = blake3::Hasher::new();
-        hasher.update_reader(File::open(path).map_err(refuse)?).map_err(refuse)?;
+        hasher.update_reader(spharm_files::open(path).map_err(refuse)?).map_err(refuse)?;
         let (bytes, blake3) = (hasher.count(), hasher.finalize().to_hex().to_string());
         Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, label: None })
     }

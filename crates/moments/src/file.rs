@@ -1,6 +1,5 @@
 //! Files of moments; `docs/moments-format.md` is the authority on their bytes.
 
-use std::fs::File;
 use std::io::{self, Read, Write};
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -68,11 +67,7 @@ impl Moments {
     ///
     /// [`MomentsError::Io`], [`MomentsError::Corrupt`], [`MomentsError::Version`].
     pub fn read(path: &Path) -> Result<Self, MomentsError> {
-        // A FIFO would be waited for.
-        if path.exists() && !path.is_file() {
-            return Err(MomentsError::io(path, "read")(io::Error::other("not a regular file")));
-        }
-        let mut file = File::open(path).map_err(MomentsError::io(path, "open"))?;
+        let mut file = spharm_files::open(path).map_err(MomentsError::io(path, "open"))?;
         let length = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
         decode(&mut file, length, path)
     }

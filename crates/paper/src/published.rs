@@ -60,6 +60,9 @@ struct OfSurface {
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct Reference(BTreeMap<String, OfSurface>);
 
+/// Most bytes of a reference.
+const LARGEST: u64 = 1 << 24;
+
 impl Reference {
     /// Reads the reference of a folder of data; an empty one where there is no such file.
     pub(crate) fn beside(data: &Path) -> Result<Self> {
@@ -67,7 +70,8 @@ impl Reference {
         if !path.exists() {
             return Ok(Self::default());
         }
-        let text = std::fs::read_to_string(&path).with_context(|| format!("{}: cannot read", path.display()))?;
+        let text =
+            spharm_files::read_text(&path, LARGEST).with_context(|| format!("{}: cannot read", path.display()))?;
         serde_json::from_str(&text).with_context(|| format!("{}: not a reference as the README says", path.display()))
     }
 

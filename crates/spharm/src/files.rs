@@ -1,5 +1,6 @@
 //! The files of a fit: the model, and beside it what else was asked for.
 
+use std::ffi::OsString;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -39,12 +40,29 @@ pub struct ModelFiles {
 }
 
 impl ModelFiles {
-    /// Returns the name, `NAME`.
+    /// Returns the name, `NAME`, for people.
     #[must_use]
     pub fn name(&self) -> String {
-        let name = self.model.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let stem = name.strip_suffix(".npz").unwrap_or(&name);
-        stem.strip_suffix(".spharm").unwrap_or(stem).to_owned()
+        self.file_name().to_string_lossy().into_owned()
+    }
+
+    /// Returns the name, `NAME`, exactly, for the names of other files.
+    #[must_use]
+    pub fn file_name(&self) -> OsString {
+        let mut name = PathBuf::from(self.model.file_name().unwrap_or_default());
+        for ending in ["npz", "spharm"] {
+            if name.extension().is_some_and(|found| found == ending) {
+                name = name.with_extension("");
+            }
+        }
+        name.into_os_string()
+    }
+
+    /// The file of this ending beside the model.
+    fn beside(&self, ending: &str) -> PathBuf {
+        let mut name = self.file_name();
+        name.push(ending);
+        self.model.with_file_name(name)
     }
 
     /// Returns the table of complex coefficients, `NAME.spharm.csv`.
@@ -62,25 +80,25 @@ impl ModelFiles {
     /// Returns the sphere that a surface was mapped to, `NAME.sphere.surf.gii`.
     #[must_use]
     pub fn sphere(&self) -> PathBuf {
-        self.model.with_file_name(format!("{}.sphere.surf.gii", self.name()))
+        self.beside(".sphere.surf.gii")
     }
 
     /// Returns the surface around a volume's label, `NAME.surf.gii`.
     #[must_use]
     pub fn surface(&self) -> PathBuf {
-        self.model.with_file_name(format!("{}.surf.gii", self.name()))
+        self.beside(".surf.gii")
     }
 
     /// Returns the surface that was cut where it had handles, `NAME.cut.surf.gii`.
     #[must_use]
     pub fn cut_surface(&self) -> PathBuf {
-        self.model.with_file_name(format!("{}.cut.surf.gii", self.name()))
+        self.beside(".cut.surf.gii")
     }
 
     /// Returns the mesh that was mended, `NAME.fixed.surf.gii`.
     #[must_use]
     pub fn fixed_surface(&self) -> PathBuf {
-        self.model.with_file_name(format!("{}.fixed.surf.gii", self.name()))
+        self.beside(".fixed.surf.gii")
     }
 
     /// Returns whether the sphere beside the model is there and was made of this input.

@@ -95,11 +95,7 @@ fn ending(path: &Path) -> Option<&'static str> {
 
 /// A regular file that isn't empty, and its size.
 fn open_file(path: &Path) -> Result<(File, u64), MomentsError> {
-    // A FIFO would be waited for.
-    if path.exists() && !path.is_file() {
-        return Err(MomentsError::io(path, "read")(io::Error::other("not a regular file")));
-    }
-    let file = File::open(path).map_err(MomentsError::io(path, "open"))?;
+    let file = spharm_files::open(path).map_err(MomentsError::io(path, "open"))?;
     let bytes = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
     if bytes == 0 {
         return Err(MomentsError::Empty { path: path.to_owned() });

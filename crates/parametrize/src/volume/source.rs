@@ -1,5 +1,6 @@
 //! A volume's file, and what its format leaves open.
 
+use std::io::Read;
 use std::path::Path;
 
 use spharm_monitor::Monitor;
@@ -37,12 +38,10 @@ impl Source<'_> {
 /// Reads a regular file whole; opening a pipe would wait for whoever writes it.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
     let io = |cause| ParametrizeError::Io { path: path.to_owned(), cause };
-    let there = std::fs::metadata(path).map_err(io)?;
-    if !there.is_file() {
-        let (expected, found) = ("a regular file", "something else".to_owned());
-        return Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected, found });
-    }
+    let mut file = spharm_files::open(path).map_err(io)?;
     // A sparse file takes no room on a disk.
-    check_room(there.len()).map_err(|room| no_room(path, room))?;
-    std::fs::read(path).map_err(io)
+    check_room(file.metadata().map_err(io)?.len()).map_err(|room| no_room(path, room))?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes).map_err(io)?;
+    Ok(bytes)
 }

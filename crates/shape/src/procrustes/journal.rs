@@ -53,8 +53,8 @@ impl Journal {
     /// [`ShapeError::JournalInUse`]; [`ShapeError::Journal`] where it can't be read or written.
     pub fn open(path: &Path, members: &[Coefficients], params: &ProcrustesParams) -> Result<Self, ShapeError> {
         let failed = |cause| ShapeError::Journal { path: path.to_owned(), cause };
-        let options = File::options().read(true).write(true).create(true).truncate(false).open(path);
-        let mut file = options.map_err(failed)?;
+        let options = File::options().read(true).write(true).create(true).truncate(false).clone();
+        let mut file = spharm_files::open_with(path, &options).map_err(failed)?;
         match file.try_lock() {
             // Where a file system has no locks, nothing keeps two processes apart.
             Ok(()) | Err(TryLockError::Error(_)) => {}

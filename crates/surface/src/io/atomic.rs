@@ -8,8 +8,9 @@ use std::fs;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use spharm_files::other_kind;
+
 use super::leftovers;
-use super::load::kind_name;
 use crate::error::SurfaceError;
 
 /// Writes a file through `f`, whole or not at all.
@@ -38,7 +39,10 @@ pub fn write_new(
     let mut mode = None;
     let target = match fs::metadata(path) {
         Ok(found) if !found.is_file() => {
-            return Err(SurfaceError::NotAFile { path: path.to_owned(), found: kind_name(found.file_type()) });
+            return Err(SurfaceError::NotAFile {
+                path: path.to_owned(),
+                found: other_kind(found.file_type()).unwrap_or("something else"),
+            });
         }
         Ok(_) if !overwrite => return Err(exists()),
         Ok(found) => {

@@ -1,8 +1,10 @@
 //! A file's bytes.
 
-use std::fs::{self, FileType};
+use std::fs;
 use std::io::Read;
 use std::path::Path;
+
+use spharm_files::{open, other_kind};
 
 use super::flaw::Flaw;
 use crate::error::SurfaceError;
@@ -13,31 +15,14 @@ use crate::room::{Bytes, check_room, most_expanded};
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
     let found = fs::metadata(path).map_err(io("open"))?;
-    let kind = found.file_type();
-    if !kind.is_file() {
-        return Err(SurfaceError::NotAFile { path: path.to_owned(), found: kind_name(kind) });
+    if let Some(found) = other_kind(found.file_type()) {
+        return Err(SurfaceError::NotAFile { path: path.to_owned(), found });
     }
     // A sparse file takes no room on a disk.
     check_room(found.len()).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
-    fs::read(path).map_err(io("read"))
-}
-
-/// What stands at a path, in words.
-pub(super) fn kind_name(kind: FileType) -> &'static str {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::FileTypeExt;
-        if kind.is_fifo() {
-            return "a pipe";
-        }
-        if kind.is_socket() {
-            return "a socket";
-        }
-        if kind.is_block_device() || kind.is_char_device() {
-            return "a device";
-        }
-    }
-    if kind.is_dir() { "a directory" } else { "something else" }
+    let mut bytes = Vec::new();
+    open(path).and_then(|mut file| file.read_to_end(&mut bytes)).map_err(io("read"))?;
+    Ok(bytes)
 }
 
 /// The most bytes that one of deflate's output (gzip, zip) can stand for: a bound of the method itself.
