@@ -340,14 +340,9 @@ fn a_disk_that_is_full_ends_the_call_and_loses_nothing() {
         if !limited {
             return fit;
         }
-        // Writing then fails, in place of ending the process by a signal.
+        // Writing then fails, in place of ending the process by SIGXFSZ.
         let mut shell = Command::new("sh");
-        shell
-            .arg("-c")
-            .arg("trap '' XFSZ; ulimit -f 16; exec \"$@\"")
-            .arg("sh")
-            .arg(fit.get_program())
-            .args(fit.get_args());
+        shell.arg("-c").arg("ulimit -f 16; exec \"$@\"").arg("sh").arg(fit.get_program()).args(fit.get_args());
         shell.current_dir(study.folder.path());
         shell
     };

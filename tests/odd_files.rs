@@ -106,6 +106,39 @@ fn pipes_and_devices_are_refused_at_once() {
     }
 }
 
+/// A limit on the size of files is an error of the one that is written.
+#[test]
+fn a_limit_on_the_size_of_files_is_an_error() {
+    let site = Site::new();
+    for line in ["shape mean models -o mean.npz", "shape measure models -o m.csv", "picture s0.ply -o p.png"] {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", "ulimit -f 0; exec \"$@\"", "sh"]).arg(tool("").get_program()).args(line.split(' '));
+        let output = finish(shell.current_dir(site.path("")));
+        assert_eq!(output.status.code(), Some(1), "{line}: {}", text(&output));
+        assert!(text(&output).contains("File too large"), "{line}: {}", text(&output));
+    }
+}
+
+/// Ids that spreadsheets would compute are text in tables, and found again.
+#[test]
+fn ids_that_are_formulas_are_text_in_tables() {
+    let site = Site::new();
+    std::fs::write(site.path("f.tsv"), "id\tsurface\n=1+1\ts0.ply\n@SUM(1)\ts1.ply\n").expect("written");
+    let fit = "fit --manifest f.tsv --sphere sphere.ply --max-degree 2 -q --status f.status.tsv -o fitted";
+    succeed(&mut site.run(fit));
+    let status = std::fs::read_to_string(site.path("f.status.tsv")).expect("a table");
+    assert!(
+        status.lines().skip(1).all(|line| line.starts_with("'=1+1\t") || line.starts_with("'@SUM(1)\t")),
+        "{status}"
+    );
+    let found = succeed(&mut site.run("status f.status.tsv --manifest f.tsv --json"));
+    let found: serde_json::Value = serde_json::from_str(&found).expect("JSON");
+    assert_eq!((&found["done"], &found["not_started"]), (&2.into(), &0.into()), "{found}");
+    succeed(&mut site.run("shape measure fitted --names -o measures.csv -q"));
+    let measures = std::fs::read_to_string(site.path("measures.csv")).expect("a table");
+    assert!(measures.contains("\n'=1+1,") && measures.contains("\n'@SUM(1),"), "{measures}");
+}
+
 /// Reports name them as far as JSON can, and outputs exactly.
 #[test]
 fn names_that_are_not_text_are_kept() {

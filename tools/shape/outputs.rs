@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use serde_json::{Value, json};
+use spharm::cohort::guarded;
 use spharm_cli::Usage;
 use spharm_cli::machine::memory;
 use spharm_cli::output::{
@@ -95,13 +96,10 @@ pub(super) fn write_text(path: &Path, force: bool, text: &str) -> Result<()> {
     Ok(())
 }
 
-/// RFC 4180.
+/// RFC 4180, of a cell that no spreadsheet takes for a formula.
 fn quoted(cell: &str) -> Cow<'_, str> {
-    if cell.contains([',', '"', '\n', '\r']) {
-        Cow::Owned(format!("\"{}\"", cell.replace('"', "\"\"")))
-    } else {
-        Cow::Borrowed(cell)
-    }
+    let cell = guarded(cell);
+    if cell.contains([',', '"', '\n', '\r']) { Cow::Owned(format!("\"{}\"", cell.replace('"', "\"\""))) } else { cell }
 }
 
 #[cfg(test)]
@@ -113,5 +111,7 @@ mod tests {
         let rows = [vec!["a,\"b\".npz".to_owned(), number(0.1)], vec!["c".to_owned(), number(1e-300)]];
         let text = csv(&["model", "a"], rows.iter().map(Vec::as_slice));
         assert_eq!(text, "model,a\n\"a,\"\"b\"\".npz\",0.1\nc,1e-300\n");
+        let rows = [vec!["=cmd|calc".to_owned(), number(-0.5)]];
+        assert_eq!(csv(&["@x", "a"], rows.iter().map(Vec::as_slice)), "'@x,a\n'=cmd|calc,-0.5\n");
     }
 }

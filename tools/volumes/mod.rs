@@ -50,7 +50,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let pool = cli.threads.pool()?;
     let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
     prepare(&table)?;
-    let text = table::text(&call.rows, cli.max_degree);
+    let text = table::lines(&call.rows, cli.max_degree);
     let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text));
     if call.refused > 0 && table.is_file() {
         bail!(

@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use spharm::cohort::guarded;
 use spharm::model::Provenance;
 use spharm::shape::{Descriptors, Measures};
 
@@ -56,7 +57,7 @@ const COLUMNS: [&str; 13] = [
 const NONE: &str = "n/a";
 
 /// Text of the table: a line a row, tabs between cells, the powers of the degrees up to `max_degree` last.
-pub(super) fn text(rows: &[Row], max_degree: usize) -> String {
+pub(super) fn lines(rows: &[Row], max_degree: usize) -> String {
     let lines = rows.iter().map(|row| cells(row, max_degree).join("\t") + "\n");
     std::iter::once(head(max_degree) + "\n").chain(lines).collect()
 }
@@ -89,6 +90,11 @@ pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
     table.to_owned() + &earlier.lines().filter(|line| !own.contains(&key(line))).filter_map(kept).collect::<String>()
 }
 
+/// A cell of one line, which no spreadsheet takes for a formula.
+fn text(cell: &str) -> String {
+    guarded(&plain(cell)).into_owned()
+}
+
 fn cells(row: &Row, max_degree: usize) -> Vec<String> {
     let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
     let number = |value: f64| format!("{value:?}");
@@ -101,7 +107,7 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
     let powers =
         (0..max_degree).map(|at| or_none(model.and_then(|m| m.descriptors.power.get(at).copied()).map(number)));
     let cells = [
-        plain(&row.file),
+        text(&row.file),
         or_none(row.label.map(|label| label.to_string())),
         state.to_owned(),
         or_none(row.border.map(|cut| if cut { "yes" } else { "no" }.to_owned())),
@@ -112,8 +118,8 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
         of(|model| model.measures.sphericity),
         or_none(model.and_then(|model| model.residual).map(number)),
         of(|model| model.descriptors.size()),
-        or_none(model.map(|model| plain(&model.file))),
-        or_none(error.map(|error| plain(error))),
+        or_none(model.map(|model| text(&model.file))),
+        or_none(error.map(|error| text(error))),
     ];
     cells.into_iter().chain(powers).collect()
 }
@@ -158,7 +164,7 @@ mod tests {
             border: Some(true),
             outcome: Outcome::Failed("no\nball".to_owned()),
         };
-        let text = text(&[failed], 2);
+        let text = lines(&[failed], 2);
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split('\t').collect()).collect();
         assert_eq!((lines.len(), lines[0].len(), lines[1].len()), (2, 15, 15));
         assert_eq!(lines[1][..5], ["a b.nii", "3", "failed", "yes", "8"]);

@@ -40,6 +40,8 @@ fn listen() -> Arc<AtomicBool> {
             let _ = flag::register(signal, Arc::clone(&cancel));
         }
     }
+    // A write beyond a limit on the size of files (`ulimit -f`) then fails with EFBIG in place of ending the process.
+    let _ = flag::register(libc::SIGXFSZ, Arc::default());
     cancel
 }
 
@@ -61,6 +63,7 @@ pub fn command_of(mut program: Command, verb: &str) -> Command {
 /// Runs a verb and returns the exit code. An error is printed as one line to stderr, and so is a panic; a [`Usage`] error as
 /// clap prints its own, with the usage of `command`.
 pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> Command) -> u8 {
+    cancel();
     let Err(error) = caught(work) else { return 0 };
     if is_closed_pipe(&error) {
         return 0;

@@ -39,6 +39,7 @@
 #![forbid(unsafe_code)]
 
 mod error;
+mod formulas;
 mod manifest;
 mod merge;
 mod shard;
@@ -46,6 +47,7 @@ mod status;
 mod table;
 
 pub use error::CohortError;
+pub use formulas::{guarded, unguarded};
 pub use manifest::{Manifest, Row, check_id};
 pub use merge::Merged;
 pub use shard::Shard;

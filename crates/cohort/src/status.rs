@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crate::error::CohortError;
+use crate::formulas::{guarded, unguarded};
 use crate::table::writer;
 
 /// The columns, in their order.
@@ -94,13 +95,13 @@ impl Entry {
         let [id, state, msd, xsd, seconds, error, output] = cells[..] else { return None };
         let number = |cell: &str| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) };
         Some(Self {
-            id: Some(id).filter(|id| !id.is_empty())?.to_owned(),
+            id: Some(unguarded(id)).filter(|id| !id.is_empty())?.to_owned(),
             state: state.parse().ok()?,
             msd: number(msd)?,
             xsd: number(xsd)?,
             seconds: number(seconds)?,
-            error: error.to_owned(),
-            output: output.to_owned(),
+            error: unguarded(error).to_owned(),
+            output: unguarded(output).to_owned(),
         })
     }
 
@@ -110,7 +111,7 @@ impl Entry {
         let number =
             |value: Option<f64>| value.filter(|value| value.is_finite()).map_or(String::new(), |v| format!("{v:e}"));
         let seconds = self.seconds.map_or(String::new(), |seconds| format!("{seconds:.3}"));
-        let plain = |text: &str| text.replace(char::is_control, " ");
+        let plain = |text: &str| guarded(&text.replace(char::is_control, " ")).into_owned();
         let state = self.state.name().to_owned();
         let (id, error, output) = (plain(&self.id), plain(&self.error), plain(&self.output));
         line([id, state, number(self.msd), number(self.xsd), seconds, error, output])

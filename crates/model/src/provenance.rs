@@ -3,6 +3,7 @@
 //! It holds what a program needs to tell whether a model that it finds is the one it would make.
 
 use std::fmt;
+use std::io;
 use std::path::Path;
 
 use serde::{Deserialize, Deserializer, Serialize};
@@ -106,7 +107,11 @@ impl FileRecord {
     ///
     /// [`Input`](ModelError::Input) where there is no such file, or no regular one, and when it can't be read.
     pub fn of(path: &Path) -> Result<Self, ModelError> {
-        let refuse = |source| ModelError::Input { path: path.to_owned(), source };
+        let refuse = |source: io::Error| {
+            let is_missing = source.kind() == io::ErrorKind::NotFound;
+            let source = if is_missing { io::Error::new(source.kind(), "no such file") } else { source };
+            ModelError::Input { path: path.to_owned(), source }
+        };
         let mut hasher = blake3::Hasher::new();
         hasher.update_reader(spharm_files::open(path).map_err(refuse)?).map_err(refuse)?;
         let (bytes, blake3) = (hasher.count(), hasher.finalize().to_hex().to_string());

@@ -181,7 +181,7 @@ fn files_that_hold_no_samples() {
     }
     refused(&request(&folder.file("a.xyz", "1 2 3"), &["f"]), &["a.xyz", ".npy", ".csv"]);
     refused(&request(&folder.0.path().join("none.csv"), &["f"]), &["none.csv"]);
-    refused(&request(folder.0.path(), &["f"]), &["not a regular file"]);
+    refused(&request(folder.0.path(), &["f"]), &["expected a regular file"]);
     let mut little = request(&folder.file("a.csv", "lon,lat,f\n1,2,3\n"), &["f"]);
     little.memory = Some(1 << 20);
     assert!(matches!(accumulate(&little, &Silent), Err(MomentsError::Memory { .. })));

@@ -38,6 +38,10 @@ impl Source<'_> {
 /// Reads a regular file whole; opening a pipe would wait for whoever writes it.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
     let io = |cause| ParametrizeError::Io { path: path.to_owned(), cause };
+    if let Some(found) = spharm_files::other_kind(std::fs::metadata(path).map_err(io)?.file_type()) {
+        let (expected, found) = ("a regular file", found.to_owned());
+        return Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected, found });
+    }
     let mut file = spharm_files::open(path).map_err(io)?;
     // A sparse file takes no room on a disk.
     check_room(file.metadata().map_err(io)?.len()).map_err(|room| no_room(path, room))?;

@@ -59,7 +59,7 @@ const MIN_SUPPORT: f64 = 11.0;
 
 /// The number of subjects that an estimate rests on: `(sum h)^2 / sum h^2` of their leverages h, n for a mean of n.
 fn support(effect: ArrayView2<'_, f64>) -> f64 {
-    let leverage = effect.rows().into_iter().map(|row| row.dot(&row));
+    let leverage = effect.rows().into_iter().map(|row| row.iter().map(|value| value * value).sum::<f64>());
     let (sum, squares) = leverage.fold((0.0, 0.0), |(sum, squares), h| (sum + h, squares + h * h));
     sum * sum / squares
 }

@@ -26,7 +26,7 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
         let (mut squares, mut freedom) = (0.0, 0.0);
         for &i in &members[group] {
             squares += residuals.row(i).iter().map(|value| value * value).sum::<f64>();
-            freedom += 1.0 - basis.row(i).dot(&basis.row(i));
+            freedom += 1.0 - basis.row(i).iter().map(|value| value * value).sum::<f64>();
         }
         if freedom > 1e-9 { squares / freedom } else { f64::NAN }
     });

@@ -19,6 +19,7 @@ use super::design::{Contrast, Design};
 use super::distributions::{p_of_f, p_of_t, quantile_of_t};
 use super::linear::{Effect, Found, Small, Statistic, floors};
 use crate::ShapeError;
+use crate::product::product;
 
 /// The group of each subject, 0 or 1, and the weight of the first one's mean in a contrast of two groups; `components` at a
 /// vertex.
@@ -89,7 +90,7 @@ impl Half {
         for mut row in values.rows_mut() {
             row.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= mean);
         }
-        let scatter = Array2::from_shape_fn((d, d), |(i, j)| values.column(i).dot(&values.column(j)));
+        let scatter = product(values.t(), values.view());
         Self { n: n as f64, mean, scatter }
     }
 
