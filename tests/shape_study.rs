@@ -52,6 +52,11 @@ fn a_study_finds_the_bump_of_its_second_group() {
     ));
     let modes = report(&at("pca.json"));
     assert_eq!(modes["modes"], 11);
+    let list = |name: &str| -> Vec<f64> {
+        modes[name].as_array().expect("a list").iter().map(|value| value.as_f64().expect("a number")).collect()
+    };
+    let (shares, cumulative) = (list("shares"), list("compactness"));
+    assert!((shares[0] + shares[1] - cumulative[1]).abs() < 1e-12 && shares[1] < 0.9 * cumulative[1], "{modes}");
     // The spread is of n, the variance of n - 1 members.
     let variance = modes["total_variance"].as_f64().expect("a number");
     assert!((variance * 11.0 / 12.0 / spread("spread_after").powi(2) - 1.0).abs() < 1e-6);

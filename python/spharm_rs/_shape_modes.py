@@ -83,8 +83,13 @@ class Modes:
         return self._inner.total_variance
 
     @property
+    def shares(self) -> Floats:
+        """Share of the variance along each mode, (m,)."""
+        return self._inner.shares
+
+    @property
     def compactness(self) -> Floats:
-        """Share of the variance along the first k modes, (m,)."""
+        """Cumulative share of the variance along the first k modes, (m,)."""
         return self._inner.compactness
 
     @property

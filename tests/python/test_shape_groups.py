@@ -142,6 +142,7 @@ def test_modes_are_numpys_singular_vectors(group: list[sp.Model], tmp_path: Path
     assert np.allclose(modes.modes[:, 1:].reshape(7, -1), sign * vt[:7] * SPHERE**0.5, atol=1e-9)
     assert np.allclose(modes.scores, (u * s)[:, :7] * sign.T, atol=1e-10)
     assert np.isclose(modes.total_variance, (s**2).sum() / 7) and np.isclose(modes.compactness[-1], 1)
+    assert np.allclose(modes.shares, s[:7] ** 2 / (s**2).sum()) and np.allclose(np.cumsum(modes.shares), modes.compactness)
     shape = modes.shape([1, -2])
     along = np.array([1, -2]) * np.sqrt(modes.variances[:2])
     assert np.allclose(shape.coefficients, modes.mean.coefficients + np.tensordot(along, modes.modes[:2], 1), atol=1e-13)

@@ -307,6 +307,7 @@ fn together(
             "spread_after": report.spread_after,
             "templates": ends,
             "mirrored": all_shown(mirrored),
+            "surface_distances": report.surface_distances,
             "mean": cli.mean.as_ref().map(shown),
         }),
         mean: Some(found.mean),

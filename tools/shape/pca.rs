@@ -108,6 +108,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "modes": file.modes.count(),
         "total_variance": file.modes.total_variance,
         "variances": file.modes.variances,
+        "shares": file.modes.shares(),
         "compactness": file.modes.compactness(),
         "generalisation": found.as_ref().map(|found| &found.generalisation),
         "specificity": found.as_ref().map(|found| &found.specificity),
@@ -118,15 +119,16 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 }
 
 fn rows(modes: &Modes, quality: Option<&Quality>) -> Vec<Vec<String>> {
-    let mut names = vec!["mode", "standard deviation", "of the variance"];
+    let mut names = vec!["mode", "standard deviation", "share", "cumulative"];
     if quality.is_some() {
         names.extend(["generalisation", "specificity"]);
     }
     let mut rows = vec![names.into_iter().map(str::to_owned).collect()];
     // The report has all of them.
-    for (k, share) in modes.compactness().into_iter().enumerate().take(20) {
+    for (k, (share, cumulative)) in modes.shares().into_iter().zip(modes.compactness()).enumerate().take(20) {
         let deviation = modes.variances[k].sqrt();
-        let mut row = vec![(k + 1).to_string(), format!("{deviation:.6}"), format!("{:.1} %", 100.0 * share)];
+        let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+        let mut row = vec![(k + 1).to_string(), format!("{deviation:.6}"), percent(share), percent(cumulative)];
         row.extend(quality.map(|found| format!("{:.6}", found.generalisation[k])));
         row.extend(quality.map(|found| format!("{:.6}", found.specificity[k])));
         rows.push(row);

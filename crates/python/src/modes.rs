@@ -83,6 +83,11 @@ impl Modes {
     }
 
     #[getter]
+    fn shares<'py>(&self, py: Python<'py>) -> Vector<'py> {
+        self.file.modes.shares().into_pyarray(py)
+    }
+
+    #[getter]
     fn compactness<'py>(&self, py: Python<'py>) -> Vector<'py> {
         self.file.modes.compactness().into_pyarray(py)
     }

@@ -158,11 +158,13 @@ fn details(shown: &Shown) -> String {
 /// The modes' shares of the variance, and the group.
 fn spectrum_of_variance(shapes: &spharm_shape::pca::file::ShapeModel) -> String {
     let total = shapes.modes.total_variance;
+    let (shares, cumulative) = (shapes.modes.shares(), shapes.modes.compactness());
     let row = |(k, variance): (usize, &f64)| {
-        let percent = if total > 0.0 { 100.0 * variance / total } else { 0.0 };
+        let [share, cumulative] = [shares[k], cumulative[k]].map(|share| 100.0 * share);
+        let deviation = number(variance.sqrt());
         (
             format!("Mode {}", k + 1),
-            format!("{percent:.1} % of the variance, {} standard deviation", number(variance.sqrt())),
+            format!("{share:.1} % of the variance, {cumulative:.1} % cumulative; standard deviation {deviation}"),
         )
     };
     let mut rows = vec![

@@ -93,11 +93,13 @@ pub mod retrieval;
 pub mod rotate;
 pub mod rotation;
 mod row_sums;
+mod sampled;
 #[cfg(test)]
 mod samples;
 pub mod singular_values;
 mod so3_grid;
 pub mod stats;
+pub mod surface_poses;
 mod templates;
 pub mod transform;
 
@@ -124,4 +126,5 @@ pub use retrieval::{Library, Match, Metric};
 pub use rotate::rotate_parameters;
 pub use rotation::Rotation;
 pub use singular_values::singular_values;
+pub use surface_poses::{SurfacePoseWarning, SurfacePoses, surface_poses};
 pub use transform::{Similarity, Transform, rmsd, transform_object};

@@ -29,12 +29,15 @@ impl GroupSizes {
         self.values().saturating_mul(16)
     }
 
-    /// Returns the bytes that bringing the group together takes beside the coefficients: `96 n K` for members in their poses, and
-    /// [`align_bytes`] for each thread.
+    /// Returns the bytes that bringing the group together takes beside the coefficients: `96 n K` for members in their poses;
+    /// for each thread [`align_bytes`], or after that a surface with its search tree; and those of the mean and a member.
     #[must_use]
     pub fn procrustes(self, threads: usize) -> u64 {
         let members = (96 * self.models as u64).saturating_mul(basis_size(self.max_degree) as u64);
-        members.saturating_add(align_bytes(self.max_degree).saturating_mul(threads as u64))
+        let surface = 2_u64 << 20;
+        let evaluated = evaluating(2_562, self.max_degree, 3, usize::MAX).saturating_add(surface);
+        let of_thread = align_bytes(self.max_degree).max(evaluated);
+        members.saturating_add(of_thread.saturating_mul(threads as u64)).saturating_add(2 * surface)
     }
 
     /// Returns the bytes that the modes of the group take beside the coefficients: members as columns, their singular vectors

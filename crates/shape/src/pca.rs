@@ -154,7 +154,13 @@ impl Modes {
         Ok((scores.iter().copied().collect(), (left / SPHERE).sqrt()))
     }
 
-    /// Returns the share of the group's variance along the first k modes, for k = 1 to m: its compactness.
+    /// Returns each mode's own share of the group's variance, (m); 0 for a group without variance.
+    pub fn shares(&self) -> Vec<f64> {
+        let share = |variance: &f64| if self.total_variance > 0.0 { variance / self.total_variance } else { 0.0 };
+        self.variances.iter().map(share).collect()
+    }
+
+    /// Returns the cumulative share of the group's variance along the first k modes, for k = 1 to m: its compactness.
     pub fn compactness(&self) -> Vec<f64> {
         let mut sum = 0.0;
         let shares = self.variances.iter().map(|variance| {

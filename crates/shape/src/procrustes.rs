@@ -20,7 +20,7 @@ mod sides;
 
 use std::sync::{Mutex, PoisonError};
 
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
@@ -36,6 +36,7 @@ use crate::pair::{Plan, Unit, object_only};
 pub use crate::procrustes_report::{Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd};
 use crate::refine::Target;
 use crate::rotation::Rotation;
+use crate::surface_poses::surface_poses;
 use crate::templates::templates;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
@@ -290,6 +291,15 @@ impl<'a> Group<'a> {
         let as_coefficients =
             |rows: &[[f64; 3]]| Coefficients::new(Array2::from_shape_fn((rows.len(), 3), |(k, c)| rows[k][c]));
         let mean = as_coefficients(&round.mean)?;
+        let members: Vec<ArrayView2<'_, f64>> = round
+            .members
+            .iter()
+            .map(|member| ArrayView2::from_shape((member.rows.len(), 3), member.rows.as_flattened()))
+            .collect::<Result<_, _>>()
+            .unwrap_or_default();
+        let mirrored: Vec<usize> = warnings.iter().flat_map(|warning| warning.mirrored().iter().copied()).collect();
+        let surfaces = surface_poses(&members, &mean, &mirrored, self.monitor)?;
+        warnings.extend(surfaces.warnings.into_iter().map(ProcrustesWarning::Surfaces));
         let mut frame = EllipsoidFrame::of(&mean)?;
         if self.plan.is_none() {
             frame.rotation = Rotation::IDENTITY;
@@ -323,6 +333,7 @@ impl<'a> Group<'a> {
             spread_before: spread_of(&given, &mean_of(&given)),
             spread_after: round.spread,
             rmsd: round.distances(),
+            surface_distances: surfaces.distances,
             ends,
             warnings,
         };

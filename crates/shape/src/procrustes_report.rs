@@ -5,6 +5,7 @@ use std::fmt;
 use spharm_harmonics::Coefficients;
 
 use crate::align::{AlignParams, AlignWarning};
+use crate::surface_poses::SurfacePoseWarning;
 use crate::transform::Transform;
 
 /// Settings of a group's alignment.
@@ -79,6 +80,8 @@ pub enum ProcrustesWarning {
         /// The ratio of its neighbouring axes.
         ratio: f64,
     },
+    /// The surfaces don't lie on each other as the alignment suggests.
+    Surfaces(SurfacePoseWarning),
     /// The rounds were used up.
     NotConverged {
         /// The last relative change of the spread.
@@ -91,7 +94,9 @@ impl ProcrustesWarning {
     #[must_use]
     pub fn member(&self) -> Option<usize> {
         match self {
-            Self::Mirrored { member, .. } | Self::Member { member, .. } => Some(*member),
+            Self::Mirrored { member, .. }
+            | Self::Member { member, .. }
+            | Self::Surfaces(SurfacePoseWarning::Turned { member, .. }) => Some(*member),
             _ => None,
         }
     }
@@ -104,6 +109,7 @@ impl ProcrustesWarning {
                 format!("is {rmsd:.4} from the others, and its mirror image {mirrored:.4}: it may be of the other side")
             }
             Self::Member { warning, .. } => warning.to_string(),
+            Self::Surfaces(warning) => warning.of_member(),
             other => other.to_string(),
         }
     }
@@ -150,6 +156,7 @@ impl fmt::Display for ProcrustesWarning {
             Self::Sides { .. } => f.write_str(&self.naming(|member| member.to_string())),
             Self::Mirrored { member, .. } => write!(f, "member {member} {}", self.of_member()),
             Self::Member { member, .. } => write!(f, "member {member}: {}", self.of_member()),
+            Self::Surfaces(warning) => warning.fmt(f),
             Self::NearlyRound { ratio } => write!(
                 f,
                 "the mean's first-order ellipsoid has axes alike, with a ratio of {ratio:.3}: the group's pose has little \
@@ -182,8 +189,10 @@ pub struct ProcrustesReport {
     pub spread_before: f64,
     /// See `spread_before`.
     pub spread_after: f64,
-    /// Distance of each member from the mean.
+    /// Distance of each member from the mean, at equal directions.
     pub rmsd: Vec<f64>,
+    /// Distance of each member's surface from the mean's, whatever the directions.
+    pub surface_distances: Vec<f64>,
     /// Where each start ended.
     pub ends: Vec<TemplateEnd>,
     /// What to know.

@@ -85,7 +85,7 @@ struct Half {
 
 impl Half {
     fn new(mut values: Array2<f64>) -> Self {
-        let (n, d) = values.dim();
+        let n = values.nrows();
         let mean: Vec<f64> = values.columns().into_iter().map(|column| column.sum() / n as f64).collect();
         for mut row in values.rows_mut() {
             row.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= mean);
