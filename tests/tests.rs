@@ -18,6 +18,7 @@ mod full_least_squares;
 mod handles;
 mod hostile;
 mod inputs;
+mod labels;
 #[cfg(target_os = "linux")]
 mod linked;
 mod memory;
@@ -43,6 +44,7 @@ mod store;
 mod study;
 mod study_again;
 mod study_tidy;
+mod study_warnings;
 mod surface_target;
 mod verbs;
 mod volume_tables;

@@ -12,9 +12,9 @@ pub(crate) fn check_arguments(command: &Command, matches: &ArgMatches) -> anyhow
 fn role(verb: &str, name: &str) -> Option<Role> {
     Some(match (verb, name) {
         ("generate", "surface" | "sphere" | "study") => Role::Output,
-        ("report", "status") | ("shape test", "table") => Role::Input,
+        ("report", "status" | "warnings") | ("shape test", "table") => Role::Input,
         ("man", "folder") => Role::Other,
-        (_, "report" | "json_file" | "status" | "failed" | "table" | "transforms") => Role::Report,
+        (_, "report" | "json_file" | "status" | "failed" | "table" | "transforms" | "warnings") => Role::Report,
         (_, "output" | "surface_output" | "mean" | "scores" | "maps" | "animation") => Role::Output,
         // Weights are a file or a word, and "minus" is a folder or a column; a file of that name isn't written to either.
         (_, "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "weights" | "original")

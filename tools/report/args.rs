@@ -42,6 +42,9 @@ pub(crate) struct Cli {
     /// Tables of status, CSV or TSV with a header
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = INPUT)]
     pub(super) status: Vec<PathBuf>,
+    /// Warnings to show before all else, as JSON lists of texts
+    #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
+    pub(super) warnings: Vec<PathBuf>,
     /// Page to write
     #[arg(short, long, value_name = "OUT.html", help_heading = OUTPUT)]
     pub(super) output: PathBuf,

@@ -29,6 +29,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_inputs(cli, budget)?;
     let models = read::models(cli, monitor.console())?;
     let mut contents = Contents {
+        warnings: read::warnings(&cli.warnings)?,
         models,
         modes: read::modes(&cli.modes)?,
         tests: read::tests(&cli.test)?,
@@ -50,7 +51,7 @@ fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
     let (models, surfaces) = (expand(&cli.models, ".npz")?, expand_lists(&cli.surface)?);
     let maps: Vec<PathBuf> = cli.test.iter().flat_map(|folder| read::files(folder)).collect();
     let files = models.iter().chain(&surfaces).chain(&maps);
-    let files = files.chain(&cli.modes).chain(&cli.status).chain(&cli.fit_report);
+    let files = files.chain(&cli.modes).chain(&cli.status).chain(&cli.fit_report).chain(&cli.warnings);
     budget.check_inputs("report", files.map(PathBuf::as_path))
 }
 

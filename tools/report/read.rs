@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
+use spharm::files::ModelFiles;
 use spharm::parametrize::volume::is_volume;
 use spharm::shape::pca::file::ShapeModel;
 use spharm_cli::console::Console;
 use spharm_cli::inputs::{expand_lists, read_text, stem};
 use spharm_cli::output::counted;
-use spharm_cli::paths::{expand, model_name};
+use spharm_cli::paths::{expand, model_name, shown};
 use spharm_model::{FileRecord, Model};
 use spharm_report::{Maps, Shown, Table};
 use spharm_surface::Mesh;
@@ -83,7 +84,13 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
         None
     };
     if record.label.is_some() || is_volume(input) {
-        return left_out("a volume");
+        // The surface of a label lies beside its model.
+        let beside = ModelFiles { model: path.to_owned() }.surface();
+        return match read_mesh(&beside) {
+            Ok(mesh) => Some((shown(&beside), mesh)),
+            Err(error) if beside.exists() => left_out(&error.to_string()),
+            Err(_) => left_out(&format!("a volume, and there is no {} beside the model", shown(&beside))),
+        };
     }
     if !input.is_file() {
         return left_out("there is no such file");
@@ -235,4 +242,13 @@ fn table(path: &Path) -> Result<Table> {
     }
     let rows = reader.records().map(|record| Ok(cells(&record?))).collect::<Result<Vec<_>, csv::Error>>();
     Ok(Table { title: stem(path), columns, rows: rows.with_context(open)? })
+}
+
+/// Lists of warnings.
+pub(super) fn warnings(paths: &[PathBuf]) -> Result<Vec<String>> {
+    let one = |path: &PathBuf| -> Result<Vec<String>> {
+        let text = read_text(path, "list of warnings", LARGEST_TABLE)?;
+        serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of texts", path.display()))
+    };
+    Ok(paths.iter().map(one).collect::<Result<Vec<_>>>()?.concat())
 }

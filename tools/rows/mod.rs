@@ -14,6 +14,7 @@
 //! | `quiet` | the progress of one group among many |
 //! | `evaluate` | models on one sphere |
 //! | `ledger` | counts, status file, events |
+//! | `equal` | inputs that are there twice |
 //! | `fitted`, `report` | the table and the report |
 //! | `unread` | vertices that aren't read |
 //! | `weights` | rows' own weights, and a mask |
@@ -21,6 +22,7 @@
 
 mod args;
 mod dry_run;
+pub(crate) mod equal;
 mod evaluate;
 mod fitted;
 mod groups;
@@ -41,6 +43,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use spharm::cohort::State;
 use spharm::files::ModelFiles;
+use spharm::parametrize::volume::steps_of_labels;
 use spharm::rerun::IfExists;
 use spharm_cli::console::json_lines;
 use spharm_cli::machine::raise_file_limit;
@@ -55,8 +58,8 @@ pub(crate) use options::{Options, Rows};
 
 use ledger::{Ledger, Outcome};
 use report::Totals;
-use work::Work;
 pub(crate) use work::concerns_all;
+use work::{Work, lock};
 
 /// Applies what a verb was asked to log, before anything is printed.
 pub(crate) fn set_log(cohort: &CohortArgs) {
@@ -94,6 +97,8 @@ pub(crate) fn run(rows: Rows, options: &Options, monitor: &ConsoleMonitor, start
         // The error that ended the call is the one to show.
         let _ = ledger.interrupted(|number| (rows.rows[number].id.clone(), rows.rows[number].model(&rows.folder)));
     }
+    let doubts = lock(&work.inputs).warnings().into_iter().chain(steps_of_labels(&lock(&work.steps)));
+    doubts.for_each(|warning| console.warn(warning));
     let outcome = ledger.outcome();
     let skipped = outcome.count(State::Skipped);
     if skipped > 0 {

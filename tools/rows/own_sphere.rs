@@ -56,6 +56,7 @@ impl Work<'_> {
                 repair: found.repair.as_ref(),
                 mesh_repair: found.mesh_repair.as_ref(),
                 handles: found.handles.as_ref(),
+                steps: found.steps,
                 ..MadeOf::default()
             };
             self.write((row, &item), sphere, fit, made_of, &params, Some(mapped))
@@ -91,6 +92,9 @@ impl Work<'_> {
             }
         });
         report.warnings.iter().for_each(|warning| console.warn(warning));
+        if let Some(steps) = found.steps {
+            lock(&self.steps).push((item.record.to_string(), steps));
+        }
         report.notes.iter().for_each(|note| console.note(note));
         Ok(found)
     }

@@ -8,7 +8,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use anyhow::{Result, anyhow, bail};
 use spharm::cohort::Row;
 use spharm::files::MadeOf;
-use spharm::parametrize::volume::is_volume;
+use spharm::parametrize::volume::{VoxelSteps, is_volume};
 use spharm::{
     Error, FileRecord, Fit, FitParams, FitWarning, ModelError, Monitor, Sphere, Stage, SurfaceError, Target, fit_each,
 };
@@ -18,6 +18,7 @@ use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::surfaces::{Labels, SurfaceReader};
 
+use super::equal::Inputs;
 use super::fitted::{Fitted, Mapped};
 use super::groups::{Group, groups};
 use super::item::{Item, id};
@@ -36,6 +37,10 @@ pub(super) struct Work<'a> {
     pub(super) reader: Mutex<SurfaceReader>,
     /// What was decided of rows that aren't finished.
     items: Mutex<HashMap<usize, Item>>,
+    /// Labels whose models follow the voxels' steps, by their names.
+    pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
+    /// The inputs that have been looked at.
+    pub(super) inputs: Mutex<Inputs>,
     /// Of the file that was hashed last: a volume has many labels.
     record: Mutex<Option<(PathBuf, FileRecord)>>,
 }
@@ -74,7 +79,8 @@ impl<'a> Work<'a> {
         ledger: &'a Ledger<'a>,
     ) -> Self {
         let (reader, items, record) = (Mutex::new(options.reader()), Mutex::default(), Mutex::default());
-        Self { rows, options, monitor, ledger, reader, items, record }
+        let (steps, inputs) = (Mutex::default(), Mutex::default());
+        Self { rows, options, monitor, ledger, reader, items, steps, inputs, record }
     }
 
     /// Does all rows.
@@ -139,6 +145,7 @@ impl<'a> Work<'a> {
         let (row, console) = (&self.rows.rows[number], self.monitor.console());
         let label = self.label(row, sphere.is_some())?;
         let record = FileRecord { label, ..self.record_of(&row.surface)? };
+        lock(&self.inputs).add_row(row, &record);
         let model = row.model(&self.rows.folder);
         let item = Item::decide(row, model.clone(), record, sphere, params, self.options, console)?;
         if item.is_none() {

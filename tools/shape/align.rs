@@ -18,10 +18,11 @@ use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, counted, prepare, same_place};
-use spharm_cli::paths::{all_shown, shown};
+use spharm_cli::paths::{all_shown, model_name, shown};
 
 use super::again::Again;
 use super::args::{Models, ReportArgs, Resources};
+use super::groups::equal_models;
 use super::outputs::{check_beside, finish, length, outputs};
 use super::plan::Plan;
 
@@ -79,6 +80,9 @@ pub(super) struct Cli {
     /// Transforms to write
     #[arg(long, value_name = "OUT.json", help_heading = OUTPUT)]
     transforms: Option<PathBuf>,
+    /// Where to write the warnings of poses, with members by their names, for a study's page
+    #[arg(long, value_name = "OUT.json", requires = "group", hide = true)]
+    warnings: Option<PathBuf>,
     /// File that keeps what is found, for a run that is ended to go on with
     ///
     /// The same command goes on where the last one was, to the same bits, and removes the file in the end. Results that the last
@@ -114,6 +118,8 @@ struct Found {
     transforms: Vec<Transform>,
     distances: Vec<[f64; 2]>,
     warnings: Vec<String>,
+    /// Those of a group's poses with members by their names alone.
+    named_warnings: Vec<String>,
     summary: Value,
     mean: Option<Coefficients>,
     /// Kept, and locked, until all is written.
@@ -131,6 +137,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let models_out = targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"]));
     let mean_out = cli.mean.iter().map(|path| OutputFile::with_ending(path, "--mean", &[".npz"]));
     let json_out = cli.transforms.iter().map(|path| OutputFile::new(path, "--transforms"));
+    let json_out = json_out.chain(cli.warnings.iter().map(|path| OutputFile::new(path, "--warnings")));
     let again = Again::new(cli.resume.as_deref(), cli.report.force);
     let report_args = ReportArgs { force: again.expected(), ..cli.report.clone() };
     check_beside(&paths, models_out.chain(mean_out).chain(json_out), &report_args)?;
@@ -203,6 +210,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if let Some(path) = &cli.transforms {
         again.write_json(path, &json!(each))?;
     }
+    if let Some(path) = &cli.warnings {
+        again.write_json(path, &json!(found.named_warnings))?;
+    }
     let mut report = json!({
         "models": each,
         "method": cli.method.to_possible_value().map(|value| value.get_name().to_owned()),
@@ -261,6 +271,7 @@ fn to_target(
         transforms: reports.iter().map(|report| report.transform).collect(),
         distances: reports.iter().map(|report| [report.rmsd_before, report.rmsd_after]).collect(),
         warnings: reports.iter().zip(paths).flat_map(warning).collect(),
+        named_warnings: Vec::new(),
         summary: json!({
             "to": shown(path),
             "degree": reports.first().map(|report| report.degree),
@@ -290,17 +301,19 @@ fn together(
         .iter()
         .map(|end| json!({ "template": end.template, "spread": end.spread, "rounds": end.rounds }))
         .collect();
+    let warnings = |name: &dyn Fn(&Path) -> String| -> Vec<String> {
+        report.warnings.iter().map(|warning| warning.naming(|member| name(&paths[member]))).collect()
+    };
+    let mut own = warnings(&|path| shown(path));
+    own.extend(equal_models(&members, paths, |path| shown(path)));
     let mirrored = report.warnings.iter().flat_map(ProcrustesWarning::mirrored);
     let mirrored: Vec<&PathBuf> = mirrored.map(|member| &paths[*member]).collect();
     let before = distances_from_mean(&members, report.degree)?;
     Ok(Found {
         transforms: found.transforms.clone(),
         distances: before.into_iter().zip(&report.rmsd).map(|(before, after)| [before, *after]).collect(),
-        warnings: report
-            .warnings
-            .iter()
-            .map(|warning| warning.naming(|member| paths[member].display().to_string()))
-            .collect(),
+        warnings: own,
+        named_warnings: warnings(&model_name),
         summary: json!({
             "degree": report.degree,
             "spread_before": report.spread_before,

@@ -3,13 +3,25 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spharm::shape::{CommonDegree, PosesDiffer, to_common_degree};
+use spharm::shape::{CommonDegree, PosesDiffer, equal_members, to_common_degree};
 use spharm::{Coefficients, Kind, Monitor};
 use spharm_cli::console::Console;
 use spharm_cli::output::counted;
 use spharm_cli::paths::model_name;
 
 use super::args::read_all;
+
+/// Warnings of models that are there twice.
+pub(super) fn equal_models(
+    members: &[Coefficients],
+    paths: &[PathBuf],
+    name: impl Fn(&Path) -> String,
+) -> impl Iterator<Item = String> {
+    equal_members(members).into_iter().map(move |equal| {
+        let names: Vec<String> = equal.into_iter().map(|index| name(&paths[index])).collect();
+        format!("{}: equal models, of one surface", names.join(", "))
+    })
+}
 
 /// A group of models of one degree.
 pub(super) struct Group {
@@ -47,6 +59,7 @@ pub(super) fn read_group(
     // Of signals nothing is known.
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
     warnings.extend(poses.map(|poses| format!("{poses} (spharm shape align --group)")));
+    warnings.extend(equal_models(&members, paths, |path| path.display().to_string()));
     warnings.iter().for_each(|warning| console.warn(warning));
     let names = paths.iter().map(|path| model_name(path)).collect();
     Ok(Group { names, members, degree, warnings })

@@ -1,7 +1,7 @@
 //! `study`: from a table of subjects to a page, in stages that are commands of spharm.
 //!
 //! `config` is the study's file, `subjects` its table, `plan` the commands that it asks for, `check` what is wrong with them before any is
-//! run, `stage` what makes one of them run or not, `tidy` what is no longer of the study.
+//! run, `stage` what makes one of them run or not, `tidy` what is no longer of the study, `warnings` what the page begins with.
 
 mod args;
 mod check;
@@ -10,6 +10,7 @@ mod plan;
 mod stage;
 mod subjects;
 mod tidy;
+mod warnings;
 
 use std::fs::{File, TryLockError};
 use std::path::Path;
@@ -31,6 +32,8 @@ use crate::rows::concerns_all;
 
 /// Fewest subjects that a group is of.
 const LEAST: usize = 3;
+/// Most warnings that are shown at the end.
+const SHOWN: usize = 20;
 
 /// Looks at what the fits of these subjects would do.
 type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Preview>;
@@ -69,6 +72,7 @@ pub(crate) fn run(
         return call.show(preview);
     }
     std::fs::create_dir_all(plan.records()).with_context(|| plan.records().display().to_string())?;
+    std::fs::create_dir_all(plan.records().join("warnings")).with_context(|| plan.records().display().to_string())?;
     std::fs::create_dir_all(plan.status()).with_context(|| plan.status().display().to_string())?;
     let lock = lock(&plan, cli.shard.is_some())?;
     tidy::leftovers(&plan);
@@ -123,7 +127,7 @@ impl Call<'_> {
     fn run(&mut self) -> Result<()> {
         let failed = self.fit()?;
         if self.cli.shard.is_some() {
-            return self.finish(&failed);
+            return self.finish(&failed, &[]);
         }
         let merged = self.merged()?;
         let subjects = self.plan.subjects(&merged);
@@ -143,10 +147,12 @@ impl Call<'_> {
         self.plan.write_status(&merged)?;
         let stages = self.plan.stages(&subjects);
         tidy::stages(self.plan, &stages)?;
-        for stage in &stages {
-            self.stage(stage)?;
-        }
-        self.finish(&failed)?;
+        let Some((page, stages)) = stages.split_last() else { return self.finish(&failed, &[]) };
+        stages.iter().try_for_each(|stage| self.stage(stage))?;
+        let warnings = warnings::collect(self.plan, &subjects)?;
+        self.plan.write_warnings(&warnings)?;
+        self.stage(page)?;
+        self.finish(&failed, &warnings)?;
         print_line(&format!("page: {}", self.plan.page().display()))
     }
 
@@ -225,10 +231,14 @@ impl Call<'_> {
     }
 
     /// Prints what has been done; an error where subjects failed.
-    fn finish(&self, failed: &[(String, String)]) -> Result<()> {
+    fn finish(&self, failed: &[(String, String)], warnings: &[String]) -> Result<()> {
         let mut rows = vec![["stage", "", "time"].map(str::to_owned).to_vec()];
         rows.extend(self.rows.iter().map(|row| row.to_vec()));
         print(&format!("\n{}", table(&rows)))?;
+        warnings.iter().take(SHOWN).for_each(|warning| self.console.warn(warning));
+        if let Some(more) = warnings.len().checked_sub(SHOWN + 1) {
+            self.console.warn(format!("and {} more, at the head of the page", counted(more + 1, "warning")));
+        }
         for (id, error) in failed.iter().take(10) {
             self.console.warn(format!("{id}: {error}"));
         }

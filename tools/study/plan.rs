@@ -79,6 +79,16 @@ impl Plan {
         self.output.join("status")
     }
 
+    /// The warnings that the page begins with.
+    pub(super) fn warnings(&self) -> PathBuf {
+        self.records().join("warnings").join("all.json")
+    }
+
+    /// The warnings of the alignment.
+    pub(super) fn alignment_warnings(&self) -> PathBuf {
+        self.records().join("warnings").join("align.json")
+    }
+
     pub(super) fn page(&self) -> PathBuf {
         self.output.join("report.html")
     }
@@ -130,6 +140,11 @@ impl Plan {
             writer.write_record([&row.id, state, &msd, error].into_iter().chain(cells))?;
         }
         self.write("subjects.tsv", &String::from_utf8(writer.into_inner()?)?)
+    }
+
+    /// Writes the warnings that the page begins with.
+    pub(super) fn write_warnings(&self, warnings: &[String]) -> Result<()> {
+        self.write("warnings/all.json", &(serde_json::to_string_pretty(warnings)? + "\n"))
     }
 
     fn columns(&self) -> impl Iterator<Item = &str> {
@@ -187,12 +202,14 @@ impl Plan {
             let method = if study.align.method == Method::Fixed { "fixed" } else { "joint" };
             let (models_list, folder, mean_text) = (list("models.txt"), text(&at("aligned")), text(&mean));
             let transforms = at("transforms.json");
-            let transforms_text = text(&transforms);
+            let (transforms_text, warnings) = (text(&transforms), self.alignment_warnings());
+            let warnings_text = text(&warnings);
             let mut arguments = vec!["shape", "align", &models_list, "--group", "--method", method, "-o", &folder];
             arguments.extend(["--mean", &mean_text, "--transforms", &transforms_text]);
+            arguments.extend(["--warnings", &warnings_text]);
             arguments.extend(study.align.scale.then_some("--scale"));
             arguments.extend(study.align.mirror.then_some("--mirror"));
-            stages.push(self.stage("align", &arguments, &models, [at("aligned"), mean.clone(), transforms]));
+            stages.push(self.stage("align", &arguments, &models, [at("aligned"), mean.clone(), transforms, warnings]));
         }
         let count = study.modes.count.to_string();
         let scores = at("scores.csv");
@@ -245,13 +262,15 @@ impl Plan {
         let list = format!("@{}", text(&self.records().join("models.txt")));
         let mut arguments = vec!["report".to_owned()];
         arguments.extend(self.study.page.subjects.then_some(list));
+        let warnings = self.warnings();
         arguments.extend(words(&["--modes", &text(&modes), "--status", &text(&status)]));
+        arguments.extend(words(&["--warnings", &text(&warnings)]));
         if !folders.is_empty() {
             arguments.push("--test".to_owned());
             arguments.extend(folders.iter().map(|folder| text(folder)));
         }
         arguments.extend(words(&["--title", &self.study.title, "-o", &text(&self.page()), "--force"]));
-        let mut inputs = vec![modes, status];
+        let mut inputs = vec![modes, status, warnings];
         inputs.extend(folders.iter().flat_map(|folder| ["test.csv", "test.json"].map(|name| folder.join(name))));
         inputs.extend(subjects.iter().filter(|_| self.study.page.subjects).map(|subject| subject.model.clone()));
         let (folder, name) = (self.folder.clone(), "report".to_owned());
@@ -272,7 +291,7 @@ impl Plan {
     }
 
     /// Where the models lie that are compared.
-    fn aligned(&self, subjects: &[Subject<'_>]) -> Vec<PathBuf> {
+    pub(super) fn aligned(&self, subjects: &[Subject<'_>]) -> Vec<PathBuf> {
         let place = |subject: &Subject<'_>| match (self.study.align.method, subject.model.file_name()) {
             (Method::Joint | Method::Fixed, Some(name)) => self.output.join("aligned").join(name),
             _ => subject.model.clone(),

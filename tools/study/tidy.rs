@@ -16,7 +16,7 @@ use super::stage::{Stage, retire};
 
 /// Removes the temporary files of processes that were killed.
 pub(super) fn leftovers(plan: &Plan) {
-    let mut folders = vec![plan.output.clone(), plan.records()];
+    let mut folders = vec![plan.output.clone(), plan.records(), plan.records().join("warnings")];
     folders.extend(["models", "aligned", "status", "figures"].map(|name| plan.output.join(name)));
     folders.extend(plan.study.test.iter().map(|test| plan.output.join("tests").join(&test.name)));
     // What can't be listed or removed is in nobody's way.

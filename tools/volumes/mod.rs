@@ -7,9 +7,9 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use spharm::files::{MadeOf, ModelFiles, Preparation, Replace};
+use spharm::files::{MadeOf, ModelFiles, Preparation, Replace, steps_of};
 use spharm::parametrize::Input;
-use spharm::parametrize::volume::{LabelVolume, VolumeParams, is_volume};
+use spharm::parametrize::volume::{LabelVolume, VolumeParams, is_volume, steps_of_labels};
 use spharm::rerun::{Decision, IfExists, Refusal, Request};
 use spharm::shape::{MeasureParams, descriptors, measure};
 use spharm::{FileRecord, FitParams, Monitor, Target, fit_with};
@@ -23,6 +23,7 @@ use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
 use self::table::{Outcome, Row};
+use crate::rows::equal::Inputs;
 
 /// Relative change of the area that ends its quadrature: far below what voxels tell.
 const AREA: f64 = 1e-5;
@@ -46,7 +47,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let memory = cli.memory.map(|size| size.0);
     let params = FitParams { memory, threads: Some(cli.threads.count()), ..FitParams::lsq(cli.max_degree) };
     params.check()?;
-    let mut call = Call { cli, params, monitor: &monitor, rows: Vec::new(), refused: 0, names: HashSet::new() };
+    let (rows, names, inputs) = (Vec::new(), HashSet::new(), Inputs::default());
+    let mut call = Call { cli, params, monitor: &monitor, rows, refused: 0, names, inputs };
     let pool = cli.threads.pool()?;
     let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
     prepare(&table)?;
@@ -60,6 +62,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         );
     }
     write_new(&table, replaced, |out| out.write_all(text.as_bytes()))?;
+    let steps = call.rows.iter().filter_map(|row| match &row.outcome {
+        Outcome::Model(model) => Some((row.label.map_or(String::new(), |label| label.to_string()), model.steps?)),
+        Outcome::Failed(_) => None,
+    });
+    let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
+    doubts.for_each(|warning| monitor.console().warn(warning));
     let failed = call.rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
     let models = call.rows.len() - failed;
     print_line(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
@@ -136,6 +144,8 @@ struct Call<'a> {
     refused: usize,
     /// Models of this call, which two labels mustn't share.
     names: HashSet<PathBuf>,
+    /// The labels that were looked at.
+    inputs: Inputs,
 }
 
 impl Call<'_> {
@@ -162,6 +172,7 @@ impl Call<'_> {
         for label in wanted {
             self.monitor.check()?;
             let record = FileRecord { label: Some(label), ..record.clone() };
+            self.inputs.add(&record, None, None, record.to_string());
             let found = self.label(path, &volume, record);
             self.push(path, Some(&volume), Some(label), found)?;
         }
@@ -232,6 +243,7 @@ impl Call<'_> {
             file: files.model.display().to_string(),
             kept,
             repair: table::repair(&model.provenance),
+            steps: steps_of(&model.provenance),
             measures: measure(&model.coefficients, &measures, self.monitor).with_context(named)?,
             residual: residual.or_else(recorded),
             descriptors: descriptors(&model.coefficients).with_context(named)?,
@@ -263,7 +275,8 @@ impl Call<'_> {
             let repair = found.repair.as_ref();
             let handles = found.handles.as_ref();
             let preparation = self.preparation(record.label);
-            let made_of = MadeOf { input: Some(record), preparation, repair, handles, ..MadeOf::default() };
+            let steps = found.steps;
+            let made_of = MadeOf { input: Some(record), preparation, repair, handles, steps, ..MadeOf::default() };
             files.write(&parametrized.sphere, &fit, &made_of, false, replace)?;
             console.note(format!("{record}: {}", files.model.display()));
             Ok(fit.report.passes.last().map_or(f64::NAN, |distances| distances.rms()))

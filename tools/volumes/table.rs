@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use spharm::cohort::guarded;
 use spharm::model::Provenance;
+use spharm::parametrize::volume::VoxelSteps;
 use spharm::shape::{Descriptors, Measures};
 
 /// A label, or a volume that couldn't be read.
@@ -31,6 +32,8 @@ pub(super) struct Model {
     pub(super) kept: bool,
     /// What was changed in the label, or cut, in few words; empty where nothing was.
     pub(super) repair: String,
+    /// The voxels' steps, if the model follows them.
+    pub(super) steps: Option<VoxelSteps>,
     pub(super) measures: Measures,
     /// Root mean square distance at the surface's vertices.
     pub(super) residual: Option<f64>,

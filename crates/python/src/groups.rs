@@ -5,7 +5,7 @@ use serde_json::json;
 use spharm::Kind;
 use spharm::harmonics::Coefficients;
 use spharm::model::made;
-use spharm::shape::{CommonDegree, PosesDiffer, mean, rmsd, to_common_degree};
+use spharm::shape::{CommonDegree, PosesDiffer, equal_members, mean, rmsd, to_common_degree};
 
 use crate::errors::Failure;
 use crate::models::Model;
@@ -43,6 +43,10 @@ pub(crate) fn group(models: &[(Kind, Coefficients)], kind: Kind, degree: Option<
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
     warnings.extend(poses.map(|poses| format!("{poses} (shape.procrustes)")));
+    warnings.extend(equal_members(&members).into_iter().map(|equal| {
+        let names: Vec<String> = equal.into_iter().map(|index| format!("models[{index}]")).collect();
+        format!("{} are equal", names.join(", "))
+    }));
     Ok(Group { members, degree, warnings })
 }
 

@@ -12,6 +12,8 @@ use crate::table::Table;
 pub struct Contents {
     /// The page's heading.
     pub title: String,
+    /// Warnings, shown before all else.
+    pub warnings: Vec<String>,
     /// Models of surfaces.
     pub models: Vec<Shown>,
     /// Modes of groups, with their names.

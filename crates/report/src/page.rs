@@ -59,7 +59,7 @@ enum Item {
 /// [`ReportError`]: no contents; a model of a signal; maps that don't fit their mesh; a cancelled monitor, as an error of the
 /// surface.
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
-    let Contents { title, models, modes, tests, tables, version } = contents;
+    let Contents { title, warnings, models, modes, tests, tables, version } = contents;
     if models.is_empty() && modes.is_empty() && tests.is_empty() && tables.is_empty() {
         return Err(ReportError::Empty);
     }
@@ -109,7 +109,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
         hash(STYLE)
     );
     let view = if items.is_empty() { "" } else { VIEW };
-    let heading = escape(title);
+    let (heading, warnings) = (escape(title), warning_list(warnings));
     let summary = if alone && tables.is_empty() { String::new() } else { summary(contents) };
     let version = escape(version);
     let (wasm, data) = (STANDARD.encode(WASM), blocks.html());
@@ -118,12 +118,23 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
          <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<title>{heading}</title>\n<style>{STYLE}</style>\n</head>\n\
-         <body>\n<header><h1><bdi>{heading}</bdi></h1><p>{summary}</p></header>\n<main>\n{view}\n\
+         <body>\n<header><h1><bdi>{heading}</bdi></h1><p>{summary}</p></header>\n<main>\n{warnings}{view}\n\
          <div id=\"items\">\n{sections}</div>\n{rows}</main>\n\
          <footer>spharm {version}. Drawn with three.js (MIT licence).</footer>\n\
          <script type=\"application/json\" id=\"info\">{info}</script>\n\
          <script type=\"application/octet-stream\" id=\"wasm\">{wasm}</script>\n{data}<script>{script}</script>\n</body>\n</html>\n"
     ))
+}
+
+/// The warnings, at the head of the page.
+fn warning_list(warnings: &[String]) -> String {
+    if warnings.is_empty() {
+        return String::new();
+    }
+    let rows: String = warnings.iter().map(|warning| format!("<li><bdi>{}</bdi></li>\n", escape(warning))).collect();
+    let count = warnings.len();
+    let heading = if count == 1 { "1 warning".to_owned() } else { format!("{count} warnings") };
+    format!("<section class=\"warnings\" aria-label=\"Warnings\"><h2>{heading}</h2>\n<ul>\n{rows}</ul></section>\n")
 }
 
 /// A hash as policies have it.

@@ -81,6 +81,7 @@ pub mod mean;
 pub mod measures;
 pub mod memory;
 pub mod morph;
+pub mod outliers;
 mod pair;
 pub mod pca;
 pub mod poses;
@@ -116,6 +117,7 @@ pub use heat::HeatKernel;
 pub use levels::{degree_within, tails};
 pub use mean::{CommonDegree, DegreesDiffer, mean, to_common_degree};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
+pub use outliers::{Outlier, equal_members, outliers, robust_z};
 pub use pca::Modes;
 pub use poses::PosesDiffer;
 pub use procrustes::{

@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use ndarray::Array2;
 use ndarray_npy::WriteNpyExt;
 use spharm_model::csv::write_complex_csv;
-use spharm_model::{FileRecord, Model};
+use spharm_model::{FileRecord, Model, Provenance};
 use spharm_monitor::Monitor;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
 use spharm_surface::repair::MeshRepair;
 use spharm_surface::{Sphere, SurfaceError};
 
 use crate::origin::Origin;
-use crate::parametrize::volume::Repair;
+use crate::parametrize::volume::{Repair, VoxelSteps};
 use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with, with_sphere};
 use crate::{Error, Fit, FitParams, check_mapping, check_memory};
 
@@ -152,6 +152,7 @@ impl ModelFiles {
                     repair: None,
                     mesh_repair,
                     handles,
+                    steps: None,
                     written: Vec::new(),
                 });
             }
@@ -182,7 +183,9 @@ impl ModelFiles {
         let repair = input.label().and_then(|label| label.repair);
         // A label's surface with its handles is in no other file.
         let whole = input.cut().and(input.label()).map(|label| label.quads.triangles(|_| false));
-        let mut mapped = Mapped { parametrized: named(found), repair, mesh_repair, handles, written: Vec::new() };
+        let steps = input.label().and_then(|label| label.steps(params.max_degree));
+        let mut mapped =
+            Mapped { parametrized: named(found), repair, mesh_repair, handles, steps, written: Vec::new() };
         // The surface last: where it is, the sphere says what they were made of.
         let map = &mapped.parametrized.map;
         let whole = whole.iter().map(|whole| (self.surface(), whole));
@@ -237,6 +240,9 @@ impl ModelFiles {
         }
         model.provenance.handles =
             made_of.handles.and_then(|handles| serde_json::to_value(handles).ok()?.as_object().cloned());
+        if let Some(steps) = made_of.steps {
+            model.provenance.other.insert(VOXEL_STEPS.to_owned(), serde_json::to_value(steps).unwrap_or_default());
+        }
         Ok(model.write_with(&self.model, replace.model)?)
     }
 
@@ -273,6 +279,15 @@ impl Preparation {
     }
 }
 
+/// The field of a model's provenance with the [`VoxelSteps`] that it follows.
+const VOXEL_STEPS: &str = "voxel_steps";
+
+/// Returns the voxels' steps that a model follows, as it records them.
+#[must_use]
+pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
+    serde_json::from_value(provenance.other.get(VOXEL_STEPS)?.clone()).ok()
+}
+
 /// What a model was made of, for it to record.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MadeOf<'a> {
@@ -288,6 +303,8 @@ pub struct MadeOf<'a> {
     pub mesh_repair: Option<&'a MeshRepair>,
     /// What was cut, where the surface had handles.
     pub handles: Option<&'a HandlesReport>,
+    /// The voxels' steps, if the model follows them.
+    pub steps: Option<VoxelSteps>,
 }
 
 /// A surface's map to a sphere of its own.
@@ -301,6 +318,8 @@ pub struct Mapped {
     pub mesh_repair: Option<MeshRepair>,
     /// What was cut, where the surface had handles.
     pub handles: Option<HandlesReport>,
+    /// The voxels' steps, if a model of the fit's degree follows them.
+    pub steps: Option<VoxelSteps>,
     /// The files that were written: the sphere, and the surface where it isn't the input's; none where a sphere was there.
     pub written: Vec<PathBuf>,
 }

@@ -18,9 +18,15 @@ impl Affine {
 
     /// The same directions and origin, the voxels of another size.
     pub(super) fn with_voxel_size(&self, size: [f64; 3]) -> Self {
-        let length = |axis: usize| self.0.iter().map(|row| row[axis] * row[axis]).sum::<f64>().sqrt();
-        let factors = [0, 1, 2].map(|axis| size[axis] / length(axis));
+        let lengths = self.voxel_size();
+        let factors = [0, 1, 2].map(|axis| size[axis] / lengths[axis]);
         Self(self.0.map(|[a, b, c, d]| [a * factors[0], b * factors[1], c * factors[2], d]))
+    }
+
+    /// Lengths of a voxel's edges, mm.
+    #[must_use]
+    pub fn voxel_size(&self) -> [f64; 3] {
+        [0, 1, 2].map(|axis| self.0.iter().map(|row| row[axis] * row[axis]).sum::<f64>().sqrt())
     }
 
     /// The position in mm of a point given in voxels.

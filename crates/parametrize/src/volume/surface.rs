@@ -31,6 +31,8 @@ pub struct VolumeSurface {
     pub label: i64,
     /// Number of its voxels in the file.
     pub voxels: usize,
+    /// Lengths of a voxel's edges, mm.
+    pub voxel_size: [f64; 3],
     /// The changes made; `None` where nothing had to be repaired.
     pub repair: Option<Repair>,
 }
@@ -65,7 +67,8 @@ impl LabelVolume {
                 (QuadMesh::around(&repaired), Some(repair))
             }
         };
-        Ok(VolumeSurface { quads: quads.to_world(&self.affine), label, voxels, repair })
+        let voxel_size = self.affine.voxel_size();
+        Ok(VolumeSurface { quads: quads.to_world(&self.affine), label, voxels, voxel_size, repair })
     }
 }
 

@@ -1,0 +1,140 @@
+//! Values of a group that lie far from the others, and members that are there twice.
+//!
+//! The robust z of a value is its distance from the median in units of the group's spread, which few values can't move:
+//!
+//! ```text
+//! z = (x - median) / s,  s = 1.4826 MAD
+//! ```
+//!
+//! with MAD the median of the distances from the median, and 1.4826 the factor for which s is the standard deviation of normal
+//! values; where more than half of the values are equal, s is 1.2533 times the mean distance. B. Iglewicz and D. Hoaglin, "How
+//! to Detect and Handle Outliers" (1993).
+
+use std::collections::HashMap;
+
+use spharm_harmonics::Coefficients;
+
+/// The robust z above which a value is far from the others.
+pub const FAR: f64 = 5.0;
+/// Fewest values that tell what is far.
+pub const LEAST: usize = 5;
+
+/// A value that is far from the others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outlier {
+    /// Its place, counted from 0.
+    pub index: usize,
+    /// The value.
+    pub value: f64,
+    /// Median of all.
+    pub median: f64,
+    /// Robust z.
+    pub z: f64,
+}
+
+/// Returns the robust z of each value; zeros for values that are all alike.
+#[must_use]
+pub fn robust_z(values: &[f64]) -> Vec<f64> {
+    let centre = median(values);
+    let distances: Vec<f64> = values.iter().map(|value| (value - centre).abs()).collect();
+    let of_mean = 1.2533 * distances.iter().sum::<f64>() / values.len().max(1) as f64;
+    let spread = Some(1.4826 * median(&distances)).filter(|spread| *spread > 0.0).unwrap_or(of_mean);
+    let z = |value: &f64| if spread > 0.0 { (value - centre) / spread } else { 0.0 };
+    values.iter().map(z).collect()
+}
+
+/// Returns the values whose robust z is above [`FAR`], the farthest first; none of fewer than [`LEAST`].
+#[must_use]
+pub fn outliers(values: &[f64]) -> Vec<Outlier> {
+    if values.len() < LEAST {
+        return Vec::new();
+    }
+    let centre = median(values);
+    let all = robust_z(values).into_iter().enumerate();
+    let mut found: Vec<Outlier> = all
+        .filter(|(_, z)| z.abs() > FAR)
+        .map(|(index, z)| Outlier { index, value: values[index], median: centre, z })
+        .collect();
+    found.sort_by(|a, b| b.z.abs().total_cmp(&a.z.abs()));
+    found
+}
+
+/// Returns the members of a group that are equal to the bit, a list for each set of them, in the group's order.
+#[must_use]
+pub fn equal_members(members: &[Coefficients]) -> Vec<Vec<usize>> {
+    let mut places: HashMap<Vec<u64>, usize> = HashMap::new();
+    let mut sets: Vec<Vec<usize>> = Vec::new();
+    for (index, member) in members.iter().enumerate() {
+        // A few of them first: those of other members differ there already.
+        let key: Vec<u64> = member.values().iter().take(KEY).map(|value| value.to_bits()).collect();
+        let set = *places.entry(key).or_insert_with(|| {
+            sets.push(Vec::new());
+            sets.len() - 1
+        });
+        sets[set].push(index);
+    }
+    let mut found = Vec::new();
+    for set in sets.into_iter().filter(|set| set.len() > 1) {
+        let mut rest = set;
+        while let Some(&first) = rest.first() {
+            let (equal, others): (Vec<usize>, Vec<usize>) =
+                rest.into_iter().partition(|index| members[*index].values() == members[first].values());
+            found.extend((equal.len() > 1).then_some(equal));
+            rest = others;
+        }
+    }
+    found
+}
+
+/// Coefficients that members are sorted by.
+const KEY: usize = 12;
+
+/// The median; 0 of no values.
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    match sorted.len() {
+        0 => 0.0,
+        count => 0.5 * (sorted[(count - 1) / 2] + sorted[count / 2]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::blob;
+
+    #[test]
+    fn a_wrong_voxel_size_is_far_from_the_others() {
+        let volumes = [2002.0, 1175.0, 2806.0, 238_319.0, 1930.0, 2210.0, 2100.0, 1890.0, 2045.0];
+        let [only] = outliers(&volumes)[..] else { panic!("{:?}", outliers(&volumes)) };
+        assert_eq!((only.index, only.value, only.median), (3, 238_319.0, 2045.0));
+        assert!(only.z > 900.0 && only.z < 1100.0, "{only:?}");
+        assert!(outliers(&volumes[..4]).is_empty(), "four values tell nothing");
+    }
+
+    #[test]
+    fn z_is_that_of_normal_values() {
+        // Quantiles of the normal distribution.
+        let values = [-1.2816, -0.8416, -0.5244, -0.2533, 0.0, 0.2533, 0.5244, 0.8416, 1.2816];
+        let z = robust_z(&values.map(|value| 40.0 + 3.0 * value));
+        for (z, value) in z.iter().zip(values) {
+            assert!((z / 1.2863 - value).abs() < 1e-3, "{z} {value}");
+        }
+        assert_eq!(robust_z(&[2.0; 6]), [0.0; 6]);
+        // More than half are equal.
+        let [only] = outliers(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 9.0])[..] else { panic!("one") };
+        assert_eq!(only.index, 7);
+        assert!(robust_z(&[]).is_empty());
+    }
+
+    #[test]
+    fn members_that_are_there_twice_are_found() {
+        let mut other = blob(3, 1).values().clone();
+        other[[15, 2]] += 1e-9;
+        let other = Coefficients::new(other).unwrap();
+        let group = [blob(3, 1), blob(3, 2), blob(3, 1), other, blob(3, 2), blob(3, 1), blob(3, 4)];
+        assert_eq!(equal_members(&group), [vec![0, 2, 5], vec![1, 4]]);
+        assert!(equal_members(&group[..2]).is_empty() && equal_members(&[]).is_empty());
+    }
+}

@@ -1,0 +1,90 @@
+//! Inputs that are there twice, under whatever names.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use spharm::FileRecord;
+use spharm::cohort::Row;
+
+/// Names by what they stand for, to find those that stand for the same.
+#[derive(Debug)]
+pub(crate) struct EqualSets<Key>(BTreeMap<Key, Vec<String>>);
+
+impl<Key> Default for EqualSets<Key> {
+    fn default() -> Self {
+        Self(BTreeMap::new())
+    }
+}
+
+impl<Key: Ord> EqualSets<Key> {
+    /// Adds a name.
+    pub(crate) fn add(&mut self, key: Key, name: String) {
+        self.0.entry(key).or_default().push(name);
+    }
+
+    /// Returns the names of each set of two or more, sorted.
+    pub(crate) fn sets(&self) -> Vec<Vec<&str>> {
+        let several = self.0.values().filter(|names| names.len() > 1);
+        let mut sets: Vec<Vec<&str>> = several.map(|names| names.iter().map(String::as_str).collect()).collect();
+        sets.iter_mut().for_each(|names| names.sort_unstable());
+        sets.sort_unstable();
+        sets
+    }
+}
+
+/// What a model is made of: contents, label, sphere and weights.
+type Made = (String, Option<i64>, Option<PathBuf>, Option<PathBuf>);
+
+/// The inputs of a call, by their contents.
+#[derive(Debug, Default)]
+pub(crate) struct Inputs(EqualSets<Made>);
+
+impl Inputs {
+    /// Adds a row with its file's record.
+    pub(crate) fn add_row(&mut self, row: &Row, record: &FileRecord) {
+        self.add(record, row.sphere.clone(), row.weights.clone(), row.id.clone());
+    }
+
+    /// Adds an input by a name.
+    pub(crate) fn add(&mut self, record: &FileRecord, sphere: Option<PathBuf>, weights: Option<PathBuf>, name: String) {
+        self.0.add((record.blake3.clone(), record.label, sphere, weights), name);
+    }
+
+    /// Returns a warning for each set of inputs that are equal.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        self.0.sets().iter().map(|names| same_inputs(names)).collect()
+    }
+}
+
+/// The warning of inputs that are equal, by their names.
+pub(crate) fn same_inputs(names: &[&str]) -> String {
+    const NAMED: usize = 12;
+    let more = if names.len() > NAMED { format!(" and {} more", names.len() - NAMED) } else { String::new() };
+    let named = names[..names.len().min(NAMED)].join(", ");
+    format!("{named}{more}: their inputs are equal, to the last byte; is one of them another subject's?")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(blake3: &str, label: Option<i64>) -> FileRecord {
+        FileRecord { path: String::new(), bytes: 1, blake3: blake3.to_owned(), label }
+    }
+
+    #[test]
+    fn equal_inputs_are_named_unless_they_are_used_differently() {
+        let mut inputs = Inputs::default();
+        let sphere = |name: &str| Some(PathBuf::from(name));
+        inputs.add(&record("x", None), None, None, "s3".into());
+        inputs.add(&record("y", Some(1)), None, None, "one".into());
+        inputs.add(&record("y", Some(2)), None, None, "two".into());
+        inputs.add(&record("x", None), None, None, "s1".into());
+        inputs.add(&record("z", None), sphere("a"), None, "a".into());
+        inputs.add(&record("z", None), sphere("b"), None, "b".into());
+        let [only] = &inputs.warnings()[..] else { panic!("{:?}", inputs.warnings()) };
+        assert!(only.starts_with("s1, s3: their inputs are equal"), "{only}");
+        (0..20).for_each(|n| inputs.add(&record("w", None), None, None, format!("n{n:02}")));
+        assert!(inputs.warnings()[0].contains("n11 and 8 more: "), "{:?}", inputs.warnings());
+    }
+}

@@ -1,0 +1,156 @@
+//! What is to be looked at before a study's results are believed: subjects that are far from the others, files and models that
+//! are there twice, models that follow their voxels, and the warnings of the alignment and of the tests.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde_json::Value;
+use spharm::Model;
+use spharm::files::steps_of;
+use spharm::parametrize::volume::{VoxelSteps, steps_of_labels};
+use spharm::shape::{outliers, rmsd};
+use spharm_cli::inputs::{MOST_OWN, read_text};
+
+use super::plan::{Plan, Subject};
+use crate::rows::equal::{EqualSets, same_inputs};
+
+/// Reads what the stages before the page have made, and returns the warnings, those of single subjects first.
+pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
+    let group = Group::read(plan, subjects)?;
+    let mut warnings = far_subjects(plan, subjects, &group.distances)?;
+    warnings.extend(group.inputs.sets().iter().map(|names| same_inputs(names)));
+    // Equal inputs have equal models.
+    let known = group.inputs.sets();
+    for names in group.models.sets().iter().filter(|names| !known.contains(names)) {
+        warnings.push(format!("{}: their models are equal; is one of them another subject's?", names.join(", ")));
+    }
+    warnings.extend(steps_of_labels(&group.steps));
+    if plan.alignment_warnings().is_file() {
+        warnings.extend(list(&plan.alignment_warnings())?);
+    }
+    for test in &plan.study.test {
+        let about = plan.output.join("tests").join(&test.name).join("test.json");
+        warnings.extend(of_test(&about)?.into_iter().map(|warning| format!("test {}: {warning}", test.name)));
+    }
+    Ok(warnings)
+}
+
+/// What the models themselves say.
+#[derive(Default)]
+struct Group {
+    /// Distance of each aligned model from the mean; empty where degrees differ.
+    distances: Vec<f64>,
+    inputs: EqualSets<(String, Option<i64>, Option<String>)>,
+    models: EqualSets<String>,
+    steps: Vec<(String, VoxelSteps)>,
+}
+
+impl Group {
+    /// Reads one model at a time.
+    fn read(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Self> {
+        let mean = Model::read(plan.output.join("mean.spharm.npz"))?;
+        let mut group = Self::default();
+        for (subject, aligned) in subjects.iter().zip(plan.aligned(subjects)) {
+            let model = Model::read(&subject.model)?;
+            let name = || subject.id.to_owned();
+            let record = &model.provenance;
+            if let Some(input) = &record.input {
+                // A sphere that was made for the surface has the subject's name.
+                let sphere = record.sphere.clone().filter(|_| !record.parametrized);
+                group.inputs.add((input.blake3.clone(), input.label, sphere), name());
+            }
+            let mut hasher = blake3::Hasher::new();
+            for value in model.coefficients.values() {
+                hasher.update(&value.to_le_bytes());
+            }
+            group.models.add(hasher.finalize().to_hex().to_string(), name());
+            group.steps.extend(steps_of(record).map(|steps| (name(), steps)));
+            let model = if aligned == subject.model { model } else { Model::read(&aligned)? };
+            group.distances.extend(rmsd(&model.coefficients, &mean.coefficients).ok());
+        }
+        Ok(group)
+    }
+}
+
+/// A warning for each subject whose volume, area or distance from the mean is far from the others'.
+fn far_subjects(plan: &Plan, subjects: &[Subject<'_>], distances: &[f64]) -> Result<Vec<String>> {
+    let table = plan.output.join("measures.csv");
+    let mut found: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+    let measures = [("volume", column(&table, "volume")?), ("area", column(&table, "area")?)];
+    for (what, values) in
+        measures.iter().map(|(what, values)| (*what, values.as_slice())).chain([("distance from the mean", distances)])
+    {
+        // A distance that is missing would move the others to other subjects.
+        for far in outliers(values).into_iter().filter(|_| values.len() == subjects.len()) {
+            // To be near the mean is no fault.
+            if what == "distance from the mean" && far.z < 0.0 {
+                continue;
+            }
+            found.entry(far.index).or_default().push(format!(
+                "{what} {} (median {}, robust z {:.1})",
+                number(far.value),
+                number(far.median),
+                far.z
+            ));
+        }
+    }
+    let warning = |(index, what): (usize, Vec<String>)| {
+        format!(
+            "{}: far from the other subjects: {}; check its surface, its units and its label",
+            subjects[index].id,
+            what.join(", ")
+        )
+    };
+    Ok(found.into_iter().map(warning).collect())
+}
+
+/// Four significant digits.
+fn number(value: f64) -> String {
+    let magnitude = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
+    if (-3.0..6.0).contains(&magnitude) {
+        format!("{value:.*}", (3.0 - magnitude).max(0.0) as usize)
+    } else {
+        format!("{value:.3e}")
+    }
+}
+
+/// A column of numbers of a table that a stage has made.
+fn column(table: &Path, name: &str) -> Result<Vec<f64>> {
+    let text = read_text(table, "table of measures", MOST_OWN)?;
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let named = || table.display().to_string();
+    let at = reader.headers().with_context(named)?.iter().position(|column| column == name);
+    let at = at.with_context(|| format!("{}: expected a column {name:?}", table.display()))?;
+    let cell = |record: csv::StringRecord| record.get(at).unwrap_or_default().parse::<f64>().with_context(named);
+    reader.records().map(|record| cell(record.with_context(named)?)).collect()
+}
+
+/// A list of warnings.
+fn list(path: &Path) -> Result<Vec<String>> {
+    let text = read_text(path, "list of warnings", MOST_OWN)?;
+    serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of texts", path.display()))
+}
+
+/// The warnings in a test's description.
+fn of_test(path: &Path) -> Result<Vec<String>> {
+    let text = read_text(path, "description of a test", MOST_OWN)?;
+    let about: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
+    let texts = about["warnings"].as_array().into_iter().flatten();
+    Ok(texts.filter_map(|warning| warning.as_str().map(str::to_owned)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number;
+
+    #[test]
+    fn numbers_have_four_digits() {
+        for (value, text) in
+            [(238_319.4, "238319"), (2045.27, "2045"), (0.0, "0.000"), (1.5, "1.500"), (0.012_345, "0.01234")]
+        {
+            assert_eq!(number(value), text);
+        }
+        assert_eq!((number(1.23e-9), number(2.5e9)), ("1.230e-9".to_owned(), "2.500e9".to_owned()));
+    }
+}
