@@ -163,3 +163,94 @@ fn the_other_hemispheres_sphere_is_known_by_its_vertices() {
     let missing = finish(&mut subjects.run(&["--surface", "white", "--subject", "oscar"]));
     assert!(error_line(&missing).contains("oscar: no such subject"));
 }
+
+/// FreeSurfer's label of the vertices where `keep` holds.
+fn write_label(path: &std::path::Path, vertices: &[[f64; 3]], keep: impl Fn(&[f64; 3]) -> bool) {
+    let kept: Vec<String> = (0..vertices.len())
+        .filter(|&v| keep(&vertices[v]))
+        .map(|v| format!("{v}  {:.3}  {:.3}  {:.3} 0.000000\n", vertices[v][0], vertices[v][1], vertices[v][2]))
+        .collect();
+    std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+    let head = "#!ascii label  , from subject bert vox2ras=TkReg\n";
+    std::fs::write(path, format!("{head}{}\n{}", kept.len(), kept.concat())).expect("a label");
+}
+
+/// Row 6 of what first-time users ran into: the medial wall has no thickness, and isn't read.
+#[test]
+fn values_outside_of_the_cortex_are_continued_from_its_edge() {
+    let subjects = Subjects::new();
+    let bert = |name: &str| subjects.path(&format!("bert/{name}"));
+    let sphere = read_mesh(bert("surf/lh.sphere.reg")).expect("a sphere");
+    let inside = |p: &[f64; 3]| p[0] / (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt() < 0.8;
+    write_label(&bert("label/lh.cortex.label"), &sphere.vertices, inside);
+    // 2.5 on the cortex, and zeros, or nothing, on the wall.
+    let write = |name: &str, wall: f64| {
+        let value = |p: &[f64; 3]| if inside(p) { 2.5 } else { wall };
+        let values = Signal::new(sphere.vertices.iter().map(value).collect(), sphere.vertices.len(), 1);
+        write_signal(bert(&format!("surf/lh.{name}")), &values, &OPTIONS).expect("values");
+    };
+    write("wall", 0.0);
+    let fit = |more: &[&str]| {
+        let mut fit = subjects.run(&["--signal", "wall", "--subject", "bert", "--hemi", "lh", "--evaluate-on"]);
+        fit.arg("icosphere:3").args(more);
+        fit
+    };
+    let range = || {
+        let found = read_signal(subjects.out("bert.lh.wall.ico3.shape.gii")).expect("values").values;
+        let [low, high] = [f64::min, f64::max].map(|of| found.iter().copied().reduce(of).expect("values"));
+        high - low
+    };
+    let output = finish(&mut fit(&[]));
+    assert!(output.status.success() && !text(&output).contains("warning"), "{}", text(&output));
+    // Zero but for GIfTI's single precision: no zero of the wall is left in it.
+    assert!(range() < 1e-5, "{}", range());
+    let model = Model::read(subjects.out("bert.lh.wall.spharm.npz")).expect("a model");
+    assert!(model.provenance.region.is_some_and(|region| region.path.ends_with("lh.cortex.label")));
+    assert!(succeed(&mut fit(&["--skip-existing"])).contains("nothing to do"));
+    let output = finish(&mut fit(&["--skip-existing", "--mask", "none"]));
+    assert!(text(&output).contains("region") && !output.status.success(), "{}", text(&output));
+    succeed(&mut fit(&["--force", "--mask", "none"]));
+    assert!(range() > 1.0, "the zeros are fitted where that is asked for: {}", range());
+    // Another label, by its name.
+    write_label(&bert("label/lh.small.label"), &sphere.vertices, |p| inside(p) && p[1] > 0.0);
+    succeed(&mut fit(&["--force", "--mask", "small"]));
+    let output = finish(&mut fit(&["--force", "--mask", "absent"]));
+    assert!(text(&output).contains("lh.absent.label: no such file"), "{}", text(&output));
+    write_label(&bert("label/lh.other.label"), &[[0.0; 3]; 900], |_| true);
+    let output = finish(&mut fit(&["--force", "--mask", "other"]));
+    assert!(text(&output).contains("expected vertices below 642"), "{}", text(&output));
+    // Without a label all is read, and said.
+    std::fs::remove_file(bert("label/lh.cortex.label")).expect("it is there");
+    let output = finish(&mut fit(&["--force"]));
+    assert!(
+        output.status.success() && text(&output).contains("no label/?h.cortex.label of bert lh"),
+        "{}",
+        text(&output)
+    );
+}
+
+/// Row 5 of what first-time users ran into.
+#[test]
+fn subjects_that_recon_all_did_not_finish_are_named_before_the_fits() {
+    let subjects = Subjects::new();
+    for name in ["sub-04/mri", "sub-07/scripts", ".cache"] {
+        std::fs::create_dir_all(subjects.path(name)).expect("a folder");
+    }
+    std::fs::write(subjects.path("README"), "not a subject").expect("a file");
+    let dry = ["--surface", "white", "--hemi", "lh", "--dry-run", "--report", "dry.json"];
+    let output = finish(&mut subjects.run(&dry));
+    let said = text(&output);
+    assert!(
+        output.status.success() && said.contains("2 folders without a folder surf left out: sub-04, sub-07"),
+        "{said}"
+    );
+    // An empty surface, and the sphere of another subject.
+    std::fs::write(subjects.path("bert/surf/lh.white"), "").expect("a file");
+    let sphere = subjects.path("bert/surf/lh.sphere.reg");
+    std::fs::copy(&sphere, subjects.path("ernie b./surf/lh.sphere.reg")).expect("copied");
+    let output = finish(&mut subjects.run(&dry));
+    let said = text(&output);
+    assert!(!output.status.success() && said.contains("2 surfaces would fail"), "{said}");
+    assert!(said.contains("bert.lh.white: ") && said.contains("the file is empty"), "{said}");
+    assert!(said.contains("2562 vertices, ") && said.contains("sphere.reg has 642"), "{said}");
+}

@@ -33,6 +33,7 @@ fn a_model_that_another_process_wrote_meanwhile_stays() {
     let request = Request {
         id: None,
         input: &second,
+        region: None,
         sphere: Some(&sphere),
         params: &params,
         preparation: Preparation::default(),

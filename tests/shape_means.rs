@@ -164,3 +164,35 @@ fn unequal_groups_are_warned_of_and_tested_by_welch() {
     let error = error_line(&finish(&mut test(site, &positions)));
     assert!(error.contains("expected 4 subjects or more"), "{error}");
 }
+
+#[test]
+fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
+    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = site.path();
+    let test = ["--table", "t.csv", "--models", "year2", "--minus", "year1", "--mean"];
+    let of = |more: &[&str], name: &str| report(site, &[&test[..], more].concat(), name);
+    // 42 vertices, of which every third is tested.
+    let mask: String = (0..42).map(|v| format!("{}\n", u8::from(v % 3 == 0))).collect();
+    fs::write(site.join("mask.csv"), mask).expect("a mask");
+    let (whole, part) = (of(&[], "whole"), of(&["--mask", "mask.csv"], "part"));
+    assert_eq!((&whole["vertices"], &part["vertices"], &part["mask"]), (&42.into(), &14.into(), &"mask.csv".into()));
+    let map = |folder: &str, name: &str| {
+        read_signal(site.join(folder).join(format!("{name}.shape.gii"))).expect("a map").values
+    };
+    for name in ["statistic", "effect", "p", "p-permutation", "p-fwe", "q"] {
+        let left_out = if name.starts_with(['p', 'q']) { 1.0 } else { 0.0 };
+        for (v, (whole, part)) in map("whole", name).into_iter().zip(map("part", name)).enumerate() {
+            match (v % 3, name) {
+                (1 | 2, _) => assert_eq!(part, left_out, "{name} {v}"),
+                // Of fewer vertices the largest statistic is smaller.
+                (_, "p-fwe") => assert!(part <= whole, "{v}: {part} {whole}"),
+                (_, "q") => assert!(part <= 1.0, "{v}"),
+                _ => assert_eq!(part, whole, "{name} {v}"),
+            }
+        }
+    }
+    assert_eq!(fs::read_to_string(site.join("part/test.csv")).expect("a table").lines().count(), 15);
+    fs::write(site.join("short.csv"), "1\n1\n").expect("a mask");
+    let error = fail(&mut self::test(site, &[&test[..], &["--mask", "short.csv", "-o", "x"]].concat()));
+    assert!(error.contains("short.csv: 2 vertices, the sphere has 42"), "{error}");
+}

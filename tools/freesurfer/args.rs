@@ -37,6 +37,12 @@ pub(crate) struct Cli {
     /// Values on the vertices, such as thickness, curv, sulc: a model each
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
     pub(super) signal: Vec<String>,
+    /// Vertices whose values are read, by a label: lh.NAME.label in each subject's label/; none reads all
+    ///
+    /// Values of the other vertices are continued from the label's edge: the medial wall's zeros are no thickness. Surfaces are read
+    /// whole. [default: cortex, where it is there]
+    #[arg(long, value_name = "NAME|none", requires = "signal", help_heading = help::INPUT)]
+    pub(super) mask: Option<String>,
     /// Hemispheres
     #[arg(long, value_enum, num_args = 1.., default_values = ["lh", "rh"], hide_possible_values = true, value_name = "lh|rh", help_heading = help::INPUT)]
     pub(super) hemi: Vec<Hemi>,

@@ -24,17 +24,22 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     rows::set_log(&cli.cohort);
     let monitor = ConsoleMonitor::new(cli.common.console());
-    let subjects = subjects(cli, monitor.console())?;
-    let rows = rows_of(cli, &subjects);
+    let (subjects, left_out) = subjects(cli, monitor.console())?;
+    let rows = rows_of(cli, &subjects, monitor.console());
     monitor.console().note(format!("{}, {}", counted(subjects.len(), "subject"), counted(rows.len(), "row")));
     let shard = cli.cohort.shard.unwrap_or_default();
     let rows =
         Rows { rows: shard.of(&rows).cloned().collect(), folder: cli.output.clone(), sphere: None, check_first: false };
-    rows::run(rows, &options(cli)?, &monitor, started)
+    rows::run(rows, &options(cli, &left_out)?, &monitor, started)
 }
 
-fn options(cli: &Cli) -> Result<Options> {
-    let about = [("tool", json!("freesurfer")), ("subjects_dir", json!(cli.subjects_dir)), ("sphere", json!(null))];
+fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
+    let about = [
+        ("tool", json!("freesurfer")),
+        ("subjects_dir", json!(cli.subjects_dir)),
+        ("left_out", json!(left_out)),
+        ("sphere", json!(null)),
+    ];
     Ok(Options {
         params: FitParams {
             smoothness: cli.smoothness.unwrap_or_default(),
@@ -73,11 +78,12 @@ fn evaluate(cli: &Cli, subdivisions: u32) -> Result<Evaluate> {
     Ok(Evaluate { sphere, name: format!("ico{subdivisions}") })
 }
 
-/// The subjects: those that were named, or the folders with a folder `surf`, sorted by name.
-fn subjects(cli: &Cli, console: &Console) -> Result<Vec<String>> {
+/// The subjects: those that were named, or the folders with a folder `surf`, sorted by name; and the other folders, but for
+/// FreeSurfer's own averages.
+fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> {
     let folder = &cli.subjects_dir;
     let named = || format!("{}: cannot read the folder", folder.display());
-    let mut found = cli.subject.clone();
+    let (mut found, mut left_out) = (cli.subject.clone(), Vec::new());
     if found.is_empty() {
         let mut others = 0;
         for entry in std::fs::read_dir(folder).with_context(named)? {
@@ -90,15 +96,24 @@ fn subjects(cli: &Cli, console: &Console) -> Result<Vec<String>> {
                 None if entry.path().join("surf").is_dir() => {
                     bail!("{}: expected a name in UTF-8; rename the folder", entry.path().display())
                 }
-                _ => {}
+                Some(name) if name.starts_with('.') || !entry.path().is_dir() => {}
+                _ => left_out.push(name.to_string_lossy().into_owned()),
             }
         }
         found.sort_unstable();
+        left_out.sort_unstable();
+        if !left_out.is_empty() {
+            let (count, names) = (counted(left_out.len(), "folder"), left_out.join(", "));
+            console.warn(format!(
+                "{}: {count} without a folder surf left out: {names}; did recon-all end early?",
+                folder.display()
+            ));
+        }
         if others > 0 {
             console.note(format!("{} named fsaverage* left out; --subject takes them", counted(others, "folder")));
         }
     }
-    for name in cli.surface.iter().chain(&cli.signal).chain([&cli.sphere]) {
+    for name in cli.surface.iter().chain(&cli.signal).chain([&cli.sphere]).chain(&cli.mask) {
         if let Err(expected) = check_id(name) {
             bail!("{name:?}: expected {expected}, such as white for lh.white and rh.white");
         }
@@ -123,25 +138,51 @@ fn subjects(cli: &Cli, console: &Console) -> Result<Vec<String>> {
             bail!("{}: no such subject", folder.join(subject).display());
         }
     }
-    Ok(found)
+    Ok((found, left_out))
 }
 
+/// The label whose values are read unless another is named.
+const CORTEX: &str = "cortex";
+
 /// A row for each subject, hemisphere, and surface or signal; those on one sphere after another.
-fn rows_of(cli: &Cli, subjects: &[String]) -> Vec<Row> {
-    let mut rows = Vec::new();
+fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
+    let (mut rows, mut whole) = (Vec::new(), Vec::new());
     for subject in subjects {
-        let surf = cli.subjects_dir.join(subject).join("surf");
+        let folder = cli.subjects_dir.join(subject);
+        let surf = folder.join("surf");
         for hemi in &cli.hemi {
-            for name in cli.surface.iter().chain(&cli.signal) {
+            let label = cli.mask.as_deref().unwrap_or(CORTEX);
+            let label = folder.join("label").join(format!("{}.{label}.label", hemi.name()));
+            let region = match cli.mask.as_deref() {
+                Some("none") => None,
+                // One that was asked for has to be there.
+                Some(_) => Some(label),
+                None => Some(label).filter(|label| label.exists()),
+            };
+            if region.is_none() && cli.mask.is_none() && !cli.signal.is_empty() {
+                whole.push(format!("{subject} {}", hemi.name()));
+            }
+            let signals = cli.signal.iter().map(|name| (name, region.clone()));
+            for (name, region) in cli.surface.iter().map(|name| (name, None)).chain(signals) {
                 rows.push(Row {
                     id: format!("{subject}.{}.{name}", hemi.name()),
                     surface: surf.join(format!("{}.{name}", hemi.name())),
                     sphere: Some(surf.join(format!("{}.{}", hemi.name(), cli.sphere))),
+                    region,
                     line: rows.len() + 1,
                     ..Row::default()
                 });
             }
         }
+    }
+    if !whole.is_empty() {
+        const NAMED: usize = 5;
+        let more = if whole.len() > NAMED { format!(" and {} more", whole.len() - NAMED) } else { String::new() };
+        console.warn(format!(
+            "no label/?h.{CORTEX}.label of {}{more}: the values of their medial walls are fitted, too; --mask names another \
+             label",
+            whole[..whole.len().min(NAMED)].join(", ")
+        ));
     }
     rows
 }

@@ -4,16 +4,18 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
 use serde_json::{Value, json};
+use spharm::cohort::Row;
 use spharm::files::ModelFiles;
 use spharm::parametrize::{Input, volume::is_volume};
 use spharm::rerun::IfExists;
-use spharm::{Monitor, check_mapping, check_memory};
+use spharm::{Monitor, Sphere, SurfaceError, check_mapping, check_memory};
 use spharm_cli::exit::{is_interrupted, line_with_advice};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, print, print_json};
 use spharm_cli::paths::shown;
 use spharm_cli::size::Size;
+use spharm_surface::io::declared_vertices;
 
 use super::groups::{Group, groups};
 use super::ledger::Ledger;
@@ -165,6 +167,8 @@ impl Look<'_> {
             let row = &rows.rows[number];
             let mut look = || -> Result<bool> {
                 is_there(&row.surface)?;
+                row.region.as_deref().map_or(Ok(()), is_there)?;
+                self.counts(row, sphere)?;
                 if self.any_output(number) && self.work.decide(number, sphere, &params)?.is_none() {
                     return Ok(true);
                 }
@@ -185,6 +189,24 @@ impl Look<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Compares the vertices of a surface and its sphere, as far as the files say them in their heads.
+    fn counts(&self, row: &Row, sphere: Option<&Sphere>) -> Result<()> {
+        let Some(found) = declared_vertices(&row.surface)? else { return Ok(()) };
+        let of_sphere = match (sphere, &row.sphere) {
+            (Some(sphere), _) => Some(sphere.directions.len() as u64),
+            (None, Some(path)) => declared_vertices(path)?,
+            (None, None) => None,
+        };
+        match of_sphere.filter(|expected| *expected != found) {
+            None => Ok(()),
+            Some(expected) => {
+                let (path, sphere) = (row.surface.clone(), row.sphere.clone());
+                Err(SurfaceError::VertexCount { path, sphere, expected: expected as usize, found: found as usize }
+                    .into())
+            }
+        }
     }
 
     /// Whether any file of a row's model is there, about which something has to be decided.

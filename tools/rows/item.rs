@@ -17,6 +17,8 @@ pub(crate) struct Item {
     pub(super) files: ModelFiles,
     /// What the input is, for the model to record.
     pub(super) record: FileRecord,
+    /// The file of the vertices whose values are read, if not all are.
+    pub(super) region: Option<FileRecord>,
     /// Which outputs that exist are replaced.
     pub(super) replace: Replace,
 }
@@ -47,12 +49,15 @@ impl Item {
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
         // Its inputs stay, whatever is replaced.
-        let inputs = [Some(&row.surface), row.sphere.as_ref(), row.weights.as_ref(), options.mask.as_ref()];
+        let inputs =
+            [Some(&row.surface), row.sphere.as_ref(), row.weights.as_ref(), row.region.as_ref(), options.mask.as_ref()];
         let outputs = std::iter::once(&files.model).chain(&beside).map(PathBuf::as_path);
         check_not_inputs(inputs.into_iter().flatten().map(PathBuf::as_path), outputs)?;
+        let region = row.region.as_deref().map(FileRecord::of).transpose()?;
         let request = Request {
             id: id(row),
             input: &record,
+            region: region.as_ref(),
             sphere,
             params,
             preparation: options.preparation(sphere.is_some(), record.label),
@@ -69,7 +74,7 @@ impl Item {
                 if let Some(other) = replaces {
                     console.warn(format!("{}: replaces the model of {other}", files.model.display()));
                 }
-                Ok(Some(Self { files, record, replace }))
+                Ok(Some(Self { files, record, region, replace }))
             }
         }
     }

@@ -1,29 +1,24 @@
-//! Vertices that aren't read: those that a mask leaves out, and those of signals without a value. They have the weight 0.
+//! Vertices that aren't read: those that a mask leaves out, and those of signals without a value, have the weight 0; those
+//! outside of a row's region get values that are continued from its edge.
 
 use std::path::Path;
 
 use anyhow::{Result, bail};
 use rayon::prelude::*;
 use spharm::cohort::Row;
-use spharm::{FitParams, Method, Sphere, Weights};
-use spharm_surface::Signal;
-use spharm_surface::io::{is_named_signal, read_signal, read_signal_with_gaps};
+use spharm::parametrize::fill_in;
+use spharm::{Fit, FitParams, Kind, Method, Model, Monitor, Sphere, Target, Weights};
+use spharm_surface::io::{is_named_signal, read_mask, read_signal_with_gaps};
 
 /// Weights with those of the vertices at zero that a mask has at 0.
 pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights> {
-    let (path, expected) = (mask.display(), sphere.directions.len());
-    let Signal { values: mask, vertices, channels } = read_signal(mask)?;
-    if channels != 1 || vertices != expected {
-        bail!("{path}: expected a value for each of {expected} vertices, found {vertices} x {channels}");
-    }
-    if mask.iter().all(|keep| *keep == 0.0) {
-        bail!("{path}: no vertex is left to read: all values are 0");
-    }
+    let path = mask.display();
+    let mask = read_mask(mask, sphere.directions.len())?;
     let name = match weights {
         Weights::Uniform => format!("mask {path}"),
         _ => format!("{}, mask {path}", weights.name()),
     };
-    Ok(without(weights, sphere, name, |vertex| mask[vertex] == 0.0))
+    Ok(without(weights, sphere, name, |vertex| !mask[vertex]))
 }
 
 /// Weights that are 0 at some vertices.
@@ -53,7 +48,7 @@ pub(super) struct Part {
 /// store. Other methods refuse values that aren't there.
 pub(super) fn parts(rows: &[Row], numbers: &[usize], sphere: &Sphere, params: &FitParams) -> Result<Vec<Part>> {
     let gaps_of = |number: usize| match (params.method, &params.store) {
-        (Method::Lsq, None) => gaps(&rows[number].surface, sphere.directions.len()),
+        (Method::Lsq, None) => gaps(&rows[number], sphere.directions.len()),
         _ => Vec::new(),
     };
     let mut parts: Vec<(Vec<bool>, Vec<usize>)> = Vec::new();
@@ -83,14 +78,52 @@ pub(super) fn parts(rows: &[Row], numbers: &[usize], sphere: &Sphere, params: &F
     parts.into_iter().map(part).collect()
 }
 
-/// Whether each vertex has no value; empty if all have one.
-fn gaps(path: &Path, vertices: usize) -> Vec<bool> {
+/// Continues a signal's values from the edge of a region, a mask or a label, over the vertices outside of it.
+pub(super) fn continue_from(region: &Path, target: &mut Target, sphere: &Sphere, monitor: &dyn Monitor) -> Result<()> {
+    let mut known = read_mask(region, sphere.directions.len())?;
+    // A value that is missing inside has the weight 0, and tells nothing of those outside.
+    for (known, values) in known.iter_mut().zip(target.values.chunks_exact(target.channels.max(1))) {
+        *known &= values.iter().all(|value| value.is_finite());
+    }
+    fill_in(&mut target.values, target.channels, &known, &sphere.faces, monitor)?;
+    Ok(())
+}
+
+/// Returns a warning if a model leaves the range of what was read where nothing was: by more than the width of that range.
+pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere) -> Result<Option<String>> {
+    let Weights::Values { values: weights, .. } = &params.weights else { return Ok(None) };
+    let model = Model::without_sphere(fit.coefficients.clone(), Kind::Signal);
+    let found = model.reconstruct_signal(sphere, fit.coefficients.max_degree())?;
+    for channel in 0..found.channels {
+        let range = |unread: bool| {
+            let values = found.values.iter().skip(channel).step_by(found.channels).zip(weights);
+            let values = values.filter(|(_, weight)| (**weight == 0.0) == unread).map(|(value, _)| *value);
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+        };
+        let ([low, high], [least, most]) = (range(false), range(true));
+        if least < low - (high - low) || most > high + (high - low) {
+            return Ok(Some(format!(
+                "{name}: where no vertex is read the model runs from {least:.4} to {most:.4}, and elsewhere from {low:.4} to \
+                 {high:.4}: it isn't determined there, and means, modes and maps of whole models show that; lower the \
+                 degree, or set --smoothness"
+            )));
+        }
+    }
+    Ok(None)
+}
+
+/// Whether each vertex has no value; empty if all have one, or have one continued from a region's edge.
+fn gaps(row: &Row, vertices: usize) -> Vec<bool> {
+    let path = &row.surface;
     if !is_named_signal(path) {
         return Vec::new();
     }
     // Other files, and those that can't be read, are refused when they are fitted.
     let Ok(signal) = read_signal_with_gaps(path) else { return Vec::new() };
     let none = |row: &[f64]| row.iter().any(|x| x.is_nan());
-    let gaps: Vec<bool> = signal.values.chunks_exact(signal.channels.max(1)).map(none).collect();
+    let mut gaps: Vec<bool> = signal.values.chunks_exact(signal.channels.max(1)).map(none).collect();
+    if let Some(Ok(region)) = row.region.as_ref().map(|region| read_mask(region, vertices)) {
+        gaps.iter_mut().zip(region).for_each(|(gap, inside)| *gap &= inside);
+    }
     if gaps.len() == vertices && gaps.contains(&true) { gaps } else { Vec::new() }
 }

@@ -10,7 +10,8 @@ use spharm::cohort::Row;
 use spharm::files::MadeOf;
 use spharm::parametrize::volume::{VoxelSteps, is_volume};
 use spharm::{
-    Error, FileRecord, Fit, FitParams, FitWarning, ModelError, Monitor, Sphere, Stage, SurfaceError, Target, fit_each,
+    Error, FileRecord, Fit, FitParams, FitWarning, Kind, ModelError, Monitor, Sphere, Stage, SurfaceError, Target,
+    fit_each,
 };
 use spharm_cli::advice;
 use spharm_cli::exit::{is_interrupted, line_with_advice};
@@ -201,7 +202,7 @@ impl<'a> Work<'a> {
                 self.note_unread(&part, sphere);
                 let read = |place: usize| self.read(part.rows[place], sphere, &params);
                 let done = |place: usize, fit: Result<Fit, Broken>| {
-                    self.hand_over(part.rows[place], fit, sphere, &params, part.unread)
+                    self.hand_over(part.rows[place], fit, sphere, &params, &part)
                 };
                 let (_, report) = fit_each(sphere, part.rows.len(), &read, &part.params, &done, monitor)?;
                 totals.add(report, self.rows.rows.len() <= LISTED);
@@ -256,7 +257,10 @@ impl<'a> Work<'a> {
             Some(check) => check(row, sphere, target),
             None => target,
         };
-        let target = target.map_err(Broken::Row)?;
+        let mut target = target.map_err(Broken::Row)?;
+        if let Some(region) = row.region.as_ref().filter(|_| target.kind == Kind::Signal) {
+            unread::continue_from(region, &mut target, sphere, self.monitor).map_err(Broken::Row)?;
+        }
         for warning in &target.warnings {
             let text = format!("{}: {warning}", row.surface.display());
             if params.strict {
@@ -274,15 +278,20 @@ impl<'a> Work<'a> {
         fit: Result<Fit, Broken>,
         sphere: &Sphere,
         params: &FitParams,
-        unread: usize,
+        part: &unread::Part,
     ) -> Result<(), Broken> {
-        let row = &self.rows.rows[number];
+        let (row, unread) = (&self.rows.rows[number], part.unread);
         let outcome = match fit {
             Ok(mut fit) => {
                 // Those that were asked for: gaps of the row itself are no setting.
                 fit.report.settings.weights = params.weights.name().to_owned();
                 fit.report.settings.weights_hash = params.weights.hash();
                 let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
+                if unread > 0 {
+                    let name = row.surface.display().to_string();
+                    let warning = unread::runaway(&name, &fit, &part.params, sphere).map_err(Broken::Stop)?;
+                    warning.into_iter().for_each(|warning| self.ledger.warn_once(warning));
+                }
                 let own = own_name(row, sphere);
                 self.write((row, &item), own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params, None)
             }
@@ -334,7 +343,7 @@ impl<'a> Work<'a> {
             };
             self.ledger.warn_once(text);
         }
-        let made_of = MadeOf { id: id(row), input: Some(&item.record), ..made_of };
+        let made_of = MadeOf { id: id(row), input: Some(&item.record), region: item.region.as_ref(), ..made_of };
         if let Some(evaluate) = &self.options.evaluate {
             evaluate.write(&item.files, sphere, &fit, item.replace.beside)?;
         }

@@ -229,8 +229,17 @@ impl Call<'_> {
         let beside: Vec<PathBuf> = [files.sphere(), files.surface()].into_iter().chain(cut).collect();
         let (params, output) = (&self.params, files.model.as_path());
         let preparation = self.preparation(record.label);
-        let request =
-            Request { id: None, input: &record, sphere: None, params, preparation, output, beside: &beside, if_exists };
+        let request = Request {
+            id: None,
+            input: &record,
+            region: None,
+            sphere: None,
+            params,
+            preparation,
+            output,
+            beside: &beside,
+            if_exists,
+        };
         let (kept, residual) = match request.decide()? {
             Decision::Skip => (true, None),
             Decision::Fit { replace, .. } => (false, Some(self.fit(volume, &record, &files, replace)?)),

@@ -31,6 +31,8 @@ pub struct Row {
     pub sphere: Option<PathBuf>,
     /// The weights of its vertices, where they are its own: `uniform`, `area`, or a file.
     pub weights: Option<PathBuf>,
+    /// Of a signal, the mask or label of the vertices whose values are read; those of the others are continued from its edge.
+    pub region: Option<PathBuf>,
     /// The model's file, relative to the folder of all models; none where the id names it.
     pub output: Option<PathBuf>,
     /// Of a volume, the label.
@@ -272,6 +274,7 @@ impl Columns {
             surface: folder.join(surface),
             sphere: input(2),
             weights,
+            region: None,
             output: Some(output).filter(|output| !output.is_empty()).map(PathBuf::from),
             label: label.map_err(|_| refuse(LABEL, "a whole number", cell(5)))?,
             extra: self.extra.iter().map(|&(_, at)| record[at].to_owned()).collect(),

@@ -30,6 +30,9 @@ pub struct Provenance {
     /// The file of the surface or signal that was fitted; unknown in models of version 0.1.
     #[serde(deserialize_with = "record")]
     pub input: Option<FileRecord>,
+    /// The mask or label of the vertices whose values were read, where the others were continued from its edge.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub region: Option<FileRecord>,
     /// The sphere's file, as it was given. Its directions have the model's scheme key.
     pub sphere: Option<String>,
     /// Whether the sphere was made for this surface.

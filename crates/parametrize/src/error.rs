@@ -50,6 +50,13 @@ pub enum ParametrizeError {
         vertex: usize,
     },
 
+    /// Values that can't be continued from any others.
+    #[error("{vertices} vertices have no value, and some of them no known one that edges lead to: expected one mesh")]
+    Unfilled {
+        /// Vertices without a value.
+        vertices: usize,
+    },
+
     /// The operating system refused.
     #[error("{}: cannot read: {cause}", path.display())]
     Io {

@@ -49,6 +49,7 @@
 //! | [`resample()`] | a surface on another sampling of its sphere |
 //! | [`handles`] | surfaces with handles, cut and filled, so that they have genus zero |
 //! | [`Method`] | the methods as values |
+//! | [`fill_in()`] | values where there are none, continued from those around |
 //! | [`Input`] | a mesh or a label's surface from a file |
 //! | [`volume`] | label volumes: the closed surface around a label, repaired on request |
 //! | [`quality`] | whether a map is one to one, and its distortion of areas, angles and lengths |
@@ -71,6 +72,7 @@ mod embed;
 mod energy;
 mod equal_area;
 mod error;
+mod fill;
 mod flaws;
 mod geometry;
 pub mod handles;
@@ -98,6 +100,7 @@ pub use conformal::{ConformalParams, conformal};
 pub use deform::{DeformParams, deform};
 pub use equal_area::{EqualAreaParams, area_deviation, equal_area};
 pub use error::ParametrizeError;
+pub use fill::fill_in;
 pub use handles::{CutSurface, HandlesReport, cut_handles};
 pub use input::{Given, Input, Sampling};
 pub use method::{Method, Source};

@@ -1,6 +1,6 @@
 //! What a group of models measures at the vertices of a common sampling, as tests take it.
 
-use ndarray::{Array2, s};
+use ndarray::{Array2, Axis, s};
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_monitor::{Monitor, Stage};
 use spharm_transform::{FINEST, Transform, TransformParams};
@@ -46,6 +46,21 @@ impl Field {
         }
         let values = &self.values.slice(s![..half, ..]) - &self.values.slice(s![half.., ..]);
         Ok(Self { values, ..self })
+    }
+
+    /// Returns the values at the vertices that `kept`, (V), marks; the mean stays that of the whole.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Differ`] for a mask of another length.
+    pub fn at(self, kept: &[bool]) -> Result<Self, ShapeError> {
+        let (components, columns) = (self.components, self.values.ncols());
+        if kept.len() * components != columns {
+            let (expected, found) = (columns / components.max(1), kept.len());
+            return Err(ShapeError::Differ { what: "number of vertices of the mask", expected, found });
+        }
+        let columns: Vec<usize> = (0..columns).filter(|column| kept[column / components]).collect();
+        Ok(Self { values: self.values.select(Axis(1), &columns), ..self })
     }
 }
 

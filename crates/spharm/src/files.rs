@@ -229,6 +229,7 @@ impl ModelFiles {
         let mut model = Model::new(sphere.clone(), fit.clone(), kind);
         model.provenance.id = made_of.id.map(str::to_owned);
         model.provenance.input = made_of.input.cloned();
+        model.provenance.region = made_of.region.cloned();
         let Preparation { voxel_size, fix, cut_handles } = made_of.preparation;
         let provenance = &mut model.provenance;
         (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (voxel_size, fix, cut_handles);
@@ -295,6 +296,8 @@ pub struct MadeOf<'a> {
     pub id: Option<&'a str>,
     /// The surface's file.
     pub input: Option<&'a FileRecord>,
+    /// The file of the vertices whose values were read, where the others were continued from its edge.
+    pub region: Option<&'a FileRecord>,
     /// What was to be done to the surface before the fit.
     pub preparation: Preparation,
     /// What was changed in the volume's label.

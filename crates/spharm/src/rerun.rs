@@ -42,6 +42,8 @@ pub struct Request<'a> {
     pub sphere: Option<&'a Sphere>,
     /// Settings.
     pub params: &'a FitParams,
+    /// The file of the vertices whose values are read, where the others are continued from its edge.
+    pub region: Option<&'a FileRecord>,
     /// What is done to the surface before the fit; of one over a sphere, nothing.
     pub preparation: Preparation,
     /// The model's file.
@@ -132,6 +134,14 @@ pub struct Difference {
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}, not {}", self.setting.replace('_', "-"), self.found, self.wanted)
+    }
+}
+
+/// Whether two regions are the same vertices, whatever their files are called.
+fn same_region(found: Option<&FileRecord>, wanted: Option<&FileRecord>) -> bool {
+    match (found, wanted) {
+        (Some(found), Some(wanted)) => found.same_contents(wanted),
+        (found, wanted) => found.is_none() && wanted.is_none(),
     }
 }
 
@@ -290,6 +300,10 @@ impl Request<'_> {
         }
         let single = recorded.is_some_and(|settings| settings.dtype == Scalar::F32.name());
         let scalar = if single { Scalar::F32 } else { Scalar::F64 };
+        if !same_region(provenance.region.as_ref(), self.region) {
+            let name = |record: Option<&FileRecord>| record.map_or("none".to_owned(), ToString::to_string);
+            check("region", name(provenance.region.as_ref()), format!("{}, as it is", name(self.region)));
+        }
         let wanted = self.sphere.map(|sphere| SchemeKey::of(&sphere.directions, scalar).to_string());
         let recorded_key = sphere_name(model.scheme_key.as_ref().filter(|_| !provenance.parametrized));
         check("sphere", recorded_key, sphere_name(wanted.as_ref()));

@@ -330,6 +330,13 @@ pub enum SurfaceError {
         found: usize,
     },
 
+    /// A mask that leaves out every vertex.
+    #[error("{}: no vertex is left to read: expected one at least that the mask keeps", path.display())]
+    NothingKept {
+        /// The mask's file.
+        path: PathBuf,
+    },
+
     /// A surface whose triangles aren't the sphere's.
     #[error(
         "{}: its triangles are not those of {} ({differ} differ); the vertices must correspond",

@@ -72,6 +72,12 @@ pub(crate) struct Cli {
     /// Columns, of --effect and --covariates, whose numbers are levels, such as codes of sites
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) categorical: Vec<String>,
+    /// Vertices of the sampling to test: those that aren't 0 in this file, or a FreeSurfer label's
+    ///
+    /// Left-out vertices count in no family-wise maximum and no false-discovery rate; in the maps their statistic is 0 and their
+    /// p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label leaves out the medial wall.
+    #[arg(long, value_name = "FILE", help_heading = INPUT)]
+    pub(super) mask: Option<PathBuf>,
     /// What is measured at a vertex: displacement along the mean's normal, position, or the value of a signal
     #[arg(long, value_enum, default_value_t = What::Normal, help_heading = METHOD)]
     pub(super) signal: What,

@@ -14,7 +14,7 @@ use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::check_outputs;
 use spharm_cli::output::{OutputFile, prepare};
-use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal};
+use spharm_surface::io::{Output, WriteOptions, read_mask, write_mesh, write_signal};
 use spharm_surface::{Mesh, Signal};
 
 pub(super) use self::args::Cli;
@@ -65,6 +65,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(sphere) => sphere,
         None => Sphere::icosphere(cli.icosphere),
     };
+    let mask = cli.mask.as_ref().map(|path| read_mask(path, sphere.directions.len())).transpose()?;
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };
     let params = TestParams {
         permutations: (cli.permutations > 0).then_some(permutations),
@@ -76,6 +77,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let group = read_group(&study.paths, kind, cli.max_degree, monitor, console)?;
         let field = measure_group(&group.members, &sphere.directions, measurement, monitor)?;
         let field = if study.pairs { field.differences()? } else { field };
+        let field = match &mask {
+            Some(kept) => field.at(kept)?,
+            None => field,
+        };
         let (design, contrast) = (&study.question.design, &study.question.contrast);
         let found = test(field.values.view(), field.components, design, contrast, &params, monitor)?;
         Ok((group, field, found))
@@ -84,7 +89,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let tested: Vec<String> = study.warnings.iter().cloned().chain(found.warnings.iter().map(advised)).collect();
     tested.iter().for_each(|warning| console.warn(warning));
     let options = WriteOptions { overwrite: cli.report.force, double: false };
-    let maps = results::maps(&found);
+    let maps = results::maps(&found, mask.as_deref());
     prepare(&table_file)?;
     for (name, file) in MAPS.iter().zip(&map_files) {
         match maps.iter().find(|(written, _)| written == name) {
@@ -99,7 +104,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let mesh: Mesh = mean.reconstruct(&sphere, group.degree)?;
         write_mesh(&mean_file, &mesh, &options)?;
     }
-    write_text(&table_file, cli.report.force, &results::table(&sphere, &maps))?;
+    write_text(&table_file, cli.report.force, &results::table(&sphere, &maps, mask.as_deref()))?;
     let about = results::about(&found, &study, cli, &tested);
     write_text(&about_file, cli.report.force, &(serde_json::to_string_pretty(&about)? + "\n"))?;
     let warnings: Vec<String> = group.warnings.iter().cloned().chain(tested).collect();

@@ -4,6 +4,7 @@ use clap::ValueEnum;
 use serde_json::{Value, json};
 use spharm::Sphere;
 use spharm::shape::stats::{FamilyWise, Statistic, Test};
+use spharm_cli::paths::shown;
 
 use super::super::outputs::{csv, number};
 use super::args::Cli;
@@ -27,8 +28,20 @@ pub(super) const MAPS: [&str; 14] = [
     "size",
 ];
 
-/// Maps that are written, by name.
-pub(super) fn maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
+/// Maps that are written, by name, at all vertices: those that a mask left out have statistics and effects of 0, and p values of 1.
+pub(super) fn maps(found: &Test, mask: Option<&[bool]>) -> Vec<(&'static str, Vec<f64>)> {
+    let mut maps = tested_maps(found);
+    for (name, values) in &mut maps {
+        let Some(mask) = mask else { break };
+        let left_out = if matches!(*name, "p" | "q" | "p-fwe" | "p-permutation") { 1.0 } else { 0.0 };
+        let mut tested = std::mem::take(values).into_iter();
+        *values = mask.iter().map(|kept| if *kept { tested.next().unwrap_or(left_out) } else { left_out }).collect();
+    }
+    maps
+}
+
+/// The maps at the vertices that were tested.
+fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     let mut maps = vec![("statistic", found.statistic.clone()), ("p", found.p.clone()), ("q", found.q.clone())];
     if let Some(family_wise) = &found.family_wise {
         maps.push(("p-fwe", family_wise.p.clone()));
@@ -68,6 +81,8 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String])
         "resampling": found.family_wise.as_ref().map(|found| found.resampling.name()),
         "assumption": found.family_wise.as_ref().map(|found| found.resampling.assumption()),
         "level": cli.level,
+        "vertices": found.p.len(),
+        "mask": cli.mask.as_ref().map(shown),
         "warnings": warnings,
     })
 }
@@ -89,6 +104,7 @@ pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warn
         "statistic": kind_of(&found.kind),
         "welch": cli.welch,
         "vertices": found.p.len(),
+        "mask": cli.mask.as_ref().map(shown),
         "relabellings": relabellings(found),
         "exact": found.family_wise.as_ref().map(|found| found.exact),
         "resampling": found.family_wise.as_ref().map(|found| found.resampling.name()),
@@ -177,8 +193,8 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     lines
 }
 
-/// The maps as CSV, a row a vertex.
-pub(super) fn table(sphere: &Sphere, maps: &[(&str, Vec<f64>)]) -> String {
+/// The maps as CSV, a row for each vertex that was tested.
+pub(super) fn table(sphere: &Sphere, maps: &[(&str, Vec<f64>)], mask: Option<&[bool]>) -> String {
     let header: Vec<&str> =
         ["vertex", "ux", "uy", "uz"].into_iter().chain(maps.iter().map(|(name, _)| *name)).collect();
     let rows: Vec<Vec<String>> = sphere
@@ -186,6 +202,7 @@ pub(super) fn table(sphere: &Sphere, maps: &[(&str, Vec<f64>)]) -> String {
         .as_slice()
         .iter()
         .enumerate()
+        .filter(|(v, _)| mask.is_none_or(|mask| mask[*v]))
         .map(|(v, u)| {
             let numbers = u.iter().copied().chain(maps.iter().map(|(_, values)| values[v])).map(number);
             std::iter::once(v.to_string()).chain(numbers).collect()

@@ -76,6 +76,21 @@ pub(super) fn read_curv(bytes: &[u8]) -> Result<Signal, Flaw> {
     Ok(Signal { values, vertices: vertices as usize, channels: channels as usize })
 }
 
+/// The number of vertices that the head of a surface or of a curv file says, if it is one.
+pub(super) fn declared(head: &[u8]) -> Option<u64> {
+    let mut cursor = Cursor::new(head);
+    let magic: [u8; 3] = cursor.array().ok()?;
+    if magic == SURFACE_MAGIC {
+        cursor.line()?;
+        if cursor.rest().starts_with(b"\n") {
+            cursor.take(1).ok()?;
+        }
+    } else if magic != CURV_MAGIC {
+        return None;
+    }
+    count(&mut cursor, "vertices").ok()
+}
+
 fn magic(cursor: &mut Cursor<'_>, expected: [u8; 3]) -> Result<(), Flaw> {
     let found: [u8; 3] = cursor.array()?;
     if found == expected {

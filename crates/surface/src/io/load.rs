@@ -25,6 +25,17 @@ pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     Ok(bytes)
 }
 
+/// Most bytes of a file's head.
+const HEAD: u64 = 4096;
+
+/// Reads the first bytes of a regular file.
+pub(super) fn head(path: &Path) -> Result<Vec<u8>, SurfaceError> {
+    let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
+    let mut bytes = Vec::new();
+    open(path).map_err(io("open"))?.take(HEAD).read_to_end(&mut bytes).map_err(io("read"))?;
+    Ok(bytes)
+}
+
 /// The most bytes that one of deflate's output (gzip, zip) can stand for: a bound of the method itself.
 pub const MOST_EXPANSION: u64 = 1032;
 

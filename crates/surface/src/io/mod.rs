@@ -30,6 +30,7 @@ mod gifti;
 mod glb;
 mod leftovers;
 mod load;
+mod mask;
 mod memory;
 mod metamesh;
 mod mgh;
@@ -62,6 +63,7 @@ pub(crate) use formats::name_without_gz;
 pub use formats::{FORMATS, Output, check_output, is_named_signal, to_write_mesh, to_write_signal};
 pub use leftovers::remove_leftovers;
 pub use load::MOST_EXPANSION;
+pub use mask::read_mask;
 pub use memory::bytes_to_read;
 pub use painted::{PAINTED, write_painted, write_ply};
 pub use ply::PlyAttributes;
@@ -147,6 +149,21 @@ pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceEr
     let filled = signal.values.iter().map(|&x| if x.is_nan() { 0.0 } else { x }).collect();
     check::signal(path, &Signal { values: filled, ..signal })?;
     Ok(signal)
+}
+
+/// Returns the number of vertices that a file says in its first bytes: of FreeSurfer's surfaces and curv files. `None` of other
+/// formats, which have to be read.
+///
+/// # Errors
+///
+/// Those of [`read_input`] for an empty file, and for one that can't be opened.
+pub fn declared_vertices(path: impl AsRef<Path>) -> Result<Option<u64>, SurfaceError> {
+    let path = path.as_ref();
+    let head = load::head(path)?;
+    if head.is_empty() {
+        parse(path)?;
+    }
+    Ok(freesurfer::declared(&head))
 }
 
 /// Reads a file without looking at the values.

@@ -1,0 +1,99 @@
+//! Masks: which vertices are read.
+//!
+//! Values on vertices, 0 where a vertex is left out; or one of FreeSurfer's labels (`lh.cortex.label`), text: a line of
+//! comment, the number of vertices, and for each its index, position and value.
+
+use std::path::Path;
+
+use super::flaw::{Flaw, bounded, shown};
+use super::text::{lines, next_number, number, words};
+use super::{load, read_signal};
+use crate::error::SurfaceError;
+
+/// What FreeSurfer's labels begin with.
+const LABEL: &[u8] = b"#!ascii label";
+
+/// Reads a mask of so many vertices: whether each is read.
+///
+/// # Errors
+///
+/// As [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) for values of another number of vertices;
+/// [`Malformed`](SurfaceError::Malformed) for more than one value a vertex, and for a label of vertices that aren't there;
+/// [`NothingKept`](SurfaceError::NothingKept) if no vertex is read.
+pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, SurfaceError> {
+    let path = path.as_ref();
+    let bytes = load::load(path)?;
+    let mask = if bytes.starts_with(LABEL) {
+        label(&bytes, vertices).map_err(|flaw| flaw.at(path, "a FreeSurfer label"))?
+    } else {
+        drop(bytes);
+        let signal = read_signal(path)?;
+        if signal.vertices != vertices {
+            let (path, found) = (path.to_owned(), signal.vertices);
+            return Err(SurfaceError::VertexCount { path, sphere: None, expected: vertices, found });
+        }
+        if signal.channels != 1 {
+            let flaw = Flaw::new("a value for each vertex", format!("{} for each", signal.channels));
+            return Err(flaw.at(path, "a mask"));
+        }
+        signal.values.iter().map(|keep| *keep != 0.0).collect()
+    };
+    if mask.contains(&true) { Ok(mask) } else { Err(SurfaceError::NothingKept { path: path.to_owned() }) }
+}
+
+fn label(bytes: &[u8], vertices: usize) -> Result<Vec<bool>, Flaw> {
+    let mut rows = lines(bytes).skip(1).filter(|(_, line)| !line.trim_ascii().is_empty());
+    let (_, count) = rows.next().unwrap_or_default();
+    let count: u64 = number(count.trim_ascii()).ok_or_else(|| Flaw::new("a count on line 2", shown(count)))?;
+    let count = bounded(count, 2, bytes.len(), "vertices")?;
+    let mut mask = vec![false; vertices];
+    let mut found = 0;
+    for (at, line) in rows {
+        let vertex: usize = next_number(&mut words(line), "a vertex", at)?;
+        let Some(keep) = mask.get_mut(vertex) else {
+            return Err(Flaw::new(
+                format!("vertices below {vertices}, the surface's"),
+                format!("{vertex} on line {at}"),
+            ));
+        };
+        *keep = true;
+        found += 1;
+    }
+    if found == count { Ok(mask) } else { Err(Flaw::new(format!("{count} vertices"), found.to_string())) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_and_values_are_masks() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |name: &str, text: &str, vertices: usize| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            read_mask(path, vertices)
+        };
+        let head = "#!ascii label  , from subject bert vox2ras=TkReg\n";
+        let text = format!("{head}2\n3  -1.5 2.0 3.0 0.000000\n0  1 2 3 0.1\n");
+        assert_eq!(read("lh.cortex.label", &text, 5).unwrap(), [true, false, false, true, false]);
+        assert_eq!(read("lh.windows.label", &text.replace('\n', "\r\n"), 4).unwrap(), [true, false, false, true]);
+        assert_eq!(read("mask.csv", "0\n1\n-2\n", 3).unwrap(), [false, true, true]);
+        for (text, vertices, expected) in [
+            (text.as_str(), 3, "vertices below 3"),
+            (&text.replace("\n2\n", "\n3\n"), 5, "expected 3 vertices, found 2"),
+            (&text.replace("\n2\n", "\n4000000000\n"), 5, "4000000000 vertices"),
+            (&text.replace("\n2\n", "\nx\n"), 5, "a count on line 2"),
+            (&text.replace("\n3  ", "\n-3  "), 5, "a vertex on line 3"),
+            (&format!("{head}0\n"), 5, "no vertex is left"),
+            (head, 5, "a count"),
+        ] {
+            let error = read("bad.label", text, vertices).unwrap_err().to_string();
+            assert!(error.contains("bad.label") && error.contains(expected) && !error.contains('\n'), "{error}");
+        }
+        for (text, expected) in [("0\n0\n", "no vertex is left"), ("1\n", "1 vertices"), ("1,2\n1,2\n", "2 for each")] {
+            let error = read("bad.csv", text, 2).unwrap_err().to_string();
+            assert!(error.contains("bad.csv") && error.contains(expected), "{error}");
+        }
+    }
+}
