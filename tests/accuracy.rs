@@ -4,9 +4,10 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use serde_json::Value;
+use spharm_model::Model;
 use spharm_surface::io::read_signal;
 
-use crate::common::{shared, succeed, tool};
+use crate::common::{reference, shared, succeed, tool};
 
 /// Runs a fit and gives its report.
 fn report(store: &Path, sphere: &Path, surface: &Path, arguments: &[&str]) -> Value {
@@ -27,8 +28,8 @@ fn build(store: &Path, sphere: &Path, max_degree: usize) {
 /// Held by the test whose store of degree 100 is on disk: one at a time, for each takes gigabytes.
 static DISK: Mutex<()> = Mutex::new(());
 
-/// msd to 1e-6 and xsd to 1e-4, relative, on every irf and sirf line of `reference.json`.
-fn meets_reference(name: &str) {
+/// Compares with every irf and sirf line of the shared reference of a surface.
+fn meets_shared_reference(name: &str) {
     let Some(reference) = shared("reference.json") else { return };
     let (Some(sphere), Some(surface)) =
         (shared(&format!("{name}.sphere.surf.gii")), shared(&format!("{name}.surf.gii")))
@@ -36,11 +37,24 @@ fn meets_reference(name: &str) {
         return;
     };
     let reference: Value = serde_json::from_slice(&std::fs::read(reference).unwrap()).unwrap();
-    let lines = reference[name]["results"].as_object().expect("results");
     let _disk = DISK.lock().unwrap_or_else(PoisonError::into_inner);
+    meets_reference(name, (&sphere, &surface), &reference[name], &[1, 100, 200, 400], &[10, 20, 60, 100]);
+}
+
+/// msd to 1e-6 and xsd to 1e-4, relative, on every irf and sirf line of a reference: of IRF by blocks of so many functions, and of
+/// SIRF to these degrees.
+fn meets_reference(
+    name: &str,
+    (sphere, surface): (&Path, &Path),
+    reference: &Value,
+    granularities: &[usize],
+    degrees: &[usize],
+) {
+    let lines = reference["results"].as_object().expect("results");
+    let top = reference["L"].as_u64().expect("a degree") as usize;
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
-    build(&store, &sphere, 100);
+    build(&store, sphere, top);
     let mut met = 0;
     let mut check = |line: &str, pass: &Value| {
         let Some(expected) = lines.get(line) else { return };
@@ -50,16 +64,16 @@ fn meets_reference(name: &str) {
         }
         met += 1;
     };
-    for g in [1, 100, 200, 400] {
-        let arguments = ["--max-degree", "100", "--passes", "8", "--granularity", &g.to_string()];
-        let report = report(&store, &sphere, &surface, &arguments);
+    for g in granularities {
+        let arguments = ["--max-degree", &top.to_string(), "--passes", "8", "--granularity", &g.to_string()];
+        let report = report(&store, sphere, surface, &arguments);
         for p in 1..=8 {
-            check(&format!("irf p={p} g={g} L=100"), &report["surfaces"][0]["passes"][p - 1]);
+            check(&format!("irf p={p} g={g} L={top}"), &report["surfaces"][0]["passes"][p - 1]);
         }
     }
-    for degree in [10, 20, 60, 100] {
+    for degree in degrees {
         let arguments = ["--method", "sirf", "--max-degree", &degree.to_string()];
-        let report = report(&store, &sphere, &surface, &arguments);
+        let report = report(&store, sphere, surface, &arguments);
         check(&format!("sirf L={degree}"), &report["surfaces"][0]["passes"][0]);
     }
     let wanted = lines.keys().filter(|line| line.contains("irf")).count();
@@ -68,12 +82,57 @@ fn meets_reference(name: &str) {
 
 #[test]
 fn the_cortex_meets_every_line_of_the_reference() {
-    meets_reference("cort40962");
+    meets_shared_reference("cort40962");
 }
 
 #[test]
 fn the_head_meets_every_line_of_the_reference() {
-    meets_reference("head27618");
+    meets_shared_reference("head27618");
+}
+
+/// The reference that every clone has: IRF, SIRF and least squares of a body that is sampled unevenly.
+#[test]
+fn a_body_meets_every_line_of_its_reference() {
+    let [sphere, surface, results] = ["sphere.surf.gii", "surface.surf.gii", "reference.json"].map(reference);
+    let results: Value = serde_json::from_slice(&std::fs::read(results).unwrap()).unwrap();
+    meets_reference("body", (&sphere, &surface), &results, &[1, 40, 150], &[5, 10, 20]);
+    let expected = &results["results"]["least-squares L=20"];
+    for method in [&["--method", "nlsf"][..], &["--method", "lsq", "--target", "vertices", "--strict"]] {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("store");
+        build(&store, &sphere, 20);
+        let report = report(&store, &sphere, &surface, &[method, &["--max-degree", "20"]].concat());
+        for (measure, tolerance) in [("msd", 1e-6), ("xsd", 1e-4)] {
+            let found = report["surfaces"][0]["passes"][0][measure].as_f64().unwrap();
+            let expected = expected[measure].as_f64().unwrap();
+            assert!((found / expected - 1.0).abs() <= tolerance, "{method:?}: {measure} {found}, not {expected}");
+        }
+    }
+}
+
+/// The magnetic field of the earth as another program evaluates it has the coefficients that were published of it.
+#[test]
+fn least_squares_of_a_field_equals_published_coefficients() {
+    const DEGREE: usize = 13;
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("field.spharm.npz");
+    let mut fit = tool("fit");
+    fit.arg("--sphere").arg(reference("igrf_directions.csv")).arg("--surface").arg(reference("igrf_field.csv"));
+    succeed(fit.args(["--max-degree", &DEGREE.to_string(), "-q", "-o"]).arg(&model));
+    let found = Model::read(&model).unwrap().coefficients;
+    let published = read_signal(reference("igrf.csv")).unwrap();
+    assert_eq!((published.vertices, published.channels), (DEGREE * (DEGREE + 3) / 2, 4));
+    for row in published.values.chunks(4) {
+        let (n, m) = (row[0] as usize, row[1] as usize);
+        // Of the potential's gradient at the reference radius, in Schmidt's semi-normalisation.
+        let factor = (n + 1) as f64 * (4.0 * std::f64::consts::PI / (2 * n + 1) as f64).sqrt();
+        for (value, order) in [(row[2], n + m), (row[3], n - m)].into_iter().take(1 + usize::from(m > 0)) {
+            let ours = found.values()[[n * n + order, 0]] / factor;
+            // Published to hundredths of a nT, up to 29,405.
+            assert!((ours - value).abs() < 1e-6, "degree {n}, order {m}: {ours}, not {value}");
+        }
+    }
+    assert!(found.values()[[0, 0]].abs() < 1e-6, "no monopole");
 }
 
 /// The least squares of three hippocampi at degree 15, as their authors published it.

@@ -1,25 +1,17 @@
 //! What the tests share: where things are, and running the tools.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 
+pub(crate) use spharm_testdata::{reference, shared};
+
 /// The repository.
 pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
-/// A file of the shared data, or `None` with a message where the folder isn't there.
-pub(crate) fn shared(name: &str) -> Option<PathBuf> {
-    let path = root().join("../shared/data").join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    eprintln!("skipped: no ../shared/data/{name} here");
-    None
 }
 
 /// How often a test repeats what is random; `./run soak` does it ten times as often.

@@ -1,7 +1,5 @@
 //! Surfaces that the tests use.
 
-use std::path::Path;
-
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::Silent;
@@ -9,13 +7,9 @@ use spharm_monitor::Silent;
 use crate::rotation::Rotation;
 use crate::transform::{Similarity, Transform};
 
-/// Five hippocampi of degree 12, after SPHARM-MAT's first step or its registration; none without the shared data.
+/// Five hippocampi of degree 12, after SPHARM-MAT's first step or its registration.
 pub(crate) fn hippocampi(step: &str) -> Option<Vec<Coefficients>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/shape");
-    if !folder.is_dir() {
-        println!("{} isn't there: not tested", folder.display());
-        return None;
-    }
+    let folder = spharm_testdata::shared("shape")?;
     let read = |n: usize| {
         let values: Array2<f64> = ndarray_npy::read_npy(folder.join(format!("hippo_a0{n}_r.{step}.npy"))).unwrap();
         Coefficients::new(values).unwrap()

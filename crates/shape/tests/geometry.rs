@@ -290,11 +290,8 @@ fn a_wish_to_stop_is_heard() {
 /// The paper's authors' coefficients of a hippocampus, L = 15, centred; figures from 128 rings.
 #[test]
 fn a_hippocampus_has_its_area_and_volume() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/hippo_a01_l.degree15.fvec.csv");
-    let Ok(text) = std::fs::read_to_string(path) else {
-        eprintln!("skipped: no {path} here");
-        return;
-    };
+    let Some(path) = spharm_testdata::shared("hippo_a01_l.degree15.fvec.csv") else { return };
+    let text = std::fs::read_to_string(path).expect("a table");
     let mut complex = Array2::zeros((basis_size(15), 3));
     for (row, line) in text.lines().skip(1).enumerate() {
         let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().expect("a number")).collect();

@@ -86,18 +86,14 @@ fn each_of_ten_thousand_shapes_is_found() {
 /// Five hippocampi before and after SPHARM-MAT turned them in both spaces.
 #[test]
 fn hippocampi_are_known_after_another_package_turned_them() {
+    let Some(folder) = spharm_testdata::shared("shape") else { return };
     let read = |subject: usize, stage: &str| {
-        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/shape");
-        let path = format!("{folder}/hippo_a0{subject}_r.{stage}.npy");
-        ndarray_npy::read_npy::<_, Array2<f64>>(&path)
-            .ok()
-            .map(|values| descriptors(&Coefficients::new(values).expect("degree 12")).expect("finite"))
+        let path = folder.join(format!("hippo_a0{subject}_r.{stage}.npy"));
+        let values = ndarray_npy::read_npy::<_, Array2<f64>>(&path).expect("coefficients");
+        descriptors(&Coefficients::new(values).expect("degree 12")).expect("finite")
     };
-    let of = |stage: &str| (1..=5).map(|subject| read(subject, stage)).collect::<Option<Vec<Descriptors>>>();
-    let (Some(before), Some(after)) = (of("foe"), of("shrec")) else {
-        eprintln!("skipped: no ../shared/data/shape here");
-        return;
-    };
+    let of = |stage: &str| (1..=5).map(|subject| read(subject, stage)).collect::<Vec<Descriptors>>();
+    let (before, after) = (of("foe"), of("shrec"));
     let library = Library::new(&before, false).expect("models");
     for (subject, query) in after.iter().enumerate() {
         let [first, second] = library.nearest(query, 2, Metric::Distance).expect("the same degree")[..] else {

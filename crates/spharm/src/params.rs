@@ -240,7 +240,7 @@ impl FromStr for Preconditioner {
 /// How to fit.
 ///
 /// ```
-/// use spharm::{FitParams, Smoothness};
+/// use spharm::{FitParams, FitTo, Smoothness};
 ///
 /// let target = FitTo::Vertices;
 /// let params = FitParams { target, smoothness: Smoothness::Auto, hold_out: Some(0.1), ..FitParams::lsq(60) };

@@ -1,20 +1,13 @@
-//! Public surfaces, where they are at hand (`../shared/data` beside the repository).
-
-use std::path::PathBuf;
+//! Public surfaces.
 
 use spharm_monitor::Silent;
 use spharm_parametrize::{CaldParams, ParametrizeError, Quality, auto, cald};
 use spharm_surface::Mesh;
 use spharm_surface::io::read_mesh;
 
-/// A mesh of the shared data; `None`, with a message, where it isn't there.
+/// A mesh of the shared data.
 fn shared(name: &str) -> Option<Mesh> {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(name);
-    let found = path.exists().then_some(path);
-    if found.is_none() {
-        eprintln!("{name} isn't there: skipped");
-    }
-    found.map(|path| read_mesh(&path).unwrap())
+    spharm_testdata::shared(name).map(|path| read_mesh(&path).unwrap())
 }
 
 #[test]

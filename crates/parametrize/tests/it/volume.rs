@@ -1,7 +1,5 @@
 //! From label volumes to surfaces and equal-area spheres.
 
-use std::path::PathBuf;
-
 use spharm_monitor::Silent;
 use spharm_parametrize::volume::{Affine, HandleRepair, LabelVolume, Mask, VolumeParams, VolumeSurface};
 use spharm_parametrize::{EqualAreaParams, ParametrizeError, area_deviation, equal_area};
@@ -212,12 +210,7 @@ fn labels_are_chosen_or_named() {
 #[test]
 fn published_hippocampi_get_equal_areas() {
     for name in ["hippo_a01_l", "hippo_a02_l", "hippo_a03_l"] {
-        let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
-        let path = folder.join(format!("{name}.nii.gz"));
-        if !path.exists() {
-            eprintln!("skipped: no {} beside the repository", path.display());
-            continue;
-        }
+        let Some(path) = spharm_testdata::shared(&format!("{name}.nii.gz")) else { continue };
         let found = take(&LabelVolume::read(&path, &Silent).unwrap()).unwrap();
         assert_eq!(found.repair, None);
         check_map(&found);

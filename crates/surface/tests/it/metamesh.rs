@@ -50,12 +50,8 @@ fn what_is_not_understood_is_refused() {
 /// The parameterisation is the surface's, which points outward.
 #[test]
 fn a_genuine_pair_corresponds() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/peers");
-    let [surface, sphere] = ["a01_l_hippo.surf.meta", "a01_l_hippo.para.meta"].map(|name| folder.join(name));
-    if !surface.exists() {
-        eprintln!("skipped: no ../shared/data/peers here");
-        return;
-    }
+    let names = ["peers/a01_l_hippo.surf.meta", "peers/a01_l_hippo.para.meta"];
+    let [Some(surface), Some(sphere)] = names.map(spharm_testdata::shared) else { return };
     let (surface, sphere) = (read_mesh(surface).unwrap(), read_mesh(sphere).unwrap());
     assert_eq!((surface.vertices.len(), surface.faces.len()), (3856, 7708));
     assert_eq!(surface.faces, sphere.faces);

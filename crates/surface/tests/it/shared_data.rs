@@ -1,21 +1,10 @@
-//! The public surfaces beside the repository, where they are.
-
-use std::path::PathBuf;
+//! Public surfaces.
 
 use spharm_surface::Mesh;
 use spharm_surface::io::read_mesh;
 use spharm_surface::metrics::bounding_box_scale;
 use spharm_surface::topology::{Topology, is_outward};
-
-/// A file of ../shared/data, or `None` with a word on stderr.
-fn shared(name: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")).join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    eprintln!("skipped: no ../shared/data/{name} beside the repository");
-    None
-}
+use spharm_testdata::shared;
 
 fn mesh(name: &str) -> Option<Mesh> {
     shared(name).map(|path| read_mesh(path).unwrap())
