@@ -16,11 +16,11 @@ from scripts import run_script
 
 #: Parts in their order, with their share of the time in parts of 30.
 PARTS = {
-    "fuzz": 10, "faults": 5, "full": 2, "power": 3, "races": 2, "media": 1, "clock": 0.5, "protocol": 0.5, "mutants": 3,
-    "memory": 2, "numbers": 1,
+    "fuzz": 8, "inputs": 1, "faults": 5, "full": 2, "power": 3, "races": 2, "media": 1, "clock": 0.5, "protocol": 0.5, "mutants": 3,
+    "memory": 2, "numbers": 1, "statistics": 1,
 }
 #: Parts that are scripts of their own, in the folder above.
-SCRIPTS = {"memory": "memory.py", "numbers": "numerics.py"}
+SCRIPTS = {"memory": "memory.py", "numbers": "numerics.py", "statistics": "designs.py"}
 
 
 def arguments():

@@ -113,7 +113,7 @@ def run(command, cwd=None, limit=60.0, env=None, setup=None, signals=True):
     """Runs a command to its end, or kills it and its children after `limit` seconds."""
     started = time.monotonic()
     process = subprocess.Popen(
-        [str(word) for word in command], cwd=cwd, env=environment(env), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        [word if isinstance(word, bytes) else str(word) for word in command], cwd=cwd, env=environment(env), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, preexec_fn=setup, restore_signals=signals, start_new_session=True,
     )
     hung = False

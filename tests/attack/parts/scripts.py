@@ -7,6 +7,7 @@ couldn't be tried.
 import json
 import os
 import sys
+from pathlib import Path
 
 from common import ROOT, Row, run
 
@@ -17,8 +18,11 @@ def run_script(site, name, file, seconds):
     if not script.is_file():
         site.skip(row, f"there is no {script.relative_to(ROOT)}")
         return row
-    # Where it needs NumPy or mpmath, `./run` has made an environment that has it.
-    python = os.environ.get("SPHARM_PYTHON", sys.executable)
+    # Where it needs NumPy or the Python package, `./run` has made an environment that has it.
+    python = ROOT / "target/python/bin/python" if name == "statistics" else os.environ.get("SPHARM_PYTHON", sys.executable)
+    if not Path(python).is_file():
+        site.skip(row, f"there is no {python}: ./run attack makes it")
+        return row
     # A script keeps to its time itself; it is ended only where it is far beyond it.
     ended = run([python, script, site.program], limit=max(900, 4 * seconds), env={"SPHARM_ATTACK_SECONDS": f"{seconds:.0f}"})
     text = ended.out.decode(errors="replace")

@@ -1,0 +1,154 @@
+"""Inputs that are no regular files, and names that aren't UTF-8, among the inputs of every verb.
+
+One input at a time is a pipe that nobody writes to, a device, a socket, a folder, an empty file, a link to nothing or to itself:
+the verb must end at once, with status 1 and a line that names the input, and leave nothing half-written. Then one at a time has
+bytes in its name that are no UTF-8: the verb must make as many outputs as undisturbed.
+"""
+
+import os
+import resource
+import shutil
+import socket
+
+import verbs
+from common import Row, in_turn
+
+#: Address space that a verb may take, bytes: /dev/zero read to its end takes all there is.
+MEMORY = 8 << 30
+#: Inputs that no argument names: patterns within the folder of the inputs.
+UNNAMED = {
+    "fit --manifest": ("a.ply", "b.ply"),
+    "study": ("study.csv", "s?.ply"),
+    "freesurfer": ("subjects/*/surf/*",),
+    "bids": ("subjects/*/surf/*",),
+}
+#: Files of a store that its fit doesn't read.
+UNREAD = (".lock", "factor_")
+#: What a name that isn't UTF-8 begins with.
+BYTES = b"\xff\xe9 "
+
+
+def pipe(path):
+    os.mkfifo(path)
+
+
+def listening(path):
+    # Paths of sockets have at most 107 bytes: bound in its folder.
+    here = os.open(".", os.O_RDONLY)
+    try:
+        os.chdir(path.parent)
+        with socket.socket(socket.AF_UNIX) as made:
+            made.bind(path.name)
+    finally:
+        os.fchdir(here)
+        os.close(here)
+
+
+#: What stands in an input's place: a name, and a function that makes it.
+ODD = {
+    "a pipe": pipe,
+    "/dev/zero": lambda path: path.symlink_to("/dev/zero"),
+    "/dev/full": lambda path: path.symlink_to("/dev/full"),
+    "a socket": listening,
+    "a folder": lambda path: path.mkdir(),
+    "an empty file": lambda path: path.touch(),
+    "a link to nothing": lambda path: path.symlink_to("nothing"),
+    "a link to itself": lambda path: path.symlink_to(path.name),
+}
+
+
+def limited():
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+
+def files_of(verb, folder):
+    """The input files of a verb, relative to the folder of all inputs."""
+    named = [word.partition("/")[2] for word in verb.arguments.split() if word.startswith(("in/", "INPUTS/"))]
+    found = set()
+    for pattern in [*named, *UNNAMED.get(verb.name, ())]:
+        for path in folder.glob(pattern):
+            inside = path.rglob("*") if path.is_dir() and not path.is_symlink() else [path]
+            found.update(file.relative_to(folder) for file in inside if file.is_file() and not file.name.startswith(UNREAD))
+    return sorted(found)
+
+
+def run_part(site, seconds):
+    row = Row("odd inputs and names")
+    inputs, all_verbs = verbs.learned(site)
+    cases = [(verb, file, odd) for verb in all_verbs for file in files_of(verb, inputs) for odd in [*ODD, None]]
+    site.random.shuffle(cases)
+    places = []
+    for number in range(site.workers):
+        copy = site.folder(f"odd-inputs{number}") / "inputs"
+        shutil.copytree(inputs, copy, symlinks=True)
+        places.append(verbs.Workplace(site, f"odd{number}", copy))
+
+    def replace(number, case):
+        verb, file, odd = case
+        place, kept = places[number], inputs / file
+        path = place.inputs / file
+        place.fresh(verb)
+        path.unlink()
+        try:
+            if odd:
+                ODD[odd](path)
+                ended = place.run(verb, setup=limited)
+                judge(site, row, place, verb, ended, file, odd)
+            else:
+                named(site, row, place, verb, file, kept)
+        finally:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            elif os.path.lexists(path):
+                path.unlink()
+            shutil.copy2(kept, path)
+
+    total = in_turn(site, seconds, cases, replace)
+    row.done = f"{total} of {len(cases)} commands of {len(all_verbs)} with one input that is no file, or whose name is no text"
+    return row
+
+
+def judge(site, row, place, verb, ended, file, odd):
+    what = f"{verb.name}, {file} is {odd}"
+    text = (ended.err + ended.out).decode(errors="replace")
+    if ended.hung:
+        site.find(row, "hangs", f"{what}: no end")
+    elif ended.crashed:
+        site.find(row, "crashes", f"{what}: status {ended.code}: {ended.last()}")
+    elif ended.code == 0:
+        site.find(row, "wrong", f"{what}: status 0: {ended.last()}")
+    elif ended.code != 1:
+        site.find(row, "wrong", f"{what}: status {ended.code}: {ended.last()}")
+    elif file.name not in text and file.parent.name not in text:
+        site.find(row, "wrong", f"{what}: not named: {ended.last()}")
+    if not ended.hung:
+        for kind, flaw in place.flaws(verb, ended.killed, False):
+            if "/logs/participant-" in flaw:
+                # Named by a hash of the dataset's path, which is another one here.
+                continue
+            site.find(row, kind, f"{what}: {flaw}")
+
+
+def named(site, row, place, verb, file, kept):
+    """Runs a verb with an input of another name, where an argument names it."""
+    what = f"{verb.name}, {file} with bytes in its name"
+    other = BYTES + os.fsencode(file.name)
+    path = os.path.join(os.fsencode(place.inputs / file.parent), other)
+    words = [os.fsencode(str(word)) for word in verb.command(place.site.program, place.inputs)]
+    old = os.fsencode(f"in/{file}")
+    if old not in words:
+        return
+    shutil.copy2(kept, path)
+    try:
+        ended = verbs.run([os.path.join(b"in", os.fsencode(file.parent), other) if word == old else word for word in words],
+                          cwd=place.folder, limit=verbs.HANG + 10 * verb.seconds)
+    finally:
+        os.unlink(path)
+    if ended.hung:
+        site.find(row, "hangs", f"{what}: no end")
+    elif ended.crashed:
+        site.find(row, "crashes", f"{what}: status {ended.code}: {ended.last()}")
+    elif ended.code != 0:
+        site.find(row, "wrong", f"{what}: status {ended.code}: {ended.last()}")
+    elif len(place.files()) != len(verb.expected):
+        site.find(row, "wrong", f"{what}: {len(place.files())} outputs in place of {len(verb.expected)}")
