@@ -41,8 +41,8 @@ fn meets_shared_reference(name: &str) {
     meets_reference(name, (&sphere, &surface), &reference[name], &[1, 100, 200, 400], &[10, 20, 60, 100]);
 }
 
-/// msd to 1e-6 and xsd to 1e-4, relative, on every irf and sirf line of a reference: of IRF by blocks of so many functions, and of
-/// SIRF to these degrees.
+/// msd to 1e-6 and xsd to 1e-4, relative, on every irf and sirf line of a reference: of IRF by blocks of so many
+/// functions, and of SIRF to these degrees.
 fn meets_reference(
     name: &str,
     (sphere, surface): (&Path, &Path),

@@ -1,4 +1,5 @@
-//! Models of labels: degrees that resolve the voxels, equal inputs, and the page that compares them with their surfaces.
+//! Models of labels: degrees that resolve the voxels, equal inputs, and the page that compares them with their
+//! surfaces.
 
 use std::fs;
 use std::path::Path;

@@ -16,7 +16,8 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         ("man", "folder") => Role::Other,
         (_, "report" | "json_file" | "status" | "failed" | "table" | "transforms" | "warnings") => Role::Report,
         (_, "output" | "surface_output" | "mean" | "scores" | "maps" | "animation") => Role::Output,
-        // Weights are a file or a word, and "minus" is a folder or a column; a file of that name isn't written to either.
+        // Weights are a file or a word, and "minus" is a folder or a column; a file of that name isn't written to
+        // either.
         (_, "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "weights" | "original")
         | (_, "reconstruction" | "model" | "models" | "files" | "file" | "samples" | "parts" | "map" | "fit_report")
         | (_, "modes" | "test" | "a" | "b" | "minus" | "to" | "from" | "among" | "study" | "volumes") => Role::Input,

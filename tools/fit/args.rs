@@ -108,8 +108,8 @@ pub(super) struct Input {
     pub(super) weights: String,
     /// Vertices to leave unread: those with 0 in this file
     ///
-    /// A value for each vertex. A surface is fitted on the triangles whose corners are all read. Vertices of signals without a
-    /// value (NaN) are left unread in any case. The model is one over the whole sphere all the same.
+    /// A value for each vertex. A surface is fitted on the triangles whose corners are all read. Vertices of signals
+    /// without a value (NaN) are left unread in any case. The model is one over the whole sphere all the same.
     #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
@@ -130,9 +130,9 @@ pub(super) struct MethodArgs {
     pub(super) method: Option<MethodName>,
     /// What is fitted (lsq) [default: a mesh's surface]
     ///
-    /// surface: all of its triangles, by samples as dense as the degree needs, each weighted by its share of the sphere.
-    /// vertices: the vertices alone, as in the paper; the default for signals and with --store. --hold-out, --stderr and
-    /// --smoothness auto are of the vertices: with a mesh they need --target vertices.
+    /// surface: all of its triangles, by samples as dense as the degree needs, each weighted by its share of the
+    /// sphere. vertices: the vertices alone, as in the paper; the default for signals and with --store. --hold-out,
+    /// --stderr and --smoothness auto are of the vertices: with a mesh they need --target vertices.
     #[arg(long, value_name = "surface|vertices")]
     pub(super) target: Option<FitTo>,
     /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]

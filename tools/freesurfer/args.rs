@@ -39,8 +39,8 @@ pub(crate) struct Cli {
     pub(super) signal: Vec<String>,
     /// Vertices whose values are read, by a label: lh.NAME.label in each subject's label/; none reads all
     ///
-    /// Values of the other vertices are continued from the label's edge: the medial wall's zeros are no thickness. Surfaces are read
-    /// whole. [default: cortex, where it is there]
+    /// Values of the other vertices are continued from the label's edge: the medial wall's zeros are no thickness.
+    /// Surfaces are read whole. [default: cortex, where it is there]
     #[arg(long, value_name = "NAME|none", requires = "signal", help_heading = help::INPUT)]
     pub(super) mask: Option<String>,
     /// Hemispheres

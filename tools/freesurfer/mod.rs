@@ -78,8 +78,8 @@ fn evaluate(cli: &Cli, subdivisions: u32) -> Result<Evaluate> {
     Ok(Evaluate { sphere, name: format!("ico{subdivisions}") })
 }
 
-/// The subjects: those that were named, or the folders with a folder `surf`, sorted by name; and the other folders, but for
-/// FreeSurfer's own averages.
+/// The subjects: those that were named, or the folders with a folder `surf`, sorted by name; and the other folders, but
+/// for FreeSurfer's own averages.
 fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> {
     let folder = &cli.subjects_dir;
     let named = || format!("{}: cannot read the folder", folder.display());

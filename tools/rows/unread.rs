@@ -1,5 +1,5 @@
-//! Vertices that aren't read: those that a mask leaves out, and those of signals without a value, have the weight 0; those
-//! outside of a row's region get values that are continued from its edge.
+//! Vertices that aren't read: those that a mask leaves out, and those of signals without a value, have the weight 0;
+//! those outside of a row's region get values that are continued from its edge.
 
 use std::path::Path;
 
@@ -44,8 +44,8 @@ pub(super) struct Part {
     pub(super) unread: usize,
 }
 
-/// Sorts the rows with these numbers by the vertices that have no value, of signals that are fitted by least squares without a
-/// store. Other methods refuse values that aren't there.
+/// Sorts the rows with these numbers by the vertices that have no value, of signals that are fitted by least squares
+/// without a store. Other methods refuse values that aren't there.
 pub(super) fn parts(rows: &[Row], numbers: &[usize], sphere: &Sphere, params: &FitParams) -> Result<Vec<Part>> {
     let gaps_of = |number: usize| match (params.method, &params.store) {
         (Method::Lsq, None) => gaps(&rows[number], sphere.directions.len()),
@@ -89,7 +89,8 @@ pub(super) fn continue_from(region: &Path, target: &mut Target, sphere: &Sphere,
     Ok(())
 }
 
-/// Returns a warning if a model leaves the range of what was read where nothing was: by more than the width of that range.
+/// Returns a warning if a model leaves the range of what was read where nothing was: by more than the width of that
+/// range.
 pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere) -> Result<Option<String>> {
     let Weights::Values { values: weights, .. } = &params.weights else { return Ok(None) };
     let model = Model::without_sphere(fit.coefficients.clone(), Kind::Signal);

@@ -1,5 +1,5 @@
-//! What is to be looked at before a study's results are believed: subjects that are far from the others, files and models that
-//! are there twice, models that follow their voxels, and the warnings of the alignment and of the tests.
+//! What is to be looked at before a study's results are believed: subjects that are far from the others, files and
+//! models that are there twice, models that follow their voxels, and the warnings of the alignment and of the tests.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -79,8 +79,8 @@ impl std::fmt::Display for NameTemplate {
 }
 
 impl NameTemplate {
-    /// Returns the name of an input, and of its label if it is a volume, for people; a folder that it doesn't have is left
-    /// empty.
+    /// Returns the name of an input, and of its label if it is a volume, for people; a folder that it doesn't have is
+    /// left empty.
     #[must_use]
     pub fn name(&self, input: &Path, label: Option<i64>) -> String {
         self.file_name(input, label).to_string_lossy().into_owned()

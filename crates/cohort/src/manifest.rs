@@ -31,7 +31,8 @@ pub struct Row {
     pub sphere: Option<PathBuf>,
     /// The weights of its vertices, where they are its own: `uniform`, `area`, or a file.
     pub weights: Option<PathBuf>,
-    /// Of a signal, the mask or label of the vertices whose values are read; those of the others are continued from its edge.
+    /// Of a signal, the mask or label of the vertices whose values are read; those of the others are continued from its
+    /// edge.
     pub region: Option<PathBuf>,
     /// The model's file, relative to the folder of all models; none where the id names it.
     pub output: Option<PathBuf>,

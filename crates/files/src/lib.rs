@@ -1,9 +1,9 @@
 //! Regular files, opened without waiting and read whole within a bound.
 //!
-//! Opening a FIFO waits for whoever writes it, reading one or a terminal waits for data, and a device may have no end. None
-//! of them holds a table, a list, a study or a model that is to be read again, so they are refused: before they are opened,
-//! and once more when they are open, as a path may be replaced in between. What is read whole has a bound, which also holds
-//! for files that grow while they are read and for those whose size isn't known, as in `/proc`.
+//! Opening a FIFO waits for whoever writes it, reading one or a terminal waits for data, and a device may have no end.
+//! None of them holds a table, a list, a study or a model that is to be read again, so they are refused: before they
+//! are opened, and once more when they are open, as a path may be replaced in between. What is read whole has a bound,
+//! which also holds for files that grow while they are read and for those whose size isn't known, as in `/proc`.
 //!
 //! ```
 //! # fn main() -> std::io::Result<()> {

@@ -1,8 +1,8 @@
 //! Values where there are none: continued from the edge of what is known.
 //!
 //! The continuation is harmonic on the graph of the mesh's edges: each filled value is the mean of its neighbours', so
-//! that it lies between those at the edge, and a model over the whole sphere has something to follow there. (Left without
-//! values, a least-squares model of high degree isn't determined in a hole and swings to any height.)
+//! that it lies between those at the edge, and a model over the whole sphere has something to follow there. (Left
+//! without values, a least-squares model of high degree isn't determined in a hole and swings to any height.)
 
 use spharm_monitor::Monitor;
 
@@ -12,7 +12,8 @@ use crate::sparse_cholesky::Symbolic;
 /// Place of a vertex that is known.
 const KNOWN: u32 = u32::MAX;
 
-/// Fills in the values of the vertices that `known`, (n), doesn't mark; `values` are (n, c) row-major, and never read there.
+/// Fills in the values of the vertices that `known`, (n), doesn't mark; `values` are (n, c) row-major, and never read
+/// there.
 ///
 /// Cost: a sparse factorisation of as many unknowns, O(m^1.5) flops.
 ///

@@ -32,8 +32,8 @@ pub struct Field {
 }
 
 impl Field {
-    /// Returns the differences of paired models: those of the first half less those of the second half, in order. The mean
-    /// stays that of all.
+    /// Returns the differences of paired models: those of the first half less those of the second half, in order. The
+    /// mean stays that of all.
     ///
     /// # Errors
     ///

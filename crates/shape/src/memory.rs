@@ -29,8 +29,9 @@ impl GroupSizes {
         self.values().saturating_mul(16)
     }
 
-    /// Returns the bytes that bringing the group together takes beside the coefficients: `96 n K` for members in their poses;
-    /// for each thread [`align_bytes`], or after that a surface with its search tree; and those of the mean and a member.
+    /// Returns the bytes that bringing the group together takes beside the coefficients: `96 n K` for members in their
+    /// poses; for each thread [`align_bytes`], or after that a surface with its search tree; and those of the mean and
+    /// a member.
     #[must_use]
     pub fn procrustes(self, threads: usize) -> u64 {
         let members = (96 * self.models as u64).saturating_mul(basis_size(self.max_degree) as u64);

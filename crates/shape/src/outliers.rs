@@ -6,9 +6,9 @@
 //! z = (x - median) / s,  s = 1.4826 MAD
 //! ```
 //!
-//! with MAD the median of the distances from the median, and 1.4826 the factor for which s is the standard deviation of normal
-//! values; where more than half of the values are equal, s is 1.2533 times the mean distance. B. Iglewicz and D. Hoaglin, "How
-//! to Detect and Handle Outliers" (1993).
+//! with MAD the median of the distances from the median, and 1.4826 the factor for which s is the standard deviation of
+//! normal values; where more than half of the values are equal, s is 1.2533 times the mean distance. B. Iglewicz and D.
+//! Hoaglin, "How to Detect and Handle Outliers" (1993).
 
 use std::collections::HashMap;
 

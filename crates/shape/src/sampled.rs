@@ -32,7 +32,8 @@ pub(crate) struct Sampled {
 }
 
 impl Sampled {
-    /// Places points at the centroids of the triangles in which equal shares of the area end; none on a surface without area.
+    /// Places points at the centroids of the triangles in which equal shares of the area end; none on a surface without
+    /// area.
     pub(crate) fn new(mesh: &Mesh, count: usize) -> Self {
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
         let area = |[a, b, c]: [[f64; 3]; 3]| {
@@ -84,9 +85,9 @@ impl Sampled {
         (0.5 * (mean_square(self, other, motion) + mean_square(other, self, &motion.inverse()))).sqrt()
     }
 
-    /// Improves a motion to another surface by nearest points both ways, from every `step`th point, at most `rounds` times:
-    /// P. Besl and N. McKay, "A method for registration of 3-D shapes", IEEE Transactions on Pattern Analysis and Machine
-    /// Intelligence 14 (1992).
+    /// Improves a motion to another surface by nearest points both ways, from every `step`th point, at most `rounds`
+    /// times: P. Besl and N. McKay, "A method for registration of 3-D shapes", IEEE Transactions on Pattern Analysis
+    /// and Machine Intelligence 14 (1992).
     pub(crate) fn refined(&self, other: &Self, start: Rigid, step: usize, rounds: usize) -> Rigid {
         let (mut motion, mut last) = (start, f64::INFINITY);
         for _ in 0..rounds {

@@ -1,21 +1,22 @@
 //! Whether the surfaces of an aligned group lie on each other, whatever their parameters.
 //!
-//! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of least distance at equal
-//! directions may be a wrong one: of ten vertebrae, aligned so, places that a rigid motion leaves 4 to 7 mm apart were 4 to
-//! 65 mm apart. The surfaces themselves tell. From [`POINTS`] points on each, evenly spread over its area, to the nearest
-//! points of the other,
+//! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of least distance
+//! at equal directions may be a wrong one: of ten vertebrae, aligned so, places that a rigid motion leaves 4 to 7 mm
+//! apart were 4 to 65 mm apart. The surfaces themselves tell. From [`POINTS`] points on each, evenly spread over its
+//! area, to the nearest points of the other,
 //!
 //! ```text
 //! d(A, B)^2 = (mean_p d(p, B)^2 + mean_q d(q, A)^2) / 2,  p on A, q on B
 //! ```
 //!
-//! is measured between each member and the mean. The mean of a group in wrong poses has no member's shape, so members are
-//! then compared with the one that is nearest to it: as they lie, and turned about their centres by the 24 rotations of a cube
-//! whose edges are that one's principal axes, each after a rigid motion by nearest points. A member that a turn brings
-//! nearer by more than [`GAIN`] lies in a wrong pose: six of those ten vertebrae gain 36 to 69 %, where hippocampi and
-//! generated bodies that are right gain at most 9 %. And if members are farther from the mean at equal directions than
-//! their surfaces are, by a factor above [`FAR`], equal directions aren't equal places: the variance is that of the maps.
-//! As a mean may have no member's shape, the same is asked of the typical member, with [`FAR_FROM_A_MEMBER`].
+//! is measured between each member and the mean. The mean of a group in wrong poses has no member's shape, so members
+//! are then compared with the one that is nearest to it: as they lie, and turned about their centres by the 24
+//! rotations of a cube whose edges are that one's principal axes, each after a rigid motion by nearest points. A member
+//! that a turn brings nearer by more than [`GAIN`] lies in a wrong pose: six of those ten vertebrae gain 36 to 69 %,
+//! where hippocampi and generated bodies that are right gain at most 9 %. And if members are farther from the mean at
+//! equal directions than their surfaces are, by a factor above [`FAR`], equal directions aren't equal places: the
+//! variance is that of the maps. As a mean may have no member's shape, the same is asked of the typical member, with
+//! [`FAR_FROM_A_MEMBER`].
 //!
 //! Cost: some 15 ms a member, and 100 ms one that is named. Memory: 2 MB a thread.
 
@@ -47,8 +48,8 @@ const LOOKED_AT: usize = 3;
 pub const GAIN: f64 = 0.2;
 /// Largest ratio of the distance at equal directions to that of the surfaces, from the mean.
 pub const FAR: f64 = 2.0;
-/// The same from a member, whose surface has more relief than a mean's: surfaces whose coefficients differ by noise alone
-/// have 2.0 to 2.3, hippocampi 2.1.
+/// The same from a member, whose surface has more relief than a mean's: surfaces whose coefficients differ by noise
+/// alone have 2.0 to 2.3, hippocampi 2.1.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
 /// Vertices of the meshes: 2,562.
 const LEVEL: u32 = 4;
@@ -86,7 +87,8 @@ pub enum SurfacePoseWarning {
     },
     /// Equal directions aren't equal places.
     PlacesDiffer {
-        /// Root mean square distance of the members from the mean, or from the one that is nearest to it, at equal directions.
+        /// Root mean square distance of the members from the mean, or from the one that is nearest to it, at equal
+        /// directions.
         rmsd: f64,
         /// That of their surfaces.
         distance: f64,
@@ -122,9 +124,9 @@ impl fmt::Display for SurfacePoseWarning {
     }
 }
 
-/// Compares the surfaces of members in the group's pose, (K, 3) each, with that of their mean. Members are of the mean's degree
-/// or of higher ones, of which the degrees up to that are used. Warnings are not of the members in `except`, such as those
-/// that are known to be mirror images.
+/// Compares the surfaces of members in the group's pose, (K, 3) each, with that of their mean. Members are of the
+/// mean's degree or of higher ones, of which the degrees up to that are used. Warnings are not of the members in
+/// `except`, such as those that are known to be mirror images.
 ///
 /// # Panics
 ///
@@ -209,8 +211,8 @@ fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// Distance of a member from the typical one, that after the best of the turns, and the angle of that, if it gains enough.
-/// Both are after a rigid motion by nearest points, so that what counts is the pose at large.
+/// Distance of a member from the typical one, that after the best of the turns, and the angle of that, if it gains
+/// enough. Both are after a rigid motion by nearest points, so that what counts is the pose at large.
 fn better_turn(member: &Sampled, typical: &Sampled, turns: &[Matrix3]) -> Option<(f64, f64, f64)> {
     let first_look = |start: Rigid| {
         let motion = member.refined(typical, start, POINTS / FIRST, FIRST_ROUNDS);

@@ -46,8 +46,8 @@ pub struct Fit {
 
 /// What can be fitted over a sphere.
 pub trait ToTarget {
-    /// Returns the target, checked against the sphere. Values may be NaN or infinite at vertices of weight 0, which a fit
-    /// doesn't read.
+    /// Returns the target, checked against the sphere. Values may be NaN or infinite at vertices of weight 0, which a
+    /// fit doesn't read.
     ///
     /// # Errors
     ///

@@ -53,8 +53,8 @@ impl FitParams {
         }
     }
 
-    /// Checks that no setting asks a fit of the surface for results that only fits of the vertices have. A target of this
-    /// kind is fitted over a sphere with triangles or without.
+    /// Checks that no setting asks a fit of the surface for results that only fits of the vertices have. A target of
+    /// this kind is fitted over a sphere with triangles or without.
     ///
     /// # Errors
     ///

@@ -143,9 +143,9 @@ impl FromStr for Smoothness {
     }
 }
 
-/// Weight of each vertex in the least squares. A fit of the surface weighs a sample of a triangle by the harmonic mean of its
-/// corners' weights. A vertex of weight 0 is left out: its value is never read, and may be NaN, and a fit of the surface
-/// leaves out the triangles that it is a corner of, as a mask does.
+/// Weight of each vertex in the least squares. A fit of the surface weighs a sample of a triangle by the harmonic mean
+/// of its corners' weights. A vertex of weight 0 is left out: its value is never read, and may be NaN, and a fit of the
+/// surface leaves out the triangles that it is a corner of, as a mask does.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Weights {
     /// One.

@@ -149,8 +149,8 @@ impl Serialize for FitWarning {
 }
 
 impl FitWarning {
-    /// Returns the warnings of a least-squares report. `by_default` is the number of vertices with weight if the smoothness
-    /// is the default one of a parametrised sphere.
+    /// Returns the warnings of a least-squares report. `by_default` is the number of vertices with weight if the
+    /// smoothness is the default one of a parametrised sphere.
     pub(crate) fn of_lsq(report: &LsqReport, tolerance: f64, by_default: Option<usize>) -> Vec<Self> {
         let mut warnings = Vec::new();
         let singular = report.shift > 0.0;

@@ -80,8 +80,8 @@ impl Target {
         Self::of_signal(signal, sphere, None)
     }
 
-    /// As [`from_mesh`](Self::from_mesh), for positions some of which aren't finite: at vertices of weight 0, which a fit
-    /// doesn't read.
+    /// As [`from_mesh`](Self::from_mesh), for positions some of which aren't finite: at vertices of weight 0, which a
+    /// fit doesn't read.
     ///
     /// # Errors
     ///
@@ -91,8 +91,8 @@ impl Target {
         Self::of_mesh(mesh.clone(), sphere, None)
     }
 
-    /// As [`from_signal`](Self::from_signal), for values some of which aren't finite: at vertices of weight 0, which a fit
-    /// doesn't read.
+    /// As [`from_signal`](Self::from_signal), for values some of which aren't finite: at vertices of weight 0, which a
+    /// fit doesn't read.
     ///
     /// # Errors
     ///

@@ -1,8 +1,9 @@
 //! Where the surfaces and references that tests compare with are.
 //!
-//! References in `tests/data/reference` are in every clone. Public surfaces, and results of other packages for them, lie
-//! beside the checkout, in `../shared/data`, or in the folder that `SPHARM_SHARED_DATA` names. A test that needs one of them
-//! fails without it, unless `SPHARM_WITHOUT_SHARED_DATA` is set: so none passes because nothing was compared.
+//! References in `tests/data/reference` are in every clone. Public surfaces, and results of other packages for them,
+//! lie beside the checkout, in `../shared/data`, or in the folder that `SPHARM_SHARED_DATA` names. A test that needs
+//! one of them fails without it, unless `SPHARM_WITHOUT_SHARED_DATA` is set: so none passes because nothing was
+//! compared.
 
 use std::env;
 use std::path::{Path, PathBuf};

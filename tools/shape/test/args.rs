@@ -10,12 +10,12 @@ use super::super::args::{ReportArgs, Resources};
 
 /// Test groups, covariates and means at every vertex
 ///
-/// Two groups of models, --a and --b, or a table of subjects with an --effect or --mean and --covariates. Surfaces have to
-/// correspond (`spharm shape align --group`, or spheres that share their parameters), and rows have to be independent
-/// subjects: of two models of each, --paired and --minus take the differences. At each vertex of the sampling a linear model
-/// is tested: t, F, or Hotelling's T-squared for positions. Family-wise p values are of the largest statistic over
-/// relabelled studies, exchanges of subjects or, for means and Welch's test, flips of signs: all of them if there are at
-/// most 20,000.
+/// Two groups of models, --a and --b, or a table of subjects with an --effect or --mean and --covariates. Surfaces have
+/// to correspond (`spharm shape align --group`, or spheres that share their parameters), and rows have to be
+/// independent subjects: of two models of each, --paired and --minus take the differences. At each vertex of the
+/// sampling a linear model is tested: t, F, or Hotelling's T-squared for positions. Family-wise p values are of the
+/// largest statistic over relabelled studies, exchanges of subjects or, for means and Welch's test, flips of signs: all
+/// of them if there are at most 20,000.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -54,7 +54,8 @@ pub(crate) struct Cli {
     /// Folder of the models, named by the table's column `id`: ID.spharm.npz
     #[arg(long, value_name = "DIR", requires = "table", conflicts_with = "model_column", help_heading = INPUT)]
     pub(super) models: Option<PathBuf>,
-    /// Test differences: each model less the subject's other model, by its column of the table, or its folder with --models
+    /// Test differences: each model less the subject's other model, by its column of the table, or its folder with
+    /// --models
     #[arg(long, value_name = "COLUMN|DIR", requires = "table", help_heading = INPUT)]
     pub(super) minus: Option<PathBuf>,
     /// Column of the table to test: the slope of numbers, the difference of levels
@@ -63,7 +64,8 @@ pub(crate) struct Cli {
     /// Test whether the mean is zero, of differences (--minus) or of a signal's values
     #[arg(long, requires = "table", conflicts_with = "effect", help_heading = METHOD)]
     pub(super) mean: bool,
-    /// Order of the effect's levels, which may be numbers: the difference is the first less the second [default: sorted]
+    /// Order of the effect's levels, which may be numbers: the difference is the first less the second [default:
+    /// sorted]
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
     /// Columns of the table to account for
@@ -74,8 +76,9 @@ pub(crate) struct Cli {
     pub(super) categorical: Vec<String>,
     /// Vertices of the sampling to test: those that aren't 0 in this file, or a FreeSurfer label's
     ///
-    /// Left-out vertices count in no family-wise maximum and no false-discovery rate; in the maps their statistic is 0 and their
-    /// p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label leaves out the medial wall.
+    /// Left-out vertices count in no family-wise maximum and no false-discovery rate; in the maps their statistic is 0
+    /// and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label leaves out
+    /// the medial wall.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Option<PathBuf>,
     /// What is measured at a vertex: displacement along the mean's normal, position, or the value of a signal

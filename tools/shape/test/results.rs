@@ -28,7 +28,8 @@ pub(super) const MAPS: [&str; 14] = [
     "size",
 ];
 
-/// Maps that are written, by name, at all vertices: those that a mask left out have statistics and effects of 0, and p values of 1.
+/// Maps that are written, by name, at all vertices: those that a mask left out have statistics and effects of 0, and p
+/// values of 1.
 pub(super) fn maps(found: &Test, mask: Option<&[bool]>) -> Vec<(&'static str, Vec<f64>)> {
     let mut maps = tested_maps(found);
     for (name, values) in &mut maps {

@@ -1,9 +1,9 @@
 //! Whether a model of a label resolves the voxels' steps.
 //!
-//! The surface around a label is that of its voxels. A model of degree L bends over `pi r / L` on a body of radius r; below one
-//! and a half voxels it follows the steps between them, and area and sphericity grow with the degree: a ball of radius 10.3
-//! voxels has an area 0.8 % too large at degree 8, 1.1 % at 12 and 2.1 % at 20, and an ellipsoid of axes 4, 2 and 2 in voxels
-//! of 0.2, 0.2 and 0.6 has 0.3, 5.1 and 18.1 %.
+//! The surface around a label is that of its voxels. A model of degree L bends over `pi r / L` on a body of radius r;
+//! below one and a half voxels it follows the steps between them, and area and sphericity grow with the degree: a ball
+//! of radius 10.3 voxels has an area 0.8 % too large at degree 8, 1.1 % at 12 and 2.1 % at 20, and an ellipsoid of axes
+//! 4, 2 and 2 in voxels of 0.2, 0.2 and 0.6 has 0.3, 5.1 and 18.1 %.
 
 use std::fmt;
 

@@ -24,9 +24,9 @@ const LEAST_LEVEL: usize = 256;
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Target {
-    /// The root mean square distance between the model's surface and the compressed one's is at most this, measured both by
-    /// nearest points and along the normal, and hardly more than 2 % below: a relative length, 1e-8 to 1. For a signal, the
-    /// root mean square error.
+    /// The root mean square distance between the model's surface and the compressed one's is at most this, measured
+    /// both by nearest points and along the normal, and hardly more than 2 % below: a relative length, 1e-8 to 1. For a
+    /// signal, the root mean square error.
     Tolerance(f64),
     /// The file has at most so many bytes, and is less than 0.5 % below where that can be had.
     Bytes(usize),

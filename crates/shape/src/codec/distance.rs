@@ -6,12 +6,12 @@
 //!   ([`surface_distance`]), whichever points correspond;
 //! - over the area, of the displacement along the normal, which is the former to first order.
 //!
-//! Both are measured on one icosphere, of 8 vertices for each basis function at least, whose triangles smooth some of the
-//! error away that its vertices show: the distances are up to 7 % below the displacements (at 4 vertices for each function
-//! and degree 100, 8 %). Where a surface folds the displacements may be the smaller.
+//! Both are measured on one icosphere, of 8 vertices for each basis function at least, whose triangles smooth some of
+//! the error away that its vertices show: the distances are up to 7 % below the displacements (at 4 vertices for each
+//! function and degree 100, 8 %). Where a surface folds the displacements may be the smaller.
 //!
-//! Distances take seconds at degree 100, and displacements one synthesis: steps are searched by the latter, and held against
-//! both. Of signals it is the root mean square error over the sphere, exact by Parseval's identity, each
+//! Distances take seconds at degree 100, and displacements one synthesis: steps are searched by the latter, and held
+//! against both. Of signals it is the root mean square error over the sphere, exact by Parseval's identity, each
 //! channel divided by its standard deviation over the sphere.
 
 use std::f64::consts::PI;

@@ -1,9 +1,9 @@
 //! Relabellings of a study: all of them if there are few, else random ones.
 //!
-//! Exchanges of subjects whose rows of the design are equal change nothing, so that only arrangements of the distinct rows
-//! count: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. Flips of signs are `2^n`, both
-//! together the product of the two. Random relabelling b is drawn from stream b of ChaCha8 with the seed, so that it
-//! doesn't depend on threads.
+//! Exchanges of subjects whose rows of the design are equal change nothing, so that only arrangements of the distinct
+//! rows count: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. Flips of signs are
+//! `2^n`, both together the product of the two. Random relabelling b is drawn from stream b of ChaCha8 with the seed,
+//! so that it doesn't depend on threads.
 
 use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
@@ -30,8 +30,8 @@ pub(crate) struct Arrangements {
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
 impl Arrangements {
-    /// All relabellings of the rows of (n, p) if there are at most `exact_up_to`, else `random` random ones and the labels as
-    /// they are.
+    /// All relabellings of the rows of (n, p) if there are at most `exact_up_to`, else `random` random ones and the
+    /// labels as they are.
     pub(crate) fn new(
         rows: ArrayView2<'_, f64>,
         resampling: Resampling,

@@ -2,19 +2,19 @@
 //!
 //! P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing" (1993): single-step max-T. The residuals of the
 //! reduced model are relabelled: D. Freedman and D. Lane, "A nonstochastic interpretation of reported significance
-//! levels", J. Bus. Econ. Stat. 1 (1983), by exchanges of subjects or flips of signs ([`Resampling`]). If there are at most
-//! [`PermutationParams::exact_up_to`] relabellings all of them are taken and p values are exact; else p is
-//! `(count + 1) / (B + 1)`.
+//! levels", J. Bus. Econ. Stat. 1 (1983), by exchanges of subjects or flips of signs ([`Resampling`]). If there are at
+//! most [`PermutationParams::exact_up_to`] relabellings all of them are taken and p values are exact; else p is `(count
+//! + 1) / (B + 1)`.
 //!
 //! # Computation
 //!
-//! The residuals e of the reduced model are whitened once at each vertex: their d components are uncorrelated, their sums
-//! of squares one. For a signed permutation P let `b = (P^T Q_E)^T e`, `g = (P^T Q_Z)^T e`: a product of a row of n with
-//! (n, V d). The share of the reduced model's scatter that the effect explains, `u = b (1 - g^T g)^-1 b^T`, grows with |t|, F
-//! and `T^2` alike (`T^2 = v u / (1 - u)`), so that only u is compared; g = 0 for exchanges if the reduced model is a
-//! constant. Statistics of unequal variances: `welch_flips`. Cost: `2 n V d (q + p - q)` flops a
-//! relabelling, `2 n V d q` with a constant alone; 10,000 of 100 subjects at 10,242 vertices of a scalar are 2e10. Memory:
-//! `8 n V d` bytes for the residuals, and 2 MB a thread.
+//! The residuals e of the reduced model are whitened once at each vertex: their d components are uncorrelated, their
+//! sums of squares one. For a signed permutation P let `b = (P^T Q_E)^T e`, `g = (P^T Q_Z)^T e`: a product of a row of
+//! n with (n, V d). The share of the reduced model's scatter that the effect explains, `u = b (1 - g^T g)^-1 b^T`,
+//! grows with |t|, F and `T^2` alike (`T^2 = v u / (1 - u)`), so that only u is compared; g = 0 for exchanges if the
+//! reduced model is a constant. Statistics of unequal variances: `welch_flips`. Cost: `2 n V d (q + p - q)` flops a
+//! relabelling, `2 n V d q` with a constant alone; 10,000 of 100 subjects at 10,242 vertices of a scalar are 2e10.
+//! Memory: `8 n V d` bytes for the residuals, and 2 MB a thread.
 
 use ndarray::{ArrayView2, Axis};
 use rayon::prelude::*;

@@ -42,8 +42,8 @@ impl Resampling {
         }
     }
 
-    /// Chooses the changes for a contrast: exchanges if the reduced model has a constant, else flips; both if flips alone
-    /// are too few, as the estimate rests on few of the subjects.
+    /// Chooses the changes for a contrast: exchanges if the reduced model has a constant, else flips; both if flips
+    /// alone are too few, as the estimate rests on few of the subjects.
     pub(crate) fn choose(model: &Projection) -> Self {
         if model.keeps_constant() {
             return Self::Permutations;

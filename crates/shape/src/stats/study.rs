@@ -139,8 +139,8 @@ pub fn question(
     Ok(Question { design, contrast, meaning, levels, codes })
 }
 
-/// Makes the design and the contrast of the mean of n subjects, with covariates about their means: that the mean is zero.
-/// Values are differences of two measurements of each subject, or other values whose mean can be zero.
+/// Makes the design and the contrast of the mean of n subjects, with covariates about their means: that the mean is
+/// zero. Values are differences of two measurements of each subject, or other values whose mean can be zero.
 ///
 /// # Errors
 ///

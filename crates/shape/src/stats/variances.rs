@@ -9,8 +9,8 @@ use super::projection::without;
 /// Sizes and variances that differ by less are left alone.
 const RATIO: f64 = 1.5;
 
-/// Compares the total variances of two groups about the model, of values (n, V d): a warning if both sizes and variances
-/// differ by more than [`RATIO`]. None for other contrasts than the difference of two groups.
+/// Compares the total variances of two groups about the model, of values (n, V d): a warning if both sizes and
+/// variances differ by more than [`RATIO`]. None for other contrasts than the difference of two groups.
 pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &Contrast) -> Option<TestWarning> {
     let columns = two_groups(design, contrast)?;
     let x = design.matrix();

@@ -1,16 +1,16 @@
 //! Two groups of unequal variance.
 //!
-//! One component: `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` on the degrees of freedom of Satterthwaite (B. L. Welch,
-//! "The generalization of 'Student's' problem when several different population variances are involved", Biometrika 34
-//! (1947)). Several: `T^2 = D^T C^-1 D` with `D = m_1 - m_2`, `C = C_1 + C_2`, `C_g = S_g / n_g`, of which
-//! `(v - d + 1) / (v d) T^2` is nearly F on (d, v - d + 1), with
+//! One component: `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` on the degrees of freedom of Satterthwaite (B. L.
+//! Welch, "The generalization of 'Student's' problem when several different population variances are involved",
+//! Biometrika 34 (1947)). Several: `T^2 = D^T C^-1 D` with `D = m_1 - m_2`, `C = C_1 + C_2`, `C_g = S_g / n_g`, of
+//! which `(v - d + 1) / (v d) T^2` is nearly F on (d, v - d + 1), with
 //!
 //! ```text
 //! v = (d + d^2) / sum_g (tr (C_g C^-1)^2 + (tr C_g C^-1)^2) / (n_g - 1)
 //! ```
 //!
-//! (K. Krishnamoorthy and J. Yu, "Modified Nel and Van der Merwe test for the multivariate Behrens-Fisher problem", Stat.
-//! Probab. Lett. 66 (2004)). Degrees of freedom differ from vertex to vertex; for d = 1 both are the same.
+//! (K. Krishnamoorthy and J. Yu, "Modified Nel and Van der Merwe test for the multivariate Behrens-Fisher problem",
+//! Stat. Probab. Lett. 66 (2004)). Degrees of freedom differ from vertex to vertex; for d = 1 both are the same.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -21,8 +21,8 @@ use super::linear::{Effect, Found, Small, Statistic, floors};
 use crate::ShapeError;
 use crate::product::product;
 
-/// The group of each subject, 0 or 1, and the weight of the first one's mean in a contrast of two groups; `components` at a
-/// vertex.
+/// The group of each subject, 0 or 1, and the weight of the first one's mean in a contrast of two groups; `components`
+/// at a vertex.
 pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) -> Result<(Vec<usize>, f64), ShapeError> {
     let groups = design.two_groups().ok_or(ShapeError::NotTwoGroups)?;
     let weights = &contrast.weights;

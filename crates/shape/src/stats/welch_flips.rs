@@ -1,11 +1,11 @@
 //! Relabelled studies of two groups of unequal variance: flips of the signs of residuals about a common mean.
 //!
-//! Exchanges between groups assume equal variances, and exchanges within groups change nothing. So signs are flipped, as in
-//! A. M. Winkler et al., NeuroImage 92 (2014), with the statistic v of A. A. Aspin and B. L. Welch (1949), which has a
-//! variance for each group. Residuals are about the mean that both groups have under the null hypothesis, weighted by
-//! `n_g / tr S_g`: the restricted wild bootstrap, whose first relabelling is the study itself. With residuals about each
-//! group's own mean the family-wise error of `T^2` was 0.18 in place of 0.05 (5 subjects against 15, standard deviations
-//! 2 : 1, 300 null studies in NumPy), with as much power for t.
+//! Exchanges between groups assume equal variances, and exchanges within groups change nothing. So signs are flipped,
+//! as in A. M. Winkler et al., NeuroImage 92 (2014), with the statistic v of A. A. Aspin and B. L. Welch (1949), which
+//! has a variance for each group. Residuals are about the mean that both groups have under the null hypothesis,
+//! weighted by `n_g / tr S_g`: the restricted wild bootstrap, whose first relabelling is the study itself. With
+//! residuals about each group's own mean the family-wise error of `T^2` was 0.18 in place of 0.05 (5 subjects against
+//! 15, standard deviations 2 : 1, 300 null studies in NumPy), with as much power for t.
 //!
 //! Sums of squares `Q_g = sum r r^T` don't change with signs: a relabelling takes the groups' sums of signed residuals,
 //! `s_g`, a product of two rows of n with (n, V d), and at each vertex `d^T (C_1 + C_2)^-1 d` of

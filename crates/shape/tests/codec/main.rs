@@ -82,7 +82,8 @@ fn a_surface_comes_back_within_its_tolerance() {
     }
 }
 
-/// Root mean square displacement along the normal over the area, at 10,242 vertices, their bounding box scaled to volume 1.
+/// Root mean square displacement along the normal over the area, at 10,242 vertices, their bounding box scaled to
+/// volume 1.
 fn displacement(from: &Model, to: &Model) -> f64 {
     let on = |model: &Model| model.reconstruct(&Sphere::icosphere(5), model.coefficients.max_degree()).unwrap();
     let (from, to) = (on(from), on(to));

@@ -115,8 +115,8 @@ impl ModelSurface {
         Ok(Self { sphere, transform, points: POINTS_PER_FUNCTION * basis_size(max_degree) })
     }
 
-    /// Returns the distances between a surface, (n, 3) over a sphere's triangles or some of them, and the model with these coefficients,
-    /// (K, 3); `None` for a surface whose bounding box has no volume, or that has no area.
+    /// Returns the distances between a surface, (n, 3) over a sphere's triangles or some of them, and the model with
+    /// these coefficients, (K, 3); `None` for a surface whose bounding box has no volume, or that has no area.
     pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,

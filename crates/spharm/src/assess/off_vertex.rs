@@ -23,8 +23,8 @@ pub(crate) struct OffVertex {
 }
 
 impl OffVertex {
-    /// Chooses places for models of so many functions, on triangles without a corner that `unread`, (n), marks; `None` if
-    /// the sphere has no triangles.
+    /// Chooses places for models of so many functions, on triangles without a corner that `unread`, (n), marks; `None`
+    /// if the sphere has no triangles.
     pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>, functions: usize) -> Result<Option<Self>, Error> {
         let unit = sphere.directions.as_slice();
         let sum = |face: &[u32; 3]| {

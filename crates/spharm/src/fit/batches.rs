@@ -141,8 +141,8 @@ impl Batch {
     }
 }
 
-/// Replaces the values at vertices that aren't read by those of the first vertex that is: they have no influence on units
-/// and sizes then. Refuses values elsewhere that aren't finite.
+/// Replaces the values at vertices that aren't read by those of the first vertex that is: they have no influence on
+/// units and sizes then. Refuses values elsewhere that aren't finite.
 fn hide(target: &mut Target, unread: Option<&[bool]>) -> Result<(), Error> {
     target.check_finite(unread)?;
     let Some(unread) = unread else { return Ok(()) };

@@ -16,7 +16,8 @@ pub(crate) struct Job<'a> {
     /// Weights of the vertices divided by 2^`weight_exponent`, (n); zero for those that are held out.
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) weight_exponent: i32,
-    /// Vertices of weight 0, whose values are never read, (n); none if there are none. Those held out aren't among them.
+    /// Vertices of weight 0, whose values are never read, (n); none if there are none. Those held out aren't among
+    /// them.
     pub(crate) unread: Option<Vec<bool>>,
     pub(crate) hold_out: Option<HoldOut>,
     pub(crate) off_vertex: Option<OffVertex>,

@@ -125,9 +125,10 @@ impl<'a> SurfaceSums<'a> {
         Ok(Nodal { sums: builder.finish()?, of_seam, kept: 0 })
     }
 
-    /// The samples of some triangles, weighted by solid angles times the harmonic mean of the corners' weights, by their
-    /// shares. A sample is a mean of its corners' values, and no more certain than the least certain of them: with one
-    /// weight near 0 it counts little, and with one weight of 0 nothing, so that the corner's value has no influence.
+    /// The samples of some triangles, weighted by solid angles times the harmonic mean of the corners' weights, by
+    /// their shares. A sample is a mean of its corners' values, and no more certain than the least certain of them:
+    /// with one weight near 0 it counts little, and with one weight of 0 nothing, so that the corner's value has no
+    /// influence.
     fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
         let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;
         if self.params.denoise {

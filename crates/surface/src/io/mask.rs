@@ -18,8 +18,8 @@ const LABEL: &[u8] = b"#!ascii label";
 /// # Errors
 ///
 /// As [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) for values of another number of vertices;
-/// [`Malformed`](SurfaceError::Malformed) for more than one value a vertex, and for a label of vertices that aren't there;
-/// [`NothingKept`](SurfaceError::NothingKept) if no vertex is read.
+/// [`Malformed`](SurfaceError::Malformed) for more than one value a vertex, and for a label of vertices that aren't
+/// there; [`NothingKept`](SurfaceError::NothingKept) if no vertex is read.
 pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, SurfaceError> {
     let path = path.as_ref();
     let bytes = load::load(path)?;

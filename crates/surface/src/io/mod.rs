@@ -151,8 +151,8 @@ pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceEr
     Ok(signal)
 }
 
-/// Returns the number of vertices that a file says in its first bytes: of FreeSurfer's surfaces and curv files. `None` of other
-/// formats, which have to be read.
+/// Returns the number of vertices that a file says in its first bytes: of FreeSurfer's surfaces and curv files. `None`
+/// of other formats, which have to be read.
 ///
 /// # Errors
 ///
