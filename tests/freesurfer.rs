@@ -229,6 +229,33 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     );
 }
 
+/// A value that isn't finite isn't filled in where values are to be read.
+#[test]
+fn infinite_values_inside_of_the_cortex_are_refused() {
+    let subjects = Subjects::new();
+    let bert = |name: &str| subjects.path(&format!("bert/{name}"));
+    let sphere = read_mesh(bert("surf/lh.sphere.reg")).expect("a sphere");
+    let inside = |p: &[f64; 3]| p[0] < 0.0;
+    write_label(&bert("label/lh.cortex.label"), &sphere.vertices, inside);
+    let at = sphere.vertices.iter().position(inside).expect("a vertex of the cortex");
+    let mut values = vec![2.5; sphere.vertices.len()];
+    let mut fit = |name: &str, value: f64| {
+        values[at] = value;
+        // As FreeSurfer writes them: a magic number, vertices, faces, values a vertex; big-endian.
+        let mut bytes = vec![255; 3];
+        [values.len() as u32, sphere.faces.len() as u32, 1].iter().for_each(|n| bytes.extend(n.to_be_bytes()));
+        values.iter().for_each(|value| bytes.extend((*value as f32).to_be_bytes()));
+        std::fs::write(bert(&format!("surf/lh.{name}")), bytes).expect("values");
+        finish(&mut subjects.run(&["--signal", name, "--subject", "bert", "--hemi", "lh"]))
+    };
+    let output = fit("wide", f64::INFINITY);
+    assert!(!output.status.success() && text(&output).contains("finite"), "{}", text(&output));
+    assert!(!subjects.out("bert.lh.wide.spharm.npz").exists());
+    // A missing one has weight 0.
+    let output = fit("missing", f64::NAN);
+    assert!(output.status.success(), "{}", text(&output));
+}
+
 /// Row 5 of what first-time users ran into.
 #[test]
 fn subjects_that_recon_all_did_not_finish_are_named_before_the_fits() {

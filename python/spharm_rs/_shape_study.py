@@ -216,7 +216,7 @@ class TestResult:
     columns : list of str
         Of the design.
     codes : dict
-        Covariates of at most six different whole numbers, with these: taken as amounts, with one slope each. If they are
+        Covariates of three to six different whole numbers, with these: taken as amounts, with one slope each. If they are
         codes of levels, such as sites, give names in their place.
     resampling : str or None
         What the relabelled studies differ by: "permutations" of subjects, "sign flips", or both.

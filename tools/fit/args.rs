@@ -108,8 +108,9 @@ pub(super) struct Input {
     pub(super) weights: String,
     /// Vertices to leave unread: those with 0 in this file
     ///
-    /// A value for each vertex. A surface is fitted on the triangles whose corners are all read. Vertices of signals
-    /// without a value (NaN) are left unread in any case. The model is one over the whole sphere all the same.
+    /// A value for each vertex, or a FreeSurfer label. A surface is fitted on the triangles whose corners are all read.
+    /// Least squares without --store also leaves vertices of signals without a value (NaN) unread. The model is one over
+    /// the whole sphere all the same.
     #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance

@@ -96,7 +96,8 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
                 None if entry.path().join("surf").is_dir() => {
                     bail!("{}: expected a name in UTF-8; rename the folder", entry.path().display())
                 }
-                Some(name) if name.starts_with('.') || !entry.path().is_dir() => {}
+                Some(name) if name.starts_with('.') => {}
+                _ if !entry.path().is_dir() => {}
                 _ => left_out.push(name.to_string_lossy().into_owned()),
             }
         }

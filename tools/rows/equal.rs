@@ -32,8 +32,8 @@ impl<Key: Ord> EqualSets<Key> {
     }
 }
 
-/// What a model is made of: contents, label, sphere and weights.
-type Made = (String, Option<i64>, Option<PathBuf>, Option<PathBuf>);
+/// What a model is made of: contents, label and weights. A copied subject has a sphere of another path.
+type Made = (String, Option<i64>, Option<PathBuf>);
 
 /// The inputs of a call, by their contents.
 #[derive(Debug, Default)]
@@ -42,12 +42,12 @@ pub(crate) struct Inputs(EqualSets<Made>);
 impl Inputs {
     /// Adds a row with its file's record.
     pub(crate) fn add_row(&mut self, row: &Row, record: &FileRecord) {
-        self.add(record, row.sphere.clone(), row.weights.clone(), row.id.clone());
+        self.add(record, row.weights.clone(), row.id.clone());
     }
 
     /// Adds an input by a name.
-    pub(crate) fn add(&mut self, record: &FileRecord, sphere: Option<PathBuf>, weights: Option<PathBuf>, name: String) {
-        self.0.add((record.blake3.clone(), record.label, sphere, weights), name);
+    pub(crate) fn add(&mut self, record: &FileRecord, weights: Option<PathBuf>, name: String) {
+        self.0.add((record.blake3.clone(), record.label, weights), name);
     }
 
     /// Returns a warning for each set of inputs that are equal.
@@ -75,16 +75,16 @@ mod tests {
     #[test]
     fn equal_inputs_are_named_unless_they_are_used_differently() {
         let mut inputs = Inputs::default();
-        let sphere = |name: &str| Some(PathBuf::from(name));
-        inputs.add(&record("x", None), None, None, "s3".into());
-        inputs.add(&record("y", Some(1)), None, None, "one".into());
-        inputs.add(&record("y", Some(2)), None, None, "two".into());
-        inputs.add(&record("x", None), None, None, "s1".into());
-        inputs.add(&record("z", None), sphere("a"), None, "a".into());
-        inputs.add(&record("z", None), sphere("b"), None, "b".into());
+        let weights = |name: &str| Some(PathBuf::from(name));
+        inputs.add(&record("x", None), None, "s3".into());
+        inputs.add(&record("y", Some(1)), None, "one".into());
+        inputs.add(&record("y", Some(2)), None, "two".into());
+        inputs.add(&record("x", None), None, "s1".into());
+        inputs.add(&record("z", None), weights("a"), "a".into());
+        inputs.add(&record("z", None), weights("b"), "b".into());
         let [only] = &inputs.warnings()[..] else { panic!("{:?}", inputs.warnings()) };
         assert!(only.starts_with("s1, s3: their inputs are equal"), "{only}");
-        (0..20).for_each(|n| inputs.add(&record("w", None), None, None, format!("n{n:02}")));
+        (0..20).for_each(|n| inputs.add(&record("w", None), None, format!("n{n:02}")));
         assert!(inputs.warnings()[0].contains("n11 and 8 more: "), "{:?}", inputs.warnings());
     }
 }

@@ -80,12 +80,20 @@ pub(super) fn parts(rows: &[Row], numbers: &[usize], sphere: &Sphere, params: &F
 
 /// Continues a signal's values from the edge of a region, a mask or a label, over the vertices outside of it.
 pub(super) fn continue_from(region: &Path, target: &mut Target, sphere: &Sphere, monitor: &dyn Monitor) -> Result<()> {
+    let channels = target.channels.max(1);
     let mut known = read_mask(region, sphere.directions.len())?;
-    // A value that is missing inside has the weight 0, and tells nothing of those outside.
-    for (known, values) in known.iter_mut().zip(target.values.chunks_exact(target.channels.max(1))) {
-        *known &= values.iter().all(|value| value.is_finite());
+    // Inside the region they aren't filled in: NaN has weight 0, see `gaps`, and anything else is refused by the fit.
+    let mut not_finite: Vec<(usize, Vec<f64>)> = Vec::new();
+    for (vertex, (known, values)) in known.iter_mut().zip(target.values.chunks_exact(channels)).enumerate() {
+        if *known && !values.iter().all(|value| value.is_finite()) {
+            *known = false;
+            not_finite.push((vertex, values.to_vec()));
+        }
     }
     fill_in(&mut target.values, target.channels, &known, &sphere.faces, monitor)?;
+    for (vertex, values) in not_finite {
+        target.values[channels * vertex..channels * (vertex + 1)].copy_from_slice(&values);
+    }
     Ok(())
 }
 
@@ -102,7 +110,9 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
         };
         let ([low, high], [least, most]) = (range(false), range(true));
-        if least < low - (high - low) || most > high + (high - low) {
+        // A constant has the width of rounding.
+        let width = (high - low).max(1e-6 * low.abs().max(high.abs()));
+        if least < low - width || most > high + width {
             return Ok(Some(format!(
                 "{name}: where no vertex is read the model runs from {least:.4} to {most:.4}, and elsewhere from {low:.4} to \
                  {high:.4}: it isn't determined there, and means, modes and maps of whole models show that; lower the \
@@ -116,7 +126,7 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
 /// Whether each vertex has no value; empty if all have one, or have one continued from a region's edge.
 fn gaps(row: &Row, vertices: usize) -> Vec<bool> {
     let path = &row.surface;
-    if !is_named_signal(path) {
+    if row.region.is_none() && !is_named_signal(path) {
         return Vec::new();
     }
     // Other files, and those that can't be read, are refused when they are fitted.

@@ -41,7 +41,7 @@ pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<Strin
 struct Group {
     /// Distance of each aligned model from the mean; empty where degrees differ.
     distances: Vec<f64>,
-    inputs: EqualSets<(String, Option<i64>, Option<String>)>,
+    inputs: EqualSets<(String, Option<i64>)>,
     models: EqualSets<String>,
     steps: Vec<(String, VoxelSteps)>,
 }
@@ -56,9 +56,7 @@ impl Group {
             let name = || subject.id.to_owned();
             let record = &model.provenance;
             if let Some(input) = &record.input {
-                // A sphere that was made for the surface has the subject's name.
-                let sphere = record.sphere.clone().filter(|_| !record.parametrized);
-                group.inputs.add((input.blake3.clone(), input.label, sphere), name());
+                group.inputs.add((input.blake3.clone(), input.label), name());
             }
             let mut hasher = blake3::Hasher::new();
             for value in model.coefficients.values() {
@@ -105,7 +103,7 @@ fn far_subjects(plan: &Plan, subjects: &[Subject<'_>], distances: &[f64]) -> Res
     Ok(found.into_iter().map(warning).collect())
 }
 
-/// Four significant digits.
+/// Four significant digits, or all before the point.
 fn number(value: f64) -> String {
     let magnitude = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
     if (-3.0..6.0).contains(&magnitude) {

@@ -172,7 +172,7 @@ impl Call<'_> {
         for label in wanted {
             self.monitor.check()?;
             let record = FileRecord { label: Some(label), ..record.clone() };
-            self.inputs.add(&record, None, None, record.to_string());
+            self.inputs.add(&record, None, record.to_string());
             let found = self.label(path, &volume, record);
             self.push(path, Some(&volume), Some(label), found)?;
         }

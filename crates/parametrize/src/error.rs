@@ -51,7 +51,7 @@ pub enum ParametrizeError {
     },
 
     /// Values that can't be continued from any others.
-    #[error("{vertices} vertices have no value, and some of them no known one that edges lead to: expected one mesh")]
+    #[error("{vertices} vertices have no value, and some of them aren't connected to a vertex with one")]
     Unfilled {
         /// Vertices without a value.
         vertices: usize,

@@ -54,7 +54,7 @@ impl GroupSizes {
     }
 
     /// Returns the bytes that a test at so many vertices takes beside the coefficients, with so many relabellings: the samples of
-    /// all models, d each, their residuals, and both again for Welch's t and while they are made, `32 n V d`; the transform of
+    /// all models, d each, their residuals, and both again for Welch's test and while they are made, `32 n V d`; the transform of
     /// one of them; `8 V` a thread and 24 a relabelling; the geometry of the mean; maps and their table, 1200 a vertex.
     #[must_use]
     pub fn test(self, vertices: u64, components: usize, relabellings: usize, threads: usize) -> u64 {

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! with MAD the median of the distances from the median, and 1.4826 the factor for which s is the standard deviation of
-//! normal values; where more than half of the values are equal, s is 1.2533 times the mean distance. B. Iglewicz and D.
+//! normal values; where more than half of the values are equal, s is 1.2533 times the mean distance (then one value that differs is far from seven values on). B. Iglewicz and D.
 //! Hoaglin, "How to Detect and Handle Outliers" (1993).
 
 use std::collections::HashMap;
@@ -16,7 +16,7 @@ use spharm_harmonics::Coefficients;
 
 /// The robust z above which a value is far from the others.
 pub const FAR: f64 = 5.0;
-/// Fewest values that tell what is far.
+/// Smallest number of values for which outliers are reported.
 pub const LEAST: usize = 5;
 
 /// A value that is far from the others.
@@ -78,12 +78,17 @@ pub fn equal_members(members: &[Coefficients]) -> Vec<Vec<usize>> {
         let mut rest = set;
         while let Some(&first) = rest.first() {
             let (equal, others): (Vec<usize>, Vec<usize>) =
-                rest.into_iter().partition(|index| members[*index].values() == members[first].values());
+                rest.into_iter().partition(|index| equal(&members[*index], &members[first]));
             found.extend((equal.len() > 1).then_some(equal));
             rest = others;
         }
     }
     found
+}
+
+fn equal(a: &Coefficients, b: &Coefficients) -> bool {
+    let bits = |member: &Coefficients| member.values().iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
+    a.values().dim() == b.values().dim() && bits(a) == bits(b)
 }
 
 /// Coefficients that members are sorted by.
@@ -135,6 +140,8 @@ mod tests {
         let other = Coefficients::new(other).unwrap();
         let group = [blob(3, 1), blob(3, 2), blob(3, 1), other, blob(3, 2), blob(3, 1), blob(3, 4)];
         assert_eq!(equal_members(&group), [vec![0, 2, 5], vec![1, 4]]);
+        let not_a_number = Coefficients::new(blob(3, 1).values().mapv(|_| f64::NAN)).unwrap();
+        assert_eq!(equal_members(&[not_a_number.clone(), not_a_number]), [vec![0, 1]]);
         assert!(equal_members(&group[..2]).is_empty() && equal_members(&[]).is_empty());
     }
 }

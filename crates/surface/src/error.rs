@@ -331,7 +331,7 @@ pub enum SurfaceError {
     },
 
     /// A mask that leaves out every vertex.
-    #[error("{}: no vertex is left to read: expected one at least that the mask keeps", path.display())]
+    #[error("{}: no vertex is left to read: the mask leaves out all of them", path.display())]
     NothingKept {
         /// The mask's file.
         path: PathBuf,

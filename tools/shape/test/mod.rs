@@ -116,7 +116,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 /// A warning with the option that it calls for.
 fn advised(warning: &TestWarning) -> String {
     match warning {
-        TestWarning::UnequalVariances { covariates: false, .. } => format!("{warning} (--welch)"),
+        TestWarning::UnequalVariances { covariates: false, .. } => {
+            format!("{warning} (Welch's test: --welch, or welch = true in a study)")
+        }
         _ => warning.to_string(),
     }
 }

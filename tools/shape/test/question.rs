@@ -139,8 +139,9 @@ impl Study {
     pub(super) fn notes(&self) -> Vec<String> {
         let codes = self.question.codes.iter();
         let note = |(column, values): &(String, Vec<f64>)| {
+            let steps_by_one = values.windows(2).all(|pair| pair[1] - pair[0] == 1.0);
             let values: Vec<String> = values.iter().map(f64::to_string).collect();
-            let sign = if *column == self.of && values.len() == 2 {
+            let sign = if *column == self.of && values.len() == 2 && steps_by_one {
                 format!("the effect is {} less {}; ", values[1], values[0])
             } else {
                 String::new()
