@@ -4,8 +4,8 @@
 
 Needs the Python package, NumPy, SciPy and statsmodels, which `./run attack statistics` installs into `target/python`. A third of
 the time goes to random designs, the rest to the fifteen designs of `benches/nulls.py`, in turn: the share of studies with a
-family-wise p of at most 0.05 must be within 0.03 to 0.07, or not be told from that by the number of studies. The last line is a
-JSON object: `name`, what was done, `failures`.
+family-wise p of at most 0.05 must not be significantly outside of 0.03 to 0.07. The last line is a JSON object: `name`, what was
+done, `failures`.
 """
 
 import argparse
@@ -31,7 +31,7 @@ except ImportError as missing:
     print(json.dumps({"name": "statistics", "skipped": f"no Python with {missing.name}: ./run attack statistics makes one"}))
     sys.exit(0)
 
-#: Rejections of a design that is right happen once in so many runs of the attack.
+#: A share of studies is significantly outside of its bounds if its binomial p is below this.
 RARE = 1e-5
 
 
@@ -62,12 +62,9 @@ def beside_statsmodels(rng):
     y = 10.0 ** rng.integers(-6, 7) * (rng.normal(size=(len(design), 6)) + 10 * rng.normal())
     found = sp.shape.test(y, design=design, contrast=contrast[0] if len(contrast) == 1 else contrast, permutations=0)
     fits = [OLS(column, design).fit() for column in y.T]
-    if len(contrast) == 1:
-        tests = [fit.t_test(contrast) for fit in fits]
-        statistic, p = (np.array([float(np.squeeze(getattr(test, name))) for test in tests]) for name in ("tvalue", "pvalue"))
-    else:
-        tests = [fit.f_test(contrast) for fit in fits]
-        statistic, p = (np.array([float(np.squeeze(getattr(test, name))) for test in tests]) for name in ("fvalue", "pvalue"))
+    tests = [fit.t_test(contrast) if len(contrast) == 1 else fit.f_test(contrast) for fit in fits]
+    of = "tvalue" if len(contrast) == 1 else "fvalue"
+    statistic, p = (np.array([float(np.squeeze(getattr(test, name))) for test in tests]) for name in (of, "pvalue"))
     what = f"{design.shape[0]} x {design.shape[1]}, contrast {contrast.tolist()}"
     # statsmodels inverts the covariance of the contrast's rows.
     covariance = contrast @ np.linalg.inv(design.T @ design) @ contrast.T

@@ -109,8 +109,8 @@ pub(super) struct Input {
     /// Vertices to leave unread: those with 0 in this file
     ///
     /// A value for each vertex, or a FreeSurfer label. A surface is fitted on the triangles whose corners are all read.
-    /// Least squares without --store also leaves vertices of signals without a value (NaN) unread. The model is one over
-    /// the whole sphere all the same.
+    /// Least squares without --store also leaves vertices of signals without a value (NaN) unread. The model is one
+    /// over the whole sphere all the same.
     #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance

@@ -14,7 +14,7 @@ use spharm::rerun::IfExists;
 use spharm_cli::console::Console;
 use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::counted;
+use spharm_cli::output::{counted, first_of};
 
 pub(crate) use self::args::Cli;
 use self::args::Hemi;
@@ -178,11 +178,10 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     }
     if !whole.is_empty() {
         const NAMED: usize = 5;
-        let more = if whole.len() > NAMED { format!(" and {} more", whole.len() - NAMED) } else { String::new() };
         console.warn(format!(
-            "no label/?h.{CORTEX}.label of {}{more}: the values of their medial walls are fitted, too; --mask names another \
+            "no label/?h.{CORTEX}.label of {}: the values of their medial walls are fitted, too; --mask names another \
              label",
-            whole[..whole.len().min(NAMED)].join(", ")
+            first_of(whole.iter().map(String::as_str), NAMED)
         ));
     }
     rows

@@ -17,6 +17,7 @@ use spharm_report::{Contents, Params, ReportError, page};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
+pub(crate) use self::read::warnings;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -29,7 +30,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_inputs(cli, budget)?;
     let models = read::models(cli, monitor.console())?;
     let mut contents = Contents {
-        warnings: read::warnings(&cli.warnings)?,
+        warnings: cli.warnings.iter().map(|path| warnings(path)).collect::<Result<Vec<_>>>()?.concat(),
         models,
         modes: read::modes(&cli.modes)?,
         tests: read::tests(&cli.test)?,

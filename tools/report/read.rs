@@ -244,11 +244,8 @@ fn table(path: &Path) -> Result<Table> {
     Ok(Table { title: stem(path), columns, rows: rows.with_context(open)? })
 }
 
-/// Lists of warnings.
-pub(super) fn warnings(paths: &[PathBuf]) -> Result<Vec<String>> {
-    let one = |path: &PathBuf| -> Result<Vec<String>> {
-        let text = read_text(path, "list of warnings", LARGEST_TABLE)?;
-        serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of texts", path.display()))
-    };
-    Ok(paths.iter().map(one).collect::<Result<Vec<_>>>()?.concat())
+/// A list of warnings.
+pub(crate) fn warnings(path: &Path) -> Result<Vec<String>> {
+    let text = read_text(path, "list of warnings", LARGEST_TABLE)?;
+    serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of texts", path.display()))
 }

@@ -12,7 +12,7 @@ use spharm::{Monitor, Sphere, SurfaceError, check_mapping, check_memory};
 use spharm_cli::exit::{is_interrupted, line_with_advice};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{counted, print, print_json};
+use spharm_cli::output::{counted, first_of, print, print_json};
 use spharm_cli::paths::shown;
 use spharm_cli::size::Size;
 use spharm_surface::io::declared_vertices;
@@ -99,13 +99,11 @@ pub(crate) fn preview(rows: &Rows, options: &Options, monitor: &ConsoleMonitor) 
             lines.push(format!("  and {} more", failed.len() - NAMED));
         }
     }
-    let named: Vec<&str> = failed.iter().take(NAMED).map(|(number, _)| id(*number)).collect();
-    let (count, names) = (failed.len(), named.join(", "));
-    let more = if count > named.len() { format!(" and {} more", count - named.len()) } else { String::new() };
+    let (count, names) = (failed.len(), first_of(failed.iter().map(|(number, _)| id(*number)), NAMED));
     // Without --keep-going the first row that fails ends the call.
     let first = failed.into_iter().min_by_key(|(number, _)| *number).map(|(_, error)| error);
     let error = match options.cohort.keep_going {
-        true => first.map(|_| anyhow!("{count} of {} would fail: {names}{more}", counted(all, "surface"))),
+        true => first.map(|_| anyhow!("{count} of {} would fail: {names}", counted(all, "surface"))),
         false => first,
     };
     Ok(Preview { text: lines.join("\n"), json, error })

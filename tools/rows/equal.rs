@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use spharm::FileRecord;
 use spharm::cohort::Row;
+use spharm_cli::output::first_of;
 
 /// Names by what they stand for, to find those that stand for the same.
 #[derive(Debug)]
@@ -59,9 +60,8 @@ impl Inputs {
 /// The warning of inputs that are equal, by their names.
 pub(crate) fn same_inputs(names: &[&str]) -> String {
     const NAMED: usize = 12;
-    let more = if names.len() > NAMED { format!(" and {} more", names.len() - NAMED) } else { String::new() };
-    let named = names[..names.len().min(NAMED)].join(", ");
-    format!("{named}{more}: their inputs are equal, to the last byte; is one of them another subject's?")
+    let named = first_of(names.iter().copied(), NAMED);
+    format!("{named}: their inputs are equal, to the last byte; is one of them another subject's?")
 }
 
 #[cfg(test)]

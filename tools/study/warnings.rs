@@ -13,6 +13,7 @@ use spharm::shape::{outliers, rmsd};
 use spharm_cli::inputs::{MOST_OWN, read_text};
 
 use super::plan::{Plan, Subject};
+use crate::report;
 use crate::rows::equal::{EqualSets, same_inputs};
 
 /// Reads what the stages before the page have made, and returns the warnings, those of single subjects first.
@@ -27,7 +28,7 @@ pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<Strin
     }
     warnings.extend(steps_of_labels(&group.steps));
     if plan.alignment_warnings().is_file() {
-        warnings.extend(list(&plan.alignment_warnings())?);
+        warnings.extend(report::warnings(&plan.alignment_warnings())?);
     }
     for test in &plan.study.test {
         let about = plan.output.join("tests").join(&test.name).join("test.json");
@@ -122,12 +123,6 @@ fn column(table: &Path, name: &str) -> Result<Vec<f64>> {
     let at = at.with_context(|| format!("{}: expected a column {name:?}", table.display()))?;
     let cell = |record: csv::StringRecord| record.get(at).unwrap_or_default().parse::<f64>().with_context(named);
     reader.records().map(|record| cell(record.with_context(named)?)).collect()
-}
-
-/// A list of warnings.
-fn list(path: &Path) -> Result<Vec<String>> {
-    let text = read_text(path, "list of warnings", MOST_OWN)?;
-    serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of texts", path.display()))
 }
 
 /// The warnings in a test's description.

@@ -53,9 +53,10 @@ impl GroupSizes {
         decomposition.saturating_add(quality).saturating_add((8 * n).saturating_mul(samples as u64))
     }
 
-    /// Returns the bytes that a test at so many vertices takes beside the coefficients, with so many relabellings: the samples of
-    /// all models, d each, their residuals, and both again for Welch's test and while they are made, `32 n V d`; the transform of
-    /// one of them; `8 V` a thread and 24 a relabelling; the geometry of the mean; maps and their table, 1200 a vertex.
+    /// Returns the bytes that a test at so many vertices takes beside the coefficients, with so many relabellings: the
+    /// samples of all models, d each, their residuals, and both again for Welch's test and while they are made, `32 n V
+    /// d`; the transform of one of them; `8 V` a thread and 24 a relabelling; the geometry of the mean; maps and their
+    /// table, 1200 a vertex.
     #[must_use]
     pub fn test(self, vertices: u64, components: usize, relabellings: usize, threads: usize) -> u64 {
         let of_models = (32 * (self.models * components) as u64).saturating_mul(vertices);

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! with MAD the median of the distances from the median, and 1.4826 the factor for which s is the standard deviation of
-//! normal values; where more than half of the values are equal, s is 1.2533 times the mean distance (then one value that differs is far from seven values on). B. Iglewicz and D.
-//! Hoaglin, "How to Detect and Handle Outliers" (1993).
+//! normal values; where more than half of the values are equal, s is 1.2533 times the mean distance (then one value
+//! that differs is far from seven values on). B. Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
 
 use std::collections::HashMap;
 
@@ -87,8 +87,8 @@ pub fn equal_members(members: &[Coefficients]) -> Vec<Vec<usize>> {
 }
 
 fn equal(a: &Coefficients, b: &Coefficients) -> bool {
-    let bits = |member: &Coefficients| member.values().iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
-    a.values().dim() == b.values().dim() && bits(a) == bits(b)
+    let (a, b) = (a.values(), b.values());
+    a.dim() == b.dim() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
 /// Coefficients that members are sorted by.

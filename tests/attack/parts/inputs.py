@@ -11,7 +11,7 @@ import shutil
 import socket
 
 import verbs
-from common import Row, in_turn
+from common import HANG, Row, in_turn, run
 
 #: Address space that a verb may take, bytes: /dev/zero read to its end takes all there is.
 MEMORY = 8 << 30
@@ -140,8 +140,8 @@ def named(site, row, place, verb, file, kept):
         return
     shutil.copy2(kept, path)
     try:
-        ended = verbs.run([os.path.join(b"in", os.fsencode(file.parent), other) if word == old else word for word in words],
-                          cwd=place.folder, limit=verbs.HANG + 10 * verb.seconds)
+        ended = run([os.path.join(b"in", os.fsencode(file.parent), other) if word == old else word for word in words],
+                    cwd=place.folder, limit=HANG + 10 * verb.seconds)
     finally:
         os.unlink(path)
     if ended.hung:

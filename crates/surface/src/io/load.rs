@@ -14,15 +14,22 @@ use crate::room::{Bytes, check_room, most_expanded};
 /// waits for whoever writes it.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
-    let found = fs::metadata(path).map_err(io("open"))?;
-    if let Some(found) = other_kind(found.file_type()) {
-        return Err(SurfaceError::NotAFile { path: path.to_owned(), found });
-    }
+    let found = regular(path)?;
     // A sparse file takes no room on a disk.
     check_room(found.len()).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     let mut bytes = Vec::new();
     open(path).and_then(|mut file| file.read_to_end(&mut bytes)).map_err(io("read"))?;
     Ok(bytes)
+}
+
+/// What is known of a regular file, before it is opened; anything else is refused.
+fn regular(path: &Path) -> Result<fs::Metadata, SurfaceError> {
+    let found = fs::metadata(path);
+    let found = found.map_err(|cause| SurfaceError::Io { path: path.to_owned(), action: "open", cause })?;
+    match other_kind(found.file_type()) {
+        None => Ok(found),
+        Some(found) => Err(SurfaceError::NotAFile { path: path.to_owned(), found }),
+    }
 }
 
 /// Most bytes of a file's head.
@@ -31,6 +38,7 @@ const HEAD: u64 = 4096;
 /// Reads the first bytes of a regular file.
 pub(super) fn head(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
+    regular(path)?;
     let mut bytes = Vec::new();
     open(path).map_err(io("open"))?.take(HEAD).read_to_end(&mut bytes).map_err(io("read"))?;
     Ok(bytes)

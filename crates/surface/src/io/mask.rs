@@ -22,11 +22,9 @@ const LABEL: &[u8] = b"#!ascii label";
 /// there; [`NothingKept`](SurfaceError::NothingKept) if no vertex is read.
 pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, SurfaceError> {
     let path = path.as_ref();
-    let bytes = load::load(path)?;
-    let mask = if bytes.starts_with(LABEL) {
-        label(&bytes, vertices).map_err(|flaw| flaw.at(path, "a FreeSurfer label"))?
+    let mask = if load::head(path)?.starts_with(LABEL) {
+        label(&load::load(path)?, vertices).map_err(|flaw| flaw.at(path, "a FreeSurfer label"))?
     } else {
-        drop(bytes);
         let signal = read_signal(path)?;
         if signal.vertices != vertices {
             let (path, found) = (path.to_owned(), signal.vertices);
