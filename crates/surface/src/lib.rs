@@ -27,6 +27,7 @@
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`locator`] | the triangle of a sphere that a direction meets, and interpolation there |
 //! | [`samples`] | samples of a sphere's triangles, for least squares over the whole surface |
+//! | [`SpreadPoints`] | points spread evenly over a mesh's area |
 //!
 //! # Example
 //!
@@ -60,6 +61,7 @@ mod room;
 mod seam;
 mod sliver_tree;
 mod sphere;
+mod spread;
 mod target;
 
 pub mod generate;
@@ -79,5 +81,6 @@ pub use hemisphere::Hemisphere;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};
 pub use seam::{Seam, Welded};
 pub use sphere::{Sphere, SphereWarning, read_sphere};
+pub use spread::SpreadPoints;
 pub use target::{Target, TargetWarning, read_target, read_target_with_gaps};
 pub use volume_geometry::VolumeGeometry;

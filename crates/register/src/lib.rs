@@ -1,0 +1,1 @@
+//! Registration in space: a template mesh moved onto the surfaces of subjects.

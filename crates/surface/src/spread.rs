@@ -1,0 +1,114 @@
+//! Points spread evenly over the area of a mesh.
+
+use crate::geometry::{Vec3, cross, dot, sub};
+use crate::mesh::Mesh;
+
+/// Points on a mesh, each of which stands for an equal share of its area.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SpreadPoints {
+    /// The points, (n).
+    pub points: Vec<Vec3>,
+    /// The unit normals of their triangles, (n).
+    pub normals: Vec<Vec3>,
+    /// Their triangles, (n), counted from 0.
+    pub triangles: Vec<u32>,
+}
+
+impl SpreadPoints {
+    /// Places `count` points: one in each of `count` runs of triangles that have equal shares of the area, in the order of the
+    /// triangles. Within a triangle they follow the sequence R2 of M. Roberts, "The unreasonable effectiveness of
+    /// quasirandom sequences" (2018), from its term `seed`, so that the outcome is the same in every run. A mesh without area
+    /// has none.
+    #[must_use]
+    pub fn new(mesh: &Mesh, count: usize, seed: usize) -> Self {
+        let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
+        let normals: Vec<Vec3> = mesh.faces.iter().map(|face| normal(corners(face))).collect();
+        let areas: Vec<f64> = normals.iter().map(|n| 0.5 * dot(*n, *n).sqrt()).collect();
+        let step = areas.iter().sum::<f64>() / count as f64;
+        let mut spread = Self::default();
+        if !(step > 0.0 && step.is_finite()) {
+            return spread;
+        }
+        let mut sum = 0.0;
+        for (index, face) in mesh.faces.iter().enumerate() {
+            sum += areas[index];
+            while spread.points.len() < count && place(spread.points.len(), seed) * step <= sum {
+                let [a, b, c] = corners(face);
+                let (s, t) = in_triangle(spread.points.len() + seed);
+                spread.points.push(std::array::from_fn(|k| a[k] + s * (b[k] - a[k]) + t * (c[k] - a[k])));
+                spread.normals.push(normals[index].map(|v| v / (2.0 * areas[index])));
+                spread.triangles.push(index as u32);
+            }
+        }
+        spread
+    }
+
+    /// Returns every `step`th point.
+    #[must_use]
+    pub fn every(&self, step: usize) -> Self {
+        Self {
+            points: self.points.iter().copied().step_by(step).collect(),
+            normals: self.normals.iter().copied().step_by(step).collect(),
+            triangles: self.triangles.iter().copied().step_by(step).collect(),
+        }
+    }
+}
+
+/// The cross product of two edges: twice the area long.
+fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
+    cross(sub(b, a), sub(c, a))
+}
+
+/// The reciprocals of the plastic number and of its square.
+const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
+
+/// Where a point lies in the area, in shares: within its own, by a golden-section sequence that keeps strides of one
+/// pattern of triangles from falling on the same places.
+fn place(index: usize, seed: usize) -> f64 {
+    index as f64 + (0.5 + 0.618_033_988_749_894_9 * (index + seed) as f64).fract()
+}
+
+/// Weights of the second and third corner of a triangle.
+fn in_triangle(term: usize) -> (f64, f64) {
+    let [s, t] = R2.map(|step| (0.5 + step * term as f64).fract());
+    if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::icosphere;
+
+    #[test]
+    fn each_half_of_a_sphere_has_half_of_the_points() {
+        let mesh = icosphere(3);
+        for seed in [0, 1000] {
+            let spread = SpreadPoints::new(&mesh, 4000, seed);
+            assert_eq!(spread.points.len(), 4000);
+            for axis in 0..3 {
+                let above = spread.points.iter().filter(|p| p[axis] > 0.0).count();
+                assert!((1950..=2050).contains(&above), "axis {axis}: {above}");
+            }
+            for (point, normal) in spread.points.iter().zip(&spread.normals) {
+                assert!(dot(*point, *normal) > 0.98, "{point:?} {normal:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn points_lie_in_their_triangles_by_area() {
+        let vertices =
+            vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 5.0], [9.0, 0.0, 5.0], [0.0, 1.0, 5.0]];
+        let mesh = Mesh::new(vertices, vec![[0, 1, 2], [3, 4, 5], [0, 0, 0]]);
+        let spread = SpreadPoints::new(&mesh, 1000, 0);
+        assert_eq!(spread.triangles.iter().filter(|t| **t == 1).count(), 900);
+        assert!(
+            spread
+                .points
+                .iter()
+                .all(|[x, y, z]| *x >= 0.0 && *y >= 0.0 && x / if *z > 0.0 { 9.0 } else { 1.0 } + y <= 1.0 + 1e-12)
+        );
+        assert!(SpreadPoints::new(&Mesh::default(), 10, 0).points.is_empty());
+        assert_eq!(spread.every(10).points.len(), 100);
+    }
+}
