@@ -1,1 +1,53 @@
-//! Registration in space: a template mesh moved onto the surfaces of subjects.
+//! Registration in space: a template mesh is moved onto the surface of each subject of a group.
+//!
+//! The subject's surface is only a target of nearest points: it may have handles, holes, pieces and triangles in any
+//! order. The template's triangles stay what they are, so that all subjects get one triangulation, and with it one
+//! sphere. Subject and template have to lie in one pose.
+//!
+//! # Steps
+//!
+//! 1. Coherent point drift ([`drift`](mod@drift)) with three Gaussian kernels, the widest first, brings the template near where
+//!    the pose leaves the surfaces apart.
+//! 2. Nearest points both ways ([`snap`](mod@snap)) under a thin plate that softens bring it onto the surface.
+//! 3. Its vertices are projected onto the surface, and evened within it around triangles that are turned over
+//!    ([`untangle`](mod@untangle)).
+//! 4. [`Cover`] says how far the subject's surface is from the registered template, and which vertices of the template
+//!    have no counterpart on the subject.
+//!
+//! # Modules
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`template`] | [`Template`]: what is computed once for all subjects |
+//! | [`subject`] | [`Subject`]: a surface with points on it and search trees |
+//! | [`params`] | [`RegisterParams`], with the defaults |
+//! | [`low_rank`] | Gaussian kernels as products of low rank |
+//! | [`mod@drift`] | coherent point drift |
+//! | `cells`, `exponential` | the pairs of points within a distance, and their exponentials |
+//! | [`plate`] | the thin plate of the template's triangles, and its factor |
+//! | [`mod@snap`] | nearest points both ways under a thin plate |
+//! | [`mod@untangle`] | projection, and triangles that are turned over |
+//! | [`cover`] | [`Cover`] |
+//! | [`error`] | [`RegisterError`] |
+
+pub mod cover;
+pub mod drift;
+pub mod error;
+pub mod low_rank;
+pub mod params;
+pub mod plate;
+pub mod register;
+pub mod snap;
+pub mod subject;
+pub mod template;
+pub mod untangle;
+
+mod cells;
+mod exponential;
+
+pub use cover::Cover;
+pub use error::RegisterError;
+pub use params::RegisterParams;
+pub use register::{Registered, register};
+pub use subject::Subject;
+pub use template::{Template, without_counterpart};

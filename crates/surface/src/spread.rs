@@ -1,6 +1,6 @@
 //! Points spread evenly over the area of a mesh.
 
-use crate::geometry::{Vec3, cross, dot, sub};
+use crate::geometry::{Vec3, cross, dot, sub, unit};
 use crate::mesh::Mesh;
 
 /// Points on a mesh, each of which stands for an equal share of its area.
@@ -12,6 +12,8 @@ pub struct SpreadPoints {
     pub normals: Vec<Vec3>,
     /// Their triangles, (n), counted from 0.
     pub triangles: Vec<u32>,
+    /// Weights of the triangles' corners, (n), of sum 1.
+    pub barycentric: Vec<[f64; 3]>,
 }
 
 impl SpreadPoints {
@@ -38,6 +40,7 @@ impl SpreadPoints {
                 spread.points.push(std::array::from_fn(|k| a[k] + s * (b[k] - a[k]) + t * (c[k] - a[k])));
                 spread.normals.push(normals[index].map(|v| v / (2.0 * areas[index])));
                 spread.triangles.push(index as u32);
+                spread.barycentric.push([1.0 - s - t, s, t]);
             }
         }
         spread
@@ -50,6 +53,28 @@ impl SpreadPoints {
             points: self.points.iter().copied().step_by(step).collect(),
             normals: self.normals.iter().copied().step_by(step).collect(),
             triangles: self.triangles.iter().copied().step_by(step).collect(),
+            barycentric: self.barycentric.iter().copied().step_by(step).collect(),
+        }
+    }
+
+    /// Returns the same places of the same triangles after vertices have moved.
+    ///
+    /// # Panics
+    ///
+    /// When the mesh has fewer triangles or vertices than the one that the points were placed on.
+    #[must_use]
+    pub fn moved(&self, mesh: &Mesh) -> Self {
+        let corners = |triangle: &u32| mesh.faces[*triangle as usize].map(|v| mesh.vertices[v as usize]);
+        let points = self.triangles.iter().zip(&self.barycentric);
+        let points = points.map(|(triangle, weights)| {
+            let [a, b, c] = corners(triangle);
+            std::array::from_fn(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k])
+        });
+        Self {
+            points: points.collect(),
+            normals: self.triangles.iter().map(|triangle| unit(normal(corners(triangle)))).collect(),
+            triangles: self.triangles.clone(),
+            barycentric: self.barycentric.clone(),
         }
     }
 }
@@ -110,5 +135,13 @@ mod tests {
         );
         assert!(SpreadPoints::new(&Mesh::default(), 10, 0).points.is_empty());
         assert_eq!(spread.every(10).points.len(), 100);
+        let turned = mesh.with_vertices(mesh.vertices.iter().map(|[x, y, z]| [-y, *x, z + 1.0]).collect());
+        let moved = spread.moved(&turned);
+        for (before, after) in spread.points.iter().zip(&moved.points) {
+            assert!(
+                (before[0] - after[1]).abs() + (before[1] + after[0]).abs() + (after[2] - before[2] - 1.0).abs()
+                    < 1e-12
+            );
+        }
     }
 }

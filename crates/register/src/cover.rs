@@ -1,0 +1,81 @@
+//! How well a registered template and a subject's surface cover each other.
+
+use rayon::prelude::*;
+use spharm_surface::geometry::Vec3;
+use spharm_surface::nearest::TriangleTree;
+
+use crate::subject::Subject;
+use crate::template::Template;
+
+/// Points on the subject from which distances are measured.
+const POINTS: usize = 5000;
+
+/// Distances of a subject's surface from the registered template, in their unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cover {
+    /// Root mean square over the subject's area.
+    pub rms: f64,
+    /// The distance below which 99 % of the subject's area is.
+    pub most: f64,
+    /// The largest distance found.
+    pub farthest: f64,
+    /// Share of the subject's area that is farther from the template than a reach.
+    pub unreached: f64,
+}
+
+impl Cover {
+    /// Measures from points spread over the subject's area to the template with its vertices moved.
+    #[must_use]
+    pub fn measure(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Self {
+        let tree = TriangleTree::new(&template.mesh.with_vertices(vertices.to_vec()));
+        let points = subject.spread(POINTS, 9).points;
+        let distance = |point: &Vec3| tree.nearest(*point).map_or(f64::INFINITY, |found| found.distance);
+        let mut distances: Vec<f64> = points.par_iter().map(distance).collect();
+        distances.sort_unstable_by(f64::total_cmp);
+        let count = distances.len().max(1) as f64;
+        let at = |share: f64| distances.get(((count - 1.0) * share) as usize).copied().unwrap_or(0.0);
+        Self {
+            rms: (distances.iter().map(|distance| distance * distance).sum::<f64>() / count).sqrt(),
+            most: at(0.99),
+            farthest: at(1.0),
+            unreached: distances.iter().filter(|distance| **distance > reach).count() as f64 / count,
+        }
+    }
+}
+
+/// The root mean square distance of vertices that aren't masked from the subject, and of the subject from them.
+pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -> f64 {
+    let kept = (0..vertices.len()).into_par_iter().filter(|v| !template.masked[*v]);
+    let squares = kept.map(|v| subject.tree.nearest(vertices[v]).map_or(0.0, |found| found.distance.powi(2)));
+    let squares: Vec<f64> = squares.collect();
+    let there = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
+    let back = Cover::measure(template, vertices, subject, 0.0).rms;
+    (0.5 * (there + back * back)).sqrt()
+}
+
+/// The vertices that nothing of the subject draws, (n): masked ones, and those of which the nearest point, farther than
+/// `reach`, is on the border of an open surface, as the subject lacks what they are.
+pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
+    let lacks = |point: &Vec3| {
+        let found = subject.tree.nearest(*point);
+        found.is_some_and(|found| found.distance > reach && on_border(subject, found.triangle, found.barycentric))
+    };
+    vertices.par_iter().zip(&template.masked).map(|(point, masked)| *masked || lacks(point)).collect()
+}
+
+/// Whether each vertex, before its projection, has a counterpart on the subject: a point within `reach` that isn't on the border
+/// of an open surface.
+pub(crate) fn reached(free: &[bool], vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
+    let reached = |(point, free): (&Vec3, &bool)| {
+        let found = subject.tree.nearest(*point);
+        let found =
+            found.filter(|found| found.distance <= reach && !on_border(subject, found.triangle, found.barycentric));
+        !free && found.is_some()
+    };
+    vertices.par_iter().zip(free).map(reached).collect()
+}
+
+fn on_border(subject: &Subject, triangle: u32, barycentric: [f64; 3]) -> bool {
+    let open = subject.open[triangle as usize];
+    (0..3).any(|corner| open[corner] && barycentric[corner] < 1e-9)
+}

@@ -1,0 +1,212 @@
+//! Coherent point drift: points of the template are the centres of Gaussians of one width, to which the subject's points
+//! belong by shares, and move together, by a smooth displacement, to where these points are.
+//!
+//! A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern Anal. Mach. Intell. 32
+//! (2010), with a factor of low rank of the kernel (`v = F a`, [`crate::low_rank`]) in place of its eigenvectors, and
+//! responsibilities times `exp(kappa (n_x . n_y - 1))`:
+//!
+//! ```text
+//! p_ij = exp(-|x_j - y_i - v_i|^2 / (2 sigma^2) + kappa (n_j . n_i - 1)) / (sum_i ... + c)
+//! (F^T diag(P 1) F + lambda sigma^2 I) a = F^T (P x - diag(P 1) y)
+//! ```
+//!
+//! Cost of an iteration: 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::Solve;
+use faer::{Accum, Mat, MatRef, Par, Side};
+use rayon::prelude::*;
+use spharm_monitor::Monitor;
+use spharm_surface::geometry::{Vec3, add, bounds, dot};
+use spharm_surface::{Mesh, SpreadPoints};
+
+use crate::cells::Cells;
+use crate::error::RegisterError;
+use crate::exponential::{Probe, exponentials};
+use crate::low_rank::LowRank;
+use crate::params::RegisterParams;
+use crate::subject::Subject;
+use crate::template::{Stage, Template};
+
+/// Pairs beyond so many sigma have responsibilities below 4e-4 of the largest, and are left out.
+const CUT_OFF: f64 = 5.0;
+/// Runs into which sums are divided, whatever the number of threads.
+const RUNS: usize = 16;
+/// Iterations after which the template's normals are computed again.
+const NORMALS: usize = 5;
+/// Growth of sigma from one kernel to the next, narrower one.
+const AGAIN: f64 = 1.3;
+
+/// Returns the template's vertices moved near the subject by all stages of the drift; those that are `free`, (n), follow
+/// the others.
+///
+/// # Errors
+///
+/// [`RegisterError::Singular`], [`RegisterError::Interrupted`].
+pub fn drift(
+    template: &Template,
+    start: &[Vec3],
+    free: &[bool],
+    subject: &Subject,
+    params: &RegisterParams,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Vec3>, RegisterError> {
+    let mut mesh = template.mesh.with_vertices(start.to_vec());
+    let mut sigma = params.sigma * template.scale;
+    for (index, stage) in template.stages.iter().enumerate() {
+        let targets = subject.spread(stage.spread.points.len(), 104_729 * (index + 1));
+        let (moved, last) = run_stage(stage, &mesh, free, &targets, sigma, params, monitor)?;
+        mesh.vertices = moved;
+        sigma = AGAIN * last;
+    }
+    Ok(mesh.vertices)
+}
+
+/// Responsibilities of each template point: their sum, that of the subject's points times them, and over all points the sum of
+/// |x|^2 times them.
+struct Sums {
+    shares: Vec<f64>,
+    weighted: Vec<Vec3>,
+    squares: f64,
+}
+
+fn run_stage(
+    stage: &Stage,
+    mesh: &Mesh,
+    free: &[bool],
+    targets: &SpreadPoints,
+    mut sigma: f64,
+    params: &RegisterParams,
+    monitor: &dyn Monitor,
+) -> Result<(Vec<Vec3>, f64), RegisterError> {
+    let kernel = &stage.kernel;
+    let start = stage.spread.moved(mesh);
+    let is_free = |triangle: &u32| mesh.faces[*triangle as usize].iter().any(|v| free[*v as usize]);
+    let kept: Vec<u32> =
+        (0..).zip(&stage.spread.triangles).filter(|(_, triangle)| !is_free(triangle)).map(|(i, _)| i).collect();
+    if kept.is_empty() {
+        return Ok((mesh.vertices.clone(), sigma));
+    }
+    let n = start.points.len();
+    let (low, high) = bounds(targets.points.iter().copied());
+    let volume: f64 = (0..3).map(|k| high[k] - low[k]).product();
+    let odds = params.outliers / (1.0 - params.outliers) * n as f64 / volume.max(f64::MIN_POSITIVE);
+    let (mut points, mut normals) = (start.points.clone(), start.normals);
+    let mut coefficients = vec![[0.0; 3]; kernel.rank];
+    for round in 0..params.drift_rounds {
+        monitor.check()?;
+        if round > 0 && round % NORMALS == 0 {
+            normals = stage.spread.moved(&mesh.with_vertices(moved(kernel, mesh, &coefficients))).normals;
+        }
+        let outlier = odds * (std::f64::consts::TAU * sigma * sigma).powf(1.5);
+        let sums = expectation(&points, &normals, &kept, targets, sigma, params.kappa, outlier);
+        coefficients = maximisation(kernel, &start.points, &sums, stage.stiffness * sigma * sigma)?;
+        let displacements = LowRank::displacements(kernel.rank, &kernel.points, &coefficients);
+        points = start.points.iter().zip(displacements).map(|(y, v)| add(*y, v)).collect();
+        let all: f64 = sums.shares.iter().sum();
+        let crossed: f64 = sums.weighted.iter().zip(&points).map(|(x, y)| dot(*x, *y)).sum();
+        let own: f64 = sums.shares.iter().zip(&points).map(|(p, y)| p * dot(*y, *y)).sum();
+        let next = ((sums.squares - 2.0 * crossed + own) / (3.0 * all)).max(0.0).sqrt();
+        if !next.is_finite() {
+            return Err(RegisterError::Singular);
+        }
+        // Below this no pair is left within the cut-off, and the points are on the surface.
+        let next = next.max(1e-4 * params.sigma * start_extent(low, high));
+        let done = (next - sigma).abs() < params.drift_tolerance * sigma;
+        sigma = next;
+        if done {
+            break;
+        }
+    }
+    Ok((moved(kernel, mesh, &coefficients), sigma))
+}
+
+fn start_extent(low: Vec3, high: Vec3) -> f64 {
+    (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
+}
+
+/// The template's vertices, displaced.
+fn moved(kernel: &LowRank, mesh: &Mesh, coefficients: &[Vec3]) -> Vec<Vec3> {
+    let displacements = LowRank::displacements(kernel.rank, &kernel.places, coefficients);
+    mesh.vertices.iter().zip(displacements).map(|(y, v)| add(*y, v)).collect()
+}
+
+fn expectation(
+    points: &[Vec3],
+    normals: &[Vec3],
+    kept: &[u32],
+    targets: &SpreadPoints,
+    sigma: f64,
+    kappa: f64,
+    outlier: f64,
+) -> Sums {
+    let of = |all: &[Vec3]| kept.iter().map(|i| all[*i as usize]).collect::<Vec<Vec3>>();
+    let cells = Cells::new(&of(points), &of(normals), CUT_OFF * sigma);
+    let n = points.len();
+    let length = targets.points.len().div_ceil(RUNS).max(1);
+    let runs = targets.points.par_chunks(length).zip(targets.normals.par_chunks(length)).map(|(xs, ns)| {
+        // In the order of the cells: share, and x times it.
+        let mut sums = vec![[0.0; 4]; kept.len()];
+        let (mut squares, mut values, mut ranges) = (0.0, vec![0.0; kept.len()], Vec::new());
+        for (x, normal) in xs.iter().zip(ns) {
+            let probe = Probe { x: *x, n: *normal, sharpness: 0.5 / (sigma * sigma), kappa };
+            let (mut total, mut filled) = (outlier, 0);
+            ranges.clear();
+            cells.near(*x, |range| {
+                let out = &mut values[filled..filled + range.len()];
+                total += exponentials(&probe, &cells.columns, range.start, out);
+                filled += range.len();
+                ranges.push(range);
+            });
+            let (square, mut at) = (dot(*x, *x), 0);
+            for range in ranges.drain(..) {
+                for i in range {
+                    let share = values[at] / total;
+                    at += 1;
+                    let sum = &mut sums[i];
+                    *sum = [sum[0] + share, sum[1] + share * x[0], sum[2] + share * x[1], sum[3] + share * x[2]];
+                    squares += share * square;
+                }
+            }
+        }
+        (sums, squares)
+    });
+    let runs: Vec<(Vec<[f64; 4]>, f64)> = runs.collect();
+    let mut found = Sums { shares: vec![0.0; n], weighted: vec![[0.0; 3]; n], squares: 0.0 };
+    for (sums, squares) in runs {
+        found.squares += squares;
+        for (sum, index) in sums.iter().zip(&cells.index) {
+            let index = kept[*index as usize] as usize;
+            found.shares[index] += sum[0];
+            (0..3).for_each(|k| found.weighted[index][k] += sum[k + 1]);
+        }
+    }
+    found
+}
+
+/// The coefficients a of the displacement.
+fn maximisation(kernel: &LowRank, start: &[Vec3], sums: &Sums, stiffness: f64) -> Result<Vec<Vec3>, RegisterError> {
+    let (n, r) = (start.len(), kernel.rank);
+    let length = n.div_ceil(RUNS).max(1);
+    let partial = (0..n.div_ceil(length)).into_par_iter().map(|run| {
+        let rows = run * length..((run + 1) * length).min(n);
+        let factor = MatRef::from_row_major_slice(&kernel.points[rows.start * r..rows.end * r], rows.len(), r);
+        let shares = &sums.shares[rows.clone()];
+        let weighted = Mat::from_fn(rows.len(), r, |i, j| shares[i] * factor[(i, j)]);
+        let pulls =
+            Mat::from_fn(rows.len(), 3, |i, k| sums.weighted[rows.start + i][k] - shares[i] * start[rows.start + i][k]);
+        let (mut matrix, mut right) = (Mat::zeros(r, r), Mat::zeros(r, 3));
+        matmul(&mut matrix, Accum::Replace, factor.transpose(), &weighted, 1.0, Par::Seq);
+        matmul(&mut right, Accum::Replace, factor.transpose(), &pulls, 1.0, Par::Seq);
+        (matrix, right)
+    });
+    let partial: Vec<(Mat<f64>, Mat<f64>)> = partial.collect();
+    let (mut matrix, mut right) = (Mat::<f64>::zeros(r, r), Mat::<f64>::zeros(r, 3));
+    for (of_matrix, of_right) in partial {
+        matrix += of_matrix;
+        right += of_right;
+    }
+    (0..r).for_each(|i| matrix[(i, i)] += stiffness);
+    let solved = matrix.llt(Side::Lower).map_err(|_| RegisterError::Singular)?.solve(&right);
+    Ok((0..r).map(|i| std::array::from_fn(|k| solved[(i, k)])).collect())
+}

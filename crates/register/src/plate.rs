@@ -1,0 +1,159 @@
+//! The thin plate of a template's triangles: `|L v|^2`, L the graph Laplacian with rows divided by their number of
+//! neighbours, whose triangles are nearly even.
+
+use std::sync::Arc;
+
+use faer::linalg::solvers::Solve;
+use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
+use faer::{Mat, Side};
+use spharm_surface::geometry::Vec3;
+
+use crate::error::RegisterError;
+
+/// A matrix of rows of columns, which begin at `starts`.
+pub(crate) struct Rows {
+    pub(crate) starts: Vec<u32>,
+    pub(crate) columns: Vec<u32>,
+}
+
+impl Rows {
+    pub(crate) fn row(&self, row: usize) -> &[u32] {
+        &self.columns[self.range(row)]
+    }
+
+    fn range(&self, row: usize) -> std::ops::Range<usize> {
+        self.starts[row] as usize..self.starts[row + 1] as usize
+    }
+
+    fn from_pairs(mut pairs: Vec<(u32, u32)>, n: usize) -> Self {
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut starts = vec![0u32; n + 1];
+        pairs.iter().for_each(|(row, _)| starts[*row as usize + 1] += 1);
+        (1..=n).for_each(|row| starts[row] += starts[row - 1]);
+        Self { starts, columns: pairs.into_iter().map(|(_, column)| column).collect() }
+    }
+}
+
+/// Bending energy of displacements of a mesh's vertices.
+pub struct Plate {
+    /// The neighbours of each vertex.
+    pub(crate) rings: Rows,
+    /// Of `L^T L`, symmetric: vertices two edges apart.
+    pattern: Rows,
+    values: Vec<f64>,
+    lower: Arc<SymbolicSparseColMat<usize>>,
+    symbolic: SymbolicLlt<usize>,
+}
+
+/// A symmetric matrix with the pattern of a plate.
+pub(crate) struct PlateMatrix<'a> {
+    plate: &'a Plate,
+    values: Vec<f64>,
+}
+
+/// A factor of one, for three columns at once.
+pub(crate) struct PlateFactor(Llt<usize, f64>);
+
+impl Plate {
+    pub(crate) fn new(faces: &[[u32; 3]], n: usize) -> Result<Self, RegisterError> {
+        let edges = faces.iter().flat_map(|[a, b, c]| [(*a, *b), (*b, *a), (*b, *c), (*c, *b), (*c, *a), (*a, *c)]);
+        let rings = Rows::from_pairs(edges.collect(), n);
+        // L has -1 on its diagonal and 1 / degree at neighbours; L^T L sums over the rows that hold both.
+        let row = |v: usize| {
+            let ring = rings.row(v);
+            let weight = 1.0 / ring.len().max(1) as f64;
+            let own = if ring.is_empty() { 0.0 } else { -1.0 };
+            std::iter::once((v as u32, own)).chain(ring.iter().map(move |w| (*w, weight)))
+        };
+        let mut pairs = Vec::new();
+        for v in 0..n {
+            let members: Vec<u32> = row(v).map(|(w, _)| w).collect();
+            pairs.extend(members.iter().flat_map(|a| members.iter().map(|b| (*a, *b))));
+        }
+        let pattern = Rows::from_pairs(pairs, n);
+        let mut matrix = vec![0.0; pattern.columns.len()];
+        for v in 0..n {
+            for (a, of_a) in row(v) {
+                for (b, of_b) in row(v) {
+                    if let Some(at) = place(&pattern, a, b) {
+                        matrix[at] += of_a * of_b;
+                    }
+                }
+            }
+        }
+        let (mut begins, mut rows) = (vec![0usize], Vec::new());
+        for v in 0..n {
+            rows.extend(pattern.row(v).iter().map(|w| *w as usize).filter(|w| *w >= v));
+            begins.push(rows.len());
+        }
+        let lower = Arc::new(SymbolicSparseColMat::new_checked(n, n, begins, None, rows));
+        let symbolic =
+            SymbolicLlt::try_new(lower.as_ref().as_ref(), Side::Lower).map_err(|_| RegisterError::Singular)?;
+        Ok(Self { rings, pattern, values: matrix, lower, symbolic })
+    }
+
+    /// The plate times a stiffness.
+    pub(crate) fn times(&self, stiffness: f64) -> PlateMatrix<'_> {
+        PlateMatrix { plate: self, values: self.values.iter().map(|value| stiffness * value).collect() }
+    }
+
+    /// `L v`: where the neighbours' mean is, seen from each vertex.
+    pub(crate) fn to_mean(&self, v: usize, of: &[Vec3]) -> Vec3 {
+        let ring = self.rings.row(v);
+        let share = 1.0 / ring.len().max(1) as f64;
+        let mut sum = [0.0; 3];
+        for w in ring {
+            (0..3).for_each(|k| sum[k] += share * (of[*w as usize][k] - of[v][k]));
+        }
+        sum
+    }
+}
+
+/// Where an entry is; the column of each row are sorted.
+fn place(pattern: &Rows, row: u32, column: u32) -> Option<usize> {
+    let range = pattern.range(row as usize);
+    let at = pattern.columns[range.clone()].binary_search(&column).ok()?;
+    Some(range.start + at)
+}
+
+impl PlateMatrix<'_> {
+    /// Adds to an entry within a triangle, or on the diagonal.
+    pub(crate) fn add(&mut self, row: u32, column: u32, value: f64) {
+        if let Some(at) = place(&self.plate.pattern, row, column) {
+            self.values[at] += value;
+        }
+    }
+
+    /// Adds the product with columns, (n, 3), to `out`.
+    pub(crate) fn add_product(&self, of: &[Vec3], out: &mut [Vec3]) {
+        for (v, out) in out.iter_mut().enumerate() {
+            for at in self.plate.pattern.range(v) {
+                let (w, value) = (self.plate.pattern.columns[at] as usize, self.values[at]);
+                (0..3).for_each(|k| out[k] += value * of[w][k]);
+            }
+        }
+    }
+
+    pub(crate) fn factor(&self) -> Result<PlateFactor, RegisterError> {
+        let plate = self.plate;
+        let mut lower = Vec::with_capacity(plate.lower.row_idx().len());
+        for v in 0..plate.pattern.starts.len() - 1 {
+            lower.extend(
+                plate.pattern.range(v).filter(|at| plate.pattern.columns[*at] as usize >= v).map(|at| self.values[at]),
+            );
+        }
+        let matrix = SparseColMatRef::new(plate.lower.as_ref().as_ref(), &lower);
+        let factor = Llt::try_new_with_symbolic(plate.symbolic.clone(), matrix, Side::Lower);
+        factor.map(PlateFactor).map_err(|_| RegisterError::Singular)
+    }
+}
+
+impl PlateFactor {
+    pub(crate) fn solve(&self, right: &[Vec3]) -> Vec<Vec3> {
+        let right = Mat::from_fn(right.len(), 3, |i, k| right[i][k]);
+        let solved = self.0.solve(&right);
+        (0..solved.nrows()).map(|i| std::array::from_fn(|k| solved[(i, k)])).collect()
+    }
+}

@@ -1,0 +1,58 @@
+//! The registration of a template to one subject.
+
+use spharm_monitor::Monitor;
+use spharm_surface::geometry::Vec3;
+
+use crate::cover::{Cover, apart, free, reached};
+use crate::drift::drift;
+use crate::error::RegisterError;
+use crate::params::RegisterParams;
+use crate::snap::snap;
+use crate::subject::Subject;
+use crate::template::Template;
+use crate::untangle::untangle;
+
+/// A template moved onto a subject.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Registered {
+    /// The template's vertices, (n), on the subject's surface.
+    pub vertices: Vec<Vec3>,
+    /// Whether each vertex has a counterpart on the subject, (n): where false, its place is a guess.
+    pub reached: Vec<bool>,
+    /// How well the subject's surface is covered.
+    pub cover: Cover,
+    /// Triangles that are turned over; their vertices aren't counted as reached.
+    pub turned: usize,
+}
+
+/// Moves a template onto a subject in the same pose. `start` are the template's vertices where an earlier round left them, (n);
+/// with them nothing drifts.
+///
+/// # Errors
+///
+/// [`RegisterError::Values`] for another number of vertices, [`RegisterError::Singular`], [`RegisterError::Interrupted`].
+pub fn register(
+    template: &Template,
+    subject: &Subject,
+    start: Option<&[Vec3]>,
+    params: &RegisterParams,
+    monitor: &dyn Monitor,
+) -> Result<Registered, RegisterError> {
+    let n = template.mesh.vertices.len();
+    if let Some(found) = start.map(<[Vec3]>::len).filter(|found| *found != n) {
+        return Err(RegisterError::Values { expected: n, found });
+    }
+    let reach = params.reach * template.scale;
+    let vertices = start.unwrap_or(&template.mesh.vertices);
+    let free = free(template, vertices, subject, reach);
+    let near = start.is_some() || apart(template, vertices, subject) < params.near * template.scale;
+    let moved = if near { vertices.to_vec() } else { drift(template, vertices, &free, subject, params, monitor)? };
+    let drawn = snap(template, &moved, &free, subject, params, monitor)?;
+    let mut reached = reached(&free, &drawn, subject, reach);
+    let (vertices, turned) = untangle(template, &drawn, &free, subject, params.untangle_rounds, monitor)?;
+    for face in &turned {
+        template.mesh.faces[*face as usize].iter().for_each(|v| reached[*v as usize] = false);
+    }
+    let cover = Cover::measure(template, &vertices, subject, reach);
+    Ok(Registered { vertices, reached, cover, turned: turned.len() })
+}

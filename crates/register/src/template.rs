@@ -1,0 +1,132 @@
+//! A template: what registrations to all subjects of a group share.
+
+use rayon::prelude::*;
+use spharm_monitor::Monitor;
+use spharm_surface::geometry::{Vec3, cross, dot, sub};
+use spharm_surface::nearest::TriangleTree;
+use spharm_surface::{Mesh, SpreadPoints};
+
+use crate::error::RegisterError;
+use crate::low_rank::LowRank;
+use crate::params::RegisterParams;
+use crate::plate::Plate;
+
+/// Most columns of a kernel's factor.
+const RANK: usize = 200;
+/// The diagonal of what a kernel's factor leaves.
+const LEFT: f64 = 1e-3;
+
+/// A mesh that is to be moved onto subjects, with the factors of its kernels and its thin plate.
+pub struct Template {
+    pub(crate) mesh: Mesh,
+    /// Vertices that have no counterpart on subjects, (n).
+    pub(crate) masked: Vec<bool>,
+    /// The square root of the area, which is the unit of [`RegisterParams`].
+    pub(crate) scale: f64,
+    pub(crate) plate: Plate,
+    pub(crate) stages: Vec<Stage>,
+}
+
+/// A kernel of the drift.
+pub(crate) struct Stage {
+    /// Places on the template, of triangles that aren't masked.
+    pub(crate) spread: SpreadPoints,
+    /// At these places, and at the template's vertices.
+    pub(crate) kernel: LowRank,
+    pub(crate) stiffness: f64,
+}
+
+impl Template {
+    /// Prepares a template. `masked`, (n), names vertices without a counterpart on subjects, such as the lids of holes that were
+    /// filled: nothing pulls at them.
+    ///
+    /// # Errors
+    ///
+    /// [`RegisterError::Triangle`], [`RegisterError::NoArea`], [`RegisterError::Values`], [`RegisterError::AllMasked`],
+    /// [`RegisterError::Singular`], [`RegisterError::Interrupted`].
+    pub fn new(
+        mesh: &Mesh,
+        masked: Option<&[bool]>,
+        params: &RegisterParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, RegisterError> {
+        let n = mesh.vertices.len();
+        for (face, found) in mesh.faces.iter().enumerate() {
+            let [a, b, c] = *found;
+            if found.iter().any(|v| *v as usize >= n) || a == b || b == c || c == a {
+                return Err(RegisterError::Triangle { face, found: *found, vertices: n });
+            }
+        }
+        if masked.is_some_and(|masked| masked.len() != n) {
+            return Err(RegisterError::Values { expected: n, found: masked.map_or(0, <[bool]>::len) });
+        }
+        let scale = area(mesh).sqrt();
+        if !(scale > 0.0 && scale.is_finite()) {
+            return Err(RegisterError::NoArea { what: "the template" });
+        }
+        let masked = masked.map_or_else(|| vec![false; n], <[bool]>::to_vec);
+        let masked_faces: Vec<bool> = mesh.faces.iter().map(|face| face.iter().any(|v| masked[*v as usize])).collect();
+        if masked_faces.iter().all(|masked| *masked) {
+            return Err(RegisterError::AllMasked);
+        }
+        let stages = params.drift.par_iter().enumerate().map(|(index, stage)| {
+            monitor.check()?;
+            let spread = spread_over(mesh, &masked_faces, stage.points, 7919 * index);
+            let kernel = LowRank::new(&spread.points, &mesh.vertices, stage.width * scale, RANK, LEFT);
+            Ok::<_, RegisterError>(Stage { spread, kernel, stiffness: stage.stiffness })
+        });
+        let stages = stages.collect::<Result<_, _>>()?;
+        let plate = Plate::new(&mesh.faces, n)?;
+        Ok(Self { mesh: mesh.clone(), masked, scale, plate, stages })
+    }
+
+    /// Returns the square root of the template's area.
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Returns the template's mesh.
+    #[must_use]
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+}
+
+/// Points on the triangles that aren't masked; their triangles are numbered as in the mesh.
+fn spread_over(mesh: &Mesh, masked_faces: &[bool], count: usize, seed: usize) -> SpreadPoints {
+    let kept: Vec<u32> = (0..mesh.faces.len() as u32).filter(|face| !masked_faces[*face as usize]).collect();
+    let faces = kept.iter().map(|face| mesh.faces[*face as usize]).collect();
+    let mut spread = SpreadPoints::new(&Mesh::new(mesh.vertices.clone(), faces), count, seed);
+    spread.triangles.iter_mut().for_each(|face| *face = kept[*face as usize]);
+    spread
+}
+
+/// Whether each vertex of a template is farther than `distance` from the surface that the template was made of, (n), or
+/// neighbours one that is: so are the lids of holes that were filled, and of handles that were cut.
+#[must_use]
+pub fn without_counterpart(template: &Mesh, original: &Mesh, distance: f64) -> Vec<bool> {
+    let tree = TriangleTree::new(original);
+    let far = |point: &Vec3| tree.nearest(*point).is_none_or(|found| found.distance > distance);
+    let far: Vec<bool> = template.vertices.par_iter().map(far).collect();
+    let mut masked = far.clone();
+    for face in template.faces.iter().filter(|face| face.iter().any(|v| far[*v as usize])) {
+        face.iter().for_each(|v| masked[*v as usize] = true);
+    }
+    masked
+}
+
+/// The area of a mesh.
+pub(crate) fn area(mesh: &Mesh) -> f64 {
+    mesh.faces.iter().map(|face| 0.5 * length(doubled_normal(&mesh.vertices, *face))).sum()
+}
+
+/// The cross product of a triangle's edges: its normal, twice its area long.
+pub(crate) fn doubled_normal(vertices: &[Vec3], face: [u32; 3]) -> Vec3 {
+    let [a, b, c] = face.map(|v| vertices[v as usize]);
+    cross(sub(b, a), sub(c, a))
+}
+
+pub(crate) fn length(v: Vec3) -> f64 {
+    dot(v, v).sqrt()
+}
