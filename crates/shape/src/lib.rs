@@ -29,6 +29,7 @@
 //! | [`morph`] | shapes between two surfaces |
 //! | [`field`] | what a group measures at the vertices of a sampling |
 //! | [`pca`] | mean and modes of a group, and their quality |
+//! | [`mod@groupwise`] | the places of a group refined by the group |
 //! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`codec`] | compressed models, and back |
 //! | [`error`] | [`ShapeError`] |
@@ -72,6 +73,7 @@ pub mod field;
 pub mod foe;
 pub mod geometry;
 mod group;
+pub mod groupwise;
 mod half_turn;
 pub mod heat;
 mod kabsch;
@@ -113,6 +115,7 @@ pub use extent::{Extent, extent};
 pub use field::{Field, Measurement, measure_group};
 pub use foe::EllipsoidFrame;
 pub use geometry::{LocalGeometry, local_geometry, tangent_frame};
+pub use groupwise::{Flow, Groupwise, GroupwiseParams, GroupwiseReport, StageParams, StageReport, groupwise};
 pub use heat::HeatKernel;
 pub use levels::{degree_within, tails};
 pub use mean::{CommonDegree, DegreesDiffer, mean, to_common_degree};

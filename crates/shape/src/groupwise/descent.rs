@@ -1,0 +1,160 @@
+//! A stage: the maps of all members moved together along fields that lower the objective.
+//!
+//! ```text
+//! phi_i <- exp(t w_i) o phi_i,    w from the gradient by L-BFGS, preconditioned by (l (l + 1))^-1.5
+//! ```
+//!
+//! t is 1, or less where a direction would move by more than [`FARTHEST`], or neighbours' displacements would differ by more
+//! than [`STRETCH`] of their distance: below 1 a step is one to one, and by fixed points inverted. It is halved, or set to
+//! the minimum of the parabola, until the objective falls as Armijo's rule asks and no triangle is turned over.
+//!
+//! Cost: two evaluations of the group a step, mostly.
+
+use ndarray::Array2;
+use spharm_harmonics::index::{basis_size, degree_order};
+use spharm_monitor::Monitor;
+use spharm_surface::geometry::{Vec3, dot as inner, sub};
+
+use crate::error::ShapeError;
+use crate::groupwise::field::step;
+use crate::groupwise::flow::Flow;
+use crate::groupwise::lbfgs::{Lbfgs, dot};
+use crate::groupwise::params::{GroupwiseParams, StageParams};
+use crate::groupwise::report::{Distortion, StageReport};
+use crate::groupwise::state::{Group, State};
+
+/// Largest move of a first step, in radians.
+const FIRST: f64 = 0.03;
+/// Largest move of a step, in radians.
+const FARTHEST: f64 = 0.15;
+/// Largest difference of neighbours' displacements, in parts of their distance.
+const STRETCH: f64 = 0.5;
+/// Part of the slope that a step has to gain.
+const ARMIJO: f64 = 1e-4;
+/// Trials of a step.
+const TRIALS: usize = 12;
+/// Steps that have to gain little before a stage ends.
+const IDLE: usize = 3;
+
+/// Runs a stage from directions `at`, which it moves along with the flows.
+pub(super) fn descend(
+    group: &Group<'_>,
+    stage: StageParams,
+    params: &GroupwiseParams,
+    at: &mut Vec<Vec<Vec3>>,
+    flows: &mut [Flow],
+    monitor: &dyn Monitor,
+) -> Result<StageReport, ShapeError> {
+    let mut delta = 0.0;
+    let start = group.state(
+        std::mem::take(at),
+        |total| {
+            delta = params.delta * total;
+            delta
+        },
+        &Vec::new(),
+    )?;
+    let mut state = start.ok_or(ShapeError::NoDecomposition)?;
+    let first = (state.cost, state.covariance.total());
+    let mut method = Lbfgs::new(preconditioner(stage.field_degree, flows.len()));
+    let mut gradient = group.gradient(&state)?;
+    let (mut steps, mut evaluations, mut idle) = (0, 1, 0);
+    while steps < stage.rounds && idle < IDLE {
+        monitor.check()?;
+        let mut direction = method.direction(&gradient);
+        let mut slope = dot(&direction, &gradient);
+        if slope >= 0.0 {
+            method.forget();
+            direction = method.direction(&gradient);
+            slope = dot(&direction, &gradient);
+        }
+        if slope >= 0.0 {
+            idle = IDLE;
+            break;
+        }
+        let potentials = split(&direction, stage.field_degree);
+        let fields = group.fields(&state, &potentials)?;
+        let most = if method.is_fresh() { FIRST } else { FARTHEST };
+        let mut t = cap(group, &state, &fields, most, method.is_fresh());
+        let mut next = None;
+        for _ in 0..TRIALS {
+            let moved = state.at.iter().zip(&fields).map(|(at, field)| step(at, field, t)).collect();
+            evaluations += 1;
+            let found = group.state(moved, |_| delta, state.turns())?;
+            match found {
+                Some(found) if found.cost <= state.cost + ARMIJO * t * slope => {
+                    next = Some(found);
+                    break;
+                }
+                Some(found) => {
+                    // The minimum of the parabola through both costs with the slope at the start.
+                    let parabola = -0.5 * slope * t * t / (found.cost - state.cost - slope * t);
+                    t = parabola.clamp(0.1 * t, 0.5 * t);
+                }
+                None => t *= 0.5,
+            }
+        }
+        let Some(next) = next else {
+            if method.is_fresh() {
+                idle = IDLE;
+                break;
+            }
+            method.forget();
+            continue;
+        };
+        for (flow, potentials) in flows.iter_mut().zip(&potentials) {
+            flow.push(potentials * t);
+        }
+        let after = group.gradient(&next)?;
+        let change = after.iter().zip(&gradient).map(|(a, b)| a - b).collect();
+        method.learn(direction.iter().map(|d| d * t).collect(), change);
+        idle = if state.cost - next.cost < params.tolerance * flows.len() as f64 { idle + 1 } else { 0 };
+        (state, gradient) = (next, after);
+        steps += 1;
+        monitor.step(1);
+    }
+    let report = StageReport {
+        stage,
+        steps,
+        evaluations,
+        cost: [first.0, state.cost],
+        variance: [first.1, state.covariance.total()],
+        distortion: Distortion::of(&state, &group.elastic),
+        converged: idle >= IDLE,
+    };
+    *at = state.at;
+    Ok(report)
+}
+
+/// (l (l + 1))^-1.5 of each coefficient, 0 of degree 0.
+fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
+    let of_one: Vec<f64> = (0..basis_size(field_degree))
+        .flat_map(|row| {
+            let l = degree_order(row).0;
+            let factor = if l == 0 { 0.0 } else { ((l * (l + 1)) as f64).powf(-1.5) };
+            [factor; 2]
+        })
+        .collect();
+    of_one.repeat(members)
+}
+
+/// The potentials of each member, (K, 2).
+fn split(all: &[f64], field_degree: usize) -> Vec<Array2<f64>> {
+    let rows = basis_size(field_degree);
+    all.chunks_exact(2 * rows).map(|of_one| Array2::from_shape_fn((rows, 2), |(k, c)| of_one[2 * k + c])).collect()
+}
+
+/// The longest step that is allowed, at most 1 unless it is to be as long as that.
+fn cap(group: &Group<'_>, state: &State, fields: &[Vec<Vec3>], most: f64, to_the_full: bool) -> f64 {
+    let (mut farthest, mut stretch) = (0.0_f64, 0.0_f64);
+    for (at, field) in state.at.iter().zip(fields) {
+        farthest = field.iter().fold(farthest, |farthest, w| farthest.max(inner(*w, *w)));
+        for [a, b] in group.elastic.edges().filter(|[a, b]| a < b) {
+            let (a, b) = (a as usize, b as usize);
+            let (by, apart) = (sub(field[a], field[b]), sub(at[a], at[b]));
+            stretch = stretch.max(inner(by, by) / inner(apart, apart));
+        }
+    }
+    let longest = (most / farthest.sqrt()).min(STRETCH / stretch.sqrt());
+    if to_the_full { longest } else { longest.min(1.0) }
+}

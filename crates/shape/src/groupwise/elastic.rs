@@ -1,0 +1,84 @@
+//! What it costs to stretch the sphere: the elastic energy of a map of a triangulated sphere to itself, and its gradient.
+//!
+//! ```text
+//! E(phi) = sum_T share_T psi(log(a_T(phi) / a_T)),    a_T = p_0 . (p_1 x p_2)
+//! psi(s) = s^2 + BARRIER max(|s| - FREE, 0)^2
+//! ```
+//!
+//! share_T is the triangle's share of the sphere's area. a_T, six times the volume under the triangle, is positive exactly
+//! where the triangle is counter-clockwise seen from outside, and its logarithm goes to infinity before one turns over. The
+//! square of the logarithm counts shrinking and stretching alike; beyond a factor of `exp(FREE)` it is a barrier.
+//!
+//! Cost: some 60 flops a triangle.
+
+use spharm_surface::geometry::{Vec3, add, cross, dot, face_normal, scale};
+
+/// Logarithm of the change of area that is free of the barrier.
+const FREE: f64 = 1.386;
+/// Weight of the barrier, in units of the square's.
+const BARRIER: f64 = 20.0;
+
+/// Triangles of the sphere at rest.
+pub(super) struct Elastic<'a> {
+    faces: &'a [[u32; 3]],
+    /// a_T at rest.
+    rest: Vec<f64>,
+    /// Weight of each triangle.
+    shares: Vec<f64>,
+}
+
+impl<'a> Elastic<'a> {
+    /// Triangles are counter-clockwise seen from outside.
+    pub(super) fn new(faces: &'a [[u32; 3]], at: &[Vec3]) -> Self {
+        let rest: Vec<f64> = faces.iter().map(|face| volume(*face, at)).collect();
+        let total: f64 = rest.iter().sum();
+        let shares = rest.iter().map(|volume| volume / total).collect();
+        Self { faces, rest, shares }
+    }
+
+    /// Energy; infinite where a triangle is turned over.
+    pub(super) fn energy(&self, at: &[Vec3]) -> f64 {
+        let terms = self.logarithms(at).zip(&self.shares).map(|(s, share)| {
+            let over = (s.abs() - FREE).max(0.0);
+            share * (s * s + BARRIER * over * over)
+        });
+        terms.sum()
+    }
+
+    /// Adds the gradient times `weight` to covectors.
+    pub(super) fn add_gradient(&self, at: &[Vec3], weight: f64, covectors: &mut [Vec3]) {
+        for ((face, s), share) in self.faces.iter().zip(self.logarithms(at)).zip(&self.shares) {
+            let [a, b, c] = face.map(|v| at[v as usize]);
+            let slope = 2.0 * (s + BARRIER * (s.abs() - FREE).max(0.0).copysign(s));
+            let factor = weight * share * slope / volume(*face, at);
+            for (v, (p, q)) in face.iter().zip([(b, c), (c, a), (a, b)]) {
+                let g = &mut covectors[*v as usize];
+                *g = add(*g, scale(cross(p, q), factor));
+            }
+        }
+    }
+
+    /// log(a_T(phi) / a_T) of each triangle; infinite where it is turned over.
+    pub(super) fn logarithms(&self, at: &[Vec3]) -> impl Iterator<Item = f64> {
+        self.faces.iter().zip(&self.rest).map(|(face, rest)| {
+            let ratio = volume(*face, at) / rest;
+            if ratio > 0.0 { ratio.ln() } else { f64::INFINITY }
+        })
+    }
+
+    /// Pairs of neighbours, each twice where triangles share them.
+    pub(super) fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        self.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+    }
+
+    /// Share of the sphere's area of each triangle.
+    pub(super) fn shares(&self) -> &[f64] {
+        &self.shares
+    }
+}
+
+/// Six times the volume between a triangle and the origin, over its edges, so that small ones keep their digits.
+fn volume(face: [u32; 3], at: &[Vec3]) -> f64 {
+    let corners = face.map(|v| at[v as usize]);
+    dot(corners[0], face_normal(corners))
+}

@@ -1,0 +1,115 @@
+//! A diffeomorphism of the sphere as a chain of steps along tangent fields, and its inverse.
+//!
+//! ```text
+//! phi = exp(w_T) o ... o exp(w_1),    w_t = grad A_t + u x grad B_t
+//! ```
+//!
+//! A step is one to one where the displacement `d(u) = exp(w)(u) - u` changes by less than the distance of two directions,
+//! which descent keeps to half of it. Its inverse at p is then the limit of `q <- p - d(q)`, brought back to the sphere, each
+//! round of which halves the error.
+//!
+//! Cost: a synthesis of six functions a step; the inverse takes some twenty of them, to 1e-11.
+
+use ndarray::Array2;
+use spharm_harmonics::Directions;
+use spharm_harmonics::index::max_degree_of;
+use spharm_surface::geometry::{Vec3, add, dot, sub, unit};
+use spharm_transform::{Transform, TransformParams};
+
+use crate::error::ShapeError;
+use crate::groupwise::field::{field, step};
+
+/// Accuracy of fields.
+const ACCURACY: f64 = 1e-12;
+/// Change of directions, in radians, at which an inverse is found.
+const FOUND: f64 = 1e-11;
+/// Rounds of an inverse, at most.
+const ROUNDS: usize = 60;
+
+/// A diffeomorphism of the sphere; the identity by default.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Flow {
+    steps: Vec<Array2<f64>>,
+}
+
+impl Flow {
+    /// Returns the flow of these steps, the first one first: canonical coefficients of the potentials of gradient and curl,
+    /// (K, 2) each, in radians.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Harmonics`]: K isn't `(D + 1)^2`; [`ShapeError::Differ`]: there aren't two columns;
+    /// [`ShapeError::NotFiniteValue`].
+    pub fn from_steps(steps: Vec<Array2<f64>>) -> Result<Self, ShapeError> {
+        for step in &steps {
+            let (rows, columns) = step.dim();
+            if max_degree_of(rows).is_none() {
+                return Err(spharm_harmonics::HarmonicsError::NotABasisSize { rows }.into());
+            }
+            if columns != 2 {
+                return Err(ShapeError::Differ { what: "columns of a flow's step", expected: 2, found: columns });
+            }
+            if let Some(((row, column), _)) = step.indexed_iter().find(|(_, value)| !value.is_finite()) {
+                return Err(ShapeError::NotFiniteValue { what: "a flow's step", row, column });
+            }
+        }
+        Ok(Self { steps })
+    }
+
+    /// Returns the steps, as [`from_steps`](Self::from_steps) takes them.
+    #[must_use]
+    pub fn steps(&self) -> &[Array2<f64>] {
+        &self.steps
+    }
+
+    pub(super) fn push(&mut self, step: Array2<f64>) {
+        self.steps.push(step);
+    }
+
+    /// Returns where the flow carries unit vectors, (n, 3).
+    ///
+    /// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Harmonics`]: there are none, or they aren't unit vectors; [`ShapeError::Transform`].
+    pub fn apply(&self, directions: &[Vec3]) -> Result<Vec<Vec3>, ShapeError> {
+        let mut at = Directions::from_unit_vectors(directions.to_vec())?.as_slice().to_vec();
+        for potentials in &self.steps {
+            at = step(&at, &field_at(potentials, &at)?, 1.0);
+        }
+        Ok(at)
+    }
+
+    /// Returns what the flow carries to these unit vectors, (n, 3), to some 1e-10.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`apply`](Self::apply).
+    pub fn inverse(&self, directions: &[Vec3]) -> Result<Vec<Vec3>, ShapeError> {
+        let mut at = Directions::from_unit_vectors(directions.to_vec())?.as_slice().to_vec();
+        for potentials in self.steps.iter().rev() {
+            let target = at.clone();
+            for _ in 0..ROUNDS {
+                let reached = step(&at, &field_at(potentials, &at)?, 1.0);
+                let mut change = 0.0_f64;
+                for ((q, &reached), &p) in at.iter_mut().zip(&reached).zip(&target) {
+                    let next = unit(add(p, sub(*q, reached)));
+                    let by = sub(next, *q);
+                    change = change.max(dot(by, by));
+                    *q = next;
+                }
+                if change < FOUND * FOUND {
+                    break;
+                }
+            }
+        }
+        Ok(at)
+    }
+}
+
+fn field_at(potentials: &Array2<f64>, at: &[Vec3]) -> Result<Vec<Vec3>, ShapeError> {
+    let max_degree = max_degree_of(potentials.nrows()).unwrap_or(0);
+    let params = TransformParams { max_degree, accuracy: ACCURACY, channels: 6 };
+    field(potentials, at, &Transform::new(&Directions::from_unit_vectors(at.to_vec())?, &params)?)
+}

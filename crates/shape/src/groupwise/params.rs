@@ -1,0 +1,84 @@
+//! Settings of a refinement.
+
+use crate::error::ShapeError;
+
+/// A stage: models and fields to some degrees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StageParams {
+    /// Degree to which the models are taken, at least 1; those that end below are taken as they are.
+    pub max_degree: usize,
+    /// Degree of the fields' potentials, D, at least 1.
+    pub field_degree: usize,
+    /// Steps, at most.
+    pub rounds: usize,
+}
+
+impl StageParams {
+    /// Returns the stages for models of a degree: models to 6, 12, 20 and all of theirs, with fields to 5, 10, 14 and 18, as
+    /// far as models go.
+    #[must_use]
+    pub fn up_to(max_degree: usize) -> Vec<Self> {
+        let mut stages = Vec::new();
+        for (degree, field_degree, rounds) in [(6, 5, 40), (12, 10, 60), (20, 14, 60), (usize::MAX, 18, 60)] {
+            // A stage that models end within is their last.
+            stages.push(Self { max_degree: degree.min(max_degree), field_degree, rounds });
+            if max_degree <= degree.saturating_add(degree / 4) {
+                break;
+            }
+        }
+        if let Some(last) = stages.last_mut() {
+            last.max_degree = max_degree;
+        }
+        stages
+    }
+}
+
+/// Settings of [`groupwise`](crate::groupwise::groupwise()).
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroupwiseParams {
+    /// Stages, coarse to fine; by default [`StageParams::up_to`] the degree of the members.
+    pub stages: Option<Vec<StageParams>>,
+    /// What is added to variances before their logarithm, as a share of their sum at a stage's start, above 0. Small ones
+    /// count modes below it, which are mostly noise. 0.1 by default.
+    pub delta: f64,
+    /// Weight of the elastic energy, mu, at least 0. 0.2 by default.
+    pub elasticity: f64,
+    /// Weight of the unit normals as channels, as a share of the square root of the members' mean area; 0 leaves them out.
+    /// Without them places slide along the surface to where members agree. 0.18 by default.
+    pub normals: f64,
+    /// Whether members are moved rigidly to the mean within rounds: for groups without poses from elsewhere. Off by default.
+    pub together: bool,
+    /// A stage ends where three steps in a row lower the objective by less than this a member. 1e-4 by default.
+    pub tolerance: f64,
+}
+
+impl Default for GroupwiseParams {
+    fn default() -> Self {
+        Self { stages: None, delta: 0.1, elasticity: 0.2, normals: 0.18, together: false, tolerance: 1e-4 }
+    }
+}
+
+impl GroupwiseParams {
+    pub(super) fn check(&self) -> Result<(), ShapeError> {
+        let numbers = [
+            ("delta", self.delta, f64::MIN_POSITIVE),
+            ("the weight of the elastic energy", self.elasticity, 0.0),
+            ("the weight of the normals", self.normals, 0.0),
+            ("the tolerance", self.tolerance, 0.0),
+        ];
+        for (name, value, least) in numbers {
+            if !(value >= least && value.is_finite()) {
+                let expected =
+                    if least > 0.0 { "a number above 0 is needed" } else { "a number of at least 0 is needed" };
+                return Err(ShapeError::Setting { name, found: value.to_string(), expected });
+            }
+        }
+        for stage in self.stages.iter().flatten() {
+            if stage.max_degree == 0 || stage.field_degree == 0 {
+                let name = "the degree of a stage";
+                return Err(ShapeError::Setting { name, found: "0".to_owned(), expected: "at least 1 is needed" });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,60 @@
+//! What a refinement did, stage by stage.
+
+use crate::groupwise::elastic::Elastic;
+use crate::groupwise::params::StageParams;
+use crate::groupwise::state::State;
+
+/// How much maps change areas on the sphere.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Distortion {
+    /// Root mean square of the logarithm of the areas' change, over all members and the sphere's area.
+    pub rms: f64,
+    /// Largest absolute value of that logarithm.
+    pub most: f64,
+    /// Share of triangles whose area changes by at most a factor of 8.
+    pub within_eight: f64,
+}
+
+/// What came of a stage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StageReport {
+    /// What was asked for; the degree of the models is that of the members where these end below.
+    pub stage: StageParams,
+    /// Steps that were taken.
+    pub steps: usize,
+    /// States that were evaluated.
+    pub evaluations: usize,
+    /// The objective before and after: logarithms, comparable within a stage alone.
+    pub cost: [f64; 2],
+    /// Variance of the group, before and after: the mean squared distance from the mean of all channels at the stage's degree,
+    /// normals included as they are weighted, over the surface's area; in the square of the models' unit.
+    pub variance: [f64; 2],
+    /// Change of areas after the stage.
+    pub distortion: Distortion,
+    /// Whether the stage ended because steps gained next to nothing, and not because its rounds were used up.
+    pub converged: bool,
+}
+
+/// What came of a refinement.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GroupwiseReport {
+    /// Stages, in their order.
+    pub stages: Vec<StageReport>,
+    /// Root mean square angle between a direction and where it was carried, of each member, in radians.
+    pub moved: Vec<f64>,
+}
+
+impl Distortion {
+    pub(super) fn of(state: &State, elastic: &Elastic<'_>) -> Self {
+        let (mut squares, mut most, mut within, mut count) = (0.0, 0.0_f64, 0_usize, 0_usize);
+        for at in &state.at {
+            for (s, share) in elastic.logarithms(at).zip(elastic.shares()) {
+                squares += share * s * s;
+                most = most.max(s.abs());
+                within += usize::from(s.abs() <= 8.0_f64.ln());
+                count += 1;
+            }
+        }
+        Self { rms: (squares / state.at.len() as f64).sqrt(), most, within_eight: within as f64 / count as f64 }
+    }
+}

@@ -1,0 +1,116 @@
+//! A group at one state of its maps: its values, what they cost, and the gradient by tangent fields.
+//!
+//! ```text
+//! C(phi) = log det(G + delta 1) + mu sum_i E(phi_i)
+//! ```
+//!
+//! with the covariance G of [`objective`](super::objective) and the energy E of [`elastic`](super::elastic). Where members
+//! are brought together, each is moved rigidly to the mean before G; the gradient is turned back.
+//!
+//! Members are evaluated in parallel, each by one plan that lives no longer than its own evaluation.
+
+use ndarray::{Array2, Axis};
+use rayon::prelude::*;
+use spharm_surface::geometry::Vec3;
+
+use crate::error::ShapeError;
+use crate::groupwise::elastic::Elastic;
+use crate::groupwise::field::{adjoint, field};
+use crate::groupwise::member::{Member, Plan};
+use crate::groupwise::objective::{Covariance, Objective};
+use crate::groupwise::together::{Turns, bring_together, turn_channels};
+use crate::matrix3::transposed;
+
+/// What a stage works with.
+pub(super) struct Group<'a> {
+    pub(super) members: Vec<Member>,
+    pub(super) channels: usize,
+    pub(super) objective: Objective<'a>,
+    pub(super) elastic: Elastic<'a>,
+    /// mu.
+    pub(super) elasticity: f64,
+    /// Channels that turn with the surface, where members are brought together.
+    pub(super) turning: Option<Vec<usize>>,
+    pub(super) max_degree: usize,
+    pub(super) field_degree: usize,
+}
+
+/// Directions of every member, and what they cost.
+pub(super) struct State {
+    pub(super) at: Vec<Vec<Vec3>>,
+    pub(super) cost: f64,
+    pub(super) covariance: Covariance,
+    inverse: Array2<f64>,
+    turns: Turns,
+}
+
+impl Group<'_> {
+    /// Evaluates members at `at`; None where a triangle is turned over. Without a delta, it is `share` of the variance.
+    pub(super) fn state(
+        &self,
+        at: Vec<Vec<Vec3>>,
+        delta: impl FnOnce(f64) -> f64,
+        turns: &Turns,
+    ) -> Result<Option<State>, ShapeError> {
+        let energies: Vec<f64> = at.par_iter().map(|at| self.elastic.energy(at)).collect();
+        let energy: f64 = energies.iter().sum();
+        if !energy.is_finite() {
+            return Ok(None);
+        }
+        let mut values = Array2::zeros((at.len(), self.objective.mask.len() * self.channels));
+        let rows = values.axis_iter_mut(Axis(0)).into_par_iter().zip(&self.members).zip(&at);
+        rows.try_for_each(|((mut row, member), at)| {
+            let plan = Plan::new(at, self.max_degree, self.field_degree)?;
+            let found = member.values(&plan)?;
+            row.iter_mut().zip(found.iter()).for_each(|(out, value)| *out = *value);
+            Ok::<_, ShapeError>(())
+        })?;
+        let turns = match &self.turning {
+            Some(turning) => bring_together(&mut values, turning, &self.objective, turns),
+            None => turns.clone(),
+        };
+        let covariance = self.objective.covariance(values)?;
+        let (length, inverse) = covariance.description_length(delta(covariance.total()))?;
+        let cost = length + self.elasticity * energy;
+        Ok(cost.is_finite().then_some(State { at, cost, covariance, inverse, turns }))
+    }
+
+    /// dC by the potentials of fields that act after the maps: (K, 2) of each member, one after another.
+    pub(super) fn gradient(&self, state: &State) -> Result<Vec<f64>, ShapeError> {
+        let mut covectors = self.objective.covectors(&state.covariance, &state.inverse);
+        let rows = covectors.axis_iter_mut(Axis(0)).into_par_iter().zip(&self.members).zip(&state.at).enumerate();
+        let found: Result<Vec<Vec<f64>>, ShapeError> = rows
+            .map(|(i, ((mut row, member), at))| {
+                let plan = Plan::new(at, self.max_degree, self.field_degree)?;
+                let row = row.as_slice_mut().unwrap_or_default();
+                if let (Some(turning), Some(turn)) = (&self.turning, state.turns.get(i)) {
+                    turn_channels(row, self.channels, turning, &transposed(turn));
+                }
+                let mut pulled = member.contract(row, at, &plan)?;
+                self.elastic.add_gradient(at, self.elasticity, &mut pulled);
+                let mut gradient = adjoint(&pulled, at, &plan.field)?;
+                gradient.row_mut(0).fill(0.0);
+                Ok(gradient.into_raw_vec_and_offset().0)
+            })
+            .collect();
+        Ok(found?.concat())
+    }
+
+    /// The tangent fields of potentials, as [`gradient`](Self::gradient) has them, at the state's directions.
+    pub(super) fn fields(&self, state: &State, potentials: &[Array2<f64>]) -> Result<Vec<Vec<Vec3>>, ShapeError> {
+        let pairs = state.at.par_iter().zip(potentials);
+        pairs
+            .map(|(at, potentials)| {
+                let plan = Plan::new(at, self.field_degree, self.field_degree)?;
+                field(potentials, at, &plan.field)
+            })
+            .collect()
+    }
+}
+
+impl State {
+    /// The motion that each member was brought together by.
+    pub(super) fn turns(&self) -> &Turns {
+        &self.turns
+    }
+}
