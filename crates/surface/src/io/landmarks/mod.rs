@@ -40,7 +40,9 @@ pub enum Frame {
 }
 
 impl Frame {
-    fn name(self) -> &'static str {
+    /// `LPS` or `RAS`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
         match self {
             Self::Lps => "LPS",
             Self::Ras => "RAS",
@@ -55,8 +57,9 @@ impl Frame {
         }
     }
 
-    /// By its name, or by the number that Slicer wrote before.
-    fn named(text: &str) -> Option<Self> {
+    /// By its name, or by the number that Slicer wrote before: 0 is RAS, 1 is LPS.
+    #[must_use]
+    pub fn named(text: &str) -> Option<Self> {
         match text.trim() {
             "LPS" | "1" => Some(Self::Lps),
             "RAS" | "0" => Some(Self::Ras),
@@ -88,6 +91,25 @@ pub struct Matched {
 }
 
 impl Landmarks {
+    /// Checks that names are there once, and that each has a finite position.
+    ///
+    /// # Errors
+    ///
+    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), with the landmark's number
+    /// in place of a path's line.
+    pub fn new(names: Vec<String>, points: Vec<Vec3>, frame: Option<Frame>) -> Result<Self, SurfaceError> {
+        if names.len() != points.len() {
+            let (expected, found) = (names.len(), points.len());
+            return Err(SurfaceError::LengthMismatch { what: "positions of landmarks", expected, found });
+        }
+        let mut gathered = Gathered::default();
+        for (index, (name, point)) in names.iter().zip(points).enumerate() {
+            let added = gathered.add(&format!("landmark {index} (counted from 0)"), name, point);
+            added.map_err(|flaw| flaw.at(Path::new("landmarks"), "landmarks"))?;
+        }
+        Ok(gathered.landmarks(frame))
+    }
+
     /// Reads a file, whose format its name says.
     ///
     /// # Errors

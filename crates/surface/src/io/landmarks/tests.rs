@@ -110,6 +110,23 @@ fn what_is_no_landmark_is_named_by_its_place() {
 }
 
 #[test]
+fn landmarks_in_memory_are_checked_too() {
+    let named = |names: &[&str], x: f64| {
+        Landmarks::new(names.iter().map(|name| (*name).to_owned()).collect(), vec![[x, 0.0, 0.0]; 2], None)
+    };
+    assert_eq!(named(&["a", "b"], 1.0).unwrap().points.len(), 2);
+    for (names, x, expected) in [
+        (&["a", "a"][..], 1.0, "\"a\" again in landmark 1"),
+        (&["a", ""], 1.0, "a name"),
+        (&["a", "b"], f64::NAN, "NaN"),
+    ] {
+        let error = named(names, x).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    assert!(matches!(named(&["a"], 1.0), Err(SurfaceError::LengthMismatch { expected: 1, found: 2, .. })));
+}
+
+#[test]
 fn subjects_are_matched_by_names() {
     let subject = |text: &str| read("a.csv", text).unwrap();
     let subjects = [subject("A,1,0,0\nB,2,0,0\nC,3,0,0\n"), subject("C,30,0,0\nA,10,0,0\nD,40,0,0\n")];
