@@ -15,12 +15,16 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         ("report", "status" | "warnings") | ("shape test", "table") => Role::Input,
         ("man", "folder") => Role::Other,
         (_, "report" | "json_file" | "status" | "failed" | "table" | "transforms" | "warnings") => Role::Report,
-        (_, "output" | "surface_output" | "mean" | "scores" | "maps" | "animation") => Role::Output,
+        (_, "output" | "output_dir" | "surface_output" | "mean" | "scores" | "maps" | "animation" | "curves") => {
+            Role::Output
+        }
         // Weights are a file or a word, and "minus" is a folder or a column; a file of that name isn't written to
         // either.
         (_, "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "weights" | "original")
         | (_, "reconstruction" | "model" | "models" | "files" | "file" | "samples" | "parts" | "map" | "fit_report")
-        | (_, "modes" | "test" | "a" | "b" | "minus" | "to" | "from" | "among" | "study" | "volumes") => Role::Input,
+        | (_, "modes" | "test" | "a" | "b" | "minus" | "to" | "from" | "among" | "study" | "volumes" | "landmarks") => {
+            Role::Input
+        }
         (_, "store" | "dir" | "dataset" | "data" | "subjects_dir" | "freesurfer" | "resume") => Role::Other,
         _ => return None,
     })

@@ -19,6 +19,7 @@ from . import shape
 from ._compare import Distances, compare
 from ._core import __version__
 from ._fit import fit, fit_many, solve
+from ._landmarks import Landmarks, read_landmarks, write_landmarks
 from ._model import Model
 from ._moments import Moments
 from ._parametrize import Parametrization, labels, parametrize, parametrize_volume, resample
@@ -47,6 +48,7 @@ from .errors import (
 
 __all__ = [
     "Distances",
+    "Landmarks",
     "MemoryBudgetError",
     "MeshError",
     "Model",
@@ -73,11 +75,13 @@ __all__ = [
     "labels",
     "parametrize",
     "parametrize_volume",
+    "read_landmarks",
     "read_signal",
     "read_surface",
     "resample",
     "shape",
     "solve",
+    "write_landmarks",
     "write_signal",
     "write_surface",
 ]

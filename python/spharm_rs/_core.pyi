@@ -9,6 +9,8 @@ _Floats = NDArray[np.float64]
 _Triangles = NDArray[np.uint32]
 _Progress = Callable[[str, int, int], Any]
 _Seam = tuple[int, int, _Triangles]
+_Ends = tuple[list[float], list[float], list[float]]
+_Apart = tuple[float, float, list[float] | None, list[float], list[list[float]]]
 _Mapped = tuple[_Floats, _Triangles, _Floats, str, list[str], Union[_Seam, None]]
 _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
 
@@ -28,6 +30,7 @@ __all__ = [
     "parametrize",
     "parametrize_volume",
     "quality",
+    "read_landmarks",
     "read_surface",
     "read_values",
     "resample",
@@ -42,6 +45,7 @@ __all__ = [
     "shape_morph",
     "shape_pca",
     "shape_procrustes",
+    "shape_quality",
     "shape_rotate",
     "shape_smooth",
     "shape_tails",
@@ -51,6 +55,7 @@ __all__ = [
     "store_schemes",
     "store_verify",
     "surface_distance",
+    "write_landmarks",
     "write_surface",
     "write_values",
 ]
@@ -201,6 +206,8 @@ def fit_many(
 ) -> list[_Fitted]: ...
 def read_surface(path: str) -> tuple[_Floats, _Triangles]: ...
 def write_surface(path: str, vertices: _Floats, faces: _Triangles, *, overwrite: bool, double: bool) -> None: ...
+def read_landmarks(path: str) -> tuple[list[str], _Floats, str | None]: ...
+def write_landmarks(path: str, names: Sequence[str], points: _Floats, frame: str | None, *, overwrite: bool) -> None: ...
 def read_values(path: str) -> _Floats: ...
 def write_values(path: str, values: _Floats, *, overwrite: bool, double: bool) -> None: ...
 def icosphere(level: int) -> tuple[_Floats, _Triangles]: ...
@@ -322,6 +329,14 @@ def shape_mean(
 def shape_pca(
     models: Sequence[Model], degree: int | None, *, most: int | None, names: Sequence[str], threads: int | None = None
 ) -> tuple[Modes, list[str]]: ...
+def shape_quality(
+    models: Sequence[Model],
+    landmarks: list[_Floats] | None,
+    *,
+    settings: dict[str, Any],
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[float, list[float], list[_Ends], list[_Ends | None], _Apart | None, list[str]]: ...
 def shape_measure_group(
     models: Sequence[Model],
     directions: _Floats,

@@ -13,6 +13,7 @@ A group of surfaces in any poses is brought together, and has a mean, modes of v
 >>> together = sp.shape.procrustes(group, templates=1)
 >>> modes = sp.shape.pca(together.models)
 >>> two = modes.shape([2])
+>>> found = sp.shape.quality(together.models, modes=2, bands=20, sphere=3)
 >>> found = sp.shape.test(together.models, groups=["a", "b"] * 3, sphere=3, level=0.2)
 """
 
@@ -34,14 +35,18 @@ from ._progress import Progress, callback
 from ._shape_modes import Modes, Quality, pca
 from ._shape_morph import Morph, morph
 from ._shape_poses import Alignment, Procrustes, Transform, align, mean, procrustes, rotate
+from ._shape_quality import Curve, GroupQuality, LandmarkErrors, quality
 from ._shape_study import Field, TestResult, measure_group, test
 from ._surface import Surface
 from .errors import SpharmWarning
 
 __all__ = [
     "Alignment",
+    "Curve",
     "Field",
     "Geometry",
+    "GroupQuality",
+    "LandmarkErrors",
     "Match",
     "Measures",
     "Modes",
@@ -61,6 +66,7 @@ __all__ = [
     "nearest",
     "pca",
     "procrustes",
+    "quality",
     "rotate",
     "smooth",
     "tails",

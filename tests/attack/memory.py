@@ -154,6 +154,7 @@ def cases():
     yield "shape align", ["shape", "align", "group", "--group", "-o", "out.group", "--force"]
     yield "shape mean", ["shape", "mean", "group", "-o", "out.mean.npz", "--force"]
     yield "shape pca", ["shape", "pca", "group", "-o", "out.pca.npz", "--force"]
+    yield "shape quality", ["shape", "quality", "group", "--samples", "10000000000", "-o", "out.quality.json", "--force"]
     yield "shape pca", ["shape", "pca", "group", "--quality", "--samples", "10000000000", "-o", "out.pca.npz", "--force"]
     yield from (("shape test", [*test, "--icosphere", n, "--permutations", "100", "--force"]) for n in "469")
     yield "shape test", [*test, "--icosphere", "2", "--permutations", "1000000000000", "--force"]

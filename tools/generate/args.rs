@@ -3,11 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use spharm_cli::Common;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
+use spharm_surface::generate::Family;
 
-/// Write a folded surface and its sphere, or a study of two groups, for trying things out
+/// Write a folded surface and its sphere, a study of two groups, or a group of known correspondence, for trying things out
 ///
 /// A smooth map bends an icosphere into a closed surface with folds like those of a cortex, about 140 mm long and not
 /// star-shaped. Vertex i of the surface belongs to vertex i of the sphere. The same arguments give the same bits.
@@ -17,27 +19,27 @@ use spharm_cli::memory::Memory;
         "spharm generate --surface cortex.surf.gii --sphere sphere.surf.gii",
         "spharm generate --variant 1 --subdivisions 4 --surface small.ply",
         "spharm generate --study meshes --subjects 12 --bump 2",
+        "spharm generate --group rods --members 20 --output-dir rods",
     ],
     &[help::MESHES],
 ))]
 pub(crate) struct Cli {
-    /// Subdivisions of the icosphere: 10 4^N + 2 vertices
+    /// Subdivisions of the icosphere: 10 4^N + 2 vertices [default: 6, of a group 5]
     #[arg(
         long,
         value_name = "N",
-        default_value_t = 6,
         value_parser = clap::value_parser!(u32).range(0..=10),
         help_heading = METHOD
     )]
-    pub(super) subdivisions: u32,
-    /// Member of the family of surfaces
+    pub(super) subdivisions: Option<u32>,
+    /// Member of the family of surfaces; seed of a study or a group
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     pub(super) variant: u64,
     /// Surface to write
     #[arg(long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) surface: Option<PathBuf>,
     /// Sphere to write
-    #[arg(long, value_name = "OUT", required_unless_present_any = ["surface", "study"], help_heading = OUTPUT)]
+    #[arg(long, value_name = "OUT", required_unless_present_any = ["surface", "study", "group"], help_heading = OUTPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Folder to write the meshes of a study to, with study.csv
     ///
@@ -50,6 +52,28 @@ pub(crate) struct Cli {
     /// Height of the bump, in mm
     #[arg(long, value_name = "MM", default_value_t = 2.0, requires = "study", help_heading = METHOD)]
     pub(super) bump: f64,
+    /// Family of a group to write, whose correspondence is known
+    ///
+    /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori, of one or two parameters each. Every member is meshed
+    /// anew, in a random pose.
+    #[arg(
+        long,
+        value_name = "FAMILY",
+        value_parser = PossibleValuesParser::new(Family::ALL.map(Family::name)),
+        conflicts_with_all = ["surface", "sphere", "study"],
+        requires = "output_dir",
+        help_heading = METHOD
+    )]
+    pub(super) group: Option<String>,
+    /// Members of a group
+    #[arg(long, value_name = "N", default_value_t = 16, requires = "group", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]
+    pub(super) members: u64,
+    /// Leave the members of a group in their family's frame
+    #[arg(long, requires = "group", help_heading = METHOD)]
+    pub(super) upright: bool,
+    /// Folder to write a group to: meshes, their landmarks, and truth.csv with parameters and poses
+    #[arg(long, value_name = "DIR", requires = "group", help_heading = OUTPUT)]
+    pub(super) output_dir: Option<PathBuf>,
     /// Write 64-bit positions where the format has a choice
     #[arg(long, help_heading = OUTPUT)]
     pub(super) double: bool,

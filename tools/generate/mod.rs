@@ -1,6 +1,7 @@
 //! `generate`: folded surfaces whose true parameterisation is known.
 
 mod args;
+mod group;
 
 use std::path::{Path, PathBuf};
 
@@ -19,15 +20,19 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     if let Some(folder) = &cli.study {
         return study(cli, folder);
     }
+    if let Some((family, folder)) = cli.group.as_deref().zip(cli.output_dir.as_deref()) {
+        return group::group(cli, family, folder);
+    }
+    let chosen = cli.subdivisions.unwrap_or(6);
     let outputs = [(&cli.surface, "--surface"), (&cli.sphere, "--sphere")];
     let file = |path, flag| OutputFile::holding(path, flag, Output::OrderedMesh);
     let named = outputs.iter().filter_map(|(path, flag)| path.as_deref().map(|path| file(path, flag)));
     check_outputs(named, cli.force)?;
     let needed = |subdivisions| cortex_bytes(subdivisions).saturating_add(WRITING * icosphere_counts(subdivisions)[0]);
-    let what = format!("generate --subdivisions {}", cli.subdivisions);
-    let fewer = (0..cli.subdivisions).rev().map(|fewer| (format!("--subdivisions {fewer}"), needed(fewer)));
-    cli.memory.budget(1).check_or(what, needed(cli.subdivisions), fewer)?;
-    let (surface, sphere) = cortex(&Cortex { subdivisions: cli.subdivisions, variant: cli.variant });
+    let what = format!("generate --subdivisions {}", chosen);
+    let fewer = (0..chosen).rev().map(|fewer| (format!("--subdivisions {fewer}"), needed(fewer)));
+    cli.memory.budget(1).check_or(what, needed(chosen), fewer)?;
+    let (surface, sphere) = cortex(&Cortex { subdivisions: chosen, variant: cli.variant });
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
     for (path, mesh) in [(&cli.surface, &surface), (&cli.sphere, &sphere)] {
         if let Some(path) = path {

@@ -10,6 +10,7 @@ mod compress;
 mod describe;
 mod expand;
 mod groups;
+mod landmarks;
 mod maps;
 mod matching;
 mod mean;
@@ -18,6 +19,7 @@ mod morph;
 mod outputs;
 mod pca;
 mod plan;
+mod quality;
 mod remesh;
 mod rotate;
 mod sample;
@@ -66,6 +68,7 @@ enum Command {
     Align(align::Cli),
     Mean(mean::Cli),
     Pca(pca::Cli),
+    Quality(quality::Cli),
     Sample(sample::Cli),
     Morph(morph::Cli),
     Test(test::Cli),
@@ -86,6 +89,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Align(cli) => align::run(cli, &monitor),
         Command::Mean(cli) => mean::run(cli, &monitor),
         Command::Pca(cli) => pca::run(cli, &monitor),
+        Command::Quality(cli) => quality::run(cli, &monitor),
         Command::Sample(cli) => sample::run(cli, &monitor),
         Command::Morph(cli) => morph::run(cli, &monitor),
         Command::Test(cli) => test::run(cli, &monitor),

@@ -17,6 +17,7 @@
 //! | `groups` | groups of models to one degree, and their mean |
 //! | `poses` | rotations, and surfaces brought together |
 //! | `modes` | modes of variation |
+//! | `qualities` | landmarks, and how well groups correspond |
 //! | `morphs` | shapes between two models |
 //! | `studies` | tests at every vertex |
 //! | `transforms` | synthesis, its adjoint, and the least squares over them |
@@ -33,6 +34,7 @@ mod modes;
 mod moments;
 mod morphs;
 mod poses;
+mod qualities;
 mod run;
 mod shapes;
 mod stores;
@@ -64,6 +66,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(fitting::fit_many, module)?)?;
     surfaces::register(module)?;
     shapes::register(module)?;
+    qualities::register(module)?;
     stores::register(module)?;
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! Pictures of meshes: a small z-buffer renderer, no window or graphics card needed.
 //!
 //! [`render`] draws panels, each a mesh with a caption, in a grid under one orthographic camera, and [`write_png`]
-//! stores the picture.
+//! stores the picture. [`render_curves`] draws curves with bands.
 //!
 //! ```
 //! use spharm_surface::generate::icosphere;
@@ -20,6 +20,7 @@
 
 mod animation;
 mod camera;
+mod curves;
 mod error;
 mod image;
 mod raster;
@@ -32,6 +33,7 @@ use spharm_surface::metrics::{colors, viridis};
 pub use animation::{render_frames, write_gif};
 use camera::Camera;
 pub use camera::View;
+pub use curves::{Curve, CurvePanel, render_curves};
 pub use error::RenderError;
 pub use image::{Image, encode_png, write_png};
 use raster::Raster;

@@ -30,6 +30,7 @@
 //! | [`field`] | what a group measures at the vertices of a sampling |
 //! | [`pca`] | mean and modes of a group, and their quality |
 //! | [`mod@groupwise`] | the places of a group refined by the group |
+//! | [`mod@quality`] | compactness, generalisation, specificity and landmarks of a group that corresponds, by area |
 //! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`codec`] | compressed models, and back |
 //! | [`error`] | [`ShapeError`] |
@@ -90,6 +91,7 @@ pub mod poses;
 pub mod procrustes;
 mod procrustes_report;
 mod product;
+pub mod quality;
 mod quarter;
 mod refine;
 pub mod retrieval;
@@ -127,6 +129,7 @@ pub use procrustes::{
     Journal, Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd, procrustes,
     procrustes_with,
 };
+pub use quality::{Curve, GroupQuality, QualityParams, group_quality};
 pub use retrieval::{Library, Match, Metric};
 pub use rotate::rotate_parameters;
 pub use rotation::Rotation;

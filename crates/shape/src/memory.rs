@@ -53,6 +53,24 @@ impl GroupSizes {
         decomposition.saturating_add(quality).saturating_add((8 * n).saturating_mul(samples as u64))
     }
 
+    /// Returns the bytes that the quality of so many modes takes beside the coefficients, at so many directions V: members as
+    /// points, twice, `48 n V`, and with their search trees, `360 n V`; inner products and decompositions, `64 n^2` and
+    /// `48 n^2` a thread; the nearest shapes of 200 members, `1600 n m`, and of the random ones, `40 m` each, of the group
+    /// and for each thread of a draw; the transform of a member, and landmarks at four times the directions.
+    #[must_use]
+    pub fn quality(self, directions: u64, modes: usize, samples: usize, threads: usize) -> u64 {
+        let (n, m) = (self.models as u64, (modes.min(self.models)) as u64);
+        let points = n.saturating_mul(408).saturating_mul(directions);
+        let squares = n.saturating_mul(n).saturating_mul(64 + 48 * threads as u64);
+        let shapes = (samples as u64).saturating_mul(40 * m).saturating_add(n.saturating_mul(1600 * m));
+        let evaluated = evaluating(directions.saturating_mul(4), self.max_degree, 3, usize::MAX)
+            .saturating_add(directions.saturating_mul(4 * 400));
+        points
+            .saturating_add(squares)
+            .saturating_add(shapes.saturating_mul(1 + threads as u64))
+            .saturating_add(evaluated.saturating_mul(threads as u64))
+    }
+
     /// Returns the bytes that a test at so many vertices takes beside the coefficients, with so many relabellings: the
     /// samples of all models, d each, their residuals, and both again for Welch's test and while they are made, `32 n V
     /// d`; the transform of one of them; `8 V` a thread and 24 a relabelling; the geometry of the mean; maps and their
@@ -111,10 +129,12 @@ mod tests {
         let more = GroupSizes { models: 2000, ..group };
         assert!(more.coefficients() == 2 * group.coefficients() && more.modes(0, 1) > 2 * group.modes(0, 1));
         assert!(group.modes(2000, 2) > group.modes(0, 2));
+        assert!(group.quality(2_562, 10, 1000, 2) > group.quality(2_562, 10, 1000, 1));
         assert!(group.test(40_962, 3, 0, 1) > 2 * group.test(40_962, 1, 0, 1));
         assert!(group.test(10, 1, 1 << 40, 1) > 24 << 40);
         let all = GroupSizes { models: usize::MAX >> 8, max_degree: 1000, channels: 3 };
         assert_eq!(all.modes(usize::MAX, 64), u64::MAX);
         assert_eq!(all.coefficients(), u64::MAX);
+        assert_eq!(all.quality(2_562, 10, usize::MAX, 64), u64::MAX);
     }
 }

@@ -15,7 +15,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), which writes every output; [`check_output`](io::check_output) |
+//! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), which writes every output; [`check_output`](io::check_output); [`landmarks`](io::landmarks) |
 //! | [`topology`] | checks that a mesh is a closed surface of genus zero, and the reasons where it isn't |
 //! | [`generate`] | icospheres, and folded surfaces with known parameterisation |
 //! | [`metrics`] | bounding-box scale, msd, xsd, distance between surfaces with different triangles, colour map |

@@ -19,6 +19,7 @@ use spharm_monitor::Silent;
 use spharm_parametrize::volume::LabelVolume;
 use spharm_shape::codec::{ExpandParams, expand};
 use spharm_shape::pca::file::ShapeModel;
+use spharm_surface::io::landmarks::Landmarks;
 use spharm_surface::io::{read_input, read_signal_with_gaps};
 use spharm_surface::topology::Topology;
 use spharm_surface::{Input, Mesh};
@@ -27,7 +28,7 @@ use spharm_surface::{Input, Mesh};
 type Reader = fn(&Path, &[u8]);
 
 /// Every reader by its name, which is that of the folder of its corpus, too.
-pub(crate) const READERS: [(&str, Reader); 12] = [
+pub(crate) const READERS: [(&str, Reader); 13] = [
     ("surfaces", surfaces),
     ("volumes", volumes),
     ("tables", tables),
@@ -40,6 +41,7 @@ pub(crate) const READERS: [(&str, Reader); 12] = [
     ("cohorts", cohorts),
     ("exchange", exchange),
     ("journals", journals::journals),
+    ("landmarks", landmarks),
 ];
 
 /// Gives an input to a reader.
@@ -218,5 +220,20 @@ fn exchange(folder: &Path, input: &[u8]) {
     let path = file(folder, &format.map_or("x".to_owned(), |format| format!("x.{}", format.ending())), bytes);
     if let Ok(found) = import(&[path], &ImportOptions { format, ..ImportOptions::default() }) {
         assert!(found.coefficients.values().iter().all(|x| x.is_finite()), "coefficients are finite");
+    }
+}
+
+fn landmarks(folder: &Path, input: &[u8]) {
+    const NAMES: [&str; 5] = ["x.mrk.json", "x.json", "x.fcsv", "x.csv", "x.tsv"];
+    let Some((name, bytes)) = choice(input, NAMES.len()) else { return };
+    let path = file(folder, NAMES[name], bytes);
+    if let Ok(found) = Landmarks::read(&path) {
+        assert!(!found.names.is_empty() && found.names.len() == found.points.len(), "each has a name");
+        assert!(found.points.as_flattened().iter().all(|x| x.is_finite()), "positions are finite");
+        let matched = Landmarks::matched(&[found.clone(), found.clone()]);
+        assert_eq!(matched.names, found.names, "a name is there once");
+        found.write(&path, true).expect("what is read can be written");
+        let back = Landmarks::read(&path).expect("what is written can be read");
+        assert_eq!(back.points, found.points);
     }
 }

@@ -31,7 +31,7 @@ WORDS = (
     "inf", "-0", "NRRD0005", "encoding: gzip", "sizes: ", "space directions: ", "data file: ", "PAR1", "ARROW1", "LASF", "SPHMOMNT",
     "\\x89SPZ", "II*\\x00", "MM\\x00*", "PK\\x03\\x04", "PK\\x01\\x02", "PK\\x05\\x06", "SIMPLE  =", "XTENSION", "BINTABLE", "TFORM1",
     "NAXIS2", "MATLAB 5.0 MAT-file", "fvec", "\\xff\\xff\\xff\\xff\\xff\\xff\\xff\\xff", "\\x00\\x00\\x00\\x80", "\\xef\\xbb\\xbf", "\\\"\\\"",
-    "\\x1b[", "id\\x09surface\\x0a", "\\x09done\\x09", "@",
+    "\\x1b[", "id\\x09surface\\x0a", "\\x09done\\x09", "@", "\\\"markups\\\"",
 )
 
 
@@ -133,6 +133,13 @@ def make(site, folder):
     corpora.add("journals", "poses", pose * 4, 63)
     corpora.add("journals", "short", pose + pose[:100], 1)
     corpora.add("journals", "start", b"spharm group 1\r\n".ljust(64, b"\0"), 0)
+    point = '{"label": "tip", "position": [1.5, -2, 3e1], "positionStatus": "defined"}'
+    markups = f'{{"markups": [{{"coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": [{point}]}}]}}'
+    corpora.add("landmarks", "a.mrk.json", markups.encode(), 0)
+    corpora.add("landmarks", "a.json", b'[{"id": "A", "coordinates": [1, 2, 3]}]', 1)
+    corpora.add("landmarks", "a.fcsv", b"# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n1,1,2,3,\"tip, left\"\n", 2)
+    corpora.add("landmarks", "a.csv", b"name,x,y,z\nA,1,2,3\n", 3)
+    corpora.add("landmarks", "a.tsv", b"A\t1\t2\t3\nB\t4\t5\t6\n", 4)
     # What has been found before, and the formats that nothing here writes.
     for path in sorted((data / "hostile").glob("*/*")):
         content = path.read_bytes()

@@ -54,6 +54,7 @@ def verbs():
         Verb("compare", "compare in/a.ply in/b.ply -o out/error.ply --report out/error.json --threads 1"),
         Verb("picture", "picture in/a.ply in/b.ply --error --size 64 -o out/p.png"),
         Verb("generate", "generate --subdivisions 2 --surface out/x.surf.gii --sphere out/x.sphere.surf.gii"),
+        Verb("generate --group", "generate --group rods --members 3 --subdivisions 1 --output-dir out/rods"),
         Verb("basis-build", build, force=False),
         Verb("basis-build zstd", build + " --codec zstd", force=False),
         Verb("basis-build factor", build + " --factor 4", force=False),
@@ -67,6 +68,8 @@ def verbs():
         Verb("shape mean", "shape mean in/a.npz in/b.npz -o out/mean.npz --report out/mean.json --threads 1"),
         Verb("shape align", "shape align in/a.npz in/b.npz in/c.npz --group -o out/aligned --mean out/mean.npz --threads 1"),
         Verb("shape pca", "shape pca in/a.npz in/b.npz in/c.npz -o out/modes.shape-model.npz --scores out/scores.csv --threads 1"),
+        Verb("shape quality", "shape quality in/a.npz in/b.npz in/c.npz --samples 20 --bands 3 --icosphere 2 -o out/quality.json "
+             "--curves out/quality.png --threads 1"),
         Verb("shape test", "shape test --a in/a.npz in/b.npz --b in/c.npz in/d.npz --icosphere 1 --permutations 5 -o out/test "
              "--threads 1"),
         Verb("shape morph", "shape morph in/a.npz in/b.npz --steps 3 --icosphere 1 -o out/morph --animation out/morph.gif "

@@ -66,7 +66,7 @@ impl LabelVolume {
     /// When the number of values isn't that of the voxels, or there is no memory for their labels.
     #[must_use]
     pub fn new(size: [usize; 3], values: Vec<i32>, affine: Affine) -> Self {
-        assert_eq!(values.len(), size.iter().product(), "values of {size:?} voxels");
+        assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
         let labels = Runs::of(size, &values).unwrap_or_else(|room| panic!("the labels take {room}"));
         Self::of(PathBuf::from("the volume"), Volume { size, affine, labels })
     }

@@ -1,8 +1,9 @@
 //! Icospheres, double pyramids, folded closed surfaces with known parameterisation, surfaces with handles, groups that
-//! differ in a known way, and subdivision.
+//! differ in a known way or whose correspondence is known, and subdivision.
 
 mod bipyramid;
 mod cortex;
+mod group;
 mod handles;
 mod icosphere;
 mod random;
@@ -11,6 +12,7 @@ mod subdivide;
 
 pub use bipyramid::bipyramid;
 pub use cortex::{Cortex, cortex, cortex_bytes};
+pub use group::{Family, Group, Member};
 pub use handles::{Torus, double_torus, torus};
 pub use icosphere::{icosphere, icosphere_bytes, icosphere_counts};
 pub use random::SplitMix64;

@@ -14,6 +14,8 @@
 //! | binary glTF | `.glb` | - | with normals, for viewers |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | the same |
 //!
+//! Landmarks have formats of their own, see [`landmarks`].
+//!
 //! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of them, [`check_output`] the check of an output's name.
 //!
 //! A count in a header is compared with the bytes of the file before memory is allocated for it. A file is read whole: what
@@ -28,6 +30,7 @@ mod formats;
 mod freesurfer;
 mod gifti;
 mod glb;
+pub mod landmarks;
 mod leftovers;
 mod load;
 mod mask;

@@ -1,0 +1,114 @@
+//! Bands of the measures: a bootstrap over the members.
+//!
+//! Members are drawn with replacement, and everything is computed anew of what is drawn, the member that is left out with all
+//! of its copies. A draw has some 63 % of the members, from which a shape is further away, so that its measures lie above
+//! those of the group by more than chance; bands are therefore its quantiles about its median, laid about the group's own
+//! value (the pivot of B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap (1993), chapter 10, for a bias that is
+//! that of the resampling).
+//!
+//! In draws from large groups 20 members are left out, and modes are of the leading `5 m + 50` coordinates.
+
+use ndarray::{Array2, s};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
+use spharm_monitor::{Monitor, Silent, Stage};
+
+use super::curves::{Curves, Model, leave_out, mean_of, nearest};
+use super::params::{Curve, QualityParams};
+use crate::ShapeError;
+
+/// Members that are left out of a draw, at most.
+const LEFT_OUT: usize = 20;
+/// Quantiles of a band of 95 %.
+const QUANTILES: [f64; 2] = [0.025, 0.975];
+/// Streams of the draws, beside those of random shapes.
+const STREAM: u64 = 1 << 40;
+
+const STAGE: Stage = Stage::counted("bands", "draws");
+
+/// Bands of the compactness, the generalisation and the specificity of members whose coordinates are `scores`, (n, d).
+pub(super) fn bands(
+    scores: &Array2<f64>,
+    found: &Curves,
+    most: usize,
+    params: &QualityParams,
+    monitor: &dyn Monitor,
+) -> Result<[Curve; 3], ShapeError> {
+    let (n, all) = scores.dim();
+    let leading = scores.slice(s![.., ..all.min(5 * most + 50)]).to_owned();
+    monitor.begin(STAGE, params.bands as u64);
+    let one = |index: usize| {
+        monitor.check()?;
+        let rows = draw(n, params.seed, index);
+        let model = Model::of(&leading, &rows)?;
+        let left = leave_out(&model, most, LEFT_OUT, &Silent)?;
+        let near = nearest(&model, most, params.samples, params.seed);
+        monitor.step(1);
+        Ok([
+            model.compactness(most),
+            mean_of(left.iter().map(|left| left.distances.as_slice()), most),
+            mean_of(near.iter().map(|near| near.distances.as_slice()), most),
+        ])
+    };
+    let draws: Vec<[Vec<f64>; 3]> = (0..params.bands).into_par_iter().map(one).collect::<Result<_, ShapeError>>()?;
+    monitor.end();
+    let curve = |which: usize, values: &[f64], highest: f64| {
+        let draws: Vec<&[f64]> = draws.iter().map(|draw| draw[which].as_slice()).collect();
+        about(values, &draws, highest)
+    };
+    Ok([
+        curve(0, &found.compactness, 1.0),
+        curve(1, &found.generalisation, f64::INFINITY),
+        curve(2, &found.specificity, f64::INFINITY),
+    ])
+}
+
+/// The mean of rows of m numbers, one for each member or shape, with the band of the rows alone.
+pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) -> Curve {
+    let values = mean_of(rows.iter().map(Vec::as_slice), most);
+    let draws: Vec<Vec<f64>> = (0..params.bands)
+        .map(|index| mean_of(draw(rows.len(), params.seed, index).into_iter().map(|row| rows[row].as_slice()), most))
+        .collect();
+    about(&values, &draws.iter().map(Vec::as_slice).collect::<Vec<_>>(), f64::INFINITY)
+}
+
+/// Draws as many members as there are, with replacement, at least three of them different where there are.
+pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(STREAM + index as u64);
+    loop {
+        // Far more numbers than members: the remainder is even to 2^-32.
+        let rows: Vec<usize> = (0..n).map(|_| (random.next_u64() % n as u64) as usize).collect();
+        let mut distinct = rows.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        if distinct.len() >= n.min(3) {
+            return rows;
+        }
+    }
+}
+
+/// Quantiles of draws about their median, laid about values; from 0 to `highest`.
+fn about(values: &[f64], draws: &[&[f64]], highest: f64) -> Curve {
+    let mut curve = Curve { values: values.to_vec(), ..Curve::default() };
+    if draws.is_empty() {
+        return curve;
+    }
+    for (k, value) in values.iter().enumerate() {
+        let mut at: Vec<f64> = draws.iter().map(|draw| draw[k]).collect();
+        at.sort_by(f64::total_cmp);
+        let [low, high] = QUANTILES.map(|share| quantile(&at, share) - quantile(&at, 0.5));
+        curve.low.push((value + low).clamp(0.0, highest));
+        curve.high.push((value + high).clamp(0.0, highest));
+    }
+    curve
+}
+
+/// A quantile of sorted values, between the two that are about it.
+pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let at = share * (sorted.len() - 1) as f64;
+    let (low, rest) = (at.floor() as usize, at.fract());
+    let high = (low + 1).min(sorted.len() - 1);
+    sorted[low] + rest * (sorted[high] - sorted[low])
+}

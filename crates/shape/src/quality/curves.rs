@@ -1,0 +1,198 @@
+//! The three measures from coordinates of members that keep their distances.
+//!
+//! Rows may be the same member several times, as a bootstrap has them: a member is left out with all of its rows.
+
+use faer::MatRef;
+use ndarray::{Array2, ArrayView1, Axis};
+use rayon::prelude::*;
+use spharm_monitor::Monitor;
+
+use crate::ShapeError;
+use crate::pca::quality::normal;
+
+/// Most members that are left out one at a time; of larger groups every `n / 200`th is.
+pub(super) const LEFT_OUT: usize = 200;
+/// Modes of less than this part of the first one's deviation are rounding, and have no direction.
+const NEGLIGIBLE: f64 = 1e-10;
+
+/// The measures of the first k modes, k = 1 to m, (m) each.
+pub(super) struct Curves {
+    pub(super) compactness: Vec<f64>,
+    pub(super) generalisation: Vec<f64>,
+    pub(super) specificity: Vec<f64>,
+}
+
+/// Principal components of some rows.
+pub(super) struct Model {
+    /// Coordinates of the rows along the modes, (rows, modes).
+    pub(super) scores: Array2<f64>,
+    /// Variances along the modes, (modes), falling.
+    pub(super) variances: Vec<f64>,
+    /// Each row's member.
+    pub(super) rows: Vec<usize>,
+    /// Of each mode, what each row counts for in it, (modes, rows): a mode is the sum of the rows times these.
+    pub(super) loadings: Array2<f64>,
+}
+
+impl Model {
+    /// Finds the modes of the rows of members whose coordinates are `scores`, (n, d).
+    pub(super) fn of(scores: &Array2<f64>, rows: &[usize]) -> Result<Self, ShapeError> {
+        let own = scores.select(Axis(0), rows);
+        let mean = own.mean_axis(Axis(0)).ok_or(ShapeError::TooFewMembers { found: rows.len(), least: 3 })?;
+        let (u, singular) = decompose(&(&own - &mean))?;
+        let least = NEGLIGIBLE * singular.first().copied().unwrap_or(0.0);
+        let count = singular.len();
+        let scores = Array2::from_shape_fn((rows.len(), count), |(i, k)| u[[i, k]] * singular[k]);
+        let loadings =
+            Array2::from_shape_fn(
+                (count, rows.len()),
+                |(k, i)| {
+                    if singular[k] > least { u[[i, k]] / singular[k] } else { 0.0 }
+                },
+            );
+        let variances = singular.iter().map(|s| s * s / (rows.len() - 1) as f64).collect();
+        Ok(Self { scores, variances, rows: rows.to_vec(), loadings })
+    }
+
+    pub(super) fn total(&self) -> f64 {
+        self.variances.iter().sum()
+    }
+
+    /// Cumulative shares; 1 of a group without variance.
+    pub(super) fn compactness(&self, most: usize) -> Vec<f64> {
+        let total = self.total();
+        let mut sum = 0.0;
+        let shares = (0..most).map(|k| {
+            sum += self.variances.get(k).copied().unwrap_or(0.0);
+            if total > 0.0 { (sum / total).min(1.0) } else { 1.0 }
+        });
+        shares.collect()
+    }
+}
+
+/// Left singular vectors, (rows, modes), and singular values of a matrix; at most rows - 1 of those of centred rows.
+fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeError> {
+    let (rows, columns) = centred.dim();
+    let standard = centred.as_standard_layout();
+    let slice = standard.as_slice().ok_or(ShapeError::NoDecomposition)?;
+    let found =
+        MatRef::from_row_major_slice(slice, rows, columns).thin_svd().map_err(|_| ShapeError::NoDecomposition)?;
+    let count = (rows - 1).min(columns);
+    let singular = found.S().column_vector().iter().take(count).copied().collect();
+    let u = found.U();
+    Ok((Array2::from_shape_fn((rows, count), |(i, k)| u[(i, k)]), singular))
+}
+
+/// A member beside the modes of the others.
+pub(super) struct Left {
+    /// Distance from the first k modes of the others, (m); of more modes than they have, as of all of them.
+    pub(super) distances: Vec<f64>,
+    /// The member.
+    pub(super) member: usize,
+    /// The nearest shapes, (m): factors of all rows of the model.
+    pub(super) factors: Vec<Vec<f64>>,
+}
+
+/// The members that are left out, at most so many.
+pub(super) fn left_out(members: usize, most: usize) -> impl Iterator<Item = usize> {
+    (0..members).step_by(members.div_ceil(most).max(1))
+}
+
+/// Leaves each member out in turn.
+pub(super) fn leave_out(
+    model: &Model,
+    most: usize,
+    members: usize,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Left>, ShapeError> {
+    let mut distinct = model.rows.clone();
+    distinct.sort_unstable();
+    distinct.dedup();
+    let chosen: Vec<usize> = left_out(distinct.len(), members).map(|index| distinct[index]).collect();
+    let one = |member: usize| {
+        monitor.check()?;
+        let left = leave_one(model, member, most)?;
+        monitor.step(1);
+        Ok(left)
+    };
+    chosen.into_par_iter().map(one).collect()
+}
+
+fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeError> {
+    let others: Vec<usize> = (0..model.rows.len()).filter(|&row| model.rows[row] != member).collect();
+    let own = model.rows.iter().position(|&row| row == member).ok_or(ShapeError::NoDecomposition)?;
+    let there = model.scores.select(Axis(0), &others);
+    let mean = there.mean_axis(Axis(0)).ok_or(ShapeError::NoDecomposition)?;
+    let centred = &there - &mean;
+    let (u, singular) =
+        if others.len() > 1 { decompose(&centred)? } else { (Array2::zeros((others.len(), 0)), vec![]) };
+    let rest = &model.scores.row(own) - &mean;
+    let least = NEGLIGIBLE * singular.first().copied().unwrap_or(0.0);
+    let mut square: f64 = rest.iter().map(|value| value * value).sum();
+    // Along mode k, which is `u_k^T C / s_k`, the rest has `u_k . (C r) / s_k`.
+    let products: Vec<f64> = centred.rows().into_iter().map(|row| row.dot(&rest)).collect();
+    let mut factors = vec![0.0; model.rows.len()];
+    others.iter().for_each(|&row| factors[row] = 1.0 / others.len() as f64);
+    let (mut distances, mut all) = (Vec::with_capacity(most), Vec::with_capacity(most));
+    for k in 0..most {
+        if k < singular.len() && singular[k] > least {
+            let along: f64 = u.column(k).iter().zip(&products).map(|(u, value)| u * value).sum::<f64>() / singular[k];
+            square -= along * along;
+            others.iter().enumerate().for_each(|(i, &row)| factors[row] += along * u[[i, k]] / singular[k]);
+        }
+        distances.push(square.max(0.0).sqrt());
+        all.push(factors.clone());
+    }
+    Ok(Left { distances, member, factors: all })
+}
+
+/// A random shape beside the members.
+pub(super) struct Near {
+    /// Distance of the shape of the first k modes from the nearest member, (m).
+    pub(super) distances: Vec<f64>,
+    /// Coordinates of the shape along the modes.
+    pub(super) along: Vec<f64>,
+    /// Rows of the nearest and the next nearest, (m).
+    pub(super) rows: Vec<[usize; 2]>,
+}
+
+/// Makes random shapes of a seed and finds the members nearest to them.
+pub(super) fn nearest(model: &Model, most: usize, samples: usize, seed: u64) -> Vec<Near> {
+    let m = most.min(model.variances.len());
+    let tail = |row: ArrayView1<'_, f64>, k: usize| row.iter().skip(k + 1).map(|s| s * s).sum::<f64>();
+    let tails = Array2::from_shape_fn((model.rows.len(), m), |(i, k)| tail(model.scores.row(i), k));
+    (0..samples)
+        .into_par_iter()
+        .map(|sample| {
+            let deviations = normal(seed, sample as u64, m);
+            let along: Vec<f64> = deviations.iter().zip(&model.variances).map(|(z, v)| z * v.sqrt()).collect();
+            let mut least = vec![[(f64::INFINITY, 0); 2]; m];
+            for (row, (scores, tails)) in model.scores.rows().into_iter().zip(tails.rows()).enumerate() {
+                let mut square = 0.0;
+                for k in 0..m {
+                    square += (along[k] - scores[k]).powi(2);
+                    let found = (square + tails[k], row);
+                    if found.0 < least[k][0].0 {
+                        least[k] = [found, least[k][0]];
+                    } else if found.0 < least[k][1].0 {
+                        least[k][1] = found;
+                    }
+                }
+            }
+            // More modes than there are are as all of them.
+            let filled = |k: usize| least[k.min(m.saturating_sub(1))];
+            let distances = (0..most).map(|k| filled(k)[0].0.sqrt()).collect();
+            Near { distances, along, rows: (0..most).map(|k| filled(k).map(|(_, row)| row)).collect() }
+        })
+        .collect()
+}
+
+/// The mean of rows of m numbers.
+pub(super) fn mean_of<'a>(rows: impl Iterator<Item = &'a [f64]>, most: usize) -> Vec<f64> {
+    let (mut sum, mut count) = (vec![0.0; most], 0_usize);
+    for row in rows {
+        sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+        count += 1;
+    }
+    sum.into_iter().map(|sum| sum / count.max(1) as f64).collect()
+}

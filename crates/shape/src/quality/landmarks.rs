@@ -1,0 +1,163 @@
+//! How far the same direction is from the same landmark: what tells whether places correspond.
+//!
+//! A landmark p of member i, which a person set, belongs to the direction u of the point of the member's surface that is
+//! nearest to it. The error of a pair is the distance on member k between f_k(u) and f_k(u'), u' being the direction of the
+//! same landmark of k: both lie on its surface, so that how far landmarks lie off it doesn't count.
+
+use rayon::prelude::*;
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_monitor::{Monitor, Silent};
+use spharm_surface::Mesh;
+use spharm_surface::generate::icosphere;
+use spharm_surface::geometry::{Vec3, add, dot, scale, sub, unit};
+use spharm_surface::nearest::TriangleTree;
+
+use super::bands::{draw, quantile};
+use super::params::QualityParams;
+use super::points::evaluate;
+use crate::ShapeError;
+use crate::extent::extent;
+use crate::geometry::{local_geometry, tangent_frame};
+
+/// Steps from the facets to the smooth surface.
+const STEPS: usize = 10;
+
+/// Distances between landmarks of a group of n members and p places, in the members' unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LandmarkErrors {
+    /// Mean over all pairs of members and all landmarks.
+    pub mean: f64,
+    /// Median over them.
+    pub median: f64,
+    /// 95 % band of the mean, by a bootstrap over the members.
+    pub band: Option<[f64; 2]>,
+    /// Mean over all pairs, of each landmark, (p).
+    pub by_landmark: Vec<f64>,
+    /// Distance of each landmark from its own member's surface, (n) of (p).
+    pub off: Vec<Vec<f64>>,
+}
+
+/// Measures the errors of all pairs. Landmarks are in the frames of their members, (n) of (p); moving a member and its
+/// landmarks together changes nothing.
+///
+/// # Errors
+///
+/// [`ShapeError::Differ`] for another number of members, or of places; [`ShapeError::NotFiniteValue`]; those of
+/// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Interrupted`].
+pub(super) fn landmark_errors(
+    members: &[Coefficients],
+    landmarks: &[Vec<Vec3>],
+    params: &QualityParams,
+    monitor: &dyn Monitor,
+) -> Result<LandmarkErrors, ShapeError> {
+    let (n, places) = (members.len(), landmarks.first().map_or(0, Vec::len));
+    if landmarks.len() != n {
+        return Err(ShapeError::Differ { what: "members with landmarks", expected: n, found: landmarks.len() });
+    }
+    for (row, own) in landmarks.iter().enumerate() {
+        if own.len() != places || places == 0 {
+            return Err(ShapeError::Differ {
+                what: "landmarks of a member",
+                expected: places.max(1),
+                found: own.len(),
+            });
+        }
+        if let Some(column) = own.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
+            return Err(ShapeError::NotFiniteValue { what: "landmarks", row, column });
+        }
+    }
+    // One level finer than the rest, as a direction's place is interpolated.
+    let sphere = icosphere((params.subdivisions + 1).min(7));
+    let directions = Directions::from_vertices(&sphere.vertices)?;
+    let found: Vec<Result<Vec<(Vec3, f64)>, ShapeError>> = members
+        .par_iter()
+        .zip(landmarks)
+        .enumerate()
+        .map(|(index, (member, own))| {
+            monitor.check()?;
+            let surface = extent(member).and_then(|_| evaluate(&directions, member));
+            let surface = surface.map_err(|source| ShapeError::Member { index, source: Box::new(source) })?;
+            let tree = TriangleTree::new(&Mesh::new(surface, sphere.faces.clone()));
+            own.iter().map(|&p| direction(&tree, &sphere, member, p)).collect()
+        })
+        .collect();
+    let found: Vec<Vec<(Vec3, f64)>> = found.into_iter().collect::<Result<_, _>>()?;
+    let all: Vec<Vec3> = found.iter().flatten().map(|(u, _)| *u).collect();
+    let all = Directions::from_vertices(&all)?;
+    // Of each member, the places of everyone's directions.
+    let carried: Vec<Vec<Vec3>> =
+        members.par_iter().map(|member| evaluate(&all, member)).collect::<Result<_, ShapeError>>()?;
+    let error = |i: usize, k: usize, place: usize| {
+        let off = sub(carried[k][i * places + place], carried[k][k * places + place]);
+        dot(off, off).sqrt()
+    };
+    let pairs: Vec<(usize, usize)> =
+        (0..n).flat_map(|i| (0..n).filter(move |&k| k != i).map(move |k| (i, k))).collect();
+    let mut errors: Vec<f64> = pairs
+        .iter()
+        .flat_map(|&(i, k)| (0..places).map(move |place| (i, k, place)))
+        .map(|(i, k, p)| error(i, k, p))
+        .collect();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    errors.sort_by(f64::total_cmp);
+    let by_landmark =
+        (0..places).map(|place| pairs.iter().map(|&(i, k)| error(i, k, place)).sum::<f64>() / pairs.len() as f64);
+    let of_pair = |i: usize, k: usize| (0..places).map(|place| error(i, k, place)).sum::<f64>() / places as f64;
+    Ok(LandmarkErrors {
+        mean,
+        median: quantile(&errors, 0.5),
+        band: band(n, &of_pair, params),
+        by_landmark: by_landmark.collect(),
+        off: found.iter().map(|own| own.iter().map(|(_, off)| *off).collect()).collect(),
+    })
+}
+
+/// The direction of the point of a surface that is nearest to p, and its distance.
+///
+/// That of the facets is brought to the smooth surface by Gauss-Newton steps in the tangent plane,
+/// `(E F; F G) d = (X_1 . r, X_2 . r)` with r = p - X(u), as facets turn a landmark that lies off the surface aside.
+fn direction(tree: &TriangleTree, sphere: &Mesh, member: &Coefficients, p: Vec3) -> Result<(Vec3, f64), ShapeError> {
+    let Some(found) = tree.nearest(p) else { return Ok(([0.0, 0.0, 1.0], f64::INFINITY)) };
+    let face = sphere.faces[found.triangle as usize];
+    let mixed = face
+        .iter()
+        .zip(found.barycentric)
+        .fold([0.0; 3], |sum, (&v, weight)| add(sum, scale(sphere.vertices[v as usize], weight)));
+    let at = |u: Vec3| -> Result<_, ShapeError> {
+        let local = local_geometry(member, &Directions::from_vertices(&[u])?, &Silent)?[0];
+        let rest = sub(p, local.position);
+        Ok((u, dot(rest, rest).sqrt(), local, rest))
+    };
+    let mut best = at(unit(mixed))?;
+    for _ in 0..STEPS {
+        let (u, distance, local, rest) = best;
+        let [e, f, g] = local.first_form;
+        let [a, b] = local.tangents.map(|tangent| dot(tangent, rest));
+        let area = e * g - f * f;
+        if local.is_singular() || area <= 0.0 {
+            break;
+        }
+        let frame = tangent_frame(u);
+        let step = add(scale(frame[0], (g * a - f * b) / area), scale(frame[1], (e * b - f * a) / area));
+        let next = at(unit(add(u, step)))?;
+        if next.1 >= distance {
+            break;
+        }
+        best = next;
+    }
+    Ok((best.0, best.1))
+}
+
+/// The band of the mean over pairs of different members.
+fn band(n: usize, of_pair: &impl Fn(usize, usize) -> f64, params: &QualityParams) -> Option<[f64; 2]> {
+    let mut means: Vec<f64> = (0..params.bands)
+        .map(|index| {
+            let rows = draw(n, params.seed, index);
+            let pairs = rows.iter().flat_map(|&i| rows.iter().filter(move |&&k| k != i).map(move |&k| (i, k)));
+            let (sum, count) = pairs.fold((0.0, 0_usize), |(sum, count), (i, k)| (sum + of_pair(i, k), count + 1));
+            sum / count.max(1) as f64
+        })
+        .collect();
+    means.sort_by(f64::total_cmp);
+    (!means.is_empty()).then(|| [quantile(&means, 0.025), quantile(&means, 0.975)])
+}

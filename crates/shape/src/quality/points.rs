@@ -1,0 +1,139 @@
+//! A group as points that weigh by their area.
+
+use faer::MatRef;
+use ndarray::Array2;
+use rayon::prelude::*;
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_monitor::{Monitor, Stage};
+use spharm_surface::Mesh;
+use spharm_surface::generate::icosphere;
+use spharm_surface::geometry::{Vec3, add, cross, dot, scale, sub};
+use spharm_transform::synthesis;
+
+use crate::ShapeError;
+use crate::extent::extent;
+use crate::kabsch::kabsch;
+
+/// Rounds of rotations to the mean and means of what is rotated; two are enough in practice.
+const ROUNDS: usize = 5;
+
+const STAGE: Stage = Stage::counted("evaluate", "models");
+
+/// Members of a group at the directions of an icosphere.
+pub(super) struct Points {
+    /// The icosphere's triangles.
+    pub(super) faces: Vec<[u32; 3]>,
+    /// Positions of each member, (n) of (V), its areal centre at the origin.
+    pub(super) members: Vec<Vec<Vec3>>,
+    /// Each vertex's share of the area, the mean over the members, (V); of sum 1.
+    pub(super) weights: Vec<f64>,
+}
+
+impl Points {
+    /// Evaluates members, and puts their areal centres together.
+    pub(super) fn of(members: &[Coefficients], subdivisions: u32, monitor: &dyn Monitor) -> Result<Self, ShapeError> {
+        let sphere = icosphere(subdivisions);
+        let directions = Directions::from_vertices(&sphere.vertices)?;
+        monitor.begin(STAGE, members.len() as u64);
+        let one = |(index, member): (usize, &Coefficients)| {
+            monitor.check()?;
+            let found = extent(member).and_then(|_| evaluate(&directions, member));
+            monitor.step(1);
+            found.map_err(|source| ShapeError::Member { index, source: Box::new(source) })
+        };
+        let found: Vec<Result<Vec<Vec3>, ShapeError>> = members.par_iter().enumerate().map(one).collect();
+        monitor.end();
+        let members: Vec<Vec<Vec3>> = found.into_iter().collect::<Result<_, _>>()?;
+        let mut weights = vec![0.0; sphere.vertices.len()];
+        for member in &members {
+            let share = shares(member, &sphere.faces);
+            weights.iter_mut().zip(share).for_each(|(weight, share)| *weight += share / members.len() as f64);
+        }
+        let mut points = Self { faces: sphere.faces, members, weights };
+        points.centre();
+        Ok(points)
+    }
+
+    fn centre(&mut self) {
+        for member in &mut self.members {
+            let centre =
+                member.iter().zip(&self.weights).fold([0.0; 3], |sum, (&p, &weight)| add(sum, scale(p, weight)));
+            member.iter_mut().for_each(|p| *p = sub(*p, centre));
+        }
+    }
+
+    /// Turns each member to the mean, which is least squares at equal directions, weighted by area.
+    pub(super) fn bring_together(&mut self) {
+        for _ in 0..ROUNDS {
+            let mean = self.mean();
+            for member in &mut self.members {
+                let mut matrix = [[0.0; 3]; 3];
+                for ((p, q), weight) in member.iter().zip(&mean).zip(&self.weights) {
+                    (0..3).for_each(|i| (0..3).for_each(|j| matrix[i][j] += weight * q[i] * p[j]));
+                }
+                let turn = kabsch(&matrix, false);
+                member.iter_mut().for_each(|p| *p = turn.map(|row| dot(row, *p)));
+            }
+        }
+    }
+
+    pub(super) fn mean(&self) -> Vec<Vec3> {
+        let share = 1.0 / self.members.len() as f64;
+        self.combined(&vec![share; self.members.len()])
+    }
+
+    /// The sum of the members times some factors.
+    pub(super) fn combined(&self, factors: &[f64]) -> Vec<Vec3> {
+        let mut sum = vec![[0.0; 3]; self.weights.len()];
+        for (member, &factor) in self.members.iter().zip(factors).filter(|(_, factor)| **factor != 0.0) {
+            sum.iter_mut().zip(member).for_each(|(sum, p)| *sum = add(*sum, scale(*p, factor)));
+        }
+        sum
+    }
+
+    /// Coordinates of the members that keep their distances, (n, d), their mean at 0: `V S^(1/2)` of G = V S V^T.
+    pub(super) fn scores(&self) -> Result<Array2<f64>, ShapeError> {
+        let (n, mean) = (self.members.len(), self.mean());
+        let off: Vec<Vec<Vec3>> = self
+            .members
+            .par_iter()
+            .map(|member| {
+                let off = |((p, m), weight): ((&Vec3, &Vec3), &f64)| scale(sub(*p, *m), weight.sqrt());
+                member.iter().zip(&mean).zip(&self.weights).map(off).collect()
+            })
+            .collect();
+        let inner = |i: usize, j: usize| -> f64 { off[i].iter().zip(&off[j]).map(|(a, b)| dot(*a, *b)).sum() };
+        let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(|i| (0..=i).map(|j| inner(i, j)).collect()).collect();
+        let gram: Vec<f64> = (0..n * n).map(|k| rows[(k / n).max(k % n)][(k / n).min(k % n)]).collect();
+        let decomposed = MatRef::from_column_major_slice(&gram, n, n)
+            .self_adjoint_eigen(faer::Side::Lower)
+            .map_err(|_| ShapeError::NoDecomposition)?;
+        // Ascending; the least is that of the mean.
+        let values: Vec<f64> = decomposed.S().column_vector().iter().map(|value: &f64| value.max(0.0)).collect();
+        let vectors = decomposed.U();
+        Ok(Array2::from_shape_fn((n, n - 1), |(i, k)| vectors[(i, n - 1 - k)] * values[n - 1 - k].sqrt()))
+    }
+
+    pub(super) fn mesh(&self, vertices: Vec<Vec3>) -> Mesh {
+        Mesh::new(vertices, self.faces.clone())
+    }
+}
+
+pub(super) fn evaluate(directions: &Directions, member: &Coefficients) -> Result<Vec<Vec3>, ShapeError> {
+    let values = synthesis(directions, member.values().view())?;
+    Ok(values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect())
+}
+
+/// Each vertex's share of a surface's area: a third of that of its triangles.
+pub(super) fn shares(vertices: &[Vec3], faces: &[[u32; 3]]) -> Vec<f64> {
+    let mut shares = vec![0.0; vertices.len()];
+    for face in faces {
+        let [a, b, c] = face.map(|v| vertices[v as usize]);
+        let normal = cross(sub(b, a), sub(c, a));
+        let area = dot(normal, normal).sqrt();
+        face.iter().for_each(|&v| shares[v as usize] += area);
+    }
+    let sum: f64 = shares.iter().sum();
+    shares.iter_mut().for_each(|share| *share /= sum);
+    shares
+}

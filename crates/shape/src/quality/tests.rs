@@ -1,0 +1,238 @@
+use ndarray::{Array2, Axis};
+use spharm_monitor::Silent;
+use spharm_surface::geometry::{dot, sub};
+use spharm_surface::metrics::{SurfaceDistanceParams, surface_distance};
+
+use super::points::Points;
+use super::*;
+use crate::pca::quality::normal;
+use crate::rotation::Rotation;
+use crate::samples::{blob, ellipsoid, posed};
+use crate::transform::{Similarity, Transform};
+
+/// Members that differ in every direction, so that they have n - 1 modes.
+fn group(n: u64) -> Vec<Coefficients> {
+    let member = |seed: u64| {
+        let mut values = blob(3, 0).values().clone();
+        values.iter_mut().zip(normal(9, seed, 48)).for_each(|(value, noise)| *value += 0.4 * noise);
+        Coefficients::new(values).unwrap()
+    };
+    (0..n).map(member).collect()
+}
+
+fn params() -> QualityParams {
+    QualityParams { subdivisions: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() }
+}
+
+/// Rows of `sqrt(w) x`, (n, 3 V): plain distances between them are the weighted ones.
+fn rows(points: &Points) -> Array2<f64> {
+    let value = |(i, k): (usize, usize)| points.members[i][k / 3][k % 3] * points.weights[k / 3].sqrt();
+    Array2::from_shape_fn((points.members.len(), 3 * points.weights.len()), value)
+}
+
+fn norm(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().map(|value| value * value).sum::<f64>().sqrt()
+}
+
+/// The distance of a member from the span of the first modes of the others, by power iteration in the space of points.
+fn left_out(y: &Array2<f64>, member: usize, modes: usize) -> f64 {
+    let others: Vec<usize> = (0..y.nrows()).filter(|i| *i != member).collect();
+    let there = y.select(Axis(0), &others);
+    let mean = there.mean_axis(Axis(0)).unwrap();
+    let mut centred = &there - &mean;
+    let mut rest = &y.row(member) - &mean;
+    for k in 0..modes {
+        let mut mode = centred.row(k % centred.nrows()).to_owned() + centred.row(0);
+        for _ in 0..3000 {
+            mode = centred.t().dot(&centred.dot(&mode));
+            mode /= norm(mode.iter().copied());
+        }
+        let along = rest.dot(&mode);
+        rest.scaled_add(-along, &mode);
+        for mut row in centred.rows_mut() {
+            let along = row.dot(&mode);
+            row.scaled_add(-along, &mode);
+        }
+    }
+    norm(rest)
+}
+
+#[test]
+fn measures_are_what_they_are_defined_as() {
+    let (group, params) = (group(6), params());
+    let found = group_quality(&group, None, &params, &Silent).unwrap();
+    let points = Points::of(&group, 3, &Silent).unwrap();
+    let y = rows(&points);
+    for k in [1, 2, 3] {
+        let mean = (0..6).map(|member| left_out(&y, member, k)).sum::<f64>() / 6.0;
+        assert!(
+            (found.generalisation.values[k - 1] / mean - 1.0).abs() < 1e-6,
+            "{k}: {:?} {mean}",
+            found.generalisation
+        );
+    }
+    assert_eq!(found.generalisation.values[4], found.generalisation.values[3]);
+    let mean = y.mean_axis(Axis(0)).unwrap();
+    let variance = (&y - &mean).iter().map(|value| value * value).sum::<f64>() / 5.0;
+    assert!((found.variance / variance - 1.0).abs() < 1e-12);
+    assert!((found.variances.iter().sum::<f64>() / variance - 1.0).abs() < 1e-12);
+    assert!((found.compactness.values[0] - found.variances[0] / variance).abs() < 1e-12);
+
+    // Modes in the space of points are orthonormal, and random shapes are made of them.
+    let model = curves::Model::of(&points.scores().unwrap(), &[0, 1, 2, 3, 4, 5]).unwrap();
+    let modes = model.loadings.dot(&(&y - &mean));
+    let gram = modes.dot(&modes.t());
+    assert!(gram.indexed_iter().all(|((i, j), value)| (value - f64::from(u8::from(i == j))).abs() < 1e-9));
+    for k in [1, 3] {
+        let mut sum = 0.0;
+        for sample in 0..200 {
+            let mut shape = mean.clone();
+            for (mode, z) in normal(0, sample, 5).into_iter().enumerate().take(k) {
+                shape.scaled_add(z * found.variances[mode].sqrt(), &modes.row(mode));
+            }
+            sum += y.rows().into_iter().map(|row| norm(&row - &shape)).fold(f64::INFINITY, f64::min);
+        }
+        assert!((found.specificity.values[k - 1] / (sum / 200.0) - 1.0).abs() < 1e-9, "{k}");
+    }
+}
+
+#[test]
+fn weights_are_shares_of_the_area() {
+    // A needle: nearly all of its area is along its length, a third of the directions' at its ends.
+    let points = Points::of(&[ellipsoid([40.0, 1.0, 1.0])], 4, &Silent).unwrap();
+    let middle: f64 =
+        points.weights.iter().zip(&points.members[0]).filter(|(_, p)| p[0].abs() < 20.0).map(|(w, _)| w).sum();
+    // Of an ellipsoid of revolution the part within half of a long half axis: (x s + asin(x s)) at s = sqrt(1 - x^2 ...) tends to
+    // (asin x + x sqrt(1 - x^2)) / asin 1 at x = 1/2 for a needle.
+    let exact = (0.5_f64.asin() + 0.5 * 0.75_f64.sqrt()) / 1.0_f64.asin();
+    assert!((middle - exact).abs() < 0.02, "{middle} {exact}");
+    assert!((points.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_family_of_one_parameter_is_one_mode_and_places_do_not_count() {
+    let group: Vec<Coefficients> = (0..7)
+        .map(|i| {
+            let mut values = ellipsoid([8.0 + f64::from(i), 5.0, 4.0]).values().clone();
+            values[[0, 1]] = 100.0 * f64::from(i * i % 5);
+            Coefficients::new(values).unwrap()
+        })
+        .collect();
+    let found = group_quality(&group, None, &QualityParams { surfaces: true, bands: 20, ..params() }, &Silent).unwrap();
+    assert!(found.compactness.values[0] > 1.0 - 1e-12 && found.compactness.low[0] > 1.0 - 1e-9);
+    assert!(found.generalisation.values.iter().all(|distance| *distance < 1e-6), "{:?}", found.generalisation);
+    assert!(found.surface_generalisation.unwrap().values.iter().all(|distance| *distance < 1e-6));
+}
+
+#[test]
+fn poses_count_unless_members_are_brought_together() {
+    let group = group(6);
+    let turned: Vec<Coefficients> = group
+        .iter()
+        .enumerate()
+        .map(|(i, member)| {
+            let turn = Rotation::uniform([0.3, 0.1 * i as f64, 0.37 * i as f64 % 1.0]);
+            let similarity = Similarity { translation: [i as f64, 2.0, -3.0], ..Similarity::rotation(&turn) };
+            posed(member, &Transform { rotation: Rotation::default(), antipodal: false, similarity })
+        })
+        .collect();
+    let rigid = QualityParams { rigid: true, ..params() };
+    let plain = group_quality(&group, None, &rigid, &Silent).unwrap();
+    let found = group_quality(&turned, None, &rigid, &Silent).unwrap();
+    for (a, b) in plain.generalisation.values.iter().zip(&found.generalisation.values) {
+        assert!((a / b - 1.0).abs() < 1e-3, "{a} {b}");
+    }
+    let apart = group_quality(&turned, None, &params(), &Silent).unwrap();
+    assert!(apart.variance > 2.0 * found.variance);
+}
+
+#[test]
+fn distances_between_surfaces_are_those_of_the_surfaces() {
+    let group = group(5);
+    let points = Points::of(&group, 3, &Silent).unwrap();
+    let model = curves::Model::of(&points.scores().unwrap(), &[0, 1, 2, 3, 4]).unwrap();
+    let left = curves::leave_out(&model, 2, 200, &Silent).unwrap();
+    let (general, _) = surfaces::distances(&points, &model, &left, &[], 2, &Silent).unwrap();
+    for (left, found) in left.iter().zip(&general) {
+        for k in 0..2 {
+            let shape = points.combined(&left.factors[k]);
+            // The factors make the very shape whose distance by points was said.
+            let square: f64 = shape
+                .iter()
+                .zip(&points.members[left.member])
+                .zip(&points.weights)
+                .map(|((p, q), weight)| weight * dot(sub(*p, *q), sub(*p, *q)))
+                .sum();
+            assert!((square.sqrt() / left.distances[k] - 1.0).abs() < 1e-6);
+            let (a, b) = (points.mesh(points.members[left.member].clone()), points.mesh(shape));
+            let all = surface_distance(&a, &b, &SurfaceDistanceParams { samples: 20_000 }, &Silent).unwrap();
+            assert!(
+                (found[k] / (0.5 * (all.forward.mean + all.backward.mean)) - 1.0).abs() < 0.05,
+                "{found:?} {all:?}"
+            );
+            assert!(found[k] <= left.distances[k]);
+        }
+    }
+}
+
+/// Unit spheres whose directions are turned about the pole: the same landmark is a chord away.
+#[test]
+fn landmarks_tell_how_far_directions_slide() {
+    let sphere = ellipsoid([1.0, 1.0, 1.0]);
+    let angles = [0.0, 0.1, 0.3];
+    let members: Vec<Coefficients> = angles
+        .iter()
+        .map(|&angle| {
+            let rotation = Rotation::from_axis_angle([0.0, 0.0, 1.0], angle).unwrap();
+            posed(
+                &sphere,
+                &Transform { rotation, antipodal: false, similarity: Similarity::rotation(&Rotation::default()) },
+            )
+        })
+        .collect();
+    let landmarks = vec![vec![[1.2, 0.0, 0.0], [0.0, 0.0, 1.0]]; 3];
+    let found = landmark_errors(&members, &landmarks, &QualityParams { bands: 50, ..params() }, &Silent).unwrap();
+    let chord = |a: f64, b: f64| 2.0 * (0.5 * (a - b).abs()).sin();
+    let mean = (chord(0.0, 0.1) + chord(0.0, 0.3) + chord(0.1, 0.3)) / 3.0;
+    assert!((found.by_landmark[0] - mean).abs() < 1e-3, "{found:?} {mean}");
+    assert!(found.by_landmark[1] < 1e-3);
+    assert!((found.mean - 0.5 * found.by_landmark.iter().sum::<f64>()).abs() < 1e-12);
+    assert!((found.off[0][0] - 0.2).abs() < 0.01 && found.off[1][1] < 0.01);
+    let [low, high] = found.band.unwrap();
+    assert!(low <= found.mean && found.mean <= high);
+}
+
+#[test]
+fn bands_hold_the_measures_and_are_the_same_on_any_threads() {
+    let (group, params) = (group(8), QualityParams { bands: 40, surfaces: true, ..params() });
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| group_quality(&group, None, &params, &Silent).unwrap())
+    };
+    let found = on(1);
+    assert_eq!(found, on(2));
+    for curve in [&found.compactness, &found.generalisation, &found.specificity] {
+        assert_eq!((curve.low.len(), curve.high.len()), (7, 7));
+        for ((value, low), high) in curve.values.iter().zip(&curve.low).zip(&curve.high) {
+            assert!(*low <= *value && value <= high && *low >= 0.0, "{low} {value} {high}");
+        }
+    }
+    assert!(found.generalisation.high[0] > found.generalisation.low[0]);
+}
+
+#[test]
+fn what_is_no_group_is_refused() {
+    let (group, params) = (group(3), params());
+    let error = |members: &[Coefficients], landmarks: Option<&[Vec<Vec3>]>, params: &QualityParams| {
+        group_quality(members, landmarks, params, &Silent).unwrap_err().to_string()
+    };
+    assert!(error(&group[..2], None, &params).contains("at least 3"));
+    assert!(error(&group, None, &QualityParams { modes: 0, ..params.clone() }).contains("modes"));
+    let point = Coefficients::new(Array2::zeros((4, 3))).unwrap();
+    assert!(error(&[group[0].clone(), point, group[1].clone()], None, &params).contains("member 1"));
+    let marks = vec![vec![[0.0; 3]], vec![[0.0; 3]], vec![[0.0; 3]; 2]];
+    assert!(error(&group, Some(&marks), &params).contains("landmarks of a member"));
+    assert!(error(&group, Some(&marks[..2]), &params).contains("members with landmarks"));
+    let nan = vec![vec![[f64::NAN, 0.0, 0.0]]; 3];
+    assert!(error(&group, Some(&nan), &params).contains("landmarks"));
+}

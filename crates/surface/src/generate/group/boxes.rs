@@ -1,0 +1,94 @@
+//! Boxes with bumps: superellipsoids `sum |x_i / h_i|^p = 1`, the direction's own point, to which a bump is added along z,
+//! `height (z / h_z)^4 exp(-((x - t)^2 + (y - s)^2) / (2 width^2))` of the upper half.
+
+use crate::geometry::{Vec3, scale};
+
+/// Half sizes of the tapered box, in mm.
+const HALF: Vec3 = [15.0, 9.0, 7.0];
+/// By how much it is narrower at x = 15 than in the middle, and wider at the other end, so that no rotation makes it itself.
+const TAPER: f64 = 0.25;
+/// Width of its bump, in mm.
+const WIDTH: f64 = 3.5;
+/// Height of a bump that moves.
+pub(super) const HEIGHT: f64 = 3.0;
+/// Place of a bump that grows.
+pub(super) const PLACE: [f64; 2] = [5.0, 2.0];
+/// Half sizes of the box with the sharp bump, its bump's height and width.
+const SHARP: (Vec3, f64, f64) = ([15.0, 5.0, 5.0], 3.5, 1.8);
+
+fn superellipsoid(u: Vec3, half: Vec3, power: i32) -> Vec3 {
+    let sum: f64 = (0..3).map(|i| (u[i] / half[i]).abs().powi(power)).sum();
+    scale(u, sum.powf(-1.0 / f64::from(power)))
+}
+
+fn with_bump(mut x: Vec3, half: f64, [t, s]: [f64; 2], height: f64, width: f64) -> Vec3 {
+    let upper = (x[2] / half).clamp(0.0, 1.0).powi(4);
+    let square = (x[0] - t).powi(2) + (x[1] - s).powi(2);
+    x[2] += upper * height * (-square / (2.0 * width * width)).exp();
+    x
+}
+
+/// The tapered box with a bump at (t, s).
+pub(super) fn tapered(u: Vec3, place: [f64; 2], height: f64) -> Vec3 {
+    let mut x = superellipsoid(u, HALF, 4);
+    x[1] *= 1.0 - TAPER * x[0] / HALF[0];
+    with_bump(x, HALF[2], place, height, WIDTH)
+}
+
+/// The box with the sharp bump at x = t: that of the prototype `bump.py`, in units of a tenth.
+pub(super) fn sharp(u: Vec3, t: f64) -> Vec3 {
+    let (half, height, width) = SHARP;
+    with_bump(superellipsoid(u, half, 8), half[2], [t, 0.0], height, width)
+}
+
+const CORNERS: [(&str, Vec3); 8] = [
+    ("corner-000", [-1.0, -1.0, -1.0]),
+    ("corner-001", [-1.0, -1.0, 1.0]),
+    ("corner-010", [-1.0, 1.0, -1.0]),
+    ("corner-011", [-1.0, 1.0, 1.0]),
+    ("corner-100", [1.0, -1.0, -1.0]),
+    ("corner-101", [1.0, -1.0, 1.0]),
+    ("corner-110", [1.0, 1.0, -1.0]),
+    ("corner-111", [1.0, 1.0, 1.0]),
+];
+const ENDS: [(&str, Vec3); 3] = [("end-0", [-1.0, 0.0, 0.0]), ("end-1", [1.0, 0.0, 0.0]), ("bottom", [0.0, 0.0, -1.0])];
+
+/// Corners, ends and the bump of a tapered box: its middle and its sides, a width away.
+pub(super) fn places(point: impl Fn(Vec3) -> Vec3, [t, s]: [f64; 2], height: f64) -> Vec<(&'static str, Vec3)> {
+    let mut found: Vec<(&str, Vec3)> = fixed(&point, HALF);
+    // A point of the upper side above (x, y): on the superellipsoid before the taper.
+    let above = |x: f64, y: f64| {
+        let plain = y / (1.0 - TAPER * x / HALF[0]);
+        let z = HALF[2] * (1.0 - (x / HALF[0]).powi(4) - (plain / HALF[1]).powi(4)).max(0.0).powf(0.25);
+        with_bump([x, y, z], HALF[2], [t, s], height, WIDTH)
+    };
+    found.extend(around(above, [t, s], WIDTH));
+    found
+}
+
+/// Corners, ends and bump of the box with the sharp bump.
+pub(super) fn sharp_places(t: f64) -> Vec<(&'static str, Vec3)> {
+    let (half, height, width) = SHARP;
+    let mut found = fixed(&|u| sharp(u, t), half);
+    let above = |x: f64, y: f64| {
+        let z = half[2] * (1.0 - (x / half[0]).powi(8) - (y / half[1]).powi(8)).max(0.0).powf(0.125);
+        with_bump([x, y, z], half[2], [t, 0.0], height, width)
+    };
+    found.extend(around(above, [t, 0.0], width));
+    found
+}
+
+fn fixed(point: &impl Fn(Vec3) -> Vec3, half: Vec3) -> Vec<(&'static str, Vec3)> {
+    let on = |(name, signs): &(&'static str, Vec3)| (*name, point(std::array::from_fn(|i| signs[i] * half[i])));
+    CORNERS.iter().chain(&ENDS).map(on).collect()
+}
+
+fn around(above: impl Fn(f64, f64) -> Vec3, [t, s]: [f64; 2], width: f64) -> [(&'static str, Vec3); 5] {
+    [
+        ("bump", above(t, s)),
+        ("bump-x0", above(t - width, s)),
+        ("bump-x1", above(t + width, s)),
+        ("bump-y0", above(t, s - width)),
+        ("bump-y1", above(t, s + width)),
+    ]
+}

@@ -1,0 +1,201 @@
+//! Groups whose correspondence is known: families of one or two parameters, each member meshed anew, in any pose, with its
+//! parameters and the places that correspond.
+//!
+//! | family | members | parameters, mm | modes where places correspond |
+//! |---|---|---|--:|
+//! | [`MovingBump`](Family::MovingBump) | a tapered box of 30 x 18 x 14, with a gentle bump | the bump's place along x, -7 to 7 | |
+//! | [`SharpBump`](Family::SharpBump) | a box of 30 x 10 x 10, with a sharp bump | the bump's place, -9 to 9; t and -t are congruent | |
+//! | [`GrowingBump`](Family::GrowingBump) | the tapered box | the bump's height, 0.5 to 4 | 1 |
+//! | [`Ellipsoids`](Family::Ellipsoids) | of half axes a, b, 8 | a of 17 to 23, b of 10 to 14 | 2 |
+//! | [`Rods`](Family::Rods) | flattened rods with a knob at one end | the shaft's length, 20 to 50 | 1 |
+//! | [`Tori`](Family::Tori) | warped rings of one handle | the ring's radius, 17 to 23; the tube's, 5 to 7 | 2 |
+//!
+//! Single parameters are even from member to member, two of them are drawn. But for the sharp bump, no member is the image of
+//! itself under a rotation other than half turns of ellipsoids, so that its places are those of its shape and not of its mesh.
+//! A mesh is an icosphere in a random rotation, or a grid of random size and phase, whose vertices and triangles are shuffled:
+//! two members have neither vertices nor triangles in common.
+
+mod boxes;
+mod shapes;
+
+use super::icosphere;
+use super::random::SplitMix64;
+use crate::geometry::{Vec3, add, cross, dot};
+use crate::mesh::Mesh;
+
+/// A family of shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Family {
+    /// A gentle bump that moves along a tapered box.
+    MovingBump,
+    /// A sharp bump that moves along a box.
+    SharpBump,
+    /// A bump that grows on a tapered box.
+    GrowingBump,
+    /// Ellipsoids, two of whose half axes vary.
+    Ellipsoids,
+    /// Rods of varying length with a knob at one end.
+    Rods,
+    /// Rings, both of whose radii vary.
+    Tori,
+}
+
+impl Family {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::MovingBump, Self::SharpBump, Self::GrowingBump, Self::Ellipsoids, Self::Rods, Self::Tori];
+
+    /// Its name, in lower case with hyphens.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MovingBump => "moving-bump",
+            Self::SharpBump => "sharp-bump",
+            Self::GrowingBump => "growing-bump",
+            Self::Ellipsoids => "ellipsoids",
+            Self::Rods => "rods",
+            Self::Tori => "tori",
+        }
+    }
+
+    /// Names of its parameters.
+    pub fn parameters(self) -> &'static [&'static str] {
+        match self {
+            Self::MovingBump | Self::SharpBump => &["place"],
+            Self::GrowingBump => &["height"],
+            Self::Ellipsoids => &["a", "b"],
+            Self::Rods => &["length"],
+            Self::Tori => &["ring", "tube"],
+        }
+    }
+
+    /// Ends of its parameters, in mm.
+    fn ranges(self) -> &'static [[f64; 2]] {
+        match self {
+            Self::MovingBump => &[[-7.0, 7.0]],
+            Self::SharpBump => &[[-9.0, 9.0]],
+            Self::GrowingBump => &[[0.5, 4.0]],
+            Self::Ellipsoids => &[[17.0, 23.0], [10.0, 14.0]],
+            Self::Rods => &[[20.0, 50.0]],
+            Self::Tori => &[[17.0, 23.0], [5.0, 7.0]],
+        }
+    }
+}
+
+/// A group of a family.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Group {
+    /// What it is of.
+    pub family: Family,
+    /// Number of members.
+    pub members: u64,
+    /// Of poses, meshes and drawn parameters.
+    pub seed: u64,
+    /// Of the icosphere that a mesh is made of; a ring has as many vertices or somewhat fewer. 5 are 10,242.
+    pub subdivisions: u32,
+    /// Whether members stay in the family's own frame.
+    pub upright: bool,
+}
+
+/// A member of a group, in its pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Member {
+    /// The surface, with outward winding.
+    pub mesh: Mesh,
+    /// Values of the family's parameters.
+    pub parameters: Vec<f64>,
+    /// The pose, `x -> R x + t` from the family's frame; R by rows.
+    pub rotation: [Vec3; 3],
+    /// t, in mm.
+    pub translation: Vec3,
+    /// Names of the known places, the same for all members.
+    pub names: Vec<&'static str>,
+    /// Where they are.
+    pub places: Vec<Vec3>,
+}
+
+/// The largest translation along an axis, in mm.
+const SHIFT: f64 = 50.0;
+const IDENTITY: [Vec3; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+impl Group {
+    /// Returns member `index`. The same arguments give the same bits.
+    pub fn member(&self, index: u64) -> Member {
+        // Streams of the seeds of members don't meet.
+        let mut random = SplitMix64::new(self.seed.wrapping_mul(0x1_0000_0001).wrapping_add(index));
+        let ranges = self.family.ranges();
+        let parameters: Vec<f64> = ranges
+            .iter()
+            .map(|&[low, high]| match ranges.len() {
+                1 => low + (high - low) * index as f64 / (self.members.max(2) - 1) as f64,
+                _ => random.between(low, high),
+            })
+            .collect();
+        let mut mesh = match self.family {
+            Family::Tori => shapes::ring(&parameters, self.subdivisions, &mut random),
+            _ => {
+                let (sphere, turn) = (icosphere(self.subdivisions), rotation(&mut random));
+                let on = |u: &Vec3| self.point(&parameters, turn.map(|row| dot(row, *u)));
+                sphere.with_vertices(sphere.vertices.iter().map(on).collect())
+            }
+        };
+        shuffle(&mut mesh, &mut random);
+        let (names, mut places) = self.places(&parameters).into_iter().unzip::<_, _, Vec<_>, Vec<_>>();
+        let (rotation, translation) = if self.upright {
+            (IDENTITY, [0.0; 3])
+        } else {
+            (rotation(&mut random), std::array::from_fn(|_| random.between(-SHIFT, SHIFT)))
+        };
+        let pose = |x: &mut Vec3| *x = add(rotation.map(|row| dot(row, *x)), translation);
+        mesh.vertices.iter_mut().for_each(pose);
+        places.iter_mut().for_each(pose);
+        Member { mesh, parameters, rotation, translation, names, places }
+    }
+
+    /// The point of a direction, in the family's frame; of families that are spheres.
+    fn point(&self, parameters: &[f64], u: Vec3) -> Vec3 {
+        match self.family {
+            Family::MovingBump => boxes::tapered(u, [parameters[0], 0.0], boxes::HEIGHT),
+            Family::GrowingBump => boxes::tapered(u, boxes::PLACE, parameters[0]),
+            Family::SharpBump => boxes::sharp(u, parameters[0]),
+            Family::Rods => shapes::rod(u, parameters[0]),
+            Family::Ellipsoids | Family::Tori => shapes::ellipsoid(parameters, u),
+        }
+    }
+
+    fn places(&self, parameters: &[f64]) -> Vec<(&'static str, Vec3)> {
+        match self.family {
+            Family::MovingBump => boxes::places(|u| self.point(parameters, u), [parameters[0], 0.0], boxes::HEIGHT),
+            Family::GrowingBump => boxes::places(|u| self.point(parameters, u), boxes::PLACE, parameters[0]),
+            Family::SharpBump => boxes::sharp_places(parameters[0]),
+            Family::Ellipsoids => shapes::ellipsoid_places(parameters),
+            Family::Rods => shapes::rod_places(parameters[0]),
+            Family::Tori => shapes::ring_places(parameters),
+        }
+    }
+}
+
+/// A random rotation, uniform over all of them, by rows.
+fn rotation(random: &mut SplitMix64) -> [Vec3; 3] {
+    let third = random.direction();
+    let first = random.square_to(third);
+    [first, cross(third, first), third]
+}
+
+/// Puts vertices and triangles into a random order.
+fn shuffle(mesh: &mut Mesh, random: &mut SplitMix64) {
+    let mut order = |count: usize| {
+        let mut order: Vec<usize> = (0..count).collect();
+        for last in (1..count).rev() {
+            order.swap(last, (random.between(0.0, (last + 1) as f64) as usize).min(last));
+        }
+        order
+    };
+    let (vertices, faces) = (order(mesh.vertices.len()), order(mesh.faces.len()));
+    let mut new = vec![0; vertices.len()];
+    vertices.iter().zip(0..).for_each(|(&old, now)| new[old] = now);
+    mesh.vertices = vertices.iter().map(|&old| mesh.vertices[old]).collect();
+    mesh.faces = faces.iter().map(|&old| mesh.faces[old].map(|v| new[v as usize])).collect();
+}
+
+#[cfg(test)]
+mod tests;

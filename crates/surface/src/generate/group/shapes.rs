@@ -1,0 +1,135 @@
+//! Ellipsoids, rods and rings, whose places are linear in their parameters.
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use super::super::icosphere::icosphere_counts;
+use super::super::random::SplitMix64;
+use crate::geometry::Vec3;
+use crate::mesh::Mesh;
+
+/// The third half axis of an ellipsoid, in mm.
+const C: f64 = 8.0;
+/// Radii of a rod and of its knob, in mm.
+const SHAFT: f64 = 4.0;
+const KNOB: f64 = 7.0;
+/// How flat a rod is, and how far its knob is off the shaft's axis, over how much of the shaft: then no turn makes it itself.
+const FLAT: f64 = 0.7;
+const OFF: f64 = 3.0;
+const BEND: f64 = 8.0;
+/// By how much of its radius a ring's tube is thicker at one side, and how far the ring is warped, in mm: as above.
+const THICKER: f64 = 0.25;
+const WARP: f64 = 2.0;
+
+pub(super) fn ellipsoid(axes: &[f64], u: Vec3) -> Vec3 {
+    [axes[0] * u[0], axes[1] * u[1], C * u[2]]
+}
+
+pub(super) fn ellipsoid_places(axes: &[f64]) -> Vec<(&'static str, Vec3)> {
+    let s = 1.0 / 3.0_f64.sqrt();
+    let at: [(&str, Vec3); 10] = [
+        ("x0", [-1.0, 0.0, 0.0]),
+        ("x1", [1.0, 0.0, 0.0]),
+        ("y0", [0.0, -1.0, 0.0]),
+        ("y1", [0.0, 1.0, 0.0]),
+        ("z0", [0.0, 0.0, -1.0]),
+        ("z1", [0.0, 0.0, 1.0]),
+        ("octant-001", [-s, -s, s]),
+        ("octant-010", [-s, s, -s]),
+        ("octant-100", [s, -s, -s]),
+        ("octant-111", [s, s, s]),
+    ];
+    at.into_iter().map(|(name, u)| (name, ellipsoid(axes, u))).collect()
+}
+
+/// Where the shaft of a length begins to be the knob: both are round there.
+fn junction(length: f64) -> f64 {
+    length - (KNOB * KNOB - SHAFT * SHAFT).sqrt()
+}
+
+/// A point of a round rod at a place along x and an angle, flattened and bent.
+fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
+    let square = if x < 0.0 {
+        SHAFT * SHAFT - x * x
+    } else if x < junction(length) {
+        SHAFT * SHAFT
+    } else {
+        KNOB * KNOB - (x - length).powi(2)
+    };
+    let radius = square.max(0.0).sqrt();
+    let rise = ((x - junction(length)) / BEND + 1.0).clamp(0.0, 1.0);
+    let off = OFF * rise * rise * (3.0 - 2.0 * rise);
+    [x, radius * angle.cos() + off, FLAT * radius * angle.sin()]
+}
+
+/// The rod over the sphere: as much area below a place along x as on the sphere, that of a zone being `2 pi r dx` both of the
+/// shaft and of the knob.
+pub(super) fn rod(u: Vec3, length: f64) -> Vec3 {
+    let (first, from) = (SHAFT * (junction(length) + SHAFT), junction(length));
+    let all = first + KNOB * (length + KNOB - from);
+    let area = 0.5 * (1.0 + u[0].clamp(-1.0, 1.0)) * all;
+    let x = if area < first { area / SHAFT - SHAFT } else { from + (area - first) / KNOB };
+    on_rod(x, u[2].atan2(u[1]), length)
+}
+
+/// Tip, knob, and the shaft at a quarter, half and three quarters of its length, which the parameter stretches evenly.
+pub(super) fn rod_places(length: f64) -> Vec<(&'static str, Vec3)> {
+    let shaft = |share: f64, angle: f64| on_rod(share * (junction(length) - BEND), angle, length);
+    vec![
+        ("tip", on_rod(-SHAFT, 0.0, length)),
+        ("quarter", shaft(0.25, 0.0)),
+        ("half-y0", shaft(0.5, PI)),
+        ("half-y1", shaft(0.5, 0.0)),
+        ("half-z1", shaft(0.5, FRAC_PI_2)),
+        ("three-quarters", shaft(0.75, 0.0)),
+        ("knob", on_rod(length + KNOB, 0.0, length)),
+        ("knob-y0", on_rod(length, PI, length)),
+        ("knob-y1", on_rod(length, 0.0, length)),
+        ("knob-z0", on_rod(length, -FRAC_PI_2, length)),
+        ("knob-z1", on_rod(length, FRAC_PI_2, length)),
+    ]
+}
+
+fn on_ring(around: f64, across: f64, parameters: &[f64]) -> Vec3 {
+    let tube = parameters[1] * (1.0 + THICKER * around.cos());
+    let radius = parameters[0] + tube * across.cos();
+    [radius * around.cos(), radius * around.sin(), tube * across.sin() + WARP * (2.0 * around).cos()]
+}
+
+/// A ring on a grid of random size and phase.
+pub(super) fn ring(parameters: &[f64], subdivisions: u32, random: &mut SplitMix64) -> Mesh {
+    // Three times as many around as across, as the ring is longer.
+    let most = icosphere_counts(subdivisions)[0] as f64;
+    let across = ((most / 3.0).sqrt() * random.between(0.85, 1.0)).max(4.0) as u32;
+    let around = (3.0 * f64::from(across) * random.between(0.9, 1.0)).max(4.0) as u32;
+    let phases = [random.between(0.0, TAU), random.between(0.0, TAU)];
+    // A row is shifted by so much of a cell against the one before: whole turns of both, so that it closes.
+    let slant = (random.between(0.0, 3.0) as u32).min(2);
+    let vertices = (0..around * across).map(|index| {
+        let (i, j) = (f64::from(index / across) / f64::from(around), f64::from(index % across) / f64::from(across));
+        on_ring(phases[0] + TAU * i, phases[1] + TAU * (j + f64::from(slant) * i), parameters)
+    });
+    let at = |i: u32, j: u32| (i % around) * across + j % across;
+    let faces = (0..around).flat_map(|i| {
+        (0..across).flat_map(move |j| {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        })
+    });
+    Mesh::new(vertices.collect(), faces.collect())
+}
+
+pub(super) fn ring_places(parameters: &[f64]) -> Vec<(&'static str, Vec3)> {
+    let at = [
+        ("outer-0", 0.0, 0.0),
+        ("outer-1", 0.25, 0.0),
+        ("outer-2", 0.5, 0.0),
+        ("outer-3", 0.75, 0.0),
+        ("upper-0", 0.0, 0.25),
+        ("upper-1", 0.25, 0.25),
+        ("upper-2", 0.5, 0.25),
+        ("upper-3", 0.75, 0.25),
+        ("inner-0", 0.0, 0.5),
+        ("inner-2", 0.5, 0.5),
+    ];
+    at.into_iter().map(|(name, around, across)| (name, on_ring(TAU * around, TAU * across, parameters))).collect()
+}

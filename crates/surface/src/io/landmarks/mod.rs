@@ -1,0 +1,264 @@
+//! Landmarks: named points that a person set, in the files that they are kept in.
+//!
+//! | format | names | frame |
+//! |---|---|---|
+//! | 3D Slicer's markups | `.mrk.json` | `coordinateSystem` of each list, LPS or RAS |
+//! | 3D Slicer's former fiducials | `.fcsv` | `# CoordinateSystem = `, LPS, RAS, 0 (RAS) or 1 (LPS) |
+//! | a list of `{"id": "A", "coordinates": [x, y, z]}` | `.json` | not said |
+//! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a line of names | not said |
+//!
+//! Positions are read as stored, as surfaces' are, and in the file's unit; what a file says of its frame comes with them.
+//! Slicer writes landmarks and meshes in LPS, so the two agree as stored. A surface from elsewhere may be in RAS (GIfTI and
+//! FreeSurfer are): [`Landmarks::in_frame`] turns the landmarks, and [`Landmarks::laid_on`] finds out by the surface itself
+//! whether they have to be turned.
+
+mod json;
+mod placed;
+mod table;
+
+use std::collections::{HashMap, HashSet};
+use std::io::Write;
+use std::path::Path;
+
+pub use placed::Placed;
+
+use super::atomic::write_new;
+use super::flaw::{Flaw, shown};
+use crate::error::SurfaceError;
+use crate::geometry::Vec3;
+
+/// Longest file of landmarks that is read; Slicer takes some 600 bytes a landmark.
+const MOST_BYTES: u64 = 16 << 20;
+
+/// Anatomical axes that a file's positions go along. Each is the other turned by half a turn about the third axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Frame {
+    /// Left, posterior, superior: DICOM's and ITK's, and that of what Slicer writes.
+    Lps,
+    /// Right, anterior, superior: NIfTI's, GIfTI's and FreeSurfer's.
+    Ras,
+}
+
+impl Frame {
+    /// `LPS` or `RAS`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Lps => "LPS",
+            Self::Ras => "RAS",
+        }
+    }
+
+    /// The other one.
+    fn other(self) -> Self {
+        match self {
+            Self::Lps => Self::Ras,
+            Self::Ras => Self::Lps,
+        }
+    }
+
+    /// By its name, or by the number that Slicer wrote before: 0 is RAS, 1 is LPS.
+    #[must_use]
+    pub fn named(text: &str) -> Option<Self> {
+        match text.trim() {
+            "LPS" | "1" => Some(Self::Lps),
+            "RAS" | "0" => Some(Self::Ras),
+            _ => None,
+        }
+    }
+}
+
+/// The named points of one subject; names are there once, positions are finite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Landmarks {
+    /// Names, (n).
+    pub names: Vec<String>,
+    /// Positions, (n), in the file's unit.
+    pub points: Vec<Vec3>,
+    /// The frame of the positions, where the file says it.
+    pub frame: Option<Frame>,
+}
+
+/// What the landmarks of several subjects have in common.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Matched {
+    /// Names that every subject has, in the first one's order, (n).
+    pub names: Vec<String>,
+    /// Their positions, (subjects) of (n).
+    pub points: Vec<Vec<Vec3>>,
+    /// Of each subject, names that it has and some other hasn't, (subjects).
+    pub alone: Vec<Vec<String>>,
+}
+
+impl Landmarks {
+    /// Checks that names are there once, and that each has a finite position.
+    ///
+    /// # Errors
+    ///
+    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), with the landmark's number
+    /// in place of a path's line.
+    pub fn new(names: Vec<String>, points: Vec<Vec3>, frame: Option<Frame>) -> Result<Self, SurfaceError> {
+        if names.len() != points.len() {
+            let (expected, found) = (names.len(), points.len());
+            return Err(SurfaceError::LengthMismatch { what: "positions of landmarks", expected, found });
+        }
+        let mut gathered = Gathered::default();
+        for (index, (name, point)) in names.iter().zip(points).enumerate() {
+            let added = gathered.add(&format!("landmark {index} (counted from 0)"), name, point);
+            added.map_err(|flaw| flaw.at(Path::new("landmarks"), "landmarks"))?;
+        }
+        Ok(gathered.landmarks(frame))
+    }
+
+    /// Reads a file, whose format its name says.
+    ///
+    /// # Errors
+    ///
+    /// [`UnknownFormat`](SurfaceError::UnknownFormat) by the name; [`Io`](SurfaceError::Io), also for a file of more than
+    /// 16 MiB; [`Empty`](SurfaceError::Empty); [`Malformed`](SurfaceError::Malformed), which names the line or the entry,
+    /// for what isn't the format, for a name that is there twice or empty, and for coordinates that are missing or not
+    /// finite; [`Unsupported`](SurfaceError::Unsupported) for markups in another unit than mm.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, SurfaceError> {
+        let path = path.as_ref();
+        let format = Format::of(path)?;
+        let text = spharm_files::read_text(path, MOST_BYTES).map_err(|cause| SurfaceError::Io {
+            path: path.to_owned(),
+            action: "read",
+            cause,
+        })?;
+        let found = match format {
+            Format::Markups | Format::List => json::read(&text),
+            Format::Fiducials => table::read_fiducials(&text),
+            Format::Csv => table::read(&text, b','),
+            Format::Tsv => table::read(&text, b'\t'),
+        };
+        let found = found.map_err(|flaw| flaw.at(path, format.title()))?;
+        if found.names.is_empty() {
+            return Err(SurfaceError::Empty { path: path.to_owned(), what: "landmark" });
+        }
+        Ok(found)
+    }
+
+    /// Writes a file in the format its name asks for, whole or not at all. Slicer's formats have to have a frame: landmarks
+    /// without one are said to be in LPS, which Slicer takes meshes to be in that don't say theirs, so that the two agree.
+    ///
+    /// # Errors
+    ///
+    /// [`UnknownFormat`](SurfaceError::UnknownFormat), and those of [`write_new`].
+    pub fn write(&self, path: impl AsRef<Path>, overwrite: bool) -> Result<(), SurfaceError> {
+        let path = path.as_ref();
+        let bytes = match Format::of(path)? {
+            Format::Markups => json::markups(self),
+            Format::List => json::list(self),
+            Format::Fiducials => table::fiducials(self),
+            Format::Csv => table::text(self, b','),
+            Format::Tsv => table::text(self, b'\t'),
+        };
+        write_new(path, overwrite, |out: &mut dyn Write| out.write_all(&bytes))
+    }
+
+    /// Returns the landmarks along the axes of `frame`; as they are if the file didn't say theirs.
+    #[must_use]
+    pub fn in_frame(&self, frame: Frame) -> Self {
+        match self.frame {
+            Some(own) if own != frame => Self { frame: Some(frame), ..self.turned() },
+            _ => self.clone(),
+        }
+    }
+
+    /// Half a turn about the third axis.
+    fn turned(&self) -> Self {
+        Self { points: self.points.iter().map(|&[x, y, z]| [-x, -y, z]).collect(), ..self.clone() }
+    }
+
+    /// Matches the landmarks of subjects by their names.
+    ///
+    /// Frames aren't looked at: see [`in_frame`](Self::in_frame). No name may be common to all, which leaves none.
+    pub fn matched(subjects: &[Self]) -> Matched {
+        let places: Vec<HashMap<&str, usize>> = subjects
+            .iter()
+            .map(|subject| subject.names.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect())
+            .collect();
+        let common = |name: &&String| places.iter().all(|names| names.contains_key(name.as_str()));
+        let first = subjects.first().map_or(&[][..], |subject| &subject.names);
+        let names: Vec<String> = first.iter().filter(common).cloned().collect();
+        let points = subjects.iter().zip(&places).map(|(subject, places)| {
+            names.iter().filter_map(|name| places.get(name.as_str()).map(|&i| subject.points[i])).collect()
+        });
+        let alone = subjects.iter().map(|subject| subject.names.iter().filter(|name| !common(name)).cloned().collect());
+        Matched { points: points.collect(), alone: alone.collect(), names }
+    }
+}
+
+/// A format, by the name of its files.
+#[derive(Clone, Copy)]
+enum Format {
+    Markups,
+    List,
+    Fiducials,
+    Csv,
+    Tsv,
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self, SurfaceError> {
+        let name = path.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        let endings = [
+            (".mrk.json", Self::Markups),
+            (".json", Self::List),
+            (".fcsv", Self::Fiducials),
+            (".csv", Self::Csv),
+            (".tsv", Self::Tsv),
+        ];
+        let found = endings.into_iter().find(|(ending, _)| name.ends_with(ending));
+        found.map(|(_, format)| format).ok_or_else(|| SurfaceError::UnknownFormat {
+            path: path.to_owned(),
+            expected: "landmarks: .mrk.json, .fcsv, .json, .csv or .tsv".to_owned(),
+            found: path.extension().map_or("no ending".to_owned(), |ending| ending.to_string_lossy().into_owned()),
+        })
+    }
+
+    fn title(self) -> &'static str {
+        match self {
+            Self::Markups => "Slicer's markups",
+            Self::List => "a list of landmarks",
+            Self::Fiducials => "Slicer's fiducials",
+            Self::Csv | Self::Tsv => "a table of landmarks",
+        }
+    }
+}
+
+/// Landmarks while they are read: what each has to be is checked in one place.
+#[derive(Default)]
+struct Gathered {
+    names: Vec<String>,
+    points: Vec<Vec3>,
+    known: HashSet<String>,
+}
+
+impl Gathered {
+    /// Adds a landmark of a place in the file, such as "line 3".
+    fn add(&mut self, at: &str, name: &str, point: Vec3) -> Result<(), Flaw> {
+        let name = name.trim();
+        if name.is_empty() {
+            return Err(Flaw::new(format!("a name in {at}"), "none"));
+        }
+        if let Some(value) = point.iter().find(|value| !value.is_finite()) {
+            return Err(Flaw::new(format!("finite coordinates in {at}"), value.to_string()));
+        }
+        if !self.known.insert(name.to_owned()) {
+            let found = format!("{} again in {at}", shown(name.as_bytes()));
+            return Err(Flaw::new("each name once", found));
+        }
+        self.names.push(name.to_owned());
+        self.points.push(point);
+        Ok(())
+    }
+
+    fn landmarks(self, frame: Option<Frame>) -> Landmarks {
+        Landmarks { names: self.names, points: self.points, frame }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,49 @@
+//! Whether landmarks lie on a surface, and in which of two frames.
+
+use super::Landmarks;
+use crate::mesh::Mesh;
+use crate::nearest::TriangleTree;
+
+/// How far nearer to the surface landmarks have to be after half a turn than before, to be turned: frames mirror both of the
+/// axes that they differ in, so that landmarks of a scan are a hundred millimetres off in the wrong one.
+const NEARER: f64 = 4.0;
+
+/// Landmarks beside a surface.
+#[derive(Debug, Clone)]
+pub struct Placed {
+    /// The landmarks, turned if `turned`.
+    pub landmarks: Landmarks,
+    /// Distance of each from the surface, (n), in its unit.
+    pub distances: Vec<f64>,
+    /// Whether they were turned from LPS to RAS, or back, as they then are at least four times nearer to the surface in the
+    /// median. To be said: the surface's file and theirs are in different frames.
+    pub turned: bool,
+}
+
+impl Landmarks {
+    /// Measures how far landmarks are from their subject's surface, and turns them into the other frame if they lie much
+    /// nearer to it there. Landmarks whose file doesn't say their frame aren't turned.
+    #[must_use]
+    pub fn laid_on(&self, surface: &Mesh) -> Placed {
+        let tree = TriangleTree::new(surface);
+        let distances = |landmarks: &Self| -> Vec<f64> {
+            let distance = |&point: &_| tree.nearest(point).map_or(f64::INFINITY, |found| found.distance);
+            landmarks.points.iter().map(distance).collect()
+        };
+        let stored = distances(self);
+        if let Some(frame) = self.frame {
+            let other = self.in_frame(frame.other());
+            let there = distances(&other);
+            if NEARER * median(&there) < median(&stored) {
+                return Placed { landmarks: other, distances: there, turned: true };
+            }
+        }
+        Placed { landmarks: self.clone(), distances: stored, turned: false }
+    }
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut values = values.to_vec();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}

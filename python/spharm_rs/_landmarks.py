@@ -1,0 +1,107 @@
+"""Landmarks: named points that a person set, and their files."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._surface import Path
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """The named points of one subject.
+
+    Attributes
+    ----------
+    names : tuple of str, n
+        Each once.
+    points : ndarray of float, (n, 3)
+        In the file's unit.
+    frame : str, optional
+        ``"LPS"`` or ``"RAS"``, where the file says it.
+    """
+
+    names: tuple[str, ...]
+    points: Floats
+    frame: str | None = None
+
+    def __post_init__(self) -> None:
+        points = _arrays.positions("points", self.points)
+        object.__setattr__(self, "names", tuple(self.names))
+        object.__setattr__(self, "points", points)
+        if len(self.names) != len(points) or len(set(self.names)) != len(points):
+            raise ValueError(f"names: expected {len(points)} different ones, found {len(self.names)}, {len(set(self.names))} of them different")
+        if self.frame not in (None, "LPS", "RAS"):
+            raise ValueError(f"frame: expected LPS or RAS, found {self.frame!r}")
+
+    def __len__(self) -> int:
+        """Number of landmarks, n."""
+        return len(self.names)
+
+    def in_frame(self, frame: str) -> Landmarks:
+        """Returns the landmarks along the axes of ``"LPS"`` or ``"RAS"``; as they are if their own aren't known.
+
+        Parameters
+        ----------
+        frame : str
+        """
+        if frame not in ("LPS", "RAS"):
+            raise ValueError(f"frame: expected LPS or RAS, found {frame!r}")
+        if self.frame in (None, frame):
+            return self
+        return Landmarks(self.names, self.points * [-1.0, -1.0, 1.0], frame)
+
+
+def read_landmarks(path: Path) -> Landmarks:
+    """Reads landmarks: 3D Slicer's ``.mrk.json`` and ``.fcsv``, a list in JSON, or a table ``name,x,y,z`` (``.csv``, ``.tsv``).
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+
+    Returns
+    -------
+    Landmarks
+        Positions as they are in the file, see `Landmarks.in_frame`.
+    """
+    names, points, frame = _core.read_landmarks(os.fspath(path))
+    return Landmarks(tuple(names), points, frame)
+
+
+def write_landmarks(path: Path, landmarks: Landmarks, *, overwrite: bool = False) -> None:
+    """Writes landmarks in the format that the name asks for, those of `read_landmarks`.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+    landmarks : Landmarks
+        Without a frame they are said to be in LPS in Slicer's files, as Slicer takes meshes to be.
+    overwrite : bool
+        Replace a file that is there.
+    """
+    if not isinstance(landmarks, Landmarks):
+        raise TypeError(f"landmarks: expected Landmarks, found {type(landmarks).__name__}")
+    _core.write_landmarks(os.fspath(path), landmarks.names, landmarks.points, landmarks.frame, overwrite=bool(overwrite))
+
+
+def matched(landmarks: Sequence[Landmarks | ArrayLike | Path], members: int) -> tuple[tuple[str, ...] | None, list[Floats]]:
+    """Returns the names that all members have, in the first one's order, and their positions; arrays have no names."""
+    found = [read_landmarks(item) if isinstance(item, (str, os.PathLike)) else item for item in landmarks]
+    if len(found) != members:
+        raise ValueError(f"landmarks: expected those of {members} members, found {len(found)}")
+    named = [item for item in found if isinstance(item, Landmarks)]
+    if not named:
+        return None, [_arrays.positions(f"landmarks[{index}]", item) for index, item in enumerate(found)]  # type: ignore[arg-type]
+    if len(named) != members:
+        raise ValueError("landmarks: expected names of all members, or arrays of all")
+    names = tuple(name for name in named[0].names if all(name in item.names for item in named))
+    if not names:
+        raise ValueError("landmarks: no name is common to all members")
+    return names, [np.array([item.points[item.names.index(name)] for name in names]) for item in named]

@@ -1,0 +1,94 @@
+//! Landmarks of models: finding their files, matching their names, and saying where they can't be right.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use spharm::Coefficients;
+use spharm_cli::console::Console;
+use spharm_cli::output::first_of;
+use spharm_cli::paths::model_name;
+use spharm_harmonics::Directions;
+use spharm_surface::generate::icosphere;
+use spharm_surface::geometry::{Vec3, bounds, dot, sub};
+use spharm_surface::io::landmarks::Landmarks;
+use spharm_transform::synthesis;
+
+/// Endings of landmarks' files, those that are part of others last.
+const ENDINGS: [&str; 5] = [".mrk.json", ".fcsv", ".json", ".csv", ".tsv"];
+/// Part of a surface's extent that a landmark may lie off it without a word.
+const OFF: f64 = 0.05;
+
+/// The same places of every model.
+pub(super) struct Marks {
+    pub(super) names: Vec<String>,
+    /// In the models' frames, (models) of (names).
+    pub(super) points: Vec<Vec<Vec3>>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Reads the landmarks of models, if any are named.
+pub(super) fn of_models(
+    named: &[PathBuf],
+    models: &[PathBuf],
+    members: &[Coefficients],
+    console: &Console,
+) -> Result<Option<Marks>> {
+    if named.is_empty() {
+        return Ok(None);
+    }
+    let files = files(named, models)?;
+    let sphere = icosphere(4);
+    let directions = Directions::from_vertices(&sphere.vertices)?;
+    let mut warnings = Vec::new();
+    let mut subjects = Vec::with_capacity(files.len());
+    for (file, member) in files.iter().zip(members) {
+        let values = synthesis(&directions, member.values().view())?;
+        let vertices: Vec<Vec3> = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+        let (low, high) = bounds(vertices.iter().copied());
+        let extent = dot(sub(high, low), sub(high, low)).sqrt();
+        let placed = Landmarks::read(file)?.laid_on(&sphere.with_vertices(vertices));
+        if placed.turned {
+            warnings.push(format!("{}: turned from LPS to RAS, or back, to lie on its surface", file.display()));
+        }
+        let far =
+            |(name, distance): (&String, &f64)| (*distance > OFF * extent).then(|| format!("{name} ({distance:.3})"));
+        let off: Vec<String> = placed.landmarks.names.iter().zip(&placed.distances).filter_map(far).collect();
+        if !off.is_empty() {
+            let off = first_of(off.iter().map(String::as_str), 5);
+            warnings.push(format!("{}: far from its surface: {off}", file.display()));
+        }
+        subjects.push(placed.landmarks);
+    }
+    let matched = Landmarks::matched(&subjects);
+    if matched.names.is_empty() {
+        bail!("--landmarks: no name is in all {} files", files.len());
+    }
+    for (file, alone) in files.iter().zip(&matched.alone).filter(|(_, alone)| !alone.is_empty()) {
+        let names = first_of(alone.iter().map(String::as_str), 5);
+        warnings.push(format!("{}: not in every file, left out: {names}", file.display()));
+    }
+    warnings.iter().for_each(|warning| console.warn(warning));
+    Ok(Some(Marks { names: matched.names, points: matched.points, warnings }))
+}
+
+/// A file for each model.
+fn files(named: &[PathBuf], models: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    if let [folder] = named
+        && folder.is_dir()
+    {
+        return models.iter().map(|model| in_folder(folder, model)).collect();
+    }
+    if named.len() != models.len() {
+        bail!("--landmarks: expected a folder or a file for each of {} models, found {}", models.len(), named.len());
+    }
+    Ok(named.to_vec())
+}
+
+fn in_folder(folder: &Path, model: &Path) -> Result<PathBuf> {
+    let name = model_name(model);
+    let found = ENDINGS.iter().map(|ending| folder.join(format!("{name}{ending}"))).find(|path| path.exists());
+    match found {
+        Some(path) => Ok(path),
+        None => bail!("{}: no landmarks of {name}: expected {name}{} there", folder.display(), ENDINGS.join(", ")),
+    }
+}

@@ -1,0 +1,214 @@
+//! `shape quality`: how well a group corresponds, and what its modes stand for.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Result;
+use clap::Args;
+use serde_json::{Value, json};
+use spharm::Kind;
+use spharm::shape::{Curve, GroupQuality, QualityParams, group_quality};
+use spharm_cli::help::{self, METHOD, OUTPUT};
+use spharm_cli::memory::round_numbers_below;
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::paths::{all_shown, shown};
+use spharm_render::{Curve as Drawn, CurvePanel, render_curves, write_png};
+use spharm_surface::generate::icosphere_counts;
+use spharm_surface::io::WriteOptions;
+
+use super::args::{Models, ReportArgs, Resources};
+use super::groups::read_group;
+use super::landmarks;
+use super::outputs::{check_beside, finish};
+use super::plan::Plan;
+
+/// Measure how well a group corresponds: compactness, generalisation, specificity, landmarks
+///
+/// Of models that correspond, as those of `spharm shape align --group`; their place in space doesn't count. Places weigh by
+/// the area about them; distances between surfaces are by nearest points. Bands of 95 % are of a bootstrap over the members.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape quality aligned --curves quality.png -o quality.json",
+        "spharm shape quality aligned --rigid --landmarks landmarks/ --modes 5",
+    ],
+    &[
+        "Generalisation is the mean distance of a member from the modes of the others, specificity that of a random shape \
+         from the nearest member, in the surfaces' unit, with 1, 2, ... modes. Both get smaller where directions slide to \
+         places in which members differ least: landmarks tell whether places correspond.",
+    ],
+))]
+pub(super) struct Cli {
+    #[command(flatten)]
+    models: Models,
+    /// Highest degree [default: the lowest of the models']
+    #[arg(long, value_name = "L", help_heading = METHOD)]
+    max_degree: Option<usize>,
+    /// Most modes to measure
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = METHOD)]
+    modes: u16,
+    /// Random shapes for the specificity
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..), help_heading = METHOD)]
+    samples: u64,
+    /// Bootstrap samples for the bands; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(0..=100_000), help_heading = METHOD)]
+    bands: u32,
+    /// Subdivisions of the icosphere that models are evaluated on
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(2..=7), help_heading = METHOD)]
+    icosphere: u32,
+    /// Bring members rigidly together first, by area, at equal directions
+    #[arg(long, help_heading = METHOD)]
+    rigid: bool,
+    /// Leave out distances between surfaces, which take most of the time
+    #[arg(long, help_heading = METHOD)]
+    no_surfaces: bool,
+    /// Landmarks of the models, in their own frames
+    ///
+    /// A folder with a file named as each model, or as many files, in the models' order: .mrk.json, .fcsv, .json, .csv or
+    /// .tsv. Names that all of them have are compared.
+    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = METHOD)]
+    landmarks: Vec<PathBuf>,
+    /// Seed of the random shapes and of the bootstrap
+    #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
+    seed: u64,
+    /// JSON file to write all measures to
+    #[arg(short, long, value_name = "OUT.json", help_heading = OUTPUT)]
+    output: Option<PathBuf>,
+    /// Picture of the curves and their bands to write
+    #[arg(long, value_name = "OUT.png", help_heading = OUTPUT)]
+    curves: Option<PathBuf>,
+    /// Print the measures as JSON in place of the table
+    #[arg(long, help_heading = OUTPUT)]
+    json: bool,
+    /// Replace outputs that exist
+    #[arg(long, help_heading = OUTPUT)]
+    force: bool,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let paths = cli.models.paths()?;
+    let report = ReportArgs { report: None, json: cli.json, force: cli.force };
+    let outputs = [
+        cli.output.as_deref().map(|path| OutputFile::with_ending(path, "--output", &[".json"])),
+        cli.curves.as_deref().map(|path| OutputFile::with_ending(path, "--curves", &[".png"])),
+    ];
+    check_beside(&paths, outputs.into_iter().flatten(), &report)?;
+    let plan = Plan::new("quality", &paths, cli.resources.both())?;
+    let (modes, [directions, _]) = (usize::from(cli.modes), icosphere_counts(cli.icosphere));
+    let needed = |samples: u64| {
+        let samples = usize::try_from(samples).unwrap_or(usize::MAX);
+        plan.coefficients().saturating_add(plan.group.quality(directions, modes, samples, plan.threads))
+    };
+    let fewer = round_numbers_below(cli.samples).map(|n| (format!("--samples {n}"), needed(n)));
+    plan.check(needed(cli.samples), fewer)?;
+    let params = QualityParams {
+        modes,
+        samples: usize::try_from(cli.samples)?,
+        bands: cli.bands as usize,
+        subdivisions: cli.icosphere,
+        rigid: cli.rigid,
+        surfaces: !cli.no_surfaces,
+        seed: cli.seed,
+    };
+    let (group, marks, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
+        let group = read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console())?;
+        let marks = landmarks::of_models(&cli.landmarks, &paths, &group.members, monitor.console())?;
+        let points = marks.as_ref().map(|marks| marks.points.as_slice());
+        let found = group_quality(&group.members, points, &params, monitor)?;
+        Ok((group, marks, found))
+    })?;
+    let names = marks.as_ref().map_or(&[][..], |marks| &marks.names);
+    let warnings: Vec<&String> = group.warnings.iter().chain(marks.iter().flat_map(|marks| &marks.warnings)).collect();
+    let whole = json!({
+        "output": cli.output.as_ref().map(shown),
+        "curves": cli.curves.as_ref().map(shown),
+        "models": all_shown(&paths),
+        "degree": group.degree,
+        "directions": directions,
+        "samples": cli.samples,
+        "bands": cli.bands,
+        "rigid": cli.rigid,
+        "seed": cli.seed,
+        "variance": found.variance,
+        "variances": found.variances,
+        "compactness": curve(&found.compactness),
+        "generalisation": curve(&found.generalisation),
+        "specificity": curve(&found.specificity),
+        "surface_generalisation": found.surface_generalisation.as_ref().map(curve),
+        "surface_specificity": found.surface_specificity.as_ref().map(curve),
+        "landmarks": found.landmarks.as_ref().map(|errors| json!({
+            "names": names,
+            "mean": errors.mean,
+            "median": errors.median,
+            "band": errors.band,
+            "by_landmark": errors.by_landmark,
+            "off_surface": errors.off,
+        })),
+        "warnings": warnings,
+        "seconds": started.elapsed().as_secs_f64(),
+    });
+    if let Some(path) = &cli.curves {
+        prepare(path)?;
+        let picture = render_curves(&panels(&found))?;
+        write_png(path, &picture, &WriteOptions { overwrite: cli.force, double: false })?;
+    }
+    finish("quality", &whole, &rows(&found), &ReportArgs { report: cli.output.clone(), ..report })?;
+    if let Some(errors) = &found.landmarks {
+        let band = errors.band.map(|[low, high]| format!(" ({low:.3} to {high:.3})")).unwrap_or_default();
+        let apart = format!("landmarks apart: mean {:.3}{band}, median {:.3}", errors.mean, errors.median);
+        monitor.console().note(apart);
+    }
+    Ok(())
+}
+
+fn curve(curve: &Curve) -> Value {
+    let band = |ends: &Vec<f64>| (!ends.is_empty()).then(|| ends.clone());
+    json!({ "values": curve.values, "low": band(&curve.low), "high": band(&curve.high) })
+}
+
+/// The table: each measure with its band.
+fn rows(found: &GroupQuality) -> Vec<Vec<String>> {
+    let mut names = vec!["modes", "compactness", "generalisation", "specificity"];
+    if found.surface_generalisation.is_some() {
+        names.extend(["generalisation (surface)", "specificity (surface)"]);
+    }
+    let mut rows: Vec<Vec<String>> = vec![names.into_iter().map(str::to_owned).collect()];
+    let with_band = |curve: &Curve, k: usize, text: &dyn Fn(f64) -> String| {
+        let band = curve.low.get(k).zip(curve.high.get(k));
+        let band = band.map(|(low, high)| format!(" ({} to {})", text(*low), text(*high)));
+        text(curve.values[k]) + &band.unwrap_or_default()
+    };
+    let (share, length) = (|value: f64| format!("{value:.3}"), |value: f64| format!("{value:.4}"));
+    for k in 0..found.variances.len().min(20) {
+        let mut row = vec![(k + 1).to_string(), with_band(&found.compactness, k, &share)];
+        let lengths = [Some(&found.generalisation), Some(&found.specificity)];
+        let surfaces = [found.surface_generalisation.as_ref(), found.surface_specificity.as_ref()];
+        row.extend(lengths.into_iter().chain(surfaces).flatten().map(|curve| with_band(curve, k, &length)));
+        rows.push(row);
+    }
+    rows
+}
+
+/// The picture: points, and surfaces beside them where they were measured.
+fn panels(found: &GroupQuality) -> Vec<CurvePanel<'_>> {
+    vec![
+        panel("compactness", &found.compactness, None),
+        panel("generalisation", &found.generalisation, found.surface_generalisation.as_ref()),
+        panel("specificity", &found.specificity, found.surface_specificity.as_ref()),
+    ]
+}
+
+fn panel<'a>(title: &'a str, points: &'a Curve, surfaces: Option<&'a Curve>) -> CurvePanel<'a> {
+    let mut curves = vec![drawn("at equal directions", points)];
+    curves.extend(surfaces.map(|curve| drawn("between surfaces", curve)));
+    CurvePanel { title, x_label: "modes", curves }
+}
+
+fn drawn<'a>(label: &'a str, Curve { values, low, high }: &'a Curve) -> Drawn<'a> {
+    Drawn { label, values, band: [low, high] }
+}
