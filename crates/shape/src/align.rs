@@ -315,7 +315,7 @@ fn by_ellipsoids(
             let distance = distance(&rows, &orthogonal, &g.rows);
             if best.as_ref().is_none_or(|best| distance < best.distance) {
                 let correlation = crate::refine::outer(&g.rows, &rows);
-                let values = crate::kabsch::svd(&correlation).values;
+                let values = spharm_surface::kabsch::svd(&correlation).values;
                 let sign = if determinant(&correlation) < 0.0 { -1.0 } else { 1.0 };
                 let singular_values = [values[0], values[1], sign * values[2]];
                 best = Some(Fit { rotation, orthogonal, distance, stiffness: 1.0, singular_values });

@@ -1,7 +1,7 @@
 //! The joint search over both rotations of a pair of surfaces.
 //!
 //! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given R is
-//! closed form ([`kabsch`](crate::kabsch)), so that one [grid](crate::so3_grid) of R searches both rotations; its best
+//! closed form ([`kabsch`](spharm_surface::kabsch)), so that one [grid](crate::so3_grid) of R searches both rotations; its best
 //! local maxima are [refined](mod@crate::refine), and so are the four rotations that give both surfaces'
 //! [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be nearly alike. Where mirror images are allowed, Q may be a reflection, and f(-u) is
 //! searched beside f(u).
@@ -12,12 +12,12 @@ use spharm_monitor::Monitor;
 
 use crate::foe::common_axes;
 use crate::half_turn::Workspace;
-use crate::kabsch::svd;
 use crate::matrix3::determinant;
 use crate::refine::{Fit, Target, distance, outer, refine};
 use crate::rotate::Rotator;
 use crate::rotation::Rotation;
 use crate::so3_grid::{Peak, So3Grid};
+use spharm_surface::kabsch::svd;
 
 /// A surface without row 0, scaled to norm 1.
 #[derive(Debug, Clone)]
@@ -174,7 +174,7 @@ fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
 pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
     let correlation = outer(g, f);
     let values = svd(&correlation).values;
-    let orthogonal = crate::kabsch::kabsch(&correlation, mirror);
+    let orthogonal = spharm_surface::kabsch::kabsch(&correlation, mirror);
     let sign = if determinant(&correlation) < 0.0 { -1.0 } else { 1.0 };
     Fit {
         rotation: Rotation::IDENTITY,

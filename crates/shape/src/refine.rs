@@ -1,7 +1,7 @@
 //! Two surfaces brought together from a rotation near the best one.
 //!
 //! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is made largest over the rotations R of the parameters
-//! and Q of space. Q follows from R in closed form ([`kabsch`](crate::kabsch)). Around (R, Q), for turns w and v,
+//! and Q of space. Q follows from R in closed form ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for turns w and v,
 //!
 //! ```text
 //! phi(w, v) = -<g, exp(v x) Q exp(-w.L) R f>
@@ -16,10 +16,10 @@ use spharm_monitor::Monitor;
 
 use crate::derivatives::generators;
 use crate::half_turn::Workspace;
-use crate::kabsch::{kabsch, svd};
 use crate::matrix3::{Matrix3, determinant, dot, product, transposed};
 use crate::rotate::Rotator;
 use crate::rotation::Rotation;
+use spharm_surface::kabsch::{kabsch, svd};
 
 /// A surface that others are brought to.
 #[derive(Debug)]

@@ -19,10 +19,10 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};
 
-use crate::kabsch::best_trace;
 use crate::matrix3::Matrix3;
 use crate::quarter::{Centre, dense};
 use crate::rotation::Rotation;
+use spharm_surface::kabsch::best_trace;
 
 /// The grid and what its sums need.
 pub(crate) struct So3Grid {
