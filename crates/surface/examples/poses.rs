@@ -12,8 +12,9 @@ use spharm_monitor::Silent;
 use spharm_surface::generate::{SplitMix64, icosphere};
 use spharm_surface::geometry::{Vec3, dot, sub};
 use spharm_surface::io::read_mesh;
+use spharm_surface::kabsch::kabsch;
 use spharm_surface::matrix3::{Matrix3, of_quaternion, times};
-use spharm_surface::pose::{PoseParams, PoseSurface, distance, improved, pose};
+use spharm_surface::pose::{PoseParams, PoseSurface, distance, group_poses, improved, pose};
 use spharm_surface::{Mesh, Similarity};
 
 type Failure = Box<dyn std::error::Error>;
@@ -32,14 +33,84 @@ fn main() -> Result<(), Failure> {
     for kind in ["vertebrae"].into_iter().chain(KINDS) {
         let pairs: Vec<(Mesh, Mesh)> = match kind {
             "vertebrae" => (0..count.min(vertebrae.len()))
-                .map(|i| (vertebrae[i].clone(), vertebrae[(i + 3) % vertebrae.len()].clone()))
+                .map(|i| (vertebrae[i].mesh.clone(), vertebrae[(i + 3) % vertebrae.len()].mesh.clone()))
                 .collect(),
             _ => (0..count).map(|_| bodies(kind, &mut random)).collect(),
         };
         let row = missed(&pairs, rotations, &mut random)?;
         println!("{kind}, {}, {}, {:.3}, {:.4}, {:.4}", row.missed, row.poses, row.worst, row.seconds, row.building);
     }
+    landmarks(&vertebrae)
+}
+
+/// How far each vertebra's landmarks lie from the mean of the others' after a group's poses, over what the best rigid motions of
+/// the landmarks leave.
+fn landmarks(vertebrae: &[Vertebra]) -> Result<(), Failure> {
+    let surfaces: Vec<PoseSurface> = vertebrae.iter().filter_map(|v| PoseSurface::new(&v.mesh)).collect();
+    let start = Instant::now();
+    let found = group_poses(&surfaces, &PoseParams::default(), &Silent)?;
+    let seconds = start.elapsed().as_secs_f64();
+    found.warnings.iter().for_each(|warning| println!("{warning}"));
+    let moved = |similarities: &[Similarity]| -> Vec<Vec<Vec3>> {
+        let of = |(v, s): (&Vertebra, &Similarity)| v.landmarks.iter().map(|p| s.apply(*p)).collect();
+        vertebrae.iter().zip(similarities).map(of).collect()
+    };
+    let by_surfaces = from_others(&moved(&found.similarities));
+    let mut best = found.similarities.clone();
+    for _ in 0..200 {
+        let now = moved(&best);
+        for (member, similarity) in best.iter_mut().enumerate() {
+            *similarity = similarity.then(&onto(&now[member], &mean_of_others(&now, member)));
+        }
+    }
+    let by_landmarks = from_others(&moved(&best));
+    println!("vertebra, landmarks from the mean of the others' by surfaces, by landmarks, ratio");
+    for ((v, a), b) in vertebrae.iter().zip(&by_surfaces).zip(&by_landmarks) {
+        println!("{}, {a:.2}, {b:.2}, {:.3}", v.name, a / b);
+    }
+    println!("group: {seconds:.2} seconds, typical {}", vertebrae.get(found.template).map_or("", |v| &v.name));
     Ok(())
+}
+
+fn mean_of_others(landmarks: &[Vec<Vec3>], member: usize) -> Vec<Vec3> {
+    let others = landmarks.iter().enumerate().filter(|(other, _)| *other != member).map(|(_, points)| points);
+    let mut mean = vec![[0.0; 3]; landmarks[member].len()];
+    for points in others {
+        for (sum, p) in mean.iter_mut().zip(points) {
+            (0..3).for_each(|k| sum[k] += p[k] / (landmarks.len() - 1) as f64);
+        }
+    }
+    mean
+}
+
+/// Root mean squares.
+fn from_others(landmarks: &[Vec<Vec3>]) -> Vec<f64> {
+    let one = |member: usize| {
+        let mean = mean_of_others(landmarks, member);
+        let squares = landmarks[member].iter().zip(&mean).map(|(p, q)| dot(sub(*p, *q), sub(*p, *q)));
+        (squares.sum::<f64>() / mean.len() as f64).sqrt()
+    };
+    (0..landmarks.len()).map(one).collect()
+}
+
+/// The rigid motion that brings points nearest to others.
+fn onto(points: &[Vec3], others: &[Vec3]) -> Similarity {
+    let centre = |points: &[Vec3]| -> Vec3 {
+        std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64)
+    };
+    let (p, q) = (centre(points), centre(others));
+    let mut cross = Matrix3::default();
+    for (a, b) in points.iter().zip(others) {
+        let (a, b) = (sub(*a, p), sub(*b, q));
+        (0..3).for_each(|i| (0..3).for_each(|j| cross[i][j] += b[i] * a[j]));
+    }
+    about(p, q, kabsch(&cross, false))
+}
+
+struct Vertebra {
+    name: String,
+    mesh: Mesh,
+    landmarks: Vec<Vec3>,
 }
 
 struct Row {
@@ -100,13 +171,23 @@ fn about(from: Vec3, to: Vec3, orthogonal: Matrix3) -> Similarity {
     Similarity { orthogonal, scale: 1.0, translation: sub(to, times(&orthogonal, from)) }
 }
 
-fn vertebrae() -> Result<Vec<Mesh>, Failure> {
+fn vertebrae() -> Result<Vec<Vertebra>, Failure> {
     let Some(folder) = spharm_testdata::shared("vertebrae") else { return Ok(Vec::new()) };
     let mut paths: Vec<_> =
         std::fs::read_dir(folder)?.map(|entry| entry.map(|e| e.path())).collect::<Result<_, _>>()?;
     paths.retain(|path| path.extension().is_some_and(|ending| ending == "ply"));
     paths.sort();
-    Ok(paths.iter().map(read_mesh).collect::<Result<_, _>>()?)
+    let read = |path: &std::path::PathBuf| -> Result<Vertebra, Failure> {
+        let marks: serde_json::Value = serde_json::from_slice(&std::fs::read(path.with_extension("json"))?)?;
+        let coordinate = |mark: &serde_json::Value, k: usize| mark["coordinates"][k].as_f64().unwrap_or(f64::NAN);
+        let landmarks = marks.as_array().ok_or("no landmarks")?.iter();
+        Ok(Vertebra {
+            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            mesh: read_mesh(path)?,
+            landmarks: landmarks.map(|mark| std::array::from_fn(|k| coordinate(mark, k))).collect(),
+        })
+    };
+    paths.iter().map(read).collect()
 }
 
 /// Two bodies of a kind in the same pose.

@@ -70,6 +70,29 @@ pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rou
     motion
 }
 
+/// Returns the motion after one step to several surfaces at once, each of which lies where its own motion brings it.
+pub(super) fn step_to_all(
+    moving: View<'_>,
+    fixed: &[(View<'_>, Similarity)],
+    motion: &Similarity,
+    rounds: &Rounds,
+) -> Similarity {
+    let (mut pairs, mut all) = (Vec::new(), Vec::new());
+    for (view, own) in fixed {
+        gather(moving, *view, &motion.then(&own.inverse()), &mut pairs);
+        trim(&mut pairs, rounds.trimmed);
+        all.extend(pairs.drain(..).map(|pair| Pair {
+            place: own.apply(pair.place),
+            off: scale(times(&own.orthogonal, pair.off), own.scale),
+            normal: times(&own.orthogonal, pair.normal),
+            square: own.scale * own.scale * pair.square,
+        }));
+    }
+    let mut equations = Equations::new(centre(&all));
+    all.iter().for_each(|pair| equations.add(pair));
+    equations.with_points(rounds.tangential).step(rounds.scale).map_or(*motion, |(step, _)| motion.then(&step))
+}
+
 /// Returns the root mean square distance both ways after a motion, of all but the share `trimmed` of the pairs.
 pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, trimmed: f64) -> f64 {
     let mut pairs = Vec::new();

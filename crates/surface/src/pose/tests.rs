@@ -113,3 +113,42 @@ fn a_search_can_be_stopped() {
     let surface = PoseSurface::new(&lump(2)).unwrap();
     assert!(pose(&surface, &surface, &PoseParams::default(), &Stop).is_err());
 }
+
+#[test]
+fn a_group_comes_together_and_strangers_are_named() {
+    let ball = icosphere(4);
+    let mut random = SplitMix64::new(9);
+    let mut surfaces = Vec::new();
+    let mut moved = Vec::new();
+    for n in 0..6 {
+        // The last is a ball among lumps.
+        let mesh = match n {
+            5 => ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| 6.0 * x)).collect()),
+            _ => {
+                let wide = 1.0 + 0.02 * f64::from(n);
+                let lump = lump(4);
+                lump.with_vertices(lump.vertices.iter().map(|v| [v[0], wide * v[1], v[2]]).collect())
+            }
+        };
+        let to = Similarity { orthogonal: turn(&mut random), scale: 1.0, translation: [9.0, f64::from(n), -40.0] };
+        surfaces.push(PoseSurface::new(&to.apply_mesh(&mesh)).unwrap());
+        moved.push(to);
+    }
+    let found = group_poses(&surfaces, &PoseParams::default(), &Silent).unwrap();
+    let far: Vec<usize> = found
+        .warnings
+        .iter()
+        .filter(|w| matches!(w, GroupPoseWarning::Far { .. }))
+        .map(GroupPoseWarning::member)
+        .collect();
+    assert_eq!(far, [5], "{found:?}");
+    assert!(found.distances[..5].iter().all(|d| *d < 0.3), "{found:?}");
+    assert!(found.template < 5);
+    // All lumps are brought to the same place by what moved them and what brought them back.
+    let [first, second] = [0, 3].map(|n| moved[n].then(&found.similarities[n]));
+    let off = sub(first.apply([9.0, 0.0, 0.0]), second.apply([9.0, 0.0, 0.0]));
+    assert!(dot(off, off).sqrt() < 0.3, "{off:?}");
+    let same = group_poses(&surfaces, &PoseParams::default(), &Silent).unwrap();
+    assert_eq!(found, same);
+    assert_eq!(group_poses(&surfaces[..1], &PoseParams::default(), &Silent).unwrap().distances, [0.0]);
+}
