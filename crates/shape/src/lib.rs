@@ -65,6 +65,7 @@ pub mod codec;
 pub mod derivatives;
 pub mod descriptors;
 pub mod error;
+mod evaluated;
 pub mod even;
 pub mod extent;
 pub mod field;

@@ -23,14 +23,13 @@ use std::fmt;
 
 use ndarray::{ArrayView2, s};
 use rayon::prelude::*;
-use spharm_harmonics::{Coefficients, Directions, basis_size};
+use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::Monitor;
-use spharm_surface::generate::icosphere;
 use spharm_surface::matrix3::angle_between;
 use spharm_surface::pose::{PoseParams, PoseSurface, distance, improved, pose};
-use spharm_transform::{Transform, TransformParams};
 
 use crate::error::ShapeError;
+use crate::evaluated::Evaluated;
 use crate::transform::{SQRT_4_PI, Similarity};
 
 /// Least share of its distance that a turn has to save.
@@ -40,11 +39,6 @@ pub const FAR: f64 = 2.0;
 /// The same from a member, whose surface has more relief than a mean's: surfaces whose coefficients differ by noise
 /// alone have 2.0 to 2.3, hippocampi 2.1.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
-/// Vertices of the meshes: 2,562.
-const LEVEL: u32 = 4;
-/// Accuracy of the vertices, relative to the coefficients.
-const ACCURACY: f64 = 1e-6;
-
 /// Distances of the surfaces of a group from that of its mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfacePoses {
@@ -127,16 +121,9 @@ pub fn surface_poses(
     except: &[usize],
     monitor: &dyn Monitor,
 ) -> Result<SurfacePoses, ShapeError> {
-    let sphere = icosphere(LEVEL);
     let degree = mean.max_degree();
-    let params = TransformParams { max_degree: degree, accuracy: ACCURACY, channels: 3 };
-    let transform = Transform::new(&Directions::from_vertices(&sphere.vertices)?, &params)?;
-    // None of what is a point, or a line.
-    let surface = |coefficients: ArrayView2<'_, f64>| -> Result<Option<PoseSurface>, ShapeError> {
-        let rows = transform.synthesis(coefficients)?;
-        let vertices = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
-        Ok(PoseSurface::new(&sphere.with_vertices(vertices)))
-    };
+    let evaluated = Evaluated::new(degree)?;
+    let surface = |coefficients: ArrayView2<'_, f64>| evaluated.surface(coefficients);
     let of_mean = mean.values().view();
     let mean = surface(of_mean)?;
     let row = |member: usize| members[member].slice_move(s![..basis_size(degree), ..]);

@@ -235,8 +235,11 @@ impl Group<'_> {
     fn closer(&self, motions: &[Similarity], alike: &[bool]) -> Result<Vec<Similarity>, Interrupted> {
         let one = |member: usize| -> Result<Similarity, Interrupted> {
             self.monitor.check()?;
-            let others: Vec<_> =
-                self.others(member).map(|other| (self.surfaces[other].view(Density::Some), motions[other])).collect();
+            let others: Vec<_> = self
+                .others(member)
+                .filter(|other| alike[*other])
+                .map(|other| (self.surfaces[other].view(Density::Some), motions[other]))
+                .collect();
             let rounds = icp::Rounds {
                 most: 1,
                 rest: 0.0,

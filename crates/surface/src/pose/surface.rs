@@ -2,7 +2,7 @@
 
 use super::grid::Grid;
 use super::level::Level;
-use crate::geometry::{Vec3, dot, sub};
+use crate::geometry::{Vec3, cross, dot, sub};
 use crate::kabsch::svd;
 use crate::matrix3::{Matrix3, determinant, transposed};
 use crate::mesh::Mesh;
@@ -24,6 +24,8 @@ pub struct PoseSurface {
     pub lengths: Vec3,
     /// Its area, in the square of its unit.
     pub area: f64,
+    /// The volume that its triangles enclose with the centre, in the cube of its unit; below zero of one that is inside out.
+    pub volume: f64,
 }
 
 /// How closely a surface is looked at: by 256 points and a table, by 1,024, by 6,144.
@@ -61,10 +63,12 @@ impl PoseSurface {
         if points.len() + 1 < all {
             return None;
         }
-        let corners = mesh.faces.iter().map(|face| face.map(|v| mesh.vertices[v as usize]));
-        let area: f64 = corners.map(crate::geometry::face_normal).map(|n| 0.5 * dot(n, n).sqrt()).sum();
+        let corners = || mesh.faces.iter().map(|face| face.map(|v| mesh.vertices[v as usize]));
+        let area: f64 = corners().map(crate::geometry::face_normal).map(|n| 0.5 * dot(n, n).sqrt()).sum();
         let count = points.len() as f64;
         let centre: Vec3 = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
+        let solid = |[a, b, c]: [Vec3; 3]| dot(sub(a, centre), cross(sub(b, centre), sub(c, centre))) / 6.0;
+        let volume = corners().map(solid).sum();
         let mut scatter = Matrix3::default();
         for p in &points {
             let p = sub(*p, centre);
@@ -85,7 +89,7 @@ impl PoseSurface {
         };
         let levels = [level(few)?, level(some)?, Level::new(points.clone(), normals.clone(), area)?];
         let grid = Grid::new(&levels[1], &axes);
-        Some(Self { levels, grid, centre, axes, lengths: found.values.map(f64::sqrt), area })
+        Some(Self { levels, grid, centre, axes, lengths: found.values.map(f64::sqrt), area, volume })
     }
 
     /// The surface as one step of the search sees it.
