@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from typing import Any, Sequence
+from typing import Any, Sequence, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,7 @@ from . import _arrays, _core
 from ._arrays import Floats
 from ._model import Model, core, warn
 from ._progress import Progress, callback
+from ._surface import Surface
 
 
 def rotation(what: str, value: Any) -> list[float]:
@@ -66,15 +67,31 @@ class Transform:
         matrix = {name: np.array(found[name], dtype=float) for name in ("parameters", "object", "translation")}
         return cls(antipodal=found["antipodal"], scale=found["scale"], **matrix)
 
-    def apply(self, model: Model, *, threads: int | None = None, progress: Progress = None) -> Model:
-        """Returns the transformed model, at all its degrees. A signal can be rotated in its parameters alone.
+    @overload
+    def apply(self, what: Model, *, threads: int | None = None, progress: Progress = None) -> Model: ...
+    @overload
+    def apply(self, what: Surface, *, threads: int | None = None, progress: Progress = None) -> Surface: ...
+    @overload
+    def apply(self, what: ArrayLike, *, threads: int | None = None, progress: Progress = None) -> Floats: ...
+    def apply(self, what: Any, *, threads: int | None = None, progress: Progress = None) -> Model | Surface | Floats:
+        """Returns the transformed model, at all its degrees; or a surface or points, such as landmarks, moved in space with it.
+
+        A model of a signal can be rotated in its parameters alone. A surface that is mirrored keeps its outside outside.
 
         Parameters
         ----------
-        model : Model
+        what : Model, Surface or array_like of float, (n, 3)
+            Points are in the surface's unit; one point may be (3,).
         threads : int, optional
+            For a model, as is `progress`.
         progress : bool or callable, optional
         """
+        if isinstance(what, Surface):
+            faces = what.faces[:, ::-1] if np.linalg.det(self.object) < 0 else what.faces
+            return Surface(self._moved(what.vertices), faces)
+        if not isinstance(what, Model):
+            return self._moved(what)
+        model = what
         asked = {
             "parameters": rotation("parameters", self.parameters),
             "antipodal": bool(self.antipodal),
@@ -84,6 +101,13 @@ class Transform:
             "translation": vector("translation", self.translation),
         }
         return _rotated(model, asked, threads, progress)
+
+    def _moved(self, points: ArrayLike) -> Floats:
+        values = _arrays.real("points", points, "(n, 3)")
+        if values.ndim not in (1, 2) or values.shape[-1] != 3:
+            raise ValueError(f"points: expected shape (n, 3), found {values.shape}")
+        moved: Floats = self.scale * (values @ np.asarray(self.object, dtype=float).T) + np.asarray(self.translation, dtype=float)
+        return moved
 
 
 def _rotated(model: Model, asked: dict[str, Any], threads: int | None, progress: Progress) -> Model:
@@ -164,6 +188,9 @@ class Alignment:
         Whether the surface was mirrored in space.
     ends : ndarray of float
         What the refinement of each start of the search reached, without scale.
+    surface_distance : float, optional
+        Root mean square distance of the surfaces both ways, whatever the directions and without the tenth that is farthest, where
+        the pose is by the surfaces.
     warnings : tuple of str
     """
 
@@ -174,14 +201,25 @@ class Alignment:
     degree: int
     mirrored: bool
     ends: Floats = field(repr=False)
+    surface_distance: float | None = None
     warnings: tuple[str, ...] = ()
 
 
 def _settings(
-    method: str, scale: bool, mirror: bool, degree: int | None, starts: int | None, templates: int | None = None
+    method: str,
+    pose: str,
+    scale: bool,
+    mirror: bool,
+    degree: int | None,
+    starts: int | None,
+    templates: int | None = None,
 ) -> dict[str, Any]:
+    if pose not in ("joint", "surfaces"):
+        raise ValueError(f"pose: expected joint or surfaces, found {pose}")
+    if pose == "surfaces" and method != "joint":
+        raise ValueError(f"pose: surfaces searches the parameters, which method {method} doesn't")
     return {
-        "method": str(method),
+        "method": "surfaces" if pose == "surfaces" else str(method),
         "scale": bool(scale),
         "mirror": bool(mirror),
         "degree": None if degree is None else _arrays.whole("degree", degree),
@@ -195,6 +233,7 @@ def align(
     target: Model,
     method: str = "joint",
     *,
+    pose: str = "joint",
     scale: bool = False,
     mirror: bool = False,
     degree: int | None = None,
@@ -212,6 +251,10 @@ def align(
         ``"joint"`` searches all rotations of the parameters and of space together. ``"fixed"`` keeps the parameters, where
         vertices correspond already. ``"foe"`` turns both into the frames of their first-order ellipsoids, for comparison
         with other programs.
+    pose : {"joint", "surfaces"}
+        What decides how surfaces lie in space: the distance at equal directions over both rotations together; or the surfaces
+        alone, by nearest points, and the parameters are searched under that. Where models were mapped apart the least
+        distance at equal directions may be at a wrong pose.
     scale : bool
         Scale the model to the target's size, too.
     mirror : bool
@@ -240,7 +283,7 @@ def align(
     found, text = _core.shape_align(
         core("model", model),
         core("target", target),
-        _settings(method, scale, mirror, degree, starts),
+        _settings(method, pose, scale, mirror, degree, starts),
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
@@ -284,6 +327,7 @@ def procrustes(
     models: Sequence[Model],
     method: str = "joint",
     *,
+    pose: str = "joint",
     scale: bool = False,
     mirror: bool = False,
     degree: int | None = None,
@@ -299,6 +343,8 @@ def procrustes(
     models : sequence of Model
         Three surfaces or more, in whatever poses.
     method : {"joint", "fixed"}
+        As in `align`.
+    pose : {"joint", "surfaces"}
         As in `align`.
     scale : bool
         Scale all to the group's size.
@@ -319,7 +365,7 @@ def procrustes(
     """
     found, mean, text = _core.shape_procrustes(
         cores(models),
-        _settings(method, scale, mirror, degree, starts, templates),
+        _settings(method, pose, scale, mirror, degree, starts, templates),
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )

@@ -78,3 +78,21 @@ def test_what_is_no_surface_is_refused(coefficients: Any) -> None:
         sp.shape.measure(sp.Model(coefficients))
     with pytest.raises(ValueError):
         sp.shape.geometry(sp.Model(coefficients), [[0, 0, 1]])
+
+
+def test_poses_by_surfaces_move_points_and_surfaces_with_the_model(study: Any) -> None:
+    model = sp.fit(study[0], study[1], 8)
+    moved = sp.shape.rotate(model, parameters=[10, 20, 30], object=[40, 50, 60], translation=[1, 2, 3])
+    found = sp.shape.align(moved, model, pose="surfaces")
+    size = np.ptp(model.evaluate(study[1].vertices), axis=0).max()
+    assert found.surface_distance is not None and found.surface_distance < 0.01 * size
+    points = moved.evaluate([[0, 0, 1], [1, 0, 0]])
+    back = found.transform.apply(points)
+    assert np.allclose(back, points @ found.transform.object.T + found.transform.translation, atol=1e-9 * size)
+    surface = sp.Surface(moved.evaluate(study[1].vertices), study[1].faces)
+    assert np.allclose(found.transform.apply(surface).vertices, found.transform.apply(surface.vertices))
+    assert np.allclose(found.transform.apply(points[0]), back[0])
+    with pytest.raises(ValueError, match="pose: expected joint or surfaces"):
+        sp.shape.align(moved, model, pose="upright")
+    with pytest.raises(ValueError, match="points: expected shape"):
+        found.transform.apply([[1.0, 2.0]])

@@ -37,6 +37,7 @@ use super::plan::Plan;
     &[
         "spharm shape align moved.spharm.npz --to template.spharm.npz -o aligned.spharm.npz",
         "spharm shape align @group.txt --group -o aligned --transforms transforms.json",
+        "spharm shape align vertebrae --group --pose surfaces -o aligned",
         "spharm shape align left right --group --mirror --scale -o aligned",
         "spharm shape align cortices --group --method fixed -o aligned",
         "spharm shape align @thousand.txt --group --resume align.state -o aligned",
@@ -54,6 +55,13 @@ pub(super) struct Cli {
     /// How surfaces are brought together
     #[arg(long, value_enum, default_value_t = How::Joint, help_heading = METHOD)]
     method: How,
+    /// What decides how surfaces lie in space, where both rotations are searched
+    ///
+    /// surfaces: the surfaces alone, by nearest points, then the parameters under their pose. joint: the distance at equal
+    /// directions, over both rotations together. Where models were mapped apart the least distance at equal directions may be at a
+    /// wrong pose.
+    #[arg(long, value_enum, default_value_t = PoseBy::Joint, help_heading = METHOD)]
+    pose: PoseBy,
     /// Scale models to the target's size, or all to the group's
     #[arg(long, help_heading = METHOD)]
     scale: bool,
@@ -113,6 +121,12 @@ enum How {
     Foe,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PoseBy {
+    Surfaces,
+    Joint,
+}
+
 /// What came of the models: their transforms, and distances from the target, or from the mean, before and after.
 struct Found {
     transforms: Vec<Transform>,
@@ -131,6 +145,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if cli.resume.is_some() && !cli.target.group {
         return Err(Usage::conflict("--resume is for --group").into());
+    }
+    if cli.pose == PoseBy::Surfaces && cli.method != How::Joint {
+        return Err(Usage::conflict("--pose surfaces searches the parameters: it is for --method joint").into());
     }
     let paths = cli.models.paths()?;
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
@@ -153,6 +170,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let params = AlignParams {
         method: match cli.method {
+            How::Joint if cli.pose == PoseBy::Surfaces => Method::Surfaces,
             How::Joint => Method::Joint,
             How::Fixed => Method::FixedParameters,
             How::Foe => Method::FirstOrderEllipsoid,
@@ -215,6 +233,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let mut report = json!({
         "models": each,
+        "pose": (cli.pose == PoseBy::Surfaces).then_some("surfaces"),
         "method": cli.method.to_possible_value().map(|value| value.get_name().to_owned()),
         "warnings": found.warnings,
         "seconds": started.elapsed().as_secs_f64(),
@@ -276,6 +295,7 @@ fn to_target(
             "to": shown(path),
             "degree": reports.first().map(|report| report.degree),
             "ends": reports.iter().map(|report| &report.ends).collect::<Vec<_>>(),
+            "surface_distances": reports.iter().map(|report| report.surface_distance).collect::<Vec<_>>(),
         }),
         mean: None,
         journal: None,

@@ -31,6 +31,7 @@ impl Settings {
             "joint" => Method::Joint,
             "fixed" => Method::FixedParameters,
             "foe" => Method::FirstOrderEllipsoid,
+            "surfaces" => Method::Surfaces,
             found => {
                 return Err(PyValueError::new_err(format!("method: expected joint, fixed or foe; found {found}")));
             }
@@ -145,6 +146,7 @@ pub(crate) fn shape_align(
         "rmsd_after": report.rmsd_after,
         "mirrored": report.mirrored,
         "ends": report.ends,
+        "surface_distance": report.surface_distance,
         "warnings": warnings,
     });
     Ok((Model { inner }, report.to_string()))

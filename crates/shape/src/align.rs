@@ -41,128 +41,22 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-use std::fmt;
+mod by_surfaces;
+mod params;
 
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 
+use self::by_surfaces::by_surfaces;
+pub use self::params::{AlignParams, AlignWarning, Method};
 use crate::error::ShapeError;
 use crate::extent::surface;
 use crate::foe::{EllipsoidFrame, LEAST_RATIO, half_turns};
 use crate::matrix3::determinant;
-use crate::pair::{Plan, Unit, object_only};
-use crate::refine::{Fit, Target, distance};
+use crate::pair::{Unit, object_only};
+use crate::refine::{Fit, Space, Target, distance};
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
-
-/// How two surfaces are brought together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum Method {
-    /// Both rotations are searched together.
-    #[default]
-    Joint,
-    /// Both are turned into the frames of their first-order ellipsoids, and the best of the 16 pairs of half turns is
-    /// taken; for comparison with other programs.
-    FirstOrderEllipsoid,
-    /// The parameters stay as they are, as they correspond already: only space is turned.
-    FixedParameters,
-}
-
-/// Settings of an alignment.
-#[derive(Debug, Clone, PartialEq)]
-pub struct AlignParams {
-    /// How; by default [`Method::Joint`].
-    pub method: Method,
-    /// Highest degree that is compared; by default the lower one of the two surfaces. All degrees are transformed.
-    pub max_degree: Option<usize>,
-    /// Whether the moving surface is scaled; by default it isn't.
-    pub scale: bool,
-    /// Whether mirror images may be matched; by default they aren't.
-    pub mirror: bool,
-    /// Bandwidth B of the grid, 2 to 64: it has 2B x B x 2B rotations. By default 8, or L + 1 below degree 7.
-    pub bandwidth: Option<usize>,
-    /// Local maxima of the grid that are refined, at least 1; by default 6.
-    pub starts: usize,
-}
-
-impl Default for AlignParams {
-    fn default() -> Self {
-        Self { method: Method::Joint, max_degree: None, scale: false, mirror: false, bandwidth: None, starts: 6 }
-    }
-}
-
-/// Bandwidth where it isn't given.
-const BANDWIDTH: usize = 8;
-
-impl AlignParams {
-    /// The plan for surfaces of a degree.
-    pub(crate) fn plan(&self, degree: usize) -> Result<Plan, ShapeError> {
-        let refuse =
-            |name, found: usize, expected| Err(ShapeError::Setting { name, found: found.to_string(), expected });
-        let bandwidth = self.bandwidth.unwrap_or_else(|| BANDWIDTH.min(degree + 1).max(2));
-        if !(2..=64).contains(&bandwidth) {
-            return refuse("the bandwidth of the grid", bandwidth, "it must be between 2 and 64");
-        }
-        if self.starts == 0 {
-            return refuse("the number of starts", 0, "it must be at least 1");
-        }
-        Ok(Plan::new(degree, bandwidth, self.starts))
-    }
-}
-
-/// Something to know about an alignment.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum AlignWarning {
-    /// The surfaces have different degrees; the degrees up to `used` were compared.
-    DegreesDiffer {
-        /// Degree of the moving surface.
-        moving: usize,
-        /// Degree of the target.
-        target: usize,
-        /// Highest degree compared.
-        used: usize,
-    },
-    /// A surface that is a single point: no rotation was determined.
-    Point,
-    /// The rotation of space is undetermined about an axis, as one of the surfaces lies on a line, or the two have nothing
-    /// in common.
-    ObjectUndetermined,
-    /// Both rotations can be turned together without a change, as where a surface is one of revolution.
-    BothUndetermined,
-    /// Both surfaces are plane: it is unknown whether one is mirrored.
-    MirrorUndetermined,
-    /// The first-order ellipsoid is nearly round, and its frame has little meaning.
-    NearlyRound {
-        /// The ratio of its neighbouring axes.
-        ratio: f64,
-    },
-}
-
-impl fmt::Display for AlignWarning {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::DegreesDiffer { moving, target, used } => {
-                write!(f, "the surfaces have degrees {moving} and {target}; degrees up to {used} were compared")
-            }
-            Self::Point => f.write_str("a surface is a single point: no rotation is determined"),
-            Self::ObjectUndetermined => f.write_str(
-                "the rotation of space is undetermined about an axis: a surface lies on a line, or the two have nothing in \
-                 common",
-            ),
-            Self::BothUndetermined => f.write_str(
-                "the rotations of space and of the parameters can be turned together without a change: a surface of \
-                 revolution",
-            ),
-            Self::MirrorUndetermined => f.write_str("the surfaces are plane: it is unknown whether one is mirrored"),
-            Self::NearlyRound { ratio } => write!(
-                f,
-                "axes of the first-order ellipsoid are alike, with a ratio of {ratio:.3}: its frame has little meaning"
-            ),
-        }
-    }
-}
 
 /// What an alignment did.
 #[derive(Debug, Clone, PartialEq)]
@@ -180,6 +74,8 @@ pub struct AlignReport {
     pub ends: Vec<f64>,
     /// Whether the moving surface was mirrored in space.
     pub mirrored: bool,
+    /// Distance of the surfaces in the pose, without the tenth of the points that is farthest; of [`Method::Surfaces`] alone.
+    pub surface_distance: Option<f64>,
     /// What to know.
     pub warnings: Vec<AlignWarning>,
 }
@@ -215,6 +111,17 @@ pub fn align(
     }
     monitor.begin(Stage::counted("align", "surfaces"), 1);
     monitor.check()?;
+    if params.method == Method::Surfaces
+        && let Some(found) = by_surfaces(moving, target, degree, params, monitor)?
+    {
+        warnings.extend(found.warnings);
+        let coefficients = found.transform.apply(moving, &OnlyCancel(monitor))?;
+        let (ends, distance) = (found.ends, Some(found.distance));
+        let report = reported(moving, target, &coefficients, found.transform, degree, ends, distance, warnings)?;
+        monitor.step(1);
+        monitor.end();
+        return Ok(Alignment { coefficients, report });
+    }
     let (f, g) = (Unit::new(moving, degree), Unit::new(target, degree));
     let plan = match params.method {
         Method::Joint => Some(params.plan(degree)?),
@@ -225,7 +132,7 @@ pub fn align(
     } else {
         match &plan {
             Some(plan) => {
-                let found = plan.search(&f, &Target::new(g.rows.clone()), params.mirror, monitor);
+                let found = plan.search(&f, &Target::new(g.rows.clone()), Space::free(params.mirror), monitor);
                 monitor.check()?;
                 (found.fit, found.antipodal, found.ends)
             }
@@ -256,17 +163,33 @@ pub fn align(
     let coefficients = transform.apply(moving, &OnlyCancel(monitor))?;
     monitor.step(1);
     monitor.end();
+    let ends = ends.into_iter().map(left).collect();
+    let report = reported(moving, target, &coefficients, transform, degree, ends, None, warnings)?;
+    Ok(Alignment { coefficients, report })
+}
+
+#[expect(clippy::too_many_arguments)]
+fn reported(
+    moving: &Coefficients,
+    target: &Coefficients,
+    moved: &Coefficients,
+    transform: Transform,
+    degree: usize,
+    ends: Vec<f64>,
+    surface_distance: Option<f64>,
+    warnings: Vec<AlignWarning>,
+) -> Result<AlignReport, ShapeError> {
     let up_to = |of: &Coefficients| Coefficients::new(of.up_to(degree).to_owned());
-    let report = AlignReport {
+    Ok(AlignReport {
         transform,
         degree,
         rmsd_before: rmsd(&up_to(moving)?, &up_to(target)?)?,
-        rmsd_after: rmsd(&up_to(&coefficients)?, &up_to(target)?)?,
-        ends: ends.into_iter().map(left).collect(),
-        mirrored: similarity.mirrors(),
+        rmsd_after: rmsd(&up_to(moved)?, &up_to(target)?)?,
+        ends,
+        mirrored: transform.similarity.mirrors(),
+        surface_distance,
         warnings,
-    };
-    Ok(Alignment { coefficients, report })
+    })
 }
 
 /// No rotation at all.
@@ -315,7 +238,7 @@ fn by_ellipsoids(
             let distance = distance(&rows, &orthogonal, &g.rows);
             if best.as_ref().is_none_or(|best| distance < best.distance) {
                 let correlation = crate::refine::outer(&g.rows, &rows);
-                let values = crate::kabsch::svd(&correlation).values;
+                let values = spharm_surface::kabsch::svd(&correlation).values;
                 let sign = if determinant(&correlation) < 0.0 { -1.0 } else { 1.0 };
                 let singular_values = [values[0], values[1], sign * values[2]];
                 best = Some(Fit { rotation, orthogonal, distance, stiffness: 1.0, singular_values });

@@ -16,10 +16,10 @@ use spharm_monitor::Silent;
 
 use crate::error::ShapeError;
 use crate::extent::surface;
-use crate::kabsch::{Svd, svd};
 use crate::matrix3::{Matrix3, determinant, transposed};
 use crate::rotation::Rotation;
 use crate::transform::{Similarity, Transform};
+use spharm_surface::kabsch::{Svd, svd};
 
 /// The frame says nothing where neighbouring axes have lengths nearer to each other than this.
 pub const LEAST_RATIO: f64 = 1.1;

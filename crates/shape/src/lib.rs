@@ -36,7 +36,6 @@
 //! | [`error`] | [`ShapeError`] |
 //! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2, sums with its rows, and the half turn made of them |
 //! | `matrix3`, `product` | 3 x 3 matrices; products of large ones |
-//! | `kabsch` | 3 x 3 singular values, and the best rotation of space |
 //! | `so3_grid`, `refine`, `pair` | all rotations of a grid; one of them refined; both together |
 //! | `group` | a group while it is brought together |
 //! | `templates` | the members that a group's alignment starts from |
@@ -68,6 +67,7 @@ pub mod codec;
 pub mod derivatives;
 pub mod descriptors;
 pub mod error;
+mod evaluated;
 pub mod even;
 pub mod extent;
 pub mod field;
@@ -77,7 +77,6 @@ mod group;
 pub mod groupwise;
 mod half_turn;
 pub mod heat;
-mod kabsch;
 pub mod levels;
 mod matrix3;
 pub mod mean;
@@ -98,7 +97,6 @@ pub mod retrieval;
 pub mod rotate;
 pub mod rotation;
 mod row_sums;
-mod sampled;
 #[cfg(test)]
 mod samples;
 pub mod singular_values;

@@ -1,7 +1,7 @@
 //! The joint search over both rotations of a pair of surfaces.
 //!
 //! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given R is
-//! closed form ([`kabsch`](crate::kabsch)), so that one [grid](crate::so3_grid) of R searches both rotations; its best
+//! closed form ([`kabsch`](spharm_surface::kabsch)), so that one [grid](crate::so3_grid) of R searches both rotations; its best
 //! local maxima are [refined](mod@crate::refine), and so are the four rotations that give both surfaces'
 //! [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be nearly alike. Where mirror images are allowed, Q may be a reflection, and f(-u) is
 //! searched beside f(u).
@@ -12,12 +12,12 @@ use spharm_monitor::Monitor;
 
 use crate::foe::common_axes;
 use crate::half_turn::Workspace;
-use crate::kabsch::svd;
 use crate::matrix3::determinant;
-use crate::refine::{Fit, Target, distance, outer, refine};
+use crate::refine::{Fit, Space, Target, distance, outer, refine};
 use crate::rotate::Rotator;
 use crate::rotation::Rotation;
 use crate::so3_grid::{Peak, So3Grid};
+use spharm_surface::kabsch::svd;
 
 /// A surface without row 0, scaled to norm 1.
 #[derive(Debug, Clone)]
@@ -87,11 +87,12 @@ impl Plan {
     }
 
     /// Searches all rotations of a surface of norm 1.
-    pub(crate) fn search(&self, f: &Unit, target: &Target, mirror: bool, monitor: &dyn Monitor) -> Found {
-        let mut starts = self.starts_of(f, target, mirror, false);
-        let other = mirror.then(|| f.antipodal());
+    pub(crate) fn search(&self, f: &Unit, target: &Target, space: Space, monitor: &dyn Monitor) -> Found {
+        let mut starts = self.starts_of(f, target, space, false);
+        // A surface in a known pose has its outside outside: the sphere is never mirrored.
+        let other = (space == Space::Mirrored).then(|| f.antipodal());
         if let Some(other) = &other {
-            starts.extend(self.starts_of(other, target, mirror, true));
+            starts.extend(self.starts_of(other, target, space, true));
             starts.sort_by(|a, b| b.score.total_cmp(&a.score));
             starts.truncate(self.starts);
         }
@@ -105,7 +106,7 @@ impl Plan {
             let fits = starts.par_iter().map_init(Workspace::default, |workspace, start| {
                 let f = if start.antipodal { other.as_ref().unwrap_or(f) } else { f };
                 let f = &f.rows[..target.rows.len()];
-                refine(&self.rotator, f, target, start.rotation, mirror, workspace, monitor)
+                refine(&self.rotator, f, target, start.rotation, space, workspace, monitor)
             });
             fits.collect()
         };
@@ -119,13 +120,13 @@ impl Plan {
         match best {
             Some(best) => Found { fit: fits[best], antipodal: starts[best].antipodal, ends },
             None => {
-                Found { fit: self.continued(f, target, Rotation::IDENTITY, mirror, monitor), antipodal: false, ends }
+                Found { fit: self.continued(f, target, Rotation::IDENTITY, space, monitor), antipodal: false, ends }
             }
         }
     }
 
-    fn starts_of(&self, f: &Unit, target: &Target, mirror: bool, antipodal: bool) -> Vec<Start> {
-        let peaks = self.grid.peaks(&f.rows, &target.rows, mirror, self.starts).into_iter();
+    fn starts_of(&self, f: &Unit, target: &Target, space: Space, antipodal: bool) -> Vec<Start> {
+        let peaks = self.grid.peaks(&f.rows, &target.rows, space, self.starts).into_iter();
         peaks.map(|Peak { rotation, score }| Start { rotation, score, antipodal }).collect()
     }
 
@@ -135,10 +136,10 @@ impl Plan {
         f: &Unit,
         target: &Target,
         start: Rotation,
-        mirror: bool,
+        space: Space,
         monitor: &dyn Monitor,
     ) -> Fit {
-        refine(&self.rotator, &f.rows, target, start, mirror, &mut Workspace::default(), monitor)
+        refine(&self.rotator, &f.rows, target, start, space, &mut Workspace::default(), monitor)
     }
 }
 
@@ -174,7 +175,7 @@ fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
 pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
     let correlation = outer(g, f);
     let values = svd(&correlation).values;
-    let orthogonal = crate::kabsch::kabsch(&correlation, mirror);
+    let orthogonal = spharm_surface::kabsch::kabsch(&correlation, mirror);
     let sign = if determinant(&correlation) < 0.0 { -1.0 } else { 1.0 };
     Fit {
         rotation: Rotation::IDENTITY,

@@ -17,8 +17,8 @@ use std::fmt;
 
 use spharm_harmonics::Coefficients;
 
-use crate::kabsch::svd;
 use crate::matrix3::Matrix3;
+use spharm_surface::kabsch::svd;
 
 /// The least share of surfaces that lie in one pose. Of 5 surfaces in random poses 1 in 200 have more, of 3 every twelfth.
 const LEAST: f64 = 0.75;

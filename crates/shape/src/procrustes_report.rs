@@ -3,6 +3,7 @@
 use std::fmt;
 
 use spharm_harmonics::Coefficients;
+use spharm_surface::pose::GroupPoseWarning;
 
 use crate::align::{AlignParams, AlignWarning};
 use crate::surface_poses::SurfacePoseWarning;
@@ -11,7 +12,7 @@ use crate::transform::Transform;
 /// Settings of a group's alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProcrustesParams {
-    /// How a surface is brought to another: [`Method::Joint`](crate::Method::Joint) or [`Method::FixedParameters`](crate::Method::FixedParameters). By default 3 starts are
+    /// How a surface is brought to another: [`Method::Joint`](crate::Method::Joint), [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters). By default 3 starts are
     /// refined in each search, as every surface is searched several times.
     pub align: AlignParams,
     /// Templates to start from; by default every member of up to 20, and 5 members of larger groups.
@@ -80,6 +81,8 @@ pub enum ProcrustesWarning {
         /// The ratio of its neighbouring axes.
         ratio: f64,
     },
+    /// The pose of a member's surface beside the others', of [`Method::Surfaces`](crate::Method::Surfaces).
+    Pose(GroupPoseWarning),
     /// The surfaces don't lie on each other as the alignment suggests.
     Surfaces(SurfacePoseWarning),
     /// The rounds were used up.
@@ -97,6 +100,7 @@ impl ProcrustesWarning {
             Self::Mirrored { member, .. }
             | Self::Member { member, .. }
             | Self::Surfaces(SurfacePoseWarning::Turned { member, .. }) => Some(*member),
+            Self::Pose(warning) => Some(warning.member()),
             _ => None,
         }
     }
@@ -110,6 +114,7 @@ impl ProcrustesWarning {
             }
             Self::Member { warning, .. } => warning.to_string(),
             Self::Surfaces(warning) => warning.of_member(),
+            Self::Pose(warning) => warning.of_member(),
             other => other.to_string(),
         }
     }
@@ -157,6 +162,7 @@ impl fmt::Display for ProcrustesWarning {
             Self::Mirrored { member, .. } => write!(f, "member {member} {}", self.of_member()),
             Self::Member { member, .. } => write!(f, "member {member}: {}", self.of_member()),
             Self::Surfaces(warning) => warning.fmt(f),
+            Self::Pose(warning) => warning.fmt(f),
             Self::NearlyRound { ratio } => write!(
                 f,
                 "the mean's first-order ellipsoid has axes alike, with a ratio of {ratio:.3}: the group's pose has little \

@@ -1,7 +1,7 @@
 //! Two surfaces brought together from a rotation near the best one.
 //!
 //! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is made largest over the rotations R of the parameters
-//! and Q of space. Q follows from R in closed form ([`kabsch`](crate::kabsch)). Around (R, Q), for turns w and v,
+//! and Q of space. Q follows from R in closed form ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for turns w and v,
 //!
 //! ```text
 //! phi(w, v) = -<g, exp(v x) Q exp(-w.L) R f>
@@ -10,16 +10,16 @@
 //! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal rotations](crate::derivatives):
 //! `O(K)`. The steps are Newton's, with Levenberg's damping in the metric of Gauss and Newton (the squared lengths of the
 //! six directions): their matrix is Newton's where g = Q R f, and keeps far steps short. Convergence is quadratic also
-//! where the surfaces differ.
+//! where the surfaces differ. Where the pose is known ([`Space::Fixed`]) only R moves.
 
 use spharm_monitor::Monitor;
 
 use crate::derivatives::generators;
 use crate::half_turn::Workspace;
-use crate::kabsch::{kabsch, svd};
-use crate::matrix3::{Matrix3, determinant, dot, product, transposed};
+use crate::matrix3::{IDENTITY, Matrix3, determinant, dot, product, transposed};
 use crate::rotate::Rotator;
 use crate::rotation::Rotation;
+use spharm_surface::kabsch::{kabsch, svd};
 
 /// A surface that others are brought to.
 #[derive(Debug)]
@@ -65,13 +65,39 @@ struct State {
     distance: f64,
 }
 
+/// Which Q there may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Space {
+    /// The best rotation.
+    Turned,
+    /// The best rotation or reflection.
+    Mirrored,
+    /// The identity: the pose is known.
+    Fixed,
+}
+
+impl Space {
+    /// Rotations, and reflections on demand.
+    pub(crate) fn free(mirror: bool) -> Self {
+        if mirror { Self::Mirrored } else { Self::Turned }
+    }
+
+    /// The best Q of a correlation.
+    pub(crate) fn best(self, correlation: &Matrix3) -> Matrix3 {
+        match self {
+            Self::Fixed => IDENTITY,
+            _ => kabsch(correlation, self == Self::Mirrored),
+        }
+    }
+}
+
 /// Refines a rotation of `f`, (K, 3) of norm 1 and row 0 zero. Ends early if the monitor says so; whoever called asks it.
 pub(crate) fn refine(
     rotator: &Rotator,
     f: &[[f64; 3]],
     target: &Target,
     start: Rotation,
-    mirror: bool,
+    space: Space,
     workspace: &mut Workspace,
     monitor: &dyn Monitor,
 ) -> Fit {
@@ -79,13 +105,13 @@ pub(crate) fn refine(
         let mut rows = vec![[0.0; 3]; f.len()];
         rotator.rotate(f, &rotation, &mut rows, workspace);
         let correlation = outer(&target.rows, &rows);
-        let orthogonal = kabsch(&correlation, mirror);
+        let orthogonal = space.best(&correlation);
         let distance = distance(&rows, &orthogonal, &target.rows);
         State { rotation, rows, correlation, orthogonal, distance }
     };
     let mut state = at(start);
     let mut damping = 0.0;
-    let mut model = Model::of(&state, target);
+    let mut model = Model::of(&state, target, space);
     for _ in 0..STEPS {
         if monitor.cancelled() {
             break;
@@ -113,7 +139,7 @@ pub(crate) fn refine(
             break;
         }
         damping = if damping > 1e-6 { damping / 10.0 } else { 0.0 };
-        model = Model::of(&state, target);
+        model = Model::of(&state, target, space);
     }
     let values = svd(&state.correlation).values;
     let sign = if determinant(&state.correlation) < 0.0 { -1.0 } else { 1.0 };
@@ -121,7 +147,7 @@ pub(crate) fn refine(
         rotation: state.rotation,
         orthogonal: state.orthogonal,
         distance: state.distance,
-        stiffness: Model::of(&state, target).stiffness(),
+        stiffness: Model::of(&state, target, space).stiffness(),
         singular_values: [values[0], values[1], sign * values[2]],
     }
 }
@@ -157,7 +183,7 @@ struct Model {
 }
 
 impl Model {
-    fn of(state: &State, target: &Target) -> Self {
+    fn of(state: &State, target: &Target, space: Space) -> Self {
         let q = &state.orthogonal;
         let trace = |m: &Matrix3| -> f64 { (0..3).map(|i| dot(&q[i], &m[i])).sum() };
         let own = generators(&state.rows);
@@ -187,7 +213,21 @@ impl Model {
             let (next, last) = ((j + 1) % 3, (j + 2) % 3);
             model.gradient[3 + j] = -(n[last][next] - n[next][last]);
         }
+        if space == Space::Fixed {
+            model.hold_space();
+        }
         model
+    }
+
+    /// Leaves only R free: Q is coupled to nothing, and where it is the function is least.
+    fn hold_space(&mut self) {
+        for j in 3..6 {
+            self.gradient[j] = 0.0;
+            for i in 0..6 {
+                (self.hessian[i][j], self.hessian[j][i]) = (0.0, 0.0);
+            }
+            self.hessian[j][j] = self.metric[j];
+        }
     }
 
     /// The step to the minimum, damped; none if there is none.

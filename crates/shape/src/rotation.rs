@@ -7,11 +7,12 @@
 use std::ops::Mul;
 
 use spharm_harmonics::double_double::DoubleDouble;
+use spharm_surface::matrix3::of_quaternion;
 
 use crate::error::ShapeError;
-use crate::kabsch::kabsch;
 pub use crate::matrix3::Matrix3;
 use crate::matrix3::{IDENTITY, determinant, product, transposed};
+use spharm_surface::kabsch::kabsch;
 
 /// How far `R^T R` may be from the identity, in any element, in what is taken for a rotation.
 pub const ORTHOGONALITY_TOLERANCE: f64 = 1e-6;
@@ -25,6 +26,12 @@ pub struct Rotation {
 impl Default for Rotation {
     fn default() -> Self {
         Self::IDENTITY
+    }
+}
+
+impl From<&Rotation> for Matrix3 {
+    fn from(rotation: &Rotation) -> Self {
+        rotation.matrix
     }
 }
 
@@ -111,11 +118,7 @@ impl Rotation {
         let q = quaternion.map(|v| v / largest);
         let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
         let [w, x, y, z] = q.map(|v| v / length);
-        Ok(Self::of_orthogonal([
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]))
+        Ok(Self::of_orthogonal(of_quaternion([w, x, y, z])))
     }
 
     /// A rotation of the uniform distribution, from three numbers in [0, 1). After K. Shoemake, "Uniform random

@@ -19,10 +19,19 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};
 
-use crate::kabsch::best_trace;
 use crate::matrix3::Matrix3;
 use crate::quarter::{Centre, dense};
+use crate::refine::Space;
 use crate::rotation::Rotation;
+use spharm_surface::kabsch::best_trace;
+
+/// tr Q^T M of the best Q that there may be.
+fn score(m: &Matrix3, space: Space) -> f64 {
+    match space {
+        Space::Fixed => m[0][0] + m[1][1] + m[2][2],
+        _ => best_trace(m, space == Space::Mirrored),
+    }
+}
 
 /// The grid and what its sums need.
 pub(crate) struct So3Grid {
@@ -54,12 +63,12 @@ impl So3Grid {
 
     /// Returns the best local maxima of `tr Q^T M`, best first, over rotations Q or over all orthogonal ones; of those
     /// nearer to each other than the grid's step the best.
-    pub(crate) fn peaks(&self, f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool, most: usize) -> Vec<Peak> {
+    pub(crate) fn peaks(&self, f: &[[f64; 3]], g: &[[f64; 3]], space: Space, most: usize) -> Vec<Peak> {
         let degrees = self.bandwidth.min(f.len().isqrt()).min(g.len().isqrt());
         let (f, g) = (complex(f, degrees), complex(g, degrees));
         let scores: Vec<Vec<f64>> = (0..self.bandwidth)
             .into_par_iter()
-            .map(|at| self.matrices(at, &f, &g).iter().map(|m| best_trace(m, mirror)).collect())
+            .map(|at| self.matrices(at, &f, &g).iter().map(|m| score(m, space)).collect())
             .collect();
         let n = 2 * self.bandwidth;
         let mut found = Vec::new();

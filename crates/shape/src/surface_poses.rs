@@ -2,50 +2,36 @@
 //!
 //! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of least distance
 //! at equal directions may be a wrong one: of ten vertebrae, aligned so, places that a rigid motion leaves 4 to 7 mm
-//! apart were 4 to 65 mm apart. So the surfaces are compared. From [`POINTS`] points on each, evenly spread over its
-//! area, to the nearest points of the other,
+//! apart were 4 to 65 mm apart. So the surfaces are compared. From points on each, evenly spread over its area, to the
+//! nearest points of the other,
 //!
 //! ```text
 //! d(A, B)^2 = (mean_p d(p, B)^2 + mean_q d(q, A)^2) / 2,  p on A, q on B
 //! ```
 //!
 //! is measured between each member and the mean. The mean of a group in wrong poses has no member's shape, so members
-//! are then compared with the one that is nearest to it: as they lie, and turned about their centres by the 24
-//! rotations of a cube whose edges are that one's principal axes, each after a rigid motion by nearest points. A member
-//! that a turn brings nearer by more than [`GAIN`] lies in a wrong pose: six of those ten vertebrae gain 36 to 69 %,
-//! where hippocampi and generated bodies that are right gain at most 9 %. And if members are farther from the mean at
+//! are then compared with the one that is nearest to it: as they lie, after a small rigid motion by nearest points, and in
+//! the best of all [poses](mod@spharm_surface::pose). A member that this brings nearer by more than [`GAIN`] lies in a wrong
+//! pose: six of those ten vertebrae gain 36 to 69 %, where hippocampi and generated bodies that are right gain at most 9 %. And if members are farther from the mean at
 //! equal directions than their surfaces are, by a factor above [`FAR`], equal directions aren't equal places: the
 //! variance is that of the maps. As a mean may have no member's shape, the same is asked of the typical member, with
 //! [`FAR_FROM_A_MEMBER`].
 //!
-//! Cost: some 8 ms a member, and 60 ms one that is named, of two threads. Memory: 2 MB a thread.
+//! Cost: some 70 ms a member, of two threads. Memory: 2 MB a thread.
 
 use std::fmt;
 
 use ndarray::{ArrayView2, s};
 use rayon::prelude::*;
-use spharm_harmonics::{Coefficients, Directions, basis_size};
+use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::Monitor;
-use spharm_surface::generate::icosphere;
-use spharm_transform::{Transform, TransformParams};
+use spharm_surface::matrix3::angle_between;
+use spharm_surface::pose::{PoseParams, PoseSurface, distance, improved, pose};
 
 use crate::error::ShapeError;
-use crate::matrix3::{IDENTITY, Matrix3, determinant, product, transposed};
-use crate::sampled::{Rigid, Sampled};
-use crate::transform::SQRT_4_PI;
+use crate::evaluated::Evaluated;
+use crate::transform::{SQRT_4_PI, Similarity};
 
-/// Points on each surface.
-pub const POINTS: usize = 2000;
-/// Points and rounds of the first look at a turn.
-const FIRST: usize = 50;
-const FIRST_ROUNDS: usize = 10;
-/// Turns that get a motion by nearest points, at the first look: those that bring the surfaces nearest without one.
-const REFINED: usize = 5;
-/// Points and rounds of the second look.
-const SECOND: usize = 250;
-const SECOND_ROUNDS: usize = 40;
-/// Turns that are looked at twice, at most: those that gain at the first look.
-const LOOKED_AT: usize = 3;
 /// Least share of its distance that a turn has to save.
 pub const GAIN: f64 = 0.2;
 /// Largest ratio of the distance at equal directions to that of the surfaces, from the mean.
@@ -53,14 +39,6 @@ pub const FAR: f64 = 2.0;
 /// The same from a member, whose surface has more relief than a mean's: surfaces whose coefficients differ by noise
 /// alone have 2.0 to 2.3, hippocampi 2.1.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
-/// Vertices of the meshes: 2,562.
-const LEVEL: u32 = 4;
-/// Accuracy of the vertices, relative to the coefficients.
-const ACCURACY: f64 = 1e-6;
-
-/// No motion.
-const STAY: Rigid = Rigid { rotation: IDENTITY, translation: [0.0; 3] };
-
 /// Distances of the surfaces of a group from that of its mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfacePoses {
@@ -143,23 +121,17 @@ pub fn surface_poses(
     except: &[usize],
     monitor: &dyn Monitor,
 ) -> Result<SurfacePoses, ShapeError> {
-    let sphere = icosphere(LEVEL);
     let degree = mean.max_degree();
-    let params = TransformParams { max_degree: degree, accuracy: ACCURACY, channels: 3 };
-    let transform = Transform::new(&Directions::from_vertices(&sphere.vertices)?, &params)?;
-    let surface = |coefficients: ArrayView2<'_, f64>| -> Result<Sampled, ShapeError> {
-        let rows = transform.synthesis(coefficients)?;
-        let vertices = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
-        Ok(Sampled::new(&sphere.with_vertices(vertices), POINTS))
-    };
+    let evaluated = Evaluated::new(degree)?;
+    let surface = |coefficients: ArrayView2<'_, f64>| evaluated.surface(coefficients);
     let of_mean = mean.values().view();
     let mean = surface(of_mean)?;
     let row = |member: usize| members[member].slice_move(s![..basis_size(degree), ..]);
-    let distance = |member: usize| -> Result<f64, ShapeError> {
+    let from_mean = |member: usize| -> Result<f64, ShapeError> {
         monitor.check()?;
-        Ok(surface(row(member))?.distance(&mean, &STAY, 1))
+        Ok(as_they_lie(surface(row(member))?.as_ref(), mean.as_ref()))
     };
-    let distances: Vec<Result<f64, ShapeError>> = (0..members.len()).into_par_iter().map(distance).collect();
+    let distances: Vec<Result<f64, ShapeError>> = (0..members.len()).into_par_iter().map(from_mean).collect();
     let distances = distances.into_iter().collect::<Result<Vec<f64>, _>>()?;
     // If many poses are wrong, the mean's shape resembles no member's, so members are compared with the nearest to it.
     let candidates = (0..distances.len()).filter(|member| !except.contains(member));
@@ -167,29 +139,31 @@ pub fn surface_poses(
         return Ok(SurfacePoses { distances, warnings: Vec::new() });
     };
     let of_typical = surface(row(typical))?;
-    let turns = turns(&of_typical.axes());
     let alike: Vec<usize> =
         (0..members.len()).filter(|member| *member != typical && !except.contains(member)).collect();
     let look = |&member: &usize| -> Result<Look, ShapeError> {
         monitor.check()?;
         let surface = surface(row(member))?;
-        let turned = better_turn(&surface, &of_typical, &turns);
+        let turned = match (&surface, &of_typical) {
+            (Some(surface), Some(typical)) => better_turn(surface, typical, monitor)?,
+            _ => None,
+        };
         let warning =
             |(distance, turned, angle)| SurfacePoseWarning::Turned { member, typical, distance, turned, angle };
-        let distance = surface.distance(&of_typical, &STAY, 1);
+        let distance = as_they_lie(surface.as_ref(), of_typical.as_ref());
         Ok(Look { turned: turned.map(warning), rmsd: rmsd(row(member), row(typical)), distance })
     };
     let looks: Vec<Result<Look, ShapeError>> = alike.par_iter().map(look).collect();
     let looks = looks.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut warnings: Vec<SurfacePoseWarning> = looks.iter().filter_map(|look| look.turned).collect();
     // Mirror images leave the mean no member's shape, as wrong poses do.
-    let from_mean = except.is_empty().then(|| {
+    let of_all = except.is_empty().then(|| {
         let rmsd = (0..members.len()).map(|member| rmsd(row(member), of_mean));
         (root_mean_square(rmsd), root_mean_square(distances.iter().copied()), "their mean", FAR)
     });
     let rmsd = root_mean_square(looks.iter().map(|look| look.rmsd));
     let distance = root_mean_square(looks.iter().map(|look| look.distance));
-    let apart = [from_mean, Some((rmsd, distance, "the most typical one", FAR_FROM_A_MEMBER))];
+    let apart = [of_all, Some((rmsd, distance, "the most typical one", FAR_FROM_A_MEMBER))];
     let places = apart.into_iter().flatten().find(|(rmsd, distance, _, far)| *rmsd > far * distance);
     warnings.extend(places.map(|(rmsd, distance, from, _)| SurfacePoseWarning::PlacesDiffer { rmsd, distance, from }));
     Ok(SurfacePoses { distances, warnings })
@@ -214,56 +188,23 @@ fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// Distance of a member from the typical one, that after the best of the turns, and the angle of that, if it gains
-/// enough. Both are after a rigid motion by nearest points, so that what counts is the pose at large.
-fn better_turn(member: &Sampled, typical: &Sampled, turns: &[Matrix3]) -> Option<(f64, f64, f64)> {
-    let first_look = |start: Rigid| {
-        let motion = member.refined(typical, start, POINTS / FIRST, FIRST_ROUNDS);
-        (member.distance(typical, &motion, POINTS / FIRST), motion)
-    };
-    let at_most = (1.0 - 0.5 * GAIN) * first_look(STAY).0;
-    let as_turned = |turn| {
-        let motion = member.turned_to(typical, turn);
-        (member.distance(typical, &motion, POINTS / FIRST), motion, turn)
-    };
-    let mut nearest: Vec<(f64, Rigid, &Matrix3)> = turns.iter().map(as_turned).collect();
-    nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let looks = nearest.into_iter().take(REFINED).map(|(_, motion, turn)| (first_look(motion), turn));
-    let mut gains: Vec<((f64, Rigid), &Matrix3)> = looks.filter(|((distance, _), _)| *distance < at_most).collect();
-    if gains.is_empty() {
-        return None;
-    }
-    gains.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
-    let second_look = |start: Rigid| {
-        let motion = member.refined(typical, start, POINTS / SECOND, SECOND_ROUNDS);
-        member.distance(typical, &motion, 1)
-    };
-    let distance = second_look(STAY);
-    let best = gains.iter().take(LOOKED_AT).map(|((_, motion), turn)| (second_look(*motion), *turn));
-    let (turned, turn) = best.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    (turned < (1.0 - GAIN) * distance).then(|| (distance, turned, angle(turn)))
+/// Distance of two surfaces without a motion, of all of their points; 0 where there are none.
+fn as_they_lie(a: Option<&PoseSurface>, b: Option<&PoseSurface>) -> f64 {
+    a.zip(b).map_or(0.0, |(a, b)| distance(a, b, &Similarity::default(), 0.0))
 }
 
-/// The rotations of a cube with these axes, but for the identity.
-fn turns(axes: &Matrix3) -> Vec<Matrix3> {
-    let mut found = Vec::new();
-    for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]] {
-        for signs in 0..8 {
-            let sign = |row: usize| if signs >> row & 1 == 1 { -1.0 } else { 1.0 };
-            let of_cube: Matrix3 =
-                std::array::from_fn(|i| std::array::from_fn(|j| if order[i] == j { sign(i) } else { 0.0 }));
-            let is_identity = signs == 0 && order == [0, 1, 2];
-            if determinant(&of_cube) > 0.0 && !is_identity {
-                found.push(product(&transposed(axes), &product(&of_cube, axes)));
-            }
-        }
-    }
-    found
-}
-
-/// The angle of a rotation, degrees.
-fn angle(turn: &Matrix3) -> f64 {
-    (0.5 * (turn[0][0] + turn[1][1] + turn[2][2] - 1.0)).clamp(-1.0, 1.0).acos().to_degrees()
+/// Distance of a member from the typical one, that in the best pose, and the angle of that, degrees, if it gains enough.
+/// Both are after a rigid motion by nearest points, so that what counts is the pose at large.
+fn better_turn(
+    member: &PoseSurface,
+    typical: &PoseSurface,
+    monitor: &dyn Monitor,
+) -> Result<Option<(f64, f64, f64)>, ShapeError> {
+    let params = PoseParams { trimmed: 0.0, ..PoseParams::default() };
+    let (motion, distance) = improved(member, typical, &Similarity::default(), &params);
+    let best = pose(member, typical, &params, monitor)?;
+    let angle = angle_between(&motion.orthogonal, &best.similarity.orthogonal).to_degrees();
+    Ok((best.distance < (1.0 - GAIN) * distance).then_some((distance, best.distance, angle)))
 }
 
 #[cfg(test)]
@@ -274,7 +215,7 @@ mod tests {
     use super::*;
     use crate::Rotation;
     use crate::samples::blob;
-    use crate::{Similarity, Transform as Pose, mean};
+    use crate::{Transform as Pose, mean};
 
     /// Lumps that differ a little, each in a pose.
     fn group(pose: impl Fn(usize) -> Pose) -> Vec<Coefficients> {
@@ -335,15 +276,5 @@ mod tests {
         let point = Coefficients::new(Array2::zeros((4, 3))).unwrap();
         let found = looked_at(&[point.clone(), point.clone(), point]);
         assert_eq!((found.distances, found.warnings), (vec![0.0; 3], Vec::new()));
-    }
-
-    #[test]
-    fn the_turns_are_those_of_a_cube() {
-        let found = turns(&IDENTITY);
-        assert_eq!(found.len(), 23);
-        let mut angles: Vec<f64> = found.iter().map(|turn| angle(turn).round()).collect();
-        angles.sort_by(f64::total_cmp);
-        let count = |degrees: f64| angles.iter().filter(|angle| **angle == degrees).count();
-        assert_eq!((count(90.0), count(120.0), count(180.0)), (6, 8, 9));
     }
 }

@@ -7,54 +7,16 @@
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_model::Model;
 use spharm_monitor::Monitor;
-use spharm_surface::Kind;
+pub use spharm_surface::Similarity;
+use spharm_surface::{Kind, Mesh};
 
 use crate::error::ShapeError;
 use crate::extent::{finite, surface};
-use crate::matrix3::{Matrix3, determinant};
 use crate::rotate::rotate_parameters;
 use crate::rotation::Rotation;
 
 /// sqrt(4 pi): row 0 of a constant 1.
 pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
-
-/// A similarity of space: `x -> scale Q x + translation`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Similarity {
-    /// Q, by rows: a rotation, or a reflection where one was asked for.
-    pub orthogonal: Matrix3,
-    /// The factor.
-    pub scale: f64,
-    /// What is added, in the surface's unit.
-    pub translation: [f64; 3],
-}
-
-impl Default for Similarity {
-    fn default() -> Self {
-        Self { orthogonal: Rotation::IDENTITY.matrix(), scale: 1.0, translation: [0.0; 3] }
-    }
-}
-
-impl Similarity {
-    /// Returns the similarity that rotates.
-    #[must_use]
-    pub fn rotation(rotation: &Rotation) -> Self {
-        Self { orthogonal: rotation.matrix(), ..Self::default() }
-    }
-
-    /// Whether it mirrors.
-    #[must_use]
-    pub fn mirrors(&self) -> bool {
-        determinant(&self.orthogonal) < 0.0
-    }
-
-    /// Returns scale Q x + translation.
-    #[must_use]
-    pub fn apply(&self, x: [f64; 3]) -> [f64; 3] {
-        let Self { orthogonal: q, scale, translation } = self;
-        std::array::from_fn(|i| scale * (q[i][0] * x[0] + q[i][1] * x[1] + q[i][2] * x[2]) + translation[i])
-    }
-}
 
 /// What is done to a surface: `f'(u) = scale Q f(R^T u) + translation`, or with f(-R^T u) where `antipodal`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -78,6 +40,18 @@ impl Transform {
         surface(coefficients)?;
         let turned = turn(coefficients, &self.rotation, self.antipodal, monitor)?;
         transform_object(&turned, &self.similarity)
+    }
+
+    /// Returns points moved in space with the surface, such as landmarks on it, (n, 3) in its unit.
+    #[must_use]
+    pub fn apply_points(&self, points: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        points.iter().map(|point| self.similarity.apply(*point)).collect()
+    }
+
+    /// Returns a mesh moved in space, as [`Similarity::apply_mesh`] does it: parameters are a model's alone.
+    #[must_use]
+    pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
+        self.similarity.apply_mesh(mesh)
     }
 
     /// Returns `{"parameters": R, "antipodal": false, "object": Q, "scale": s, "translation": t}`, the matrices by rows.
@@ -208,6 +182,7 @@ pub fn rmsd(a: &Coefficients, b: &Coefficients) -> Result<f64, ShapeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::matrix3::determinant;
     use crate::samples::{blob, some_pose};
     use spharm_monitor::Silent;
     use spharm_surface::Sphere;

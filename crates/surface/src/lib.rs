@@ -27,6 +27,8 @@
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`locator`] | the triangle of a sphere that a direction meets, and interpolation there |
 //! | [`samples`] | samples of a sphere's triangles, for least squares over the whole surface |
+//! | [`pose`] | the motion that brings one surface onto another, or a group together |
+//! | [`kabsch`], [`matrix3`], [`Similarity`] | the best rotation of space; 3 x 3 matrices; similarities |
 //! | [`SpreadPoints`] | points spread evenly over a mesh's area |
 //!
 //! # Example
@@ -59,6 +61,7 @@ mod hemisphere;
 mod mesh;
 mod room;
 mod seam;
+mod similarity;
 mod sliver_tree;
 mod sphere;
 mod spread;
@@ -66,10 +69,13 @@ mod target;
 
 pub mod generate;
 pub mod io;
+pub mod kabsch;
 pub mod locator;
+pub mod matrix3;
 pub mod metrics;
 pub mod nearest;
 pub mod npy;
+pub mod pose;
 pub mod range;
 pub mod repair;
 pub mod samples;
@@ -80,6 +86,7 @@ pub use error::SurfaceError;
 pub use hemisphere::Hemisphere;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};
 pub use seam::{Seam, Welded};
+pub use similarity::Similarity;
 pub use sphere::{Sphere, SphereWarning, read_sphere};
 pub use spread::SpreadPoints;
 pub use target::{Target, TargetWarning, read_target, read_target_with_gaps};

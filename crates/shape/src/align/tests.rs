@@ -205,3 +205,35 @@ proptest! {
         prop_assert!(apart(&plain.coefficients, &turned.coefficients) < 1e-6);
     }
 }
+
+/// Surfaces whose spheres were turned apart come to the pose that they have, whatever the parameters.
+#[test]
+fn poses_by_surfaces_dont_depend_on_the_parameters() {
+    let target = blob(6, 1);
+    let params = AlignParams { method: Method::Surfaces, ..AlignParams::default() };
+    for n in 0..3 {
+        let known = some_pose(n);
+        let found = align(&posed(&target, &known), &target, &params, &Silent).unwrap().report;
+        let back = known.similarity.then(&found.transform.similarity);
+        let off = back.apply([1.0, 2.0, 3.0]);
+        let miss = (0..3).map(|k| (off[k] - [1.0, 2.0, 3.0][k]).powi(2)).sum::<f64>().sqrt();
+        let size = rmsd(&target, &Coefficients::new(target.values() * 0.0).unwrap()).unwrap();
+        assert!(miss < 0.02 * size && found.rmsd_after < 0.02 * size, "{n}: {miss} {found:?}");
+        assert!(found.surface_distance.is_some_and(|distance| distance < 0.02 * size), "{found:?}");
+        assert!(!found.mirrored);
+    }
+}
+
+#[test]
+fn mirrored_poses_by_surfaces_keep_the_outside_outside() {
+    let target = blob(6, 1);
+    let params = AlignParams { method: Method::Surfaces, mirror: true, ..AlignParams::default() };
+    // One that is inside out, and one whose sphere is mirrored with it.
+    let inside_out = reflected(&target);
+    let turned = Transform { antipodal: true, ..Transform::default() }.apply(&inside_out, &Silent).unwrap();
+    for (moving, antipodal) in [(inside_out, false), (turned, true)] {
+        let found = align(&moving, &target, &params, &Silent).unwrap().report;
+        assert!(found.mirrored && found.transform.antipodal == antipodal, "{found:?}");
+        assert!(found.rmsd_after < 0.05 * found.rmsd_before, "{found:?}");
+    }
+}

@@ -22,7 +22,7 @@ use super::{Group, ProcrustesWarning};
 use crate::error::ShapeError;
 use crate::group::{Pose, Round};
 use crate::pair::object_only;
-use crate::refine::Target;
+use crate::refine::{Space, Target};
 
 /// Members whose spread means something, at least.
 const LEAST: usize = 4;
@@ -100,7 +100,7 @@ impl Group<'_> {
         if now.antipodal {
             unit = Cow::Owned(unit.antipodal());
         }
-        let fit = plan.continued(&unit, target, now.fit.rotation, false, &OnlyCancel(self.monitor));
+        let fit = plan.continued(&unit, target, now.fit.rotation, Space::Turned, &OnlyCancel(self.monitor));
         Pose { fit, antipodal: now.antipodal }
     }
 
@@ -116,7 +116,7 @@ impl Group<'_> {
             let rows = if mirrored { &inside_out.rows } else { &unit.rows };
             return Pose { fit: object_only(rows, &target.rows, false), antipodal: false };
         };
-        let search = |unit| plan.search(unit, target, false, &OnlyCancel(self.monitor)).fit;
+        let search = |unit| plan.search(unit, target, Space::Turned, &OnlyCancel(self.monitor)).fit;
         let [outside, inside] = [&inside_out.antipodal(), &inside_out].map(search);
         let fit = if outside.distance <= inside.distance { outside } else { inside };
         Pose { fit, antipodal: false }

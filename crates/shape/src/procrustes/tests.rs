@@ -2,6 +2,7 @@ use proptest::prelude::*;
 use spharm_monitor::Silent;
 
 use super::*;
+use crate::align::AlignParams;
 use crate::samples::{apart, blob, ellipsoid, hippocampi, pose, posed, reflected, some_pose};
 
 fn together(members: &[Coefficients]) -> Procrustes {
@@ -213,4 +214,41 @@ proptest! {
         prop_assert!((plain.report.spread_after - other.report.spread_after).abs() < 1e-9);
         prop_assert!(apart(&plain.mean, &other.mean) < 1e-6);
     }
+}
+
+/// Members that differ a little, whose surfaces and spheres were turned apart, end where the same member always ends.
+#[test]
+fn a_group_by_its_surfaces_comes_together_from_any_pose() {
+    let members: Vec<Coefficients> = (0..5).map(|n| perturbed(n, 0.02)).collect();
+    let params = ProcrustesParams {
+        align: AlignParams { method: Method::Surfaces, starts: 3, ..AlignParams::default() },
+        ..ProcrustesParams::default()
+    };
+    let spread = |seed: usize| {
+        let turned: Vec<Coefficients> =
+            members.iter().enumerate().map(|(n, member)| posed(member, &some_pose(seed + n))).collect();
+        let found = procrustes(&turned, &params, &Silent).unwrap();
+        // The mean and the distances from it are those of the members as they are brought together.
+        let moved: Vec<Coefficients> =
+            turned.iter().zip(&found.transforms).map(|(member, t)| t.apply(member, &Silent).unwrap()).collect();
+        let mean = crate::mean(&moved).unwrap();
+        assert!(apart(&mean, &found.mean) < 1e-9);
+        for (member, rmsd) in moved.iter().zip(&found.report.rmsd) {
+            assert!((crate::rmsd(member, &mean).unwrap() - rmsd).abs() < 1e-9);
+        }
+        assert!(!found.report.warnings.iter().any(|warning| warning.member().is_some()), "{:?}", found.report);
+        found.report.spread_after
+    };
+    let (first, second) = (spread(0), spread(9));
+    let joint = together(&members).report.spread_after;
+    assert!((first - second).abs() < 0.05 * first && first < 1.3 * joint, "{first} {second} {joint}");
+}
+
+#[test]
+fn a_point_has_no_pose_by_its_surface() {
+    let mut members: Vec<Coefficients> = (0..3).map(|n| perturbed(n, 0.02)).collect();
+    members.push(Coefficients::new(Array2::zeros((36, 3))).unwrap());
+    let align = AlignParams { method: Method::Surfaces, ..AlignParams::default() };
+    let found = procrustes(&members, &ProcrustesParams { align, ..ProcrustesParams::default() }, &Silent);
+    assert!(matches!(found, Err(ShapeError::Member { index: 3, .. })), "{found:?}");
 }

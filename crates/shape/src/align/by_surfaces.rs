@@ -1,0 +1,66 @@
+//! The pose by the surfaces, then the parameters under it.
+
+use spharm_harmonics::Coefficients;
+use spharm_monitor::{Monitor, OnlyCancel};
+use spharm_surface::pose::{DOUBTFUL, PoseParams, pose};
+
+use super::params::{AlignParams, AlignWarning};
+use crate::error::ShapeError;
+use crate::evaluated::{Evaluated, in_pose};
+use crate::pair::{Found, Unit};
+use crate::refine::{Fit, Space, Target};
+use crate::surface_poses::FAR_FROM_A_MEMBER;
+use crate::transform::{SQRT_4_PI, Transform, rmsd};
+
+/// What came of it.
+pub(super) struct BySurfaces {
+    pub(super) transform: Transform,
+    /// |R f - g| of the surfaces in the pose, without row 0 and divided by `norm`, where each start ended.
+    pub(super) ends: Vec<f64>,
+    pub(super) distance: f64,
+    pub(super) warnings: Vec<AlignWarning>,
+}
+
+/// Finds the pose of a surface on another, and the rotation of the parameters under it that leaves the least distance at
+/// equal directions. `None` where one of them is a point or a line.
+pub(super) fn by_surfaces(
+    moving: &Coefficients,
+    target: &Coefficients,
+    degree: usize,
+    params: &AlignParams,
+    monitor: &dyn Monitor,
+) -> Result<Option<BySurfaces>, ShapeError> {
+    let evaluated = Evaluated::new(degree)?;
+    let (Some(a), Some(b)) = (evaluated.surface(moving.values().view())?, evaluated.surface(target.values().view())?)
+    else {
+        return Ok(None);
+    };
+    let of_pose = PoseParams { scale: params.scale, mirror: params.mirror, ..PoseParams::default() };
+    let found = pose(&a, &b, &of_pose, monitor)?;
+    let in_space = in_pose(found.similarity, &a, &b);
+    let posed = in_space.apply(moving, &OnlyCancel(monitor))?;
+    let (f, g) = (Unit::new(&posed, degree), Unit::new(target, degree));
+    if f.norm == 0.0 || g.norm == 0.0 {
+        return Ok(None);
+    }
+    let Found { fit: Fit { rotation, stiffness, .. }, ends, .. } =
+        params.plan(degree)?.search(&f, &Target::new(g.rows.clone()), Space::Fixed, monitor);
+    monitor.check()?;
+    let transform = Transform { rotation, ..in_space };
+    let up_to = |of: &Coefficients| Coefficients::new(of.up_to(degree).to_owned());
+    let apart = rmsd(&up_to(&transform.apply(moving, &OnlyCancel(monitor))?)?, &up_to(target)?)?;
+    let left = |end: &f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
+    let mut warnings = Vec::new();
+    // Rounding of the evaluation is no distance.
+    let least = 1e-3 * b.size();
+    if found.second < DOUBTFUL * found.distance.max(least) {
+        warnings.push(AlignWarning::PoseInDoubt { distance: found.distance, second: found.second });
+    }
+    if apart > FAR_FROM_A_MEMBER * found.distance.max(least) {
+        warnings.push(AlignWarning::PlacesDiffer { rmsd: apart, distance: found.distance });
+    }
+    if stiffness < 1e-7 {
+        warnings.push(AlignWarning::ParametersUndetermined);
+    }
+    Ok(Some(BySurfaces { transform, ends: ends.iter().map(left).collect(), distance: found.distance, warnings }))
+}

@@ -1,0 +1,145 @@
+//! Settings of an alignment, and what there is to know about one.
+
+use std::fmt;
+
+use crate::error::ShapeError;
+use crate::pair::Plan;
+
+/// How two surfaces are brought together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum Method {
+    /// Both rotations are searched together.
+    #[default]
+    Joint,
+    /// Both are turned into the frames of their first-order ellipsoids, and the best of the 16 pairs of half turns is
+    /// taken; for comparison with other programs.
+    FirstOrderEllipsoid,
+    /// The parameters stay as they are, as they correspond already: only space is turned.
+    FixedParameters,
+    /// The pose is that of the [surfaces alone](mod@spharm_surface::pose), whatever their maps to the sphere; then the
+    /// parameters are searched under it. For surfaces that were mapped apart, whose distance at equal directions may be
+    /// least in a wrong pose.
+    Surfaces,
+}
+
+/// Settings of an alignment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlignParams {
+    /// How; by default [`Method::Joint`].
+    pub method: Method,
+    /// Highest degree that is compared; by default the lower one of the two surfaces. All degrees are transformed.
+    pub max_degree: Option<usize>,
+    /// Whether the moving surface is scaled; by default it isn't.
+    pub scale: bool,
+    /// Whether mirror images may be matched; by default they aren't.
+    pub mirror: bool,
+    /// Bandwidth B of the grid, 2 to 64: it has 2B x B x 2B rotations. By default 8, or L + 1 below degree 7.
+    pub bandwidth: Option<usize>,
+    /// Local maxima of the grid that are refined, at least 1; by default 6.
+    pub starts: usize,
+}
+
+impl Default for AlignParams {
+    fn default() -> Self {
+        Self { method: Method::Joint, max_degree: None, scale: false, mirror: false, bandwidth: None, starts: 6 }
+    }
+}
+
+/// Bandwidth where it isn't given.
+const BANDWIDTH: usize = 8;
+
+impl AlignParams {
+    /// The plan for surfaces of a degree.
+    pub(crate) fn plan(&self, degree: usize) -> Result<Plan, ShapeError> {
+        let refuse =
+            |name, found: usize, expected| Err(ShapeError::Setting { name, found: found.to_string(), expected });
+        let bandwidth = self.bandwidth.unwrap_or_else(|| BANDWIDTH.min(degree + 1).max(2));
+        if !(2..=64).contains(&bandwidth) {
+            return refuse("the bandwidth of the grid", bandwidth, "it must be between 2 and 64");
+        }
+        if self.starts == 0 {
+            return refuse("the number of starts", 0, "it must be at least 1");
+        }
+        Ok(Plan::new(degree, bandwidth, self.starts))
+    }
+}
+
+/// Something to know about an alignment.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum AlignWarning {
+    /// The surfaces have different degrees; the degrees up to `used` were compared.
+    DegreesDiffer {
+        /// Degree of the moving surface.
+        moving: usize,
+        /// Degree of the target.
+        target: usize,
+        /// Highest degree compared.
+        used: usize,
+    },
+    /// A surface that is a single point: no rotation was determined.
+    Point,
+    /// The rotation of space is undetermined about an axis, as one of the surfaces lies on a line, or the two have nothing
+    /// in common.
+    ObjectUndetermined,
+    /// Both rotations can be turned together without a change, as where a surface is one of revolution.
+    BothUndetermined,
+    /// Both surfaces are plane: it is unknown whether one is mirrored.
+    MirrorUndetermined,
+    /// The parameters can be turned under the pose without a change.
+    ParametersUndetermined,
+    /// Another pose of the surfaces is nearly as good.
+    PoseInDoubt {
+        /// Distance of the surfaces.
+        distance: f64,
+        /// The same in the other pose.
+        second: f64,
+    },
+    /// At equal directions the surfaces are much farther apart than they are as surfaces: equal directions aren't equal places.
+    PlacesDiffer {
+        /// Root mean square distance at equal directions.
+        rmsd: f64,
+        /// That of the surfaces.
+        distance: f64,
+    },
+    /// The first-order ellipsoid is nearly round, and its frame has little meaning.
+    NearlyRound {
+        /// The ratio of its neighbouring axes.
+        ratio: f64,
+    },
+}
+
+impl fmt::Display for AlignWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::DegreesDiffer { moving, target, used } => {
+                write!(f, "the surfaces have degrees {moving} and {target}; degrees up to {used} were compared")
+            }
+            Self::Point => f.write_str("a surface is a single point: no rotation is determined"),
+            Self::ObjectUndetermined => f.write_str(
+                "the rotation of space is undetermined about an axis: a surface lies on a line, or the two have nothing in \
+                 common",
+            ),
+            Self::BothUndetermined => f.write_str(
+                "the rotations of space and of the parameters can be turned together without a change: a surface of \
+                 revolution",
+            ),
+            Self::ParametersUndetermined => f.write_str("the parameters can be turned under the pose without a change"),
+            Self::PoseInDoubt { distance, second } => write!(
+                f,
+                "the surfaces are {distance:.4} apart, and {second:.4} in another pose: the pose is in doubt"
+            ),
+            Self::PlacesDiffer { rmsd, distance } => write!(
+                f,
+                "at equal directions the surfaces are {rmsd:.4} apart, and {distance:.4} as surfaces: equal directions \
+                 aren't equal places"
+            ),
+            Self::MirrorUndetermined => f.write_str("the surfaces are plane: it is unknown whether one is mirrored"),
+            Self::NearlyRound { ratio } => write!(
+                f,
+                "axes of the first-order ellipsoid are alike, with a ratio of {ratio:.3}: its frame has little meaning"
+            ),
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! Models as the surfaces that poses are found of.
+
+use ndarray::{ArrayView2, s};
+use spharm_harmonics::{Directions, basis_size};
+use spharm_surface::Mesh;
+use spharm_surface::generate::icosphere;
+use spharm_surface::pose::PoseSurface;
+use spharm_transform::{Transform as Synthesis, TransformParams};
+
+use crate::error::ShapeError;
+use crate::transform::{Similarity, Transform};
+
+/// Vertices of the meshes: 2,562.
+const LEVEL: u32 = 4;
+/// Accuracy of the vertices, relative to the coefficients.
+const ACCURACY: f64 = 1e-6;
+
+/// What evaluations of one degree share.
+pub(crate) struct Evaluated {
+    sphere: Mesh,
+    transform: Synthesis,
+    degree: usize,
+}
+
+impl Evaluated {
+    pub(crate) fn new(degree: usize) -> Result<Self, ShapeError> {
+        let sphere = icosphere(LEVEL);
+        let params = TransformParams { max_degree: degree, accuracy: ACCURACY, channels: 3 };
+        let transform = Synthesis::new(&Directions::from_vertices(&sphere.vertices)?, &params)?;
+        Ok(Self { sphere, transform, degree })
+    }
+
+    /// The surface of coefficients of the degree or a higher one, (K, 3); `None` of a point, or a line.
+    pub(crate) fn surface(&self, coefficients: ArrayView2<'_, f64>) -> Result<Option<PoseSurface>, ShapeError> {
+        let rows = self.transform.synthesis(coefficients.slice_move(s![..basis_size(self.degree), ..]))?;
+        let vertices = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+        Ok(PoseSurface::new(&self.sphere.with_vertices(vertices)))
+    }
+}
+
+/// The transform of a motion that brings a surface onto another. Its sphere is mirrored too where else the outside of one
+/// would be the inside of the other.
+pub(crate) fn in_pose(similarity: Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Transform {
+    let outside = moving.volume * fixed.volume > 0.0;
+    Transform { antipodal: similarity.mirrors() == outside, similarity, ..Transform::default() }
+}

@@ -1,0 +1,111 @@
+//! A group whose poses are decided by its surfaces, and whose parameters are brought together under these.
+//!
+//! The members' surfaces are [brought together](spharm_surface::pose::group_poses) first, with scale and mirror images if
+//! asked. Then the Procrustes analysis turns nothing but the parameters. Members keep the places that their surfaces have: the
+//! mean's centre is the origin, not that of each.
+
+use rayon::prelude::*;
+use spharm_harmonics::Coefficients;
+use spharm_monitor::{Monitor, OnlyCancel};
+use spharm_surface::pose::{GroupPoses, PoseParams, PoseSurface, group_poses, pose};
+
+use super::{Group, Journal, Procrustes, ProcrustesParams, ProcrustesWarning, brought_together};
+use crate::align::{AlignParams, Method};
+use crate::error::ShapeError;
+use crate::evaluated::{Evaluated, in_pose};
+use crate::group::{mean_of, spread_of};
+use crate::surface_poses::GAIN;
+use crate::transform::{SQRT_4_PI, Similarity, Transform};
+
+/// Brings a group together. Members that are points or lines have no pose, and a group that has one of them none.
+pub(super) fn together(
+    members: &[Coefficients],
+    params: &ProcrustesParams,
+    journal: Option<&mut Journal>,
+    monitor: &dyn Monitor,
+) -> Result<Procrustes, ShapeError> {
+    let lowest = members.iter().map(Coefficients::max_degree).min().unwrap_or(0);
+    let degree = params.align.max_degree.map_or(lowest, |degree| degree.min(lowest));
+    let evaluated = Evaluated::new(degree)?;
+    let one = |(index, member): (usize, &Coefficients)| -> Result<PoseSurface, ShapeError> {
+        monitor.check()?;
+        let point = || ShapeError::Member { index, source: Box::new(ShapeError::NoArea) };
+        evaluated.surface(member.values().view())?.ok_or_else(point)
+    };
+    let surfaces: Vec<Result<PoseSurface, ShapeError>> = members.par_iter().enumerate().map(one).collect();
+    let surfaces = surfaces.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let of_pose = PoseParams { scale: params.align.scale, mirror: params.align.mirror, ..PoseParams::default() };
+    let found = group_poses(&surfaces, &of_pose, monitor)?;
+    let mut warnings: Vec<ProcrustesWarning> = found.warnings.iter().copied().map(ProcrustesWarning::Pose).collect();
+    if !params.align.mirror {
+        warnings.extend(mirrored(&surfaces, &found, &of_pose, monitor)?);
+    }
+    let of = |(motion, own): (&Similarity, &PoseSurface)| in_pose(*motion, own, &surfaces[found.template]);
+    let motions: Vec<Transform> = found.similarities.iter().zip(&surfaces).map(of).collect();
+    let apply = |(member, motion): (&Coefficients, &Transform)| motion.apply(member, &OnlyCancel(monitor));
+    let posed: Vec<Result<Coefficients, ShapeError>> = members.par_iter().zip(&motions).map(apply).collect();
+    let posed = posed.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let under = ProcrustesParams {
+        align: AlignParams { scale: false, mirror: false, ..params.align.clone() },
+        ..params.clone()
+    };
+    let mut result = brought_together(&posed, &under, journal, monitor)?;
+    // Each was centred alone: their own places, from the centre of all, are theirs again.
+    let centres: Vec<[f64; 3]> =
+        posed.iter().map(|member| std::array::from_fn(|c| member.values()[[0, c]] / SQRT_4_PI)).collect();
+    let count = centres.len() as f64;
+    let centre: [f64; 3] = std::array::from_fn(|c| centres.iter().map(|own| own[c]).sum::<f64>() / count);
+    let off = |own: &[f64; 3]| (0..3).map(|c| (own[c] - centre[c]).powi(2)).sum::<f64>().sqrt();
+    for ((transform, motion), (rmsd, own)) in
+        result.transforms.iter_mut().zip(&motions).zip(result.report.rmsd.iter_mut().zip(&centres))
+    {
+        let turned = Similarity { translation: [0.0; 3], ..transform.similarity };
+        let about_all = Similarity { translation: turned.apply(centre).map(|v| -v), ..turned };
+        transform.antipodal = motion.antipodal;
+        transform.similarity = motion.similarity.then(&about_all);
+        *rmsd = rmsd.hypot(off(own));
+    }
+    let report = &mut result.report;
+    report.spread_after = (report.rmsd.iter().map(|rmsd| rmsd * rmsd).sum::<f64>() / count).sqrt();
+    report.spread_before = spread_as_given(members, degree, &under, monitor)?;
+    report.warnings.splice(0..0, warnings);
+    Ok(result)
+}
+
+/// The spread of members as they were given, after centring alone.
+fn spread_as_given(
+    members: &[Coefficients],
+    degree: usize,
+    params: &ProcrustesParams,
+    monitor: &dyn Monitor,
+) -> Result<f64, ShapeError> {
+    let still = ProcrustesParams {
+        align: AlignParams { method: Method::FixedParameters, ..params.align.clone() },
+        ..params.clone()
+    };
+    let given = Group::new(members, degree, &still, None, &OnlyCancel(monitor))?.as_given();
+    Ok(spread_of(&given, &mean_of(&given)))
+}
+
+/// Members whose mirror images lie much nearer to the typical one than they do.
+fn mirrored(
+    surfaces: &[PoseSurface],
+    found: &GroupPoses,
+    params: &PoseParams,
+    monitor: &dyn Monitor,
+) -> Result<Vec<ProcrustesWarning>, ShapeError> {
+    let typical = found.template;
+    let params = PoseParams { mirror: true, ..*params };
+    let one = |member: usize| -> Result<Option<ProcrustesWarning>, ShapeError> {
+        if member == typical {
+            return Ok(None);
+        }
+        let best = pose(&surfaces[member], &surfaces[typical], &params, monitor)?;
+        let motion = found.similarities[member].then(&found.similarities[typical].inverse());
+        let rmsd = spharm_surface::pose::distance(&surfaces[member], &surfaces[typical], &motion, params.trimmed);
+        let much = best.similarity.mirrors() && best.distance < (1.0 - GAIN) * rmsd;
+        Ok(much.then_some(ProcrustesWarning::Mirrored { member, rmsd, mirrored: best.distance }))
+    };
+    let warnings: Vec<Result<_, ShapeError>> = (0..surfaces.len()).into_par_iter().map(one).collect();
+    Ok(warnings.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+}

@@ -1,0 +1,84 @@
+//! Which piece of a surface is nearest, nearly, at once: a table over a box of cells.
+//!
+//! Thousands of rotations are looked at before one is improved, and a search in a tree takes 0.15 us. The table has, for
+//! every cell, the point nearest to its middle; what lies outside the box is moved onto it. The point isn't always the
+//! nearest to what lies elsewhere in the cell, but distances are to the disk that it stands for, so that a neighbour does.
+//! 32,768 cells in the box of the principal axes: 64 KiB.
+
+use super::level::Level;
+use crate::geometry::{Vec3, add, scale, sub};
+use crate::matrix3::{Matrix3, times, transposed};
+
+/// Cells of a table, about.
+const CELLS: f64 = 32_768.0;
+/// Cells around the surface's own box.
+const MARGIN: f64 = 4.0;
+
+pub(super) struct Grid {
+    /// From places to cells: `cells x + origin`.
+    cells: Matrix3,
+    origin: Vec3,
+    counts: [usize; 3],
+    nearest: Vec<u16>,
+}
+
+impl Grid {
+    /// Makes the table of a level of at most 65,536 points. Rows of `axes` are those of a rotation.
+    pub(super) fn new(level: &Level, axes: &Matrix3) -> Self {
+        let (low, high) = crate::geometry::bounds(level.points.iter().map(|p| times(axes, *p)));
+        let sides = sub(high, low);
+        let volume = |side: f64| sides.iter().map(|s| s / side + 2.0 * MARGIN).product::<f64>();
+        // Cells whose number in the box and its margin is what the table has room for, by halving.
+        let longest = sides.iter().fold(0.0_f64, |most, s| most.max(*s));
+        let (mut small, mut large) = (1e-6 * longest, longest);
+        for _ in 0..50 {
+            let middle = (small * large).sqrt();
+            if volume(middle) > CELLS { small = middle } else { large = middle }
+        }
+        let side = large;
+        let counts = sides.map(|s| (s / side + 2.0 * MARGIN).ceil() as usize);
+        let corner = low.map(|v| v - MARGIN * side);
+        let (cells, origin) = (axes.map(|row| row.map(|v| v / side)), corner.map(|v| -v / side));
+        let back = transposed(axes);
+        let middle = |i: usize| {
+            let at = [i / (counts[1] * counts[2]), i / counts[2] % counts[1], i % counts[2]];
+            times(&back, add(corner, scale(at.map(|k| k as f64 + 0.5), side)))
+        };
+        let nearest = (0..counts.iter().product()).map(|i| level.nearest(middle(i)) as u16).collect();
+        Self { cells, origin, counts, nearest }
+    }
+
+    /// The index of a point that is nearest to `p`, or next to it.
+    pub(super) fn nearest(&self, p: Vec3) -> usize {
+        let at = add(times(&self.cells, p), self.origin);
+        let cell = |k: usize| (at[k].max(0.0) as usize).min(self.counts[k] - 1);
+        usize::from(self.nearest[(cell(0) * self.counts[1] + cell(1)) * self.counts[2] + cell(2)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::{SplitMix64, icosphere};
+    use crate::geometry::dot;
+    use crate::pose::PoseSurface;
+
+    #[test]
+    fn points_are_nearest_to_within_a_cell() {
+        let ball = icosphere(4);
+        let body = ball.with_vertices(ball.vertices.iter().map(|v| [9.0 * v[0], 3.0 * v[1], 2.0 * v[2]]).collect());
+        let surface = PoseSurface::new(&body).unwrap();
+        let level = &surface.levels[1];
+        let mut random = SplitMix64::new(3);
+        for _ in 0..1000 {
+            let p = [random.between(-10.0, 10.0), random.between(-4.0, 4.0), random.between(-3.0, 3.0)];
+            let to = |i: usize| dot(sub(level.points[i], p), sub(level.points[i], p)).sqrt();
+            assert!(to(surface.grid.nearest(p)) < to(level.nearest(p)) + 2.0 * level.radius, "{p:?}");
+        }
+        assert!(surface.grid.nearest.len() < 40_000);
+        // Whatever lies far away has a point, too.
+        for far in [[1e9, 0.0, 0.0], [-1e300, 1e300, 0.0], [f64::INFINITY, 0.0, 0.0]] {
+            assert!(surface.grid.nearest(far) < level.points.len());
+        }
+    }
+}

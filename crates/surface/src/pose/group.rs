@@ -1,0 +1,266 @@
+//! A group of surfaces brought together.
+//!
+//! All come to the most typical of them first: the one whose size and spread along the principal axes have the least
+//! distance from the others', and then, if another one is nearer to all in the poses that are found, to that. A surface with two
+//! poses that are nearly as good takes the one in which it is nearer to the others. At last each moves to all of the others,
+//! or to [`OTHERS`] of them, at once: with no mean surface between them, which would have no member's shape, the sum of the
+//! squared distances of the pairs decreases, as a generalised Procrustes analysis has it (J. Gower, Psychometrika 40, 1975)
+//! with nearest points for places. The group lies where the typical one lies.
+
+use std::fmt;
+
+use rayon::prelude::*;
+use spharm_monitor::{Interrupted, Monitor, Stage};
+
+use super::surface::{Density, PoseSurface};
+use super::{Pose, PoseParams, icp, pose};
+use crate::geometry::{dot, scale, sub};
+use crate::kabsch::kabsch;
+use crate::similarity::Similarity;
+
+/// Others that a member moves to at once, at most: every n-th one after it.
+pub const OTHERS: usize = 8;
+/// Rounds in which all move to each other.
+const ROUNDS: usize = 5;
+/// Share of what is trimmed that is left out of these rounds. Where members differ most, as at the tips of processes, they are
+/// not therefore outlying: landmarks of a vertebra lie at 1.25 of what a motion of the landmarks leaves with all of it left
+/// out, and at 1.14 with this.
+const OUTLYING: f64 = 0.25;
+/// Poses whose distances differ by a factor less than this are compared by all of the others.
+const CLOSE: f64 = 1.5;
+/// A pose is in doubt where the next one is within this factor.
+pub const DOUBTFUL: f64 = 1.1;
+/// A member is of another kind where it is farther from the others than the median of the members by this factor.
+pub const OF_ANOTHER_KIND: f64 = 3.0;
+
+/// A group in one pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroupPoses {
+    /// From each surface's own frame to the group's.
+    pub similarities: Vec<Similarity>,
+    /// The most typical surface, counted from 0, whose pose the group has.
+    pub template: usize,
+    /// The median of the distances of each from the others, which are those of [`Pose::distance`], in the group's unit.
+    pub distances: Vec<f64>,
+    /// Members to look at.
+    pub warnings: Vec<GroupPoseWarning>,
+}
+
+/// A reason to doubt the pose of a member.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum GroupPoseWarning {
+    /// Another pose is nearly as good.
+    Doubtful {
+        /// The member, counted from 0.
+        member: usize,
+        /// Its distance from the others.
+        distance: f64,
+        /// The same in the other pose.
+        second: f64,
+    },
+    /// It is much farther from the others than they are from each other, as a surface of another kind or unit is.
+    Far {
+        /// The member, counted from 0.
+        member: usize,
+        /// Its distance from the others.
+        distance: f64,
+        /// The median over the members.
+        median: f64,
+    },
+}
+
+impl GroupPoseWarning {
+    /// Returns the member, counted from 0.
+    #[must_use]
+    pub fn member(&self) -> usize {
+        match self {
+            Self::Doubtful { member, .. } | Self::Far { member, .. } => *member,
+        }
+    }
+
+    /// Returns the text without the member's number.
+    #[must_use]
+    pub fn of_member(&self) -> String {
+        match self {
+            Self::Doubtful { distance, second, .. } => format!(
+                "its surface is {distance:.4} from the others, and {second:.4} in another pose: its pose is in doubt"
+            ),
+            Self::Far { distance, median, .. } => format!(
+                "its surface is {distance:.4} from the others, where {median:.4} is usual: it may be of another kind or unit"
+            ),
+        }
+    }
+}
+
+impl fmt::Display for GroupPoseWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "member {}: {}", self.member(), self.of_member())
+    }
+}
+
+/// Brings surfaces together, see the [module](self). Some 50 ms of two threads for each. With `scale` all get the geometric
+/// mean of their sizes.
+///
+/// # Errors
+///
+/// [`Interrupted`].
+pub fn group_poses(
+    surfaces: &[PoseSurface],
+    params: &PoseParams,
+    monitor: &dyn Monitor,
+) -> Result<GroupPoses, Interrupted> {
+    let count = surfaces.len();
+    if count < 2 {
+        let similarities = vec![Similarity::default(); count];
+        return Ok(GroupPoses { similarities, template: 0, distances: vec![0.0; count], warnings: Vec::new() });
+    }
+    monitor.begin(Stage::counted("pose", "surfaces"), 0);
+    let group = Group { surfaces, params, monitor };
+    let mut template = group.typical();
+    let mut poses = group.to(template)?;
+    let first: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
+    let nearest = group.nearest(&first);
+    if nearest != template {
+        template = nearest;
+        poses = group.to(template)?;
+    }
+    let (mut motions, doubts) = group.decided(&poses)?;
+    // Strangers don't pull.
+    let as_decided = group.distances(&motions);
+    let usual = OF_ANOTHER_KIND * median(as_decided.clone());
+    let alike: Vec<bool> = as_decided.iter().map(|distance| *distance <= usual).collect();
+    // Of two, one has come to the other.
+    for _ in 0..if count > 2 { ROUNDS } else { 0 } {
+        motions = group.closer(&motions, &alike)?;
+        let back = motions[template].inverse();
+        motions.iter_mut().for_each(|motion| *motion = motion.then(&back));
+    }
+    if params.scale {
+        let common = surfaces.iter().map(|surface| surface.size().ln()).sum::<f64>() / count as f64;
+        let factor = common.exp() / surfaces[template].size();
+        let centre = surfaces[template].centre;
+        let translation = sub(centre, scale(centre, factor));
+        let larger = Similarity { scale: factor, translation, ..Similarity::default() };
+        motions.iter_mut().for_each(|motion| *motion = motion.then(&larger));
+    }
+    motions.iter_mut().for_each(|motion| motion.orthogonal = kabsch(&motion.orthogonal, true));
+    let distances = group.distances(&motions);
+    let median = median(distances.clone());
+    let far = distances.iter().enumerate().filter(|(_, distance)| **distance > OF_ANOTHER_KIND * median);
+    let far = far.map(|(member, &distance)| GroupPoseWarning::Far { member, distance, median });
+    let warnings = far.chain(doubts).collect();
+    monitor.end();
+    Ok(GroupPoses { similarities: motions, template, distances, warnings })
+}
+
+struct Group<'a> {
+    surfaces: &'a [PoseSurface],
+    params: &'a PoseParams,
+    monitor: &'a dyn Monitor,
+}
+
+impl Group<'_> {
+    /// The member whose size and lengths along its axes are the most usual.
+    fn typical(&self) -> usize {
+        let described: Vec<[f64; 3]> = self.surfaces.iter().map(|surface| surface.lengths).collect();
+        let from_all = |a: &[f64; 3]| described.iter().map(|b| dot(sub(*a, *b), sub(*a, *b)).sqrt()).sum::<f64>();
+        let sums: Vec<f64> = described.iter().map(from_all).collect();
+        least(&sums)
+    }
+
+    /// All members' poses on one of them.
+    fn to(&self, template: usize) -> Result<Vec<Pose>, Interrupted> {
+        let one = |member: usize| -> Result<Pose, Interrupted> {
+            let found = if member == template {
+                Ok(Pose { similarity: Similarity::default(), distance: 0.0, second: f64::INFINITY, other: None })
+            } else {
+                pose(&self.surfaces[member], &self.surfaces[template], self.params, self.monitor)
+            };
+            self.monitor.step(1);
+            found
+        };
+        let found: Vec<Result<Pose, Interrupted>> = (0..self.surfaces.len()).into_par_iter().map(one).collect();
+        found.into_iter().collect()
+    }
+
+    /// The member that is nearest to others in these poses.
+    fn nearest(&self, motions: &[Similarity]) -> usize {
+        least(&self.distances(motions))
+    }
+
+    /// Other members of a member, evenly over the list.
+    fn others(&self, member: usize) -> impl Iterator<Item = usize> {
+        let count = self.surfaces.len();
+        let taken = OTHERS.min(count - 1);
+        (0..taken).map(move |k| (member + 1 + k * (count - 1) / taken) % count)
+    }
+
+    fn distances(&self, motions: &[Similarity]) -> Vec<f64> {
+        let of = |member: usize| self.distance_of(member, &motions[member], motions);
+        (0..motions.len()).into_par_iter().map(of).collect()
+    }
+
+    /// The median distance of a member in a pose from the others in theirs: a stranger among them doesn't count.
+    fn distance_of(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
+        let view = self.surfaces[member].view(Density::Some);
+        let distance = |other: usize| {
+            let (to, fixed) = (motion.then(&motions[other].inverse()), self.surfaces[other].view(Density::Some));
+            motions[other].scale * icp::distance(view, fixed, &to, self.params.trimmed)
+        };
+        median(self.others(member).map(distance).collect())
+    }
+
+    /// The pose of each, where two are nearly as good the one that is nearer to the others; and where even they don't tell.
+    fn decided(&self, poses: &[Pose]) -> Result<(Vec<Similarity>, Vec<GroupPoseWarning>), Interrupted> {
+        let first: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
+        let one = |member: usize| -> Result<(Similarity, Option<GroupPoseWarning>), Interrupted> {
+            self.monitor.check()?;
+            let pose = &poses[member];
+            let Some(other) = pose.other.filter(|_| pose.second < CLOSE * pose.distance) else {
+                return Ok((pose.similarity, None));
+            };
+            let [own, turned] = [&pose.similarity, &other].map(|motion| self.distance_of(member, motion, &first));
+            let (best, distance, second) =
+                if turned < own { (other, turned, own) } else { (pose.similarity, own, turned) };
+            let doubt = second < DOUBTFUL * distance;
+            Ok((best, doubt.then_some(GroupPoseWarning::Doubtful { member, distance, second })))
+        };
+        let found: Vec<Result<_, Interrupted>> = (0..poses.len()).into_par_iter().map(one).collect();
+        let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
+        Ok((found.iter().map(|(motion, _)| *motion).collect(), found.iter().filter_map(|(_, doubt)| *doubt).collect()))
+    }
+
+    /// One step of each member to the others that are `alike`.
+    fn closer(&self, motions: &[Similarity], alike: &[bool]) -> Result<Vec<Similarity>, Interrupted> {
+        let one = |member: usize| -> Result<Similarity, Interrupted> {
+            self.monitor.check()?;
+            let others: Vec<_> = self
+                .others(member)
+                .filter(|other| alike[*other])
+                .map(|other| (self.surfaces[other].view(Density::Some), motions[other]))
+                .collect();
+            let rounds = icp::Rounds {
+                most: 1,
+                rest: 0.0,
+                trimmed: OUTLYING * self.params.trimmed,
+                tangential: 0.05,
+                scale: self.params.scale,
+            };
+            Ok(icp::step_to_all(self.surfaces[member].view(Density::Some), &others, &motions[member], &rounds))
+        };
+        let found: Vec<Result<Similarity, Interrupted>> = (0..motions.len()).into_par_iter().map(one).collect();
+        found.into_iter().collect()
+    }
+}
+
+/// The index of the least number, the first of equal ones.
+fn least(numbers: &[f64]) -> usize {
+    (1..numbers.len()).fold(0, |least, i| if numbers[i] < numbers[least] { i } else { least })
+}
+
+/// The middle of some numbers, the upper one of two; there is at least one.
+fn median(mut numbers: Vec<f64>) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers[numbers.len() / 2]
+}

@@ -1,0 +1,197 @@
+//! A surface as points that each stand for a piece of it, at three densities.
+
+use super::grid::Grid;
+use super::level::Level;
+use crate::geometry::{Vec3, cross, dot, sub};
+use crate::kabsch::svd;
+use crate::matrix3::{Matrix3, determinant, transposed};
+use crate::mesh::Mesh;
+use crate::spread::SpreadPoints;
+
+/// Points at each density. The first decides which starts are worth more, the last where the motion ends.
+const DENSITIES: [usize; 3] = [256, 1024, 6144];
+
+/// What poses need of a surface, made once: points on it, search trees, axes. About 0.5 MB.
+pub struct PoseSurface {
+    pub(super) levels: [Level; 3],
+    /// Of the second density.
+    pub(super) grid: Grid,
+    /// The mean of the surface's points, in its unit.
+    pub centre: Vec3,
+    /// The principal axes of its area, longest first, as rows of a rotation.
+    pub axes: Matrix3,
+    /// Root mean square distances of its area from the centre along the axes.
+    pub lengths: Vec3,
+    /// Its area, in the square of its unit.
+    pub area: f64,
+    /// The volume that its triangles enclose with the centre, in the cube of its unit; below zero of one that is inside out.
+    pub volume: f64,
+}
+
+/// How closely a surface is looked at: by 256 points and a table, by 1,024, by 6,144.
+#[derive(Clone, Copy)]
+pub(super) enum Density {
+    Few,
+    Some,
+    All,
+}
+
+/// Points that look for the other surface, and pieces that they find of this one.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    pub(super) asking: &'a Level,
+    pub(super) pieces: &'a Level,
+    grid: Option<&'a Grid>,
+}
+
+impl View<'_> {
+    /// The piece nearest to `p`, nearly so by a table.
+    pub(super) fn nearest(&self, p: Vec3) -> usize {
+        self.grid.map_or_else(|| self.pieces.nearest(p), |grid| grid.nearest(p))
+    }
+}
+
+impl PoseSurface {
+    /// Spreads points over a mesh of any topology, by triangles of any order. `None` for a mesh without area, or whose
+    /// coordinates or their squares aren't finite.
+    #[must_use]
+    pub fn new(mesh: &Mesh) -> Option<Self> {
+        let [few, some, all] = DENSITIES;
+        let spread = SpreadPoints::new(mesh, all, 0);
+        let SpreadPoints { points, normals, .. } = spread;
+        // Rounding may leave the last point out.
+        if points.len() + 1 < all {
+            return None;
+        }
+        let corners = || mesh.faces.iter().map(|face| face.map(|v| mesh.vertices[v as usize]));
+        let area: f64 = corners().map(crate::geometry::face_normal).map(|n| 0.5 * dot(n, n).sqrt()).sum();
+        let count = points.len() as f64;
+        let centre: Vec3 = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
+        let solid = |[a, b, c]: [Vec3; 3]| dot(sub(a, centre), cross(sub(b, centre), sub(c, centre))) / 6.0;
+        let volume = corners().map(solid).sum();
+        let mut scatter = Matrix3::default();
+        for p in &points {
+            let p = sub(*p, centre);
+            (0..3).for_each(|i| (0..3).for_each(|j| scatter[i][j] += p[i] * p[j] / count));
+        }
+        if !scatter.as_flattened().iter().all(|v| v.is_finite()) || scatter == Matrix3::default() {
+            return None;
+        }
+        let found = svd(&scatter);
+        let mut axes = transposed(&found.u);
+        if determinant(&axes) < 0.0 {
+            axes[2] = axes[2].map(|v| -v);
+        }
+        let level = |count: usize| {
+            let chosen = thinned(&points, count);
+            let of = |all: &[Vec3]| chosen.iter().map(|i| all[*i]).collect();
+            Level::new(of(&points), of(&normals), area)
+        };
+        let levels = [level(few)?, level(some)?, Level::new(points.clone(), normals.clone(), area)?];
+        let grid = Grid::new(&levels[1], &axes);
+        Some(Self { levels, grid, centre, axes, lengths: found.values.map(f64::sqrt), area, volume })
+    }
+
+    /// The surface as one step of the search sees it.
+    pub(super) fn view(&self, density: Density) -> View<'_> {
+        match density {
+            Density::Few => View { asking: &self.levels[0], pieces: &self.levels[1], grid: Some(&self.grid) },
+            Density::Some => View { asking: &self.levels[1], pieces: &self.levels[1], grid: None },
+            Density::All => View { asking: &self.levels[2], pieces: &self.levels[2], grid: None },
+        }
+    }
+
+    /// A length that stands for the surface's size: the square root of its area.
+    #[must_use]
+    pub fn size(&self) -> f64 {
+        self.area.sqrt()
+    }
+
+    /// Returns the points of the finest density and their normals, which are even in area.
+    #[must_use]
+    pub fn points(&self) -> (&[Vec3], &[Vec3]) {
+        (&self.levels[2].points, &self.levels[2].normals)
+    }
+}
+
+/// Indices of `count` points that are as even as all of them: space is halved, along the longest side of the box, into
+/// cells of equal numbers of points, and each gives the point next to its middle. Every n-th point would be even only
+/// where triangles follow each other along the surface.
+fn thinned(points: &[Vec3], count: usize) -> Vec<usize> {
+    let mut indices: Vec<usize> = (0..points.len()).collect();
+    let mut chosen = Vec::with_capacity(count);
+    halve(points, &mut indices, count.min(points.len()), &mut chosen);
+    chosen
+}
+
+fn halve(points: &[Vec3], cell: &mut [usize], count: usize, chosen: &mut Vec<usize>) {
+    if count == 0 {
+        return;
+    }
+    if count == 1 {
+        let middle: Vec3 = std::array::from_fn(|k| cell.iter().map(|i| points[*i][k]).sum::<f64>() / cell.len() as f64);
+        let square = |i: &usize| dot(sub(points[*i], middle), sub(points[*i], middle));
+        chosen.extend(cell.iter().copied().min_by(|a, b| square(a).total_cmp(&square(b)).then(a.cmp(b))));
+        return;
+    }
+    let (low, high) = crate::geometry::bounds(cell.iter().map(|i| points[*i]));
+    let side = sub(high, low);
+    let axis = (1..3).fold(0, |most, k| if side[k] > side[most] { k } else { most });
+    let first = count / 2;
+    let at = cell.len() * first / count;
+    cell.select_nth_unstable_by(at, |a, b| points[*a][axis].total_cmp(&points[*b][axis]).then(a.cmp(b)));
+    let (left, right) = cell.split_at_mut(at);
+    halve(points, left, first, chosen);
+    halve(points, right, count - first, chosen);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::icosphere;
+    use crate::geometry::unit;
+
+    #[test]
+    fn few_points_are_even_whatever_the_order_of_the_triangles() {
+        let mut ball = icosphere(5);
+        // Multiplication by a number without a common factor puts them in disorder.
+        let faces = ball.faces.len();
+        ball.faces = (0..faces).map(|i| ball.faces[i * 7919 % faces]).collect();
+        let surface = PoseSurface::new(&ball).unwrap();
+        for level in &surface.levels[..2] {
+            // A point of the sphere is within twice the side of a share of the nearest one.
+            let asked = icosphere(4).vertices;
+            let far = asked.iter().map(|v| {
+                let off = sub(level.points[level.nearest(*v)], *v);
+                dot(off, off).sqrt()
+            });
+            assert!(far.fold(0.0, f64::max) < 2.0 * level.radius);
+        }
+    }
+
+    #[test]
+    fn axes_are_those_of_the_shape() {
+        let ball = icosphere(4);
+        let ellipsoid =
+            ball.with_vertices(ball.vertices.iter().map(|v| [2.0 * v[2] + 7.0, 5.0 * v[0], 9.0 * v[1]]).collect());
+        let surface = PoseSurface::new(&ellipsoid).unwrap();
+        let PoseSurface { axes, centre, lengths, .. } = surface;
+        // y of the ball lies along z, x along y.
+        assert!(axes[0][2].abs() > 0.999 && axes[1][1].abs() > 0.999 && axes[2][0].abs() > 0.999, "{axes:?}");
+        assert!((determinant(&axes) - 1.0).abs() < 1e-12);
+        assert!(lengths[0] > lengths[1] && lengths[1] > lengths[2]);
+        assert!((centre[0] - 7.0).abs() < 0.1 && centre[1].abs() < 0.1 && centre[2].abs() < 0.1, "{centre:?}");
+        assert_eq!(surface.levels[2].points.len(), surface.levels[2].normals.len());
+    }
+
+    #[test]
+    fn what_has_no_area_has_no_pose() {
+        let ball = icosphere(1);
+        for vertices in [vec![[1.0; 3]; 42], vec![[f64::NAN; 3]; 42], vec![[f64::INFINITY; 3]; 42]] {
+            assert!(PoseSurface::new(&ball.with_vertices(vertices)).is_none());
+        }
+        let far = ball.vertices.iter().map(|v| unit(*v).map(|x| 1e200 * x)).collect();
+        assert!(PoseSurface::new(&ball.with_vertices(far)).is_none());
+        assert!(PoseSurface::new(&Mesh::default()).is_none());
+    }
+}

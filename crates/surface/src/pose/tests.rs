@@ -1,0 +1,154 @@
+use spharm_monitor::Silent;
+
+use super::*;
+use crate::Mesh;
+use crate::generate::{SplitMix64, icosphere};
+use crate::geometry::{Vec3, dot};
+use crate::matrix3::of_quaternion;
+
+/// An ellipsoid with bumps, which is no image of itself.
+fn lump(level: u32) -> Mesh {
+    let ball = icosphere(level);
+    let bump = |v: &Vec3| {
+        let at = |d: Vec3| (6.0 * (dot(d, *v) - 1.0)).exp();
+        1.0 + 0.4 * at([0.6, 0.64, 0.48]) + 0.3 * at([-0.36, 0.48, -0.8])
+    };
+    let place = |v: &Vec3| [9.0 * v[0] * bump(v), 6.0 * v[1] * bump(v), 4.0 * v[2] * bump(v)];
+    ball.with_vertices(ball.vertices.iter().map(place).collect())
+}
+
+fn turn(random: &mut SplitMix64) -> Matrix3 {
+    let q: [f64; 4] = std::array::from_fn(|_| random.between(-1.0, 1.0));
+    let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+    of_quaternion(q.map(|v| v / length))
+}
+
+/// Largest distance of points from where they belong, of a surface that was moved and brought back.
+fn error(mesh: &Mesh, moved: &Similarity, found: &Similarity) -> f64 {
+    let both = moved.then(found);
+    let off = |v: &Vec3| dot(sub(both.apply(*v), *v), sub(both.apply(*v), *v)).sqrt();
+    mesh.vertices.iter().map(off).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_surface_meshed_anew_returns_from_any_pose() {
+    let (fixed, other) = (lump(5), lump(4));
+    let target = PoseSurface::new(&fixed).unwrap();
+    let mut random = SplitMix64::new(1);
+    for n in 0..6 {
+        let mirror = n % 2 == 1;
+        let sign = if mirror { -1.0 } else { 1.0 };
+        let orthogonal = turn(&mut random).map(|row| row.map(|v| sign * v));
+        let size = if n < 3 { 1.0 } else { 0.2 };
+        let moved = Similarity { orthogonal, scale: size, translation: [100.0, -30.0, 7.0] };
+        let params = PoseParams { scale: n >= 3, mirror, ..PoseParams::default() };
+        let found = pose(&PoseSurface::new(&moved.apply_mesh(&other)).unwrap(), &target, &params, &Silent).unwrap();
+        assert!(error(&other, &moved, &found.similarity) < 0.1, "{n}: {}", error(&other, &moved, &found.similarity));
+        assert!(found.distance < 0.02 && found.second > 5.0 * found.distance, "{n}: {found:?}");
+        assert_eq!(found.similarity.mirrors(), mirror);
+        // Rotations stay what they are.
+        let q = found.similarity.orthogonal;
+        assert!((crate::matrix3::determinant(&q) - sign).abs() < 1e-13);
+    }
+}
+
+#[test]
+fn what_has_no_counterpart_doesnt_pull() {
+    let (fixed, mut part) = (lump(5), lump(4));
+    // A tip is cut off, some tenth of the area.
+    part.faces.retain(|face| face.iter().all(|v| part.vertices[*v as usize][0] < 7.5));
+    let mut random = SplitMix64::new(2);
+    let moved = Similarity { orthogonal: turn(&mut random), ..Similarity::default() };
+    let target = PoseSurface::new(&fixed).unwrap();
+    let found = |trimmed: f64| {
+        let params = PoseParams { trimmed, ..PoseParams::default() };
+        pose(&PoseSurface::new(&moved.apply_mesh(&part)).unwrap(), &target, &params, &Silent).unwrap().similarity
+    };
+    assert!(error(&part, &moved, &found(0.1)) < 0.15, "{}", error(&part, &moved, &found(0.1)));
+}
+
+#[test]
+fn what_is_symmetric_says_so() {
+    let ball = icosphere(4);
+    let ellipsoid = ball.with_vertices(ball.vertices.iter().map(|v| [9.0 * v[0], 5.0 * v[1], 2.0 * v[2]]).collect());
+    let surface = PoseSurface::new(&ellipsoid).unwrap();
+    let found = pose(&surface, &surface, &PoseParams::default(), &Silent).unwrap();
+    assert!(found.second < 0.05 && found.distance < 0.05, "{found:?}");
+    assert!(differ(&found.similarity, &found.other.unwrap()));
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    let (a, b) = (PoseSurface::new(&lump(4)).unwrap(), PoseSurface::new(&lump(3)).unwrap());
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| pose(&a, &b, &PoseParams::default(), &Silent).unwrap())
+    };
+    assert_eq!(with(1), with(3));
+}
+
+#[test]
+fn distances_are_those_of_the_surfaces() {
+    // Shells 1 apart, and one moved along itself, whose points lie elsewhere on it.
+    let shell = |r: f64, level| {
+        let ball = icosphere(level);
+        PoseSurface::new(&ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| r * x)).collect())).unwrap()
+    };
+    let (inner, outer) = (shell(10.0, 5), shell(11.0, 4));
+    let apart = distance(&inner, &outer, &Similarity::default(), 0.0);
+    assert!((apart - 1.0).abs() < 0.02, "{apart}");
+    let mut random = SplitMix64::new(2);
+    let turned = Similarity { orthogonal: turn(&mut random), ..Similarity::default() };
+    assert!(distance(&inner, &inner, &turned, 0.0) < 0.02);
+}
+
+#[test]
+fn a_search_can_be_stopped() {
+    struct Stop;
+    impl Monitor for Stop {
+        fn cancelled(&self) -> bool {
+            true
+        }
+    }
+    let surface = PoseSurface::new(&lump(2)).unwrap();
+    assert!(pose(&surface, &surface, &PoseParams::default(), &Stop).is_err());
+}
+
+#[test]
+fn a_group_comes_together_and_strangers_are_named() {
+    let ball = icosphere(4);
+    let mut random = SplitMix64::new(9);
+    let mut surfaces = Vec::new();
+    let mut moved = Vec::new();
+    for n in 0..6 {
+        // The last is a ball among lumps.
+        let mesh = match n {
+            5 => ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| 6.0 * x)).collect()),
+            _ => {
+                let wide = 1.0 + 0.02 * f64::from(n);
+                let lump = lump(4);
+                lump.with_vertices(lump.vertices.iter().map(|v| [v[0], wide * v[1], v[2]]).collect())
+            }
+        };
+        let to = Similarity { orthogonal: turn(&mut random), scale: 1.0, translation: [9.0, f64::from(n), -40.0] };
+        surfaces.push(PoseSurface::new(&to.apply_mesh(&mesh)).unwrap());
+        moved.push(to);
+    }
+    let found = group_poses(&surfaces, &PoseParams::default(), &Silent).unwrap();
+    let far: Vec<usize> = found
+        .warnings
+        .iter()
+        .filter(|w| matches!(w, GroupPoseWarning::Far { .. }))
+        .map(GroupPoseWarning::member)
+        .collect();
+    assert_eq!(far, [5], "{found:?}");
+    assert!(found.distances[..5].iter().all(|d| *d < 0.3), "{found:?}");
+    assert!(found.template < 5);
+    // All lumps are brought to the same place by what moved them and what brought them back.
+    let [first, second] = [0, 3].map(|n| moved[n].then(&found.similarities[n]));
+    let off = sub(first.apply([9.0, 0.0, 0.0]), second.apply([9.0, 0.0, 0.0]));
+    assert!(dot(off, off).sqrt() < 0.3, "{off:?}");
+    let same = group_poses(&surfaces, &PoseParams::default(), &Silent).unwrap();
+    assert_eq!(found, same);
+    assert_eq!(group_poses(&surfaces[..1], &PoseParams::default(), &Silent).unwrap().distances, [0.0]);
+}

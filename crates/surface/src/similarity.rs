@@ -1,0 +1,119 @@
+//! Similarities of space.
+
+use crate::geometry::{Vec3, add, scale};
+use crate::matrix3::{IDENTITY, Matrix3, determinant, product, times, transposed};
+use crate::mesh::Mesh;
+
+/// A similarity of space: `x -> scale Q x + translation`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Similarity {
+    /// Q, by rows: a rotation, or a reflection where one was asked for.
+    pub orthogonal: Matrix3,
+    /// The factor, above zero.
+    pub scale: f64,
+    /// What is added, in the surface's unit.
+    pub translation: Vec3,
+}
+
+impl Default for Similarity {
+    fn default() -> Self {
+        Self { orthogonal: IDENTITY, scale: 1.0, translation: [0.0; 3] }
+    }
+}
+
+impl Similarity {
+    /// Returns the similarity that rotates.
+    #[must_use]
+    pub fn rotation(rotation: impl Into<Matrix3>) -> Self {
+        Self { orthogonal: rotation.into(), ..Self::default() }
+    }
+
+    /// Whether it mirrors.
+    #[must_use]
+    pub fn mirrors(&self) -> bool {
+        determinant(&self.orthogonal) < 0.0
+    }
+
+    /// Returns scale Q x + translation.
+    #[must_use]
+    pub fn apply(&self, x: Vec3) -> Vec3 {
+        let Self { orthogonal: q, scale, translation } = self;
+        std::array::from_fn(|i| scale * (q[i][0] * x[0] + q[i][1] * x[1] + q[i][2] * x[2]) + translation[i])
+    }
+
+    /// Returns the similarity that brings back: `x -> Q^T (x - translation) / scale`.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let (orthogonal, factor) = (transposed(&self.orthogonal), 1.0 / self.scale);
+        let translation = scale(times(&orthogonal, self.translation), -factor);
+        Self { orthogonal, scale: factor, translation }
+    }
+
+    /// Returns the similarity that does this one first and `next` after it.
+    #[must_use]
+    pub fn then(&self, next: &Self) -> Self {
+        Self {
+            orthogonal: product(&next.orthogonal, &self.orthogonal),
+            scale: next.scale * self.scale,
+            translation: add(scale(times(&next.orthogonal, self.translation), next.scale), next.translation),
+        }
+    }
+
+    /// Returns a mesh with its vertices moved. Triangles of one that is mirrored are wound the other way, so that its
+    /// outside stays outside. Its place in a volume, which is that of another surface then, is left out where it moves.
+    #[must_use]
+    pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
+        let mut moved = mesh.with_vertices(mesh.vertices.iter().map(|v| self.apply(*v)).collect());
+        if *self != Self::default() {
+            let meta = &mut moved.meta;
+            (meta.coordinate_system, meta.freesurfer_footer) = (None, None);
+            meta.surface_metadata.retain(|(name, _)| !name.starts_with("VolGeom"));
+        }
+        if self.mirrors() {
+            moved.faces.iter_mut().for_each(|face| face.swap(1, 2));
+        }
+        moved
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::icosphere;
+    use crate::geometry::{dot, face_normal, sub};
+
+    fn some(mirror: bool) -> Similarity {
+        let (sin, cos) = 0.7_f64.sin_cos();
+        let sign = if mirror { -1.0 } else { 1.0 };
+        Similarity {
+            orthogonal: [[cos, -sin, 0.0], [0.0, 0.0, sign], [-sin, -cos, 0.0]],
+            scale: 2.5,
+            translation: [3.0, -20.0, 0.5],
+        }
+    }
+
+    #[test]
+    fn the_inverse_brings_back_and_motions_are_done_in_turn() {
+        let p = [0.3, -7.0, 11.0];
+        for (mirror, other) in [(false, true), (true, true), (true, false)] {
+            let (first, second) = (some(mirror), some(other));
+            let close = |a: Vec3, b: Vec3| dot(sub(a, b), sub(a, b)).sqrt() < 1e-12;
+            assert!(close(first.inverse().apply(first.apply(p)), p));
+            assert!(close(first.then(&second).apply(p), second.apply(first.apply(p))));
+            assert_ne!(first.mirrors(), first.then(&first).mirrors() || !first.mirrors());
+        }
+    }
+
+    #[test]
+    fn the_outside_of_a_mirrored_mesh_stays_outside() {
+        let ball = icosphere(1);
+        for mirror in [false, true] {
+            let moved = some(mirror).apply_mesh(&ball);
+            for face in &moved.faces {
+                let corners = face.map(|v| moved.vertices[v as usize]);
+                let out = sub(corners[0], some(mirror).translation);
+                assert!(dot(face_normal(corners), out) > 0.0, "{mirror}");
+            }
+        }
+    }
+}
