@@ -45,7 +45,8 @@ pub(super) struct State {
 }
 
 impl Group<'_> {
-    /// Evaluates members at `at`; None where a triangle is turned over. Without a delta, it is `share` of the variance.
+    /// Evaluates members at `at`; None where a triangle is turned over. `delta` is asked with the sum of
+    /// variances.
     pub(super) fn state(
         &self,
         at: Vec<Vec<Vec3>>,

@@ -116,3 +116,82 @@ fn members_that_are_equal_stay_where_they_are() {
     let found = groupwise(&views(&members), &Sphere::icosphere(2), None, &params, &Silent).unwrap();
     assert!(found.report.moved.iter().all(|moved| *moved < 1e-6), "{:?}", found.report.moved);
 }
+
+/// Share of the largest eigenvalue of the covariance of members' positions at `at`, by power iteration.
+fn first_share(members: &[Array2<f64>], sphere: &Sphere, at: &[Vec<Vec3>]) -> f64 {
+    let directions = sphere.directions.len();
+    let mut values = Array2::zeros((members.len(), 3 * directions));
+    for ((mut row, member), at) in values.rows_mut().into_iter().zip(members).zip(at) {
+        let found = Member::new(member.view(), 8).unwrap().values(&Plan::new(at, 8, 1).unwrap()).unwrap();
+        row.iter_mut().zip(found.iter()).for_each(|(out, x)| *out = *x);
+    }
+    let objective = Objective { faces: &sphere.faces, mask: &vec![1.0; directions] };
+    let covariance = objective.covariance(values).unwrap();
+    let (mut v, mut largest) = (vec![1.0, 0.3, -0.2, 0.1, -0.9], 0.0);
+    for _ in 0..200 {
+        let next: Vec<f64> =
+            covariance.gram.rows().into_iter().map(|row| row.iter().zip(&v).map(|(g, v)| g * v).sum()).collect();
+        largest = next.iter().map(|x| x * x).sum::<f64>().sqrt();
+        v = next.into_iter().map(|x| x / largest).collect();
+    }
+    largest / covariance.total()
+}
+
+/// A body that grows along one axis has one mode; maps that were made apart hide it, and refinement finds it again.
+#[test]
+fn one_mode_is_found_again_under_maps_that_were_made_apart() {
+    let sphere = Sphere::icosphere(3);
+    let directions = sphere.directions.as_slice();
+    let (areas, plan) = (sphere.areas(), Plan::new(directions, 8, 8).unwrap());
+    let member = |i: usize| {
+        let potentials =
+            Array2::from_shape_fn(
+                (9, 2),
+                |(k, c)| {
+                    if k < 4 { 0.0 } else { 0.08 * ((3 * k + 5 * c + 7 * i) as f64).sin() }
+                },
+            );
+        let apart = Flow::from_steps(vec![potentials]).unwrap().apply(directions).unwrap();
+        let axes = [3.0 + 0.2 * i as f64, 2.0, 1.5];
+        let samples = Array2::from_shape_fn((directions.len(), 3), |(u, c)| areas[u] * axes[c] * apart[u][c]);
+        plan.surface.adjoint_synthesis(samples.view()).unwrap()
+    };
+    let members: Vec<Array2<f64>> = (0..5).map(member).collect();
+    let before = first_share(&members, &sphere, &vec![directions.to_vec(); 5]);
+    let found = groupwise(&views(&members), &sphere, None, &stages(8, 5, 30), &Silent).unwrap();
+    let at: Vec<Vec<Vec3>> = found.flows.iter().map(|flow| flow.apply(directions).unwrap()).collect();
+    let after = first_share(&members, &sphere, &at);
+    assert!(1.0 - after < 0.1 * (1.0 - before), "{before} {after}");
+}
+
+#[test]
+fn what_cannot_be_refined_is_refused() {
+    let (good, sphere) = (members(3, 3), Sphere::icosphere(1));
+    let params = stages(3, 2, 1);
+    let refused = |members: &[Array2<f64>], mask: Option<&[f64]>, params: &GroupwiseParams| {
+        groupwise(&views(members), &sphere, mask, params, &Silent).unwrap_err()
+    };
+    assert!(matches!(refused(&good[..1], None, &params), ShapeError::TooFewMembers { found: 1, least: 2 }));
+    let spoilt = |spoil: &dyn Fn(&mut Array2<f64>)| {
+        let mut members = good.clone();
+        spoil(&mut members[1]);
+        match refused(&members, None, &params) {
+            ShapeError::Member { index: 1, source } => *source,
+            other => panic!("{other}"),
+        }
+    };
+    assert!(matches!(spoilt(&|member| member[[2, 1]] = f64::NAN), ShapeError::NotFinite { row: 2, channel: 1, .. }));
+    assert!(matches!(spoilt(&|member| *member = Array2::ones((9, 3))), ShapeError::Differ { .. }));
+    assert!(matches!(spoilt(&|member| member.fill(0.0)), ShapeError::NoExtent { .. }));
+    assert!(matches!(refused(&good, Some(&[1.0; 3]), &params), ShapeError::Differ { .. }));
+    let n = sphere.directions.len();
+    assert!(matches!(refused(&good, Some(&vec![-1.0; n]), &params), ShapeError::Setting { .. }));
+    assert!(matches!(refused(&good, Some(&vec![0.0; n]), &params), ShapeError::Member { .. }));
+    let none = GroupwiseParams { delta: 0.0, ..params.clone() };
+    assert!(matches!(refused(&good, None, &none), ShapeError::Setting { name: "delta", .. }));
+    assert!(matches!(refused(&good, None, &stages(0, 2, 1)), ShapeError::Setting { .. }));
+    let bare = Sphere::from_directions(sphere.directions.clone());
+    assert!(matches!(groupwise(&views(&good), &bare, None, &params, &Silent), Err(ShapeError::Setting { .. })));
+    let stop = std::sync::atomic::AtomicBool::new(true);
+    assert!(matches!(groupwise(&views(&good), &sphere, None, &params, &stop), Err(ShapeError::Interrupted(_))));
+}
