@@ -189,6 +189,10 @@ fn names_that_are_not_text_are_kept() {
         ("shape align models/x?.spharm.npz --to models/s1.spharm.npz -o one?.npz --json", &["one?.npz"]),
         ("shape mean models -o mean?2.npz --json", &["mean?2.npz"]),
         ("shape pca aligned -o g?.shape-model.npz --scores s?.csv --json", &["g?.shape-model.npz", "s?.csv"]),
+        (
+            "shape quality aligned --samples 10 --bands 2 --icosphere 2 -o q?.json --curves q?.png --json",
+            &["q?.json", "q?.png"],
+        ),
         ("shape sample g?.shape-model.npz --mode 1=1 -o w?.npz --json", &["w?.npz"]),
         ("shape morph models/x?.spharm.npz models/s1.spharm.npz --steps 2 -o path? --json", &["path?/step1.ply"]),
         (

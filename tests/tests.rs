@@ -31,6 +31,7 @@ mod odd_files;
 mod outputs;
 mod paper;
 mod pipeline;
+mod quality;
 mod range;
 mod readme;
 mod report;

@@ -1,0 +1,376 @@
+#!/usr/bin/env python3
+"""What correspondence has to reach, row by row: `./run bench correspondence [ROW ...]`.
+
+A row is a function whose name starts with `row_`; without names all are run, `--list` names them. Each prints what it must reach beside what
+it does, and the script exits with 1 where one doesn't. Measures are those of `correspondence_measures.py`, area-weighted, in mm. Surfaces are
+those of ../shared/data (vertebrae, hippocampi), and groups of `spharm generate --group`, whose truth is known.
+"""
+
+import argparse
+import csv
+import functools
+import inspect
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import spharm_rs as sp
+from scipy.spatial.transform import Rotation
+
+import correspondence_measures as measured
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA = ROOT.parent / "shared" / "data"
+PROGRAM = ROOT / "target" / "release" / "spharm"
+FOLDER = Path(tempfile.mkdtemp(prefix="correspondence-"))
+results = []
+
+
+def bar(name, limit, reached, least=False):
+    """A row of the table: at most the limit, or at least."""
+    met = bool(reached >= limit if least else reached <= limit)
+    results.append(met)
+    print(f"{name:<66} {'>=' if least else '<='} {limit:<8g} {reached:10.4g}{'' if met else '  NOT MET'}", flush=True)
+
+
+def arrays(surface):
+    return np.asarray(surface.vertices), np.asarray(surface.faces)
+
+
+@functools.cache
+def sphere(level):
+    vertices, faces = arrays(sp.icosphere(level))
+    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
+
+
+def points(models, level=4):
+    """Members at the directions of an icosphere, turned together, and their weights."""
+    directions, faces = sphere(level)
+    members = np.array([model.evaluate(directions) for model in models])
+    weight = measured.weights(members, faces)
+    return measured.together(members, weight), weight
+
+
+# Groups.
+
+
+@functools.cache
+def vertebrae():
+    """Raw surfaces and their landmarks."""
+    paths = sorted((DATA / "vertebrae").glob("*.ply"))
+    marks = [sp.read_landmarks(path.with_suffix(".json")).points for path in paths]
+    return [sp.read_surface(path) for path in paths], marks
+
+
+@functools.cache
+def hippocampi():
+    """Surfaces of a01 to a05; the five kept apart are added where a folder of them is beside."""
+    sphere_of = sp.icosphere(5)
+    directions, faces = arrays(sphere_of)
+    files = sorted((DATA / "shape").glob("hippo_*_r.foe.npy"))
+    files += sorted((DATA / "kept-apart").glob("hippo_*.foe.npy"))
+    return [sp.Surface(sp.Model(np.load(path)).evaluate(directions), faces) for path in files]
+
+
+@functools.cache
+def generated(family, members=16, upright=False):
+    """Surfaces, truth (n, p), landmarks of a family."""
+    folder = FOLDER / f"{family}-{members}-{upright}"
+    options = ["--upright"] if upright else []
+    subprocess.run([PROGRAM, "generate", "--group", family, "--members", str(members), "--output-dir", folder, *options], check=True,
+                   stdout=subprocess.DEVNULL)
+    with open(folder / "truth.csv", newline="") as table:
+        rows = list(csv.DictReader(table))
+    columns = list(rows[0])
+    names = columns[3:columns.index("r11")]
+    truth = np.array([[float(row[name]) for name in names] for row in rows])
+    marks = [sp.read_landmarks(folder / row["landmarks"]).points for row in rows]
+    return [sp.read_surface(folder / row["surface"]) for row in rows], truth, marks
+
+
+@functools.cache
+def corresponding(which, max_degree, template=None):
+    """The group of a name; a family's name is that of `generated`."""
+    surfaces = {"vertebrae": lambda: vertebrae()[0], "hippocampi": hippocampi}.get(which, lambda: generated(which)[0])()
+    return sp.shape.correspond(surfaces, max_degree, template=template)
+
+
+def turned_at_random(surface, seed):
+    vertices, faces = arrays(surface)
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(random_state=rng).as_matrix()
+    return sp.Surface(vertices @ turn.T + rng.uniform(-100, 100, 3), faces), turn
+
+
+# Poses.
+
+
+def row_poses_of_vertebrae():
+    """Each subject's landmarks from the mean of the others', over what the best rigid motion leaves."""
+    surfaces, marks = vertebrae()
+    moved = [turned_at_random(surface, seed)[0] for seed, surface in enumerate(surfaces)]
+    inputs = [measured.rotation(np.asarray(a.vertices), np.asarray(b.vertices)) for a, b in zip(surfaces, moved)]
+    marks = [own @ turn + shift for own, (turn, shift) in zip(marks, inputs)]
+    group = sp.shape.correspond(moved, 12)
+    placed = np.array([transform.apply(own) for transform, own in zip(group.transforms, marks)])
+    ratios = []
+    for i, own in enumerate(placed):
+        mean = np.delete(placed, i, 0).mean(0)
+        turn, shift = measured.rotation(own, mean)
+        best = np.sqrt(((own @ turn + shift - mean) ** 2).sum(1).mean())
+        ratios.append(np.sqrt(((own - mean) ** 2).sum(1).mean()) / best)
+    bar("poses, vertebrae: landmarks from the others' mean / best rigid", 1.15, float(np.mean(ratios)))
+
+
+def near_spheres(count=10):
+    directions, faces = sphere(4)
+    for seed in range(count):
+        values = 0.3 * np.random.default_rng(seed).normal(size=(16, 3)) / (1 + np.arange(16))[:, None]
+        yield sp.Surface(20 * directions + sp.Model(values).evaluate(directions), faces)
+
+
+def cubes(count=10):
+    directions, faces = sphere(4)
+    for seed in range(count):
+        half = 10 * (1 + 0.02 * np.random.default_rng(seed).normal(size=3))
+        radius = (np.abs(directions / half) ** 8).sum(1) ** (-1 / 8)
+        yield sp.Surface(directions * radius[:, None], faces)
+
+
+def row_missed_optima():
+    """Each of 50 pairs from 20 random rotations: ends that are worse than the best one, of 1,000."""
+    groups = [vertebrae()[0], generated("rods", 10)[0], generated("growing-bump", 10)[0], list(cubes()), list(near_spheres())]
+    missed = 0
+    for surfaces in groups:
+        for i, surface in enumerate(surfaces):
+            target = surfaces[(i + 1) % len(surfaces)]
+            ends = []
+            for seed in range(20):
+                moved = turned_at_random(surface, seed)[0]
+                found = sp.shape.align(moved, target, pose="surfaces")
+                ends.append(sp.surface_distance(found.transform.apply(moved), target).rms)
+            missed += int((np.array(ends) > 1.02 * min(ends) + 1e-6).sum())
+    bar("poses: missed optima of 1,000", 0, missed)
+
+
+# Hippocampi and vertebrae.
+
+
+def row_hippocampi():
+    members, weight = points(corresponding("hippocampi", 12).models)
+    for count, generalisation, specificity in ((1, 1.05, 0.75), (3, 1.00, 0.80)):
+        bar(f"hippocampi: generalisation at {count}", generalisation, measured.generalisation(members, weight, count))
+        bar(f"hippocampi: specificity at {count}", specificity, measured.specificity(members, weight, count))
+
+
+def errors_of_vertebrae(template=None):
+    surfaces, marks = vertebrae()
+    group = corresponding("vertebrae", 40, template)
+    return measured.landmark_errors(group.carry, [arrays(surface) for surface in surfaces], marks)
+
+
+def row_landmarks_of_vertebrae():
+    errors = errors_of_vertebrae()
+    bar("vertebrae: landmarks, mean", 2.6, float(errors.mean()))
+    bar("vertebrae: landmarks, median", 2.0, float(np.median(errors)))
+    print("  by landmark", np.round(errors.mean((0, 1)), 2))
+
+
+def row_generalisation_of_vertebrae():
+    members, weight = points(corresponding("vertebrae", 40).models, 5)
+    for count, limit in ((1, 3.0), (3, 2.6)):
+        bar(f"vertebrae: generalisation at {count}", limit, measured.generalisation(members, weight, count))
+
+
+def row_templates():
+    """Each vertebra as first template: how far the mean landmark errors spread, over their mean."""
+    means = [float(errors_of_vertebrae(index).mean()) for index in range(len(vertebrae()[0]))]
+    print("  by template", np.round(means, 2))
+    bar("vertebrae: spread of the mean error over templates", 0.10, (max(means) - min(means)) / np.mean(means))
+
+
+def in_group(group, index, surface):
+    vertices, faces = arrays(surface)
+    return group.transforms[index].apply(vertices), faces
+
+
+def row_cover_of_vertebrae():
+    """Each subject's own surface from its model of degree 40."""
+    group, distances = corresponding("vertebrae", 40), []
+    for index, surface in enumerate(vertebrae()[0]):
+        vertices, faces = in_group(group, index, surface)
+        directions, own = sphere(6)
+        distances.append(measured.closest(group.models[index].evaluate(directions), own, vertices)[2])
+    rms = max(float(np.sqrt((distance**2).mean())) for distance in distances)
+    bar("vertebrae: own surface from the model, rms of the worst", 0.3, rms)
+    bar("vertebrae: 99 %", 0.8, max(float(np.quantile(distance, 0.99)) for distance in distances))
+    bar("vertebrae: farthest", 4, max(float(distance.max()) for distance in distances))
+
+
+def row_turned_triangles():
+    """Triangles of members that face against their subjects' surfaces."""
+    for which, degree, level in (("vertebrae", 40, 5), ("hippocampi", 12, 4), ("rods", 24, 4)):
+        group, count = corresponding(which, degree), 0
+        surfaces = {"vertebrae": lambda: vertebrae()[0], "hippocampi": hippocampi}.get(which, lambda: generated(which)[0])()
+        directions, faces = sphere(level)
+        for index, surface in enumerate(surfaces):
+            count += measured.turned(group.models[index].evaluate(directions), faces, in_group(group, index, surface))
+        bar(f"{which}: turned triangles", 0, count)
+
+
+def row_one_sphere():
+    """Distance of models over the group's one sphere, over that of each surface's own map."""
+    group, ratios = corresponding("hippocampi", 12), []
+    for index, surface in enumerate(hippocampi()):
+        own = sp.surface_distance(sp.fit(surface, max_degree=12).surface(5), surface).rms
+        moved = sp.Surface(*in_group(group, index, surface))
+        ratios.append(sp.surface_distance(group.models[index].surface(5), moved).rms / own)
+    bar("hippocampi: rms distance over the one sphere / own map", 1.5, float(np.mean(ratios)))
+
+
+def row_distortion():
+    """Areas of the refined directions' triangles; `group.directions` are (n, V, 3) over an icosphere."""
+    group = corresponding("vertebrae", 40)
+    refined = np.asarray(group.directions)
+    directions, faces = sphere(round(np.log(len(refined[0]) / 10) / np.log(4)))
+    plain = np.linalg.norm(measured.normals(directions, faces), axis=1)
+    logs = np.concatenate([np.log(np.linalg.norm(measured.normals(u, faces), axis=1) / plain) for u in refined])
+    bar("distortion: root mean square of the log area", 0.45, float(np.sqrt((logs**2).mean())))
+    bar("distortion: factor that 99.9 % are within", 8, float(np.exp(np.quantile(abs(logs), 0.999))))
+
+
+# Known truth.
+
+
+def row_moving_bump():
+    _, truth, marks = generated("moving-bump")
+    members, weight = points(corresponding("moving-bump", 16).models)
+    bar("moving bump, gentle: share of the first mode", 0.985, float(measured.shares_of_modes(members, weight)[0]), least=True)
+    score = measured.modes(members, weight)[1][:, 0]
+    bar("moving bump, gentle: correlation with the truth", 0.995, float(abs(np.corrcoef(score, truth[:, 0])[0, 1])), least=True)
+
+
+def row_sharp_bump():
+    members, weight = points(corresponding("sharp-bump", 24).models, 5)
+    shares = measured.shares_of_modes(members, weight)
+    bar("moving bump, sharp: share of the first mode", 0.9, float(shares[0]), least=True)
+    bar("moving bump, sharp: share of the first two", 0.99, float(shares[:2].sum()), least=True)
+
+
+def row_ellipsoids():
+    _, truth, _ = generated("ellipsoids")
+    members, weight = points(corresponding("ellipsoids", 12).models)
+    bar("ellipsoids: modes above 1 % of the variance", 2, int((measured.shares_of_modes(members, weight) > 0.01).sum()))
+    bar("ellipsoids: R^2 of the truth", 0.999, measured.determination(members, weight, truth, 2), least=True)
+
+
+def row_known_places():
+    """Landmarks that a group was made with, carried between all pairs; no bar, but what quality must not cost."""
+    for family in ("moving-bump", "growing-bump", "ellipsoids", "rods"):
+        surfaces, truth, marks = generated(family)
+        group = corresponding(family, 16)
+        errors = measured.landmark_errors(group.carry, [arrays(surface) for surface in surfaces], marks)
+        members, weight = points(group.models)
+        shares, count = measured.shares_of_modes(members, weight), truth.shape[1]
+        print(f"  {family}: places {errors.mean():.3f} mean {np.median(errors):.3f} median, first {count} modes {shares[:count].sum():.4f}, "
+              f"R^2 {measured.determination(members, weight, truth, count):.4f}", flush=True)
+
+
+# Validity and power.
+
+
+@functools.cache
+def study(seed, bump):
+    """20 subjects of `generate --study`, 10 with a bump; of bump 0 all are controls."""
+    folder = FOLDER / f"study-{seed}-{bump}"
+    subprocess.run([PROGRAM, "generate", "--study", folder, "--subjects", "20", "--bump", str(bump), "--variant", str(seed)], check=True,
+                   stdout=subprocess.DEVNULL)
+    return [sp.read_surface(path) for path in sorted(folder.glob("*.ply"))]
+
+
+def found_places(models, groups, permutations=999):
+    test = sp.shape.test(models, groups=groups, sphere=4, permutations=permutations)
+    return int((np.asarray(test.p_fwe) <= 0.05).sum())
+
+
+def row_nulls():
+    """15 groups of 20 controls, 20 labellings of each: how many find anything."""
+    errors = 0
+    for seed in range(15):
+        models = sp.shape.correspond(study(seed, 0.0), 12).models
+        rng = np.random.default_rng(seed)
+        errors += sum(found_places(models, list(rng.permutation(["a", "b"] * 10)), 199) > 0 for _ in range(20))
+    bar("nulls: family-wise error of 300 studies, at most", 0.085, errors / 300)
+    bar("nulls: family-wise error of 300 studies, at least", 0.02, errors / 300, least=True)
+
+
+def row_power():
+    """Places found for a bump, over those with the true correspondence: the meshes of a study share their icosphere."""
+    groups = ["a"] * 10 + ["b"] * 10
+    for height in (1.0, 2.0, 3.0):
+        surfaces = study(0, height)
+        known = [sp.fit(surface, sp.icosphere(4), 12) for surface in surfaces]
+        true = found_places(sp.shape.procrustes(known, method="fixed").models, groups)
+        ratio = found_places(sp.shape.correspond(surfaces, 12).models, groups) / max(true, 1)
+        if height == 2.0:
+            bar("power: bump of 2 mm, of what the truth finds", 0.8, ratio, least=True)
+        else:
+            print(f"  bump of {height:g} mm: {ratio:.2f} of {true}", flush=True)
+
+
+# Time.
+
+
+def seconds(work):
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def row_time_of_poses():
+    a, b = vertebrae()[0][:2]
+    times = [seconds(lambda: sp.shape.align(a, b, pose="surfaces", threads=2)) for _ in range(5)]
+    bar("time: pose of a pair, s", 0.05, float(np.median(times)))
+
+
+def row_time_of_registration():
+    for name, surfaces, limit in (("hippocampus", hippocampi(), 0.3), ("vertebra", vertebrae()[0], 1.5)):
+        template = sp.fit(surfaces[0], max_degree=12, cut_handles=True)
+        bar(f"time: registration of a {name}, s", limit, seconds(lambda: sp.shape.register(template, surfaces[1])))
+
+
+def row_time_of_groups():
+    def whole(surfaces, degree):
+        return seconds(lambda: sp.shape.quality(sp.shape.correspond(surfaces, degree).models))
+
+    twenty = (hippocampi() * 20)[:20]
+    bar("time: 20 hippocampi at degree 15, s", 20, whole([turned_at_random(s, i)[0] for i, s in enumerate(twenty)], 15))
+    many = (hippocampi() * 200)[:200]
+    bar("time: 200 hippocampi, s", 180, whole([turned_at_random(s, i)[0] for i, s in enumerate(many)], 15))
+    bar("time: ten vertebrae at degree 40, s", 60, whole(vertebrae()[0], 40))
+
+
+def main():
+    rows = {name[4:]: row for name, row in inspect.getmembers(sys.modules[__name__], inspect.isfunction) if name.startswith("row_")}
+    rows = dict(sorted(rows.items(), key=lambda item: item[1].__code__.co_firstlineno))
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("rows", nargs="*", metavar="ROW", help="rows to run; all by default")
+    parser.add_argument("--list", action="store_true", help="name the rows")
+    arguments = parser.parse_args()
+    if arguments.list:
+        print("\n".join(rows))
+        return 0
+    for name in arguments.rows or rows:
+        if name not in rows:
+            parser.error(f"{name}: there are {', '.join(rows)}")
+        started = time.perf_counter()
+        rows[name]()
+        print(f"  ({name}: {time.perf_counter() - started:.1f} s)", flush=True)
+    return 0 if all(results) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
