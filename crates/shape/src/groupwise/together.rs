@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use spharm_surface::geometry::{Vec3, dot, face_normal};
 
 use crate::groupwise::objective::{Objective, corners};
-use crate::kabsch::kabsch;
 use crate::matrix3::{IDENTITY, Matrix3, product};
+use spharm_surface::kabsch::kabsch;
 
 /// Rotations of members, in space; empty where they stay.
 pub(super) type Turns = Vec<Matrix3>;

@@ -12,7 +12,7 @@ use spharm_transform::synthesis;
 
 use crate::ShapeError;
 use crate::extent::extent;
-use crate::kabsch::kabsch;
+use spharm_surface::kabsch::kabsch;
 
 /// Rounds of rotations to the mean and means of what is rotated; two are enough in practice.
 const ROUNDS: usize = 5;
