@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """What correspondence has to reach, row by row: `./run bench correspondence [ROW ...]`.
 
-A row is a function whose name starts with `row_`; without names all are run, `--list` names them. Each prints what it must reach beside what
-it does, and the script exits with 1 where one doesn't. Measures are those of `correspondence_measures.py`, area-weighted, in mm. Surfaces are
-those of ../shared/data (vertebrae, hippocampi), and groups of `spharm generate --group`, whose truth is known.
+A row is a function whose name starts with `row_`; without names all are run, `--list` names them. Each prints what it must
+reach beside what it does, and the script exits with 1 where one doesn't. Measures are those of `correspondence_measures.py`,
+area-weighted, in mm. Surfaces are those of ../shared/data (vertebrae, hippocampi), and groups of `spharm generate --group`,
+whose truth is known.
 """
 
 import argparse
@@ -80,8 +81,8 @@ def generated(family, members=16, upright=False):
     """Surfaces, truth (n, p), landmarks of a family."""
     folder = FOLDER / f"{family}-{members}-{upright}"
     options = ["--upright"] if upright else []
-    subprocess.run([PROGRAM, "generate", "--group", family, "--members", str(members), "--output-dir", folder, *options], check=True,
-                   stdout=subprocess.DEVNULL)
+    command = [PROGRAM, "generate", "--group", family, "--members", str(members), "--output-dir", folder, *options]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     with open(folder / "truth.csv", newline="") as table:
         rows = list(csv.DictReader(table))
     columns = list(rows[0])
@@ -142,7 +143,8 @@ def cubes(count=10):
 
 def row_missed_optima():
     """Each of 50 pairs from 20 random rotations: ends that are worse than the best one, of 1,000."""
-    groups = [vertebrae()[0], generated("rods", 10)[0], generated("growing-bump", 10)[0], list(cubes()), list(near_spheres())]
+    made = [generated("rods", 10)[0], generated("growing-bump", 10)[0], list(cubes()), list(near_spheres())]
+    groups = [vertebrae()[0], *made]
     missed = 0
     for surfaces in groups:
         for i, surface in enumerate(surfaces):
@@ -246,11 +248,12 @@ def row_distortion():
 
 
 def row_moving_bump():
-    _, truth, marks = generated("moving-bump")
+    truth = generated("moving-bump")[1]
     members, weight = points(corresponding("moving-bump", 16).models)
     bar("moving bump, gentle: share of the first mode", 0.985, float(measured.shares_of_modes(members, weight)[0]), least=True)
     score = measured.modes(members, weight)[1][:, 0]
-    bar("moving bump, gentle: correlation with the truth", 0.995, float(abs(np.corrcoef(score, truth[:, 0])[0, 1])), least=True)
+    correlation = float(abs(np.corrcoef(score, truth[:, 0])[0, 1]))
+    bar("moving bump, gentle: correlation with the truth", 0.995, correlation, least=True)
 
 
 def row_sharp_bump():
@@ -261,7 +264,7 @@ def row_sharp_bump():
 
 
 def row_ellipsoids():
-    _, truth, _ = generated("ellipsoids")
+    truth = generated("ellipsoids")[1]
     members, weight = points(corresponding("ellipsoids", 12).models)
     bar("ellipsoids: modes above 1 % of the variance", 2, int((measured.shares_of_modes(members, weight) > 0.01).sum()))
     bar("ellipsoids: R^2 of the truth", 0.999, measured.determination(members, weight, truth, 2), least=True)
@@ -275,8 +278,8 @@ def row_known_places():
         errors = measured.landmark_errors(group.carry, [arrays(surface) for surface in surfaces], marks)
         members, weight = points(group.models)
         shares, count = measured.shares_of_modes(members, weight), truth.shape[1]
-        print(f"  {family}: places {errors.mean():.3f} mean {np.median(errors):.3f} median, first {count} modes {shares[:count].sum():.4f}, "
-              f"R^2 {measured.determination(members, weight, truth, count):.4f}", flush=True)
+        print(f"  {family}: places {errors.mean():.3f} mean {np.median(errors):.3f} median, "
+              f"first {count} modes {shares[:count].sum():.4f}, R^2 {measured.determination(members, weight, truth, count):.4f}", flush=True)
 
 
 # Validity and power.
@@ -286,8 +289,8 @@ def row_known_places():
 def study(seed, bump):
     """20 subjects of `generate --study`, 10 with a bump; of bump 0 all are controls."""
     folder = FOLDER / f"study-{seed}-{bump}"
-    subprocess.run([PROGRAM, "generate", "--study", folder, "--subjects", "20", "--bump", str(bump), "--variant", str(seed)], check=True,
-                   stdout=subprocess.DEVNULL)
+    command = [PROGRAM, "generate", "--study", folder, "--subjects", "20", "--bump", str(bump), "--variant", str(seed)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return [sp.read_surface(path) for path in sorted(folder.glob("*.ply"))]
 
 
@@ -354,7 +357,8 @@ def row_time_of_groups():
 
 
 def main():
-    rows = {name[4:]: row for name, row in inspect.getmembers(sys.modules[__name__], inspect.isfunction) if name.startswith("row_")}
+    functions = inspect.getmembers(sys.modules[__name__], inspect.isfunction)
+    rows = {name[4:]: row for name, row in functions if name.startswith("row_")}
     rows = dict(sorted(rows.items(), key=lambda item: item[1].__code__.co_firstlineno))
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("rows", nargs="*", metavar="ROW", help="rows to run; all by default")

@@ -1,6 +1,7 @@
 """What `correspondence.py` measures with, in NumPy and SciPy alone: independent of the library's own measures.
 
-Members are points at the same directions, X (n, V, 3); weights (V,) are the vertices' shares of the area, the mean over members.
+Members are points at the same directions, X (n, V, 3); weights (V,) are the vertices' shares of the area, the mean over
+members.
 """
 
 import numpy as np

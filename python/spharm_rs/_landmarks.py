@@ -37,7 +37,8 @@ class Landmarks:
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "points", points)
         if len(self.names) != len(points) or len(set(self.names)) != len(points):
-            raise ValueError(f"names: expected {len(points)} different ones, found {len(self.names)}, {len(set(self.names))} of them different")
+            found = f"{len(self.names)}, {len(set(self.names))} of them different"
+            raise ValueError(f"names: expected {len(points)} different ones, found {found}")
         if self.frame not in (None, "LPS", "RAS"):
             raise ValueError(f"frame: expected LPS or RAS, found {self.frame!r}")
 
@@ -60,7 +61,7 @@ class Landmarks:
 
 
 def read_landmarks(path: Path) -> Landmarks:
-    """Reads landmarks: 3D Slicer's ``.mrk.json`` and ``.fcsv``, a list in JSON, or a table ``name,x,y,z`` (``.csv``, ``.tsv``).
+    """Reads landmarks: 3D Slicer's ``.mrk.json`` and ``.fcsv``, lists in JSON, tables ``name,x,y,z`` (``.csv``, ``.tsv``).
 
     Parameters
     ----------
@@ -91,14 +92,17 @@ def write_landmarks(path: Path, landmarks: Landmarks, *, overwrite: bool = False
     _core.write_landmarks(os.fspath(path), landmarks.names, landmarks.points, landmarks.frame, overwrite=bool(overwrite))
 
 
-def matched(landmarks: Sequence[Landmarks | ArrayLike | Path], members: int) -> tuple[tuple[str, ...] | None, list[Floats]]:
+def matched(
+    landmarks: Sequence[Landmarks | ArrayLike | Path], members: int
+) -> tuple[tuple[str, ...] | None, list[Floats]]:
     """Returns the names that all members have, in the first one's order, and their positions; arrays have no names."""
     found = [read_landmarks(item) if isinstance(item, (str, os.PathLike)) else item for item in landmarks]
     if len(found) != members:
         raise ValueError(f"landmarks: expected those of {members} members, found {len(found)}")
     named = [item for item in found if isinstance(item, Landmarks)]
     if not named:
-        return None, [_arrays.positions(f"landmarks[{index}]", item) for index, item in enumerate(found)]  # type: ignore[arg-type]
+        arrays = [_arrays.positions(f"landmarks[{index}]", item) for index, item in enumerate(found)]  # type: ignore[arg-type]
+        return None, arrays
     if len(named) != members:
         raise ValueError("landmarks: expected names of all members, or arrays of all")
     names = tuple(name for name in named[0].names if all(name in item.names for item in named))

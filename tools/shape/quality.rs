@@ -25,8 +25,9 @@ use super::plan::Plan;
 
 /// Measure how well a group corresponds: compactness, generalisation, specificity, landmarks
 ///
-/// Of models that correspond, as those of `spharm shape align --group`; their place in space doesn't count. Places weigh by
-/// the area about them; distances between surfaces are by nearest points. Bands of 95 % are of a bootstrap over the members.
+/// Of models that correspond, as those of `spharm shape align --group`; their place in space doesn't count. Places
+/// weigh by the area about them; distances between surfaces are by nearest points. Bands of 95 % are of a bootstrap
+/// over the members.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -65,8 +66,8 @@ pub(super) struct Cli {
     no_surfaces: bool,
     /// Landmarks of the models, in their own frames
     ///
-    /// A folder with a file named as each model, or as many files, in the models' order: .mrk.json, .fcsv, .json, .csv or
-    /// .tsv. Names that all of them have are compared.
+    /// A folder with a file named as each model, or as many files, in the models' order: .mrk.json, .fcsv, .json, .csv
+    /// or .tsv. Names that all of them have are compared.
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = METHOD)]
     landmarks: Vec<PathBuf>,
     /// Seed of the random shapes and of the bootstrap

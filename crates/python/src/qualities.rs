@@ -69,7 +69,8 @@ struct Settings {
 
 type Ends = (Vec<f64>, Vec<f64>, Vec<f64>);
 type Apart = (f64, f64, Option<[f64; 2]>, Vec<f64>, Vec<Vec<f64>>);
-/// Variance, variances, compactness, generalisation and specificity, the latter two between surfaces, landmarks, warnings.
+/// Variance, variances, compactness, generalisation and specificity, the latter two between surfaces, landmarks,
+/// warnings.
 type Found = (f64, Vec<f64>, [Ends; 3], [Option<Ends>; 2], Option<Apart>, Vec<String>);
 
 /// The quality of a group of surfaces that correspond.

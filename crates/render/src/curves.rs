@@ -1,7 +1,7 @@
 //! Curves with bands over whole numbers, such as measures over the number of modes: panels side by side.
 //!
-//! Shapes are anti-aliased by their distance from a pixel's centre: a curve covers a pixel by how near it passes, a band by
-//! how much of the pixel's column lies within.
+//! Shapes are anti-aliased by their distance from a pixel's centre: a curve covers a pixel by how near it passes, a
+//! band by how much of the pixel's column lies within.
 
 use crate::RenderError;
 use crate::image::Image;

@@ -1,10 +1,10 @@
 //! Bands of the measures: a bootstrap over the members.
 //!
-//! Members are drawn with replacement, and everything is computed anew of what is drawn, the member that is left out with all
-//! of its copies. A draw has some 63 % of the members, from which a shape is further away, so that its measures lie above
-//! those of the group by more than chance; bands are therefore its quantiles about its median, laid about the group's own
-//! value (the pivot of B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap (1993), chapter 10, for a bias that is
-//! that of the resampling).
+//! Members are drawn with replacement, and everything is computed anew of what is drawn, the member that is left out
+//! with all of its copies. A draw has some 63 % of the members, from which a shape is further away, so that its
+//! measures lie above those of the group by more than chance; bands are therefore its quantiles about its median, laid
+//! about the group's own value (the pivot of B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap (1993),
+//! chapter 10, for a bias that is that of the resampling).
 //!
 //! In draws from large groups 20 members are left out, and modes are of the leading `5 m + 50` coordinates.
 

@@ -1,8 +1,8 @@
 //! How far the same direction is from the same landmark: what tells whether places correspond.
 //!
-//! A landmark p of member i, which a person set, belongs to the direction u of the point of the member's surface that is
-//! nearest to it. The error of a pair is the distance on member k between f_k(u) and f_k(u'), u' being the direction of the
-//! same landmark of k: both lie on its surface, so that how far landmarks lie off it doesn't count.
+//! A landmark p of member i, which a person set, belongs to the direction u of the point of the member's surface that
+//! is nearest to it. The error of a pair is the distance on member k between f_k(u) and f_k(u'), u' being the direction
+//! of the same landmark of k: both lie on its surface, so that how far landmarks lie off it doesn't count.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, Directions};

@@ -1,5 +1,5 @@
-//! Quality of a group's correspondence, by area: compactness, generalisation and specificity of its modes, over points that
-//! count by the area about them, by the distance between surfaces, and by landmarks.
+//! Quality of a group's correspondence, by area: compactness, generalisation and specificity of its modes, over points
+//! that count by the area about them, by the distance between surfaces, and by landmarks.
 //!
 //! Members are evaluated at the directions u of an icosphere, x_i(u). A direction weighs w(u) = the vertex's share of a
 //! member's area, the mean over the members, so that
@@ -8,24 +8,24 @@
 //! <x, y> = sum_u w(u) x(u) . y(u),    sum_u w(u) = 1,    G_ij = <x_i - m, x_j - m>,    m = mean of the x_i
 //! ```
 //!
-//! and distances are root mean squares over the surface rather than over the sphere, on which a thin process may have most of
-//! the directions. Of the first k modes, k = 1 to m, members' areal centres put together:
+//! and distances are root mean squares over the surface rather than over the sphere, on which a thin process may have
+//! most of the directions. Of the first k modes, k = 1 to m, members' areal centres put together:
 //!
 //! - *compactness*: their share of the variance;
 //! - *generalisation*: the mean distance of a member from its nearest shape in the modes of all others;
 //! - *specificity*: the mean distance of a random shape of the modes from the nearest member.
 //!
-//! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three fall when
-//! directions slide to where members differ least, so that none of them shows that places correspond: what does is known
-//! from outside, such as landmarks, see [`landmarks`].
+//! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three get better
+//! when directions slide to where members differ least, so that none of them shows that places correspond: what does
+//! is known from outside, such as landmarks, see [`landmarks`].
 //!
 //! *Between surfaces*, both are measured by nearest points too, the mean both ways, area-weighted: what is left of a
 //! distance when sliding along the surface counts for nothing.
 //!
-//! *Bands* are of a bootstrap over the members, see [`bands`].
+//! *Bands* are of a bootstrap over the members, see `bands`.
 //!
-//! Cost, for n members, V directions and m modes: V n (n + m) for the products and a decomposition of (n, n) for each member,
-//! up to 200 of them; by surfaces some 15 ms for each member and mode at V = 2,562.
+//! Cost, for n members, V directions and m modes: V n (n + m) for the products and a decomposition of (n, n) for each
+//! member, up to 200 of them; by surfaces some 15 ms for each member and mode at V = 2,562.
 
 mod bands;
 mod curves;
@@ -57,10 +57,11 @@ pub struct GroupQuality {
     pub generalisation: Curve,
     /// Mean distance of a random shape from the nearest member.
     pub specificity: Curve,
-    /// Generalisation by the distance between surfaces, if it was asked for; its band is that of the left-out members alone.
+    /// Generalisation by the distance between surfaces, if it was asked for; its band is that of the left-out members
+    /// alone.
     pub surface_generalisation: Option<Curve>,
-    /// Specificity by the distance between surfaces: of the first 100 random shapes, the nearer of the two members that are
-    /// nearest by points. It has no band.
+    /// Specificity by the distance between surfaces: of the first 100 random shapes, the nearer of the two members that
+    /// are nearest by points. It has no band.
     pub surface_specificity: Option<Curve>,
     /// How far landmarks are apart, if there are any.
     pub landmarks: Option<LandmarkErrors>,
@@ -75,9 +76,10 @@ const STAGE: Stage = Stage::counted("quality", "members");
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for no mode or sample; those of [`extent`](crate::extent::extent),
-/// in [`ShapeError::Member`]; [`ShapeError::Differ`] for landmarks of another number of members or places;
-/// [`ShapeError::NotFiniteValue`] for one that isn't finite; [`ShapeError::NoDecomposition`], [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for no mode or sample; those of
+/// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Differ`] for landmarks of another number
+/// of members or places; [`ShapeError::NotFiniteValue`] for one that isn't finite; [`ShapeError::NoDecomposition`],
+/// [`ShapeError::Interrupted`].
 pub fn group_quality(
     members: &[Coefficients],
     landmarks: Option<&[Vec<Vec3>]>,

@@ -1,5 +1,5 @@
-//! Generalisation and specificity by the distance between surfaces: the mean of the distances from each surface's points to
-//! the nearest point of the other one, both ways, points weighing by their area.
+//! Generalisation and specificity by the distance between surfaces: the mean of the distances from each surface's
+//! points to the nearest point of the other one, both ways, points weighing by their area.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -43,8 +43,8 @@ impl Side {
     }
 }
 
-/// Distances of left-out members from their nearest shapes, and of random shapes from the nearest members, by the number of
-/// modes: (members, m) and (shapes, m).
+/// Distances of left-out members from their nearest shapes, and of random shapes from the nearest members, by the
+/// number of modes: (members, m) and (shapes, m).
 pub(super) fn distances(
     points: &Points,
     model: &Model,

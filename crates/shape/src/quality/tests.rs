@@ -102,8 +102,8 @@ fn weights_are_shares_of_the_area() {
     let points = Points::of(&[ellipsoid([40.0, 1.0, 1.0])], 4, &Silent).unwrap();
     let middle: f64 =
         points.weights.iter().zip(&points.members[0]).filter(|(_, p)| p[0].abs() < 20.0).map(|(w, _)| w).sum();
-    // Of an ellipsoid of revolution the part within half of a long half axis: (x s + asin(x s)) at s = sqrt(1 - x^2 ...) tends to
-    // (asin x + x sqrt(1 - x^2)) / asin 1 at x = 1/2 for a needle.
+    // Of an ellipsoid of revolution the part within half of a long half axis: (x s + asin(x s)) at s = sqrt(1 - x^2
+    // ...) tends to (asin x + x sqrt(1 - x^2)) / asin 1 at x = 1/2 for a needle.
     let exact = (0.5_f64.asin() + 0.5 * 0.75_f64.sqrt()) / 1.0_f64.asin();
     assert!((middle - exact).abs() < 0.02, "{middle} {exact}");
     assert!((points.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);

@@ -1,11 +1,12 @@
-//! Boxes with bumps: superellipsoids `sum |x_i / h_i|^p = 1`, the direction's own point, to which a bump is added along z,
-//! `height (z / h_z)^4 exp(-((x - t)^2 + (y - s)^2) / (2 width^2))` of the upper half.
+//! Boxes with bumps: superellipsoids `sum |x_i / h_i|^p = 1`, the direction's own point, to which a bump is added along
+//! z, `height (z / h_z)^4 exp(-((x - t)^2 + (y - s)^2) / (2 width^2))` of the upper half.
 
 use crate::geometry::{Vec3, scale};
 
 /// Half sizes of the tapered box, in mm.
 const HALF: Vec3 = [15.0, 9.0, 7.0];
-/// By how much it is narrower at x = 15 than in the middle, and wider at the other end, so that no rotation makes it itself.
+/// By how much it is narrower at x = 15 than in the middle, and wider at the other end, so that no rotation makes it
+/// itself.
 const TAPER: f64 = 0.25;
 /// Width of its bump, in mm.
 const WIDTH: f64 = 3.5;

@@ -1,5 +1,5 @@
-//! Groups whose correspondence is known: families of one or two parameters, each member meshed anew, in any pose, with its
-//! parameters and the places that correspond.
+//! Groups whose correspondence is known: families of one or two parameters, each member meshed anew, in any pose, with
+//! its parameters and the places that correspond.
 //!
 //! | family | members | parameters, mm | modes where places correspond |
 //! |---|---|---|--:|
@@ -10,10 +10,10 @@
 //! | [`Rods`](Family::Rods) | flattened rods with a knob at one end | the shaft's length, 20 to 50 | 1 |
 //! | [`Tori`](Family::Tori) | warped rings of one handle | the ring's radius, 17 to 23; the tube's, 5 to 7 | 2 |
 //!
-//! Single parameters are even from member to member, two of them are drawn. But for the sharp bump, no member is the image of
-//! itself under a rotation other than half turns of ellipsoids, so that its places are those of its shape and not of its mesh.
-//! A mesh is an icosphere in a random rotation, or a grid of random size and phase, whose vertices and triangles are shuffled:
-//! two members have neither vertices nor triangles in common.
+//! Single parameters are even from member to member, two of them are drawn. But for the sharp bump, no member is the
+//! image of itself under a rotation other than half turns of ellipsoids, so that its places are those of its shape and
+//! not of its mesh. A mesh is an icosphere in a random rotation, or a grid of random size and phase, whose vertices and
+//! triangles are shuffled: two members have neither vertices nor triangles in common.
 
 mod boxes;
 mod shapes;

@@ -12,7 +12,8 @@ const C: f64 = 8.0;
 /// Radii of a rod and of its knob, in mm.
 const SHAFT: f64 = 4.0;
 const KNOB: f64 = 7.0;
-/// How flat a rod is, and how far its knob is off the shaft's axis, over how much of the shaft: then no turn makes it itself.
+/// How flat a rod is, and how far its knob is off the shaft's axis, over how much of the shaft: then no turn makes it
+/// itself.
 const FLAT: f64 = 0.7;
 const OFF: f64 = 3.0;
 const BEND: f64 = 8.0;
@@ -61,8 +62,8 @@ fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
     [x, radius * angle.cos() + off, FLAT * radius * angle.sin()]
 }
 
-/// The rod over the sphere: as much area below a place along x as on the sphere, that of a zone being `2 pi r dx` both of the
-/// shaft and of the knob.
+/// The rod over the sphere: as much area below a place along x as on the sphere, that of a zone being `2 pi r dx` both
+/// of the shaft and of the knob.
 pub(super) fn rod(u: Vec3, length: f64) -> Vec3 {
     let (first, from) = (SHAFT * (junction(length) + SHAFT), junction(length));
     let all = first + KNOB * (length + KNOB - from);

@@ -1,8 +1,9 @@
 //! Landmarks as JSON: 3D Slicer's markups, and plain lists.
 //!
-//! Markups: <https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json>,
-//! an object whose `markups` are lists of `controlPoints` with `label`, `id` and `position`. Points that were left undefined
-//! have no position, and are left out.
+//! Markups:
+//! <https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json>,
+//! an object whose `markups` are lists of `controlPoints` with `label`, `id` and `position`. Points that were left
+//! undefined have no position, and are left out.
 
 use serde_json::{Value, json};
 

@@ -7,10 +7,10 @@
 //! | a list of `{"id": "A", "coordinates": [x, y, z]}` | `.json` | not said |
 //! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a line of names | not said |
 //!
-//! Positions are read as stored, as surfaces' are, and in the file's unit; what a file says of its frame comes with them.
-//! Slicer writes landmarks and meshes in LPS, so the two agree as stored. A surface from elsewhere may be in RAS (GIfTI and
-//! FreeSurfer are): [`Landmarks::in_frame`] turns the landmarks, and [`Landmarks::laid_on`] finds out by the surface itself
-//! whether they have to be turned.
+//! Positions are read as stored, as surfaces' are, and in the file's unit; what a file says of its frame comes with
+//! them. Slicer writes landmarks and meshes in LPS, so the two agree as stored. A surface from elsewhere may be in RAS
+//! (GIfTI and FreeSurfer are): [`Landmarks::in_frame`] turns the landmarks, and [`Landmarks::laid_on`] finds out by the
+//! surface itself whether they have to be turned.
 
 mod json;
 mod placed;
@@ -95,8 +95,8 @@ impl Landmarks {
     ///
     /// # Errors
     ///
-    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), with the landmark's number
-    /// in place of a path's line.
+    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), with the landmark's
+    /// number in place of a path's line.
     pub fn new(names: Vec<String>, points: Vec<Vec3>, frame: Option<Frame>) -> Result<Self, SurfaceError> {
         if names.len() != points.len() {
             let (expected, found) = (names.len(), points.len());
@@ -114,10 +114,10 @@ impl Landmarks {
     ///
     /// # Errors
     ///
-    /// [`UnknownFormat`](SurfaceError::UnknownFormat) by the name; [`Io`](SurfaceError::Io), also for a file of more than
-    /// 16 MiB; [`Empty`](SurfaceError::Empty); [`Malformed`](SurfaceError::Malformed), which names the line or the entry,
-    /// for what isn't the format, for a name that is there twice or empty, and for coordinates that are missing or not
-    /// finite; [`Unsupported`](SurfaceError::Unsupported) for markups in another unit than mm.
+    /// [`UnknownFormat`](SurfaceError::UnknownFormat) by the name; [`Io`](SurfaceError::Io), also for a file of more
+    /// than 16 MiB; [`Empty`](SurfaceError::Empty); [`Malformed`](SurfaceError::Malformed), which names the line or the
+    /// entry, for what isn't the format, for a name that is there twice or empty, and for coordinates that are missing
+    /// or not finite; [`Unsupported`](SurfaceError::Unsupported) for markups in another unit than mm.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SurfaceError> {
         let path = path.as_ref();
         let format = Format::of(path)?;
@@ -139,8 +139,9 @@ impl Landmarks {
         Ok(found)
     }
 
-    /// Writes a file in the format its name asks for, whole or not at all. Slicer's formats have to have a frame: landmarks
-    /// without one are said to be in LPS, which Slicer takes meshes to be in that don't say theirs, so that the two agree.
+    /// Writes a file in the format its name asks for, whole or not at all. Slicer's formats have to have a frame:
+    /// landmarks without one are said to be in LPS, which Slicer takes meshes to be in that don't say theirs, so that
+    /// the two agree.
     ///
     /// # Errors
     ///

@@ -4,8 +4,8 @@ use super::Landmarks;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// How far nearer to the surface landmarks have to be after half a turn than before, to be turned: frames mirror both of the
-/// axes that they differ in, so that landmarks of a scan are a hundred millimetres off in the wrong one.
+/// How far nearer to the surface landmarks have to be after half a turn than before, to be turned: frames mirror both
+/// of the axes that they differ in, so that landmarks of a scan are a hundred millimetres off in the wrong one.
 const NEARER: f64 = 4.0;
 
 /// Landmarks beside a surface.
@@ -15,14 +15,14 @@ pub struct Placed {
     pub landmarks: Landmarks,
     /// Distance of each from the surface, (n), in its unit.
     pub distances: Vec<f64>,
-    /// Whether they were turned from LPS to RAS, or back, as they then are at least four times nearer to the surface in the
-    /// median. To be said: the surface's file and theirs are in different frames.
+    /// Whether they were turned from LPS to RAS, or back, as they then are at least four times nearer to the surface in
+    /// the median. To be said: the surface's file and theirs are in different frames.
     pub turned: bool,
 }
 
 impl Landmarks {
-    /// Measures how far landmarks are from their subject's surface, and turns them into the other frame if they lie much
-    /// nearer to it there. Landmarks whose file doesn't say their frame aren't turned.
+    /// Measures how far landmarks are from their subject's surface, and turns them into the other frame if they lie
+    /// much nearer to it there. Landmarks whose file doesn't say their frame aren't turned.
     #[must_use]
     pub fn laid_on(&self, surface: &Mesh) -> Placed {
         let tree = TriangleTree::new(surface);
