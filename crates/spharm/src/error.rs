@@ -6,6 +6,7 @@ use spharm_harmonics::HarmonicsError;
 use spharm_model::ModelError;
 use spharm_monitor::Interrupted;
 use spharm_parametrize::ParametrizeError;
+use spharm_register::RegisterError;
 use spharm_shape::ShapeError;
 use spharm_solver::SolverError;
 use spharm_store::StoreError;
@@ -43,6 +44,20 @@ pub enum Error {
     /// Shapes that can't be analysed.
     #[error("{0}")]
     Shape(#[from] ShapeError),
+    /// A template that can't be moved onto a surface.
+    #[error("{0}")]
+    Register(#[from] RegisterError),
+    /// A surface without area, or with coordinates that aren't finite.
+    #[error("a surface has no area: expected triangles with finite coordinates and an area above 0")]
+    NoArea,
+    /// What is wrong with one surface of a group.
+    #[error("surface {index}: {source}")]
+    Member {
+        /// The surface, counted from 0.
+        index: usize,
+        /// What is wrong.
+        source: Box<Error>,
+    },
     /// A setting that isn't one of its values, or doesn't go with another.
     #[error("{what} needs {expected}, found {found}")]
     Setting {
@@ -159,12 +174,18 @@ pub enum Error {
 }
 
 impl Error {
+    /// Says which surface of a group an error is of; that a computation was asked to stop isn't.
+    pub(crate) fn of_member(index: usize, error: Self) -> Self {
+        if error.is_interrupted() { error } else { Self::Member { index, source: Box::new(error) } }
+    }
+
     /// Returns whether the computation was asked to stop, and did.
     pub fn is_interrupted(&self) -> bool {
         matches!(
             self,
             Self::Interrupted(_)
                 | Self::Shape(ShapeError::Interrupted(_))
+                | Self::Register(RegisterError::Interrupted(_))
                 | Self::Surface(SurfaceError::Interrupted(_))
                 | Self::Parametrize(ParametrizeError::Interrupted(_))
                 | Self::Solver(SolverError::Interrupted(_) | SolverError::Store(StoreError::Interrupted(_)))

@@ -58,6 +58,7 @@
 //! | [`files`] | the files of a fit |
 //! | [`rerun`] | what becomes of outputs that exist |
 //! | [`factor`] | the factor of the normal equations, kept in a store |
+//! | [`mod@correspond`] | a group of surfaces over one template's sphere, so that places correspond |
 //! | [`machine`] | memory and limits of this process |
 //! | [`mod@parametrize`] | maps from surfaces to the sphere: all methods, label volumes, resampling, quality |
 //! | [`mod@model`] | what a model says of how it was made |
@@ -69,6 +70,7 @@
 //! | [`store`] | `spharm-store` | basis stores: [`store::build`], [`store::catalog`] |
 //! | [`io`], [`generate`], [`metrics`] | `spharm-surface` | files, example surfaces, distances between surfaces |
 //! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
+//! | [`register`] | `spharm-register` | a template mesh moved onto surfaces of subjects |
 //! | [`shape`] | `spharm-shape` | shape analysis on models: geometry, smoothing, descriptors, retrieval, levels, compression |
 //! | [`cohort`] | `spharm-cohort` | manifests, shards, status files |
 //! | [`moments`] | `spharm-moments` | moments of tables of samples, beyond memory and machine |
@@ -100,6 +102,7 @@
 pub struct Readme;
 
 pub mod assess;
+pub mod correspond;
 pub mod defaults;
 mod error;
 pub mod factor;
@@ -130,6 +133,7 @@ pub use warning::FitWarning;
 pub use spharm_cohort as cohort;
 pub use spharm_harmonics as harmonics;
 pub use spharm_moments as moments;
+pub use spharm_register as register;
 pub use spharm_shape as shape;
 pub use spharm_solver as solver;
 pub use spharm_store as store;

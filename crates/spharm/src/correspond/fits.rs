@@ -1,0 +1,106 @@
+//! Models of all members over one sphere, and their refinement by the group.
+
+use ndarray::ArrayView2;
+use serde_json::json;
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_model::Model;
+use spharm_monitor::{Monitor, OnlyCancel};
+use spharm_shape::groupwise::{GroupwiseParams, GroupwiseReport, groupwise};
+use spharm_surface::geometry::Vec3;
+use spharm_surface::nearest::TriangleTree;
+use spharm_surface::{Kind, Mesh, Similarity, Sphere, Target};
+use spharm_transform::{Transform, TransformParams};
+
+use super::params::CorrespondParams;
+use super::rounds::Subjects;
+use super::together::mesh_of;
+use crate::model::signed;
+use crate::{Error, Fit, FitParams, fit_many};
+
+/// Accuracy of the models at refined directions, relative to the coefficients.
+const ACCURACY: f64 = 1e-9;
+
+/// The places of all members, and models of them.
+pub(super) struct Fitted {
+    pub(super) places: Vec<Vec<Vec3>>,
+    pub(super) coefficients: Vec<Coefficients>,
+    /// Root mean square distance of each model from its places.
+    pub(super) rms: Vec<f64>,
+}
+
+impl Fitted {
+    pub(super) fn new(
+        sphere: &Sphere,
+        places: Vec<Vec<Vec3>>,
+        params: &CorrespondParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, Error> {
+        let settings =
+            FitParams { memory: params.memory, surface_distance: false, ..FitParams::lsq(params.max_degree) };
+        let read = |index: usize| {
+            let mesh = mesh_of(places[index].clone(), &sphere.faces);
+            Ok::<_, Error>(Target::from_mesh(&mesh, sphere)?)
+        };
+        let done = |_: usize, fit: Fit| Ok((fit.coefficients, fit.report.msd.sqrt() * fit.report.scale.unwrap_or(1.0)));
+        let (fits, _) = fit_many(sphere, places.len(), &read, &settings, &done, monitor)?;
+        let (coefficients, rms) = fits.into_iter().unzip();
+        Ok(Self { places, coefficients, rms })
+    }
+
+    /// Refines by the group: places move along the surfaces, are projected onto them, and fitted again.
+    pub(super) fn refine(
+        &mut self,
+        subjects: &Subjects<'_>,
+        similarities: &[Similarity],
+        masked: &[bool],
+        settings: &GroupwiseParams,
+        params: &CorrespondParams,
+        monitor: &dyn Monitor,
+    ) -> Result<GroupwiseReport, Error> {
+        let sphere = Sphere::icosphere(params.subdivisions());
+        let weights: Vec<f64> = masked.iter().map(|masked| if *masked { 0.0 } else { 1.0 }).collect();
+        let members: Vec<ArrayView2<'_, f64>> = self.coefficients.iter().map(|own| own.values().view()).collect();
+        let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
+        let transform = TransformParams { max_degree: params.max_degree, accuracy: ACCURACY, channels: 3 };
+        let directions = sphere.directions.as_slice();
+        let places = subjects.each(|index, mesh: Mesh| {
+            monitor.check()?;
+            let at = Directions::from_vertices(&found.flows[index].apply(directions)?)?;
+            let values = Transform::new(&at, &transform)?.synthesis(self.coefficients[index].values().view())?;
+            let tree = TriangleTree::new(&similarities[index].apply_mesh(&mesh));
+            let place = |(v, row): (usize, ndarray::ArrayView1<'_, f64>)| {
+                let place = [row[0], row[1], row[2]];
+                if masked[v] { place } else { tree.nearest(place).map_or(place, |found| found.point) }
+            };
+            Ok(values.rows().into_iter().enumerate().map(place).collect::<Vec<Vec3>>())
+        })?;
+        *self = Self::new(&sphere, places, params, &OnlyCancel(monitor))?;
+        Ok(found.report)
+    }
+
+    /// Moves the models as their places were.
+    pub(super) fn moved(&mut self, motions: &[Similarity]) -> Result<(), Error> {
+        for (own, motion) in self.coefficients.iter_mut().zip(motions) {
+            *own = spharm_shape::transform_object(own, motion)?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn mean(&self) -> Result<Coefficients, Error> {
+        Ok(spharm_shape::mean(&self.coefficients)?)
+    }
+
+    pub(super) fn into_models(&self, sphere: &Sphere, similarities: &[Similarity]) -> Vec<Model> {
+        let model = |(own, similarity): (&Coefficients, &Similarity)| {
+            let mut model = signed(Model::new(sphere.clone(), own.clone(), Kind::Surface), "shape correspond");
+            let transform = json!({
+                "orthogonal": similarity.orthogonal,
+                "scale": similarity.scale,
+                "translation": similarity.translation,
+            });
+            model.provenance.other.insert("to_group".to_owned(), transform);
+            model
+        };
+        self.coefficients.iter().zip(similarities).map(model).collect()
+    }
+}

@@ -1,0 +1,93 @@
+//! A new member of a group that stays as it is.
+
+use spharm_model::Model;
+use spharm_monitor::{Monitor, OnlyCancel};
+use spharm_register::{RegisterParams, Registered, Subject, Template, register};
+use spharm_surface::geometry::Vec3;
+use spharm_surface::pose::{PoseParams, PoseSurface, pose};
+use spharm_surface::{Kind, Mesh, Similarity};
+
+use super::GroupTemplate;
+use super::fits::Fitted;
+use super::params::CorrespondParams;
+use super::report::MemberReport;
+use super::together::{rigid, weights};
+use crate::Error;
+
+/// A surface that was added to a group.
+#[derive(Debug, Clone)]
+pub struct NewMember {
+    /// Its model, in the group's frame and over the group's sphere.
+    pub model: Model,
+    /// From its own frame to the group's.
+    pub similarity: Similarity,
+    /// Places that correspond to the sphere's directions, (n), on its surface in the group's frame.
+    pub places: Vec<Vec3>,
+    /// Whether each has a counterpart there, (n).
+    pub reached: Vec<bool>,
+    /// How it was registered.
+    pub report: MemberReport,
+}
+
+/// What all new members of a group share: prepared once.
+pub struct Joining<'a> {
+    group: &'a GroupTemplate,
+    template: Template,
+    pose: PoseSurface,
+    params: CorrespondParams,
+}
+
+impl<'a> Joining<'a> {
+    /// Prepares a group for new members.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Template::new`] in [`Error::Register`]; [`Error::Interrupted`].
+    pub fn new(
+        group: &'a GroupTemplate,
+        pose: PoseParams,
+        register: RegisterParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, Error> {
+        let mean = Model::without_sphere(group.mean.clone(), Kind::Surface);
+        let degree = group.mean.max_degree();
+        let shape = mean.reconstruct(&group.sphere, degree)?;
+        let template = Template::new(&shape, Some(&group.masked), &register, &OnlyCancel(monitor))?;
+        let surface = PoseSurface::new(&shape).ok_or(Error::NoArea)?;
+        let params = CorrespondParams { pose, register, ..CorrespondParams::up_to(degree) };
+        Ok(Self { group, template, pose: surface, params })
+    }
+
+    /// Adds a surface, which changes nothing of the group.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NoArea`], [`Error::Register`], those of the fit; [`Error::Interrupted`].
+    pub fn add(&self, surface: &Mesh, monitor: &dyn Monitor) -> Result<NewMember, Error> {
+        let quiet = OnlyCancel(monitor);
+        let moving = PoseSurface::new(surface).ok_or(Error::NoArea)?;
+        let posed = pose(&moving, &self.pose, &self.params.pose, &quiet)?;
+        let subject = Subject::new(&posed.similarity.apply_mesh(surface))?;
+        let Registered { vertices, reached, cover, turned } =
+            register(&self.template, &subject, None, &self.params.register, &quiet)?;
+        let faces = &self.group.sphere.faces;
+        let mut places = vec![vertices];
+        let of_mean = &self.template.mesh().vertices;
+        let step = rigid(&places[0], of_mean, &weights(&[of_mean.clone()], faces, &self.group.masked));
+        places[0].iter_mut().for_each(|place| *place = step.apply(*place));
+        let similarity = posed.similarity.then(&step);
+        let fitted = Fitted::new(&self.group.sphere, places, &self.params, &quiet)?;
+        let without = reached.iter().zip(&self.group.masked).filter(|(reached, masked)| !**reached && !**masked);
+        let report = MemberReport {
+            turned,
+            without_counterpart: without.count(),
+            model_rms: fitted.rms[0],
+            ..MemberReport::new(posed.distance, &cover)
+        };
+        let mut models = fitted.into_models(&self.group.sphere, &[similarity]);
+        let (Some(model), Some(places)) = (models.pop(), fitted.places.into_iter().next()) else {
+            return Err(Error::NoArea);
+        };
+        Ok(NewMember { model, similarity, places, reached, report })
+    }
+}

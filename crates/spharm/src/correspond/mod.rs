@@ -1,0 +1,95 @@
+//! Correspondence of a group: one template, one sphere, one basis for all subjects.
+//!
+//! Surfaces that are mapped to the sphere one by one have equal directions at different places, and most of a group's
+//! variance is then that of the maps. Here one template is mapped, and moved in space onto every subject's surface, whatever
+//! its topology; all subjects are fitted over the template's sphere, and the group's own statistics move what the
+//! registration couldn't know.
+//!
+//! 1. Poses by the surfaces alone ([`spharm_surface::pose`]).
+//! 2. The most typical subject, or one that is given, is the template: mended, mapped and fitted ([`template`]).
+//! 3. It is registered to every subject ([`spharm_register`]); the mean of the group is the next round's template.
+//! 4. All subjects are fitted over its sphere in one call.
+//! 5. Refinement by the group ([`spharm_shape::groupwise`]); the refined places are projected onto the surfaces and fitted
+//!    again.
+//!
+//! ```no_run
+//! use spharm::correspond::{CorrespondParams, correspond};
+//! use spharm::{Silent, io::read_mesh};
+//!
+//! let paths = ["s01.ply", "s02.ply", "s03.ply"];
+//! let read = |index: usize| Ok(read_mesh(paths[index])?);
+//! let group = correspond(paths.len(), &read, &CorrespondParams::up_to(15), &Silent)?;
+//! // The place of s01's tenth vertex on s03, in the coordinates of each file.
+//! let place = group.carry(&[read(0)?.vertices[10]], 0, 2)?;
+//! # Ok::<(), spharm::Error>(())
+//! ```
+
+mod carry;
+mod fits;
+mod member;
+mod params;
+mod report;
+mod rounds;
+pub mod template;
+mod together;
+
+use spharm_harmonics::Coefficients;
+use spharm_model::Model;
+use spharm_monitor::Monitor;
+use spharm_surface::geometry::Vec3;
+use spharm_surface::{Mesh, Similarity, Sphere};
+
+use crate::Error;
+
+pub use carry::Carried;
+pub use member::{Joining, NewMember};
+pub use params::CorrespondParams;
+pub use report::{CorrespondReport, CorrespondWarning, MemberReport};
+
+/// A group whose members correspond, in one frame.
+#[derive(Debug, Clone)]
+pub struct Group {
+    /// A model of each member, in the group's frame and over the group's sphere.
+    pub models: Vec<Model>,
+    /// From each member's own frame to the group's.
+    pub similarities: Vec<Similarity>,
+    /// Places of each member that correspond, (n) each: at the sphere's directions, on the member's surface, in the group's
+    /// frame.
+    pub places: Vec<Vec<Vec3>>,
+    /// Whether each place of each member has a counterpart there, (n) each.
+    pub reached: Vec<Vec<bool>>,
+    /// What the members share.
+    pub template: GroupTemplate,
+    /// How it was found.
+    pub report: CorrespondReport,
+}
+
+/// What a new member needs of a group.
+#[derive(Debug, Clone)]
+pub struct GroupTemplate {
+    /// The sphere of all members' models, with triangles.
+    pub sphere: Sphere,
+    /// The group's mean, in its frame.
+    pub mean: Coefficients,
+    /// Directions that have no counterpart on members, such as lids of holes of the first template, (n).
+    pub masked: Vec<bool>,
+    /// The root mean square distance of the members from the mean, over its area.
+    pub spread: f64,
+}
+
+/// Makes surfaces correspond. `read` returns surface `0..count` in its own frame; it is called several times for each, from
+/// several threads.
+///
+/// # Errors
+///
+/// [`Error::Setting`] for fewer than two surfaces; [`Error::Member`] with what is wrong with one; those of mapping the
+/// template ([`Error::Parametrize`]) and of [`fit_many`](crate::fit_many); [`Error::Interrupted`].
+pub fn correspond(
+    count: usize,
+    read: &(dyn Fn(usize) -> Result<Mesh, Error> + Sync),
+    params: &CorrespondParams,
+    monitor: &dyn Monitor,
+) -> Result<Group, Error> {
+    params.check(count)?;
+    rounds::run(&rounds::Subjects { count, read }, params, monitor)
+}

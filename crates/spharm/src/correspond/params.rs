@@ -1,0 +1,77 @@
+//! Settings of a correspondence.
+
+use spharm_register::RegisterParams;
+use spharm_shape::groupwise::GroupwiseParams;
+use spharm_surface::Mesh;
+use spharm_surface::pose::PoseParams;
+
+use crate::Error;
+
+/// Settings of [`correspond`](super::correspond()).
+#[derive(Debug, Clone)]
+pub struct CorrespondParams {
+    /// The degree of the models, L.
+    pub max_degree: usize,
+    /// The first template; else the most typical subject.
+    pub template: Option<Mesh>,
+    /// Subdivisions of the icosphere whose directions are registered; else 4 (2,562) for degrees to 15, 5 (10,242) to 40, and
+    /// 6 (40,962) above.
+    pub subdivisions: Option<u32>,
+    /// Rounds of registration: in each after the first the group's mean is the template. 2 by default.
+    pub rounds: usize,
+    /// Refinement by the group; none leaves it out.
+    pub refinement: Option<GroupwiseParams>,
+    /// How poses are found.
+    pub pose: PoseParams,
+    /// How the template is registered.
+    pub register: RegisterParams,
+    /// Bytes of memory for the fits.
+    pub memory: Option<usize>,
+}
+
+/// The least number of subjects.
+const LEAST: usize = 2;
+
+impl CorrespondParams {
+    /// Returns the defaults for models of a degree.
+    #[must_use]
+    pub fn up_to(max_degree: usize) -> Self {
+        Self {
+            max_degree,
+            template: None,
+            subdivisions: None,
+            rounds: 2,
+            refinement: Some(GroupwiseParams::default()),
+            pose: PoseParams::default(),
+            register: RegisterParams::default(),
+            memory: None,
+        }
+    }
+
+    /// Returns the subdivisions of the icosphere whose directions are registered.
+    #[must_use]
+    pub fn subdivisions(&self) -> u32 {
+        self.subdivisions.unwrap_or(match self.max_degree {
+            0..=15 => 4,
+            16..=40 => 5,
+            _ => 6,
+        })
+    }
+
+    pub(super) fn check(&self, count: usize) -> Result<(), Error> {
+        let refused = |what, expected, found: usize| Err(Error::Setting { what, expected, found: found.to_string() });
+        if count < LEAST {
+            return refused("a correspondence", "at least 2 surfaces", count);
+        }
+        if self.rounds == 0 {
+            return refused("the number of rounds", "at least 1", 0);
+        }
+        if self.max_degree == 0 {
+            return refused("the degree", "at least 1", 0);
+        }
+        if let Some(found) = self.subdivisions.filter(|found| !(2..=8).contains(found)) {
+            return refused("the number of subdivisions", "2 to 8", found as usize);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,198 @@
+//! Poses, and rounds of registration.
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+use spharm_monitor::{Monitor, OnlyCancel, Stage};
+use spharm_register::{Registered, Subject, Template, register};
+use spharm_surface::geometry::Vec3;
+use spharm_surface::pose::{PoseSurface, group_poses, pose};
+use spharm_surface::{Mesh, Similarity, Sphere};
+
+use super::fits::Fitted;
+use super::params::CorrespondParams;
+use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED};
+use super::template::MappedTemplate;
+use super::together::{mesh_of, spread, together, weights};
+use super::{Group, GroupTemplate};
+use crate::Error;
+
+/// Share of the template's directions without a counterpart on a member from which it is named.
+const LACKING: f64 = 0.05;
+
+/// Where the surfaces of a group come from.
+pub(super) struct Subjects<'a> {
+    pub(super) count: usize,
+    pub(super) read: &'a (dyn Fn(usize) -> Result<Mesh, Error> + Sync),
+}
+
+impl Subjects<'_> {
+    /// Does something with each surface, several at a time.
+    pub(super) fn each<T: Send>(
+        &self,
+        work: impl Fn(usize, Mesh) -> Result<T, Error> + Sync + Send,
+    ) -> Result<Vec<T>, Error> {
+        let one = |index: usize| {
+            let mesh = (self.read)(index)?;
+            work(index, mesh).map_err(|error| Error::of_member(index, error))
+        };
+        (0..self.count).into_par_iter().map(one).collect()
+    }
+}
+
+/// Poses of the subjects, the frame's template, and what is in doubt.
+struct Posed {
+    similarities: Vec<Similarity>,
+    distances: Vec<f64>,
+    template: Option<usize>,
+    warnings: Vec<CorrespondWarning>,
+}
+
+pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monitor) -> Result<Group, Error> {
+    let mut seconds = Vec::new();
+    let mut mark = Instant::now();
+    let mut lap = |name: &'static str| {
+        seconds.push((name, mark.elapsed().as_secs_f64()));
+        mark = Instant::now();
+    };
+    let Posed { mut similarities, distances, template, mut warnings } = poses(subjects, params, monitor)?;
+    lap("poses");
+    let first = match (&params.template, template) {
+        (Some(given), _) => given.clone(),
+        (None, index) => {
+            let index = index.unwrap_or(0);
+            similarities[index].apply_mesh(&(subjects.read)(index)?)
+        }
+    };
+    let mapped = MappedTemplate::new(&first, params.subdivisions(), params.max_degree, monitor)?;
+    lap("template");
+    let MappedTemplate { mesh: mut shape, masked, changes } = mapped;
+    let sphere = Sphere::icosphere(params.subdivisions());
+    let mut registered = Vec::new();
+    let mut places: Vec<Vec<Vec3>> = Vec::new();
+    for round in 0..params.rounds {
+        registered = register_all(subjects, &similarities, &shape, &masked, params, round, monitor)?;
+        places = registered.iter().map(|found| found.vertices.clone()).collect();
+        let (motions, mean) = together(&mut places, &sphere.faces, &masked);
+        similarities = similarities.iter().zip(&motions).map(|(own, motion)| own.then(motion)).collect();
+        shape = mesh_of(mean, &sphere.faces);
+    }
+    lap("registration");
+    let of = |(found, distance): (&Registered, &f64)| MemberReport {
+        turned: found.turned,
+        without_counterpart: without_counterpart(found, &masked),
+        ..MemberReport::new(*distance, &found.cover)
+    };
+    let mut members: Vec<MemberReport> = registered.iter().zip(&distances).map(of).collect();
+    warnings.extend(of_cover(&members, &masked));
+    let reached: Vec<Vec<bool>> = registered.into_iter().map(|found| found.reached).collect();
+    let mut fitted = Fitted::new(&sphere, places, params, monitor)?;
+    lap("fits");
+    let mut refinement = None;
+    if let Some(settings) = &params.refinement {
+        refinement = Some(fitted.refine(subjects, &similarities, &masked, settings, params, monitor)?);
+        lap("refinement");
+    }
+    let (motions, mean) = together(&mut fitted.places, &sphere.faces, &masked);
+    similarities = similarities.iter().zip(&motions).map(|(own, motion)| own.then(motion)).collect();
+    fitted.moved(&motions)?;
+    warnings.extend(same(&fitted.places, &mean));
+    let weights = weights(&fitted.places, &sphere.faces, &masked);
+    let spread = spread(&fitted.places, &mean, &weights);
+    members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
+    let template_of_group = GroupTemplate { mean: fitted.mean()?, sphere, masked, spread };
+    let report = CorrespondReport { template, changes, members, warnings, refinement, seconds };
+    Ok(Group {
+        models: fitted.into_models(&template_of_group.sphere, &similarities),
+        places: fitted.places,
+        similarities,
+        reached,
+        template: template_of_group,
+        report,
+    })
+}
+
+fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monitor) -> Result<Posed, Error> {
+    let surface = |_: usize, mesh: Mesh| {
+        monitor.check()?;
+        PoseSurface::new(&mesh).ok_or(Error::NoArea)
+    };
+    let surfaces = subjects.each(surface)?;
+    let Some(template) = &params.template else {
+        let found = group_poses(&surfaces, &params.pose, monitor)?;
+        return Ok(Posed {
+            similarities: found.similarities,
+            distances: found.distances,
+            template: Some(found.template),
+            warnings: found.warnings.into_iter().map(CorrespondWarning::Pose).collect(),
+        });
+    };
+    let fixed = PoseSurface::new(template).ok_or(Error::NoArea)?;
+    let quiet = OnlyCancel(monitor);
+    let found = surfaces.par_iter().map(|moving| pose(moving, &fixed, &params.pose, &quiet));
+    let found = found.collect::<Result<Vec<_>, _>>()?;
+    Ok(Posed {
+        similarities: found.iter().map(|pose| pose.similarity).collect(),
+        distances: found.iter().map(|pose| pose.distance).collect(),
+        template: None,
+        warnings: Vec::new(),
+    })
+}
+
+fn register_all(
+    subjects: &Subjects<'_>,
+    similarities: &[Similarity],
+    shape: &Mesh,
+    masked: &[bool],
+    params: &CorrespondParams,
+    round: usize,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Registered>, Error> {
+    const NAMES: [&str; 2] = ["registration", "registration of the mean"];
+    monitor.begin(Stage::counted(NAMES[round.min(1)], "surfaces"), subjects.count as u64);
+    let quiet = OnlyCancel(monitor);
+    let template = Template::new(shape, Some(masked), &params.register, &quiet)?;
+    let registered = subjects.each(|index, mesh| {
+        let subject = Subject::new(&similarities[index].apply_mesh(&mesh))?;
+        let found = register(&template, &subject, None, &params.register, &quiet)?;
+        monitor.step(1);
+        Ok(found)
+    })?;
+    monitor.end();
+    Ok(registered)
+}
+
+fn without_counterpart(found: &Registered, masked: &[bool]) -> usize {
+    found.reached.iter().zip(masked).filter(|(reached, masked)| !**reached && !**masked).count()
+}
+
+/// Members that the template doesn't cover, or that don't have what it has.
+fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning> {
+    let all = masked.iter().filter(|masked| !**masked).count().max(1) as f64;
+    let mut warnings = Vec::new();
+    for (member, found) in members.iter().enumerate() {
+        if found.unreached > UNREACHED {
+            let (share, farthest) = (found.unreached, found.cover_farthest);
+            warnings.push(CorrespondWarning::Unreached { member, share, farthest });
+        }
+        let share = found.without_counterpart as f64 / all;
+        if share > LACKING {
+            warnings.push(CorrespondWarning::Lacks { member, share });
+        }
+    }
+    warnings
+}
+
+/// Members whose places are those of an earlier one, by a millionth of the group's size.
+fn same(places: &[Vec<Vec3>], mean: &[Vec3]) -> Vec<CorrespondWarning> {
+    let size = mean.iter().flatten().fold(0.0f64, |size, value| size.max(value.abs()));
+    let equal =
+        |a: &[Vec3], b: &[Vec3]| a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| (a - b).abs() <= 1e-6 * size);
+    let mut warnings = Vec::new();
+    for member in 1..places.len() {
+        if let Some(as_member) = (0..member).find(|other| equal(&places[member], &places[*other])) {
+            warnings.push(CorrespondWarning::Same { member, as_member });
+        }
+    }
+    warnings
+}

@@ -1,0 +1,60 @@
+//! A template: a surface that is mended, mapped to the sphere and fitted, at the directions of an icosphere.
+
+use spharm_monitor::Monitor;
+use spharm_parametrize::Input;
+use spharm_register::without_counterpart;
+use spharm_surface::{Mesh, Sphere};
+
+use crate::parametrize::parametrize_with;
+use crate::{Error, FitParams, fit_with};
+
+/// The degree that a template is fitted to, at least: its shape, not its models' degree, is what is registered.
+const DEGREE: usize = 40;
+/// Distance from the surface as it was given, as a share of the square root of its area, from which a place belongs to
+/// what was cut and filled.
+const FILLED: f64 = 0.005;
+
+/// A surface over the directions of an icosphere.
+#[derive(Debug, Clone)]
+pub struct MappedTemplate {
+    /// Its vertices are the places at the icosphere's directions.
+    pub mesh: Mesh,
+    /// Directions at what was cut and filled, (n).
+    pub masked: Vec<bool>,
+    /// What was changed of the surface.
+    pub changes: Vec<String>,
+}
+
+impl MappedTemplate {
+    /// Mends and maps a surface, cutting handles, and evaluates its model at the icosphere's directions.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Parametrize`] with what keeps the surface from being mapped; those of [`fit_with`].
+    pub fn new(surface: &Mesh, subdivisions: u32, max_degree: usize, monitor: &dyn Monitor) -> Result<Self, Error> {
+        let input = Input::Mesh(surface.clone()).mended().without_handles(monitor)?;
+        let changes = input.changes(true);
+        let params = FitParams::lsq(max_degree.max(DEGREE));
+        let mapped = parametrize_with(&input, &params.map(), monitor)?;
+        let fit = fit_with(&mapped.sphere, &mapped.map.surface, &params, monitor)?;
+        let sphere = Sphere::icosphere(subdivisions);
+        let model = spharm_model::Model::without_sphere(fit.coefficients, spharm_surface::Kind::Surface);
+        let mesh = model.reconstruct(&sphere, params.max_degree)?;
+        let masked = if changes.is_empty() {
+            vec![false; mesh.vertices.len()]
+        } else {
+            without_counterpart(&mesh, surface, FILLED * area(surface).sqrt())
+        };
+        Ok(Self { mesh, masked, changes })
+    }
+}
+
+fn area(mesh: &Mesh) -> f64 {
+    use spharm_surface::geometry::{cross, dot, sub};
+    let doubled = |[a, b, c]: [u32; 3]| {
+        let [a, b, c] = [a, b, c].map(|v| mesh.vertices[v as usize]);
+        let normal = cross(sub(b, a), sub(c, a));
+        dot(normal, normal).sqrt()
+    };
+    0.5 * mesh.faces.iter().map(|face| doubled(*face)).sum::<f64>()
+}
