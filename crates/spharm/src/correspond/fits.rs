@@ -12,7 +12,7 @@ use spharm_surface::{Kind, Mesh, Similarity, Sphere, Target};
 use spharm_transform::{Transform, TransformParams};
 
 use super::params::CorrespondParams;
-use super::rounds::Subjects;
+use super::subjects::Subjects;
 use super::together::mesh_of;
 use crate::model::signed;
 use crate::{Error, Fit, FitParams, fit_many};
@@ -90,7 +90,7 @@ impl Fitted {
         Ok(spharm_shape::mean(&self.coefficients)?)
     }
 
-    pub(super) fn into_models(&self, sphere: &Sphere, similarities: &[Similarity]) -> Vec<Model> {
+    pub(super) fn models(&self, sphere: &Sphere, similarities: &[Similarity]) -> Vec<Model> {
         let model = |(own, similarity): (&Coefficients, &Similarity)| {
             let mut model = signed(Model::new(sphere.clone(), own.clone(), Kind::Surface), "shape correspond");
             let transform = json!({

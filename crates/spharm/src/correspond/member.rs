@@ -73,7 +73,7 @@ impl<'a> Joining<'a> {
         let faces = &self.group.sphere.faces;
         let mut places = vec![vertices];
         let of_mean = &self.template.mesh().vertices;
-        let step = rigid(&places[0], of_mean, &weights(&[of_mean.clone()], faces, &self.group.masked));
+        let step = rigid(&places[0], of_mean, &weights(std::slice::from_ref(of_mean), faces, &self.group.masked));
         places[0].iter_mut().for_each(|place| *place = step.apply(*place));
         let similarity = posed.similarity.then(&step);
         let fitted = Fitted::new(&self.group.sphere, places, &self.params, &quiet)?;
@@ -84,7 +84,7 @@ impl<'a> Joining<'a> {
             model_rms: fitted.rms[0],
             ..MemberReport::new(posed.distance, &cover)
         };
-        let mut models = fitted.into_models(&self.group.sphere, &[similarity]);
+        let mut models = fitted.models(&self.group.sphere, &[similarity]);
         let (Some(model), Some(places)) = (models.pop(), fitted.places.into_iter().next()) else {
             return Err(Error::NoArea);
         };
