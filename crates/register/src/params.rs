@@ -7,7 +7,7 @@ pub struct DriftStage {
     pub width: f64,
     /// Weight of the displacements' energy, lambda.
     pub stiffness: f64,
-    /// Points on the template, and on the subject.
+    /// Points on the template, and on the subject: at most half as many as the template has vertices.
     pub points: usize,
 }
 

@@ -71,7 +71,10 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     lap("fits");
     let mut refinement = None;
     if let Some(settings) = &params.refinement {
-        refinement = Some(fitted.refine(subjects, &similarities, &masked, settings, params, monitor)?);
+        let (report, turned) =
+            fitted.refine(subjects, &similarities, (&masked, &reached), settings, params, monitor)?;
+        members.iter_mut().zip(turned).for_each(|(member, turned)| member.turned = turned);
+        refinement = Some(report);
         lap("refinement");
     }
     let (motions, mean) = together(&mut fitted.places, &sphere.faces, &masked);
