@@ -221,7 +221,7 @@ impl Group {
         let surfaces = sources(surfaces, &names)?;
         let (group, pose) = (Arc::clone(&self.inner), self.pose);
         let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
-            let joining = Joining::new(&group.template, pose, RegisterParams::default(), monitor)?;
+            let joining = Joining::new(group.template.clone(), pose, RegisterParams::default(), monitor)?;
             monitor.begin(Stage::counted("new members", "surfaces"), surfaces.len() as u64);
             let one = |(index, source): (usize, &Source)| {
                 let found = source.read().and_then(|surface| joining.add(&surface, monitor));

@@ -30,21 +30,21 @@ pub struct NewMember {
 }
 
 /// What all new members of a group share: prepared once.
-pub struct Joining<'a> {
-    group: &'a GroupTemplate,
+pub struct Joining {
+    group: GroupTemplate,
     template: Template,
     pose: PoseSurface,
     params: CorrespondParams,
 }
 
-impl<'a> Joining<'a> {
+impl Joining {
     /// Prepares a group for new members.
     ///
     /// # Errors
     ///
     /// Those of [`Template::new`] in [`Error::Register`]; [`Error::Interrupted`].
     pub fn new(
-        group: &'a GroupTemplate,
+        group: GroupTemplate,
         pose: PoseParams,
         register: RegisterParams,
         monitor: &dyn Monitor,
