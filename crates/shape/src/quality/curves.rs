@@ -130,7 +130,8 @@ fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeErr
     let least = NEGLIGIBLE * singular.first().copied().unwrap_or(0.0);
     let mut square: f64 = rest.iter().map(|value| value * value).sum();
     // Along mode k, which is `u_k^T C / s_k`, the rest has `u_k . (C r) / s_k`.
-    let products: Vec<f64> = centred.rows().into_iter().map(|row| row.dot(&rest)).collect();
+    let products: Vec<f64> =
+        centred.rows().into_iter().map(|row| row.iter().zip(&rest).map(|(a, b)| a * b).sum()).collect();
     let mut factors = vec![0.0; model.rows.len()];
     others.iter().for_each(|&row| factors[row] = 1.0 / others.len() as f64);
     let (mut distances, mut all) = (Vec::with_capacity(most), Vec::with_capacity(most));

@@ -44,13 +44,13 @@ fn left_out(y: &Array2<f64>, member: usize, modes: usize) -> f64 {
     for k in 0..modes {
         let mut mode = centred.row(k % centred.nrows()).to_owned() + centred.row(0);
         for _ in 0..3000 {
-            mode = centred.t().dot(&centred.dot(&mode));
+            mode = times(&centred.t().to_owned(), &times(&centred, &mode));
             mode /= norm(mode.iter().copied());
         }
-        let along = rest.dot(&mode);
+        let along = inner(&rest, &mode);
         rest.scaled_add(-along, &mode);
         for mut row in centred.rows_mut() {
-            let along = row.dot(&mode);
+            let along = inner(&row.to_owned(), &mode);
             row.scaled_add(-along, &mode);
         }
     }
@@ -80,8 +80,8 @@ fn measures_are_what_they_are_defined_as() {
 
     // Modes in the space of points are orthonormal, and random shapes are made of them.
     let model = curves::Model::of(&points.scores().unwrap(), &[0, 1, 2, 3, 4, 5]).unwrap();
-    let modes = model.loadings.dot(&(&y - &mean));
-    let gram = modes.dot(&modes.t());
+    let modes = crate::product::product(model.loadings.view(), (&y - &mean).view());
+    let gram = crate::product::product(modes.view(), modes.t());
     assert!(gram.indexed_iter().all(|((i, j), value)| (value - f64::from(u8::from(i == j))).abs() < 1e-9));
     for k in [1, 3] {
         let mut sum = 0.0;
@@ -235,4 +235,12 @@ fn what_is_no_group_is_refused() {
     assert!(error(&group, Some(&marks[..2]), &params).contains("members with landmarks"));
     let nan = vec![vec![[f64::NAN, 0.0, 0.0]]; 3];
     assert!(error(&group, Some(&nan), &params).contains("landmarks"));
+}
+
+fn inner(a: &ndarray::Array1<f64>, b: &ndarray::Array1<f64>) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn times(matrix: &ndarray::Array2<f64>, vector: &ndarray::Array1<f64>) -> ndarray::Array1<f64> {
+    matrix.rows().into_iter().map(|row| inner(&row.to_owned(), vector)).collect()
 }
