@@ -12,9 +12,12 @@ _Seam = tuple[int, int, _Triangles]
 _Ends = tuple[list[float], list[float], list[float]]
 _Apart = tuple[float, float, list[float] | None, list[float], list[list[float]]]
 _Mapped = tuple[_Floats, _Triangles, _Floats, str, list[str], Union[_Seam, None]]
+_Given = Union[str, tuple[_Floats, _Triangles]]
+_Flags = NDArray[np.bool_]
 _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
 
 __all__ = [
+    "Group",
     "Model",
     "Moments",
     "Modes",
@@ -35,6 +38,7 @@ __all__ = [
     "read_values",
     "resample",
     "shape_align",
+    "shape_correspond",
     "shape_describe",
     "shape_even",
     "shape_geometry",
@@ -44,8 +48,10 @@ __all__ = [
     "shape_measure_group",
     "shape_morph",
     "shape_pca",
+    "shape_pose",
     "shape_procrustes",
     "shape_quality",
+    "shape_register",
     "shape_rotate",
     "shape_smooth",
     "shape_tails",
@@ -61,6 +67,36 @@ __all__ = [
 ]
 
 __version__: str
+
+@final
+class Group:
+    @property
+    def models(self) -> list[Model]: ...
+    @property
+    def mean(self) -> Model: ...
+    @property
+    def transforms(self) -> str: ...
+    @property
+    def places(self) -> _Floats: ...
+    @property
+    def reached(self) -> _Flags: ...
+    @property
+    def masked(self) -> _Flags: ...
+    @property
+    def sphere(self) -> tuple[_Floats, _Triangles]: ...
+    @property
+    def warnings(self) -> list[str]: ...
+    @property
+    def report(self) -> str: ...
+    def carry(self, points: _Floats, source: int, target: int) -> tuple[_Floats, _Floats, _Flags]: ...
+    def add(
+        self,
+        surfaces: Sequence[_Given],
+        names: Sequence[str],
+        *,
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> list[tuple[Model, str, _Floats, _Flags, str]]: ...
 
 @final
 class Model:
@@ -337,6 +373,35 @@ def shape_quality(
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> tuple[float, list[float], list[_Ends], list[_Ends | None], _Apart | None, list[str]]: ...
+def shape_correspond(
+    surfaces: Sequence[_Given],
+    names: Sequence[str],
+    template: _Given | None,
+    *,
+    settings: dict[str, Any],
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> Group: ...
+def shape_pose(
+    surface: _Given,
+    target: _Given,
+    *,
+    scale: bool,
+    mirror: bool,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[str, float, float]: ...
+def shape_register(
+    template: _Given,
+    surface: _Given,
+    masked: Sequence[bool] | None,
+    *,
+    pose: bool,
+    scale: bool,
+    mirror: bool,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[_Floats, _Triangles, _Flags, str, str]: ...
 def shape_measure_group(
     models: Sequence[Model],
     directions: _Floats,

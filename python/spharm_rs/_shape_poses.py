@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
+from ._landmarks import Landmarks
 from ._model import Model, core, warn
 from ._progress import Progress, callback
 from ._surface import Surface
@@ -72,16 +73,18 @@ class Transform:
     @overload
     def apply(self, what: Surface, *, threads: int | None = None, progress: Progress = None) -> Surface: ...
     @overload
+    def apply(self, what: Landmarks, *, threads: int | None = None, progress: Progress = None) -> Landmarks: ...
+    @overload
     def apply(self, what: ArrayLike, *, threads: int | None = None, progress: Progress = None) -> Floats: ...
-    def apply(self, what: Any, *, threads: int | None = None, progress: Progress = None) -> Model | Surface | Floats:
+    def apply(self, what: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
         """Returns the transformed model, at all its degrees; or a surface or points, such as landmarks, moved in space with it.
 
         A model of a signal can be rotated in its parameters alone. A surface that is mirrored keeps its outside outside.
 
         Parameters
         ----------
-        what : Model, Surface or array_like of float, (n, 3)
-            Points are in the surface's unit; one point may be (3,).
+        what : Model, Surface, Landmarks or array_like of float, (n, 3)
+            Points are in the surface's unit; one point may be (3,). Landmarks are in no scanner's frame afterwards.
         threads : int, optional
             For a model, as is `progress`.
         progress : bool or callable, optional
@@ -89,6 +92,8 @@ class Transform:
         if isinstance(what, Surface):
             faces = what.faces[:, ::-1] if np.linalg.det(self.object) < 0 else what.faces
             return Surface(self._moved(what.vertices), faces)
+        if isinstance(what, Landmarks):
+            return Landmarks(what.names, self._moved(what.points))
         if not isinstance(what, Model):
             return self._moved(what)
         model = what
@@ -101,6 +106,12 @@ class Transform:
             "translation": vector("translation", self.translation),
         }
         return _rotated(model, asked, threads, progress)
+
+    def inverse(self) -> Transform:
+        """Returns what brings back."""
+        back, scale = np.asarray(self.object, dtype=float).T, 1.0 / self.scale
+        translation = -scale * (back @ np.asarray(self.translation, dtype=float))
+        return Transform(np.asarray(self.parameters, dtype=float).T, self.antipodal, back, scale, translation)
 
     def _moved(self, points: ArrayLike) -> Floats:
         values = _arrays.real("points", points, "(n, 3)")

@@ -32,30 +32,38 @@ from ._arrays import Floats
 from ._model import Model, sphere_arrays, warn
 from ._model import core as _model
 from ._progress import Progress, callback
+from ._shape_correspond import Carried, Group, Member, correspond
 from ._shape_modes import Modes, Quality, pca
 from ._shape_morph import Morph, morph
 from ._shape_poses import Alignment, Procrustes, Transform, align, mean, procrustes, rotate
 from ._shape_quality import Curve, GroupQuality, LandmarkErrors, quality
+from ._shape_register import Pose, Registration, pose, register
 from ._shape_study import Field, TestResult, measure_group, test
 from ._surface import Surface
 from .errors import SpharmWarning
 
 __all__ = [
     "Alignment",
+    "Carried",
     "Curve",
     "Field",
     "Geometry",
+    "Group",
     "GroupQuality",
     "LandmarkErrors",
     "Match",
     "Measures",
+    "Member",
     "Modes",
     "Morph",
+    "Pose",
     "Procrustes",
     "Quality",
+    "Registration",
     "TestResult",
     "Transform",
     "align",
+    "correspond",
     "describe",
     "even",
     "geometry",
@@ -65,8 +73,10 @@ __all__ = [
     "morph",
     "nearest",
     "pca",
+    "pose",
     "procrustes",
     "quality",
+    "register",
     "rotate",
     "smooth",
     "tails",

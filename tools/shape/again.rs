@@ -7,11 +7,29 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
-use spharm::Model;
+use spharm::shape::{Journal, ProcrustesParams};
+use spharm::{Coefficients, Model};
 use spharm_cli::inputs::MOST_OWN;
-use spharm_cli::output::{is_stdout, prepare};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{counted, is_stdout, prepare};
 use spharm_cli::printable;
 use spharm_surface::io::write_new;
+
+/// Opens the file of an alignment, and says what is there of it.
+pub(super) fn journal(
+    path: &Path,
+    members: &[Coefficients],
+    params: &ProcrustesParams,
+    monitor: &ConsoleMonitor,
+) -> Result<Journal> {
+    prepare(path)?;
+    let journal = Journal::open(path, members, params)?;
+    if journal.found() > 0 {
+        let found = counted(journal.found(), "alignment");
+        monitor.console().note(format!("{}: goes on after {found} of an earlier run", path.display()));
+    }
+    Ok(journal)
+}
 
 /// How outputs are written.
 #[derive(Debug, Clone, Copy)]

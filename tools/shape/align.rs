@@ -10,34 +10,36 @@ use serde_json::{Value, json};
 use spharm::model::{made, signed};
 use spharm::shape::memory::align_bytes;
 use spharm::shape::{
-    AlignParams, AlignReport, Journal, Method, ProcrustesParams, ProcrustesWarning, Transform, align, mean,
-    procrustes_with, rmsd,
+    AlignParams, AlignReport, Journal, Method, ProcrustesParams, ProcrustesWarning, Transform, align, procrustes_with,
 };
 use spharm::{Coefficients, Kind, Model, Silent};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, counted, prepare, same_place};
+use spharm_cli::output::{OutputFile, same_place};
 use spharm_cli::paths::{all_shown, model_name, shown};
+use spharm_surface::pose::PoseParams;
 
-use super::again::Again;
+use super::again::{Again, journal};
+use super::align_meshes::{self, are_meshes};
 use super::args::{Models, ReportArgs, Resources};
-use super::groups::equal_models;
+use super::groups::{distances_from_mean, equal_models};
 use super::outputs::{check_beside, finish, length, outputs};
 use super::plan::Plan;
 
-/// Align models of surfaces: to one of them, or a group to its mean
+/// Align models of surfaces, or meshes: to one of them, or a group to its mean
 ///
 /// Finds the rotations of space and of the parameters that bring surfaces nearest to each other, by a search of all of
 /// them: the pose that a model comes in doesn't count. With --group the group is brought to its mean (generalised Procrustes
 /// analysis), which ends centred at the origin in the frame of its first-order ellipsoid. Mirror images aren't matched
-/// without --mirror.
+/// without --mirror. Meshes of any topology in place of models are aligned by nearest points, and written in their own formats.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
         "spharm shape align moved.spharm.npz --to template.spharm.npz -o aligned.spharm.npz",
         "spharm shape align @group.txt --group -o aligned --transforms transforms.json",
         "spharm shape align vertebrae --group --pose surfaces -o aligned",
+        "spharm shape align a.ply b.ply c.ply --group -o aligned --transforms transforms.json",
         "spharm shape align left right --group --mirror --scale -o aligned",
         "spharm shape align cortices --group --method fixed -o aligned",
         "spharm shape align @thousand.txt --group --resume align.state -o aligned",
@@ -59,9 +61,9 @@ pub(super) struct Cli {
     ///
     /// surfaces: the surfaces alone, by nearest points, then the parameters under their pose. joint: the distance at equal
     /// directions, over both rotations together. Where models were mapped apart the least distance at equal directions may be at a
-    /// wrong pose.
-    #[arg(long, value_enum, default_value_t = PoseBy::Joint, help_heading = METHOD)]
-    pose: PoseBy,
+    /// wrong pose. [default: joint for models, surfaces for meshes]
+    #[arg(long, value_enum, help_heading = METHOD)]
+    pose: Option<PoseBy>,
     /// Scale models to the target's size, or all to the group's
     #[arg(long, help_heading = METHOD)]
     scale: bool,
@@ -127,6 +129,34 @@ enum PoseBy {
     Joint,
 }
 
+impl Cli {
+    /// What is asked for of meshes, of which nothing but their pose is known.
+    fn of_meshes<'a>(&'a self, paths: &'a [PathBuf]) -> Result<align_meshes::Asked<'a>> {
+        let of_models = [
+            (self.method != How::Joint, "--method"),
+            (self.pose == Some(PoseBy::Joint), "--pose joint"),
+            (self.degree.is_some(), "--degree"),
+            (self.starts.is_some(), "--starts"),
+            (self.templates.is_some(), "--templates"),
+            (self.mean.is_some(), "--mean"),
+            (self.warnings.is_some(), "--warnings"),
+            (self.resume.is_some(), "--resume"),
+        ];
+        if let Some((_, flag)) = of_models.iter().find(|(given, _)| *given) {
+            return Err(Usage::conflict(format!("{flag} is for models, and the inputs are meshes")).into());
+        }
+        Ok(align_meshes::Asked {
+            paths,
+            target: self.target.to.as_deref(),
+            output: &self.output,
+            transforms: self.transforms.as_deref(),
+            params: PoseParams { scale: self.scale, mirror: self.mirror, ..PoseParams::default() },
+            report: &self.report,
+            resources: &self.resources,
+        })
+    }
+}
+
 /// What came of the models: their transforms, and distances from the target, or from the mean, before and after.
 struct Found {
     transforms: Vec<Transform>,
@@ -146,10 +176,13 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if cli.resume.is_some() && !cli.target.group {
         return Err(Usage::conflict("--resume is for --group").into());
     }
-    if cli.pose == PoseBy::Surfaces && cli.method != How::Joint {
+    if cli.pose == Some(PoseBy::Surfaces) && cli.method != How::Joint {
         return Err(Usage::conflict("--pose surfaces searches the parameters: it is for --method joint").into());
     }
     let paths = cli.models.paths()?;
+    if are_meshes(paths.iter().map(PathBuf::as_path).chain(cli.target.to.as_deref()))? {
+        return align_meshes::run(&cli.of_meshes(&paths)?, monitor);
+    }
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
     let models_out = targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"]));
     let mean_out = cli.mean.iter().map(|path| OutputFile::with_ending(path, "--mean", &[".npz"]));
@@ -168,13 +201,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if named.into_iter().any(|path| cli.resume.as_deref().is_some_and(|state| same_place(path, state))) {
         return Err(Usage::conflict("--resume is a file of its own").into());
     }
-    let params = AlignParams {
-        method: match cli.method {
-            How::Joint if cli.pose == PoseBy::Surfaces => Method::Surfaces,
-            How::Joint => Method::Joint,
-            How::Fixed => Method::FixedParameters,
-            How::Foe => Method::FirstOrderEllipsoid,
-        },
+    let params = |method: Method| AlignParams {
+        method,
         max_degree: cli.degree,
         scale: cli.scale,
         mirror: cli.mirror,
@@ -194,8 +222,16 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             Ok(model.clone())
         })
     })?;
-    let found = pool.install(|| match &cli.target.to {
-        Some(target) => to_target(cli, &paths, &models, target, &params, monitor),
+    let target = cli.target.to.as_deref().map(|path| Model::read(path).map(|model| (path, model))).transpose()?;
+    let method = match (cli.method, cli.pose) {
+        (How::Joint, Some(PoseBy::Surfaces)) => Method::Surfaces,
+        (How::Joint, Some(PoseBy::Joint) | None) => Method::Joint,
+        (How::Fixed, _) => Method::FixedParameters,
+        (How::Foe, _) => Method::FirstOrderEllipsoid,
+    };
+    let params = params(method);
+    let found = pool.install(|| match &target {
+        Some((path, target)) => to_target(cli, &paths, &models, (path, target), &params, monitor),
         None => together(cli, &paths, &models, &params, monitor),
     })?;
     found.warnings.iter().for_each(|warning| monitor.console().warn(warning));
@@ -233,7 +269,11 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let mut report = json!({
         "models": each,
-        "pose": (cli.pose == PoseBy::Surfaces).then_some("surfaces"),
+        "pose": match method {
+            Method::Surfaces => Some("surfaces"),
+            Method::Joint => Some("joint"),
+            _ => None,
+        },
         "method": cli.method.to_possible_value().map(|value| value.get_name().to_owned()),
         "warnings": found.warnings,
         "seconds": started.elapsed().as_secs_f64(),
@@ -266,12 +306,11 @@ fn to_target(
     cli: &Cli,
     paths: &[PathBuf],
     models: &[Model],
-    path: &Path,
+    (path, target): (&Path, &Model),
     params: &AlignParams,
     monitor: &ConsoleMonitor,
 ) -> Result<Found> {
     let params = AlignParams { starts: cli.starts.unwrap_or(params.starts), ..params.clone() };
-    let target = Model::read(path)?;
     spharm::Monitor::begin(monitor, spharm::Stage::counted("align", "models"), models.len() as u64);
     let one = |(model, from): (&Model, &PathBuf)| -> Result<AlignReport> {
         spharm::Monitor::check(monitor)?;
@@ -346,32 +385,4 @@ fn together(
         mean: Some(found.mean),
         journal,
     })
-}
-
-/// Opens the file of an alignment, and says what is there of it.
-fn journal(
-    path: &Path,
-    members: &[Coefficients],
-    params: &ProcrustesParams,
-    monitor: &ConsoleMonitor,
-) -> Result<Journal> {
-    prepare(path)?;
-    let journal = Journal::open(path, members, params)?;
-    if journal.found() > 0 {
-        let found = counted(journal.found(), "alignment");
-        monitor.console().note(format!("{}: goes on after {found} of an earlier run", path.display()));
-    }
-    Ok(journal)
-}
-
-/// Distances of centred surfaces from their mean as they are given.
-fn distances_from_mean(members: &[Coefficients], degree: usize) -> Result<Vec<f64>> {
-    let centred = members.iter().map(|member| {
-        let mut values = member.up_to(degree).to_owned();
-        values.row_mut(0).fill(0.0);
-        Coefficients::new(values)
-    });
-    let centred = centred.collect::<Result<Vec<_>, _>>()?;
-    let mean = mean(&centred)?;
-    Ok(centred.iter().map(|member| rmsd(member, &mean)).collect::<Result<_, _>>()?)
 }

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spharm::shape::{CommonDegree, PosesDiffer, equal_members, to_common_degree};
+use spharm::shape::places::one_key;
+use spharm::shape::{CommonDegree, PosesDiffer, equal_members, mean, places_differ, rmsd, to_common_degree};
 use spharm::{Coefficients, Kind, Monitor};
 use spharm_cli::console::Console;
 use spharm_cli::output::counted;
@@ -51,16 +52,32 @@ pub(super) fn read_group(
             };
             bail!("{}: expected a model of {expected}, found {found}", path.display());
         }
-        Ok(model.coefficients.clone())
+        Ok((model.coefficients.clone(), model.scheme_key.clone()))
     };
-    let members = read_all(paths, monitor, read)?;
+    let (members, keys): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
     // Of signals nothing is known.
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
+    // Where poses differ places do too.
+    if kind == Kind::Surface && poses.is_none() && !one_key(keys.iter().map(Option::as_deref)) {
+        warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
+    }
     warnings.extend(poses.map(|poses| format!("{poses} (spharm shape align --group)")));
     warnings.extend(equal_models(&members, paths, |path| path.display().to_string()));
     warnings.iter().for_each(|warning| console.warn(warning));
     let names = paths.iter().map(|path| model_name(path)).collect();
     Ok(Group { names, members, degree, warnings })
+}
+
+/// Distances of centred surfaces from their mean as they are given.
+pub(super) fn distances_from_mean(members: &[Coefficients], degree: usize) -> Result<Vec<f64>> {
+    let centred = members.iter().map(|member| {
+        let mut values = member.up_to(degree).to_owned();
+        values.row_mut(0).fill(0.0);
+        Coefficients::new(values)
+    });
+    let centred = centred.collect::<Result<Vec<_>, _>>()?;
+    let mean = mean(&centred)?;
+    Ok(centred.iter().map(|member| rmsd(member, &mean)).collect::<Result<_, _>>()?)
 }

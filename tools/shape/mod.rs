@@ -5,6 +5,7 @@
 
 mod again;
 mod align;
+mod align_meshes;
 mod args;
 mod carry;
 mod compress;

@@ -6,6 +6,7 @@ use std::path::Path;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use spharm::parametrize::ParametrizeError;
+use spharm::register::RegisterError;
 use spharm::store::StoreError;
 use spharm::{Error, ModelError, MomentsError};
 use spharm::{SolverError, SurfaceError};
@@ -14,6 +15,13 @@ use spharm::{SolverError, SurfaceError};
 pub(crate) enum Failure {
     /// The library's error.
     Library(Error),
+    /// What is wrong with one surface of several.
+    Member {
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        error: Box<Error>,
+    },
     /// An error of the sums over samples.
     Moments(MomentsError),
     /// Less memory than a function takes.
@@ -56,6 +64,7 @@ enum Kind<'a> {
 pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
     match failure {
         Failure::Library(error) => raised(py, &error.to_string(), of(&error)),
+        Failure::Member { name, error } => raised(py, &format!("{name}: {error}"), of(&error)),
         Failure::Moments(error) => raised(py, &error.to_string(), of_moments(&error)),
         Failure::Memory { what, budget, needed, given } => {
             let size = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
@@ -133,6 +142,13 @@ fn of(error: &Error) -> Kind<'_> {
             ModelError::Open { path, source } | ModelError::Input { path, source } => Kind::Os { path, cause: source },
             ModelError::Surface(error) => of_surface(error),
             ModelError::Invalid { .. } | ModelError::NonFinite { .. } => Kind::Mesh,
+            _ => Kind::Value,
+        },
+        Error::Member { source, .. } => of(source),
+        Error::NoArea => Kind::Mesh,
+        Error::Register(error) => match error {
+            RegisterError::NoArea { .. } | RegisterError::Triangle { .. } => Kind::Mesh,
+            RegisterError::Singular => Kind::Spharm,
             _ => Kind::Value,
         },
         Error::Memory { budget, needed } => memory(*budget as u64, *needed as u64),

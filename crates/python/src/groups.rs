@@ -2,10 +2,11 @@
 
 use pyo3::prelude::*;
 use serde_json::json;
-use spharm::Kind;
 use spharm::harmonics::Coefficients;
 use spharm::model::made;
-use spharm::shape::{CommonDegree, PosesDiffer, equal_members, mean, rmsd, to_common_degree};
+use spharm::shape::places::one_key;
+use spharm::shape::{CommonDegree, PosesDiffer, equal_members, mean, places_differ, rmsd, to_common_degree};
+use spharm::{Kind, Monitor};
 
 use crate::errors::Failure;
 use crate::models::Model;
@@ -18,14 +19,23 @@ pub(crate) struct Group {
     pub(crate) warnings: Vec<String>,
 }
 
+/// A model's kind, its coefficients, and the key of its sphere's sampling scheme.
+pub(crate) type Given = (Kind, Coefficients, Option<String>);
+
 /// The coefficients of models, each to its own degree.
-pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<(Kind, Coefficients)> {
-    models.iter().map(|model| &model.get().inner).map(|model| (model.kind(), model.coefficients.clone())).collect()
+pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<Given> {
+    let given = |model: &spharm::Model| (model.kind(), model.coefficients.clone(), model.scheme_key.clone());
+    models.iter().map(|model| given(&model.get().inner)).collect()
 }
 
 /// Takes surfaces, or signals of one channel, to `degree`, else to the lowest degree of them.
-pub(crate) fn group(models: &[(Kind, Coefficients)], kind: Kind, degree: Option<usize>) -> Result<Group, Failure> {
-    for (index, (found, coefficients)) in models.iter().enumerate() {
+pub(crate) fn group(
+    models: &[Given],
+    kind: Kind,
+    degree: Option<usize>,
+    monitor: &dyn Monitor,
+) -> Result<Group, Failure> {
+    for (index, (found, coefficients, _)) in models.iter().enumerate() {
         let channels = coefficients.channels();
         let (expected, needed) = match kind {
             Kind::Surface => ("a surface of 3 channels", 3),
@@ -37,11 +47,15 @@ pub(crate) fn group(models: &[(Kind, Coefficients)], kind: Kind, degree: Option<
             return Err(Failure::Argument(format!("models[{index}]: expected a model of {expected}, found {found}")));
         }
     }
-    let members: Vec<Coefficients> = models.iter().map(|(_, model)| model.clone()).collect();
+    let members: Vec<Coefficients> = models.iter().map(|(_, model, _)| model.clone()).collect();
     let CommonDegree { members, degree, warning } =
         to_common_degree(&members, degree).map_err(|error| Failure::Argument(format!("degree: {error}")))?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
+    // Where poses differ places do too.
+    if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key)| key.as_deref())) {
+        warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
+    }
     warnings.extend(poses.map(|poses| format!("{poses} (shape.procrustes)")));
     warnings.extend(equal_members(&members).into_iter().map(|equal| {
         let names: Vec<String> = equal.into_iter().map(|index| format!("models[{index}]")).collect();
@@ -61,11 +75,11 @@ pub(crate) fn shape_mean(
     threads: Option<usize>,
 ) -> PyResult<(Model, Vec<f64>, Vec<String>)> {
     let models = coefficients(&models);
-    let (inner, distances, warnings) = run_owned(py, threads, None, move |_| {
+    let (inner, distances, warnings) = run_owned(py, threads, None, move |monitor| {
         if models.len() < 2 {
             return Err(Failure::Argument(format!("models: a mean is of 2 models or more, found {}", models.len())));
         }
-        let group = group(&models, Kind::Surface, degree)?;
+        let group = group(&models, Kind::Surface, degree, monitor)?;
         let mean = mean(&group.members)?;
         let distances: Result<Vec<f64>, _> = group.members.iter().map(|member| rmsd(member, &mean)).collect();
         let mut model = made(mean, Kind::Surface, "shape mean");

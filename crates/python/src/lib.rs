@@ -14,6 +14,7 @@
 //! | `fitting` | fits, one and many |
 //! | `models` | models: evaluation and files |
 //! | `shapes` | shape analysis on models |
+//! | `correspondences` | groups made to correspond; poses of, and a template registered to, one surface |
 //! | `groups` | groups of models to one degree, and their mean |
 //! | `poses` | rotations, and surfaces brought together |
 //! | `modes` | modes of variation |
@@ -25,6 +26,7 @@
 //! | `moments` | sums over samples, from which fits are made |
 
 mod arrays;
+mod correspondences;
 mod errors;
 mod fitting;
 mod groups;
@@ -67,6 +69,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     surfaces::register(module)?;
     shapes::register(module)?;
     qualities::register(module)?;
+    correspondences::register(module)?;
     stores::register(module)?;
     Ok(())
 }

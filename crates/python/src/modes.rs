@@ -172,8 +172,8 @@ pub(crate) fn shape_pca(
     threads: Option<usize>,
 ) -> PyResult<(Modes, Vec<String>)> {
     let models = coefficients(&models);
-    let (file, warnings) = run_owned(py, threads, None, move |_| {
-        let group = group(&models, Kind::Surface, degree)?;
+    let (file, warnings) = run_owned(py, threads, None, move |monitor| {
+        let group = group(&models, Kind::Surface, degree, monitor)?;
         let members: Vec<ArrayView2<'_, f64>> = group.members.iter().map(|member| member.values().view()).collect();
         let mut modes = Inner::new(&members, usize::MAX)?;
         modes.truncate(most.unwrap_or(usize::MAX));

@@ -91,7 +91,7 @@ fn shape_quality(
     let Settings { degree, modes, samples, bands, sphere, rigid, surfaces, seed } = settings;
     let params = QualityParams { modes, samples, bands, subdivisions: sphere, rigid, surfaces, seed };
     run_owned(py, threads, progress.as_ref(), move |monitor| {
-        let group = group(&models, Kind::Surface, degree)?;
+        let group = group(&models, Kind::Surface, degree, monitor)?;
         let found = group_quality(&group.members, marks.as_deref(), &params, monitor)?;
         let ends = |Curve { values, low, high }: Curve| (values, low, high);
         let apart = |LandmarkErrors { mean, median, band, by_landmark, off }| (mean, median, band, by_landmark, off);

@@ -46,7 +46,7 @@ pub(crate) fn shape_measure_group<'py>(
     let sphere = SphereArrays::new(&directions, None, false)?;
     let models = coefficients(&models);
     let (field, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        let group = group(&models, kind, degree)?;
+        let group = group(&models, kind, degree, monitor)?;
         let field = measure_group(&group.members, &sphere.check()?.directions, measurement, monitor)?;
         let field = if pairs { field.differences()? } else { field };
         Ok((field, group.warnings))

@@ -40,6 +40,8 @@ impl Rows {
 pub struct Plate {
     /// The neighbours of each vertex.
     pub(crate) rings: Rows,
+    /// The triangles of each vertex.
+    of_vertices: Rows,
     /// Of `L^T L`, symmetric: vertices two edges apart.
     pattern: Rows,
     values: Vec<f64>,
@@ -60,6 +62,8 @@ impl Plate {
     pub(crate) fn new(faces: &[[u32; 3]], n: usize) -> Result<Self, RegisterError> {
         let edges = faces.iter().flat_map(|[a, b, c]| [(*a, *b), (*b, *a), (*b, *c), (*c, *b), (*c, *a), (*a, *c)]);
         let rings = Rows::from_pairs(edges.collect(), n);
+        let corners = (0..).zip(faces).flat_map(|(index, face)| face.map(|v| (v, index)));
+        let of_vertices = Rows::from_pairs(corners.collect(), n);
         // L has -1 on its diagonal and 1 / degree at neighbours; L^T L sums over the rows that hold both.
         let row = |v: usize| {
             let ring = rings.row(v);
@@ -91,7 +95,12 @@ impl Plate {
         let lower = Arc::new(SymbolicSparseColMat::new_checked(n, n, begins, None, rows));
         let symbolic =
             SymbolicLlt::try_new(lower.as_ref().as_ref(), Side::Lower).map_err(|_| RegisterError::Singular)?;
-        Ok(Self { rings, pattern, values: matrix, lower, symbolic })
+        Ok(Self { rings, of_vertices, pattern, values: matrix, lower, symbolic })
+    }
+
+    /// The triangles of a vertex.
+    pub(crate) fn faces_of(&self, v: usize) -> &[u32] {
+        self.of_vertices.row(v)
     }
 
     /// The plate times a stiffness.

@@ -45,7 +45,7 @@ pub fn register(
     let reach = params.reach * template.scale;
     let vertices = start.unwrap_or(&template.mesh.vertices);
     let free = free(template, vertices, subject, reach);
-    let near = start.is_some() || apart(template, vertices, subject) < params.near * template.scale;
+    let near = apart(template, vertices, subject) < params.near * template.scale;
     let moved = if near { vertices.to_vec() } else { drift(template, vertices, &free, subject, params, monitor)? };
     let drawn = snap(template, &moved, &free, subject, params, monitor)?;
     let mut reached = reached(&free, &drawn, subject, reach);

@@ -71,7 +71,7 @@ impl Template {
         }
         let stages = params.drift.par_iter().enumerate().map(|(index, stage)| {
             monitor.check()?;
-            let spread = spread_over(mesh, &masked_faces, stage.points, 7919 * index);
+            let spread = spread_over(mesh, &masked_faces, stage.points.min(n / 2), 7919 * index);
             let kernel = LowRank::new(&spread.points, &mesh.vertices, stage.width * scale, RANK, LEFT);
             Ok::<_, RegisterError>(Stage { spread, kernel, stiffness: stage.stiffness })
         });

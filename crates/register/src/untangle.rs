@@ -1,8 +1,9 @@
 //! Vertices projected onto a surface, without triangles that are turned over.
 //!
 //! A triangle is turned over where its normal points against that of the subject's triangle that is nearest to its centre.
-//! Around such triangles vertices move halfway to the mean of their neighbours a few times, and are projected again.
-//! Free vertices stay where the thin plate left them.
+//! Around such triangles vertices move halfway to the mean of their neighbours, and are projected again, a few times.
+//! What is left of them is tried vertex by vertex: each corner goes where the fewest triangles around it are turned, of some
+//! places towards its neighbours. Free vertices stay where the thin plate left them.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
@@ -13,9 +14,13 @@ use crate::subject::Subject;
 use crate::template::{Template, doubled_normal};
 
 /// Times that vertices move in a round.
-const MOVES: usize = 5;
+const MOVES: usize = 12;
 /// Rings around turned triangles that move, round by round.
-const RINGS: [usize; 4] = [2, 1, 2, 3];
+const RINGS: [usize; 6] = [1, 2, 1, 3, 2, 4];
+/// Sweeps over the corners of triangles that rounds didn't turn back.
+const SWEEPS: usize = 12;
+/// Shares of the way to each neighbour that a corner is tried at.
+const TOWARDS: [f64; 3] = [0.25, 0.5, 0.9];
 
 /// Returns the vertices projected onto the subject, and the triangles that are still turned over.
 ///
@@ -48,10 +53,58 @@ pub fn untangle(
         for _ in 0..MOVES {
             let moves: Vec<Vec3> = around.iter().map(|v| template.plate.to_mean(*v, &vertices)).collect();
             around.iter().zip(moves).for_each(|(v, to)| vertices[*v] = add(vertices[*v], scale(to, 0.5)));
+            project(&mut vertices, &around, subject);
         }
-        project(&mut vertices, &around, subject);
     }
-    Ok(best.map_or_else(|| (vertices, Vec::new()), |(least, vertices)| (vertices, least)))
+    let (mut left, mut vertices) = best.unwrap_or((Vec::new(), vertices));
+    for sweep in 0..SWEEPS {
+        monitor.check()?;
+        if left.is_empty() {
+            break;
+        }
+        one_by_one(template, &mut vertices, free, subject, &left, sweep % 3);
+        left = turned_faces(template, &vertices, free, subject);
+    }
+    Ok((vertices, left))
+}
+
+/// Moves corners of turned triangles, and so many rings around them, one by one.
+fn one_by_one(
+    template: &Template,
+    vertices: &mut [Vec3],
+    free: &[bool],
+    subject: &Subject,
+    turned: &[u32],
+    rings: usize,
+) {
+    let faces = &template.mesh.faces;
+    for v in around(template, turned, free, rings) {
+        let near: Vec<usize> = template.plate.faces_of(v).iter().map(|face| *face as usize).collect();
+        let cost = |vertices: &[Vec3]| {
+            let own = near.iter().filter(|face| is_turned(faces[**face], vertices, free, subject));
+            own.count()
+        };
+        let (mut least, mut place) = (cost(vertices), vertices[v]);
+        let before = least;
+        let ring = template.plate.rings.row(v);
+        let middle = add(vertices[v], template.plate.to_mean(v, vertices));
+        let towards = ring.iter().flat_map(|w| TOWARDS.map(|share| between(vertices[v], vertices[*w as usize], share)));
+        let tried: Vec<Vec3> = std::iter::once(middle).chain(towards).collect();
+        let start = vertices[v];
+        for place_tried in tried {
+            let Some(found) = subject.tree.nearest(place_tried) else { continue };
+            vertices[v] = found.point;
+            let found_cost = cost(vertices);
+            if found_cost < least {
+                (least, place) = (found_cost, found.point);
+            }
+        }
+        vertices[v] = if least < before { place } else { start };
+    }
+}
+
+fn between(from: Vec3, to: Vec3, share: f64) -> Vec3 {
+    std::array::from_fn(|k| from[k] + share * (to[k] - from[k]))
 }
 
 /// Projects some of the vertices.
@@ -61,21 +114,23 @@ fn project(vertices: &mut [Vec3], some: &[usize], subject: &Subject) {
     some.iter().zip(moved).for_each(|(v, to)| vertices[*v] = to);
 }
 
+/// Whether a triangle is turned over; one with a free corner isn't.
+fn is_turned(face: [u32; 3], vertices: &[Vec3], free: &[bool], subject: &Subject) -> bool {
+    if face.iter().any(|v| free[*v as usize]) {
+        return false;
+    }
+    let [a, b, c] = face.map(|v| vertices[v as usize]);
+    let centre = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
+    let Some(found) = subject.tree.nearest(centre) else { return false };
+    let theirs = doubled_normal(&subject.mesh.vertices, subject.mesh.faces[found.triangle as usize]);
+    dot(doubled_normal(vertices, face), theirs) < 0.0
+}
+
 /// The triangles that are turned over, but for free ones.
 fn turned_faces(template: &Template, vertices: &[Vec3], free: &[bool], subject: &Subject) -> Vec<u32> {
-    let turned = |face: &[u32; 3]| {
-        if face.iter().any(|v| free[*v as usize]) {
-            return false;
-        }
-        let [a, b, c] = face.map(|v| vertices[v as usize]);
-        let centre = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
-        let Some(found) = subject.tree.nearest(centre) else { return false };
-        let theirs = doubled_normal(&subject.mesh.vertices, subject.mesh.faces[found.triangle as usize]);
-        dot(doubled_normal(vertices, *face), theirs) < 0.0
-    };
     let faces = &template.mesh.faces;
     let all = (0..faces.len() as u32).into_par_iter();
-    all.filter(|face| turned(&faces[*face as usize])).collect()
+    all.filter(|face| is_turned(faces[*face as usize], vertices, free, subject)).collect()
 }
 
 /// The vertices of triangles and of so many rings around them that aren't free, in order.

@@ -58,6 +58,10 @@ use crate::refine::{Fit, Space, Target, distance};
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 
+/// Surfaces that are nearer at equal directions than this times the distance of the surfaces may correspond, so that both
+/// rotations together, which need no points of surfaces, tell the pose to rounding.
+const NEAR: f64 = 2.0;
+
 /// What an alignment did.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlignReport {
@@ -115,6 +119,17 @@ pub fn align(
         && let Some(found) = by_surfaces(moving, target, degree, params, monitor)?
     {
         warnings.extend(found.warnings);
+        if found.rmsd < NEAR * found.bound {
+            let joint = AlignParams { method: Method::Joint, max_degree: Some(degree), ..params.clone() };
+            let mut exact = align(moving, target, &joint, &OnlyCancel(monitor))?;
+            if exact.report.rmsd_after <= found.bound {
+                warnings.append(&mut exact.report.warnings);
+                exact.report = AlignReport { warnings, surface_distance: Some(found.distance), ..exact.report };
+                monitor.step(1);
+                monitor.end();
+                return Ok(exact);
+            }
+        }
         let coefficients = found.transform.apply(moving, &OnlyCancel(monitor))?;
         let (ends, distance) = (found.ends, Some(found.distance));
         let report = reported(moving, target, &coefficients, found.transform, degree, ends, distance, warnings)?;
@@ -123,8 +138,9 @@ pub fn align(
         return Ok(Alignment { coefficients, report });
     }
     let (f, g) = (Unit::new(moving, degree), Unit::new(target, degree));
+    // A surface without area has no pose of its own.
     let plan = match params.method {
-        Method::Joint => Some(params.plan(degree)?),
+        Method::Joint | Method::Surfaces => Some(params.plan(degree)?),
         _ => None,
     };
     let (fit, antipodal, ends) = if f.norm == 0.0 || g.norm == 0.0 {

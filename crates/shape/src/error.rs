@@ -30,9 +30,6 @@ pub enum ShapeError {
         /// Number of subjects it has.
         found: usize,
     },
-    /// A surface that is a point or a line, or too large for its squares, so that it has no pose.
-    #[error("the surface has no area, so that its pose can't be found by it")]
-    NoArea,
     /// A group without subjects.
     #[error("group {group} has no subjects")]
     EmptyGroup {

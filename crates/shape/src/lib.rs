@@ -86,6 +86,7 @@ pub mod morph;
 pub mod outliers;
 mod pair;
 pub mod pca;
+pub mod places;
 pub mod poses;
 pub mod procrustes;
 mod procrustes_report;
@@ -122,6 +123,7 @@ pub use mean::{CommonDegree, DegreesDiffer, mean, to_common_degree};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
 pub use outliers::{Outlier, equal_members, outliers, robust_z};
 pub use pca::Modes;
+pub use places::places_differ;
 pub use poses::PosesDiffer;
 pub use procrustes::{
     Journal, Procrustes, ProcrustesParams, ProcrustesReport, ProcrustesWarning, TemplateEnd, procrustes,

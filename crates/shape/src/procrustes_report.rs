@@ -64,9 +64,9 @@ pub enum ProcrustesWarning {
         members: Vec<usize>,
         /// Members of the group.
         of: usize,
-        /// The group's spread.
+        /// The group's spread; where poses are by the surfaces, distance of those of one side from the typical one of the other.
         spread: f64,
-        /// That of the group with mirror images matched.
+        /// The same with mirror images matched.
         mirrored: f64,
     },
     /// Something to know about how one member was brought to the mean.
@@ -80,6 +80,11 @@ pub enum ProcrustesWarning {
     NearlyRound {
         /// The ratio of its neighbouring axes.
         ratio: f64,
+    },
+    /// A member has no area, so that poses are by the distance at equal directions, as of [`Method::Joint`](crate::Method::Joint).
+    NoArea {
+        /// The member, counted from 0.
+        member: usize,
     },
     /// The pose of a member's surface beside the others', of [`Method::Surfaces`](crate::Method::Surfaces).
     Pose(GroupPoseWarning),
@@ -99,6 +104,7 @@ impl ProcrustesWarning {
         match self {
             Self::Mirrored { member, .. }
             | Self::Member { member, .. }
+            | Self::NoArea { member }
             | Self::Surfaces(SurfacePoseWarning::Turned { member, .. }) => Some(*member),
             Self::Pose(warning) => Some(warning.member()),
             _ => None,
@@ -113,6 +119,9 @@ impl ProcrustesWarning {
                 format!("is {rmsd:.4} from the others, and its mirror image {mirrored:.4}: it may be of the other side")
             }
             Self::Member { warning, .. } => warning.to_string(),
+            Self::NoArea { .. } => {
+                "it has no area, so that the group's poses are by the distance at equal directions".to_owned()
+            }
             Self::Surfaces(warning) => warning.of_member(),
             Self::Pose(warning) => warning.of_member(),
             other => other.to_string(),
@@ -160,7 +169,9 @@ impl fmt::Display for ProcrustesWarning {
             }
             Self::Sides { .. } => f.write_str(&self.naming(|member| member.to_string())),
             Self::Mirrored { member, .. } => write!(f, "member {member} {}", self.of_member()),
-            Self::Member { member, .. } => write!(f, "member {member}: {}", self.of_member()),
+            Self::Member { member, .. } | Self::NoArea { member } => {
+                write!(f, "member {member}: {}", self.of_member())
+            }
             Self::Surfaces(warning) => warning.fmt(f),
             Self::Pose(warning) => warning.fmt(f),
             Self::NearlyRound { ratio } => write!(

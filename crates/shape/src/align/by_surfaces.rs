@@ -18,6 +18,10 @@ pub(super) struct BySurfaces {
     /// |R f - g| of the surfaces in the pose, without row 0 and divided by `norm`, where each start ended.
     pub(super) ends: Vec<f64>,
     pub(super) distance: f64,
+    /// Distance at equal directions below which a pose is as good by the surfaces, which are no farther apart than that.
+    pub(super) bound: f64,
+    /// Distance at equal directions in the pose.
+    pub(super) rmsd: f64,
     pub(super) warnings: Vec<AlignWarning>,
 }
 
@@ -62,5 +66,12 @@ pub(super) fn by_surfaces(
     if stiffness < 1e-7 {
         warnings.push(AlignWarning::ParametersUndetermined);
     }
-    Ok(Some(BySurfaces { transform, ends: ends.iter().map(left).collect(), distance: found.distance, warnings }))
+    Ok(Some(BySurfaces {
+        transform,
+        ends: ends.iter().map(left).collect(),
+        distance: found.distance,
+        bound: found.distance.max(least),
+        rmsd: apart,
+        warnings,
+    }))
 }

@@ -19,7 +19,9 @@ pub enum Method {
     FixedParameters,
     /// The pose is that of the [surfaces alone](mod@spharm_surface::pose), whatever their maps to the sphere; then the
     /// parameters are searched under it. For surfaces that were mapped apart, whose distance at equal directions may be
-    /// least in a wrong pose.
+    /// least in a wrong pose. Where both rotations together bring the distance at equal directions below that of the surfaces,
+    /// which it bounds, these are taken: copies of one surface come back to rounding. Surfaces without area are brought
+    /// together as by [`Method::Joint`].
     Surfaces,
 }
 

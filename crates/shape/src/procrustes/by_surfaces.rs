@@ -3,6 +3,10 @@
 //! The members' surfaces are [brought together](spharm_surface::pose::group_poses) first, with scale and mirror images if
 //! asked. Then the Procrustes analysis turns nothing but the parameters. Members keep the places that their surfaces have: the
 //! mean's centre is the origin, not that of each.
+//!
+//! Points tell poses to a thousandth of a surface's size. Where both rotations together bring the group's members nearer to
+//! each other at equal directions than their surfaces are in these poses, that alignment is as good by the surfaces too, and
+//! exact: it is taken.
 
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
@@ -17,23 +21,41 @@ use crate::group::{mean_of, spread_of};
 use crate::surface_poses::GAIN;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
-/// Brings a group together. Members that are points or lines have no pose, and a group that has one of them none.
+/// Distances of surfaces below this share of their size are those of the points that stand for them.
+const ROUNDING: f64 = 1e-3;
+/// Members whose distance at equal directions is below this times that of the surfaces may correspond.
+const NEAR: f64 = 2.0;
+/// A group has two sides where at least this share of it is nearer as mirror images; below, these are members of the wrong side.
+const SIDES: f64 = 0.25;
+
+/// Brings a group together. Members that are points or lines have no pose: a group that has one of them is brought together
+/// by both rotations.
 pub(super) fn together(
     members: &[Coefficients],
     params: &ProcrustesParams,
-    journal: Option<&mut Journal>,
+    mut journal: Option<&mut Journal>,
     monitor: &dyn Monitor,
 ) -> Result<Procrustes, ShapeError> {
     let lowest = members.iter().map(Coefficients::max_degree).min().unwrap_or(0);
     let degree = params.align.max_degree.map_or(lowest, |degree| degree.min(lowest));
     let evaluated = Evaluated::new(degree)?;
-    let one = |(index, member): (usize, &Coefficients)| -> Result<PoseSurface, ShapeError> {
+    let one = |member: &Coefficients| -> Result<Option<PoseSurface>, ShapeError> {
         monitor.check()?;
-        let point = || ShapeError::Member { index, source: Box::new(ShapeError::NoArea) };
-        evaluated.surface(member.values().view())?.ok_or_else(point)
+        evaluated.surface(member.values().view())
     };
-    let surfaces: Vec<Result<PoseSurface, ShapeError>> = members.par_iter().enumerate().map(one).collect();
+    let surfaces: Vec<Result<Option<PoseSurface>, ShapeError>> = members.par_iter().map(one).collect();
     let surfaces = surfaces.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let joint =
+        ProcrustesParams { align: AlignParams { method: Method::Joint, ..params.align.clone() }, ..params.clone() };
+    let without = |(member, surface): (usize, &Option<PoseSurface>)| surface.is_none().then_some(member);
+    let flat: Vec<usize> = surfaces.iter().enumerate().filter_map(without).collect();
+    if !flat.is_empty() {
+        let mut result = brought_together(members, &joint, journal, monitor)?;
+        let warnings = flat.into_iter().map(|member| ProcrustesWarning::NoArea { member });
+        result.report.warnings.splice(0..0, warnings);
+        return Ok(result);
+    }
+    let surfaces: Vec<PoseSurface> = surfaces.into_iter().flatten().collect();
     let of_pose = PoseParams { scale: params.align.scale, mirror: params.align.mirror, ..PoseParams::default() };
     let found = group_poses(&surfaces, &of_pose, monitor)?;
     let mut warnings: Vec<ProcrustesWarning> = found.warnings.iter().copied().map(ProcrustesWarning::Pose).collect();
@@ -49,7 +71,19 @@ pub(super) fn together(
         align: AlignParams { scale: false, mirror: false, ..params.align.clone() },
         ..params.clone()
     };
-    let mut result = brought_together(&posed, &under, journal, monitor)?;
+    let mut result = brought_together(&posed, &under, journal.as_deref_mut(), monitor)?;
+    // Two members are farther apart than each is from their mean, by the root of two.
+    let apart = |spread: f64| 2.0_f64.sqrt() * spread;
+    let size = surfaces[found.template].size();
+    let square: f64 = found.distances.iter().map(|distance| distance * distance).sum();
+    let bound = (square / found.distances.len() as f64).sqrt().max(ROUNDING * size);
+    if apart(result.report.spread_after) < NEAR * bound {
+        let mut exact = brought_together(members, &joint, journal, monitor)?;
+        if apart(exact.report.spread_after) <= bound {
+            exact.report.warnings.splice(0..0, warnings);
+            return Ok(exact);
+        }
+    }
     // Each was centred alone: their own places, from the centre of all, are theirs again.
     let centres: Vec<[f64; 3]> =
         posed.iter().map(|member| std::array::from_fn(|c| member.values()[[0, c]] / SQRT_4_PI)).collect();
@@ -107,5 +141,25 @@ fn mirrored(
         Ok(much.then_some(ProcrustesWarning::Mirrored { member, rmsd, mirrored: best.distance }))
     };
     let warnings: Vec<Result<_, ShapeError>> = (0..surfaces.len()).into_par_iter().map(one).collect();
-    Ok(warnings.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+    let named: Vec<ProcrustesWarning> =
+        warnings.into_iter().collect::<Result<Vec<_>, ShapeError>>()?.into_iter().flatten().collect();
+    Ok(sides(named, surfaces.len()))
+}
+
+/// One warning of two sides, where members of a share of the group are mirror images of the others.
+fn sides(named: Vec<ProcrustesWarning>, of: usize) -> Vec<ProcrustesWarning> {
+    let other: Vec<usize> = named.iter().filter_map(ProcrustesWarning::member).collect();
+    if other.len() < 2 || (other.len() as f64) < SIDES * of as f64 {
+        return named;
+    }
+    let root = |square: f64| (square / other.len() as f64).sqrt();
+    let (mut as_they_are, mut matched) = (0.0, 0.0);
+    for warning in &named {
+        if let ProcrustesWarning::Mirrored { rmsd, mirrored, .. } = warning {
+            (as_they_are, matched) = (as_they_are + rmsd * rmsd, matched + mirrored * mirrored);
+        }
+    }
+    let smaller = 2 * other.len() < of || 2 * other.len() == of && !other.contains(&0);
+    let members = if smaller { other.clone() } else { (0..of).filter(|member| !other.contains(member)).collect() };
+    vec![ProcrustesWarning::Sides { members, of, spread: root(as_they_are), mirrored: root(matched) }]
 }

@@ -245,10 +245,31 @@ fn a_group_by_its_surfaces_comes_together_from_any_pose() {
 }
 
 #[test]
-fn a_point_has_no_pose_by_its_surface() {
+fn a_group_with_a_point_comes_together_by_both_rotations() {
     let mut members: Vec<Coefficients> = (0..3).map(|n| perturbed(n, 0.02)).collect();
     members.push(Coefficients::new(Array2::zeros((36, 3))).unwrap());
-    let align = AlignParams { method: Method::Surfaces, ..AlignParams::default() };
-    let found = procrustes(&members, &ProcrustesParams { align, ..ProcrustesParams::default() }, &Silent);
-    assert!(matches!(found, Err(ShapeError::Member { index: 3, .. })), "{found:?}");
+    let joint = ProcrustesParams::default();
+    let surfaces = AlignParams { method: Method::Surfaces, ..joint.align.clone() };
+    let mut found = procrustes(&members, &ProcrustesParams { align: surfaces, ..joint.clone() }, &Silent).unwrap();
+    assert_eq!(found.report.warnings.remove(0), ProcrustesWarning::NoArea { member: 3 });
+    assert_eq!(found, procrustes(&members, &joint, &Silent).unwrap());
+}
+
+/// Copies are told to rounding, which points on surfaces can't.
+#[test]
+fn copies_by_their_surfaces_are_one_surface() {
+    let align = AlignParams { method: Method::Surfaces, ..ProcrustesParams::default().align };
+    let copies: Vec<Coefficients> = (0..4).map(|n| posed(&perturbed(0, 0.02), &some_pose(n))).collect();
+    let found = procrustes(&copies, &ProcrustesParams { align, ..ProcrustesParams::default() }, &Silent).unwrap();
+    assert!(found.report.spread_after < 1e-9 * found.report.spread_before, "{:?}", found.report);
+}
+
+#[test]
+fn two_sides_are_told_by_their_surfaces() {
+    let align = AlignParams { method: Method::Surfaces, ..ProcrustesParams::default().align };
+    let of_side = |n: usize| if n % 2 == 1 { reflected(&perturbed(n, 0.02)) } else { perturbed(n, 0.02) };
+    let members: Vec<Coefficients> = (0..6).map(|n| posed(&of_side(n), &some_pose(n))).collect();
+    let found = procrustes(&members, &ProcrustesParams { align, ..ProcrustesParams::default() }, &Silent).unwrap();
+    let mirrored: Vec<usize> = found.report.warnings.iter().flat_map(ProcrustesWarning::mirrored).copied().collect();
+    assert_eq!(mirrored, [1, 3, 5], "{:?}", found.report.warnings);
 }

@@ -5,14 +5,15 @@ use serde_json::json;
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_model::Model;
 use spharm_monitor::{Monitor, OnlyCancel};
+use spharm_register::untangle::untangle;
+use spharm_register::{RegisterParams, Subject, Template};
 use spharm_shape::groupwise::{GroupwiseParams, GroupwiseReport, groupwise};
 use spharm_surface::geometry::Vec3;
-use spharm_surface::nearest::TriangleTree;
 use spharm_surface::{Kind, Mesh, Similarity, Sphere, Target};
 use spharm_transform::{Transform, TransformParams};
 
 use super::params::CorrespondParams;
-use super::rounds::Subjects;
+use super::subjects::Subjects;
 use super::together::mesh_of;
 use crate::model::signed;
 use crate::{Error, Fit, FitParams, fit_many};
@@ -47,35 +48,41 @@ impl Fitted {
         Ok(Self { places, coefficients, rms })
     }
 
-    /// Refines by the group: places move along the surfaces, are projected onto them, and fitted again.
+    /// Refines by the group: places move along the surfaces, are projected onto them, and fitted again. Returns how, and the
+    /// triangles of each member that are turned over.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,
         similarities: &[Similarity],
-        masked: &[bool],
+        (masked, reached): (&[bool], &[Vec<bool>]),
         settings: &GroupwiseParams,
         params: &CorrespondParams,
         monitor: &dyn Monitor,
-    ) -> Result<GroupwiseReport, Error> {
+    ) -> Result<(GroupwiseReport, Vec<usize>), Error> {
         let sphere = Sphere::icosphere(params.subdivisions());
         let weights: Vec<f64> = masked.iter().map(|masked| if *masked { 0.0 } else { 1.0 }).collect();
         let members: Vec<ArrayView2<'_, f64>> = self.coefficients.iter().map(|own| own.values().view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
         let transform = TransformParams { max_degree: params.max_degree, accuracy: ACCURACY, channels: 3 };
         let directions = sphere.directions.as_slice();
+        // Of a template nothing but its triangles is needed.
+        let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
+        let shape = mesh_of(self.places[0].clone(), &sphere.faces);
+        let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
         let places = subjects.each(|index, mesh: Mesh| {
             monitor.check()?;
             let at = Directions::from_vertices(&found.flows[index].apply(directions)?)?;
             let values = Transform::new(&at, &transform)?.synthesis(self.coefficients[index].values().view())?;
-            let tree = TriangleTree::new(&similarities[index].apply_mesh(&mesh));
-            let place = |(v, row): (usize, ndarray::ArrayView1<'_, f64>)| {
-                let place = [row[0], row[1], row[2]];
-                if masked[v] { place } else { tree.nearest(place).map_or(place, |found| found.point) }
-            };
-            Ok(values.rows().into_iter().enumerate().map(place).collect::<Vec<Vec3>>())
+            let places: Vec<Vec3> = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+            let subject = Subject::new(&similarities[index].apply_mesh(&mesh))?;
+            let free: Vec<bool> = reached[index].iter().map(|reached| !reached).collect();
+            let rounds = params.register.untangle_rounds;
+            let (places, turned) = untangle(&template, &places, &free, &subject, rounds, &OnlyCancel(monitor))?;
+            Ok((places, turned.len()))
         })?;
+        let (places, turned) = places.into_iter().unzip();
         *self = Self::new(&sphere, places, params, &OnlyCancel(monitor))?;
-        Ok(found.report)
+        Ok((found.report, turned))
     }
 
     /// Moves the models as their places were.
@@ -90,7 +97,7 @@ impl Fitted {
         Ok(spharm_shape::mean(&self.coefficients)?)
     }
 
-    pub(super) fn into_models(&self, sphere: &Sphere, similarities: &[Similarity]) -> Vec<Model> {
+    pub(super) fn models(&self, sphere: &Sphere, similarities: &[Similarity]) -> Vec<Model> {
         let model = |(own, similarity): (&Coefficients, &Similarity)| {
             let mut model = signed(Model::new(sphere.clone(), own.clone(), Kind::Surface), "shape correspond");
             let transform = json!({

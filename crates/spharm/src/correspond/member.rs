@@ -30,21 +30,21 @@ pub struct NewMember {
 }
 
 /// What all new members of a group share: prepared once.
-pub struct Joining<'a> {
-    group: &'a GroupTemplate,
+pub struct Joining {
+    group: GroupTemplate,
     template: Template,
     pose: PoseSurface,
     params: CorrespondParams,
 }
 
-impl<'a> Joining<'a> {
+impl Joining {
     /// Prepares a group for new members.
     ///
     /// # Errors
     ///
     /// Those of [`Template::new`] in [`Error::Register`]; [`Error::Interrupted`].
     pub fn new(
-        group: &'a GroupTemplate,
+        group: GroupTemplate,
         pose: PoseParams,
         register: RegisterParams,
         monitor: &dyn Monitor,
@@ -73,7 +73,7 @@ impl<'a> Joining<'a> {
         let faces = &self.group.sphere.faces;
         let mut places = vec![vertices];
         let of_mean = &self.template.mesh().vertices;
-        let step = rigid(&places[0], of_mean, &weights(&[of_mean.clone()], faces, &self.group.masked));
+        let step = rigid(&places[0], of_mean, &weights(std::slice::from_ref(of_mean), faces, &self.group.masked));
         places[0].iter_mut().for_each(|place| *place = step.apply(*place));
         let similarity = posed.similarity.then(&step);
         let fitted = Fitted::new(&self.group.sphere, places, &self.params, &quiet)?;
@@ -84,7 +84,7 @@ impl<'a> Joining<'a> {
             model_rms: fitted.rms[0],
             ..MemberReport::new(posed.distance, &cover)
         };
-        let mut models = fitted.into_models(&self.group.sphere, &[similarity]);
+        let mut models = fitted.models(&self.group.sphere, &[similarity]);
         let (Some(model), Some(places)) = (models.pop(), fitted.places.into_iter().next()) else {
             return Err(Error::NoArea);
         };

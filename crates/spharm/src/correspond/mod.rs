@@ -31,6 +31,7 @@ mod member;
 mod params;
 mod report;
 mod rounds;
+mod subjects;
 pub mod template;
 mod together;
 
@@ -93,5 +94,5 @@ pub fn correspond(
     monitor: &dyn Monitor,
 ) -> Result<Group, Error> {
     params.check(count)?;
-    rounds::run(&rounds::Subjects { count, read }, params, monitor)
+    rounds::run(&subjects::Subjects { count, read }, params, monitor)
 }

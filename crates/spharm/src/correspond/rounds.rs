@@ -12,6 +12,7 @@ use spharm_surface::{Mesh, Similarity, Sphere};
 use super::fits::Fitted;
 use super::params::CorrespondParams;
 use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED};
+use super::subjects::Subjects;
 use super::template::MappedTemplate;
 use super::together::{mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
@@ -19,26 +20,6 @@ use crate::Error;
 
 /// Share of the template's directions without a counterpart on a member from which it is named.
 const LACKING: f64 = 0.05;
-
-/// Where the surfaces of a group come from.
-pub(super) struct Subjects<'a> {
-    pub(super) count: usize,
-    pub(super) read: &'a (dyn Fn(usize) -> Result<Mesh, Error> + Sync),
-}
-
-impl Subjects<'_> {
-    /// Does something with each surface, several at a time.
-    pub(super) fn each<T: Send>(
-        &self,
-        work: impl Fn(usize, Mesh) -> Result<T, Error> + Sync + Send,
-    ) -> Result<Vec<T>, Error> {
-        let one = |index: usize| {
-            let mesh = (self.read)(index)?;
-            work(index, mesh).map_err(|error| Error::of_member(index, error))
-        };
-        (0..self.count).into_par_iter().map(one).collect()
-    }
-}
 
 /// Poses of the subjects, the frame's template, and what is in doubt.
 struct Posed {
@@ -90,7 +71,10 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     lap("fits");
     let mut refinement = None;
     if let Some(settings) = &params.refinement {
-        refinement = Some(fitted.refine(subjects, &similarities, &masked, settings, params, monitor)?);
+        let (report, turned) =
+            fitted.refine(subjects, &similarities, (&masked, &reached), settings, params, monitor)?;
+        members.iter_mut().zip(turned).for_each(|(member, turned)| member.turned = turned);
+        refinement = Some(report);
         lap("refinement");
     }
     let (motions, mean) = together(&mut fitted.places, &sphere.faces, &masked);
@@ -103,7 +87,7 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     let template_of_group = GroupTemplate { mean: fitted.mean()?, sphere, masked, spread };
     let report = CorrespondReport { template, changes, members, warnings, refinement, seconds };
     Ok(Group {
-        models: fitted.into_models(&template_of_group.sphere, &similarities),
+        models: fitted.models(&template_of_group.sphere, &similarities),
         places: fitted.places,
         similarities,
         reached,

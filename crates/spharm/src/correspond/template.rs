@@ -1,14 +1,15 @@
-//! A template: a surface that is mended, mapped to the sphere and fitted, at the directions of an icosphere.
+//! A template: a surface that is mended and mapped to the sphere, at the directions of an icosphere.
 
 use spharm_monitor::Monitor;
-use spharm_parametrize::Input;
+use spharm_parametrize::{CaldParams, Input};
 use spharm_register::without_counterpart;
-use spharm_surface::{Mesh, Sphere};
+use spharm_surface::Mesh;
+use spharm_surface::generate::icosphere;
 
+use crate::Error;
 use crate::parametrize::parametrize_with;
-use crate::{Error, FitParams, fit_with};
 
-/// The degree that a template is fitted to, at least: its shape, not its models' degree, is what is registered.
+/// The degree that the map is made for, at least: thin parts get directions, whatever the models' degree.
 const DEGREE: usize = 40;
 /// Distance from the surface as it was given, as a share of the square root of its area, from which a place belongs to
 /// what was cut and filled.
@@ -26,20 +27,17 @@ pub struct MappedTemplate {
 }
 
 impl MappedTemplate {
-    /// Mends and maps a surface, cutting handles, and evaluates its model at the icosphere's directions.
+    /// Mends and maps a surface, cutting handles, and puts it on the icosphere: vertices lie on the surface.
     ///
     /// # Errors
     ///
-    /// [`Error::Parametrize`] with what keeps the surface from being mapped; those of [`fit_with`].
+    /// [`Error::Parametrize`] with what keeps the surface from being mapped.
     pub fn new(surface: &Mesh, subdivisions: u32, max_degree: usize, monitor: &dyn Monitor) -> Result<Self, Error> {
         let input = Input::Mesh(surface.clone()).mended().without_handles(monitor)?;
         let changes = input.changes(true);
-        let params = FitParams::lsq(max_degree.max(DEGREE));
-        let mapped = parametrize_with(&input, &params.map(), monitor)?;
-        let fit = fit_with(&mapped.sphere, &mapped.map.surface, &params, monitor)?;
-        let sphere = Sphere::icosphere(subdivisions);
-        let model = spharm_model::Model::without_sphere(fit.coefficients, spharm_surface::Kind::Surface);
-        let mesh = model.reconstruct(&sphere, params.max_degree)?;
+        let map = CaldParams::for_degree(max_degree.max(DEGREE));
+        let mapped = parametrize_with(&input, &map, monitor)?;
+        let mesh = mapped.map.resampled(&icosphere(subdivisions), monitor)?.surface;
         let masked = if changes.is_empty() {
             vec![false; mesh.vertices.len()]
         } else {

@@ -82,14 +82,21 @@ struct Stage {
     tangential: f64,
     /// Rest relative to the fixed surface's size.
     rest: f64,
+    /// Ends that are candidates for the next stage.
+    candidates: usize,
+    /// Those that go on, of the candidates measured by the points of the next stage.
     go_on: usize,
 }
 
+/// Candidates farther than the best by this factor don't go on: few points don't tell nearer ones apart, of which a square rod has
+/// eight.
+const CANDIDATE: f64 = 1.5;
+
 // Points hold back what only slides: with a weight of 0.03 nearly round bodies were still on their way in a third of all poses.
 const STAGES: [Stage; 3] = [
-    Stage { density: Density::Few, rounds: 12, tangential: 0.2, rest: 1e-3, go_on: 6 },
-    Stage { density: Density::Some, rounds: 10, tangential: 2e-3, rest: 1e-4, go_on: 2 },
-    Stage { density: Density::All, rounds: 6, tangential: 1e-3, rest: 1e-5, go_on: 2 },
+    Stage { density: Density::Few, rounds: 12, tangential: 0.2, rest: 1e-3, candidates: 24, go_on: 6 },
+    Stage { density: Density::Some, rounds: 10, tangential: 2e-3, rest: 1e-4, candidates: 4, go_on: 2 },
+    Stage { density: Density::All, rounds: 6, tangential: 1e-3, rest: 1e-5, candidates: 2, go_on: 2 },
 ];
 
 impl Stage {
@@ -116,8 +123,12 @@ pub fn pose(
     monitor: &dyn Monitor,
 ) -> Result<Pose, Interrupted> {
     let mut found = starts(moving, fixed, params, monitor)?;
-    for stage in &STAGES {
+    for (stage, next) in STAGES.iter().zip(STAGES[1..].iter().map(Some).chain([None])) {
         found = staged(moving, fixed, &found, stage, params, monitor)?;
+        if let Some(next) = next.filter(|_| found.len() > stage.go_on) {
+            found = measured(moving, fixed, &found, stage.go_on, next.density, params, monitor)?;
+            found.truncate(stage.go_on);
+        }
     }
     let (similarity, distance) = found[0];
     let other = found.get(1);
@@ -168,7 +179,29 @@ fn staged(
         Ok((motion, icp::distance(a, b, &motion, params.trimmed)))
     };
     let found: Vec<Result<(Similarity, f64), Interrupted>> = starts.par_iter().map(one).collect();
-    Ok(distinct(found.into_iter().collect::<Result<Vec<_>, _>>()?, stage.go_on))
+    Ok(distinct(found.into_iter().collect::<Result<Vec<_>, _>>()?, stage.candidates))
+}
+
+/// Motions that are nearly as good as the best, `least` of them or more, in the order of their distances by the points of a density.
+fn measured(
+    moving: &PoseSurface,
+    fixed: &PoseSurface,
+    found: &[(Similarity, f64)],
+    least: usize,
+    density: Density,
+    params: &PoseParams,
+    monitor: &dyn Monitor,
+) -> Result<Vec<(Similarity, f64)>, Interrupted> {
+    let (a, b) = (moving.view(density), fixed.view(density));
+    let near = found.iter().filter(|(_, distance)| *distance <= CANDIDATE * found[0].1).count();
+    let one = |(motion, _): &(Similarity, f64)| -> Result<(Similarity, f64), Interrupted> {
+        monitor.check()?;
+        Ok((*motion, icp::distance(a, b, motion, params.trimmed)))
+    };
+    let found: Vec<Result<(Similarity, f64), Interrupted>> = found[..near.max(least)].par_iter().map(one).collect();
+    let mut found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
+    found.sort_by(|a, b| a.1.total_cmp(&b.1));
+    Ok(found)
 }
 
 /// The best of some motions that are different optima, the best first.

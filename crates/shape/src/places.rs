@@ -1,0 +1,134 @@
+//! Whether equal directions are equal places in a group whose maps to the sphere may have been made apart.
+//!
+//! Surfaces at the same directions of an icosphere are compared with each other there, and each with the nearest points of the
+//! other. Members are compared with the typical one, which is nearest to their mean. If they are farther from it at equal
+//! directions than their surfaces are by a factor above [`FAR_FROM_A_MEMBER`], means, modes and tests show how the maps differ.
+//!
+//! Cost: some 10 ms a member of one thread, of [`MOST`] members at most. What needs poses is looked at by
+//! [`surface_poses`](crate::surface_poses()).
+
+use rayon::prelude::*;
+use spharm_harmonics::{Coefficients, Directions};
+use spharm_monitor::Monitor;
+use spharm_surface::Mesh;
+use spharm_surface::generate::{icosphere, icosphere_counts};
+use spharm_surface::geometry::{Vec3, dot, sub};
+use spharm_surface::nearest::TriangleTree;
+use spharm_transform::{Transform, TransformParams};
+
+use crate::error::ShapeError;
+use crate::mean::mean;
+use crate::surface_poses::{FAR_FROM_A_MEMBER, SurfacePoseWarning};
+
+/// Members that are compared with the typical one, at most: evenly over the group.
+pub const MOST: usize = 64;
+/// Subdivisions of the icosphere whose triangles are the surfaces, and of that whose vertices look for the nearest.
+const LEVELS: [u32; 2] = [4, 3];
+const ACCURACY: f64 = 1e-6;
+
+/// Returns whether models are over one sphere, by the keys of their sampling schemes: these are known and equal. Only then do equal
+/// directions mean equal places before an alignment. False of no models.
+#[must_use]
+pub fn one_key<'a>(keys: impl IntoIterator<Item = Option<&'a str>>) -> bool {
+    let mut keys = keys.into_iter();
+    keys.next().flatten().is_some_and(|first| keys.all(|key| key == Some(first)))
+}
+
+/// Looks at a group of surfaces of one degree, (K, 3) each, that lie in one pose, whatever their places. `None` where equal
+/// directions are equal places as far as surfaces tell, and of fewer than two.
+///
+/// # Errors
+///
+/// [`ShapeError::Differ`] of members of lower degrees than the first, [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+pub fn places_differ(group: &[Coefficients], monitor: &dyn Monitor) -> Result<Option<SurfacePoseWarning>, ShapeError> {
+    if group.len() < 2 {
+        return Ok(None);
+    }
+    let mean = mean(group)?;
+    let off = |member: &Coefficients| -> f64 {
+        let rows = member.values().rows().into_iter().zip(mean.values().rows()).skip(1);
+        rows.map(|(a, b)| (&a - &b).mapv(|v| v * v).sum()).sum()
+    };
+    let from_mean: Vec<f64> = group.par_iter().map(off).collect();
+    let typical = (1..group.len()).fold(0, |best, i| if from_mean[i] < from_mean[best] { i } else { best });
+    let sphere = icosphere(LEVELS[0]);
+    let params = TransformParams { max_degree: mean.max_degree(), accuracy: ACCURACY, channels: 3 };
+    let synthesis = Transform::new(&Directions::from_vertices(&sphere.vertices)?, &params)?;
+    let surface = |member: &Coefficients| -> Result<Mesh, ShapeError> {
+        let mut centred = member.values().to_owned();
+        centred.row_mut(0).fill(0.0);
+        let rows = synthesis.synthesis(centred.view())?;
+        Ok(sphere.with_vertices(rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect()))
+    };
+    let typical_surface = surface(&group[typical])?;
+    let tree = TriangleTree::new(&typical_surface);
+    let looking = icosphere_counts(LEVELS[1])[0] as usize;
+    let others: Vec<usize> = (0..group.len()).filter(|member| *member != typical).collect();
+    let taken = others.len().min(MOST);
+    let squares = |k: usize| -> Result<[f64; 2], ShapeError> {
+        monitor.check()?;
+        let own = surface(&group[others[k * others.len() / taken]])?;
+        let own_tree = TriangleTree::new(&own);
+        let nearest = |tree: &TriangleTree, p: Vec3| tree.nearest(p).map_or(0.0, |found| found.distance.powi(2));
+        let mut sums = [0.0; 2];
+        for (a, b) in own.vertices.iter().zip(&typical_surface.vertices).take(looking) {
+            let apart = sub(*a, *b);
+            sums[0] += dot(apart, apart);
+            sums[1] += 0.5 * (nearest(&tree, *a) + nearest(&own_tree, *b));
+        }
+        Ok(sums.map(|sum| sum / looking as f64))
+    };
+    let found: Vec<Result<[f64; 2], ShapeError>> = (0..taken).into_par_iter().map(squares).collect();
+    let mut sums = [0.0; 2];
+    for found in found {
+        let found = found?;
+        (0..2).for_each(|i| sums[i] += found[i]);
+    }
+    let [rmsd, distance] = sums.map(|sum| (sum / taken as f64).sqrt());
+    let warning = SurfacePoseWarning::PlacesDiffer { rmsd, distance, from: "the most typical one" };
+    Ok((rmsd > FAR_FROM_A_MEMBER * distance).then_some(warning))
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array2;
+    use spharm_monitor::Silent;
+
+    use super::*;
+    use crate::Transform as Pose;
+    use crate::rotation::Rotation;
+    use crate::samples::blob;
+
+    #[test]
+    fn models_without_a_key_may_be_of_any_sphere() {
+        assert!(one_key([Some("a"), Some("a"), Some("a")]));
+        assert!(!one_key([None, None]) && !one_key([Some("a"), Some("b")]) && !one_key([Some("a"), None]));
+        assert!(!one_key([]));
+    }
+
+    /// Lumps that differ a little, their spheres turned by some degrees.
+    fn turned_by(degrees: f64) -> Option<SurfacePoseWarning> {
+        let common = blob(6, 1);
+        let member = |n: usize| {
+            let values = common.values() + &(0.04 * (blob(6, 20 + n as u32).values() - common.values()));
+            let turn = Rotation::from_axis_angle([1.0, n as f64, 0.5], degrees.to_radians()).unwrap();
+            let pose = Pose { rotation: turn, ..Pose::default() };
+            pose.apply(&Coefficients::new(values).unwrap(), &Silent).unwrap()
+        };
+        places_differ(&(0..8).map(member).collect::<Vec<_>>(), &Silent).unwrap()
+    }
+
+    #[test]
+    fn directions_that_are_no_places_are_noticed() {
+        assert_eq!(turned_by(0.0), None);
+        let found = turned_by(40.0).unwrap();
+        assert!(found.to_string().contains("equal directions aren't equal places"), "{found}");
+    }
+
+    #[test]
+    fn points_have_no_places() {
+        let points = [(); 3].map(|()| Coefficients::new(Array2::zeros((4, 3))).unwrap());
+        assert_eq!(places_differ(&points, &Silent).unwrap(), None);
+        assert_eq!(places_differ(&points[..1], &Silent).unwrap(), None);
+    }
+}

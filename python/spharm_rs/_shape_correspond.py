@@ -1,0 +1,399 @@
+"""Groups made to correspond: one template, one sphere."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Iterable, Sequence, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._landmarks import Landmarks, matched
+from ._model import Model, warn
+from ._progress import Progress, callback
+from ._shape_modes import Modes, pca
+from ._shape_poses import Transform
+from ._shape_quality import GroupQuality, LandmarkErrors, quality
+from ._shape_register import Flags, given
+from ._surface import Path, Surface
+
+
+def _stem(path: str) -> str:
+    """The name of a file without its suffixes: ``sub-01.surf.gii`` is sub-01, ``lh.pial`` stays."""
+    name = os.path.basename(path)
+    for suffix in (".gz", ".npz", ".spharm", ".gii", ".surf", ".ply", ".obj", ".off", ".stl", ".vtk"):
+        name = name.removesuffix(suffix)
+    return name or os.path.basename(path)
+
+
+def _names(surfaces: Sequence[Any], first: int = 0) -> list[str]:
+    """Names: stems of paths that are told apart by them, else the paths; the others' numbers."""
+    paths = [os.fspath(item) if isinstance(item, (str, os.PathLike)) else None for item in surfaces]
+    stems = [None if path is None else _stem(path) for path in paths]
+    known = [stem for stem in stems if stem is not None]
+    if len(set(known)) < len(known):
+        stems = paths
+    return [str(first + index) if stem is None else stem for index, stem in enumerate(stems)]
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Points that were carried from one member to another.
+
+    Attributes
+    ----------
+    points : ndarray of float, (n, 3)
+        On the target, in its own coordinates.
+    off_surface : ndarray of float, (n,)
+        Distance of each point from the source's surface, in its unit.
+    reached : ndarray of bool, (n,)
+        Whether both members have a counterpart there; else the place is a guess.
+    """
+
+    points: Floats
+    off_surface: Floats
+    reached: Flags
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A surface that was added to a group, which stayed as it was.
+
+    Attributes
+    ----------
+    name : str
+    model : Model
+        In the group's frame and over its sphere.
+    transform : Transform
+        From its own frame to the group's.
+    places : ndarray of float, (n, 3)
+        At the sphere's directions, on its surface, in the group's frame.
+    reached : ndarray of bool, (n,)
+        Whether each has a counterpart there.
+    report : dict
+        ``pose_distance``, its median distance from the group's mean in its pose; ``cover_rms``, ``cover_most`` (99 %) and
+        ``cover_farthest``, distances of its surface from the places, and ``unreached``, the share of its area that is left out;
+        ``without_counterpart``, places that it lacks; ``turned`` triangles; ``model_rms``, distance of model and places.
+    """
+
+    name: str
+    model: Model = field(repr=False)
+    transform: Transform = field(repr=False)
+    places: Floats = field(repr=False)
+    reached: Flags = field(repr=False)
+    report: dict[str, Any] = field(repr=False)
+
+
+class Group:
+    """N surfaces that correspond, from `spharm_rs.shape.correspond`: one sphere of n directions, one frame.
+
+    Lengths are in the surfaces' unit. It doesn't change.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the members: the stems of paths, else numbers from 0.
+    """
+
+    _inner: _core.Group
+    _landmarks: tuple[tuple[str, ...] | None, list[Floats]] | None
+    names: tuple[str, ...]
+
+    def __init__(self) -> None:
+        raise TypeError("groups are made by spharm_rs.shape.correspond")
+
+    @classmethod
+    def _of(
+        cls, inner: _core.Group, names: Sequence[str], landmarks: tuple[tuple[str, ...] | None, list[Floats]] | None
+    ) -> Group:
+        group = cls.__new__(cls)
+        group._inner, group.names, group._landmarks = inner, tuple(names), landmarks
+        return group
+
+    def __repr__(self) -> str:
+        return f"Group({len(self)} members, degree {self.mean.max_degree}, {len(self.masked)} directions)"
+
+    def __len__(self) -> int:
+        """Number of members, N."""
+        return len(self.names)
+
+    @cached_property
+    def models(self) -> list[Model]:
+        """A model of each member, in the group's frame and over its sphere."""
+        return [Model._of(model) for model in self._inner.models]
+
+    @cached_property
+    def transforms(self) -> list[Transform]:
+        """From each member's own frame to the group's."""
+        return [Transform._of(found) for found in json.loads(self._inner.transforms)]
+
+    @cached_property
+    def mean(self) -> Model:
+        """The group's mean, in its frame and over its sphere."""
+        return Model._of(self._inner.mean)
+
+    @cached_property
+    def places(self) -> Floats:
+        """Places that correspond, (N, n, 3): on the members' surfaces, in the group's frame."""
+        return self._inner.places
+
+    @cached_property
+    def reached(self) -> Flags:
+        """Whether each place has a counterpart on its member, (N, n); else it is a guess."""
+        return self._inner.reached
+
+    @cached_property
+    def masked(self) -> Flags:
+        """Directions that have no counterpart on members, (n,): lids of holes and cut handles of the first template."""
+        return self._inner.masked
+
+    @cached_property
+    def sphere(self) -> Surface:
+        """The sphere of all members, n directions with triangles."""
+        return Surface(*self._inner.sphere)
+
+    @property
+    def directions(self) -> Floats:
+        """Unit vectors at which places correspond, (n, 3)."""
+        return self.sphere.vertices
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """What to look at, each with the member's name: poses and kinds in doubt, parts without counterpart, equal surfaces."""
+        return self._inner.warnings
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """How it was found.
+
+        ``template``, the name of the first one, None for one that was given; ``changes``, what had to be mended of it; ``spread``,
+        the root mean square distance of members from the mean; ``members``, of each the fields of `Member.report`;
+        ``refinement``, None without: of its ``stages`` steps, cost, variance and ``log_area``, the change of areas on the sphere
+        (``rms``, ``most``, and ``within_eight``, the share of triangles within a factor of 8), and how far directions
+        ``moved``, radians, root mean square of each member; ``seconds`` of the steps.
+        """
+        found: dict[str, Any] = json.loads(self._inner.report)
+        for name, member in zip(self.names, found["members"]):
+            member["name"] = name
+        return found
+
+    @cached_property
+    def modes(self) -> Modes:
+        """Modes of variation, as `pca` has them, of three members or more."""
+        return pca(self.models, names=self.names)
+
+    @cached_property
+    def quality(self) -> GroupQuality:
+        """How well the group corresponds, as `quality` measures it, of three members or more; computed when it is asked for."""
+        return quality(self.models, landmarks=self._placed())
+
+    @cached_property
+    def landmark_errors(self) -> LandmarkErrors | None:
+        """How far landmarks are apart that were given, all pairs, of three members or more; None where none were."""
+        placed = self._placed()
+        if placed is None:
+            return None
+        return quality(self.models, modes=1, samples=1, surfaces=False, landmarks=placed).landmarks
+
+    def _placed(self) -> list[Landmarks] | list[Floats] | None:
+        """The landmarks in the group's frame."""
+        if self._landmarks is None:
+            return None
+        names, points = self._landmarks
+        moved = [transform.apply(own) for transform, own in zip(self.transforms, points)]
+        return moved if names is None else [Landmarks(names, own) for own in moved]
+
+    def index(self, member: int | str) -> int:
+        """Returns the number of a member, from its name or its number.
+
+        Parameters
+        ----------
+        member : int or str
+        """
+        if isinstance(member, str):
+            if member not in self.names:
+                raise ValueError(f"member: expected one of {', '.join(self.names)}; found {member!r}")
+            return self.names.index(member)
+        number = _arrays.whole("member", member)
+        if number >= len(self):
+            raise ValueError(f"member: expected 0 to {len(self) - 1}, found {number}")
+        return number
+
+    @overload
+    def carry(self, points: Landmarks, source: int | str, target: int | str) -> Landmarks: ...
+    @overload
+    def carry(self, points: ArrayLike, source: int | str, target: int | str) -> Floats: ...
+    def carry(self, points: Any, source: int | str, target: int | str) -> Any:
+        """Carries points on one member to the same places on another member's surface.
+
+        Points that have no counterpart on both are warned of, as their places are guesses; `carried` says which ones.
+
+        Parameters
+        ----------
+        points : Landmarks or array_like of float, (n, 3)
+            On the source, in its own coordinates; those off its surface are taken to the nearest place on it.
+        source, target : int or str
+            Members, by number or name.
+
+        Returns
+        -------
+        Landmarks or ndarray of float, (n, 3)
+            In the target's own coordinates.
+        """
+        found = self.carried(points, source, target)
+        if guesses := int((~found.reached).sum()):
+            of = f"{self.names[self.index(source)]} to {self.names[self.index(target)]}"
+            warn([f"{of}: {guesses} of {len(found.points)} points are where one of them has no counterpart: places are guesses"])
+        return Landmarks(points.names, found.points, points.frame) if isinstance(points, Landmarks) else found.points
+
+    def carried(self, points: Landmarks | ArrayLike, source: int | str, target: int | str) -> Carried:
+        """Carries points as `carry` does, and says how far each was from the surface, and whether both members have it.
+
+        Parameters
+        ----------
+        points : Landmarks or array_like of float, (n, 3)
+        source, target : int or str
+
+        Returns
+        -------
+        Carried
+        """
+        values = points.points if isinstance(points, Landmarks) else _arrays.positions("points", points)
+        places, off, reached = self._inner.carry(values, self.index(source), self.index(target))
+        return Carried(places, off, reached)
+
+    @overload
+    def add(self, surface: Path | Surface | Model, *, threads: int | None = None, progress: Progress = None) -> Member: ...
+    @overload
+    def add(
+        self, surface: Sequence[Any], *, threads: int | None = None, progress: Progress = None
+    ) -> list[Member] | Member: ...
+    def add(self, surface: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
+        """Brings surfaces to the group, which stays as it is: its mean, sphere and members.
+
+        Several at a time share what is prepared for them; they come to the same as one by one.
+
+        Parameters
+        ----------
+        surface : str, os.PathLike, Surface, Model or what `spharm_rs.as_surface` takes; or a list of them
+        threads : int, optional
+        progress : bool or callable, optional
+
+        Returns
+        -------
+        Member, or list of Member
+        """
+        several = isinstance(surface, list)
+        surfaces = surface if several else [surface]
+        names = _names(surfaces, len(self))
+        found = self._inner.add(
+            [given(item) for item in surfaces], names, threads=_arrays.threads(threads), progress=callback(progress)
+        )
+        members = [
+            Member(name, Model._of(model), Transform._of(json.loads(transform)), places, reached, json.loads(report))
+            for name, (model, transform, places, reached, report) in zip(names, found)
+        ]
+        return members if several else members[0]
+
+
+def correspond(
+    surfaces: Iterable[Any],
+    max_degree: int,
+    *,
+    template: Any = None,
+    landmarks: Sequence[Landmarks | ArrayLike | Path] | None = None,
+    rounds: int = 2,
+    refine: bool = True,
+    scale: bool = False,
+    mirror: bool = False,
+    subdivisions: int | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Group:
+    """Makes surfaces correspond, in whatever poses and of whatever topology they are: the same direction is the same place of each.
+
+    One template is mapped to the sphere and moved in space onto every surface; all are fitted over its sphere; then the group's own
+    statistics refine the directions. The same surfaces come to the same bits with any number of threads.
+
+    Parameters
+    ----------
+    surfaces : iterable
+        Two or more: paths, `Surface`, `Model` (evaluated on an icosphere) or what `spharm_rs.as_surface` takes. Paths are read when
+        they are needed.
+    max_degree : int
+        Highest degree L of the models, inclusive.
+    template : int, str, or a surface as of ``surfaces``, optional
+        The first template: a member, by number or name, or another surface; by default the most typical member.
+    landmarks : sequence of Landmarks, of array_like of float, (p, 3), or of paths, optional
+        The same places of each member, in its own coordinates, to check with; those with names are matched by them.
+    rounds : int
+        Rounds of registration; in each after the first the group's mean is the template.
+    refine : bool
+        Refine directions by the group's statistics.
+    scale : bool
+        Scale members to one size.
+    mirror : bool
+        Match mirror images, too.
+    subdivisions : int, optional
+        Of the icosphere whose directions are registered, 2 to 8; by default 4 to degree 15, 5 to 40, and 6 above.
+    memory : int or str, optional
+        Bytes for the fits, or a text such as ``"2GiB"``.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Group
+
+    Raises
+    ------
+    MeshError
+        With the name of a surface that can't be used.
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> ball = sp.icosphere(3)
+    >>> eggs = [sp.Surface(ball.vertices * [9 + k, 6, 5], ball.faces) for k in range(3)]
+    >>> group = sp.shape.correspond(eggs, 6, subdivisions=3)
+    >>> tip = group.carry([[9.0, 0.0, 0.0]], 0, 2)
+    >>> bool(np.linalg.norm(tip - [11, 0, 0]) < 0.5 or np.linalg.norm(tip + [11, 0, 0]) < 0.5)
+    True
+    """
+    if isinstance(surfaces, (str, os.PathLike, Surface, Model)) or not hasattr(surfaces, "__iter__"):
+        raise ValueError(f"surfaces: expected a sequence of surfaces, found {surfaces!r}")
+    surfaces = list(surfaces)
+    names = _names(surfaces)
+    marks = None if landmarks is None else matched(landmarks, len(surfaces))
+    if isinstance(template, str) and template in names:
+        template = names.index(template)
+    if isinstance(template, (int, np.integer)) and not isinstance(template, bool):
+        if not 0 <= template < len(surfaces):
+            raise ValueError(f"template: expected 0 to {len(surfaces) - 1}, found {template}")
+        template = surfaces[template]
+    settings = {
+        "max_degree": _arrays.whole("max_degree", max_degree),
+        "rounds": _arrays.whole("rounds", rounds),
+        "refine": bool(refine),
+        "scale": bool(scale),
+        "mirror": bool(mirror),
+        "subdivisions": None if subdivisions is None else min(_arrays.whole("subdivisions", subdivisions), 2**31),
+        "memory": _arrays.size(memory),
+    }
+    found = _core.shape_correspond(
+        [given(surface) for surface in surfaces],
+        names,
+        None if template is None else given(template),
+        settings=settings,
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    group = Group._of(found, names, marks)
+    warn(group.warnings)
+    return group

@@ -1,0 +1,183 @@
+"""One surface on another: its pose, and a template registered to it."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from typing import Any, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _arrays, _core
+from ._arrays import Floats, Triangles
+from ._model import Model
+from ._progress import Progress, callback
+from ._shape_poses import Transform
+from ._surface import Surface, as_surface
+
+Flags = NDArray[np.bool_]
+Given = Union[str, "tuple[Floats, Triangles]"]
+
+
+def _level(max_degree: int) -> int:
+    """Subdivisions of the icosphere that carry a degree, as the library has them."""
+    return 4 if max_degree <= 15 else 5 if max_degree <= 40 else 6
+
+
+def given(surface: Any) -> Given:
+    """A surface as the extension module takes it: a path, which is read when it is needed, or arrays."""
+    if isinstance(surface, (str, os.PathLike)):
+        path = os.fspath(surface)
+        if not path.endswith(".npz"):
+            return path
+        surface = Model.load(path)
+    if isinstance(surface, Model):
+        if not surface.is_surface:
+            raise ValueError(f"surfaces: expected surfaces, found a {surface!r}")
+        surface = surface.surface(_level(surface.max_degree))
+    mesh = as_surface(surface)
+    return mesh.vertices, mesh.faces
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """How a surface comes onto another.
+
+    Attributes
+    ----------
+    transform : Transform
+        From the surface's own frame to the target's.
+    distance : float
+        Root mean square distance of the surfaces after it, both ways, without the tenth that is farthest, in the target's unit.
+    second : float
+        The same after the best pose whose rotation is another by 15 degrees or more; infinite where there is none. Where it is hardly
+        larger, the pose is in doubt.
+    """
+
+    transform: Transform
+    distance: float
+    second: float
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """A template that was moved onto a surface.
+
+    Attributes
+    ----------
+    surface : Surface
+        The template's triangles on the surface, in the surface's own frame.
+    reached : ndarray of bool, (n,)
+        Whether each vertex has a counterpart there; else its place is a guess.
+    transform : Transform
+        From the surface's own frame to the template's; the identity with ``pose=False``.
+    cover : dict
+        ``rms``, ``most`` (99 %) and ``farthest``, distances of the surface from the registered template in its own unit;
+        ``unreached``, the share of its area that the template doesn't reach; ``turned``, triangles that are turned over.
+    """
+
+    surface: Surface
+    reached: Flags = field(repr=False)
+    transform: Transform = field(repr=False)
+    cover: dict[str, Any]
+
+
+def register(
+    template: Any,
+    surface: Any,
+    *,
+    pose: bool = True,
+    scale: bool = False,
+    mirror: bool = False,
+    masked: ArrayLike | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Registration:
+    """Moves a template onto a surface, whatever that one's topology: its vertices then lie at the same places.
+
+    Parameters
+    ----------
+    template, surface : str, os.PathLike, Surface, Model or what `spharm_rs.as_surface` takes
+        Models are evaluated on an icosphere.
+    pose : bool
+        Find the surface's pose first; without it both have to lie together.
+    scale : bool
+        Scale the surface to the template's size for that.
+    mirror : bool
+        Match mirror images, too.
+    masked : array_like of bool, (n,), optional
+        Vertices of the template without a counterpart on surfaces, such as lids of holes: nothing draws at them.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Registration
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> ball = sp.icosphere(3)
+    >>> found = sp.shape.register(ball, sp.Surface(sp.icosphere(4).vertices * [1.2, 1, 0.9], sp.icosphere(4).faces))
+    >>> bool(found.reached.all()) and found.cover["rms"] < 0.02
+    True
+    """
+    vertices, faces, reached, transform, cover = _core.shape_register(
+        given(template),
+        given(surface),
+        None if masked is None else np.asarray(masked, dtype=bool).tolist(),
+        pose=bool(pose),
+        scale=bool(scale),
+        mirror=bool(mirror),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    return Registration(Surface(vertices, faces), reached, Transform._of(json.loads(transform)), json.loads(cover))
+
+
+def pose(
+    surface: Any,
+    target: Any,
+    *,
+    scale: bool = False,
+    mirror: bool = False,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Pose:
+    """Brings a surface onto another by the surfaces alone, whatever their topology, triangles and poses.
+
+    Parameters
+    ----------
+    surface, target : str, os.PathLike, Surface, Model or what `spharm_rs.as_surface` takes
+        Models are evaluated on an icosphere.
+    scale : bool
+        Scale the surface to the target's size.
+    mirror : bool
+        Match mirror images, too.
+    threads : int, optional
+    progress : bool or callable, optional
+
+    Returns
+    -------
+    Pose
+
+    Examples
+    --------
+    >>> import numpy as np, spharm_rs as sp
+    >>> surface, _ = sp.example_surface(4)
+    >>> turned = sp.Surface(surface.vertices @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] + [9, 0, 0], surface.faces)
+    >>> found = sp.shape.pose(turned, surface)
+    >>> bool(np.abs(found.transform.apply(turned).vertices - surface.vertices).max() < 0.01)
+    True
+    """
+    transform, distance, second = _core.shape_pose(
+        given(surface),
+        given(target),
+        scale=bool(scale),
+        mirror=bool(mirror),
+        threads=_arrays.threads(threads),
+        progress=callback(progress),
+    )
+    return Pose(Transform._of(json.loads(transform)), distance, second)

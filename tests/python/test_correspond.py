@@ -1,0 +1,178 @@
+"""Groups made to correspond: known places, new members, names of what is wrong, and one template on one surface."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spharm_rs as sp
+
+
+def apart(a: sp.Surface, b: sp.Surface) -> float:
+    """Root mean square distance of two surfaces."""
+    found = sp.compare(a, b, surface_distance=True, samples=2000).surface
+    assert found is not None
+    return float(found["rms"])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five boxes with a bump that grows, each meshed anew and in a random pose, with landmarks of the same places."""
+    made = tmp_path_factory.mktemp("group") / "bumps"
+    command = ["generate", "--group", "growing-bump", "--members", "5", "--subdivisions", "4", "--output-dir", str(made)]
+    subprocess.run([sys.executable, "-m", "spharm_rs", *command], check=True, stdout=subprocess.DEVNULL)
+    return made
+
+
+def paths(folder: Path) -> list[Path]:
+    return sorted(folder.glob("s0?.ply"))
+
+
+@pytest.fixture(scope="module")
+def marks(folder: Path) -> list[sp.Landmarks]:
+    return [sp.read_landmarks(path.with_suffix(".json")) for path in paths(folder)]
+
+
+@pytest.fixture(scope="module")
+def group(folder: Path, marks: list[sp.Landmarks]) -> sp.shape.Group:
+    return sp.shape.correspond(paths(folder), 8, landmarks=marks, subdivisions=3)
+
+
+def test_places_are_carried_to_where_truth_says(group: sp.shape.Group, marks: list[sp.Landmarks]) -> None:
+    assert group.names == ("s01", "s02", "s03", "s04", "s05") and len(group) == 5
+    errors = []
+    for source, own in zip(group.names, marks):
+        for target, other in zip(group.names, marks):
+            carried = group.carry(own, source, target)
+            assert carried.names == own.names
+            errors.append(np.linalg.norm(carried.points - other.points, axis=1).mean())
+    # Of 30 mm, with a facet of 642 directions some 2 mm wide.
+    assert max(errors) < 0.6 and np.mean(errors) < 0.3
+    points = group.carry(marks[0].points, 0, 0)
+    assert np.linalg.norm(points - marks[0].points, axis=1).max() < 0.5
+    found = group.carried(marks[0], 0, 1)
+    assert found.points.shape == marks[0].points.shape and found.reached.all() and found.off_surface.max() < 0.5
+    with pytest.raises(ValueError, match="s01, s02"):
+        group.carry(points, "s09", 0)
+    with pytest.raises(ValueError, match="0 to 4"):
+        group.carry(points, 5, 0)
+    with pytest.raises(ValueError, match=r"\(n, 3\)"):
+        group.carry([1.0, 2.0], 0, 1)
+
+
+def test_a_group_has_its_parts(group: sp.shape.Group, folder: Path) -> None:
+    n = len(group.sphere.vertices)
+    assert n == 642 and group.places.shape == (5, n, 3) and group.reached.shape == (5, n) and group.masked.shape == (n,)
+    assert not group.masked.any() and group.reached.all() and group.directions.shape == (n, 3)
+    assert np.allclose(np.mean([model.coefficients for model in group.models], axis=0), group.mean.coefficients, atol=1e-9)
+    for index, (model, transform, path) in enumerate(zip(group.models, group.transforms, paths(folder))):
+        assert np.linalg.norm(model.evaluate(group.directions) - group.places[index], axis=1).max() < 1
+        # The places are on the surface, in the group's frame; and back in its own.
+        surface = sp.read_surface(path)
+        back = transform.inverse().apply(transform.apply(surface))
+        assert np.allclose(back.vertices, surface.vertices, atol=1e-9)
+        moved = sp.Surface(group.places[index], group.sphere.faces)
+        assert apart(transform.apply(surface), moved) < 0.3
+    assert len(group.modes) == 4 and group.modes.members == list(group.names)
+    assert group.modes.compactness[0] > 0.9
+    assert group.report["template"] in group.names and {member["turned"] for member in group.report["members"]} == {0}
+    assert group.report["refinement"]["stages"][-1]["log_area"]["within_eight"] > 0.99
+    errors = group.landmark_errors
+    assert errors is not None and errors.names is not None and errors.off_surface.max() < 0.5
+    assert repr(group) == "Group(5 members, degree 8, 642 directions)"
+
+
+def test_a_new_member_leaves_the_group_as_it_is(group: sp.shape.Group, folder: Path) -> None:
+    before = group.mean.coefficients.copy()
+    surface = sp.read_surface(paths(folder)[2])
+    member = group.add(surface)
+    assert isinstance(member, sp.shape.Member) and member.name == "5"
+    assert member.places.shape == group.places[2].shape and member.reached.all() and member.report["turned"] == 0
+    both = group.add([paths(folder)[2], surface])
+    assert isinstance(both, list) and [one.name for one in both] == ["s03", "6"]
+    assert np.array_equal(both[1].places, member.places) and np.array_equal(group.mean.coefficients, before)
+    assert np.linalg.norm(member.model.evaluate(group.directions) - member.places, axis=1).max() < 1
+
+
+def test_what_is_wrong_with_a_subject_is_said_by_its_name(group: sp.shape.Group, folder: Path, tmp_path: Path) -> None:
+    flat = tmp_path / "flat.ply"
+    sp.Surface(np.zeros((3, 3)), [[0, 1, 2]]).save(flat)
+    broken = tmp_path / "broken.ply"
+    broken.write_bytes(paths(folder)[0].read_bytes()[:2000])
+    for bad, error in ((flat, sp.MeshError), (broken, sp.MeshError), (tmp_path / "none.ply", FileNotFoundError)):
+        with pytest.raises(error, match=bad.stem):
+            sp.shape.correspond([*paths(folder)[:2], bad], 6, subdivisions=3)
+        with pytest.raises(error, match=bad.stem):
+            group.add(bad)
+    twice = paths(folder)[:2] + [sp.read_surface(paths(folder)[0])]
+    with pytest.warns(sp.SpharmWarning, match="2: it is the same surface as s01"):
+        found = sp.shape.correspond(twice, 6, subdivisions=3, refine=False)
+    assert any("same surface" in text for text in found.warnings)
+
+
+def test_settings_that_are_none_are_refused(folder: Path) -> None:
+    few = paths(folder)[:2]
+    wrong: list[tuple[Any, dict[str, Any], str]] = [
+        (few[:1], {}, "at least 2"),
+        (few, {"rounds": 0}, "rounds"),
+        (few, {"subdivisions": 1}, "subdivisions"),
+        (few, {"template": 2}, "template"),
+        (few, {"landmarks": [np.zeros((1, 3))]}, "2 members"),
+        (few[0], {}, "sequence"),
+        ([sp.Model(np.ones((4, 1))), *few], {}, "surfaces"),
+    ]
+    for surfaces, arguments, message in wrong:
+        with pytest.raises(ValueError, match=message):
+            sp.shape.correspond(surfaces, 6, **arguments)
+
+
+def test_models_and_a_template_by_name(group: sp.shape.Group, folder: Path, tmp_path: Path) -> None:
+    saved = tmp_path / "m.spharm.npz"
+    group.models[1].save(saved)
+    given = [group.models[0], saved, sp.read_surface(paths(folder)[2])]
+    stages = []
+    found = sp.shape.correspond(
+        given, 6, template="m", subdivisions=3, rounds=1, refine=False, progress=lambda *now: stages.append(now[0])
+    )
+    assert found.names == ("0", "m", "2") and found.report["template"] is None and "registration" in stages
+    assert found.report["refinement"] is None and found.landmark_errors is None
+
+
+def test_an_interrupt_ends_it(folder: Path) -> None:
+    timer = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
+    start = time.perf_counter()
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        sp.shape.correspond(paths(folder), 20)
+    assert time.perf_counter() - start < 2
+    timer.join()
+
+
+def test_a_template_on_a_surface() -> None:
+    ball = sp.icosphere(3)
+    egg = sp.Surface(ball.vertices * [12, 9, 7], ball.faces)
+    fine = sp.icosphere(5)
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    other = sp.Surface((fine.vertices * [13, 9, 7.5]) @ turn.T + [50, 0, 0], fine.faces)
+    found = sp.shape.register(egg, other)
+    assert found.surface.vertices.shape == egg.vertices.shape and np.array_equal(found.surface.faces, egg.faces)
+    assert found.reached.all() and found.cover["turned"] == 0 and found.cover["unreached"] == 0
+    # In the surface's own frame, and the transform brings it to the template's.
+    assert apart(other, found.surface) < 0.2
+    assert np.linalg.norm(found.transform.apply(found.surface).vertices - egg.vertices, axis=1).max() < 3
+    half = np.asarray(egg.vertices)[:, 2] > 0
+    masked = sp.shape.register(egg, sp.Surface(np.asarray(egg.vertices) * 1.02, egg.faces), pose=False, masked=half)
+    assert not masked.reached[half].any() and np.array_equal(masked.transform.object, np.eye(3))
+    with pytest.raises(sp.MeshError, match="surface"):
+        sp.shape.register(egg, sp.Surface(np.zeros((3, 3)), [[0, 1, 2]]))
+    with pytest.raises(ValueError, match="expected 642"):
+        sp.shape.register(egg, egg, masked=[True])

@@ -1,0 +1,184 @@
+//! `shape align` of meshes: surfaces of any topology, by nearest points alone.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, anyhow, bail};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use spharm::{Mesh, Monitor, Silent, Stage};
+use spharm_cli::Usage;
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::{OutputFile, prepare, write_json};
+use spharm_cli::paths::shown;
+use spharm_surface::Similarity;
+use spharm_surface::io::{Output, WriteOptions, read_mesh, to_write_mesh, write_mesh};
+use spharm_surface::pose::{DOUBTFUL, Pose, PoseParams, PoseSurface, distance, group_poses, pose};
+
+use super::args::{ReportArgs, Resources};
+use super::outputs::{check_beside, finish, length};
+
+/// What is asked for.
+pub(super) struct Asked<'a> {
+    pub(super) paths: &'a [PathBuf],
+    /// The one that others come to; without it they come to each other.
+    pub(super) target: Option<&'a Path>,
+    pub(super) output: &'a Path,
+    pub(super) transforms: Option<&'a Path>,
+    pub(super) params: PoseParams,
+    pub(super) report: &'a ReportArgs,
+    pub(super) resources: &'a Resources,
+}
+
+/// A mesh's motion, and distances before and after.
+struct Found {
+    motions: Vec<Similarity>,
+    distances: Vec<[Option<f64>; 2]>,
+    warnings: Vec<String>,
+    typical: Option<usize>,
+}
+
+/// Whether files are meshes, by their names, in place of models.
+///
+/// # Errors
+///
+/// Where they are of both kinds.
+pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Result<bool> {
+    let is_model = |path: &Path| {
+        let name = path.to_string_lossy().to_ascii_lowercase();
+        [".npz", ".sphz"].iter().any(|ending| name.ends_with(ending))
+    };
+    let (models, meshes): (Vec<&Path>, Vec<&Path>) = files.into_iter().partition(|path| is_model(path));
+    match (models.first(), meshes.first()) {
+        (Some(model), Some(mesh)) => bail!(
+            "expected models or meshes, found both: {} and {}; `spharm reconstruct` makes a mesh of a model",
+            model.display(),
+            mesh.display()
+        ),
+        (_, meshes) => Ok(meshes.is_some()),
+    }
+}
+
+/// Runs `shape align` of meshes.
+pub(super) fn run(asked: &Asked<'_>, monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let targets = outputs(asked)?;
+    let files = targets.iter().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
+    let json_out = asked.transforms.iter().map(|path| OutputFile::new(path, "--transforms"));
+    check_beside(asked.paths, files.chain(json_out), asked.report)?;
+    let inputs = asked.paths.iter().map(PathBuf::as_path).chain(asked.target);
+    asked.resources.memory.budget(asked.resources.threads.count()).check_inputs("shape align", inputs)?;
+    let found = asked.resources.threads.pool()?.install(|| match asked.target {
+        Some(target) => to_target(asked, target, monitor),
+        None => together(asked, monitor),
+    })?;
+    found.warnings.iter().for_each(|warning| monitor.console().warn(warning));
+    let options = WriteOptions { overwrite: asked.report.force, double: false };
+    for ((path, motion), target) in asked.paths.iter().zip(&found.motions).zip(&targets) {
+        monitor.check()?;
+        prepare(target)?;
+        write_mesh(target, &motion.apply_mesh(&read_mesh(path)?), &options)?;
+    }
+    let each: Vec<Value> = asked
+        .paths
+        .iter()
+        .zip(&targets)
+        .zip(found.motions.iter().zip(&found.distances))
+        .map(|((path, target), (motion, [before, after]))| {
+            json!({
+                "surface": shown(path),
+                "output": shown(target),
+                "distance_before": before,
+                "distance_after": after,
+                "object": motion.orthogonal,
+                "scale": motion.scale,
+                "translation": motion.translation,
+            })
+        })
+        .collect();
+    if let Some(path) = asked.transforms {
+        write_json(path, asked.report.force, &json!(each))?;
+    }
+    let cell = |distance: &Option<f64>| distance.map_or_else(|| "-".to_owned(), length);
+    let names = if asked.target.is_some() {
+        ["surface", "distance before", "after"]
+    } else {
+        ["surface", "from the others, before", "after"]
+    };
+    let mut rows = vec![names.map(str::to_owned).to_vec()];
+    for (target, [before, after]) in targets.iter().zip(&found.distances) {
+        rows.push(vec![target.display().to_string(), cell(before), cell(after)]);
+    }
+    let report = json!({
+        "surfaces": each,
+        "pose": "surfaces",
+        "to": asked.target.map(shown),
+        "typical": found.typical.map(|member| shown(&asked.paths[member])),
+        "warnings": found.warnings,
+        "seconds": started.elapsed().as_secs_f64(),
+    });
+    finish("align", &report, &rows, asked.report)
+}
+
+/// The file that was named for one mesh, else the meshes' own names in that folder.
+fn outputs(asked: &Asked<'_>) -> Result<Vec<PathBuf>> {
+    let named = to_write_mesh(asked.output).is_ok() && !asked.output.is_dir();
+    match (asked.paths, named) {
+        ([_], true) => Ok(vec![asked.output.to_owned()]),
+        (_, true) => Err(Usage::conflict("--output is the name of a folder where several files are written").into()),
+        (paths, false) => {
+            Ok(paths.iter().map(|path| asked.output.join(path.file_name().unwrap_or(path.as_os_str()))).collect())
+        }
+    }
+}
+
+fn surface(path: &Path) -> Result<PoseSurface> {
+    let mesh: Mesh = read_mesh(path)?;
+    PoseSurface::new(&mesh).ok_or_else(|| anyhow!("{}: a surface without area, which has no pose", path.display()))
+}
+
+fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Result<Found> {
+    let fixed = surface(target)?;
+    monitor.begin(Stage::counted("align", "surfaces"), asked.paths.len() as u64);
+    let one = |path: &PathBuf| -> Result<(Pose, f64)> {
+        monitor.check()?;
+        let moving = surface(path)?;
+        let before = distance(&moving, &fixed, &Similarity::default(), asked.params.trimmed);
+        let found = pose(&moving, &fixed, &asked.params, &Silent)?;
+        monitor.step(1);
+        Ok((found, before))
+    };
+    // All of them before the first error is looked for, so that it is always the same one.
+    let found: Vec<Result<(Pose, f64)>> = asked.paths.par_iter().map(one).collect();
+    monitor.end();
+    let found = found.into_iter().collect::<Result<Vec<_>>>()?;
+    let least = 1e-3 * fixed.size();
+    let doubt = |(path, (pose, _)): (&PathBuf, &(Pose, f64))| {
+        let Pose { distance, second, .. } = *pose;
+        (second < DOUBTFUL * distance.max(least)).then(|| {
+            format!(
+                "{}: the surfaces are {distance:.4} apart, and {second:.4} in another pose: the pose is in doubt",
+                path.display()
+            )
+        })
+    };
+    Ok(Found {
+        motions: found.iter().map(|(pose, _)| pose.similarity).collect(),
+        distances: found.iter().map(|(pose, before)| [Some(*before), Some(pose.distance)]).collect(),
+        warnings: asked.paths.iter().zip(&found).filter_map(doubt).collect(),
+        typical: None,
+    })
+}
+
+fn together(asked: &Asked<'_>, monitor: &ConsoleMonitor) -> Result<Found> {
+    let surfaces: Vec<Result<PoseSurface>> = asked.paths.par_iter().map(|path| surface(path)).collect();
+    let surfaces = surfaces.into_iter().collect::<Result<Vec<_>>>()?;
+    let found = group_poses(&surfaces, &asked.params, monitor).context("shape align")?;
+    let named = |member: usize, text: String| format!("{}: {text}", asked.paths[member].display());
+    Ok(Found {
+        motions: found.similarities,
+        distances: found.distances.iter().map(|distance| [None, Some(*distance)]).collect(),
+        warnings: found.warnings.iter().map(|warning| named(warning.member(), warning.of_member())).collect(),
+        typical: Some(found.template),
+    })
+}
