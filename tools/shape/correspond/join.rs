@@ -32,7 +32,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     plan(&paths, &params, false, cli.resources.both())?;
     template.begin_folder(&cli.output_dir)?;
     let pool = cli.resources.threads.pool()?;
-    let joining = pool.install(|| Joining::new(&template, params.pose, params.register.clone(), monitor))?;
+    let joining = pool.install(|| Joining::new(template.clone(), params.pose, params.register.clone(), monitor))?;
     let (mut members, mut added): (Vec<Value>, Vec<(String, MemberReport)>) = (Vec::new(), Vec::new());
     let (mut warnings, mut there) = (Vec::new(), 0);
     spharm::Monitor::begin(monitor, spharm::Stage::counted("members", "surfaces"), surfaces.len() as u64);
