@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
-use spharm::FileRecord;
 use spharm::correspond::{CorrespondParams, GroupFiles, Joining, MemberOrigin, MemberReport};
+use spharm::{FileRecord, Model};
 use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, same_place};
@@ -59,8 +59,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
         let of_member = warnings_of(&found.report, template.masked.len());
         warnings.extend(of_member.iter().map(|text| format!("{}: {text}", surface.name)));
         let origin = MemberOrigin { name: surface.name.clone(), input: Some(input), warnings: of_member };
-        // What an ended run left of this member, whose record is written last, is its own.
-        let left = !cli.output_dir.join("members").join(format!("{}.json", surface.name)).exists();
+        let left = left_over(&cli.output_dir, &surface.name);
         found.write(&cli.output_dir, &origin, cli.report.force || left).with_context(named)?;
         members.push(member_json(surface, &found.report, &found.similarity));
         added.push((surface.name.clone(), found.report));
@@ -81,6 +80,16 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
         monitor.console().note(format!("{} there already", counted(there, "member")));
     }
     Ok(())
+}
+
+/// Whether there is a model that a run was ended after: the member's record, which is written last, isn't there. A model of another
+/// verb is somebody else's.
+fn left_over(folder: &Path, name: &str) -> bool {
+    let ours = |path: PathBuf| {
+        Model::read(path).is_ok_and(|model| model.provenance.tool.as_deref() == Some("shape correspond"))
+    };
+    let [model, _, record] = GroupFiles::of_member(folder, name);
+    !record.exists() && ours(model)
 }
 
 fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {

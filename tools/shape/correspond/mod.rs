@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::{Value, json};
 use spharm::cohort::Shard;
-use spharm::correspond::{CorrespondParams, Group, MemberOrigin, MemberReport, correspond};
+use spharm::correspond::{CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, correspond};
 use spharm::shape::{GroupQuality, QualityParams, group_quality};
 use spharm::{Coefficients, FileRecord};
 use spharm_cli::Usage;
@@ -60,7 +60,7 @@ pub(super) struct Cli {
     #[arg(long, value_name = "GROUP", conflicts_with_all = ["max_degree", "rounds", "no_refinement", "subdivisions"], help_heading = INPUT)]
     to: Option<PathBuf>,
     /// With --to, take only every N-th surface, beginning with number I from 0: I/N, or slurm
-    #[arg(long, value_name = "I/N", requires = "to", help_heading = INPUT)]
+    #[arg(long, value_name = "I/N", help_heading = INPUT)]
     shard: Option<Shard>,
     /// Landmarks of the surfaces, in their own frames, to check the group by
     ///
@@ -111,11 +111,14 @@ fn together(cli: &Cli, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result
     let Some(max_degree) = cli.max_degree.map(usize::from) else {
         return Err(Usage::missing("--max-degree is needed without --to").into());
     };
-    let own = cli.output_dir.join("group.json");
-    let mean = cli.output_dir.join("mean.spharm.npz");
-    let models: Vec<PathBuf> =
-        surfaces.iter().map(|surface| cli.output_dir.join(format!("{}.spharm.npz", surface.name))).collect();
-    let outputs = models.iter().chain([&own, &mean]).map(|path| OutputFile::new(path, "--output-dir"));
+    // clap doesn't ask for --to beside arguments that exclude it.
+    if cli.shard.is_some() {
+        return Err(Usage::missing("--shard is for --to: a group is made in one piece").into());
+    }
+    let of_member = |surface: &Surface| GroupFiles::of_member(&cli.output_dir, &surface.name);
+    let mut files: Vec<PathBuf> = surfaces.iter().flat_map(of_member).collect();
+    files.extend(GroupFiles::of_group(&cli.output_dir));
+    let outputs = files.iter().map(|path| OutputFile::new(path, "--output-dir"));
     let inputs = surfaces.iter().map(|surface| surface.path.as_path());
     spharm_cli::output::check_files(inputs, outputs, cli.report.force)?;
     let defaults = CorrespondParams::up_to(max_degree);

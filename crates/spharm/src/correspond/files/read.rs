@@ -1,6 +1,6 @@
 //! Reading a group's folder.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use spharm_model::Model;
@@ -44,6 +44,18 @@ impl GroupFiles {
         Ok(Self { folder, shared, names })
     }
 
+    /// Returns the files of a member: its model, its places and its record, which is written last.
+    #[must_use]
+    pub fn of_member(folder: &Path, name: &str) -> [PathBuf; 3] {
+        [model_path(folder, name), places_path(folder, name), member_path(folder, name)]
+    }
+
+    /// Returns the files of a group: its mean, and its record, which is written last.
+    #[must_use]
+    pub fn of_group(folder: &Path) -> [PathBuf; 2] {
+        [model_path(folder, "mean"), folder.join("group.json")]
+    }
+
     /// Names of the members, in their order.
     #[must_use]
     pub fn names(&self) -> &[String] {
@@ -56,10 +68,7 @@ impl GroupFiles {
     ///
     /// [`Error::GroupFile`] for a record that can't be read.
     pub fn origin(folder: &Path, name: &str) -> Result<Option<MemberOrigin>, Error> {
-        if [model_path(folder, name), places_path(folder, name), member_path(folder, name)]
-            .iter()
-            .any(|path| !path.exists())
-        {
+        if Self::of_member(folder, name).iter().any(|path| !path.exists()) {
             return Ok(None);
         }
         let Member { name, input, warnings, .. } = read_json(&member_path(folder, name))?;

@@ -108,7 +108,10 @@ impl GroupTemplate {
             return same(GroupFiles::open(folder)?);
         }
         make_folders(folder)?;
-        let begun = writer.mean(self).and_then(|()| writer.json(&folder.join("group.json"), &self.shared()));
+        // That of a run that was ended before it had written the record.
+        let is_there = Model::read(model_path(folder, "mean")).is_ok_and(|mean| mean.coefficients == self.mean);
+        let mean = if is_there { Ok(()) } else { writer.mean(self) };
+        let begun = mean.and_then(|()| writer.json(&folder.join("group.json"), &self.shared()));
         match begun {
             // Another process may have begun the same folder meanwhile.
             Err(_) if folder.join("group.json").exists() => same(GroupFiles::open(folder)?),
@@ -142,11 +145,9 @@ struct Writer<'a> {
 impl Writer<'_> {
     /// Refuses, before any is written, files that exist.
     fn check(&self, names: &[&str]) -> Result<(), Error> {
-        let of = |name: &&str| {
-            [model_path(self.folder, name), places_path(self.folder, name), member_path(self.folder, name)]
-        };
-        let own = [self.folder.join("group.json"), model_path(self.folder, "mean")];
-        match own.into_iter().chain(names.iter().flat_map(of)).find(|path| path.exists()) {
+        let of = |name: &&str| GroupFiles::of_member(self.folder, name);
+        match GroupFiles::of_group(self.folder).into_iter().chain(names.iter().flat_map(of)).find(|path| path.exists())
+        {
             Some(path) if !self.overwrite => Err(SurfaceError::OutputExists { path }.into()),
             _ => Ok(()),
         }
