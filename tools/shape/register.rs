@@ -78,15 +78,18 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let meshes = outputs.iter().map(|path| OutputFile::holding(path, "--format", Output::OrderedMesh));
     let inputs = surfaces.iter().map(|surface| &surface.path).chain([&cli.template]).map(PathBuf::as_path);
     check_files(inputs, meshes.chain(of_report), cli.report.force)?;
-    let largest = surfaces.iter().map(|surface| bytes_to_read(&surface.path)).max().unwrap_or(0);
-    let of_template = bytes_to_read(&cli.template);
+    let largest = surfaces.iter().max_by_key(|surface| bytes_to_read(&surface.path));
     let (memory, threads): (Memory, _) = cli.resources.both();
-    // A mesh of n vertices is a file of 20 n bytes at least; kernels of 200 columns, the plate's factor, trees.
-    let needed = 4 * largest + 500 * of_template + (64 << 20);
-    memory.budget(threads.count()).check("shape register", needed)?;
+    let budget = memory.budget(threads.count());
+    let largest = largest.map_or(cli.template.as_path(), |surface| surface.path.as_path());
+    budget.check_inputs("shape register", [largest, cli.template.as_path()])?;
     let pool = cli.resources.threads.pool()?;
     let params = RegisterParams::default();
     let mesh = read(&cli.template)?;
+    // Kernels of 200 columns each, the plate's factor, trees; and the surface with its own.
+    let (n, stages) = (mesh.vertices.len() as u64, params.drift.len() as u64);
+    let needed = 1600 * stages * (n + 3000) + 8000 * n + 4 * bytes_to_read(largest) + (8 << 20);
+    budget.check(format!("shape register of a template of {n} vertices"), needed)?;
     let named = || cli.template.display().to_string();
     let template = pool.install(|| Template::new(&mesh, None, &params, monitor)).with_context(named)?;
     let fixed = PoseSurface::new(&mesh).ok_or(spharm::Error::NoArea).with_context(named)?;

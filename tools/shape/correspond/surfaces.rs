@@ -107,15 +107,18 @@ pub(in crate::shape) fn plan(
 }
 
 /// Bytes: of a member its places and coefficients several times over; of a thread a surface with its trees and the work of a
-/// registration; of the template its kernels, of 200 columns each, and the factor of its thin plate.
+/// registration; of the template its kernels, of 200 columns each, and the factor of its thin plate; or those of mapping it, if
+/// that takes more. A mesh of n vertices is a file of 20 n bytes at least, and so 60 n to read.
 fn needed(count: u64, largest: u64, params: &CorrespondParams, whole: bool, threads: u64) -> u64 {
     let [n, _] = icosphere_counts(params.subdivisions());
-    let coefficients = 24 * (params.max_degree as u64 + 1).pow(2);
+    let degree = params.max_degree as u64;
     let refined = if params.refinement.is_some() { 500 } else { 0 };
-    let member = (150 + refined) * n + 6 * coefficients;
+    let member = (150 + refined) * n + 144 * (degree + 1).pow(2);
     let stages = params.register.drift.len() as u64;
-    let template = 8 * 200 * stages * (n + 3000) + 3000 * n;
+    let template = 1600 * stages * (n + 3000) + 6000 * n;
     let each = 4 * largest + 2000 * n + (8 << 20);
+    let registering = template.saturating_add(threads.min(count).saturating_mul(each));
+    let mapping = if whole { (4 << 20) + 50 * largest + 5500 * degree.max(40).pow(2) } else { 0 };
     let held = if whole { count } else { threads.min(count) };
-    held.saturating_mul(member).saturating_add(threads.min(count).saturating_mul(each)).saturating_add(template)
+    held.saturating_mul(member).saturating_add(registering.max(mapping))
 }
