@@ -8,6 +8,7 @@ mod cohorts;
 mod common;
 mod compressed;
 mod corpus;
+mod correspond;
 mod denoise;
 mod exchange;
 mod facade;

@@ -152,6 +152,9 @@ def cases():
     yield "moments merge", ["moments", "merge", "s.moments", "-o", "out.moments", "--force"]
     yield "fit moments", [*fit, "--moments", "s.moments", "--max-degree", "20", "--smoothness", "1"]
     yield "shape align", ["shape", "align", "group", "--group", "-o", "out.group", "--force"]
+    yield from (("shape correspond", ["shape", "correspond", "g4.ply", "s4.ply", "g6.ply", "--max-degree", n, "-o", "out.corr", "--force"])
+                for n in ("8", "20", "60"))
+    yield "shape register", ["shape", "register", "g4.ply", "--template", "g6.ply", "-o", "out.reg", "--force"]
     yield "shape mean", ["shape", "mean", "group", "-o", "out.mean.npz", "--force"]
     yield "shape pca", ["shape", "pca", "group", "-o", "out.pca.npz", "--force"]
     yield "shape quality", ["shape", "quality", "group", "--samples", "10000000000", "-o", "out.quality.json", "--force"]

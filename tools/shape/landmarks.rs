@@ -8,6 +8,7 @@ use spharm_cli::console::Console;
 use spharm_cli::output::first_of;
 use spharm_cli::paths::model_name;
 use spharm_harmonics::Directions;
+use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::geometry::{Vec3, bounds, dot, sub};
 use spharm_surface::io::landmarks::Landmarks;
@@ -36,28 +37,30 @@ pub(super) fn of_models(
     if named.is_empty() {
         return Ok(None);
     }
-    let files = files(named, models)?;
     let sphere = icosphere(4);
     let directions = Directions::from_vertices(&sphere.vertices)?;
+    let surface = |index: usize| -> Result<Mesh> {
+        let values = synthesis(&directions, members[index].values().view())?;
+        Ok(sphere.with_vertices(values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect()))
+    };
+    let marks = of_surfaces(named, models, surface)?;
+    marks.warnings.iter().for_each(|warning| console.warn(warning));
+    Ok(Some(marks))
+}
+
+/// Reads the landmarks of surfaces, which files are named after; warnings aren't printed.
+pub(super) fn of_surfaces(
+    named: &[PathBuf],
+    paths: &[PathBuf],
+    surface: impl Fn(usize) -> Result<Mesh>,
+) -> Result<Marks> {
+    let files = files(named, paths)?;
     let mut warnings = Vec::new();
     let mut subjects = Vec::with_capacity(files.len());
-    for (file, member) in files.iter().zip(members) {
-        let values = synthesis(&directions, member.values().view())?;
-        let vertices: Vec<Vec3> = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
-        let (low, high) = bounds(vertices.iter().copied());
-        let extent = dot(sub(high, low), sub(high, low)).sqrt();
-        let placed = Landmarks::read(file)?.laid_on(&sphere.with_vertices(vertices));
-        if placed.turned {
-            warnings.push(format!("{}: turned from LPS to RAS, or back, to lie on its surface", file.display()));
-        }
-        let far =
-            |(name, distance): (&String, &f64)| (*distance > OFF * extent).then(|| format!("{name} ({distance:.3})"));
-        let off: Vec<String> = placed.landmarks.names.iter().zip(&placed.distances).filter_map(far).collect();
-        if !off.is_empty() {
-            let off = first_of(off.iter().map(String::as_str), 5);
-            warnings.push(format!("{}: far from its surface: {off}", file.display()));
-        }
-        subjects.push(placed.landmarks);
+    for (index, file) in files.iter().enumerate() {
+        let (landmarks, said) = on_surface(file, &surface(index)?)?;
+        warnings.extend(said);
+        subjects.push(landmarks);
     }
     let matched = Landmarks::matched(&subjects);
     if matched.names.is_empty() {
@@ -67,8 +70,25 @@ pub(super) fn of_models(
         let names = first_of(alone.iter().map(String::as_str), 5);
         warnings.push(format!("{}: not in every file, left out: {names}", file.display()));
     }
-    warnings.iter().for_each(|warning| console.warn(warning));
-    Ok(Some(Marks { names: matched.names, points: matched.points, warnings }))
+    Ok(Marks { names: matched.names, points: matched.points, warnings })
+}
+
+/// Reads one subject's landmarks in the frame of its surface, and says which are far from it.
+pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<String>)> {
+    let mut warnings = Vec::new();
+    let (low, high) = bounds(surface.vertices.iter().copied());
+    let extent = dot(sub(high, low), sub(high, low)).sqrt();
+    let placed = Landmarks::read(file)?.laid_on(surface);
+    if placed.turned {
+        warnings.push(format!("{}: turned from LPS to RAS, or back, to lie on its surface", file.display()));
+    }
+    let far = |(name, distance): (&String, &f64)| (*distance > OFF * extent).then(|| format!("{name} ({distance:.3})"));
+    let off: Vec<String> = placed.landmarks.names.iter().zip(&placed.distances).filter_map(far).collect();
+    if !off.is_empty() {
+        let off = first_of(off.iter().map(String::as_str), 5);
+        warnings.push(format!("{}: far from its surface: {off}", file.display()));
+    }
+    Ok((placed.landmarks, warnings))
 }
 
 /// A file for each model.

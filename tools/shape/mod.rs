@@ -7,7 +7,9 @@ mod again;
 mod align;
 mod align_meshes;
 mod args;
+mod carry;
 mod compress;
+mod correspond;
 mod describe;
 mod expand;
 mod groups;
@@ -21,6 +23,7 @@ mod outputs;
 mod pca;
 mod plan;
 mod quality;
+mod register;
 mod remesh;
 mod rotate;
 mod sample;
@@ -41,6 +44,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
+        "spharm shape correspond @subjects.txt --max-degree 15 -o group",
         "spharm shape align models --group -o aligned --mean mean.spharm.npz",
         "spharm shape pca aligned -o group.shape-model.npz",
         "spharm shape test --a @patients.txt --b @controls.txt -o test",
@@ -66,6 +70,9 @@ enum Command {
     Match(matching::Cli),
     Remesh(remesh::Cli),
     Rotate(rotate::Cli),
+    Correspond(Box<correspond::Cli>),
+    Register(register::Cli),
+    Carry(carry::Cli),
     Align(align::Cli),
     Mean(mean::Cli),
     Pca(pca::Cli),
@@ -87,6 +94,9 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Match(cli) => matching::run(cli, &monitor),
         Command::Remesh(cli) => remesh::run(cli, &monitor),
         Command::Rotate(cli) => rotate::run(cli, &monitor),
+        Command::Correspond(cli) => correspond::run(cli, &monitor),
+        Command::Register(cli) => register::run(cli, &monitor),
+        Command::Carry(cli) => carry::run(cli, &monitor),
         Command::Align(cli) => align::run(cli, &monitor),
         Command::Mean(cli) => mean::run(cli, &monitor),
         Command::Pca(cli) => pca::run(cli, &monitor),

@@ -58,6 +58,16 @@ pub enum Error {
         /// What is wrong.
         source: Box<Error>,
     },
+    /// A file of a group's folder that isn't what it should be.
+    #[error("{}: expected {expected}, found {found}", .path.display())]
+    GroupFile {
+        /// The file.
+        path: PathBuf,
+        /// What it should have.
+        expected: String,
+        /// What it has.
+        found: String,
+    },
     /// A setting that isn't one of its values, or doesn't go with another.
     #[error("{what} needs {expected}, found {found}")]
     Setting {

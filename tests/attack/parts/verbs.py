@@ -67,6 +67,11 @@ def verbs():
         Verb("shape expand", "shape expand in/a.sphz -o out/a.npz"),
         Verb("shape mean", "shape mean in/a.npz in/b.npz -o out/mean.npz --report out/mean.json --threads 1"),
         Verb("shape align", "shape align in/a.npz in/b.npz in/c.npz --group -o out/aligned --mean out/mean.npz --threads 1"),
+        Verb("shape correspond", "shape correspond in/a.ply in/b.ply in/c.ply --max-degree 4 --subdivisions 2 -o out/group "
+             "--threads 1"),
+        Verb("shape correspond --to", "shape correspond in/d.ply --to in/group -o out/added --threads 1"),
+        Verb("shape carry", "shape carry in/group in/marks.csv --from a --to all --format csv -o out/carried"),
+        Verb("shape register", "shape register in/b.ply in/c.ply --template in/a.ply -o out/registered --threads 1"),
         Verb("shape pca", "shape pca in/a.npz in/b.npz in/c.npz -o out/modes.shape-model.npz --scores out/scores.csv --threads 1"),
         Verb("shape quality", "shape quality in/a.npz in/b.npz in/c.npz --samples 20 --bands 3 --icosphere 2 -o out/quality.json "
              "--curves out/quality.png --threads 1"),
@@ -105,6 +110,8 @@ def inputs(site):
         make("generate", "--subdivisions", 2, "--variant", variant, "--surface", f"{name}.ply")
     for name in "abcd":
         make("fit", "--sphere", "sphere.ply", "--surface", f"{name}.ply", "--max-degree", 6, "-o", f"{name}.npz", "-q")
+    make("shape", "correspond", "a.ply", "b.ply", "c.ply", "--max-degree", 4, "--subdivisions", 2, "-o", "group", "-q")
+    (folder / "marks.csv").write_text("name,x,y,z\np,30,0,0\nq,0,20,0\n")
     make("basis-build", "--sphere", "sphere.ply", "--store", "store", "--max-degree", 4, "--factor", 3, "-q")
     make("shape", "compress", "a.npz", "--step", "1e-4", "-o", "a.sphz", "-q")
     make("export", "a.npz", "--to", "pdm", "-o", "a.coef")

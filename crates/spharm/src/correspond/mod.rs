@@ -25,6 +25,7 @@
 //! ```
 
 mod carry;
+pub mod files;
 mod fits;
 mod member;
 mod params;
@@ -43,6 +44,7 @@ use spharm_surface::{Mesh, Similarity, Sphere};
 use crate::Error;
 
 pub use carry::Carried;
+pub use files::{GroupFiles, MemberOrigin};
 pub use member::{Joining, NewMember};
 pub use params::CorrespondParams;
 pub use report::{CorrespondReport, CorrespondWarning, MemberReport};

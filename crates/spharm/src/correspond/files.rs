@@ -1,0 +1,143 @@
+//! The folder of a group.
+//!
+//! | file | contents |
+//! |---|---|
+//! | `group.json` | version, names of the members, masked directions, spread, template, refinement, warnings, seconds |
+//! | `mean.spharm.npz` | the mean over the group's sphere |
+//! | `NAME.spharm.npz` | a member's model, in the group's frame and over its sphere |
+//! | `places/NAME.npz` | `places` (n, 3), in the group's frame; `reached` (n, 1), 1 or 0 |
+//! | `members/NAME.json` | what it was read from, its similarity to the group's frame, how it was registered |
+//!
+//! `group.json` is written last, and so is `members/NAME.json` of a member: where they are, the rest is. A folder of members
+//! that were added to a finished group one by one, maybe on several machines, names none in its `group.json`: its members are
+//! those in `members`.
+
+mod read;
+#[cfg(test)]
+mod tests;
+mod write;
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use spharm_model::FileRecord;
+use spharm_surface::geometry::Vec3;
+
+use super::report::MemberReport;
+use crate::Error;
+
+/// The version of the folder's format that is written and read.
+const VERSION: u32 = 1;
+
+/// What the members share, `group.json`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Shared {
+    version: u32,
+    tool: String,
+    versions: serde_json::Value,
+    members: Option<Vec<String>>,
+    max_degree: usize,
+    directions: usize,
+    /// Directions without a counterpart on members.
+    masked: Vec<usize>,
+    spread: f64,
+    #[serde(default)]
+    template: Option<String>,
+    #[serde(default)]
+    changes: Vec<String>,
+    #[serde(default)]
+    refinement: Vec<serde_json::Value>,
+    #[serde(default)]
+    seconds: Vec<(String, f64)>,
+}
+
+/// One member, `members/NAME.json`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Member {
+    version: u32,
+    name: String,
+    input: Option<FileRecord>,
+    to_group: ToGroup,
+    #[serde(with = "Registered")]
+    registration: MemberReport,
+    #[serde(default)]
+    warnings: Vec<String>,
+}
+
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct ToGroup {
+    orthogonal: [[f64; 3]; 3],
+    scale: f64,
+    translation: Vec3,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "MemberReport")]
+struct Registered {
+    pose_distance: f64,
+    cover_rms: f64,
+    cover_most: f64,
+    cover_farthest: f64,
+    unreached: f64,
+    without_counterpart: usize,
+    turned: usize,
+    model_rms: f64,
+}
+
+/// What a member's files say of where it came from.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MemberOrigin {
+    /// Its name, which its files have.
+    pub name: String,
+    /// The file that its surface was read from.
+    pub input: Option<FileRecord>,
+    /// What to look at.
+    pub warnings: Vec<String>,
+}
+
+/// A group's folder that is read.
+#[derive(Debug, Clone)]
+pub struct GroupFiles {
+    folder: PathBuf,
+    shared: Shared,
+    names: Vec<String>,
+}
+
+fn model_path(folder: &Path, name: &str) -> PathBuf {
+    folder.join(format!("{name}.spharm.npz"))
+}
+
+fn places_path(folder: &Path, name: &str) -> PathBuf {
+    folder.join("places").join(format!("{name}.npz"))
+}
+
+fn member_path(folder: &Path, name: &str) -> PathBuf {
+    folder.join("members").join(format!("{name}.json"))
+}
+
+/// Names that files can have, each once, none of which is that of another file of a group.
+fn check_names(names: &[&str], count: usize) -> Result<(), Error> {
+    let refused = |expected, found: String| Err(Error::Setting { what: "a group's folder", expected, found });
+    if names.len() != count {
+        return refused("a name for each member", format!("{} for {count}", names.len()));
+    }
+    let bad =
+        |name: &&&str| name.is_empty() || name.starts_with('.') || name.contains(['/', '\\', '\0']) || **name == "mean";
+    if let Some(name) = names.iter().find(bad) {
+        return refused("names of files, none of them `mean`", format!("{name:?}"));
+    }
+    let mut sorted = names.to_vec();
+    sorted.sort_unstable();
+    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+        Some(pair) => refused("different names", format!("{:?} twice", pair[0])),
+        None => Ok(()),
+    }
+}
+
+fn refused(path: &Path, expected: String, found: impl ToString) -> Error {
+    Error::GroupFile { path: path.to_owned(), expected, found: found.to_string() }
+}
+
+fn io(path: &Path, action: &'static str, cause: std::io::Error) -> Error {
+    spharm_surface::SurfaceError::Io { path: path.to_owned(), action, cause }.into()
+}

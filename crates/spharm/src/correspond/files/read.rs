@@ -1,0 +1,204 @@
+//! Reading a group's folder.
+
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use spharm_model::Model;
+use spharm_model::arrays::Arrays;
+use spharm_surface::Similarity;
+
+use super::{
+    GroupFiles, Member, MemberOrigin, Shared, ToGroup, VERSION, check_names, io, member_path, model_path, places_path,
+    refused,
+};
+use crate::Error;
+use crate::correspond::{CorrespondReport, Group, GroupTemplate};
+
+/// Most bytes of a JSON file of a group.
+const MOST: u64 = 256 << 20;
+/// Names of a group's steps, which a report has.
+const STEPS: [&str; 5] = ["poses", "template", "registration", "fits", "refinement"];
+
+impl GroupFiles {
+    /// Opens a group's folder.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::GroupFile`] for what isn't one, or one of another version.
+    pub fn open(folder: impl AsRef<Path>) -> Result<Self, Error> {
+        let folder = folder.as_ref().to_owned();
+        let path = folder.join("group.json");
+        let shared: Shared = read_json(&path)?;
+        if shared.version != VERSION {
+            return Err(refused(&path, format!("version {VERSION}"), shared.version));
+        }
+        if let Some(index) = shared.masked.iter().find(|index| **index >= shared.directions) {
+            return Err(refused(&path, format!("masked directions below {}", shared.directions), index));
+        }
+        let names = match &shared.members {
+            Some(names) => names.clone(),
+            None => names_in(&folder.join("members"))?,
+        };
+        check_names(&names.iter().map(String::as_str).collect::<Vec<_>>(), names.len())
+            .map_err(|error| refused(&path, "names of files, each once".to_owned(), error))?;
+        Ok(Self { folder, shared, names })
+    }
+
+    /// Returns the files of a member: its model, its places and its record, which is written last.
+    #[must_use]
+    pub fn of_member(folder: &Path, name: &str) -> [PathBuf; 3] {
+        [model_path(folder, name), places_path(folder, name), member_path(folder, name)]
+    }
+
+    /// Returns the files of a group: its mean, and its record, which is written last.
+    #[must_use]
+    pub fn of_group(folder: &Path) -> [PathBuf; 2] {
+        [model_path(folder, "mean"), folder.join("group.json")]
+    }
+
+    /// Names of the members, in their order.
+    #[must_use]
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Whether all of a member's files are there, and what it was read from.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::GroupFile`] for a record that can't be read.
+    pub fn origin(folder: &Path, name: &str) -> Result<Option<MemberOrigin>, Error> {
+        if Self::of_member(folder, name).iter().any(|path| !path.exists()) {
+            return Ok(None);
+        }
+        let Member { name, input, warnings, .. } = read_json(&member_path(folder, name))?;
+        Ok(Some(MemberOrigin { name, input, warnings }))
+    }
+
+    /// Reads what new members need.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::GroupFile`] for a mean that isn't that of the group; [`Error::Model`].
+    pub fn template(&self) -> Result<GroupTemplate, Error> {
+        let path = model_path(&self.folder, "mean");
+        let mean = Model::read(&path)?;
+        self.check_model(&path, &mean)?;
+        let sphere = mean.sphere.filter(|sphere| !sphere.faces.is_empty());
+        let sphere = sphere.ok_or_else(|| refused(&path, "a sphere with triangles".to_owned(), "none"))?;
+        if sphere.directions.len() != self.shared.directions {
+            let expected = format!("{} directions", self.shared.directions);
+            return Err(refused(&path, expected, sphere.directions.len()));
+        }
+        let mut masked = vec![false; self.shared.directions];
+        self.shared.masked.iter().for_each(|index| masked[*index] = true);
+        Ok(GroupTemplate { sphere, mean: mean.coefficients, masked, spread: self.shared.spread })
+    }
+
+    /// Reads some of the members, named by their places in [`names`](Self::names), as a group of their own. Its report has the
+    /// members' figures; warnings stay the texts that the files have.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Setting`] for a member that isn't there; [`Error::GroupFile`] for files that don't belong together;
+    /// [`Error::Model`].
+    pub fn members(&self, indices: &[usize]) -> Result<Group, Error> {
+        let template = self.template()?;
+        let first = self.shared.template.as_ref();
+        let at = |index: &usize| first.is_some_and(|first| self.names.get(*index) == Some(first));
+        let step = |(name, seconds): &(String, f64)| Some((*STEPS.iter().find(|step| *step == name)?, *seconds));
+        let report = CorrespondReport {
+            template: indices.iter().position(at),
+            changes: self.shared.changes.clone(),
+            members: Vec::new(),
+            warnings: Vec::new(),
+            refinement: None,
+            seconds: self.shared.seconds.iter().filter_map(step).collect(),
+        };
+        let (models, similarities) = (Vec::new(), Vec::new());
+        let mut group = Group { models, similarities, places: Vec::new(), reached: Vec::new(), template, report };
+        for index in indices {
+            let name = self.names.get(*index).ok_or_else(|| Error::Setting {
+                what: "reading a group",
+                expected: "one of its members, counted from 0",
+                found: index.to_string(),
+            })?;
+            self.add(name, &mut group)?;
+        }
+        Ok(group)
+    }
+
+    /// Reads the whole group, as [`members`](Self::members) does.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`members`](Self::members).
+    pub fn group(&self) -> Result<Group, Error> {
+        self.members(&(0..self.names.len()).collect::<Vec<_>>())
+    }
+
+    fn add(&self, name: &str, group: &mut Group) -> Result<(), Error> {
+        let path = member_path(&self.folder, name);
+        let record: Member = read_json(&path)?;
+        if record.version != VERSION || record.name != name {
+            let found = format!("{} of version {}", record.name, record.version);
+            return Err(refused(&path, format!("{name} of version {VERSION}"), found));
+        }
+        let ToGroup { orthogonal, scale, translation } = record.to_group;
+        if !(scale > 0.0 && scale.is_finite()) {
+            return Err(refused(&path, "a scale above 0".to_owned(), scale));
+        }
+        let path = model_path(&self.folder, name);
+        let model = Model::read(&path)?;
+        self.check_model(&path, &model)?;
+        let path = places_path(&self.folder, name);
+        let mut arrays = Arrays::open(&path)?;
+        let (places, reached) = (arrays.matrix("places")?, arrays.matrix("reached")?);
+        let n = self.shared.directions;
+        for (what, found, expected) in [("places", places.dim(), (n, 3)), ("reached", reached.dim(), (n, 1))] {
+            if found != expected {
+                return Err(refused(&path, format!("{what} of shape {expected:?}"), format!("{found:?}")));
+            }
+        }
+        if let Some(value) = places.iter().find(|value| !value.is_finite()) {
+            return Err(refused(&path, "finite places".to_owned(), value));
+        }
+        if let Some(value) = reached.iter().find(|value| **value != 0.0 && **value != 1.0) {
+            return Err(refused(&path, "0 or 1 in reached".to_owned(), value));
+        }
+        group.models.push(model);
+        group.similarities.push(Similarity { orthogonal, scale, translation });
+        group.places.push(places.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect());
+        group.reached.push(reached.iter().map(|value| *value == 1.0).collect());
+        group.report.members.push(record.registration);
+        Ok(())
+    }
+
+    fn check_model(&self, path: &Path, model: &Model) -> Result<(), Error> {
+        let (degree, channels) = (model.coefficients.max_degree(), model.coefficients.channels());
+        if (degree, channels) != (self.shared.max_degree, 3) {
+            let expected = format!("a surface of degree {}", self.shared.max_degree);
+            return Err(refused(path, expected, format!("{channels} channels of degree {degree}")));
+        }
+        Ok(())
+    }
+}
+
+/// Names of the members whose records are in a folder, sorted.
+fn names_in(folder: &Path) -> Result<Vec<String>, Error> {
+    let entries = std::fs::read_dir(folder).map_err(|cause| io(folder, "read", cause))?;
+    let mut names = Vec::new();
+    for entry in entries {
+        let name = entry.map_err(|cause| io(folder, "read", cause))?.file_name();
+        names.extend(name.to_str().and_then(|name| name.strip_suffix(".json")).map(str::to_owned));
+    }
+    // A file that is being written is hidden until it is whole.
+    names.retain(|name| !name.starts_with('.'));
+    names.sort_unstable();
+    Ok(names)
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
+    let bytes = spharm_files::read(path, MOST).map_err(|cause| io(path, "read", cause))?;
+    serde_json::from_slice(&bytes).map_err(|error| refused(path, "a record of a group".to_owned(), error))
+}

@@ -1,0 +1,96 @@
+//! Landmarks of a group: each one's carried to the others.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use spharm::correspond::Group;
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_surface::geometry::{Vec3, dot, sub};
+
+use super::super::landmarks::of_surfaces;
+use super::surfaces::Surface;
+
+/// Members that each one's landmarks are carried to, at most.
+const OTHERS: usize = 40;
+
+/// How far carried landmarks are from the others' own, on their surfaces.
+pub(super) struct Errors {
+    names: Vec<String>,
+    mean: f64,
+    median: f64,
+    by_landmark: Vec<f64>,
+    carried: usize,
+    unreached: usize,
+    pub(super) warnings: Vec<String>,
+}
+
+impl Errors {
+    pub(super) fn json(&self) -> Value {
+        json!({
+            "names": self.names,
+            "mean": self.mean,
+            "median": self.median,
+            "by_landmark": self.by_landmark,
+            "carried": self.carried,
+            "unreached": self.unreached,
+        })
+    }
+
+    pub(super) fn line(&self) -> String {
+        let Self { mean, median, carried, unreached, .. } = self;
+        format!(
+            "landmarks apart: mean {mean:.3}, median {median:.3} of {carried} that were carried, {unreached} not reached"
+        )
+    }
+}
+
+/// Carries the landmarks, if any are named, from all members to all others, each member's to at most 40.
+pub(super) fn errors(
+    named: &[PathBuf],
+    surfaces: &[Surface],
+    group: &Group,
+    monitor: &ConsoleMonitor,
+) -> Result<Option<Errors>> {
+    if named.is_empty() {
+        return Ok(None);
+    }
+    let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
+    let marks = of_surfaces(named, &paths, |index| Ok(surfaces[index].read()?))?;
+    let count = surfaces.len();
+    // A landmark's place on the surface, to which those of others are carried.
+    let own = (0..count).into_par_iter().map(|member| group.carry(&marks.points[member], member, member));
+    let own = own.collect::<Result<Vec<_>, _>>()?;
+    let of_source = |source: usize| -> Result<Vec<Vec<(f64, bool)>>> {
+        let others = (1..count).take(OTHERS).map(|step| (source + step) % count);
+        others
+            .map(|target| {
+                spharm::Monitor::check(monitor)?;
+                let carried = group.carry(&marks.points[source], source, target)?;
+                let apart = carried.iter().zip(&own[target]);
+                Ok(apart.map(|(carried, own)| (length(sub(carried.point, own.point)), carried.reached)).collect())
+            })
+            .collect()
+    };
+    let all = (0..count).into_par_iter().map(of_source).collect::<Result<Vec<_>>>()?.concat();
+    let mut distances: Vec<f64> = all.iter().flatten().map(|found| found.0).collect();
+    distances.sort_unstable_by(f64::total_cmp);
+    let mean = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
+        sum / f64::from(count.max(1))
+    };
+    Ok(Some(Errors {
+        by_landmark: (0..marks.names.len()).map(|k| mean(&mut all.iter().map(|pair| pair[k].0))).collect(),
+        mean: mean(&mut distances.iter().copied()),
+        median: distances.get(distances.len() / 2).copied().unwrap_or(0.0),
+        carried: distances.len(),
+        unreached: all.iter().flatten().filter(|found| !found.1).count(),
+        names: marks.names,
+        warnings: marks.warnings,
+    }))
+}
+
+fn length(v: Vec3) -> f64 {
+    dot(v, v).sqrt()
+}

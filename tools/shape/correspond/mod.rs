@@ -1,0 +1,238 @@
+//! `shape correspond`: surfaces over one sphere, so that equal directions are equal places.
+
+mod join;
+mod marks;
+pub(super) mod surfaces;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use serde_json::{Value, json};
+use spharm::cohort::Shard;
+use spharm::correspond::{CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, correspond};
+use spharm::shape::{GroupQuality, QualityParams, group_quality};
+use spharm::{Coefficients, FileRecord};
+use spharm_cli::Usage;
+use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::names::NameTemplate;
+use spharm_cli::output::{OutputFile, check_outputs};
+use spharm_cli::paths::shown;
+
+use self::surfaces::{Surface, plan, read, surfaces};
+use super::args::{ReportArgs, Resources};
+use super::outputs::finish;
+
+/// Make surfaces correspond: models of all of them over one sphere, from bare meshes
+///
+/// One template is mapped to the sphere and moved in space onto every surface, whatever its topology: surfaces may have
+/// handles, holes and stray pieces, and need no common pose. All are fitted over the template's sphere, in one frame, and the
+/// group's own statistics refine the places. With --to surfaces are added, one at a time, to a group that stays as it is.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape correspond vertebrae/*.ply --max-degree 40 -o group",
+        "spharm shape correspond @subjects.txt --max-degree 15 --landmarks landmarks/ -o group --report group.json",
+        "spharm shape correspond @new.txt --to group --shard 3/10 -o added",
+        "spharm shape quality group/s*.spharm.npz",
+    ],
+    &[
+        help::MESHES,
+        "The folder has a model of each surface and the mean in the group's frame, places/ with the places that correspond, \
+         members/ with each one's transform and how well it is covered, and group.json.",
+    ],
+))]
+pub(super) struct Cli {
+    /// Meshes, or models, which are evaluated; or @LIST with a path a line
+    #[arg(value_name = "SURFACE", required = true, help_heading = INPUT)]
+    surfaces: Vec<PathBuf>,
+    /// Degree of the models
+    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = METHOD)]
+    max_degree: Option<u16>,
+    /// Surface to begin with [default: the most typical one]
+    ///
+    /// It is mended and cut where it has handles; places that only this has made are left out everywhere.
+    #[arg(long, value_name = "FILE", conflicts_with = "to", help_heading = INPUT)]
+    template: Option<PathBuf>,
+    /// Add the surfaces to this group, which stays as it is
+    #[arg(long, value_name = "GROUP", conflicts_with_all = ["max_degree", "rounds", "no_refinement", "subdivisions"], help_heading = INPUT)]
+    to: Option<PathBuf>,
+    /// With --to, take only every N-th surface, beginning with number I from 0: I/N, or slurm
+    #[arg(long, value_name = "I/N", help_heading = INPUT)]
+    shard: Option<Shard>,
+    /// Landmarks of the surfaces, in their own frames, to check the group by
+    ///
+    /// A folder with a file named as each surface, or as many files, in the surfaces' order: .mrk.json, .fcsv, .json, .csv
+    /// or .tsv. They don't guide anything.
+    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "to", help_heading = INPUT)]
+    landmarks: Vec<PathBuf>,
+    /// Rounds of registration; in each after the first the group's mean is the template
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=10), help_heading = METHOD)]
+    rounds: u8,
+    /// Subdivisions of the icosphere whose directions are registered [default: 4, above degree 15 5, above 40 6]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8), help_heading = METHOD)]
+    subdivisions: Option<u32>,
+    /// Leave out the refinement by the group's statistics
+    #[arg(long, help_heading = METHOD)]
+    no_refinement: bool,
+    /// Scale surfaces to one size
+    #[arg(long, help_heading = METHOD)]
+    scale: bool,
+    /// Also match mirror images
+    #[arg(long, help_heading = METHOD)]
+    mirror: bool,
+    /// Folder to write to
+    #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
+    output_dir: PathBuf,
+    /// Names of the members' files
+    #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
+    name_template: NameTemplate,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    resources: Resources,
+}
+
+/// Runs the subcommand.
+pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
+    let of_report = cli.report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
+    check_outputs(of_report, cli.report.force)?;
+    let surfaces = surfaces(&cli.surfaces, &cli.name_template)?;
+    match &cli.to {
+        Some(group) => join::run(cli, group, &surfaces, monitor),
+        None => together(cli, &surfaces, monitor),
+    }
+}
+
+fn together(cli: &Cli, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
+    let started = Instant::now();
+    let Some(max_degree) = cli.max_degree.map(usize::from) else {
+        return Err(Usage::missing("--max-degree is needed without --to").into());
+    };
+    // clap doesn't ask for --to beside arguments that exclude it.
+    if cli.shard.is_some() {
+        return Err(Usage::missing("--shard is for --to: a group is made in one piece").into());
+    }
+    let of_member = |surface: &Surface| GroupFiles::of_member(&cli.output_dir, &surface.name);
+    let mut files: Vec<PathBuf> = surfaces.iter().flat_map(of_member).collect();
+    files.extend(GroupFiles::of_group(&cli.output_dir));
+    let outputs = files.iter().map(|path| OutputFile::new(path, "--output-dir"));
+    let inputs = surfaces.iter().map(|surface| surface.path.as_path());
+    spharm_cli::output::check_files(inputs, outputs, cli.report.force)?;
+    let defaults = CorrespondParams::up_to(max_degree);
+    let template = cli.template.as_deref().map(read).transpose()?;
+    let mut params = CorrespondParams {
+        template,
+        subdivisions: cli.subdivisions,
+        rounds: usize::from(cli.rounds),
+        memory: cli.resources.memory.memory.map(|size| size.0),
+        ..defaults
+    };
+    if cli.no_refinement {
+        params.refinement = None;
+    }
+    (params.pose.scale, params.pose.mirror) = (cli.scale, cli.mirror);
+    let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
+    plan(&paths, &params, true, cli.resources.both())?;
+    let pool = cli.resources.threads.pool()?;
+    let origins = surfaces.iter().map(|surface| -> Result<_> {
+        let input = Some(FileRecord::of(&surface.path)?);
+        Ok(MemberOrigin { name: surface.name.clone(), input, warnings: Vec::new() })
+    });
+    let mut origins = origins.collect::<Result<Vec<_>>>()?;
+    let of = |index: usize| surfaces[index].read();
+    let group = pool.install(|| correspond(surfaces.len(), &of, &params, monitor));
+    let group = group.map_err(|error| surfaces::named(error, surfaces))?;
+    let mut warnings = Vec::new();
+    for warning in &group.report.warnings {
+        let member = warning.member();
+        let text = warning.of_member(|other| surfaces[other].name.clone());
+        warnings.push(format!("{}: {text}", surfaces[member].name));
+        origins[member].warnings.push(text);
+    }
+    let quality = pool.install(|| quality(&group, monitor))?;
+    let marks = pool.install(|| marks::errors(&cli.landmarks, surfaces, &group, monitor))?;
+    warnings.extend(marks.iter().flat_map(|marks| marks.warnings.iter().cloned()));
+    warnings.iter().for_each(|warning| monitor.console().warn(warning));
+    spharm::Monitor::check(monitor)?;
+    group.write(&cli.output_dir, &origins, cli.report.force).context("--output-dir")?;
+    let first = group.report.template.map(|index| surfaces[index].name.as_str());
+    let report = json!({
+        "output_dir": shown(&cli.output_dir),
+        "degree": max_degree,
+        "directions": group.template.masked.len(),
+        "masked": group.template.masked.iter().filter(|masked| **masked).count(),
+        "template": first.map_or_else(|| cli.template.as_ref().map(shown), |name| Some(name.to_owned())),
+        "changes": group.report.changes,
+        "members": surfaces.iter().zip(&group.report.members).zip(&group.similarities).map(|((surface, member), similarity)| {
+            member_json(surface, member, similarity)
+        }).collect::<Vec<_>>(),
+        "spread": group.template.spread,
+        "quality": quality.as_ref().map(|found| json!({
+            "variance": found.variance,
+            "compactness": found.compactness.values,
+            "generalisation": found.generalisation.values,
+            "specificity": found.specificity.values,
+        })),
+        "landmarks": marks.as_ref().map(marks::Errors::json),
+        "warnings": warnings,
+        "seconds": {
+            "whole": started.elapsed().as_secs_f64(),
+            "steps": group.report.seconds.iter().map(|(name, seconds)| json!([name, seconds])).collect::<Vec<_>>(),
+        },
+    });
+    let rows = rows(surfaces.iter().map(|surface| surface.name.as_str()).zip(&group.report.members));
+    finish("correspond", &report, &rows, &cli.report)?;
+    let console = monitor.console();
+    if let Some(found) = &quality {
+        let line = |curve: &spharm::shape::Curve| {
+            curve.values.iter().map(|value| format!("{value:.4}")).collect::<Vec<_>>().join(", ")
+        };
+        let (general, specific) = (line(&found.generalisation), line(&found.specificity));
+        console.note(format!("generalisation {general}; specificity {specific} (1, 2, 3 modes)"));
+    }
+    if let Some(marks) = &marks {
+        console.note(marks.line());
+    }
+    Ok(())
+}
+
+/// Generalisation and specificity with few modes; a group of two has none.
+fn quality(group: &Group, monitor: &ConsoleMonitor) -> Result<Option<GroupQuality>> {
+    let members: Vec<Coefficients> = group.models.iter().map(|model| model.coefficients.clone()).collect();
+    let params = QualityParams { modes: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() };
+    match members.len() {
+        0..3 => Ok(None),
+        _ => Ok(Some(group_quality(&members, None, &params, monitor)?)),
+    }
+}
+
+fn member_json(surface: &Surface, member: &MemberReport, similarity: &spharm_surface::Similarity) -> Value {
+    json!({
+        "name": surface.name,
+        "input": shown(&surface.path),
+        "to_group": {
+            "orthogonal": similarity.orthogonal,
+            "scale": similarity.scale,
+            "translation": similarity.translation,
+        },
+        "registration": member,
+    })
+}
+
+/// The table: a row a member.
+fn rows<'a>(members: impl Iterator<Item = (&'a str, &'a MemberReport)>) -> Vec<Vec<String>> {
+    let names = ["member", "pose", "cover rms", "99 %", "farthest", "unreached %", "turned", "model rms"];
+    let mut rows = vec![names.map(str::to_owned).to_vec()];
+    let length = |value: f64| format!("{value:.4}");
+    for (name, found) in members {
+        let lengths = [found.pose_distance, found.cover_rms, found.cover_most, found.cover_farthest];
+        let mut row = vec![name.to_owned()];
+        row.extend(lengths.map(length));
+        row.extend([format!("{:.2}", 100.0 * found.unreached), found.turned.to_string(), length(found.model_rms)]);
+        rows.push(row);
+    }
+    rows
+}

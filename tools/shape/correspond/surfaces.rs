@@ -1,0 +1,124 @@
+//! The surfaces of a group: files, their names, and the memory that they take.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use spharm::correspond::CorrespondParams;
+use spharm::parametrize::volume::is_volume;
+use spharm::{Error, Kind, Mesh, Model, Sphere};
+use spharm_cli::inputs::expand_lists;
+use spharm_cli::memory::Memory;
+use spharm_cli::names::NameTemplate;
+use spharm_cli::paths::model_name;
+use spharm_cli::threads::Threads;
+use spharm_surface::generate::icosphere_counts;
+use spharm_surface::io::{bytes_to_read, read_mesh};
+
+/// Subdivisions of the icosphere that models are evaluated on: 10,242 directions.
+const OF_MODELS: u32 = 5;
+
+/// A surface to read.
+#[derive(Debug)]
+pub(in crate::shape) struct Surface {
+    pub(in crate::shape) name: String,
+    pub(in crate::shape) path: PathBuf,
+}
+
+impl Surface {
+    pub(in crate::shape) fn read(&self) -> std::result::Result<Mesh, Error> {
+        if !is_model(&self.path) {
+            return Ok(read_mesh(&self.path)?);
+        }
+        let model = Model::read(&self.path)?;
+        if model.kind() != Kind::Surface {
+            let (expected, found) = ("a model of a surface".to_owned(), "a signal".to_owned());
+            return Err(Error::GroupFile { path: self.path.clone(), expected, found });
+        }
+        Ok(model.reconstruct(&Sphere::icosphere(OF_MODELS), model.coefficients.max_degree())?)
+    }
+}
+
+/// Reads a mesh, or a model's.
+pub(in crate::shape) fn read(path: &Path) -> Result<Mesh> {
+    Ok(Surface { name: String::new(), path: path.to_owned() }.read()?)
+}
+
+fn is_model(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
+}
+
+/// The surfaces that paths and lists name, all of which are there, with names of their own.
+pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> Result<Vec<Surface>> {
+    let mut surfaces: Vec<Surface> = Vec::new();
+    for path in expand_lists(paths)? {
+        if path.is_dir() {
+            bail!("{}: is a folder: give its files or @LIST", path.display());
+        }
+        if !path.exists() {
+            bail!("{}: there is no such file", path.display());
+        }
+        if is_volume(&path) {
+            bail!(
+                "{}: a label volume: expected a mesh or a model; spharm parametrize --surface-output makes meshes of labels",
+                path.display()
+            );
+        }
+        let by_template = template.name(&path, None);
+        let name = if is_model(&path) { model_name(Path::new(&by_template)) } else { by_template };
+        if let Some(other) = surfaces.iter().find(|other| other.name == name) {
+            bail!(
+                "{} and {}: both have the name {name}; tell them apart by --name-template, such as {{parent}}_{{stem}}",
+                other.path.display(),
+                path.display()
+            );
+        }
+        surfaces.push(Surface { name, path });
+    }
+    Ok(surfaces)
+}
+
+/// An error of a member, with its name.
+pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Error {
+    match error {
+        Error::Member { index, source } if index < surfaces.len() => {
+            anyhow::Error::from(*source).context(surfaces[index].path.display().to_string())
+        }
+        error => error.into(),
+    }
+}
+
+/// Refuses groups that don't fit into memory: `whole` ones, of which all members' places and coefficients are held, or members
+/// that come one after another.
+pub(in crate::shape) fn plan(
+    surfaces: &[PathBuf],
+    params: &CorrespondParams,
+    whole: bool,
+    (memory, threads): (Memory, Threads),
+) -> Result<()> {
+    let threads = threads.count();
+    let budget = memory.budget(threads);
+    let largest = surfaces.iter().max_by_key(|path| bytes_to_read(path));
+    let Some(largest) = largest else { return Ok(()) };
+    budget.check_inputs("shape correspond", [largest.as_path()])?;
+    let count = surfaces.len();
+    let needed = needed(count as u64, bytes_to_read(largest), params, whole, threads as u64);
+    let what = format!("shape correspond of {count} surfaces to degree {}", params.max_degree);
+    budget.check(what, needed)
+}
+
+/// Bytes: of a member its places and coefficients several times over; of a thread a surface with its trees and the work of a
+/// registration; of the template its kernels, of 200 columns each, and the factor of its thin plate; or those of mapping it, if
+/// that takes more. A mesh of n vertices is a file of 20 n bytes at least, and so 60 n to read.
+fn needed(count: u64, largest: u64, params: &CorrespondParams, whole: bool, threads: u64) -> u64 {
+    let [n, _] = icosphere_counts(params.subdivisions());
+    let degree = params.max_degree as u64;
+    let refined = if params.refinement.is_some() { 500 } else { 0 };
+    let member = (150 + refined) * n + 144 * (degree + 1).pow(2);
+    let stages = params.register.drift.len() as u64;
+    let template = 1600 * stages * (n + 3000) + 6000 * n;
+    let each = 4 * largest + 2000 * n + (8 << 20);
+    let registering = template.saturating_add(threads.min(count).saturating_mul(each));
+    let mapping = if whole { (4 << 20) + 50 * largest + 5500 * degree.max(40).pow(2) } else { 0 };
+    let held = if whole { count } else { threads.min(count) };
+    held.saturating_mul(member).saturating_add(registering.max(mapping))
+}
