@@ -13,6 +13,7 @@ fn role(verb: &str, name: &str) -> Option<Role> {
     Some(match (verb, name) {
         ("generate", "surface" | "sphere" | "study") => Role::Output,
         ("report", "status" | "warnings") | ("shape test", "table") => Role::Input,
+        ("shape carry", "group") | (_, "template") => Role::Input,
         ("man", "folder") => Role::Other,
         (_, "report" | "json_file" | "status" | "failed" | "table" | "transforms" | "warnings") => Role::Report,
         (_, "output" | "output_dir" | "surface_output" | "mean" | "scores" | "maps" | "animation" | "curves") => {
