@@ -99,7 +99,7 @@ impl fmt::Display for GroupPoseWarning {
     }
 }
 
-/// Brings surfaces together, see the [module](self). Some 50 ms of two threads for each. With `scale` all get the geometric
+/// Brings surfaces together, see the module for how. Some 50 ms of two threads for each. With `scale` all get the geometric
 /// mean of their sizes.
 ///
 /// # Errors
