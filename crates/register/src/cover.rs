@@ -43,14 +43,16 @@ impl Cover {
     }
 }
 
-/// The root mean square distance of vertices that aren't masked from the subject, and of the subject from them.
-pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -> f64 {
+/// Distances of vertices that aren't masked from the subject, and of the subject from them: the root mean square, and the
+/// largest.
+pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -> (f64, f64) {
     let kept = (0..vertices.len()).into_par_iter().filter(|v| !template.masked[*v]);
-    let squares = kept.map(|v| subject.tree.nearest(vertices[v]).map_or(0.0, |found| found.distance.powi(2)));
-    let squares: Vec<f64> = squares.collect();
-    let there = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
-    let back = Cover::measure(template, vertices, subject, 0.0).rms;
-    (0.5 * (there + back * back)).sqrt()
+    let distances = kept.map(|v| subject.tree.nearest(vertices[v]).map_or(0.0, |found| found.distance));
+    let distances: Vec<f64> = distances.collect();
+    let there = distances.iter().map(|distance| distance * distance).sum::<f64>() / distances.len().max(1) as f64;
+    let back = Cover::measure(template, vertices, subject, 0.0);
+    let farthest = distances.iter().fold(back.farthest, |farthest, distance| farthest.max(*distance));
+    ((0.5 * (there + back.rms * back.rms)).sqrt(), farthest)
 }
 
 /// The vertices that nothing of the subject draws, (n): masked ones, and those of which the nearest point, farther than

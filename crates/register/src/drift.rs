@@ -10,6 +10,10 @@
 //! (F^T diag(P 1) F + lambda sigma^2 I) a = F^T (P x - diag(P 1) y)
 //! ```
 //!
+//! Points that stand for a surface say where it is, and little of where along it a place belongs: each point is pulled towards
+//! `x` in full across the surface, and by the share `(sigma / (2 sigma_0))^2` along it, sigma_0 the first width. In full they
+//! scatter places along surfaces that lie together: five boxes with a growing bump then have six times their variance.
+//!
 //! Cost of an iteration: 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
 
 use faer::linalg::matmul::matmul;
@@ -17,7 +21,7 @@ use faer::linalg::solvers::Solve;
 use faer::{Accum, Mat, MatRef, Par, Side};
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
-use spharm_surface::geometry::{Vec3, add, bounds, dot};
+use spharm_surface::geometry::{Vec3, add, bounds, dot, scale, sub};
 use spharm_surface::{Mesh, SpreadPoints};
 
 use crate::cells::Cells;
@@ -34,6 +38,8 @@ const CUT_OFF: f64 = 5.0;
 const RUNS: usize = 16;
 /// Iterations after which the template's normals are computed again.
 const NORMALS: usize = 5;
+/// Sigma, in parts of the first one, at which the pull along the surface counts as much as that across it.
+const ALONG: f64 = 2.0;
 /// Growth of sigma from one kernel to the next, narrower one.
 const AGAIN: f64 = 1.3;
 
@@ -52,10 +58,11 @@ pub fn drift(
     monitor: &dyn Monitor,
 ) -> Result<Vec<Vec3>, RegisterError> {
     let mut mesh = template.mesh.with_vertices(start.to_vec());
-    let mut sigma = params.sigma * template.scale;
+    let first = params.sigma * template.scale;
+    let mut sigma = first;
     for (index, stage) in template.stages.iter().enumerate() {
         let targets = subject.spread(stage.spread.points.len(), 104_729 * (index + 1));
-        let (moved, last) = run_stage(stage, &mesh, free, &targets, sigma, params, monitor)?;
+        let (moved, last) = run_stage(stage, &mesh, free, &targets, (sigma, first), params, monitor)?;
         mesh.vertices = moved;
         sigma = AGAIN * last;
     }
@@ -75,7 +82,7 @@ fn run_stage(
     mesh: &Mesh,
     free: &[bool],
     targets: &SpreadPoints,
-    mut sigma: f64,
+    (mut sigma, first): (f64, f64),
     params: &RegisterParams,
     monitor: &dyn Monitor,
 ) -> Result<(Vec<Vec3>, f64), RegisterError> {
@@ -100,7 +107,9 @@ fn run_stage(
         }
         let outlier = odds * (std::f64::consts::TAU * sigma * sigma).powf(1.5);
         let sums = expectation(&points, &normals, &kept, targets, sigma, params.kappa, outlier);
-        coefficients = maximisation(kernel, &start.points, &sums, stage.stiffness * sigma * sigma)?;
+        let along = (sigma / (ALONG * first)).powi(2).min(1.0);
+        let pulled = pulled(&sums, &points, &normals, along);
+        coefficients = maximisation(kernel, &start.points, &sums.shares, &pulled, stage.stiffness * sigma * sigma)?;
         let displacements = LowRank::displacements(kernel.rank, &kernel.points, &coefficients);
         points = start.points.iter().zip(displacements).map(|(y, v)| add(*y, v)).collect();
         let all: f64 = sums.shares.iter().sum();
@@ -184,17 +193,34 @@ fn expectation(
     found
 }
 
+/// Where each point is pulled, times its share, as `P x`: with the part along the surface scaled.
+fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec3> {
+    let of = |(((weighted, share), point), normal): (((&Vec3, &f64), &Vec3), &Vec3)| {
+        let here = scale(*point, *share);
+        let pull = sub(*weighted, here);
+        let across = scale(*normal, dot(pull, *normal));
+        add(here, add(across, scale(sub(pull, across), along)))
+    };
+    sums.weighted.iter().zip(&sums.shares).zip(points).zip(normals).map(of).collect()
+}
+
 /// The coefficients a of the displacement.
-fn maximisation(kernel: &LowRank, start: &[Vec3], sums: &Sums, stiffness: f64) -> Result<Vec<Vec3>, RegisterError> {
+fn maximisation(
+    kernel: &LowRank,
+    start: &[Vec3],
+    shares: &[f64],
+    pulled: &[Vec3],
+    stiffness: f64,
+) -> Result<Vec<Vec3>, RegisterError> {
     let (n, r) = (start.len(), kernel.rank);
     let length = n.div_ceil(RUNS).max(1);
     let partial = (0..n.div_ceil(length)).into_par_iter().map(|run| {
         let rows = run * length..((run + 1) * length).min(n);
         let factor = MatRef::from_row_major_slice(&kernel.points[rows.start * r..rows.end * r], rows.len(), r);
-        let shares = &sums.shares[rows.clone()];
+        let shares = &shares[rows.clone()];
         let weighted = Mat::from_fn(rows.len(), r, |i, j| shares[i] * factor[(i, j)]);
         let pulls =
-            Mat::from_fn(rows.len(), 3, |i, k| sums.weighted[rows.start + i][k] - shares[i] * start[rows.start + i][k]);
+            Mat::from_fn(rows.len(), 3, |i, k| pulled[rows.start + i][k] - shares[i] * start[rows.start + i][k]);
         let (mut matrix, mut right) = (Mat::zeros(r, r), Mat::zeros(r, 3));
         matmul(&mut matrix, Accum::Replace, factor.transpose(), &weighted, 1.0, Par::Seq);
         matmul(&mut right, Accum::Replace, factor.transpose(), &pulls, 1.0, Par::Seq);

@@ -45,9 +45,14 @@ pub fn register(
     let reach = params.reach * template.scale;
     let vertices = start.unwrap_or(&template.mesh.vertices);
     let free = free(template, vertices, subject, reach);
-    let near = apart(template, vertices, subject) < params.near * template.scale;
-    let moved = if near { vertices.to_vec() } else { drift(template, vertices, &free, subject, params, monitor)? };
-    let drawn = snap(template, &moved, &free, subject, params, monitor)?;
+    let (rms, farthest) = apart(template, vertices, subject);
+    let near = rms < params.near * template.scale && farthest < reach;
+    let drawn = if near {
+        vertices.to_vec()
+    } else {
+        let moved = drift(template, vertices, &free, subject, params, monitor)?;
+        snap(template, &moved, &free, subject, params, monitor)?
+    };
     let mut reached = reached(&free, &drawn, subject, reach);
     let (vertices, turned) = untangle(template, &drawn, &free, subject, params.untangle_rounds, monitor)?;
     for face in &turned {
