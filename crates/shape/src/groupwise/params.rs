@@ -42,10 +42,10 @@ pub struct GroupwiseParams {
     /// count modes below it, which are mostly noise; large ones leave them as they are. 0.03 by default: of a moving bump the
     /// first mode then holds 0.91 of the variance, 0.78 at 0.1, and landmarks of vertebrae are as near.
     pub delta: f64,
-    /// Weight of the elastic energy, mu, at least 0. 0.2 by default.
+    /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,
     /// Weight of the unit normals as channels, as a share of the square root of the members' mean area; 0 leaves them out.
-    /// Without them places slide along the surface to where members agree. 0.12 by default.
+    /// Without them places slide along the surface to where members agree. 0.1 by default.
     pub normals: f64,
     /// Whether members are moved rigidly to the mean within rounds: for groups without poses from elsewhere. Off by default.
     pub together: bool,
@@ -55,7 +55,7 @@ pub struct GroupwiseParams {
 
 impl Default for GroupwiseParams {
     fn default() -> Self {
-        Self { stages: None, delta: 0.03, elasticity: 0.2, normals: 0.12, together: false, tolerance: 1e-4 }
+        Self { stages: None, delta: 0.03, elasticity: 0.4, normals: 0.1, together: false, tolerance: 1e-4 }
     }
 }
 
