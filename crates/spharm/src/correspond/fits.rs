@@ -7,8 +7,9 @@ use spharm_model::Model;
 use spharm_monitor::{Monitor, OnlyCancel};
 use spharm_register::untangle::untangle;
 use spharm_register::{RegisterParams, Subject, Template};
-use spharm_shape::groupwise::{GroupwiseParams, GroupwiseReport, groupwise};
-use spharm_surface::geometry::Vec3;
+use spharm_shape::groupwise::{Flow, GroupwiseParams, GroupwiseReport, groupwise};
+use spharm_surface::geometry::{Vec3, add, sub};
+use spharm_surface::locator::{Place, SphereLocator};
 use spharm_surface::{Kind, Mesh, Similarity, Sphere, Target};
 use spharm_transform::{Transform, TransformParams};
 
@@ -18,7 +19,7 @@ use super::together::mesh_of;
 use crate::model::signed;
 use crate::{Error, Fit, FitParams, fit_many};
 
-/// Accuracy of the models at refined directions, relative to the coefficients.
+/// Accuracy of the models at carried directions, relative to the coefficients.
 const ACCURACY: f64 = 1e-9;
 
 /// The places of all members, and models of them.
@@ -49,12 +50,12 @@ impl Fitted {
     }
 
     /// Refines by the group: places move along the surfaces, are projected onto them, and fitted again. Returns how, and the
-    /// triangles of each member that are turned over.
+    /// number of triangles of each member that are turned over; `reached` follows the places.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,
         similarities: &[Similarity],
-        (masked, reached): (&[bool], &[Vec<bool>]),
+        (masked, reached): (&[bool], &mut [Vec<bool>]),
         settings: &GroupwiseParams,
         params: &CorrespondParams,
         monitor: &dyn Monitor,
@@ -63,26 +64,59 @@ impl Fitted {
         let weights: Vec<f64> = masked.iter().map(|masked| if *masked { 0.0 } else { 1.0 }).collect();
         let members: Vec<ArrayView2<'_, f64>> = self.coefficients.iter().map(|own| own.values().view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
-        let transform = TransformParams { max_degree: params.max_degree, accuracy: ACCURACY, channels: 3 };
-        let directions = sphere.directions.as_slice();
+        let over = SphereLocator::new(&mesh_of(sphere.directions.as_slice().to_vec(), &sphere.faces))?;
         // Of a template nothing but its triangles is needed.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
-        let places = subjects.each(|index, mesh: Mesh| {
+        let refined = subjects.each(|index, mesh: Mesh| {
             monitor.check()?;
-            let at = Directions::from_vertices(&found.flows[index].apply(directions)?)?;
-            let values = Transform::new(&at, &transform)?.synthesis(self.coefficients[index].values().view())?;
-            let places: Vec<Vec3> = values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+            let (places, there) = self.carried(index, &found.flows[index], &sphere, &over, &reached[index])?;
             let subject = Subject::new(&similarities[index].apply_mesh(&mesh))?;
-            let free: Vec<bool> = reached[index].iter().map(|reached| !reached).collect();
+            let free: Vec<bool> = there.iter().map(|there| !there).collect();
             let rounds = params.register.untangle_rounds;
             let (places, turned) = untangle(&template, &places, &free, &subject, rounds, &OnlyCancel(monitor))?;
-            Ok((places, turned.len()))
+            Ok((places, there, turned.len()))
         })?;
-        let (places, turned) = places.into_iter().unzip();
+        let (mut places, mut turned) = (Vec::with_capacity(refined.len()), Vec::with_capacity(refined.len()));
+        for ((moved, there, count), reached) in refined.into_iter().zip(reached.iter_mut()) {
+            places.push(moved);
+            turned.push(count);
+            *reached = there;
+        }
         *self = Self::new(&sphere, places, params, &OnlyCancel(monitor))?;
         Ok((found.report, turned))
+    }
+
+    /// The places of a member at the directions to which a flow carries those of the sphere, and whether they are reached: the
+    /// model there, and what it leaves of the places, linear within triangles. So places stay where nothing is carried, and
+    /// have no kinks where something is.
+    fn carried(
+        &self,
+        index: usize,
+        flow: &Flow,
+        sphere: &Sphere,
+        over: &SphereLocator,
+        reached: &[bool],
+    ) -> Result<(Vec<Vec3>, Vec<bool>), Error> {
+        let carried = flow.apply(sphere.directions.as_slice())?;
+        let before = self.model_at(index, &sphere.directions)?;
+        let after = self.model_at(index, &Directions::from_vertices(&carried)?)?;
+        let left: Vec<Vec3> =
+            self.places[index].iter().zip(&before).map(|(place, model)| sub(*place, *model)).collect();
+        let of = |(at, model): (&Place, &Vec3)| {
+            let corners = over.corners(at).map(|v| v as usize);
+            let left = std::array::from_fn(|k| (0..3).map(|i| at.barycentric[i] * left[corners[i]][k]).sum());
+            (add(*model, left), (0..3).all(|i| at.barycentric[i] == 0.0 || reached[corners[i]]))
+        };
+        Ok(over.locate_all(&carried)?.iter().zip(&after).map(of).unzip())
+    }
+
+    fn model_at(&self, index: usize, directions: &Directions) -> Result<Vec<Vec3>, Error> {
+        let own = &self.coefficients[index];
+        let params = TransformParams { max_degree: own.max_degree(), accuracy: ACCURACY, channels: 3 };
+        let values = Transform::new(directions, &params)?.synthesis(own.values().view())?;
+        Ok(values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect())
     }
 
     /// Moves the models as their places were.

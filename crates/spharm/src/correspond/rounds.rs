@@ -66,13 +66,13 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     };
     let mut members: Vec<MemberReport> = registered.iter().zip(&distances).map(of).collect();
     warnings.extend(of_cover(&members, &masked));
-    let reached: Vec<Vec<bool>> = registered.into_iter().map(|found| found.reached).collect();
+    let mut reached: Vec<Vec<bool>> = registered.into_iter().map(|found| found.reached).collect();
     let mut fitted = Fitted::new(&sphere, places, params, monitor)?;
     lap("fits");
     let mut refinement = None;
     if let Some(settings) = &params.refinement {
         let (report, turned) =
-            fitted.refine(subjects, &similarities, (&masked, &reached), settings, params, monitor)?;
+            fitted.refine(subjects, &similarities, (&masked, &mut reached), settings, params, monitor)?;
         members.iter_mut().zip(turned).for_each(|(member, turned)| member.turned = turned);
         refinement = Some(report);
         lap("refinement");
