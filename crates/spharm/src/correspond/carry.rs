@@ -1,6 +1,6 @@
 //! Points carried from one member of a group to another.
 
-use spharm_surface::geometry::Vec3;
+use spharm_surface::geometry::{Vec3, add, cross, dot, sub, unit};
 use spharm_surface::nearest::TriangleTree;
 
 use super::Group;
@@ -19,7 +19,8 @@ pub struct Carried {
 }
 
 impl Group {
-    /// Carries points on member `source`, in its own frame, to the same places of member `target`, in its own.
+    /// Carries points on member `source`, in its own frame, to the same places of member `target`, in its own. What a point is
+    /// off the triangles of the source's places, which are chords of its surface, it is off the target's.
     ///
     /// # Errors
     ///
@@ -33,20 +34,36 @@ impl Group {
         }
         let faces = &self.template.sphere.faces;
         let tree = TriangleTree::new(&mesh_of(self.places[source].clone(), faces));
-        let (there, back) = (&self.similarities[source], self.similarities[target].inverse());
+        let (to_group, back) = (&self.similarities[source], self.similarities[target].inverse());
         let carried = points.iter().map(|point| {
-            let found = tree.nearest(there.apply(*point)).ok_or_else(|| Error::Setting {
+            let own = to_group.apply(*point);
+            let found = tree.nearest(own).ok_or_else(|| Error::Setting {
                 what: "carrying points",
                 expected: "finite coordinates",
                 found: format!("{point:?}"),
             })?;
             let corners = faces[found.triangle as usize].map(|v| v as usize);
-            let place = std::array::from_fn(|k| {
-                (0..3).map(|i| found.barycentric[i] * self.places[target][corners[i]][k]).sum()
-            });
+            let [here, there] = [source, target].map(|member| corners.map(|v| self.places[member][v]));
+            let off = sub(own, found.point);
+            let foot = std::array::from_fn(|k| (0..3).map(|i| found.barycentric[i] * there[i][k]).sum());
+            let place = add(foot, transported(off, &here, &there));
             let reached = corners.iter().all(|v| self.reached[source][*v] && self.reached[target][*v]);
-            Ok(Carried { point: back.apply(place), off: found.distance / there.scale, reached })
+            Ok(Carried { point: back.apply(place), off: found.distance / to_group.scale, reached })
         });
         carried.collect()
     }
+}
+
+/// A vector beside one triangle, beside another: the same components along the first edge, within the triangle, and across.
+fn transported(vector: Vec3, from: &[Vec3; 3], to: &[Vec3; 3]) -> Vec3 {
+    let ([a, b, c], to) = (frame(from), frame(to));
+    let parts = [a, b, c].map(|axis| dot(axis, vector));
+    std::array::from_fn(|k| (0..3).map(|i| parts[i] * to[i][k]).sum())
+}
+
+/// Unit vectors along the first edge, within the triangle across it, and normal to it.
+fn frame([a, b, c]: &[Vec3; 3]) -> [Vec3; 3] {
+    let along = unit(sub(*b, *a));
+    let normal = unit(cross(sub(*b, *a), sub(*c, *a)));
+    [along, cross(normal, along), normal]
 }
