@@ -13,6 +13,7 @@ fn role(verb: &str, name: &str) -> Option<Role> {
     Some(match (verb, name) {
         ("generate", "surface" | "sphere" | "study") => Role::Output,
         ("report", "status" | "warnings" | "quality" | "correspondence") => Role::Input,
+        ("shape quality", "frames") => Role::Input,
         ("shape test" | "shape correspond", "table") => Role::Input,
         ("shape carry", "group") | (_, "template") => Role::Input,
         ("man", "folder") => Role::Other,

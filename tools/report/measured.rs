@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use spharm::shape::Curve;
-use spharm_cli::inputs::{MOST_OWN, read_text, stem};
+use spharm_cli::inputs::{MOST_OWN, read_text};
 use spharm_report::{Quality, Table};
 
 /// Measures of alignments, named as their files.
@@ -20,7 +20,7 @@ fn quality_of(path: &Path) -> Result<Quality> {
     };
     let landmarks = &found["landmarks"];
     Ok(Quality {
-        name: stem(path),
+        name: path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         variance: found["variance"].as_f64().unwrap_or(f64::NAN),
         compactness: needed("compactness")?,
         generalisation: needed("generalisation")?,
