@@ -118,7 +118,7 @@ impl Plan {
             let folder = self.output.join(PLAIN);
             let transforms = folder.join("transforms.json");
             let mut arguments = self.align("--pose", "joint", &folder);
-            arguments.extend(words(&["--transforms", &text(&transforms)]));
+            arguments.extend(words(&["--transforms", &text(&transforms), "--for-comparison"]));
             stages.push(self.stage("plain", arguments, models, [folder.clone()]));
             let plain: Vec<PathBuf> = models.iter().filter_map(|model| Some(folder.join(model.file_name()?))).collect();
             let files = self.quality_files(Method::Joint);
