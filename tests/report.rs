@@ -195,6 +195,9 @@ fn what_makes_no_page_is_refused_before_anything_is_written() {
     refuse(&["report", "s.spharm.npz", "--fit-report", "s.ply", "-o", "page.html"], "s.ply");
     refuse(&["report", "--modes", "s.spharm.npz", "-o", "page.html"], "s.spharm.npz");
     refuse(&["report", "--test", ".", "-o", "page.html"], "mean.surf.gii");
+    refuse(&["report", "--quality", "fit.json", "-o", "page.html"], "expected a report of `spharm shape quality -o`");
+    let correspondence = ["report", "--correspondence", "fit.json", "-o", "page.html"];
+    refuse(&correspondence, "expected a report of `spharm shape correspond --report`");
     fs::write(site.path("odd.csv"), "id,state\na\n").expect("a table");
     refuse(&["report", "--status", "odd.csv", "-o", "page.html"], "odd.csv");
     let values: String = (0..642).map(|k| format!("{}\n", k % 7)).collect();

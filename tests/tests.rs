@@ -45,6 +45,7 @@ mod shape_study;
 mod store;
 mod study;
 mod study_again;
+mod study_correspond;
 mod study_tidy;
 mod study_warnings;
 mod surface_target;

@@ -12,7 +12,9 @@ pub(crate) fn check_arguments(command: &Command, matches: &ArgMatches) -> anyhow
 fn role(verb: &str, name: &str) -> Option<Role> {
     Some(match (verb, name) {
         ("generate", "surface" | "sphere" | "study") => Role::Output,
-        ("report", "status" | "warnings") | ("shape test", "table") => Role::Input,
+        ("report", "status" | "warnings" | "quality" | "correspondence") => Role::Input,
+        ("shape quality", "frames") => Role::Input,
+        ("shape test" | "shape correspond", "table") => Role::Input,
         ("shape carry", "group") | (_, "template") => Role::Input,
         ("man", "folder") => Role::Other,
         (_, "report" | "json_file" | "status" | "failed" | "table" | "transforms" | "warnings") => Role::Report,

@@ -18,6 +18,7 @@ use spharm_cli::threads::Threads;
         "spharm report bunny.spharm.npz --surface bunny.ply -o bunny.html",
         "spharm report models -o models.html --fit-report fit.json",
         "spharm report --modes group.shape-model.npz --test test --status status.tsv -o study.html",
+        "spharm report --quality correspond.json plain.json --correspondence group.json -o quality.html",
     ],
     &["Without --surface each model is compared with the file that it was fitted to, where that is still there unchanged.", help::MESHES],
 ))]
@@ -39,6 +40,16 @@ pub(crate) struct Cli {
     /// Folders of maps, as `spharm shape test` writes them
     #[arg(long, value_name = "DIR", num_args = 1.., help_heading = INPUT)]
     pub(super) test: Vec<PathBuf>,
+    /// Quality of a group's alignments to show side by side, as `spharm shape quality -o` writes it
+    ///
+    /// Each is named as its file.
+    #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
+    pub(super) quality: Vec<PathBuf>,
+    /// How a group was made to correspond, as `spharm shape correspond --report` writes it
+    ///
+    /// Shows how each member is covered. Its landmarks' distances go with the first --quality.
+    #[arg(long, value_name = "FILE.json", help_heading = INPUT)]
+    pub(super) correspondence: Option<PathBuf>,
     /// Tables of status, CSV or TSV with a header
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = INPUT)]
     pub(super) status: Vec<PathBuf>,

@@ -1,6 +1,7 @@
 //! `report`: models, modes and tests as a page for the browser.
 
 mod args;
+mod measured;
 mod read;
 
 use std::path::PathBuf;
@@ -21,20 +22,32 @@ pub(crate) use self::read::warnings;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
-    if [&cli.models, &cli.modes, &cli.test, &cli.status].iter().all(|given| given.is_empty()) {
-        return Err(Usage::missing("models, --modes, --test or --status say what the page is of").into());
+    let given = [&cli.models, &cli.modes, &cli.test, &cli.status, &cli.quality];
+    if given.iter().all(|given| given.is_empty()) && cli.correspondence.is_none() {
+        let what = "models, --modes, --test, --quality, --correspondence or --status say what the page is of";
+        return Err(Usage::missing(what).into());
     }
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".html"])], cli.force)?;
     let monitor = ConsoleMonitor::new(cli.common.console());
     let budget = cli.memory.budget(cli.threads.count());
     check_inputs(cli, budget)?;
     let models = read::models(cli, monitor.console())?;
+    let correspondence = cli.correspondence.as_deref().map(measured::correspondence).transpose()?;
+    let (mut quality, mut tables) = (measured::quality(&cli.quality)?, Vec::new());
+    if let Some(found) = correspondence {
+        if let Some(first) = quality.first_mut() {
+            first.landmarks = first.landmarks.or(found.landmarks);
+        }
+        tables.extend(found.tables);
+    }
+    tables.extend(read::tables(&cli.status)?);
     let mut contents = Contents {
         warnings: cli.warnings.iter().map(|path| warnings(path)).collect::<Result<Vec<_>>>()?.concat(),
         models,
         modes: read::modes(&cli.modes)?,
         tests: read::tests(&cli.test)?,
-        tables: read::tables(&cli.status)?,
+        quality,
+        tables,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         ..Contents::default()
     };
@@ -53,6 +66,7 @@ fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
     let maps: Vec<PathBuf> = cli.test.iter().flat_map(|folder| read::files(folder)).collect();
     let files = models.iter().chain(&surfaces).chain(&maps);
     let files = files.chain(&cli.modes).chain(&cli.status).chain(&cli.fit_report).chain(&cli.warnings);
+    let files = files.chain(&cli.quality).chain(&cli.correspondence);
     budget.check_inputs("report", files.map(PathBuf::as_path))
 }
 

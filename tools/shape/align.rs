@@ -93,6 +93,9 @@ pub(super) struct Cli {
     /// Where to write the warnings of poses, with members by their names, for a study's page
     #[arg(long, value_name = "OUT.json", requires = "group", hide = true)]
     warnings: Option<PathBuf>,
+    /// Leave the warnings of poses unsaid: a study makes nothing else of this alignment
+    #[arg(long, requires = "group", hide = true)]
+    for_comparison: bool,
     /// File that keeps what is found, for a run that is ended to go on with
     ///
     /// The same command goes on where the last one was, to the same bits, and removes the file in the end. Results that the last
@@ -234,7 +237,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some((path, target)) => to_target(cli, &paths, &models, (path, target), &params, monitor),
         None => together(cli, &paths, &models, &params, monitor),
     })?;
-    found.warnings.iter().for_each(|warning| monitor.console().warn(warning));
+    let said = found.warnings.iter().filter(|_| !cli.for_comparison);
+    said.for_each(|warning| monitor.console().warn(warning));
     for ((model, transform), target) in models.iter().zip(&found.transforms).zip(&targets) {
         spharm::Monitor::check(monitor)?;
         let moved = signed(pool.install(|| transform.apply_model(model, monitor))?, "shape align");

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use spharm::Coefficients;
 use spharm_cli::console::Console;
+use spharm_cli::inputs::expand_lists;
 use spharm_cli::output::first_of;
 use spharm_cli::paths::model_name;
 use spharm_harmonics::Directions;
-use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::geometry::{Vec3, bounds, dot, sub};
 use spharm_surface::io::landmarks::Landmarks;
+use spharm_surface::{Mesh, Similarity};
 use spharm_transform::synthesis;
 
 /// Endings of landmarks' files, those that are part of others last.
@@ -27,11 +28,13 @@ pub(super) struct Marks {
     pub(super) warnings: Vec<String>,
 }
 
-/// Reads the landmarks of models, if any are named.
+/// Reads the landmarks of models, if any are named; where `transforms` lead from the landmarks' frames to the models', they are
+/// moved by these.
 pub(super) fn of_models(
     named: &[PathBuf],
     models: &[PathBuf],
     members: &[Coefficients],
+    transforms: Option<&[Similarity]>,
     console: &Console,
 ) -> Result<Option<Marks>> {
     if named.is_empty() {
@@ -41,9 +44,13 @@ pub(super) fn of_models(
     let directions = Directions::from_vertices(&sphere.vertices)?;
     let surface = |index: usize| -> Result<Mesh> {
         let values = synthesis(&directions, members[index].values().view())?;
-        Ok(sphere.with_vertices(values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect()))
+        let mesh = sphere.with_vertices(values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect());
+        Ok(transforms.map_or(mesh.clone(), |all| all[index].inverse().apply_mesh(&mesh)))
     };
-    let marks = of_surfaces(named, models, surface)?;
+    let mut marks = of_surfaces(named, models, surface)?;
+    for (points, to_model) in marks.points.iter_mut().zip(transforms.unwrap_or_default()) {
+        points.iter_mut().for_each(|point| *point = to_model.apply(*point));
+    }
     marks.warnings.iter().for_each(|warning| console.warn(warning));
     Ok(Some(marks))
 }
@@ -98,10 +105,11 @@ fn files(named: &[PathBuf], models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     {
         return models.iter().map(|model| in_folder(folder, model)).collect();
     }
+    let named = expand_lists(named)?;
     if named.len() != models.len() {
         bail!("--landmarks: expected a folder or a file for each of {} models, found {}", models.len(), named.len());
     }
-    Ok(named.to_vec())
+    Ok(named)
 }
 
 fn in_folder(folder: &Path, model: &Path) -> Result<PathBuf> {

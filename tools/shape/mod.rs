@@ -12,6 +12,7 @@ mod compress;
 mod correspond;
 mod describe;
 mod expand;
+mod frames;
 mod groups;
 mod landmarks;
 mod maps;

@@ -19,9 +19,9 @@ use spharm_surface::io::WriteOptions;
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
-use super::landmarks;
 use super::outputs::{check_beside, finish};
 use super::plan::Plan;
+use super::{frames, landmarks};
 
 /// Measure how well a group corresponds: compactness, generalisation, specificity, landmarks
 ///
@@ -33,6 +33,7 @@ use super::plan::Plan;
     &[
         "spharm shape quality aligned --curves quality.png -o quality.json",
         "spharm shape quality aligned --rigid --landmarks landmarks/ --modes 5",
+        "spharm shape quality @group.txt --landmarks landmarks/ --frames group.json",
     ],
     &[
         "Generalisation is the mean distance of a member from the modes of the others, specificity that of a random shape \
@@ -66,10 +67,16 @@ pub(super) struct Cli {
     no_surfaces: bool,
     /// Landmarks of the models, in their own frames
     ///
-    /// A folder with a file named as each model, or as many files, in the models' order: .mrk.json, .fcsv, .json, .csv
-    /// or .tsv. Names that all of them have are compared.
+    /// A folder with a file named as each model, or as many files, or @LIST, in the models' order: .mrk.json, .fcsv, .json,
+    /// .csv or .tsv. Names that all of them have are compared.
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = METHOD)]
     landmarks: Vec<PathBuf>,
+    /// Transforms from the landmarks' frames to the models'
+    ///
+    /// As `spharm shape align --transforms` and `spharm shape correspond --report` write them, for landmarks of the surfaces
+    /// as they were.
+    #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
+    frames: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     seed: u64,
@@ -118,7 +125,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     let (group, marks, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console())?;
-        let marks = landmarks::of_models(&cli.landmarks, &paths, &group.members, monitor.console())?;
+        let frames = cli.frames.as_deref().map(|path| frames::read(path, &group.names)).transpose()?;
+        let marks = landmarks::of_models(&cli.landmarks, &paths, &group.members, frames.as_deref(), monitor.console())?;
         let points = marks.as_ref().map(|marks| marks.points.as_slice());
         let found = group_quality(&group.members, points, &params, monitor)?;
         Ok((group, marks, found))

@@ -9,7 +9,7 @@ use spharm_cli::help::{self, METHOD, OUTPUT, RESOURCES};
 use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
-/// Run a study: fit, align, average, test, and make a page of it
+/// Run a study: fit, make subjects correspond, average, test, and make a page of it
 ///
 /// STUDY.toml says which subjects, which degree and which tests; `spharm study init` writes one with comments. Every stage is
 /// a command of spharm, which is shown. A stage whose inputs and settings are those of the last run is not run again, so that

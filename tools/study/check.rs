@@ -25,22 +25,47 @@ pub(super) fn check(plan: &Plan) -> Result<()> {
     Ok(())
 }
 
-/// Surfaces that are mapped one by one don't correspond, and have to be aligned.
+/// Surfaces that are mapped one by one don't correspond, and have to be brought together.
 fn correspondence(plan: &Plan) -> Result<()> {
-    let common = plan.study.fit.arguments.iter().any(|argument| argument.split('=').next() == Some("--sphere"));
+    if plan.method == Method::Correspond {
+        return of_group(plan);
+    }
+    if plan.study.subjects.landmarks.is_some() {
+        bail!(
+            "{}: `landmarks` in [subjects] is for method \"correspond\" in [align], found {:?}",
+            plan.file.display(),
+            plan.method.name()
+        );
+    }
     let without = plan.manifest.rows.iter().find(|row| row.sphere.is_none());
-    match without.filter(|_| plan.study.align.method != Method::Joint && !common) {
+    match without.filter(|_| plan.method != Method::Joint && !plan.has_one_sphere()) {
         None => Ok(()),
-        Some(row) => {
-            let method = if plan.study.align.method == Method::Fixed { "fixed" } else { "none" };
-            bail!(
-                "{}: method {method:?} in [align] is for spheres that correspond, {} has none for {}; give `sphere`, or \
-                 method \"joint\"",
-                plan.file.display(),
-                plan.table.display(),
-                row.id
-            )
-        }
+        Some(row) => bail!(
+            "{}: method {:?} in [align] is for spheres that correspond, {} has none for {}; give `sphere`, or method \
+             \"correspond\"",
+            plan.file.display(),
+            plan.method.name(),
+            plan.table.display(),
+            row.id
+        ),
+    }
+}
+
+/// What a group's folder can't hold, and landmarks that aren't there.
+fn of_group(plan: &Plan) -> Result<()> {
+    if let Some(row) = plan.manifest.rows.iter().find(|row| row.id == "mean" || row.id.starts_with('.')) {
+        bail!(
+            "{}: line {}: expected an id other than `mean` that begins with no point, found {:?}; or give method \"joint\" in \
+             [align]",
+            plan.table.display(),
+            row.line,
+            row.id
+        );
+    }
+    let files = plan.landmarks.iter().flatten().zip(&plan.manifest.rows);
+    match files.into_iter().find(|(file, _)| !file.is_file()) {
+        Some((file, row)) => bail!("{}: landmarks of {}: there is no such file", file.display(), row.id),
+        None => Ok(()),
     }
 }
 

@@ -18,6 +18,7 @@ pub(super) struct Study {
     pub(super) fit: Fit,
     pub(super) align: Align,
     pub(super) modes: Modes,
+    pub(super) quality: Quality,
     pub(super) test: Vec<Test>,
     pub(super) page: Page,
 }
@@ -31,6 +32,7 @@ impl Default for Study {
             fit: Fit::default(),
             align: Align::default(),
             modes: Modes::default(),
+            quality: Quality::default(),
             test: Vec::new(),
             page: Page::default(),
         }
@@ -46,11 +48,12 @@ pub(super) struct Subjects {
     /// Patterns with `{id}`.
     pub(super) surface: Option<String>,
     pub(super) sphere: Option<String>,
+    pub(super) landmarks: Option<String>,
 }
 
 impl Default for Subjects {
     fn default() -> Self {
-        Self { table: PathBuf::new(), id: "id".to_owned(), surface: None, sphere: None }
+        Self { table: PathBuf::new(), id: "id".to_owned(), surface: None, sphere: None, landmarks: None }
     }
 }
 
@@ -61,34 +64,54 @@ pub(super) struct Fit {
     pub(super) arguments: Vec<String>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+/// How subjects are brought together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub(super) enum Method {
-    #[default]
+    /// One template is registered to all surfaces.
+    Correspond,
+    /// Surfaces were mapped one by one; rotations of space and of the parameters are searched.
     Joint,
+    /// Spheres correspond; rotations of space alone.
     Fixed,
     None,
+}
+
+impl Method {
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Correspond => "correspond",
+            Self::Joint => "joint",
+            Self::Fixed => "fixed",
+            Self::None => "none",
+        }
+    }
 }
 
 impl TryFrom<String> for Method {
     type Error = String;
 
     fn try_from(name: String) -> Result<Self, String> {
-        let all = [("joint", Self::Joint), ("fixed", Self::Fixed), ("none", Self::None)];
-        if let Some((_, method)) = all.iter().find(|(known, _)| *known == name) {
-            return Ok(*method);
+        let all = [Self::Correspond, Self::Joint, Self::Fixed, Self::None];
+        if let Some(method) = all.into_iter().find(|method| method.name() == name) {
+            return Ok(method);
         }
-        let nearest = all.iter().map(|(known, _)| (strsim::damerau_levenshtein(&name, known), known)).min();
+        let nearest = all.map(Self::name).into_iter();
+        let nearest = nearest.map(|known| (strsim::damerau_levenshtein(&name, known), known)).min();
         let hint =
             nearest.filter(|(distance, _)| *distance <= 2).map(|(_, known)| format!("; did you mean {known:?}?"));
-        Err(format!("expected \"joint\", \"fixed\" or \"none\", found {name:?}{}", hint.unwrap_or_default()))
+        Err(format!(
+            "expected \"correspond\", \"joint\", \"fixed\" or \"none\", found {name:?}{}",
+            hint.unwrap_or_default()
+        ))
     }
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Align {
-    pub(super) method: Method,
+    /// None: "fixed" where all subjects have spheres, else "correspond".
+    pub(super) method: Option<Method>,
     pub(super) scale: bool,
     pub(super) mirror: bool,
 }
@@ -102,6 +125,19 @@ pub(super) struct Modes {
 impl Default for Modes {
     fn default() -> Self {
         Self { count: 10 }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default)]
+pub(super) struct Quality {
+    /// Whether the plain alignment is made and measured, too.
+    pub(super) plain: bool,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self { plain: true }
     }
 }
 
@@ -126,12 +162,13 @@ pub(super) struct Test {
 }
 
 /// Keys of each section; those that a study must have come first.
-const SECTIONS: [(&str, usize, &[&str]); 7] = [
-    ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "test", "page"]),
-    ("subjects", 1, &["table", "id", "surface", "sphere"]),
+const SECTIONS: [(&str, usize, &[&str]); 8] = [
+    ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
+    ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks"]),
     ("fit", 1, &["max_degree", "arguments"]),
     ("align", 0, &["method", "scale", "mirror"]),
     ("modes", 0, &["count"]),
+    ("quality", 0, &["plain"]),
     ("page", 0, &["subjects"]),
     ("test", 2, &["name", "effect", "levels", "covariates", "categorical", "signal", "welch", "permutations"]),
 ];
@@ -267,7 +304,11 @@ mod tests {
     #[test]
     fn the_template_is_a_study() {
         let study = Study::parse(TEMPLATE).unwrap();
-        assert_eq!((study.fit.max_degree, study.modes.count, study.align.method), (15, 10, Method::Joint));
+        assert_eq!((study.fit.max_degree, study.modes.count, study.align.method), (15, 10, None));
+        assert_eq!(
+            Study::parse(&TEMPLATE.replace("# method", "method")).unwrap().align.method,
+            Some(Method::Correspond)
+        );
         assert_eq!((study.test.len(), study.test[0].effect.as_str()), (1, "group"));
         let other = Study::parse(&template(Some("a \"b\"/s.csv"))).unwrap();
         assert_eq!(other.subjects.table, Path::new("a \"b\"/s.csv"));
@@ -291,9 +332,9 @@ mod tests {
                 "`max_degree`: invalid type: string \"15\", expected a whole number",
             ),
             (
-                "\"joint\"",
-                "\"jiont\"",
-                "`method`: expected \"joint\", \"fixed\" or \"none\", found \"jiont\"; did you mean \"joint\"?",
+                "# method = \"correspond\"",
+                "method = \"jiont\"",
+                "`method`: expected \"correspond\", \"joint\", \"fixed\" or \"none\", found \"jiont\"; did you mean \"joint\"?",
             ),
             ("max_degree = 15", "max_degree = ", "line "),
             ("max_degree = 15", "max_degree = 0", "at least 1"),

@@ -1,15 +1,17 @@
 //! `study`: from a table of subjects to a page, in stages that are commands of spharm.
 //!
-//! `config` is the study's file, `subjects` its table, `plan` the commands that it asks for, `check` what is wrong with
-//! them before any is run, `stage` what makes one of them run or not, `tidy` what is no longer of the study, `warnings`
-//! what the page begins with.
+//! `config` is the study's file, `subjects` its table, `surfaces` the meshes that are made to correspond, `plan` where all
+//! of it lies, `stages` the commands that it asks for, `check` what is wrong with them before any is run, `stage` what makes
+//! one of them run or not, `tidy` what is no longer of the study, `warnings` what the page begins with.
 
 mod args;
 mod check;
 mod config;
 mod plan;
 mod stage;
+mod stages;
 mod subjects;
+mod surfaces;
 mod tidy;
 mod warnings;
 
@@ -72,9 +74,9 @@ pub(crate) fn run(
     if cli.dry_run {
         return call.show(preview);
     }
-    std::fs::create_dir_all(plan.records()).with_context(|| plan.records().display().to_string())?;
-    std::fs::create_dir_all(plan.records().join("warnings")).with_context(|| plan.records().display().to_string())?;
-    std::fs::create_dir_all(plan.status()).with_context(|| plan.status().display().to_string())?;
+    for folder in [plan.records().join("warnings"), plan.records().join("reports"), plan.status()] {
+        std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+    }
     let lock = lock(&plan, cli.shard.is_some())?;
     tidy::leftovers(&plan);
     plan.write_manifest()?;
@@ -217,7 +219,7 @@ impl Call<'_> {
     fn arguments(&self, stage: &Stage) -> Vec<String> {
         let mut arguments = vec!["spharm".to_owned()];
         arguments.extend(stage.arguments.iter().cloned());
-        let later = stage.name == "fit" && self.plan.study.align.method == Method::Joint;
+        let later = stage.name == "fit" && matches!(self.plan.method, Method::Correspond | Method::Joint);
         arguments.extend(later.then(|| "--aligned-later".to_owned()));
         let threaded = !matches!(stage.arguments[0].as_str(), "picture" | "report");
         arguments.extend(self.plan.common.iter().filter(|_| threaded).cloned());

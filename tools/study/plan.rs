@@ -1,17 +1,18 @@
-//! The stages of a study, each a command of spharm.
+//! A study in its place: its subjects, the files that it makes, and the lists that its stages read.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm::cohort::{Manifest, Merged, Row, Shard, State};
+use spharm::cohort::{Manifest, Merged, Row, State};
 use spharm_surface::io::write_new;
 
-use super::config::{Method, Study, Test};
-use super::stage::Stage;
-use super::subjects;
+use super::config::{Method, Study};
+use super::{subjects, surfaces};
 
 /// The folder in the output of what makes a study resumable.
 const RECORDS: &str = ".study";
+/// The folder of the plain alignment, which is there for comparison.
+pub(super) const PLAIN: &str = "plain";
 
 /// A study in its place.
 pub(super) struct Plan {
@@ -24,6 +25,10 @@ pub(super) struct Plan {
     pub(super) output: PathBuf,
     pub(super) table: PathBuf,
     pub(super) manifest: Manifest,
+    /// How the subjects are brought together.
+    pub(super) method: Method,
+    /// The files of the subjects' landmarks, in the table's order, where there are any.
+    pub(super) landmarks: Option<Vec<PathBuf>>,
     /// The manifest's text, where it isn't the table itself.
     made_text: Option<Vec<u8>>,
     /// Arguments that all stages share, such as the number of threads.
@@ -33,8 +38,11 @@ pub(super) struct Plan {
 /// A subject with its model.
 pub(super) struct Subject<'a> {
     pub(super) id: &'a str,
-    cells: &'a [String],
+    pub(super) cells: &'a [String],
     pub(super) model: PathBuf,
+    /// The mesh that it is registered by: that of a label is beside its model.
+    pub(super) surface: PathBuf,
+    pub(super) landmarks: Option<PathBuf>,
 }
 
 impl Plan {
@@ -66,8 +74,16 @@ impl Plan {
                 }
             }
         }
+        let landmarks = subjects::landmarks(&study.subjects, folder, &table, &manifest)?;
+        let spheres = has_one_sphere(&study) || manifest.rows.iter().all(|row| row.sphere.is_some());
+        let method = study.align.method.unwrap_or(if spheres { Method::Fixed } else { Method::Correspond });
         let (file, folder) = (path.to_owned(), folder.to_owned());
-        Ok(Self { file, folder, output, study, table, manifest, made_text, common })
+        Ok(Self { file, folder, output, study, table, manifest, method, landmarks, made_text, common })
+    }
+
+    /// Whether all subjects are fitted over one sphere.
+    pub(super) fn has_one_sphere(&self) -> bool {
+        has_one_sphere(&self.study)
     }
 
     /// The folder of what makes a study resumable: lists, tables for the tests, records of the stages.
@@ -84,9 +100,26 @@ impl Plan {
         self.records().join("warnings").join("all.json")
     }
 
-    /// The warnings of the alignment.
+    /// The warnings of the alignment, or of the correspondence.
     pub(super) fn alignment_warnings(&self) -> PathBuf {
-        self.records().join("warnings").join("align.json")
+        let name = if self.method == Method::Correspond { "correspond.json" } else { "align.json" };
+        self.records().join("warnings").join(name)
+    }
+
+    /// How the subjects were made to correspond.
+    pub(super) fn correspondence(&self) -> PathBuf {
+        self.records().join("reports").join("correspond.json")
+    }
+
+    /// The folder of the models that are compared, where they aren't those of the fits.
+    pub(super) fn aligned_folder(&self) -> PathBuf {
+        self.output.join(if self.method == Method::Correspond { "group" } else { "aligned" })
+    }
+
+    /// The mean of the models that are compared.
+    pub(super) fn mean(&self) -> PathBuf {
+        let folder = if self.method == Method::Correspond { self.aligned_folder() } else { self.output.clone() };
+        folder.join("mean.spharm.npz")
     }
 
     pub(super) fn page(&self) -> PathBuf {
@@ -111,10 +144,14 @@ impl Plan {
     }
 
     /// All subjects with the models that they will have, in the table's order.
-    pub(super) fn subjects_planned(&self) -> Vec<Subject<'_>> {
+    pub(super) fn subjects_planned<'s>(&'s self) -> Vec<Subject<'s>> {
         let folder = self.models();
-        let of = |row: &'_ Row| row.model(&folder);
-        self.manifest.rows.iter().map(|row| Subject { id: &row.id, cells: &row.extra, model: of(row) }).collect()
+        let of = |(index, row): (usize, &'s Row)| {
+            let model = row.model(&folder);
+            let landmarks = self.landmarks.as_ref().and_then(|files| files.get(index).cloned());
+            Subject { id: &row.id, cells: &row.extra, surface: surfaces::of_row(row, &model), model, landmarks }
+        };
+        self.manifest.rows.iter().enumerate().map(of).collect()
     }
 
     /// The subjects that were fitted: not those whose model is left from a run before their surface was broken.
@@ -156,151 +193,18 @@ impl Plan {
         self.made_text.as_deref().map_or(Ok(()), |text| self.write("manifest.tsv", std::str::from_utf8(text)?))
     }
 
-    /// The fits, of which `fit` itself knows what is done.
-    pub(super) fn fit(&self, shard: Option<Shard>, force: bool) -> Stage {
-        let mut arguments =
-            words(&["fit", "--manifest", &text(&self.manifest.path), "--output", &text(&self.models())]);
-        arguments.extend(words(&["--max-degree", &self.study.fit.max_degree.to_string(), "--keep-going"]));
-        arguments.extend(words(&["--status", &text(&self.status().join(status_name(shard)))]));
-        arguments.extend(words(&[if force { "--force" } else { "--update" }]));
-        arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", &shard.to_string()])));
-        arguments.extend(self.study.fit.arguments.iter().cloned());
-        Stage {
-            folder: self.folder.clone(),
-            name: "fit".to_owned(),
-            arguments,
-            inputs: Vec::new(),
-            outputs: Vec::new(),
-        }
-    }
-
-    /// The stages after the fits, of the subjects whose models are there.
-    pub(super) fn stages(&self, subjects: &[Subject<'_>]) -> Vec<Stage> {
-        let (study, at) = (&self.study, |name: &str| self.output.join(name));
-        let models: Vec<PathBuf> = subjects.iter().map(|subject| subject.model.clone()).collect();
-        let list = |name: &str| format!("@{}", text(&self.records().join(name)));
-        let (mean, modes) = (at("mean.spharm.npz"), at("group.shape-model.npz"));
-        let mut stages = vec![
-            self.stage(
-                "measure",
-                &["shape", "measure", &list("models.txt"), "--names", "-o", &text(&at("measures.csv"))],
-                &models,
-                [at("measures.csv")],
-            ),
-            self.stage(
-                "describe",
-                &["shape", "describe", &list("models.txt"), "--names", "-o", &text(&at("descriptors.csv"))],
-                &models,
-                [at("descriptors.csv")],
-            ),
-        ];
-        let aligned = self.aligned(subjects);
-        if study.align.method == Method::None {
-            let arguments = ["shape", "mean", &list("aligned.txt"), "-o", &text(&mean)];
-            stages.push(self.stage("mean", &arguments, &aligned, [mean.clone()]));
-        } else {
-            let method = if study.align.method == Method::Fixed { "fixed" } else { "joint" };
-            let (models_list, folder, mean_text) = (list("models.txt"), text(&at("aligned")), text(&mean));
-            let transforms = at("transforms.json");
-            let (transforms_text, warnings) = (text(&transforms), self.alignment_warnings());
-            let warnings_text = text(&warnings);
-            let mut arguments = vec!["shape", "align", &models_list, "--group", "--method", method, "-o", &folder];
-            arguments.extend(["--mean", &mean_text, "--transforms", &transforms_text]);
-            arguments.extend(["--warnings", &warnings_text]);
-            arguments.extend(study.align.scale.then_some("--scale"));
-            arguments.extend(study.align.mirror.then_some("--mirror"));
-            stages.push(self.stage("align", &arguments, &models, [at("aligned"), mean.clone(), transforms, warnings]));
-        }
-        let count = study.modes.count.to_string();
-        let scores = at("scores.csv");
-        let arguments =
-            ["shape", "pca", &list("aligned.txt"), "--modes", &count, "--scores", &text(&scores), "-o", &text(&modes)];
-        stages.push(self.stage("modes", &arguments, &aligned, [modes, scores]));
-        for test in &study.test {
-            stages.extend(self.test(test, &aligned));
-        }
-        stages.push(self.report(subjects));
-        stages
-    }
-
-    /// A test and its picture.
-    fn test(&self, test: &Test, aligned: &[PathBuf]) -> [Stage; 2] {
-        let (name, folder) = (format!("test.{}", test.name), self.output.join("tests").join(&test.name));
-        let table = self.records().join("aligned.csv");
-        let (table_text, folder_text) = (text(&table), text(&folder));
-        let (levels, covariates) = (test.levels.join(","), test.covariates.join(","));
-        let categorical = test.categorical.join(",");
-        let permutations = test.permutations.map(|count| count.to_string());
-        let mut arguments = vec!["shape", "test", "--table", &table_text, "--effect", &test.effect, "-o", &folder_text];
-        for (flag, value) in [("--levels", &levels), ("--covariates", &covariates), ("--categorical", &categorical)] {
-            if !value.is_empty() {
-                arguments.extend([flag, value.as_str()]);
-            }
-        }
-        arguments.extend(test.welch.then_some("--welch"));
-        arguments.extend(test.signal.iter().flat_map(|signal| ["--signal", signal.as_str()]));
-        arguments.extend(permutations.iter().flat_map(|count| ["--permutations", count.as_str()]));
-        let inputs: Vec<PathBuf> = std::iter::once(table.clone()).chain(aligned.iter().cloned()).collect();
-        let tested = self.stage(&name, &arguments, &inputs, [folder.clone()]);
-        let map = if test.permutations == Some(0) { "q" } else { "p-fwe" };
-        let (mean, map) = (folder.join("mean.surf.gii"), folder.join(format!("{map}.shape.gii")));
-        let picture = self.output.join("figures").join(format!("{}.png", test.name));
-        let drawn = self.stage(
-            &format!("picture.{}", test.name),
-            &["picture", &text(&mean), "--map", &text(&map), "-o", &text(&picture)],
-            &[mean.clone(), map.clone()],
-            [picture],
-        );
-        [tested, drawn]
-    }
-
-    /// The page: modes, tests, what became of each subject, and with `[page] subjects` their models.
-    fn report(&self, subjects: &[Subject<'_>]) -> Stage {
-        let (modes, status) = (self.output.join("group.shape-model.npz"), self.records().join("subjects.tsv"));
-        let folders: Vec<PathBuf> =
-            self.study.test.iter().map(|test| self.output.join("tests").join(&test.name)).collect();
-        let list = format!("@{}", text(&self.records().join("models.txt")));
-        let mut arguments = vec!["report".to_owned()];
-        arguments.extend(self.study.page.subjects.then_some(list));
-        let warnings = self.warnings();
-        arguments.extend(words(&["--modes", &text(&modes), "--status", &text(&status)]));
-        arguments.extend(words(&["--warnings", &text(&warnings)]));
-        if !folders.is_empty() {
-            arguments.push("--test".to_owned());
-            arguments.extend(folders.iter().map(|folder| text(folder)));
-        }
-        arguments.extend(words(&["--title", &self.study.title, "-o", &text(&self.page()), "--force"]));
-        let mut inputs = vec![modes, status, warnings];
-        inputs.extend(folders.iter().flat_map(|folder| ["test.csv", "test.json"].map(|name| folder.join(name))));
-        inputs.extend(subjects.iter().filter(|_| self.study.page.subjects).map(|subject| subject.model.clone()));
-        let (folder, name) = (self.folder.clone(), "report".to_owned());
-        Stage { folder, name, arguments, inputs, outputs: vec![self.page()] }
-    }
-
-    fn stage<const N: usize>(
-        &self,
-        name: &str,
-        arguments: &[&str],
-        inputs: &[PathBuf],
-        outputs: [PathBuf; N],
-    ) -> Stage {
-        let mut arguments = words(arguments);
-        arguments.push("--force".to_owned());
-        let (folder, name) = (self.folder.clone(), name.to_owned());
-        Stage { folder, name, arguments, inputs: inputs.to_vec(), outputs: outputs.to_vec() }
-    }
-
     /// Where the models lie that are compared.
     pub(super) fn aligned(&self, subjects: &[Subject<'_>]) -> Vec<PathBuf> {
-        let place = |subject: &Subject<'_>| match (self.study.align.method, subject.model.file_name()) {
-            (Method::Joint | Method::Fixed, Some(name)) => self.output.join("aligned").join(name),
+        let folder = self.aligned_folder();
+        let place = |subject: &Subject<'_>| match (self.method, subject.model.file_name()) {
+            (Method::Correspond | Method::Joint | Method::Fixed, Some(name)) => folder.join(name),
             _ => subject.model.clone(),
         };
         subjects.iter().map(place).collect()
     }
 
     /// Writes the lists and the table that the stages read; a file whose text hasn't changed stays.
-    pub(super) fn write_lists(&self, subjects: &[Subject<'_>]) -> Result<()> {
+    pub(super) fn write_lists<'s>(&self, subjects: &'s [Subject<'_>]) -> Result<()> {
         let models: Vec<PathBuf> = subjects.iter().map(|subject| subject.model.clone()).collect();
         let aligned = self.aligned(subjects);
         let lines = |paths: &[PathBuf]| -> Result<String> {
@@ -309,6 +213,15 @@ impl Plan {
         };
         self.write("models.txt", &lines(&models)?)?;
         self.write("aligned.txt", &lines(&aligned)?)?;
+        if self.method == Method::Correspond {
+            let folder = self.output.join(PLAIN);
+            let plain = models.iter().filter_map(|model| Some(folder.join(model.file_name()?)));
+            self.write("plain.txt", &lines(&plain.collect::<Vec<_>>())?)?;
+            let of = |subject: &'s Subject<'_>| (subject.id, subject.surface.as_path(), subject.landmarks.as_deref());
+            let members: Vec<_> = subjects.iter().map(of).collect();
+            self.write("surfaces.tsv", &surfaces::table(&members, &self.records())?)?;
+            self.write("landmarks.txt", &surfaces::landmarks(&members, &self.records())?)?;
+        }
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(["id", "model"].into_iter().chain(self.columns()))?;
         for (subject, path) in subjects.iter().zip(&aligned) {
@@ -334,15 +247,11 @@ impl Plan {
     }
 }
 
-/// The status file of a shard; of the whole study without one.
-fn status_name(shard: Option<Shard>) -> String {
-    shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.to_string().replace('/', "-of-")))
+/// Whether the fits are given one sphere for all subjects.
+fn has_one_sphere(study: &Study) -> bool {
+    study.fit.arguments.iter().any(|argument| argument.split('=').next() == Some("--sphere"))
 }
 
-fn words(words: &[&str]) -> Vec<String> {
-    words.iter().map(|word| (*word).to_owned()).collect()
-}
-
-fn text(path: &Path) -> String {
+pub(super) fn text(path: &Path) -> String {
     path.display().to_string()
 }

@@ -123,9 +123,11 @@ pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> 
         if path.is_file() && hash(&path).is_ok_and(|found| found == *made) {
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
-        // Fails where something else is in it.
-        if let Some(folder) = path.parent().filter(|folder| *folder != output) {
-            let _ = std::fs::remove_dir(folder);
+        for folder in path.ancestors().skip(1).take_while(|folder| *folder != output) {
+            // Fails where something else is in it.
+            if std::fs::remove_dir(folder).is_err() {
+                break;
+            }
         }
     }
     std::fs::remove_file(record).with_context(named)

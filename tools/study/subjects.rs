@@ -1,4 +1,5 @@
-//! The subjects of a study: its table as it is, or a table of ids and covariates whose files are named by patterns.
+//! The subjects of a study: its table as it is, or a table of ids and covariates whose files are named by patterns; and their
+//! landmarks.
 
 use std::path::{Path, PathBuf};
 
@@ -9,6 +10,8 @@ use super::config::Subjects;
 
 /// The place of the id in a pattern.
 const ID: &str = "{id}";
+/// The column of the landmarks' files.
+const LANDMARKS: &str = "landmarks";
 /// Most bytes of a table, far above any study's.
 const LARGEST: u64 = 64 << 20;
 
@@ -30,15 +33,44 @@ pub(super) fn manifest(
         }
         return Ok((Manifest::read(table)?, None));
     };
-    for (key, pattern) in [("surface", Some(surface)), ("sphere", subjects.sphere.as_ref())] {
-        if let Some(pattern) = pattern.filter(|pattern| !pattern.contains(ID)) {
-            bail!("`{key}` in [subjects]: expected a pattern with {ID}, found {pattern:?}");
-        }
-    }
+    has_id("surface", surface)?;
+    subjects.sphere.as_deref().map_or(Ok(()), |pattern| has_id("sphere", pattern))?;
     let text = text(subjects, folder, table, surface).with_context(|| table.display().to_string())?;
     // Its own lines are not those of the table, whose ids are what may be wrong.
     let manifest = Manifest::parse(made, &text).with_context(|| table.display().to_string())?;
     Ok((manifest, Some(text)))
+}
+
+/// Returns the file of each subject's landmarks: by the pattern, relative to `folder`, else of the table's column, relative to the
+/// table; none of a study without.
+///
+/// # Errors
+///
+/// When the pattern has no `{id}`, or a cell is empty.
+pub(super) fn landmarks(
+    subjects: &Subjects,
+    folder: &Path,
+    table: &Path,
+    manifest: &Manifest,
+) -> Result<Option<Vec<PathBuf>>> {
+    if let Some(pattern) = &subjects.landmarks {
+        has_id(LANDMARKS, pattern)?;
+        return Ok(Some(manifest.rows.iter().map(|row| folder.join(pattern.replace(ID, &row.id))).collect()));
+    }
+    let Some(at) = manifest.columns.iter().position(|name| name == LANDMARKS) else { return Ok(None) };
+    let of_table = table.parent().unwrap_or(Path::new(""));
+    let files = manifest.rows.iter().map(|row| match row.extra.get(at).map_or("", |cell| cell.trim()) {
+        "" => bail!("{}: {}: expected a file in column {LANDMARKS}, found nothing", table.display(), row.id),
+        cell => Ok(of_table.join(cell)),
+    });
+    files.collect::<Result<_>>().map(Some)
+}
+
+fn has_id(key: &str, pattern: &str) -> Result<()> {
+    if !pattern.contains(ID) {
+        bail!("`{key}` in [subjects]: expected a pattern with {ID}, found {pattern:?}");
+    }
+    Ok(())
 }
 
 fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Result<Vec<u8>> {

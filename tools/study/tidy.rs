@@ -11,13 +11,15 @@ use spharm::files::ModelFiles;
 use spharm_cli::inputs::MOST_OWN;
 use spharm_surface::io::{remove_leftovers, write_new};
 
-use super::plan::Plan;
+use super::plan::{PLAIN, Plan};
 use super::stage::{Stage, retire};
 
 /// Removes the temporary files of processes that were killed.
 pub(super) fn leftovers(plan: &Plan) {
-    let mut folders = vec![plan.output.clone(), plan.records(), plan.records().join("warnings")];
-    folders.extend(["models", "aligned", "status", "figures"].map(|name| plan.output.join(name)));
+    let mut folders = vec![plan.output.clone(), plan.records()];
+    folders.extend(["warnings", "reports"].map(|name| plan.records().join(name)));
+    folders.extend(["models", "aligned", "status", "figures", "quality", PLAIN].map(|name| plan.output.join(name)));
+    folders.extend(["", "places", "members"].map(|name| plan.output.join("group").join(name)));
     folders.extend(plan.study.test.iter().map(|test| plan.output.join("tests").join(&test.name)));
     // What can't be listed or removed is in nobody's way.
     folders.iter().for_each(|folder| drop(remove_leftovers(folder)));

@@ -50,7 +50,7 @@ struct Group {
 impl Group {
     /// Reads one model at a time.
     fn read(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Self> {
-        let mean = Model::read(plan.output.join("mean.spharm.npz"))?;
+        let mean = Model::read(plan.mean())?;
         let mut group = Self::default();
         for (subject, aligned) in subjects.iter().zip(plan.aligned(subjects)) {
             let model = Model::read(&subject.model)?;

@@ -1,23 +1,25 @@
-//! Line charts with a logarithmic axis, as SVG without scripts or styles of its own: the page's style sheet gives lines their
-//! colours, in light and dark.
+//! Line charts, as SVG without scripts or styles of its own: the page's style sheet gives lines their colours, in light and
+//! dark.
 
 use std::fmt::Write;
 
+use crate::axis::{Axis, Scale};
 use crate::text::{escape, number};
 
 const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 250.0;
 /// Left, right, top, bottom.
 const MARGINS: [f64; 4] = [52.0, 12.0, 12.0, 38.0];
-/// Values this far below the largest are left out: they are what rounding left.
-const DECADES: f64 = 18.0;
 
 /// A line: its class in the style sheet, its name, its points.
-pub(crate) struct Line<'a> {
+#[derive(Default)]
+pub(crate) struct Line {
     pub(crate) class: &'static str,
-    pub(crate) name: &'a str,
-    /// x and y; where y isn't above 0 there is no point.
+    pub(crate) name: String,
+    /// x and y; there is no point where y has no place on the axis.
     pub(crate) points: Vec<[f64; 2]>,
+    /// x, and the lowest and the highest y of a band about the line; may be empty.
+    pub(crate) band: Vec<[f64; 3]>,
 }
 
 /// A chart.
@@ -25,7 +27,8 @@ pub(crate) struct Chart<'a> {
     pub(crate) title: &'a str,
     pub(crate) x: &'a str,
     pub(crate) y: &'a str,
-    pub(crate) lines: Vec<Line<'a>>,
+    pub(crate) lines: Vec<Line>,
+    pub(crate) scale: Scale,
     /// Whether points are marked: where they are few.
     pub(crate) marks: bool,
 }
@@ -33,21 +36,12 @@ pub(crate) struct Chart<'a> {
 impl Chart<'_> {
     /// The figure; none where no line has a point.
     pub(crate) fn html(&self) -> Option<String> {
-        let top = self.points().map(|p| p[1]).fold(0.0_f64, f64::max);
-        let floor = top * 10f64.powf(-DECADES);
-        let low = self.points().map(|p| p[1]).filter(|y| *y >= floor).fold(top, f64::min);
-        if top <= 0.0 {
-            return None;
-        }
-        let (bottom, mut upper) = (low.log10().floor(), top.log10().ceil());
-        if upper <= bottom {
-            upper = bottom + 1.0;
-        }
+        let axis = Axis::new(self.scale, || self.points().map(|p| p[1]))?;
         let (left, right) = self.points().fold((f64::MAX, f64::MIN), |(a, b), p| (a.min(p[0]), b.max(p[0])));
         let span = if right > left { right - left } else { 1.0 };
         let [ml, mr, mt, mb] = MARGINS;
         let at_x = |x: f64| ml + (x - left) / span * (WIDTH - ml - mr);
-        let at_y = |y: f64| HEIGHT - mb - (y.log10() - bottom) / (upper - bottom) * (HEIGHT - mt - mb);
+        let on_height = |share: f64| HEIGHT - mb - share * (HEIGHT - mt - mb);
 
         let mut svg = format!(
             "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
@@ -57,20 +51,13 @@ impl Chart<'_> {
         let mut put = |text: std::fmt::Arguments<'_>| {
             let _ = svg.write_fmt(text);
         };
-        let step = ((upper - bottom) / 6.0).ceil().max(1.0);
-        let mut exponent = bottom;
-        while exponent <= upper {
-            let y = at_y(10f64.powf(exponent));
+        for (share, label) in axis.ticks() {
+            let y = on_height(share);
             put(format_args!(
                 "<line class=\"grid\" x1=\"{ml}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>",
                 WIDTH - mr
             ));
-            put(format_args!(
-                "<text class=\"tick end\" x=\"{}\" y=\"{:.1}\">10<tspan class=\"power\" dy=\"-5\">{exponent}</tspan></text>",
-                ml - 6.0,
-                y + 4.0
-            ));
-            exponent += step;
+            put(format_args!("<text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{label}</text>", ml - 6.0, y + 4.0));
         }
         for x in ticks(left, right) {
             put(format_args!(
@@ -87,21 +74,31 @@ impl Chart<'_> {
             escape(self.x)
         ));
         for line in &self.lines {
+            let edge = |k: usize, of: &[f64; 3]| {
+                axis.share(of[k]).map(|share| format!("{:.1},{:.1}", at_x(of[0]), on_height(share)))
+            };
+            let (low, high) = (line.band.iter().map(|of| edge(1, of)), line.band.iter().rev().map(|of| edge(2, of)));
+            // All of it, or nothing.
+            if let Some(corners) = low.chain(high).collect::<Option<Vec<_>>>().filter(|corners| !corners.is_empty()) {
+                put(format_args!("<polygon class=\"{}\" points=\"{}\"/>", line.class, corners.join(" ")));
+            }
+        }
+        for line in &self.lines {
             let mut path = String::new();
             let mut pen = 'M';
             for &[x, y] in &line.points {
-                if y < floor || y <= 0.0 || !y.is_finite() {
+                let Some(share) = axis.share(y) else {
                     pen = 'M';
                     continue;
-                }
-                let _ = write!(path, "{pen}{:.1} {:.1}", at_x(x), at_y(y));
+                };
+                let _ = write!(path, "{pen}{:.1} {:.1}", at_x(x), on_height(share));
                 pen = 'L';
                 if self.marks {
                     put(format_args!(
                         "<circle class=\"{}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"3\"/>",
                         line.class,
                         at_x(x),
-                        at_y(y)
+                        on_height(share)
                     ));
                 }
             }
@@ -109,7 +106,7 @@ impl Chart<'_> {
         }
         svg.push_str("</svg>");
         let keys: String =
-            self.lines.iter().map(|line| format!("<li class=\"{}\">{}</li>", line.class, escape(line.name))).collect();
+            self.lines.iter().map(|line| format!("<li class=\"{}\">{}</li>", line.class, escape(&line.name))).collect();
         let keys = if self.lines.len() > 1 { format!("<ul class=\"keys\">{keys}</ul>") } else { String::new() };
         Some(format!(
             "<figure class=\"chart\"><figcaption><strong>{}</strong> {}</figcaption>{keys}{svg}</figure>",
@@ -119,7 +116,7 @@ impl Chart<'_> {
     }
 
     fn points(&self) -> impl Iterator<Item = &[f64; 2]> {
-        self.lines.iter().flat_map(|line| &line.points).filter(|p| p[1] > 0.0 && p[1].is_finite())
+        self.lines.iter().flat_map(|line| &line.points).filter(|p| self.scale.has(p[1]))
     }
 }
 
@@ -142,8 +139,8 @@ mod tests {
     use super::*;
 
     fn chart(points: Vec<[f64; 2]>) -> Chart<'static> {
-        let lines = vec![Line { class: "a", name: "<b>", points }];
-        Chart { title: "power", x: "degree", y: "mm²", lines, marks: true }
+        let lines = vec![Line { class: "a", name: "<b>".to_owned(), points, ..Line::default() }];
+        Chart { title: "power", x: "degree", y: "mm²", lines, scale: Scale::Logarithmic, marks: true }
     }
 
     #[test]
@@ -163,6 +160,21 @@ mod tests {
         let path = html.split("d=\"").nth(1).unwrap().split('"').next().unwrap();
         assert_eq!(path.matches('M').count(), 2, "{path}");
         assert!(chart(vec![[1.0, 3.0]]).html().unwrap().matches("<circle").count() == 1);
+    }
+
+    #[test]
+    fn a_band_is_about_its_line() {
+        let points = vec![[1.0, 2.0], [2.0, 1.0]];
+        let band = vec![[1.0, 1.5, 2.5], [2.0, 0.0, 2.0]];
+        let lines = vec![Line { class: "x", name: String::new(), points, band }];
+        let mut chart = Chart { title: "t", x: "x", y: "y", lines, scale: Scale::Linear, marks: false };
+        let html = chart.html().unwrap();
+        let corners = html.split("points=\"").nth(1).unwrap().split('"').next().unwrap();
+        let corners: Vec<f64> = corners.split([',', ' ']).map(|number| number.parse().unwrap()).collect();
+        assert_eq!(corners.len(), 8);
+        assert!(corners[1] > corners[7] && corners[3] > corners[5], "the lower edge first, and back: {corners:?}");
+        chart.lines[0].band[0][1] = f64::NAN;
+        assert!(!chart.html().unwrap().contains("polygon"));
     }
 
     #[test]

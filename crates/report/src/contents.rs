@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 use spharm_model::Model;
+use spharm_shape::Curve;
 use spharm_shape::pca::file::ShapeModel;
 use spharm_surface::Mesh;
 
@@ -20,7 +21,9 @@ pub struct Contents {
     pub modes: Vec<(String, ShapeModel)>,
     /// Maps of tests.
     pub tests: Vec<Maps>,
-    /// Tables of status.
+    /// Quality of alignments of one group, side by side; the first is the one that matters.
+    pub quality: Vec<Quality>,
+    /// Tables of status, and others.
     pub tables: Vec<Table>,
     /// The version of the program, for the page's foot.
     pub version: String,
@@ -52,6 +55,27 @@ pub struct Maps {
     pub mesh: Mesh,
     /// Names and values, one a vertex; those of p values are called `p`, `q` or begin with `p-`.
     pub maps: Vec<(String, Vec<f64>)>,
+}
+
+/// Quality of a group that corresponds, by [`group_quality`](spharm_shape::group_quality); lengths in the surfaces' unit.
+#[derive(Debug, Clone, Default)]
+pub struct Quality {
+    /// What the group was brought together by.
+    pub name: String,
+    /// Variance along all modes, in the square of the unit.
+    pub variance: f64,
+    /// Share of the variance along the first modes.
+    pub compactness: Curve,
+    /// Distance of a member from the modes of the others.
+    pub generalisation: Curve,
+    /// Distance of a random shape from the nearest member.
+    pub specificity: Curve,
+    /// Generalisation by the distance between surfaces.
+    pub surface_generalisation: Option<Curve>,
+    /// Specificity by the distance between surfaces.
+    pub surface_specificity: Option<Curve>,
+    /// Mean and median distance of landmarks that should be at one place.
+    pub landmarks: Option<[f64; 2]>,
 }
 
 /// Settings of a page.

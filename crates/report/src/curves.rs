@@ -3,6 +3,7 @@
 use serde_json::Value;
 use spharm_harmonics::Coefficients;
 
+use crate::axis::Scale;
 use crate::chart::{Chart, Line};
 
 const SPHERE: f64 = 4.0 * std::f64::consts::PI;
@@ -12,10 +13,18 @@ pub(crate) fn spectrum(coefficients: &Coefficients) -> Option<String> {
     let names = [("x", "x"), ("y", "y"), ("z", "z"), ("all", "all")];
     let lines = names.iter().enumerate().map(|(channel, &(class, name))| {
         let points = (1..=coefficients.max_degree()).map(|l| [l as f64, power(coefficients, l, channel)]).collect();
-        Line { class, name, points }
+        Line { class, name: name.to_owned(), points, ..Line::default() }
     });
     let lines = lines.collect();
-    Chart { title: "Spectrum", x: "degree", y: "power by degree, length²", lines, marks: false }.html()
+    Chart {
+        title: "Spectrum",
+        x: "degree",
+        y: "power by degree, length²",
+        lines,
+        scale: Scale::Logarithmic,
+        marks: false,
+    }
+    .html()
 }
 
 /// The root mean square distance by which leaving out the degrees above each moves the surface, by Parseval's identity.
@@ -30,9 +39,9 @@ pub(crate) fn detail(coefficients: &Coefficients) -> Option<String> {
         })
         .collect();
     points.reverse();
-    let lines = vec![Line { class: "all", name: "", points }];
+    let lines = vec![Line { class: "all", name: String::new(), points, ..Line::default() }];
     let y = "rms distance that higher degrees make, length";
-    Chart { title: "Detail left out", x: "highest degree", y, lines, marks: false }.html()
+    Chart { title: "Detail left out", x: "highest degree", y, lines, scale: Scale::Logarithmic, marks: false }.html()
 }
 
 /// The power of a degree, of a channel or (3) of all.
@@ -53,14 +62,14 @@ pub(crate) fn convergence(entry: &Value) -> Option<String> {
     if passes.len() < 2 {
         return None;
     }
-    let line = |class, name, key: &str| {
+    let line = |class, name: &str, key: &str| {
         let value = |pass: &Value| pass.get(key).and_then(Value::as_f64).unwrap_or_default();
         let points = passes.iter().enumerate().map(|(i, pass)| [(i + 1) as f64, value(pass)]).collect();
-        Line { class, name, points }
+        Line { class, name: name.to_owned(), points, ..Line::default() }
     };
     let lines = vec![line("x", "mean", "msd"), line("y", "largest", "xsd")];
     let y = "squared distance, bounding box of volume 1";
-    Chart { title: "Convergence", x: "pass", y, lines, marks: passes.len() <= 40 }.html()
+    Chart { title: "Convergence", x: "pass", y, lines, scale: Scale::Logarithmic, marks: passes.len() <= 40 }.html()
 }
 
 #[cfg(test)]

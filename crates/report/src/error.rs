@@ -10,7 +10,7 @@ use spharm_surface::SurfaceError;
 #[non_exhaustive]
 pub enum ReportError {
     /// A page of nothing.
-    #[error("a page needs a model, modes, a test or a table of status; found none")]
+    #[error("a page needs a model, modes, a test, a quality or a table; found none")]
     Empty,
     /// Values that aren't one for each vertex.
     #[error("{name}: map {map} has {found} values, expected one for each of {expected} vertices")]

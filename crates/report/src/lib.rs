@@ -17,7 +17,8 @@
 //! | `model_item`, `modes_item`, `maps_item` | what the script gets of a model, of modes, of a test |
 //! | `grid` | directions and triangles, or the icosphere that they are |
 //! | `blocks` | arrays as text |
-//! | `curves`, `chart` | the charts of a model, as SVG |
+//! | `curves`, `chart`, `axis` | the charts of a model, as SVG |
+//! | `quality` | curves and a table of alignments side by side |
 //! | [`table`], `provenance` | tables |
 //! | `still` | pictures in place of views |
 //! | `text` | escaping |
@@ -46,6 +47,7 @@
 #![forbid(unsafe_code)]
 
 mod assets;
+mod axis;
 mod blocks;
 mod chart;
 pub mod contents;
@@ -58,11 +60,12 @@ mod model_item;
 mod modes_item;
 pub mod page;
 mod provenance;
+mod quality;
 mod still;
 pub mod table;
 mod text;
 
-pub use contents::{Contents, Maps, Params, Shown};
+pub use contents::{Contents, Maps, Params, Quality, Shown};
 pub use error::ReportError;
 pub use page::page;
 pub use table::Table;

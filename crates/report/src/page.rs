@@ -19,6 +19,7 @@ use crate::maps_item::{self, MapsItem};
 use crate::model_item::{Made, ModelItem};
 use crate::modes_item::ModesItem;
 use crate::provenance;
+use crate::quality;
 use crate::table::{Table, pairs};
 use crate::text::{escape, json, name, number};
 
@@ -59,8 +60,8 @@ enum Item {
 /// [`ReportError`]: no contents; a model of a signal; maps that don't fit their mesh; a cancelled monitor, as an error of the
 /// surface.
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
-    let Contents { title, warnings, models, modes, tests, tables, version } = contents;
-    if models.is_empty() && modes.is_empty() && tests.is_empty() && tables.is_empty() {
+    let Contents { title, warnings, models, modes, tests, quality: measured, tables, version } = contents;
+    if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] {
         return Err(ReportError::Empty);
     }
     let (mut blocks, mut items, mut sections) = (Blocks::default(), Vec::new(), String::new());
@@ -90,7 +91,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
         section(&test.name, &still, &pairs("Maps", &maps_item::rows(test)));
         items.push(Item::Maps(item));
     }
-    let mut rows = String::new();
+    let mut rows = quality::section(measured)?;
     if models.len() > 1 {
         // The script makes the names of this one buttons.
         rows += &models_table(models, &errors).html()?.replace("class=\"sortable\"", "class=\"sortable models\"");
@@ -110,7 +111,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
     );
     let view = if items.is_empty() { "" } else { VIEW };
     let (heading, warnings) = (escape(title), warning_list(warnings));
-    let summary = if alone && tables.is_empty() { String::new() } else { summary(contents) };
+    let summary = if alone && tables.is_empty() && measured.is_empty() { String::new() } else { summary(contents) };
     let version = escape(version);
     let (wasm, data) = (STANDARD.encode(WASM), blocks.html());
     Ok(format!(
@@ -223,7 +224,8 @@ fn summary(contents: &Contents) -> String {
         counted(contents.models.len(), "model", "models"),
         counted(contents.modes.len(), "group's modes", "groups' modes"),
         counted(contents.tests.len(), "test", "tests"),
-        counted(rows, "row of status", "rows of status"),
+        counted(contents.quality.len(), "alignment's quality", "alignments' quality"),
+        counted(rows, "row of a table", "rows of tables"),
     ];
     parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
 }

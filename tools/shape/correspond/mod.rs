@@ -18,10 +18,10 @@ use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::NameTemplate;
-use spharm_cli::output::{OutputFile, check_outputs};
+use spharm_cli::output::{OutputFile, check_outputs, write_json};
 use spharm_cli::paths::shown;
 
-use self::surfaces::{Surface, plan, read, surfaces};
+use self::surfaces::{Surface, of_table, plan, read, surfaces};
 use super::args::{ReportArgs, Resources};
 use super::outputs::finish;
 
@@ -35,6 +35,7 @@ use super::outputs::finish;
     &[
         "spharm shape correspond vertebrae/*.ply --max-degree 40 -o group",
         "spharm shape correspond @subjects.txt --max-degree 15 --landmarks landmarks/ -o group --report group.json",
+        "spharm shape correspond --table subjects.tsv --max-degree 15 -o group",
         "spharm shape correspond @new.txt --to group --shard 3/10 -o added",
         "spharm shape quality group/s*.spharm.npz",
     ],
@@ -46,8 +47,13 @@ use super::outputs::finish;
 ))]
 pub(super) struct Cli {
     /// Meshes, or models, which are evaluated; or @LIST with a path a line
-    #[arg(value_name = "SURFACE", required = true, help_heading = INPUT)]
+    #[arg(value_name = "SURFACE", required_unless_present = "table", help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
+    /// Table of the surfaces: columns id, surface and, where there are any, landmarks
+    ///
+    /// TSV, or CSV by its name; paths are relative to it. Members are named by the ids.
+    #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks"], help_heading = INPUT)]
+    table: Option<PathBuf>,
     /// Degree of the models
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = METHOD)]
     max_degree: Option<u16>,
@@ -89,6 +95,9 @@ pub(super) struct Cli {
     /// Names of the members' files
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     name_template: NameTemplate,
+    /// Where to write the warnings, for a study's page
+    #[arg(long, value_name = "OUT.json", conflicts_with = "to", hide = true)]
+    warnings: Option<PathBuf>,
     #[command(flatten)]
     report: ReportArgs,
     #[command(flatten)]
@@ -98,15 +107,19 @@ pub(super) struct Cli {
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_report = cli.report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
-    check_outputs(of_report, cli.report.force)?;
-    let surfaces = surfaces(&cli.surfaces, &cli.name_template)?;
+    let of_warnings = cli.warnings.as_deref().map(|path| OutputFile::new(path, "--warnings"));
+    check_outputs(of_report.into_iter().chain(of_warnings), cli.report.force)?;
+    let (surfaces, landmarks) = match &cli.table {
+        Some(table) => of_table(table)?,
+        None => (surfaces(&cli.surfaces, &cli.name_template)?, cli.landmarks.clone()),
+    };
     match &cli.to {
         Some(group) => join::run(cli, group, &surfaces, monitor),
-        None => together(cli, &surfaces, monitor),
+        None => together(cli, &surfaces, &landmarks, monitor),
     }
 }
 
-fn together(cli: &Cli, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
+fn together(cli: &Cli, surfaces: &[Surface], landmarks: &[PathBuf], monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let Some(max_degree) = cli.max_degree.map(usize::from) else {
         return Err(Usage::missing("--max-degree is needed without --to").into());
@@ -153,11 +166,14 @@ fn together(cli: &Cli, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result
         origins[member].warnings.push(text);
     }
     let quality = pool.install(|| quality(&group, monitor))?;
-    let marks = pool.install(|| marks::errors(&cli.landmarks, surfaces, &group, monitor))?;
+    let marks = pool.install(|| marks::errors(landmarks, surfaces, &group, monitor))?;
     warnings.extend(marks.iter().flat_map(|marks| marks.warnings.iter().cloned()));
     warnings.iter().for_each(|warning| monitor.console().warn(warning));
     spharm::Monitor::check(monitor)?;
     group.write(&cli.output_dir, &origins, cli.report.force).context("--output-dir")?;
+    if let Some(path) = &cli.warnings {
+        write_json(path, cli.report.force, &json!(warnings))?;
+    }
     let first = group.report.template.map(|index| surfaces[index].name.as_str());
     let report = json!({
         "output_dir": shown(&cli.output_dir),

@@ -1,8 +1,9 @@
 //! The surfaces of a group: files, their names, and the memory that they take.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Result, bail};
+use spharm::cohort::Manifest;
 use spharm::correspond::CorrespondParams;
 use spharm::parametrize::volume::is_volume;
 use spharm::{Error, Kind, Mesh, Model, Sphere};
@@ -16,6 +17,9 @@ use spharm_surface::io::{bytes_to_read, read_mesh};
 
 /// Subdivisions of the icosphere that models are evaluated on: 10,242 directions.
 const OF_MODELS: u32 = 5;
+
+/// The column of a table that names landmarks' files.
+const LANDMARKS: &str = "landmarks";
 
 /// A surface to read.
 #[derive(Debug)]
@@ -51,18 +55,7 @@ fn is_model(path: &Path) -> bool {
 pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> Result<Vec<Surface>> {
     let mut surfaces: Vec<Surface> = Vec::new();
     for path in expand_lists(paths)? {
-        if path.is_dir() {
-            bail!("{}: is a folder: give its files or @LIST", path.display());
-        }
-        if !path.exists() {
-            bail!("{}: there is no such file", path.display());
-        }
-        if is_volume(&path) {
-            bail!(
-                "{}: a label volume: expected a mesh or a model; spharm parametrize --surface-output makes meshes of labels",
-                path.display()
-            );
-        }
+        check(&path)?;
         let by_template = template.name(&path, None);
         let name = if is_model(&path) { model_name(Path::new(&by_template)) } else { by_template };
         if let Some(other) = surfaces.iter().find(|other| other.name == name) {
@@ -75,6 +68,55 @@ pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> 
         surfaces.push(Surface { name, path });
     }
     Ok(surfaces)
+}
+
+/// The surfaces of a table, named by their ids, and their landmarks, where it has a column of these.
+pub(in crate::shape) fn of_table(table: &Path) -> Result<(Vec<Surface>, Vec<PathBuf>)> {
+    let manifest = Manifest::read(table)?;
+    let at = manifest.columns.iter().position(|name| name == LANDMARKS);
+    let (mut surfaces, mut landmarks) = (Vec::new(), Vec::new());
+    for row in &manifest.rows {
+        let path = tidied(&row.surface);
+        check(&path)?;
+        surfaces.push(Surface { name: row.id.clone(), path });
+        let Some(cell) = at.map(|at| row.extra[at].trim()) else { continue };
+        if cell.is_empty() {
+            bail!("{}: {}: expected a file in column {LANDMARKS}, found nothing", table.display(), row.id);
+        }
+        landmarks.push(tidied(&manifest.folder().join(cell)));
+    }
+    Ok((surfaces, landmarks))
+}
+
+fn check(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        bail!("{}: is a folder: give its files or @LIST", path.display());
+    }
+    if !path.exists() {
+        bail!("{}: there is no such file", path.display());
+    }
+    if is_volume(path) {
+        bail!(
+            "{}: a label volume: expected a mesh or a model; spharm parametrize --surface-output makes meshes of labels",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
+/// A path without `FOLDER/..`, for people and records, where that is the same file: not where FOLDER is a link.
+fn tidied(path: &Path) -> PathBuf {
+    let mut tidy = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::ParentDir if matches!(tidy.components().next_back(), Some(Component::Normal(_))) => {
+                tidy.pop();
+            }
+            component => tidy.push(component),
+        }
+    }
+    let real = |path: &Path| std::fs::canonicalize(path).ok();
+    if real(&tidy).is_some_and(|found| Some(found) == real(path)) { tidy } else { path.to_owned() }
 }
 
 /// An error of a member, with its name.

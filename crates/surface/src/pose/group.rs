@@ -2,7 +2,8 @@
 //!
 //! All come to the most typical of them first: the one whose size and spread along the principal axes have the least
 //! distance from the others', and then, if another one is nearer to all in the poses that are found, to that. A surface with two
-//! poses that are nearly as good takes the one in which it is nearer to the others. At last each moves to all of the others,
+//! poses that are nearly as good takes the one in which it is nearer to the others, again and again until none changes: what tells
+//! two sides of a nearly symmetric body apart may be small, and is there only beside others that are the right way round. At last each moves to all of the others,
 //! or to [`OTHERS`] of them, at once: with no mean surface between them, which would have no member's shape, the sum of the
 //! squared distances of the pairs decreases, as a generalised Procrustes analysis has it (J. Gower, Psychometrika 40, 1975)
 //! with nearest points for places. The group lies where the typical one lies.
@@ -26,8 +27,12 @@ const ROUNDS: usize = 5;
 /// not therefore outlying: landmarks of a vertebra lie at 1.25 of what a motion of the landmarks leaves with all of it left
 /// out, and at 1.14 with this.
 const OUTLYING: f64 = 0.25;
-/// Poses whose distances differ by a factor less than this are compared by all of the others.
+/// Poses whose distances differ by a factor less than this are compared by the others.
 const CLOSE: f64 = 1.5;
+/// Others that two poses are compared by, at most.
+const JUDGES: usize = 32;
+/// Most times that all members are asked for the better one of two poses.
+const SWEEPS: usize = 10;
 /// A pose is in doubt where the next one is within this factor.
 pub const DOUBTFUL: f64 = 1.1;
 /// A member is of another kind where it is farther from the others than the median of the members by this factor.
@@ -189,10 +194,10 @@ impl Group<'_> {
         least(&self.distances(motions))
     }
 
-    /// Other members of a member, evenly over the list.
-    fn others(&self, member: usize) -> impl Iterator<Item = usize> {
+    /// Other members of a member, `most` or fewer, evenly over the list.
+    fn others(&self, member: usize, most: usize) -> impl Iterator<Item = usize> {
         let count = self.surfaces.len();
-        let taken = OTHERS.min(count - 1);
+        let taken = most.min(count - 1);
         (0..taken).map(move |k| (member + 1 + k * (count - 1) / taken) % count)
     }
 
@@ -208,27 +213,51 @@ impl Group<'_> {
             let (to, fixed) = (motion.then(&motions[other].inverse()), self.surfaces[other].view(Density::Some));
             motions[other].scale * icp::distance(view, fixed, &to, self.params.trimmed)
         };
-        median(self.others(member).map(distance).collect())
+        median(self.others(member, OTHERS).map(distance).collect())
+    }
+
+    /// The mean square distance of a member in a pose from others in theirs, with nothing trimmed: the place where two sides of
+    /// a body differ may be as small as what is trimmed. Of strangers, no more counts than the usual.
+    fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
+        let view = self.surfaces[member].view(Density::Some);
+        let others: Vec<usize> = self.others(member, JUDGES).collect();
+        let distance = |other: &usize| {
+            let (to, fixed) = (motion.then(&motions[*other].inverse()), self.surfaces[*other].view(Density::Some));
+            motions[*other].scale * icp::distance(view, fixed, &to, 0.0)
+        };
+        let found: Vec<f64> = others.par_iter().map(distance).collect();
+        let most = 2.0 * median(found.clone());
+        found.iter().map(|distance| distance.min(most).powi(2)).sum::<f64>() / found.len() as f64
     }
 
     /// The pose of each, where two are nearly as good the one that is nearer to the others; and where even they don't tell.
     fn decided(&self, poses: &[Pose]) -> Result<(Vec<Similarity>, Vec<GroupPoseWarning>), Interrupted> {
-        let first: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
-        let one = |member: usize| -> Result<(Similarity, Option<GroupPoseWarning>), Interrupted> {
-            self.monitor.check()?;
-            let pose = &poses[member];
-            let Some(other) = pose.other.filter(|_| pose.second < CLOSE * pose.distance) else {
-                return Ok((pose.similarity, None));
-            };
-            let [own, turned] = [&pose.similarity, &other].map(|motion| self.distance_of(member, motion, &first));
-            let (best, distance, second) =
-                if turned < own { (other, turned, own) } else { (pose.similarity, own, turned) };
-            let doubt = second < DOUBTFUL * distance;
-            Ok((best, doubt.then_some(GroupPoseWarning::Doubtful { member, distance, second })))
+        let close = |pose: &Pose| pose.other.filter(|_| pose.second < CLOSE * pose.distance);
+        let mut motions: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
+        let mut others: Vec<Option<Similarity>> = poses.iter().map(close).collect();
+        for _ in 0..SWEEPS {
+            let mut changed = false;
+            for (member, other) in others.iter_mut().enumerate() {
+                let Some(other) = other else { continue };
+                self.monitor.check()?;
+                let [own, turned] = [&motions[member], &*other].map(|motion| self.judged(member, motion, &motions));
+                if turned < own {
+                    std::mem::swap(&mut motions[member], other);
+                    changed = true;
+                }
+            }
+            if !changed {
+                break;
+            }
+        }
+        let doubt = |(member, other): (usize, &Option<Similarity>)| {
+            let [own, turned] =
+                [&motions[member], other.as_ref()?].map(|motion| self.judged(member, motion, &motions).sqrt());
+            let doubt = GroupPoseWarning::Doubtful { member, distance: own, second: turned };
+            (turned < DOUBTFUL * own).then_some(doubt)
         };
-        let found: Vec<Result<_, Interrupted>> = (0..poses.len()).into_par_iter().map(one).collect();
-        let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
-        Ok((found.iter().map(|(motion, _)| *motion).collect(), found.iter().filter_map(|(_, doubt)| *doubt).collect()))
+        let doubts = others.iter().enumerate().filter_map(doubt).collect();
+        Ok((motions, doubts))
     }
 
     /// One step of each member to the others that are `alike`.
@@ -236,7 +265,7 @@ impl Group<'_> {
         let one = |member: usize| -> Result<Similarity, Interrupted> {
             self.monitor.check()?;
             let others: Vec<_> = self
-                .others(member)
+                .others(member, OTHERS)
                 .filter(|other| alike[*other])
                 .map(|other| (self.surfaces[other].view(Density::Some), motions[other]))
                 .collect();

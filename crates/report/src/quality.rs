@@ -1,0 +1,146 @@
+//! The quality of correspondences in a page: curves and a table of alignments side by side.
+
+use spharm_shape::Curve;
+
+use crate::ReportError;
+use crate::axis::Scale;
+use crate::chart::{Chart, Line};
+use crate::contents::Quality;
+use crate::table::Table;
+use crate::text::number;
+
+/// Classes of lines in the style sheet, and of those beside them.
+const CLASSES: [(&str, &str); 4] = [("y", "y beside"), ("x", "x beside"), ("z", "z beside"), ("all", "all beside")];
+/// Modes that the table is of.
+const SHOWN: [usize; 2] = [1, 3];
+
+/// The section; empty where there is nothing to show.
+pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
+    if measured.is_empty() {
+        return Ok(String::new());
+    }
+    let charts = [
+        chart(measured, "Compactness", "share of the variance", |of| (&of.compactness, None)),
+        chart(measured, "Generalisation", "distance from the modes of the others, length", |of| {
+            (&of.generalisation, of.surface_generalisation.as_ref())
+        }),
+        chart(measured, "Specificity", "distance of a random shape from the nearest member, length", |of| {
+            (&of.specificity, of.surface_specificity.as_ref())
+        }),
+    ];
+    let charts: String = charts.into_iter().flatten().collect();
+    Ok(format!(
+        "<section class=\"quality\"><h2>Quality of the correspondence</h2>\n<p>Compactness is better when higher, \
+         generalisation and specificity when lower. Bands are of 95 %; dashed lines are distances between surfaces by \
+         nearest points. None of them shows that places correspond: landmarks do.</p>\n<div \
+         class=\"details\">{charts}</div></section>\n{}",
+        table(measured).html()?
+    ))
+}
+
+/// A measure of all alignments, by the number of modes, and the same between surfaces beside it.
+fn chart(
+    measured: &[Quality],
+    title: &str,
+    y: &str,
+    of: impl Fn(&Quality) -> (&Curve, Option<&Curve>),
+) -> Option<String> {
+    let mut lines = Vec::new();
+    for (quality, (class, beside)) in measured.iter().zip(CLASSES.iter().cycle()) {
+        let (points, surfaces) = of(quality);
+        lines.push(line(class, quality.name.clone(), points));
+        if let Some(surfaces) = surfaces {
+            // Its band would lie on that of the points.
+            let name = format!("{}, between surfaces", quality.name);
+            lines.push(Line { band: Vec::new(), ..line(beside, name, surfaces) });
+        }
+    }
+    let marks = lines.iter().all(|line| line.points.len() <= 40);
+    Chart { title, x: "modes", y, lines, scale: Scale::Linear, marks }.html()
+}
+
+fn line(class: &'static str, name: String, curve: &Curve) -> Line {
+    let at = |k: usize| (k + 1) as f64;
+    let band = curve.low.iter().zip(&curve.high).enumerate();
+    Line {
+        class,
+        name,
+        points: curve.values.iter().enumerate().map(|(k, value)| [at(k), *value]).collect(),
+        band: band.map(|(k, (low, high))| [at(k), *low, *high]).collect(),
+    }
+}
+
+/// The measures with few modes.
+fn table(measured: &[Quality]) -> Table {
+    let surfaces = measured.iter().any(|of| of.surface_generalisation.is_some() || of.surface_specificity.is_some());
+    let landmarks = measured.iter().any(|of| of.landmarks.is_some());
+    let mut columns = vec!["alignment".to_owned(), "variance, length²".to_owned()];
+    let mut rows: Vec<Vec<String>> = measured.iter().map(|of| vec![of.name.clone(), number(of.variance)]).collect();
+    let mut add = |name: String, value: &dyn Fn(&Quality) -> Option<f64>| {
+        columns.push(name);
+        for (row, of) in rows.iter_mut().zip(measured) {
+            row.push(value(of).map_or("–".to_owned(), number));
+        }
+    };
+    let modes = |k: usize| if k == 1 { "1 mode".to_owned() } else { format!("{k} modes") };
+    for k in SHOWN {
+        let at = |curve: &Curve| curve.values.get(k - 1).copied();
+        add(format!("compactness, {}", modes(k)), &|of| at(&of.compactness));
+    }
+    for (name, of) in [
+        ("generalisation", (|of: &Quality| Some(&of.generalisation)) as fn(&Quality) -> Option<&Curve>),
+        ("specificity", |of| Some(&of.specificity)),
+        ("generalisation between surfaces", |of| of.surface_generalisation.as_ref()),
+        ("specificity between surfaces", |of| of.surface_specificity.as_ref()),
+    ] {
+        if name.contains("surfaces") && !surfaces {
+            continue;
+        }
+        for k in SHOWN {
+            add(format!("{name}, {}", modes(k)), &|quality| of(quality)?.values.get(k - 1).copied());
+        }
+    }
+    if landmarks {
+        add("landmarks apart, mean".to_owned(), &|of| of.landmarks.map(|[mean, _]| mean));
+        add("landmarks apart, median".to_owned(), &|of| of.landmarks.map(|[_, median]| median));
+    }
+    Table { title: "Quality with few modes".to_owned(), columns, rows }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn curve(values: &[f64]) -> Curve {
+        let band = |by: f64| values.iter().map(|value| value * by).collect();
+        Curve { values: values.to_vec(), low: band(0.9), high: band(1.1) }
+    }
+
+    #[test]
+    fn alignments_are_side_by_side() {
+        let plain = Quality {
+            name: "plain <i>".to_owned(),
+            variance: 2.0,
+            compactness: curve(&[0.5, 0.8, 0.9]),
+            generalisation: curve(&[2.0, 1.5, 1.25]),
+            specificity: curve(&[3.0, 3.5, 3.75]),
+            ..Quality::default()
+        };
+        let other = Quality {
+            name: "correspond".to_owned(),
+            surface_generalisation: Some(curve(&[0.25])),
+            landmarks: Some([2.5, 1.75]),
+            ..plain.clone()
+        };
+        let html = section(&[other, plain]).unwrap();
+        assert_eq!((html.matches("<svg").count(), html.matches("<polygon").count()), (3, 6));
+        assert!(html.contains("plain &lt;i&gt;") && !html.contains("<i>"), "{html}");
+        let rows: Vec<&str> = html.split("<tr>").skip(2).collect();
+        assert_eq!(rows.len(), 2);
+        for (row, cells) in rows.iter().zip([["0.25", "2.5"], ["–", "–"]]) {
+            assert!(cells.iter().all(|cell| row.contains(&format!("<bdi>{cell}</bdi>"))), "{row}");
+            assert!(row.contains("<bdi>1.25</bdi>") && row.contains("<bdi>3.75</bdi>"), "{row}");
+        }
+        assert_eq!(section(&[]).unwrap(), "");
+    }
+}

@@ -1,0 +1,217 @@
+//! Studies whose subjects are made to correspond: what they find, their quality and landmarks, and when they do it.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::Command;
+
+use serde_json::Value;
+use spharm_model::Model;
+use spharm_surface::io::read_signal;
+
+use crate::common::{fail, finish, succeed, text, tool};
+
+struct Site(tempfile::TempDir);
+
+impl Site {
+    fn new(study: &str) -> Self {
+        let site = Self(tempfile::tempdir().expect("a folder"));
+        site.write("study.toml", study);
+        site
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).expect("a file");
+    }
+
+    fn generate(&self, arguments: &[&str]) {
+        succeed(tool("generate").args(arguments).arg("-q").current_dir(self.0.path()));
+    }
+
+    fn study(&self, more: &[&str]) -> Command {
+        let mut command = tool("study");
+        command.arg("study.toml").args(more).args(["--threads", "2"]).current_dir(self.0.path());
+        command
+    }
+
+    fn text(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).expect("a file")
+    }
+
+    fn json(&self, name: &str) -> Value {
+        serde_json::from_str(&self.text(name)).expect("JSON")
+    }
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().expect("a list").iter().map(|value| value.as_f64().expect("a number")).collect()
+}
+
+#[test]
+fn a_study_of_bare_meshes_finds_the_bump_and_shows_its_quality() {
+    let site = Site::new(
+        "output = \"out\"\n[subjects]\ntable = \"meshes/study.csv\"\n[fit]\nmax_degree = 10\n[[test]]\nname = \"bump\"\n\
+         effect = \"group\"\n",
+    );
+    site.generate(&["--study", "meshes", "--subjects", "12", "--bump", "1.5"]);
+    let output = finish(&mut site.study(&[]));
+    assert!(output.status.success(), "{}", text(&output));
+    let models = ["a01", "b06", "mean"].map(|name| site.path(&format!("out/group/{name}.spharm.npz")));
+    let [a, b, mean] = models.map(|path| Model::read(path).expect("a model"));
+    let sphere = |model: &Model| model.sphere.as_ref().map(|sphere| sphere.directions.clone());
+    assert!(sphere(&a).is_some() && sphere(&a) == sphere(&b) && sphere(&a) == sphere(&mean), "over one sphere");
+
+    // The effect is a - b: inwards where b has its bump.
+    let map = |name: &str| read_signal(site.path(&format!("out/tests/bump/{name}.shape.gii"))).expect("a map").values;
+    let (effect, p) = (map("effect"), map("p-fwe"));
+    let peak = (0..effect.len()).max_by(|i, j| effect[*i].abs().total_cmp(&effect[*j].abs())).expect("vertices");
+    assert!(effect[peak] < -0.6 && p[peak] < 0.01, "{} {}", effect[peak], p[peak]);
+
+    let [corresponding, plain] = ["correspond", "plain"].map(|name| site.json(&format!("out/quality/{name}.json")));
+    for measure in ["generalisation", "specificity"] {
+        let [ours, other] = [&corresponding, &plain].map(|found| numbers(&found[measure]["values"]));
+        // Of smooth bodies with smooth maps the plain alignment is good, too.
+        assert!(ours[0] < 1.1 * other[0] && ours[2] < other[2], "{measure}: {ours:?} {other:?}");
+    }
+    let page = site.text("out/report.html");
+    for said in
+        ["Quality of the correspondence", "<bdi>plain</bdi>", "Compactness", "<h2>Correspondence</h2>", "<polygon"]
+    {
+        assert!(page.contains(said), "{said}");
+    }
+    // The page doesn't say that places differ.
+    let head = page.split_once("class=\"warnings\"").and_then(|(_, rest)| rest.split_once("</section>"));
+    assert!(!head.is_some_and(|(head, _)| head.contains("equal places")));
+    assert_eq!(&fs::read(site.path("out/quality/correspond.png")).expect("a picture")[1..4], b"PNG");
+}
+
+/// Ellipsoids whose ends are known, of the degree that is asked for.
+fn ellipsoids(subjects: &str) -> Site {
+    let rest = "\n[fit]\nmax_degree = 4\n[modes]\ncount = 2\n[quality]\nplain = false\n";
+    let site = Site::new(&format!("output = \"out\"\n[subjects]\n{subjects}{rest}"));
+    site.generate(&["--group", "ellipsoids", "--members", "4", "--subdivisions", "3", "--output-dir", "in"]);
+    site
+}
+
+#[test]
+fn landmarks_of_the_table_or_by_a_pattern_are_carried_and_shown() {
+    let site = ellipsoids("table = \"in/truth.csv\"");
+    succeed(&mut site.study(&[]));
+    let report = site.json("out/.study/reports/correspond.json");
+    let marks = &report["landmarks"];
+    assert_eq!(marks["names"].as_array().map(Vec::len), Some(10), "{marks}");
+    assert!(!site.path("out/plain").exists() && !site.path("out/quality/plain.json").exists());
+    // Measured on the models, and where each is carried to on the surfaces.
+    let mean = |found: &Value| found["mean"].as_f64().expect("a number");
+    let measured = &site.json("out/quality/correspond.json")["landmarks"];
+    assert!((mean(measured) / mean(marks) - 1.0).abs() < 0.3, "{measured} {marks}");
+    let page = site.text("out/report.html");
+    for said in ["<h2>Landmarks</h2>", "landmarks apart, mean", "<bdi>x1</bdi>"] {
+        assert!(page.contains(said), "{said}");
+    }
+    // The same by a pattern, of a table without paths of them.
+    let table: String = site
+        .text("in/truth.csv")
+        .lines()
+        .map(|line| line.split(',').take(2).collect::<Vec<_>>().join(",") + "\n")
+        .collect();
+    site.write("in/bare.csv", &table);
+    let by_pattern = "table = \"in/bare.csv\"\nlandmarks = \"in/{id}.json\"";
+    let study = site.text("study.toml").replace("table = \"in/truth.csv\"", by_pattern);
+    site.write("study.toml", &study);
+    assert!(succeed(&mut site.study(&[])).contains("up to date"), "the same surfaces and landmarks");
+    assert_eq!(&site.json("out/.study/reports/correspond.json")["landmarks"], marks);
+
+    for (from, to, expected) in [
+        ("in/{id}.json", "in/marks.json", "`landmarks` in [subjects]: expected a pattern with {id}"),
+        ("in/{id}.json", "in/{id}.fcsv", "in/s01.fcsv: landmarks of s01: there is no such file"),
+        ("[modes]", "[align]\nmethod = \"joint\"\n[modes]", "`landmarks` in [subjects] is for method \"correspond\""),
+    ] {
+        site.write("study.toml", &study.replace(from, to));
+        let error = fail(&mut site.study(&[]));
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn subjects_that_leave_or_change_make_the_group_anew_and_nothing_else_does() {
+    let site = ellipsoids("table = \"in/truth.csv\"");
+    site.write("in/study.csv", &site.text("in/truth.csv"));
+    site.write("study.toml", &site.text("study.toml").replace("truth.csv", "study.csv"));
+    let state = |more: &[&str]| {
+        let said = succeed(&mut site.study(more));
+        let row = said.lines().find(|line| line.starts_with("correspond  ")).expect("a row").to_owned();
+        row.contains("up to date")
+    };
+    assert!(!state(&[]) && state(&[]));
+    // Another column is no reason.
+    site.write("in/study.csv", &site.text("in/truth.csv").replace(",a,", ",axis,"));
+    assert!(state(&[]));
+    // Another method removes the group, and this one makes it again.
+    let study = site.text("study.toml");
+    site.write("study.toml", &study.replace("[modes]", "[align]\nmethod = \"joint\"\n[modes]"));
+    succeed(&mut site.study(&[]));
+    assert!(site.path("out/aligned/s01.spharm.npz").exists() && !site.path("out/group").exists());
+    assert!(!site.path("out/quality").exists());
+    site.write("study.toml", &study);
+    assert!(!state(&[]) && !site.path("out/aligned").exists());
+    let without = |id: &str| {
+        let rows = site.text("in/truth.csv");
+        rows.lines().filter(|line| !line.starts_with(id)).map(|line| format!("{line}\n")).collect::<String>()
+    };
+    site.write("in/study.csv", &without("s04,"));
+    assert!(!state(&[]) && state(&[]));
+    assert!(!site.path("out/group/s04.spharm.npz").exists() && site.path("out/group/s03.spharm.npz").exists());
+    fs::copy(site.path("in/s02.ply"), site.path("in/s03.ply")).expect("a copy");
+    fs::copy(site.path("in/s02.json"), site.path("in/s03.json")).expect("a copy");
+    assert!(!state(&[]));
+    // What is said of the correspondence, such as poses of bodies that are symmetric, is at the head of the page.
+    let page = site.text("out/report.html");
+    let head = page.split_once("class=\"warnings\"").and_then(|(_, rest)| rest.split_once("</section>"));
+    let said = site.json("out/.study/warnings/correspond.json");
+    let said: Vec<&str> = said.as_array().expect("a list").iter().filter_map(Value::as_str).collect();
+    let shown = |text: &&str| head.is_some_and(|(head, _)| head.contains(*text));
+    assert!(!said.is_empty() && said.iter().all(shown), "{said:?}");
+}
+
+#[test]
+fn spheres_that_are_shared_are_kept() {
+    let site = Site::new("output = \"out\"\n[subjects]\ntable = \"s.csv\"\n[fit]\nmax_degree = 3\n");
+    let mut table = "id,surface,sphere\n".to_owned();
+    for variant in ["1", "2", "3"] {
+        let surface = format!("s{variant}.ply");
+        site.generate(&[
+            "--subdivisions",
+            "3",
+            "--variant",
+            variant,
+            "--surface",
+            &surface,
+            "--sphere",
+            "sphere.ply",
+            "--force",
+        ]);
+        table += &format!("s{variant},{surface},sphere.ply\n");
+    }
+    site.write("s.csv", &table);
+    let method = |expected: &str| {
+        let commands = succeed(&mut site.study(&["--dry-run"]));
+        assert!(commands.contains(expected), "{commands}");
+    };
+    method("--method fixed");
+    site.write("s.csv", &table.replace("s3.ply,sphere.ply", "s3.ply,"));
+    method("shape correspond --table out/.study/surfaces.tsv --max-degree 3");
+    let study = site.text("study.toml");
+    site.write("study.toml", &study.replace("max_degree", "arguments = [\"--sphere=sphere.ply\"]\nmax_degree"));
+    method("--method fixed");
+    site.write("study.toml", &(study.clone() + "[align]\nmethod = \"joint\"\n"));
+    method("--method joint");
+    // What a group's folder can't hold.
+    site.write("study.toml", &study);
+    site.write("s.csv", &table.replace("s3,s3.ply,sphere.ply", "mean,s3.ply,"));
+    let error = fail(&mut site.study(&[]));
+    assert!(error.contains("line 4: expected an id other than `mean`") && !site.path("out").exists(), "{error}");
+}

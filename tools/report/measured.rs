@@ -1,0 +1,98 @@
+//! What `shape quality` and `shape correspond` have written of a group.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use spharm::shape::Curve;
+use spharm_cli::inputs::{MOST_OWN, read_text};
+use spharm_report::{Quality, Table};
+
+/// Measures of alignments, named as their files.
+pub(super) fn quality(paths: &[PathBuf]) -> Result<Vec<Quality>> {
+    paths.iter().map(|path| quality_of(path)).collect()
+}
+
+fn quality_of(path: &Path) -> Result<Quality> {
+    let found = read(path, "shape quality", "spharm shape quality -o")?;
+    let needed = |name: &str| {
+        curve(&found[name]).with_context(|| format!("{}: expected numbers in {name}, found none", path.display()))
+    };
+    let landmarks = &found["landmarks"];
+    Ok(Quality {
+        name: path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        variance: found["variance"].as_f64().unwrap_or(f64::NAN),
+        compactness: needed("compactness")?,
+        generalisation: needed("generalisation")?,
+        specificity: needed("specificity")?,
+        surface_generalisation: curve(&found["surface_generalisation"]),
+        surface_specificity: curve(&found["surface_specificity"]),
+        landmarks: mean_and_median(landmarks),
+    })
+}
+
+fn mean_and_median(landmarks: &Value) -> Option<[f64; 2]> {
+    Some([landmarks["mean"].as_f64()?, landmarks["median"].as_f64()?])
+}
+
+fn curve(value: &Value) -> Option<Curve> {
+    let numbers = |key: &str| value[key].as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>();
+    let of_band = |key| numbers(key).unwrap_or_default();
+    Some(Curve { values: numbers("values")?, low: of_band("low"), high: of_band("high") })
+}
+
+/// How a group was made to correspond.
+pub(super) struct Correspondence {
+    /// The members and how they are covered; the landmarks, if there are any.
+    pub(super) tables: Vec<Table>,
+    /// Mean and median distance of landmarks that were carried.
+    pub(super) landmarks: Option<[f64; 2]>,
+}
+
+/// Columns of the members' table: their names, keys, factors and decimals.
+const MEMBERS: [(&str, &str, f64, usize); 7] = [
+    ("pose distance", "pose_distance", 1.0, 4),
+    ("covered to, rms", "cover_rms", 1.0, 4),
+    ("99 %", "cover_most", 1.0, 4),
+    ("farthest", "cover_farthest", 1.0, 4),
+    ("not reached, %", "unreached", 100.0, 2),
+    ("places without counterpart", "without_counterpart", 1.0, 0),
+    ("model, rms", "model_rms", 1.0, 4),
+];
+
+pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
+    let found = read(path, "shape correspond", "spharm shape correspond --report")?;
+    let members = found["members"].as_array().map_or(&[][..], Vec::as_slice);
+    let row = |member: &Value| {
+        let of = &member["registration"];
+        let cells = MEMBERS.iter().map(|(_, key, factor, decimals)| {
+            of[*key].as_f64().map_or("–".to_owned(), |value| format!("{:.*}", *decimals, factor * value))
+        });
+        std::iter::once(member["name"].as_str().unwrap_or_default().to_owned()).chain(cells).collect()
+    };
+    let columns = std::iter::once("subject").chain(MEMBERS.iter().map(|(name, ..)| *name)).map(str::to_owned);
+    let columns = columns.collect();
+    let mut tables =
+        vec![Table { title: "Correspondence".to_owned(), columns, rows: members.iter().map(row).collect() }];
+    let marks = &found["landmarks"];
+    if let (Some(names), Some(means)) = (marks["names"].as_array(), marks["by_landmark"].as_array()) {
+        let row = |(name, mean): (&Value, &Value)| {
+            let mean = mean.as_f64().map_or("–".to_owned(), |mean| format!("{mean:.4}"));
+            vec![name.as_str().unwrap_or_default().to_owned(), mean]
+        };
+        let columns = ["landmark", "mean distance, carried from subject to subject"].map(str::to_owned).to_vec();
+        tables.push(Table { title: "Landmarks".to_owned(), columns, rows: names.iter().zip(means).map(row).collect() });
+    }
+    Ok(Correspondence { tables, landmarks: mean_and_median(marks) })
+}
+
+/// A report of a verb.
+fn read(path: &Path, tool: &str, command: &str) -> Result<Value> {
+    let text = read_text(path, "report", MOST_OWN)?;
+    let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
+    if value["tool"] != tool {
+        let found = value["tool"].as_str().map_or("another file".to_owned(), |tool| format!("one of {tool}"));
+        bail!("{}: expected a report of `{command}`, found {found}", path.display());
+    }
+    Ok(value)
+}

@@ -1,0 +1,98 @@
+//! The frames that members came from: the transforms that `shape align` and `shape correspond` have written.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use serde::Deserialize;
+use serde_json::Value;
+use spharm_cli::inputs::{MOST_OWN, read_text};
+use spharm_cli::paths::model_name;
+use spharm_surface::Similarity;
+
+/// A transform of `shape align`.
+#[derive(Deserialize)]
+struct Aligned {
+    output: String,
+    object: [[f64; 3]; 3],
+    scale: f64,
+    translation: [f64; 3],
+}
+
+/// A member of `shape correspond`.
+#[derive(Deserialize)]
+struct Member {
+    name: String,
+    to_group: ToGroup,
+}
+
+#[derive(Deserialize)]
+struct ToGroup {
+    orthogonal: [[f64; 3]; 3],
+    scale: f64,
+    translation: [f64; 3],
+}
+
+/// Reads the transforms of models with these names, in their order, from the members' own frames to the models'.
+///
+/// # Errors
+///
+/// When the file can't be read, is neither's, or has no transform for a model.
+pub(super) fn read(path: &Path, names: &[String]) -> Result<Vec<Similarity>> {
+    let shown = path.display();
+    let text = read_text(path, "transforms", MOST_OWN)?;
+    let expected = || {
+        format!(
+            "{shown}: expected what `shape align --transforms` or `shape correspond --report` writes, found other JSON"
+        )
+    };
+    let value: Value = serde_json::from_str(&text).with_context(|| format!("{shown}: not JSON"))?;
+    let found = match value.get("members") {
+        Some(members) => of_group(members.clone()),
+        None => of_alignment(value),
+    };
+    let found = found.with_context(expected)?;
+    let one = |name: &String| match found.iter().find(|(of, _)| of == name) {
+        Some((_, similarity)) => Ok(*similarity),
+        None => bail!("{shown}: no transform of {name}"),
+    };
+    names.iter().map(one).collect()
+}
+
+fn of_alignment(value: Value) -> serde_json::Result<Vec<(String, Similarity)>> {
+    let of = |found: Aligned| {
+        let Aligned { output, object: orthogonal, scale, translation } = found;
+        (model_name(Path::new(&output)), Similarity { orthogonal, scale, translation })
+    };
+    Ok(serde_json::from_value::<Vec<Aligned>>(value)?.into_iter().map(of).collect())
+}
+
+fn of_group(value: Value) -> serde_json::Result<Vec<(String, Similarity)>> {
+    let of = |found: Member| {
+        let ToGroup { orthogonal, scale, translation } = found.to_group;
+        (found.name, Similarity { orthogonal, scale, translation })
+    };
+    Ok(serde_json::from_value::<Vec<Member>>(value)?.into_iter().map(of).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transforms_are_found_by_their_models() {
+        let site = tempfile::tempdir().unwrap();
+        let path = site.path().join("t.json");
+        let parts =
+            |turn: &str| format!("{{\"{turn}\":[[0,-1,0],[1,0,0],[0,0,1]],\"scale\":2,\"translation\":[1,0,0]}}");
+        let aligned = parts("object").replace('{', "{\"output\":\"o/b.spharm.npz\",\"rmsd_after\":1,");
+        let member = format!("{{\"members\":[{{\"name\":\"b\",\"to_group\":{}}}]}}", parts("orthogonal"));
+        for text in [format!("[{aligned}]"), member] {
+            std::fs::write(&path, text).unwrap();
+            let found = read(&path, &["b".to_owned()]).unwrap();
+            assert_eq!(found[0].apply([1.0, 0.0, 3.0]), [1.0, 2.0, 6.0]);
+            assert!(read(&path, &["a".to_owned()]).unwrap_err().to_string().contains("no transform of a"));
+        }
+        std::fs::write(&path, "{\"a\": 1}").unwrap();
+        assert!(read(&path, &[]).unwrap_err().to_string().contains("found other JSON"));
+    }
+}

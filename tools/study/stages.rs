@@ -1,0 +1,224 @@
+//! The stages of a study, each a command of spharm.
+
+use std::path::{Path, PathBuf};
+
+use spharm::cohort::Shard;
+
+use super::config::{Method, Test};
+use super::plan::{PLAIN, Plan, Subject, text};
+use super::stage::Stage;
+
+impl Plan {
+    /// The fits, of which `fit` itself knows what is done.
+    pub(super) fn fit(&self, shard: Option<Shard>, force: bool) -> Stage {
+        let mut arguments =
+            words(&["fit", "--manifest", &text(&self.manifest.path), "--output", &text(&self.models())]);
+        arguments.extend(words(&["--max-degree", &self.study.fit.max_degree.to_string(), "--keep-going"]));
+        arguments.extend(words(&["--status", &text(&self.status().join(status_name(shard)))]));
+        arguments.extend(words(&[if force { "--force" } else { "--update" }]));
+        arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", &shard.to_string()])));
+        arguments.extend(self.study.fit.arguments.iter().cloned());
+        Stage {
+            folder: self.folder.clone(),
+            name: "fit".to_owned(),
+            arguments,
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+        }
+    }
+
+    /// The stages after the fits, of the subjects whose models are there.
+    pub(super) fn stages(&self, subjects: &[Subject<'_>]) -> Vec<Stage> {
+        let (study, at) = (&self.study, |name: &str| self.output.join(name));
+        let models: Vec<PathBuf> = subjects.iter().map(|subject| subject.model.clone()).collect();
+        let modes = at("group.shape-model.npz");
+        let of_models = |verb: &str, file: &str| {
+            let arguments = ["shape", verb, &self.list("models.txt"), "--names", "-o", &text(&at(file))];
+            self.stage(verb, words(&arguments), &models, [at(file)])
+        };
+        let mut stages = vec![of_models("measure", "measures.csv"), of_models("describe", "descriptors.csv")];
+        stages.push(self.together(subjects, &models));
+        let aligned = self.aligned(subjects);
+        let count = study.modes.count.to_string();
+        let scores = at("scores.csv");
+        let mut arguments = words(&["shape", "pca", &self.list("aligned.txt"), "--modes", &count]);
+        arguments.extend(words(&["--scores", &text(&scores), "-o", &text(&modes)]));
+        stages.push(self.stage("modes", arguments, &aligned, [modes, scores]));
+        for test in &study.test {
+            stages.extend(self.test(test, &aligned));
+        }
+        stages.extend(self.quality(subjects, &models, &aligned));
+        stages.push(self.report(subjects));
+        stages
+    }
+
+    /// The stage that brings the subjects together, and makes their mean.
+    fn together(&self, subjects: &[Subject<'_>], models: &[PathBuf]) -> Stage {
+        let mean = self.mean();
+        match self.method {
+            Method::Correspond => self.correspond(subjects),
+            Method::Joint | Method::Fixed => {
+                let (transforms, warnings) = (self.output.join("transforms.json"), self.alignment_warnings());
+                let mut arguments = self.align("--method", self.method.name(), &self.aligned_folder());
+                arguments.extend(words(&["--mean", &text(&mean), "--transforms", &text(&transforms)]));
+                arguments.extend(words(&["--warnings", &text(&warnings)]));
+                self.stage("align", arguments, models, [self.aligned_folder(), mean, transforms, warnings])
+            }
+            Method::None => {
+                let arguments = words(&["shape", "mean", &self.list("aligned.txt"), "-o", &text(&mean)]);
+                self.stage("mean", arguments, models, [mean])
+            }
+        }
+    }
+
+    fn correspond(&self, subjects: &[Subject<'_>]) -> Stage {
+        let (folder, report, warnings) = (self.aligned_folder(), self.correspondence(), self.alignment_warnings());
+        let (table, degree) = (self.records().join("surfaces.tsv"), self.study.fit.max_degree.to_string());
+        let mut arguments = words(&["shape", "correspond", "--table", &text(&table), "--max-degree", &degree]);
+        arguments.extend(words(&["-o", &text(&folder), "--report", &text(&report), "--warnings", &text(&warnings)]));
+        arguments.extend(self.moved());
+        let files = subjects.iter().flat_map(|subject| std::iter::once(&subject.surface).chain(&subject.landmarks));
+        let inputs: Vec<PathBuf> = std::iter::once(&table).chain(files).cloned().collect();
+        self.stage("correspond", arguments, &inputs, [folder, report, warnings])
+    }
+
+    /// Arguments of an alignment of the fits' models.
+    fn align(&self, how: &str, name: &str, folder: &Path) -> Vec<String> {
+        let mut arguments =
+            words(&["shape", "align", &self.list("models.txt"), "--group", how, name, "-o", &text(folder)]);
+        arguments.extend(self.moved());
+        arguments
+    }
+
+    /// Flags of what else than a rotation brings subjects together.
+    fn moved(&self) -> impl Iterator<Item = String> {
+        let flags = [(self.study.align.scale, "--scale"), (self.study.align.mirror, "--mirror")];
+        flags.into_iter().filter(|(given, _)| *given).map(|(_, flag)| flag.to_owned())
+    }
+
+    /// The quality of a correspondence and, if it is asked for, that of the plain alignment.
+    fn quality(&self, subjects: &[Subject<'_>], models: &[PathBuf], aligned: &[PathBuf]) -> Vec<Stage> {
+        if self.method != Method::Correspond {
+            return Vec::new();
+        }
+        let marks: Vec<PathBuf> = subjects.iter().filter_map(|subject| subject.landmarks.clone()).collect();
+        let measure = |name: &str, list: &str, models: &[PathBuf], frames: &Path, [table, curves]: [PathBuf; 2]| {
+            let mut arguments = words(&["shape", "quality", &self.list(list), "-o", &text(&table)]);
+            arguments.extend(words(&["--curves", &text(&curves)]));
+            let mut inputs = models.to_vec();
+            if !marks.is_empty() {
+                arguments.extend(words(&["--landmarks", &self.list("landmarks.txt"), "--frames", &text(frames)]));
+                inputs.extend(marks.iter().cloned().chain([frames.to_owned()]));
+            }
+            self.stage(name, arguments, &inputs, [table, curves])
+        };
+        let (report, files) = (self.correspondence(), self.quality_files(Method::Correspond));
+        let mut stages = vec![measure("quality", "aligned.txt", aligned, &report, files)];
+        if self.study.quality.plain {
+            let folder = self.output.join(PLAIN);
+            let transforms = folder.join("transforms.json");
+            let mut arguments = self.align("--pose", "joint", &folder);
+            arguments.extend(words(&["--transforms", &text(&transforms), "--for-comparison"]));
+            stages.push(self.stage("plain", arguments, models, [folder.clone()]));
+            let plain: Vec<PathBuf> = models.iter().filter_map(|model| Some(folder.join(model.file_name()?))).collect();
+            let files = self.quality_files(Method::Joint);
+            stages.push(measure("quality.plain", "plain.txt", &plain, &transforms, files));
+        }
+        stages
+    }
+
+    /// The measures of a group and their picture.
+    fn quality_files(&self, method: Method) -> [PathBuf; 2] {
+        let name = if method == Method::Correspond { "correspond" } else { PLAIN };
+        ["json", "png"].map(|ending| self.output.join("quality").join(format!("{name}.{ending}")))
+    }
+
+    /// A test and its picture.
+    fn test(&self, test: &Test, aligned: &[PathBuf]) -> [Stage; 2] {
+        let (name, folder) = (format!("test.{}", test.name), self.output.join("tests").join(&test.name));
+        let table = self.records().join("aligned.csv");
+        let (table_text, folder_text) = (text(&table), text(&folder));
+        let (levels, covariates) = (test.levels.join(","), test.covariates.join(","));
+        let categorical = test.categorical.join(",");
+        let permutations = test.permutations.map(|count| count.to_string());
+        let mut arguments = vec!["shape", "test", "--table", &table_text, "--effect", &test.effect, "-o", &folder_text];
+        for (flag, value) in [("--levels", &levels), ("--covariates", &covariates), ("--categorical", &categorical)] {
+            if !value.is_empty() {
+                arguments.extend([flag, value.as_str()]);
+            }
+        }
+        arguments.extend(test.welch.then_some("--welch"));
+        arguments.extend(test.signal.iter().flat_map(|signal| ["--signal", signal.as_str()]));
+        arguments.extend(permutations.iter().flat_map(|count| ["--permutations", count.as_str()]));
+        let inputs: Vec<PathBuf> = std::iter::once(table.clone()).chain(aligned.iter().cloned()).collect();
+        let tested = self.stage(&name, words(&arguments), &inputs, [folder.clone()]);
+        let map = if test.permutations == Some(0) { "q" } else { "p-fwe" };
+        let (mean, map) = (folder.join("mean.surf.gii"), folder.join(format!("{map}.shape.gii")));
+        let picture = self.output.join("figures").join(format!("{}.png", test.name));
+        let drawn = self.stage(
+            &format!("picture.{}", test.name),
+            words(&["picture", &text(&mean), "--map", &text(&map), "-o", &text(&picture)]),
+            &[mean.clone(), map.clone()],
+            [picture],
+        );
+        [tested, drawn]
+    }
+
+    /// The page: modes, tests, what became of each subject, and with `[page] subjects` their models.
+    fn report(&self, subjects: &[Subject<'_>]) -> Stage {
+        let (modes, status) = (self.output.join("group.shape-model.npz"), self.records().join("subjects.tsv"));
+        let folders: Vec<PathBuf> =
+            self.study.test.iter().map(|test| self.output.join("tests").join(&test.name)).collect();
+        let list = self.list("models.txt");
+        let mut arguments = vec!["report".to_owned()];
+        arguments.extend(self.study.page.subjects.then_some(list));
+        let warnings = self.warnings();
+        arguments.extend(words(&["--modes", &text(&modes), "--status", &text(&status)]));
+        arguments.extend(words(&["--warnings", &text(&warnings)]));
+        if !folders.is_empty() {
+            arguments.push("--test".to_owned());
+            arguments.extend(folders.iter().map(|folder| text(folder)));
+        }
+        arguments.extend(words(&["--title", &self.study.title, "-o", &text(&self.page()), "--force"]));
+        let mut inputs = vec![modes, status, warnings];
+        if self.method == Method::Correspond {
+            let measured = [Some(Method::Correspond), self.study.quality.plain.then_some(Method::Joint)];
+            let measured = measured.into_iter().flatten().map(|method| self.quality_files(method)[0].clone());
+            let measured: Vec<PathBuf> = measured.collect();
+            arguments.extend(words(&["--correspondence", &text(&self.correspondence()), "--quality"]));
+            arguments.extend(measured.iter().map(|path| text(path)));
+            inputs.extend(measured);
+            inputs.push(self.correspondence());
+        }
+        inputs.extend(folders.iter().flat_map(|folder| ["test.csv", "test.json"].map(|name| folder.join(name))));
+        inputs.extend(subjects.iter().filter(|_| self.study.page.subjects).map(|subject| subject.model.clone()));
+        let (folder, name) = (self.folder.clone(), "report".to_owned());
+        Stage { folder, name, arguments, inputs, outputs: vec![self.page()] }
+    }
+
+    /// An argument for a list in the records.
+    fn list(&self, name: &str) -> String {
+        format!("@{}", text(&self.records().join(name)))
+    }
+
+    fn stage<const N: usize>(
+        &self,
+        name: &str,
+        mut arguments: Vec<String>,
+        inputs: &[PathBuf],
+        outputs: [PathBuf; N],
+    ) -> Stage {
+        arguments.push("--force".to_owned());
+        let (folder, name) = (self.folder.clone(), name.to_owned());
+        Stage { folder, name, arguments, inputs: inputs.to_vec(), outputs: outputs.to_vec() }
+    }
+}
+
+/// The status file of a shard; of the whole study without one.
+fn status_name(shard: Option<Shard>) -> String {
+    shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.to_string().replace('/', "-of-")))
+}
+
+fn words(words: &[&str]) -> Vec<String> {
+    words.iter().map(|word| (*word).to_owned()).collect()
+}
