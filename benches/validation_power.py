@@ -1,0 +1,93 @@
+"""Where a bump is found that half of the subjects of `generate --study` have, and where it is found and isn't.
+
+The meshes of these studies are one icosphere's, so that the place of every vertex is known; alignments see bare surfaces.
+Constants are those of `crates/surface/src/generate/study.rs`.
+"""
+
+import numpy as np
+import spharm_rs as sp
+from scipy.spatial.transform import Rotation
+
+import correspondence as bench
+import correspondence_measures as measured
+
+AXES, BEND = np.array([20.0, 11.0, 8.0]), 5.0
+PLACE, WIDTH = np.array([0.48, 0.64, 0.6]), 0.35
+LEVEL = 4
+
+
+def body(directions):
+    """The body without waves."""
+    places = directions * AXES
+    places[:, 2] += BEND * directions[:, 0] ** 2
+    return places
+
+
+def tapered(surface, share=0.25):
+    """A subject that is wider at one end, so that no half turn brings it near to itself."""
+    vertices, faces = bench.arrays(surface)
+    turn, shift = measured.rotation(vertices, body(bench.sphere(LEVEL)[0]))
+    upright = vertices @ turn + shift
+    upright[:, 1:] *= 1 + share * upright[:, :1] / AXES[0]
+    return sp.Surface((upright - shift) @ turn.T, faces)
+
+
+def study(seed, height, taper):
+    surfaces = bench.study(seed, height)
+    return [tapered(surface) for surface in surfaces] if taper else surfaces
+
+
+def known_group(surfaces, max_degree):
+    """Over the icosphere that all meshes are: the true correspondence."""
+    models = [sp.fit(surface, sp.icosphere(LEVEL), max_degree) for surface in surfaces]
+    return sp.shape.procrustes(models, method="fixed")
+
+
+def true_places(group, surfaces):
+    """Of each member the true direction of the place at each direction of the icosphere, (n, V, 3)."""
+    directions, found = bench.sphere(LEVEL)[0], []
+    for model, transform, surface in zip(group.models, group.transforms, surfaces):
+        vertices, faces = transform.apply(np.asarray(surface.vertices)), np.asarray(surface.faces)
+        at, which, _ = measured.closest(vertices, faces, model.evaluate(directions))
+        nearest = np.linalg.norm(vertices[faces[which]] - at[:, None], axis=2).argmin(1)
+        found.append(directions[faces[which, nearest]])
+    return np.array(found)
+
+
+def agreed(places):
+    """The largest set of members whose places agree: those that lie as most do. The others are turned."""
+    alike = np.einsum("avc,bvc->ab", places, places) / places.shape[1] > 0.7
+    return alike[alike.sum(1).argmax()]
+
+
+def degrees_between(group, known, surfaces, chosen, labels):
+    """The angle by which the mean poses of the two groups differ from those of the true correspondence."""
+    turns = []
+    for first, second, surface in zip(known.transforms, group.transforms, surfaces):
+        vertices = np.asarray(surface.vertices)
+        turns.append(measured.rotation(first.apply(vertices), second.apply(vertices))[0])
+    first, second = (Rotation.from_matrix([turn for turn, kept, own in zip(turns, chosen, labels) if kept and own == label]).mean()
+                     for label in "ab")  # fmt: skip
+    return float(np.degrees((first * second.inv()).magnitude()))
+
+
+def found_of(group, known, surfaces, labels, permutations=999):
+    """Shares of the bump's area, and of all that is three widths away, where p is at most 0.05; how many members are turned
+    by a half turn; by how many degrees the groups' poses differ.
+
+    The bump ends at two widths, where it has a seventh of its height.
+    """
+    places = true_places(group, surfaces)
+    as_most = agreed(places)
+    middle = places[as_most].mean(0)
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    angle = np.arccos(np.clip(middle @ PLACE / np.linalg.norm(PLACE), -1, 1))
+    test = sp.shape.test(group.models, groups=labels, sphere=LEVEL, permutations=permutations)
+    p, weight = np.asarray(test.p_fwe), bench.points(group.models)[1]
+    near, far = angle < 2 * WIDTH, angle > 3 * WIDTH
+    share = {name: float(weight[part & (p <= 0.05)].sum() / weight[part].sum()) for name, part in (("bump", near), ("else", far))}
+    mean = np.asarray(test.mean.surface(LEVEL).vertices)
+    turn, shift = measured.rotation(mean, body(middle))
+    drawn = sp.Surface(mean @ turn + shift, bench.sphere(LEVEL)[1])
+    degrees = degrees_between(group, known, surfaces, as_most, labels)
+    return share | {"degrees": degrees, "turned": int((~as_most).sum()), "count": int((p <= 0.05).sum()), "map": (drawn, p)}
