@@ -22,14 +22,7 @@ struct Aligned {
 #[derive(Deserialize)]
 struct Member {
     name: String,
-    to_group: ToGroup,
-}
-
-#[derive(Deserialize)]
-struct ToGroup {
-    orthogonal: [[f64; 3]; 3],
-    scale: f64,
-    translation: [f64; 3],
+    to_group: Similarity,
 }
 
 /// Reads the transforms of models with these names, in their order, from the members' own frames to the models'.
@@ -67,11 +60,8 @@ fn of_alignment(value: Value) -> serde_json::Result<Vec<(String, Similarity)>> {
 }
 
 fn of_group(value: Value) -> serde_json::Result<Vec<(String, Similarity)>> {
-    let of = |found: Member| {
-        let ToGroup { orthogonal, scale, translation } = found.to_group;
-        (found.name, Similarity { orthogonal, scale, translation })
-    };
-    Ok(serde_json::from_value::<Vec<Member>>(value)?.into_iter().map(of).collect())
+    let members: Vec<Member> = serde_json::from_value(value)?;
+    Ok(members.into_iter().map(|found| (found.name, found.to_group)).collect())
 }
 
 #[cfg(test)]

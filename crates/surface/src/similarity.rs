@@ -1,11 +1,13 @@
 //! Similarities of space.
 
+use serde::{Deserialize, Serialize};
+
 use crate::geometry::{Vec3, add, scale};
 use crate::matrix3::{IDENTITY, Matrix3, determinant, product, times, transposed};
 use crate::mesh::Mesh;
 
 /// A similarity of space: `x -> scale Q x + translation`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Similarity {
     /// Q, by rows: a rotation, or a reflection where one was asked for.
     pub orthogonal: Matrix3,

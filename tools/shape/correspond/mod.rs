@@ -229,11 +229,7 @@ fn member_json(surface: &Surface, member: &MemberReport, similarity: &spharm_sur
     json!({
         "name": surface.name,
         "input": shown(&surface.path),
-        "to_group": {
-            "orthogonal": similarity.orthogonal,
-            "scale": similarity.scale,
-            "translation": similarity.translation,
-        },
+        "to_group": similarity,
         "registration": member,
     })
 }

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spharm_model::FileRecord;
-use spharm_surface::geometry::Vec3;
+use spharm_surface::Similarity;
 
 use super::report::MemberReport;
 use crate::Error;
@@ -57,18 +57,11 @@ struct Member {
     version: u32,
     name: String,
     input: Option<FileRecord>,
-    to_group: ToGroup,
+    to_group: Similarity,
     #[serde(with = "Registered")]
     registration: MemberReport,
     #[serde(default)]
     warnings: Vec<String>,
-}
-
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct ToGroup {
-    orthogonal: [[f64; 3]; 3],
-    scale: f64,
-    translation: Vec3,
 }
 
 #[derive(Serialize, Deserialize)]

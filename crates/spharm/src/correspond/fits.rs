@@ -1,6 +1,6 @@
 //! Models of all members over one sphere, and their refinement by the group.
 
-use ndarray::ArrayView2;
+use ndarray::{Array2, ArrayView1, ArrayView2};
 use serde_json::json;
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_model::Model;
@@ -8,8 +8,8 @@ use spharm_monitor::{Monitor, OnlyCancel};
 use spharm_register::untangle::untangle;
 use spharm_register::{RegisterParams, Subject, Template};
 use spharm_shape::groupwise::{Flow, GroupwiseParams, GroupwiseReport, groupwise};
-use spharm_surface::geometry::{Vec3, add, sub};
-use spharm_surface::locator::{Place, SphereLocator};
+use spharm_surface::geometry::Vec3;
+use spharm_surface::locator::SphereLocator;
 use spharm_surface::{Kind, Mesh, Similarity, Sphere, Target};
 use spharm_transform::{Transform, TransformParams};
 
@@ -65,13 +65,15 @@ impl Fitted {
         let members: Vec<ArrayView2<'_, f64>> = self.coefficients.iter().map(|own| own.values().view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
         let over = SphereLocator::new(&mesh_of(sphere.directions.as_slice().to_vec(), &sphere.faces))?;
+        let at_sphere = self.transform(&sphere.directions)?;
         // Of a template nothing but its triangles is needed.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
         let refined = subjects.each(|index, mesh: Mesh| {
             monitor.check()?;
-            let (places, there) = self.carried(index, &found.flows[index], &sphere, &over, &reached[index])?;
+            let at = (&at_sphere, &over);
+            let (places, there) = self.carried(index, &found.flows[index], &sphere, at, &reached[index])?;
             let subject = Subject::new(&similarities[index].apply_mesh(&mesh))?;
             let free: Vec<bool> = there.iter().map(|there| !there).collect();
             let rounds = params.register.untangle_rounds;
@@ -88,35 +90,37 @@ impl Fitted {
         Ok((found.report, turned))
     }
 
-    /// The places of a member at the directions to which a flow carries those of the sphere, and whether they are reached: the
-    /// model there, and what it leaves of the places, linear within triangles. So places stay where nothing is carried, and
-    /// have no kinks where something is.
+    /// The places of a member at the directions to which a flow carries those of the sphere, and whether they are
+    /// reached: the model there, and what it leaves of the places, linear within triangles. So places stay where
+    /// nothing is carried, and have no kinks where something is.
     fn carried(
         &self,
         index: usize,
         flow: &Flow,
         sphere: &Sphere,
-        over: &SphereLocator,
+        (at_sphere, over): (&Transform, &SphereLocator),
         reached: &[bool],
     ) -> Result<(Vec<Vec3>, Vec<bool>), Error> {
+        let model = self.coefficients[index].values().view();
         let carried = flow.apply(sphere.directions.as_slice())?;
-        let before = self.model_at(index, &sphere.directions)?;
-        let after = self.model_at(index, &Directions::from_vertices(&carried)?)?;
-        let left: Vec<Vec3> =
-            self.places[index].iter().zip(&before).map(|(place, model)| sub(*place, *model)).collect();
-        let of = |(at, model): (&Place, &Vec3)| {
-            let corners = over.corners(at).map(|v| v as usize);
-            let left = std::array::from_fn(|k| (0..3).map(|i| at.barycentric[i] * left[corners[i]][k]).sum());
-            (add(*model, left), (0..3).all(|i| at.barycentric[i] == 0.0 || reached[corners[i]]))
+        let before = at_sphere.synthesis(model)?;
+        // What the model leaves, and 1 where a place isn't reached.
+        let left = Array2::from_shape_fn((before.nrows(), 4), |(v, k)| match k {
+            3 => f64::from(u8::from(!reached[v])),
+            _ => self.places[index][v][k] - before[[v, k]],
+        });
+        let left = over.interpolate(left.view(), &carried)?;
+        let after = self.transform(&Directions::from_vertices(&carried)?)?.synthesis(model)?;
+        let of = |(model, left): (ArrayView1<'_, f64>, ArrayView1<'_, f64>)| {
+            (std::array::from_fn(|k| model[k] + left[k]), left[3] == 0.0)
         };
-        Ok(over.locate_all(&carried)?.iter().zip(&after).map(of).unzip())
+        Ok(after.rows().into_iter().zip(left.rows()).map(of).unzip())
     }
 
-    fn model_at(&self, index: usize, directions: &Directions) -> Result<Vec<Vec3>, Error> {
-        let own = &self.coefficients[index];
-        let params = TransformParams { max_degree: own.max_degree(), accuracy: ACCURACY, channels: 3 };
-        let values = Transform::new(directions, &params)?.synthesis(own.values().view())?;
-        Ok(values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect())
+    /// The transform of the models at directions.
+    fn transform(&self, directions: &Directions) -> Result<Transform, Error> {
+        let max_degree = self.coefficients.first().map_or(0, Coefficients::max_degree);
+        Ok(Transform::new(directions, &TransformParams { max_degree, accuracy: ACCURACY, channels: 3 })?)
     }
 
     /// Moves the models as their places were.
@@ -134,12 +138,7 @@ impl Fitted {
     pub(super) fn models(&self, sphere: &Sphere, similarities: &[Similarity]) -> Vec<Model> {
         let model = |(own, similarity): (&Coefficients, &Similarity)| {
             let mut model = signed(Model::new(sphere.clone(), own.clone(), Kind::Surface), "shape correspond");
-            let transform = json!({
-                "orthogonal": similarity.orthogonal,
-                "scale": similarity.scale,
-                "translation": similarity.translation,
-            });
-            model.provenance.other.insert("to_group".to_owned(), transform);
+            model.provenance.other.insert("to_group".to_owned(), json!(similarity));
             model
         };
         self.coefficients.iter().zip(similarities).map(model).collect()

@@ -5,11 +5,9 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use spharm_model::Model;
 use spharm_model::arrays::Arrays;
-use spharm_surface::Similarity;
 
 use super::{
-    GroupFiles, Member, MemberOrigin, Shared, ToGroup, VERSION, check_names, io, member_path, model_path, places_path,
-    refused,
+    GroupFiles, Member, MemberOrigin, Shared, VERSION, check_names, io, member_path, model_path, places_path, refused,
 };
 use crate::Error;
 use crate::correspond::{CorrespondReport, Group, GroupTemplate};
@@ -144,7 +142,7 @@ impl GroupFiles {
             let found = format!("{} of version {}", record.name, record.version);
             return Err(refused(&path, format!("{name} of version {VERSION}"), found));
         }
-        let ToGroup { orthogonal, scale, translation } = record.to_group;
+        let scale = record.to_group.scale;
         if !(scale > 0.0 && scale.is_finite()) {
             return Err(refused(&path, "a scale above 0".to_owned(), scale));
         }
@@ -167,7 +165,7 @@ impl GroupFiles {
             return Err(refused(&path, "0 or 1 in reached".to_owned(), value));
         }
         group.models.push(model);
-        group.similarities.push(Similarity { orthogonal, scale, translation });
+        group.similarities.push(record.to_group);
         group.places.push(places.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect());
         group.reached.push(reached.iter().map(|value| *value == 1.0).collect());
         group.report.members.push(record.registration);

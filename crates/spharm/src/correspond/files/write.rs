@@ -10,9 +10,7 @@ use spharm_surface::geometry::Vec3;
 use spharm_surface::io::write_new;
 use spharm_surface::{Kind, Similarity, SurfaceError};
 
-use super::{
-    GroupFiles, Member, MemberOrigin, Shared, ToGroup, VERSION, check_names, io, member_path, model_path, places_path,
-};
+use super::{GroupFiles, Member, MemberOrigin, Shared, VERSION, check_names, io, member_path, model_path, places_path};
 use crate::Error;
 use crate::correspond::{Group, GroupTemplate, MemberReport, NewMember};
 use crate::model::{signed, versions};
@@ -183,12 +181,11 @@ impl Writer<'_> {
         ];
         write_arrays(&path, self.overwrite, &entries)?;
         self.written.push(path);
-        let Similarity { orthogonal, scale, translation } = *similarity;
         let record = Member {
             version: VERSION,
             name: name.clone(),
             input: origin.input.clone(),
-            to_group: ToGroup { orthogonal, scale, translation },
+            to_group: *similarity,
             registration: *report,
             warnings: origin.warnings.clone(),
         };
