@@ -1,12 +1,13 @@
 //! A group of surfaces brought together.
 //!
 //! All come to the most typical of them first: the one whose size and spread along the principal axes have the least
-//! distance from the others', and then, if another one is nearer to all in the poses that are found, to that. A surface with two
-//! poses that are nearly as good takes the one in which it is nearer to the others, again and again until none changes: what tells
-//! two sides of a nearly symmetric body apart may be small, and is there only beside others that are the right way round. At last each moves to all of the others,
-//! or to [`OTHERS`] of them, at once: with no mean surface between them, which would have no member's shape, the sum of the
-//! squared distances of the pairs decreases, as a generalised Procrustes analysis has it (J. Gower, Psychometrika 40, 1975)
-//! with nearest points for places. The group lies where the typical one lies.
+//! distance from the others', and then, if another one is nearer to all in the poses that are found, to that. A surface
+//! with two poses that are nearly as good takes the one in which it is nearer to the others. This is repeated until no
+//! pose changes: two ends of a nearly symmetric body may differ by little, which only others in the right pose show. At
+//! last each moves to all of the others, or to [`OTHERS`] of them, at once: with no mean surface between them, which
+//! would have no member's shape, the sum of the squared distances of the pairs decreases, as a generalised Procrustes
+//! analysis has it (J. Gower, Psychometrika 40, 1975) with nearest points for places. The group lies where the typical
+//! one lies.
 
 use std::fmt;
 
@@ -104,8 +105,8 @@ impl fmt::Display for GroupPoseWarning {
     }
 }
 
-/// Brings surfaces together, see the module for how. Some 50 ms of two threads for each. With `scale` all get the geometric
-/// mean of their sizes.
+/// Brings surfaces together, see the module for how. Some 50 ms of two threads for each. With `scale` all get the
+/// geometric mean of their sizes.
 ///
 /// # Errors
 ///
@@ -208,26 +209,34 @@ impl Group<'_> {
 
     /// The median distance of a member in a pose from the others in theirs: a stranger among them doesn't count.
     fn distance_of(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
-        let view = self.surfaces[member].view(Density::Some);
-        let distance = |other: usize| {
-            let (to, fixed) = (motion.then(&motions[other].inverse()), self.surfaces[other].view(Density::Some));
-            motions[other].scale * icp::distance(view, fixed, &to, self.params.trimmed)
-        };
-        median(self.others(member, OTHERS).map(distance).collect())
+        median(self.distances_to(OTHERS, self.params.trimmed, member, motion, motions))
     }
 
-    /// The mean square distance of a member in a pose from others in theirs, with nothing trimmed: the place where two sides of
-    /// a body differ may be as small as what is trimmed. Of strangers, no more counts than the usual.
+    /// The mean square distance of a member in a pose from others in theirs, with nothing trimmed: the part where two
+    /// ends of a body differ may be as small as the trimmed share. Distances count up to twice their median, for
+    /// surfaces of other kinds.
     fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
-        let view = self.surfaces[member].view(Density::Some);
-        let others: Vec<usize> = self.others(member, JUDGES).collect();
-        let distance = |other: &usize| {
-            let (to, fixed) = (motion.then(&motions[*other].inverse()), self.surfaces[*other].view(Density::Some));
-            motions[*other].scale * icp::distance(view, fixed, &to, 0.0)
-        };
-        let found: Vec<f64> = others.par_iter().map(distance).collect();
+        let found = self.distances_to(JUDGES, 0.0, member, motion, motions);
         let most = 2.0 * median(found.clone());
         found.iter().map(|distance| distance.min(most).powi(2)).sum::<f64>() / found.len() as f64
+    }
+
+    /// Distances of a member in a pose from `most` others or fewer in theirs, without the share `trimmed` of the pairs.
+    fn distances_to(
+        &self,
+        most: usize,
+        trimmed: f64,
+        member: usize,
+        motion: &Similarity,
+        motions: &[Similarity],
+    ) -> Vec<f64> {
+        let view = self.surfaces[member].view(Density::Some);
+        let others: Vec<usize> = self.others(member, most).collect();
+        let distance = |other: &usize| {
+            let (to, fixed) = (motion.then(&motions[*other].inverse()), self.surfaces[*other].view(Density::Some));
+            motions[*other].scale * icp::distance(view, fixed, &to, trimmed)
+        };
+        others.par_iter().map(distance).collect()
     }
 
     /// The pose of each, where two are nearly as good the one that is nearer to the others; and where even they don't tell.
