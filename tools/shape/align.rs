@@ -237,8 +237,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some((path, target)) => to_target(cli, &paths, &models, (path, target), &params, monitor),
         None => together(cli, &paths, &models, &params, monitor),
     })?;
-    let said = found.warnings.iter().filter(|_| !cli.for_comparison);
-    said.for_each(|warning| monitor.console().warn(warning));
+    if !cli.for_comparison {
+        found.warnings.iter().for_each(|warning| monitor.console().warn(warning));
+    }
     for ((model, transform), target) in models.iter().zip(&found.transforms).zip(&targets) {
         spharm::Monitor::check(monitor)?;
         let moved = signed(pool.install(|| transform.apply_model(model, monitor))?, "shape align");

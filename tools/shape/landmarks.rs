@@ -28,8 +28,8 @@ pub(super) struct Marks {
     pub(super) warnings: Vec<String>,
 }
 
-/// Reads the landmarks of models, if any are named; where `transforms` lead from the landmarks' frames to the models', they are
-/// moved by these.
+/// Reads the landmarks of models, if any are named; where `transforms` lead from the landmarks' frames to the models',
+/// they are moved by these.
 pub(super) fn of_models(
     named: &[PathBuf],
     models: &[PathBuf],
@@ -45,7 +45,10 @@ pub(super) fn of_models(
     let surface = |index: usize| -> Result<Mesh> {
         let values = synthesis(&directions, members[index].values().view())?;
         let mesh = sphere.with_vertices(values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect());
-        Ok(transforms.map_or(mesh.clone(), |all| all[index].inverse().apply_mesh(&mesh)))
+        Ok(match transforms {
+            Some(all) => all[index].inverse().apply_mesh(&mesh),
+            None => mesh,
+        })
     };
     let mut marks = of_surfaces(named, models, surface)?;
     for (points, to_model) in marks.points.iter_mut().zip(transforms.unwrap_or_default()) {

@@ -67,14 +67,14 @@ pub(super) struct Cli {
     no_surfaces: bool,
     /// Landmarks of the models, in their own frames
     ///
-    /// A folder with a file named as each model, or as many files, or @LIST, in the models' order: .mrk.json, .fcsv, .json,
-    /// .csv or .tsv. Names that all of them have are compared.
+    /// A folder with a file named as each model, or as many files, or @LIST, in the models' order: .mrk.json, .fcsv,
+    /// .json, .csv or .tsv. Names that all of them have are compared.
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = METHOD)]
     landmarks: Vec<PathBuf>,
     /// Transforms from the landmarks' frames to the models'
     ///
-    /// As `spharm shape align --transforms` and `spharm shape correspond --report` write them, for landmarks of the surfaces
-    /// as they were.
+    /// As `spharm shape align --transforms` and `spharm shape correspond --report` write them, for landmarks of the
+    /// surfaces as they were.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap

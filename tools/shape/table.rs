@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
+use spharm::cohort::Manifest;
 use spharm::shape::stats::Column;
 use spharm_cli::inputs::read_text;
 
@@ -111,6 +112,25 @@ impl Table {
         }
         Ok(cells)
     }
+}
+
+/// The column of landmarks' files.
+pub(crate) const LANDMARKS: &str = "landmarks";
+
+/// Returns the files that a column of a `table` of surfaces names, one a row, relative to it; none where there is no
+/// such column.
+///
+/// # Errors
+///
+/// When a cell is empty.
+pub(crate) fn files_of(manifest: &Manifest, column: &str, table: &Path) -> Result<Option<Vec<PathBuf>>> {
+    let Some(at) = manifest.columns.iter().position(|name| name == column) else { return Ok(None) };
+    let folder = table.parent().unwrap_or(Path::new(""));
+    let files = manifest.rows.iter().map(|row| match row.extra.get(at).map_or("", |cell| cell.trim()) {
+        "" => bail!("{}: {}: expected a file in column {column}, found nothing", table.display(), row.id),
+        cell => Ok(folder.join(cell)),
+    });
+    files.collect::<Result<_>>().map(Some)
 }
 
 /// A column of numbers or levels; the row of a cell that isn't a number where most of them are, or are meant to be. As levels such a

@@ -1,8 +1,8 @@
 //! `study`: from a table of subjects to a page, in stages that are commands of spharm.
 //!
-//! `config` is the study's file, `subjects` its table, `surfaces` the meshes that are made to correspond, `plan` where all
-//! of it lies, `stages` the commands that it asks for, `check` what is wrong with them before any is run, `stage` what makes
-//! one of them run or not, `tidy` what is no longer of the study, `warnings` what the page begins with.
+//! `config` is the study's file, `subjects` its table, `surfaces` the meshes that are made to correspond, `plan` where
+//! all of it lies, `stages` the commands that it asks for, `check` what is wrong with them before any is run, `stage`
+//! what makes one of them run or not, `tidy` what is no longer of the study, `warnings` what the page begins with.
 
 mod args;
 mod check;

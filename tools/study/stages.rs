@@ -164,7 +164,7 @@ impl Plan {
         [tested, drawn]
     }
 
-    /// The page: modes, tests, what became of each subject, and with `[page] subjects` their models.
+    /// The page: modes, tests, the status of each subject, and with `[page] subjects` their models.
     fn report(&self, subjects: &[Subject<'_>]) -> Stage {
         let (modes, status) = (self.output.join("group.shape-model.npz"), self.records().join("subjects.tsv"));
         let folders: Vec<PathBuf> =

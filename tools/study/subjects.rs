@@ -1,5 +1,5 @@
-//! The subjects of a study: its table as it is, or a table of ids and covariates whose files are named by patterns; and their
-//! landmarks.
+//! The subjects of a study: its table as it is, or a table of ids and covariates whose files are named by patterns; and
+//! their landmarks.
 
 use std::path::{Path, PathBuf};
 
@@ -7,11 +7,10 @@ use anyhow::{Context, Result, bail};
 use spharm::cohort::Manifest;
 
 use super::config::Subjects;
+use crate::shape::table::{LANDMARKS, files_of};
 
 /// The place of the id in a pattern.
 const ID: &str = "{id}";
-/// The column of the landmarks' files.
-const LANDMARKS: &str = "landmarks";
 /// Most bytes of a table, far above any study's.
 const LARGEST: u64 = 64 << 20;
 
@@ -41,8 +40,8 @@ pub(super) fn manifest(
     Ok((manifest, Some(text)))
 }
 
-/// Returns the file of each subject's landmarks: by the pattern, relative to `folder`, else of the table's column, relative to the
-/// table; none of a study without.
+/// Returns the file of each subject's landmarks: by the pattern, relative to `folder`, else of the table's column,
+/// relative to the table; none of a study without.
 ///
 /// # Errors
 ///
@@ -57,13 +56,7 @@ pub(super) fn landmarks(
         has_id(LANDMARKS, pattern)?;
         return Ok(Some(manifest.rows.iter().map(|row| folder.join(pattern.replace(ID, &row.id))).collect()));
     }
-    let Some(at) = manifest.columns.iter().position(|name| name == LANDMARKS) else { return Ok(None) };
-    let of_table = table.parent().unwrap_or(Path::new(""));
-    let files = manifest.rows.iter().map(|row| match row.extra.get(at).map_or("", |cell| cell.trim()) {
-        "" => bail!("{}: {}: expected a file in column {LANDMARKS}, found nothing", table.display(), row.id),
-        cell => Ok(of_table.join(cell)),
-    });
-    files.collect::<Result<_>>().map(Some)
+    files_of(manifest, LANDMARKS, table)
 }
 
 fn has_id(key: &str, pattern: &str) -> Result<()> {

@@ -16,7 +16,8 @@ pub(super) fn of_row(row: &Row, model: &Path) -> PathBuf {
     }
 }
 
-/// Text of the table, of ids, meshes and landmarks, for a file in `folder`: the same from whichever folder the study is called.
+/// Text of the table, of ids, meshes and landmarks, for a file in `folder`: the same from whichever folder the study is
+/// called.
 ///
 /// # Errors
 ///

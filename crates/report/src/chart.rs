@@ -1,5 +1,5 @@
-//! Line charts, as SVG without scripts or styles of its own: the page's style sheet gives lines their colours, in light and
-//! dark.
+//! Line charts, as SVG without scripts or styles of its own: the page's style sheet gives lines their colours, in light
+//! and dark.
 
 use std::fmt::Write;
 

@@ -57,7 +57,8 @@ pub struct Maps {
     pub maps: Vec<(String, Vec<f64>)>,
 }
 
-/// Quality of a group that corresponds, by [`group_quality`](spharm_shape::group_quality); lengths in the surfaces' unit.
+/// Quality of a group that corresponds, by [`group_quality`](spharm_shape::group_quality); lengths in the surfaces'
+/// unit.
 #[derive(Debug, Clone, Default)]
 pub struct Quality {
     /// What the group was brought together by.

@@ -83,12 +83,9 @@ fn table(measured: &[Quality]) -> Table {
         }
     };
     let modes = |k: usize| if k == 1 { "1 mode".to_owned() } else { format!("{k} modes") };
-    for k in SHOWN {
-        let at = |curve: &Curve| curve.values.get(k - 1).copied();
-        add(format!("compactness, {}", modes(k)), &|of| at(&of.compactness));
-    }
     for (name, of) in [
-        ("generalisation", (|of: &Quality| Some(&of.generalisation)) as fn(&Quality) -> Option<&Curve>),
+        ("compactness", (|of: &Quality| Some(&of.compactness)) as fn(&Quality) -> Option<&Curve>),
+        ("generalisation", |of| Some(&of.generalisation)),
         ("specificity", |of| Some(&of.specificity)),
         ("generalisation between surfaces", |of| of.surface_generalisation.as_ref()),
         ("specificity between surfaces", |of| of.surface_specificity.as_ref()),

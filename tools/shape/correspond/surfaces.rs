@@ -3,7 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spharm::cohort::Manifest;
+use spharm::cohort::{Manifest, Row};
 use spharm::correspond::CorrespondParams;
 use spharm::parametrize::volume::is_volume;
 use spharm::{Error, Kind, Mesh, Model, Sphere};
@@ -15,11 +15,10 @@ use spharm_cli::threads::Threads;
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::{bytes_to_read, read_mesh};
 
+use crate::shape::table::{LANDMARKS, files_of};
+
 /// Subdivisions of the icosphere that models are evaluated on: 10,242 directions.
 const OF_MODELS: u32 = 5;
-
-/// The column of a table that names landmarks' files.
-const LANDMARKS: &str = "landmarks";
 
 /// A surface to read.
 #[derive(Debug)]
@@ -73,19 +72,14 @@ pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> 
 /// The surfaces of a table, named by their ids, and their landmarks, where it has a column of these.
 pub(in crate::shape) fn of_table(table: &Path) -> Result<(Vec<Surface>, Vec<PathBuf>)> {
     let manifest = Manifest::read(table)?;
-    let at = manifest.columns.iter().position(|name| name == LANDMARKS);
-    let (mut surfaces, mut landmarks) = (Vec::new(), Vec::new());
-    for row in &manifest.rows {
+    let landmarks = files_of(&manifest, LANDMARKS, table)?.unwrap_or_default();
+    let surface = |row: &Row| {
         let path = tidied(&row.surface);
         check(&path)?;
-        surfaces.push(Surface { name: row.id.clone(), path });
-        let Some(cell) = at.map(|at| row.extra[at].trim()) else { continue };
-        if cell.is_empty() {
-            bail!("{}: {}: expected a file in column {LANDMARKS}, found nothing", table.display(), row.id);
-        }
-        landmarks.push(tidied(&manifest.folder().join(cell)));
-    }
-    Ok((surfaces, landmarks))
+        Ok(Surface { name: row.id.clone(), path })
+    };
+    let surfaces = manifest.rows.iter().map(surface).collect::<Result<_>>()?;
+    Ok((surfaces, landmarks.iter().map(|path| tidied(path)).collect()))
 }
 
 fn check(path: &Path) -> Result<()> {
