@@ -169,10 +169,15 @@ def row_hippocampi():
         bar(f"hippocampi: specificity at {count}", specificity, measured.specificity(members, weight, count))
 
 
+def on_surfaces(group, surfaces, marks):
+    """Errors of places carried between all pairs, on the target's surface: (n, n - 1, p)."""
+    return measured.landmark_errors(group.carry, [arrays(surface) for surface in surfaces], marks)
+
+
 def errors_of_vertebrae(template=None):
     surfaces, marks = vertebrae()
     group = corresponding("vertebrae", 40, template)
-    return measured.landmark_errors(group.carry, [arrays(surface) for surface in surfaces], marks)
+    return on_surfaces(group, surfaces, marks)
 
 
 def row_landmarks_of_vertebrae():
@@ -200,13 +205,16 @@ def in_group(group, index, surface):
     return group.transforms[index].apply(vertices), faces
 
 
+def own_surface(group, index, surface, level):
+    """Distances of a subject's own vertices from its model."""
+    directions, faces = sphere(level)
+    return measured.closest(group.models[index].evaluate(directions), faces, in_group(group, index, surface)[0])[2]
+
+
 def row_cover_of_vertebrae():
     """Each subject's own surface from its model of degree 40."""
-    group, distances = corresponding("vertebrae", 40), []
-    for index, surface in enumerate(vertebrae()[0]):
-        vertices, faces = in_group(group, index, surface)
-        directions, own = sphere(6)
-        distances.append(measured.closest(group.models[index].evaluate(directions), own, vertices)[2])
+    group = corresponding("vertebrae", 40)
+    distances = [own_surface(group, index, surface, 6) for index, surface in enumerate(vertebrae()[0])]
     rms = max(float(np.sqrt((distance**2).mean())) for distance in distances)
     bar("vertebrae: own surface from the model, rms of the worst", 0.3, rms)
     bar("vertebrae: 99 %", 0.8, max(float(np.quantile(distance, 0.99)) for distance in distances))
@@ -276,7 +284,7 @@ def row_known_places():
     for family in ("moving-bump", "growing-bump", "ellipsoids", "rods"):
         surfaces, truth, marks = generated(family)
         group = corresponding(family, 16)
-        errors = measured.landmark_errors(group.carry, [arrays(surface) for surface in surfaces], marks)
+        errors = on_surfaces(group, surfaces, marks)
         members, weight = points(group.models)
         shares, count = measured.shares_of_modes(members, weight), truth.shape[1]
         print(f"  {family}: places {errors.mean():.3f} mean {np.median(errors):.3f} median, "

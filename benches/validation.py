@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Measures the tables and pictures of docs/validation.md: `./run validation [PART ...] [--quick]`.
 
-A part is a function whose name starts with `part_`; without names all are run, and each writes its tables into the page as it
-ends, so that parts may be measured one by one. `--quick` takes few members and few labellings, and writes a copy of the page to
-target/validation. Groups, studies and measures are those of correspondence.py and correspondence_measures.py.
+A part is a function whose name starts with `part_`; without names all are run. Each writes its tables into the page at its
+end, so that parts may be measured one by one. `--quick` takes few members and few labellings, and writes a copy of the page
+to target/validation. Groups, studies and measures are those of correspondence.py and correspondence_measures.py.
 """
 
 import argparse
@@ -59,11 +59,6 @@ def aligned(surfaces, max_degree, plain=True, registered=True):
     return found
 
 
-def on_surfaces(group, surfaces, marks):
-    """Errors of places carried between all pairs, on the target's surface: (n, n - 1, p)."""
-    return measured.landmark_errors(group.carry, [bench.arrays(surface) for surface in surfaces], marks)
-
-
 def part_truths(page, quick):
     """Families whose truth is known, in random poses, each member meshed anew."""
     members, degree = (4, 8) if quick else (12, 12)
@@ -81,7 +76,7 @@ def part_truths(page, quick):
                 places[name].append(None)
                 continue
             points, weight = bench.points(group.models)
-            errors = on_surfaces(group, surfaces, marks)
+            errors = bench.on_surfaces(group, surfaces, marks)
             share = measured.shares_of_modes(points, weight)[:count].sum()
             told = measured.determination(points, weight, truth, count)
             rows.append([title, ALIGNMENTS[name], f"{count}", f"{share:.3f}", f"{told:.4f}", f"{errors.mean():.2f}",
@@ -98,13 +93,6 @@ def part_truths(page, quick):
     shown = [index for index, family in enumerate(FAMILIES) if family != "ellipsoids"]
     heads = {ALIGNMENTS[name]: (COLOURS[name], [values[index] for index in shown]) for name, values in places.items()}
     page.picture("places", bars([list(FAMILIES.values())[index] for index in shown], heads, "error of known places, mm"))
-
-
-def own_surface(group, index, surface, level):
-    """Distances of a subject's own vertices from its model."""
-    vertices = group.transforms[index].apply(np.asarray(surface.vertices))
-    directions, faces = bench.sphere(level)
-    return measured.closest(group.models[index].evaluate(directions), faces, vertices)[2]
 
 
 def part_anatomy(page, quick):
@@ -128,11 +116,11 @@ def part_anatomy(page, quick):
             points, weight = bench.points(group.models, level)
             landmarks = "–"
             if marks is not None:
-                errors = on_surfaces(group, surfaces, marks[: len(surfaces)])
+                errors = bench.on_surfaces(group, surfaces, marks[: len(surfaces)])
                 landmarks = f"{errors.mean():.2f}, {np.median(errors):.2f}"
             general = [measured.generalisation(points, weight, count) for count in counts]
             special = [measured.specificity(points, weight, count) for count in counts]
-            off = [own_surface(group, index, surface, level + 1) for index, surface in enumerate(surfaces)]
+            off = [bench.own_surface(group, index, surface, level + 1) for index, surface in enumerate(surfaces)]
             rows.append([which, ALIGNMENTS[name], landmarks, *(f"{values[at]:.2f}" for values in (general, special)
                          for at in (0, min(2, len(values) - 1))), f"{max(np.sqrt((d**2).mean()) for d in off):.2f}",
                          f"{max(d.max() for d in off):.1f}"])  # fmt: skip
@@ -162,7 +150,7 @@ def part_nulls(page, quick):
 
 
 def part_power(page, quick):
-    """A bump at 10 against 10: where it is found by the true correspondence, plainly aligned, and made to correspond."""
+    """A bump at 10 against 10: where it is found by the true correspondence and by each alignment."""
     labels, names = ["a"] * 10 + ["b"] * 10, {"truth": "true correspondence"} | ALIGNMENTS
     rows, drawn = [], []
     for title, taper, heights in (("nearly symmetric", False, (1.0, 2.0, 3.0)), ("tapered", True, (0.5, 1.0, 2.0, 3.0))):

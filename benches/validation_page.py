@@ -1,7 +1,7 @@
 """What `validation.py` writes: tables between the markers of a page, and pictures.
 
-A table lies between `<!-- table: NAME -->` and `<!-- end -->`; a line that is generated between `<!-- line: NAME -->` and the
-same end. All else of the page is written by hand and stays.
+A table lies between `<!-- table: NAME -->` and `<!-- end -->`; a generated line between `<!-- line: NAME -->` and the same
+end. All else of the page is written by hand and stays.
 """
 
 import datetime
