@@ -43,8 +43,8 @@ impl Cover {
     }
 }
 
-/// Distances of vertices that aren't masked from the subject, and of the subject from them: the root mean square, and the
-/// largest.
+/// Distances of vertices that aren't masked from the subject, and of the subject from them: the root mean square, and
+/// the largest.
 pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -> (f64, f64) {
     let kept = (0..vertices.len()).into_par_iter().filter(|v| !template.masked[*v]);
     let distances = kept.map(|v| subject.tree.nearest(vertices[v]).map_or(0.0, |found| found.distance));

@@ -10,9 +10,10 @@
 //! (F^T diag(P 1) F + lambda sigma^2 I) a = F^T (P x - diag(P 1) y)
 //! ```
 //!
-//! Points that stand for a surface say where it is, and little of where along it a place belongs: each point is pulled towards
-//! `x` in full across the surface, and by the share `(sigma / (2 sigma_0))^2` along it, sigma_0 the first width. In full they
-//! scatter places along surfaces that lie together: five boxes with a growing bump then have six times their variance.
+//! The subject's points are samples of its surface: they show where it is, and not which place along it corresponds.
+//! Each point of the template is therefore pulled towards `x` in full across the surface, and by the share `(sigma / (2
+//! sigma_0))^2` along it, sigma_0 the first width. Pulled in full along it, places scatter on surfaces that coincide:
+//! the variance of five boxes with a growing bump is ten times as large.
 //!
 //! Cost of an iteration: 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
 

@@ -16,8 +16,8 @@ pub struct DriftStage {
 pub struct RegisterParams {
     /// Stages of the drift, the widest kernel first. None for surfaces that lie together.
     pub drift: Vec<DriftStage>,
-    /// Root mean square distance of the surfaces, both ways, below which vertices are projected and no more, where all are within
-    /// `reach`: points that stand for surfaces scatter places along those that lie together.
+    /// Root mean square distance of the surfaces, both ways, below which vertices are only projected, if none is
+    /// farther than `reach`: the drift would scatter places along surfaces that coincide.
     pub near: f64,
     /// Standard deviation of the distances at which the drift starts.
     pub sigma: f64,

@@ -5,11 +5,11 @@
 //! psi(s) = s^2 + BARRIER max(|s| - FREE, 0)^2
 //! ```
 //!
-//! share_T is the triangle's share of the sphere's area. a_T, six times the volume under the triangle, is positive exactly
-//! where the triangle is counter-clockwise seen from outside, and its logarithm goes to infinity before one turns over. The
-//! square of the logarithm counts shrinking and stretching alike; beyond a factor of `exp(FREE)` it is a barrier. The energy is
-//! the mean of those by the area before and after: weighted by the area before alone, a few triangles may stretch over a
-//! whole process of one member at next to no cost, and its model loses the process.
+//! share_T is the triangle's share of the sphere's area. a_T, six times the volume under the triangle, is positive
+//! exactly where the triangle is counter-clockwise seen from outside, and its logarithm goes to infinity before one
+//! turns over. The square of the logarithm counts shrinking and stretching alike; beyond a factor of `exp(FREE)` it is
+//! a barrier. The energy is the mean of those by the area before and after: weighted by the area before alone, a few
+//! triangles may stretch over a whole process of one member at next to no cost, and its model loses the process.
 //!
 //! Cost: some 60 flops a triangle.
 

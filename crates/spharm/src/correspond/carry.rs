@@ -19,8 +19,8 @@ pub struct Carried {
 }
 
 impl Group {
-    /// Carries points on member `source`, in its own frame, to the same places of member `target`, in its own. What a point is
-    /// off the triangles of the source's places, which are chords of its surface, it is off the target's.
+    /// Carries points on member `source`, in its own frame, to the same places of member `target`, in its own. What a
+    /// point is off the triangles of the source's places, which are chords of its surface, it is off the target's.
     ///
     /// # Errors
     ///
@@ -54,7 +54,8 @@ impl Group {
     }
 }
 
-/// A vector beside one triangle, beside another: the same components along the first edge, within the triangle, and across.
+/// A vector beside one triangle, beside another: the same components along the first edge, within the triangle, and
+/// across.
 fn transported(vector: Vec3, from: &[Vec3; 3], to: &[Vec3; 3]) -> Vec3 {
     let ([a, b, c], to) = (frame(from), frame(to));
     let parts = [a, b, c].map(|axis| dot(axis, vector));

@@ -9,8 +9,8 @@
 //! 2. The most typical subject, or one that is given, is the template: mended, mapped and fitted ([`template`]).
 //! 3. It is registered to every subject ([`spharm_register`]); the mean of the group is the next round's template.
 //! 4. All subjects are fitted over its sphere in one call.
-//! 5. Refinement by the group ([`mod@spharm_shape::groupwise`]); the refined places are projected onto the surfaces and fitted
-//!    again.
+//! 5. Refinement by the group ([`mod@spharm_shape::groupwise`]); the refined places are projected onto the surfaces and
+//!    fitted again.
 //!
 //! ```no_run
 //! use spharm::correspond::{CorrespondParams, correspond};
