@@ -11,7 +11,7 @@ use super::GroupTemplate;
 use super::fits::Fitted;
 use super::params::CorrespondParams;
 use super::report::MemberReport;
-use super::together::{rigid, weights};
+use super::together::{to_mean, weights};
 use crate::Error;
 
 /// A surface that was added to a group.
@@ -73,9 +73,8 @@ impl Joining {
         let faces = &self.group.sphere.faces;
         let mut places = vec![vertices];
         let of_mean = &self.template.mesh().vertices;
-        let step = rigid(&places[0], of_mean, &weights(std::slice::from_ref(of_mean), faces, &self.group.masked));
-        places[0].iter_mut().for_each(|place| *place = step.apply(*place));
-        let similarity = posed.similarity.then(&step);
+        let areas = weights(std::slice::from_ref(of_mean), faces, &self.group.masked);
+        let similarity = posed.similarity.then(&to_mean(of_mean, &mut places[0], &areas));
         let fitted = Fitted::new(&self.group.sphere, places, &self.params, &quiet)?;
         let without = reached.iter().zip(&self.group.masked).filter(|(reached, masked)| !**reached && !**masked);
         let report = MemberReport {

@@ -7,22 +7,23 @@ use spharm_surface::{Mesh, Similarity};
 
 /// Rounds of Procrustes analysis; each brings members nearer to the mean by a factor of ten or so.
 const ROUNDS: usize = 5;
+/// Least variance that a place is weighted by, as a share of the median over places.
+const LEAST_VARIANCE: f64 = 0.25;
 
-/// Moves members, (n) places each, rigidly together, by least squares weighted by area; J. Gower, "Generalized Procrustes
-/// analysis", Psychometrika 40 (1975). Returns the motion of each, and their mean. The mean keeps the pose that it had.
+/// Moves members, (n) places each, rigidly together. Each place is weighted by its area and by the inverse of its variance
+/// (D. Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood estimation in the
+/// matrix Gaussian Procrustes problem", PNAS 103, 2006): least squares would turn members that have a bump against those
+/// that have none, so that they differ where there is no bump. Returns the motion of each, and their mean. The mean keeps the
+/// pose that it had.
 pub(super) fn together(members: &mut [Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> (Vec<Similarity>, Vec<Vec3>) {
     let mut motions = vec![Similarity::default(); members.len()];
-    let weights = weights(members, faces, masked);
+    let areas = weights(members, faces, masked);
     let first = mean(members);
     for _ in 0..ROUNDS {
         let middle = mean(members);
-        for (member, motion) in members.iter_mut().zip(&mut motions) {
-            let step = rigid(member, &middle, &weights);
-            member.iter_mut().for_each(|place| *place = step.apply(*place));
-            *motion = motion.then(&step);
-        }
+        step_to(&middle, members, &mut motions, &areas);
     }
-    let back = rigid(&mean(members), &first, &weights);
+    let back = rigid(&mean(members), &first, &areas);
     for (member, motion) in members.iter_mut().zip(&mut motions) {
         member.iter_mut().for_each(|place| *place = back.apply(*place));
         *motion = motion.then(&back);
@@ -30,8 +31,53 @@ pub(super) fn together(members: &mut [Vec<Vec3>], faces: &[[u32; 3]], masked: &[
     (motions, mean(members))
 }
 
+/// Moves a member rigidly to a mean that stays, weighted as in [`together`]. Returns its motion.
+pub(super) fn to_mean(mean: &[Vec3], member: &mut Vec<Vec3>, areas: &[f64]) -> Similarity {
+    let mut motion = Similarity::default();
+    for _ in 0..ROUNDS {
+        step_to(mean, std::slice::from_mut(member), std::slice::from_mut(&mut motion), areas);
+    }
+    motion
+}
+
+/// One step of each member to the mean.
+fn step_to(mean: &[Vec3], members: &mut [Vec<Vec3>], motions: &mut [Similarity], areas: &[f64]) {
+    let weights = by_variance(members, mean, areas);
+    for (member, motion) in members.iter_mut().zip(motions) {
+        let step = rigid(member, mean, &weights);
+        member.iter_mut().for_each(|place| *place = step.apply(*place));
+        *motion = motion.then(&step);
+    }
+}
+
+/// Areas over the members' variance about the mean at each place, of sum 1.
+fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> {
+    let square = |member: &Vec<Vec3>, v: usize| {
+        let off = sub(member[v], mean[v]);
+        dot(off, off)
+    };
+    let variance = |v: usize| members.iter().map(|member| square(member, v)).sum::<f64>() / members.len() as f64;
+    let variances: Vec<f64> = (0..areas.len()).map(variance).collect();
+    let mut compared: Vec<f64> =
+        variances.iter().zip(areas).filter(|(_, area)| **area > 0.0).map(|(v, _)| *v).collect();
+    let half = compared.len() / 2;
+    if compared.is_empty() {
+        return areas.to_vec();
+    }
+    let (_, &mut median, _) = compared.select_nth_unstable_by(half, f64::total_cmp);
+    let least = LEAST_VARIANCE * median;
+    if least == 0.0 {
+        return areas.to_vec();
+    }
+    let mut weights: Vec<f64> =
+        areas.iter().zip(&variances).map(|(area, variance)| area / (variance + least)).collect();
+    let total: f64 = weights.iter().sum();
+    weights.iter_mut().for_each(|weight| *weight /= total);
+    weights
+}
+
 /// The rigid motion that brings places nearest to others.
-pub(super) fn rigid(from: &[Vec3], to: &[Vec3], weights: &[f64]) -> Similarity {
+fn rigid(from: &[Vec3], to: &[Vec3], weights: &[f64]) -> Similarity {
     let (a, b) = (centre(from, weights), centre(to, weights));
     let mut matrix = Matrix3::default();
     for ((p, q), weight) in from.iter().zip(to).zip(weights) {
@@ -85,4 +131,48 @@ pub(super) fn spread(members: &[Vec<Vec3>], mean: &[Vec3], weights: &[f64]) -> f
 /// A mesh of places over the triangles of a sphere.
 pub(super) fn mesh_of(places: Vec<Vec3>, faces: &[[u32; 3]]) -> Mesh {
     Mesh::new(places, faces.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm_surface::generate::icosphere;
+
+    use super::*;
+
+    #[test]
+    fn a_bump_that_half_of_the_members_have_turns_no_one() {
+        let ball = icosphere(3);
+        let masked = vec![false; ball.vertices.len()];
+        let body = |height: f64| -> Vec<Vec3> {
+            let place = |v: &Vec3| {
+                let bump = 1.0 + height * (12.0 * (dot(*v, [0.48, 0.64, 0.6]) - 1.0)).exp();
+                [12.0 * v[0], bump * 7.0 * v[1], bump * 6.0 * v[2]]
+            };
+            ball.vertices.iter().map(place).collect()
+        };
+        let mut members: Vec<_> = [0.0, 0.3, 0.0, 0.3].map(body).into();
+        let (motions, mean) = together(&mut members, &ball.faces, &masked);
+        // By how much the bumps' members are moved against the others, beside the longest axis.
+        let apart = |a: &Similarity, b: &Similarity| {
+            let off = sub(a.apply([0.0, 7.0, 0.0]), b.apply([0.0, 7.0, 0.0]));
+            dot(off, off).sqrt()
+        };
+        assert!(apart(&motions[0], &motions[1]) < 0.001, "{}", apart(&motions[0], &motions[1]));
+        let least_squares = rigid(&body(0.3), &body(0.0), &weights(&members, &ball.faces, &masked));
+        assert!(apart(&Similarity::default(), &least_squares) > 0.05);
+        // One alone comes to the mean as well.
+        let mut one = body(0.3);
+        let areas = weights(std::slice::from_ref(&mean), &ball.faces, &masked);
+        let motion = to_mean(&mean, &mut one, &areas);
+        assert!(apart(&motion, &motions[1]) < 0.001, "{}", apart(&motion, &motions[1]));
+    }
+
+    #[test]
+    fn equal_members_stay_where_they_are() {
+        let ball = icosphere(2);
+        let mut members = vec![ball.vertices.clone(); 3];
+        let (motions, mean) = together(&mut members, &ball.faces, &vec![false; ball.vertices.len()]);
+        let far = mean.iter().zip(&ball.vertices).map(|(a, b)| dot(sub(*a, *b), sub(*a, *b))).fold(0.0, f64::max);
+        assert!(far < 1e-24 && motions.iter().all(|motion| (motion.orthogonal[0][0] - 1.0).abs() < 1e-12));
+    }
 }

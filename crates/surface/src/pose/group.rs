@@ -5,9 +5,9 @@
 //! with two poses that are nearly as good takes the one in which it is nearer to the others. This is repeated until no
 //! pose changes: two ends of a nearly symmetric body may differ by little, which only others in the right pose show. At
 //! last each moves to all of the others, or to [`OTHERS`] of them, at once: with no mean surface between them, which
-//! would have no member's shape, the sum of the squared distances of the pairs decreases, as a generalised Procrustes
-//! analysis has it (J. Gower, Psychometrika 40, 1975) with nearest points for places. The group lies where the typical
-//! one lies.
+//! would have no member's shape, the distances of the pairs decrease, as in a generalised Procrustes analysis (J. Gower,
+//! Psychometrika 40, 1975) with nearest points for places. They are weighted so that a part that only some members have
+//! doesn't turn them. The group lies where the typical one lies.
 
 use std::fmt;
 

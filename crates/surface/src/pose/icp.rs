@@ -25,6 +25,9 @@ use crate::similarity::Similarity;
 /// The largest turn of one step, radians: beyond, a step is no longer small.
 const LARGEST_TURN: f64 = 0.6;
 
+/// The distance at which a pair counts half in a step to several surfaces, in medians.
+const HALF: f64 = 1.5;
+
 /// What rounds are done with.
 #[derive(Clone, Copy)]
 pub(super) struct Rounds {
@@ -59,9 +62,10 @@ pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rou
     for _ in 0..rounds.most {
         gather(moving, fixed, &motion, &mut pairs);
         trim(&mut pairs, rounds.trimmed);
-        let mut equations = Equations::new(centre(&pairs));
-        pairs.iter().for_each(|pair| equations.add(pair));
-        let Some((step, moved)) = equations.with_points(rounds.tangential).step(rounds.scale) else { break };
+        let Some((step, moved)) = Equations::of(&pairs, |_| 1.0).with_points(rounds.tangential).step(rounds.scale)
+        else {
+            break;
+        };
         motion = motion.then(&step);
         if moved <= rounds.rest {
             break;
@@ -71,6 +75,10 @@ pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rou
 }
 
 /// Returns the motion after one step to several surfaces at once, each of which lies where its own motion brings it.
+///
+/// Pairs have Cauchy's weights `1 / (1 + d^2 / (1.5 m)^2)`, m the median of their distances d (P. Holland and R. Welsch,
+/// "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977): a bump that some
+/// surfaces have doesn't turn them against the others.
 pub(super) fn step_to_all(
     moving: View<'_>,
     fixed: &[(View<'_>, Similarity)],
@@ -88,9 +96,10 @@ pub(super) fn step_to_all(
             square: own.scale * own.scale * pair.square,
         }));
     }
-    let mut equations = Equations::new(centre(&all));
-    all.iter().for_each(|pair| equations.add(pair));
-    equations.with_points(rounds.tangential).step(rounds.scale).map_or(*motion, |(step, _)| motion.then(&step))
+    let half = HALF * HALF * median_square(&all);
+    let weight = |pair: &Pair| if half > 0.0 { half / (half + pair.square) } else { 1.0 };
+    let equations = Equations::of(&all, weight).with_points(rounds.tangential);
+    equations.step(rounds.scale).map_or(*motion, |(step, _)| motion.then(&step))
 }
 
 /// Returns the root mean square distance both ways after a motion, of all but the share `trimmed` of the pairs.
@@ -154,9 +163,11 @@ fn trim(pairs: &mut Vec<Pair>, trimmed: f64) {
     pairs.retain(|pair| pair.square <= limit);
 }
 
-fn centre(pairs: &[Pair]) -> Vec3 {
-    let sum = pairs.iter().fold([0.0; 3], |sum, pair| add(sum, pair.place));
-    scale(sum, 1.0 / pairs.len().max(1) as f64)
+/// The median of the squared distances, 0 without pairs.
+fn median_square(pairs: &[Pair]) -> f64 {
+    let mut squares: Vec<f64> = pairs.iter().map(|pair| pair.square).collect();
+    let half = squares.len() / 2;
+    if squares.is_empty() { 0.0 } else { *squares.select_nth_unstable_by(half, f64::total_cmp).1 }
 }
 
 /// Unknowns: a turn, a translation, the logarithm of a factor; about a centre.
@@ -167,42 +178,52 @@ struct Equations {
     centre: Vec3,
     matrix: [[f64; UNKNOWNS]; UNKNOWNS],
     right: [f64; UNKNOWNS],
-    /// The sums of a a^T, off, a x off and a . off over pairs, a the arm from the centre, which is that of the places, so
-    /// that the sum of a is zero.
+    /// The weighted sums of a a^T, off, a x off and a . off over pairs, a the arm from the centre, which is that of the
+    /// places, so that the sum of a is zero.
     arms: Matrix3,
     offs: Vec3,
     turns: Vec3,
     growth: f64,
-    count: f64,
+    /// The sum of the weights.
+    total: f64,
 }
 
 impl Equations {
-    fn new(centre: Vec3) -> Self {
+    /// The equations of pairs with weights of at least 0.
+    fn of(pairs: &[Pair], weight: impl Fn(&Pair) -> f64) -> Self {
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for pair in pairs {
+            let weight = weight(pair);
+            (sum, total) = (add(sum, scale(pair.place, weight)), total + weight);
+        }
         let (matrix, right) = Default::default();
         let (arms, offs, turns) = Default::default();
-        Self { centre, matrix, right, arms, offs, turns, growth: 0.0, count: 0.0 }
+        let centre = scale(sum, 1.0 / f64::max(total, f64::MIN_POSITIVE));
+        let mut equations = Self { centre, matrix, right, arms, offs, turns, growth: 0.0, total };
+        pairs.iter().for_each(|pair| equations.add(pair, weight(pair)));
+        equations
     }
 
     /// Adds a pair. Lower triangles are filled.
-    fn add(&mut self, Pair { place, off, normal, .. }: &Pair) {
+    fn add(&mut self, Pair { place, off, normal, .. }: &Pair, weight: f64) {
         let arm = sub(*place, self.centre);
         let turn = cross(arm, *normal);
         let row = [turn[0], turn[1], turn[2], normal[0], normal[1], normal[2], dot(*normal, arm)];
         let across = dot(*normal, *off);
         for i in 0..UNKNOWNS {
-            self.right[i] -= row[i] * across;
+            self.right[i] -= weight * row[i] * across;
             for j in 0..=i {
-                self.matrix[i][j] += row[i] * row[j];
+                self.matrix[i][j] += weight * row[i] * row[j];
             }
         }
+        let weighted_off = scale(*off, weight);
         for i in 0..3 {
             for j in 0..=i {
-                self.arms[i][j] += arm[i] * arm[j];
+                self.arms[i][j] += weight * arm[i] * arm[j];
             }
         }
-        (self.offs, self.turns) = (add(self.offs, *off), add(self.turns, cross(arm, *off)));
-        self.growth += dot(arm, *off);
-        self.count += 1.0;
+        (self.offs, self.turns) = (add(self.offs, weighted_off), add(self.turns, cross(arm, weighted_off)));
+        self.growth += dot(arm, weighted_off);
     }
 
     /// Adds the points to the planes, with a weight. A point is three planes, whose normals are the axes.
@@ -213,7 +234,7 @@ impl Equations {
                 let unit = if i == j { square } else { 0.0 };
                 self.matrix[i][j] += weight * (unit - self.arms[i][j]);
             }
-            self.matrix[3 + i][3 + i] += weight * self.count;
+            self.matrix[3 + i][3 + i] += weight * self.total;
             self.right[i] -= weight * self.turns[i];
             self.right[3 + i] -= weight * self.offs[i];
         }
@@ -240,7 +261,7 @@ impl Equations {
         let factor = if with_scale { x[6].clamp(-0.5, 0.5).exp() } else { 1.0 };
         let orthogonal = exponential(turn);
         let translation = sub(add(self.centre, shift), scale(times(&orthogonal, self.centre), factor));
-        let reach = (self.spread() / self.count).sqrt();
+        let reach = (self.spread() / self.total).sqrt();
         let moved = angle.min(LARGEST_TURN) * reach + dot(shift, shift).sqrt() + (factor - 1.0).abs() * reach;
         let step = Similarity { orthogonal, scale: factor, translation };
         moved.is_finite().then_some((step, moved))

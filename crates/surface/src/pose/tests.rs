@@ -4,7 +4,7 @@ use super::*;
 use crate::Mesh;
 use crate::generate::{SplitMix64, icosphere};
 use crate::geometry::{Vec3, dot};
-use crate::matrix3::of_quaternion;
+use crate::matrix3::{of_quaternion, times};
 
 /// An ellipsoid with bumps, which is no image of itself.
 fn lump(level: u32) -> Mesh {
@@ -144,11 +144,38 @@ fn a_group_comes_together_and_strangers_are_named() {
     assert_eq!(far, [5], "{found:?}");
     assert!(found.distances[..5].iter().all(|d| *d < 0.3), "{found:?}");
     assert!(found.template < 5);
-    // All lumps are brought to the same place by what moved them and what brought them back.
+    // All lumps are brought to the same place by what moved them and what brought them back, but for the 6 % of 6 by which
+    // they differ.
     let [first, second] = [0, 3].map(|n| moved[n].then(&found.similarities[n]));
     let off = sub(first.apply([9.0, 0.0, 0.0]), second.apply([9.0, 0.0, 0.0]));
-    assert!(dot(off, off).sqrt() < 0.3, "{off:?}");
+    assert!(dot(off, off).sqrt() < 0.36, "{off:?}");
     let same = group_poses(&surfaces, &PoseParams::default(), &Silent).unwrap();
     assert_eq!(found, same);
     assert_eq!(group_poses(&surfaces[..1], &PoseParams::default(), &Silent).unwrap().distances, [0.0]);
+}
+
+#[test]
+fn a_bump_that_half_of_a_group_has_turns_no_one() {
+    let ball = icosphere(4);
+    // Nearly round across its length, so that little keeps it from turning.
+    let body = |v: &Vec3, height: f64| {
+        let bump = 1.0 + height * (12.0 * (dot(*v, [0.48, 0.64, 0.6]) - 1.0)).exp();
+        [(1.0 + 0.2 * v[0]) * 12.0 * v[0], bump * 7.0 * v[1], bump * 6.0 * v[2]]
+    };
+    let mut random = SplitMix64::new(5);
+    let (mut surfaces, mut moved) = (Vec::new(), Vec::new());
+    for n in 0..8 {
+        let height = if n < 4 { 0.0 } else { 0.3 };
+        let mesh = ball.with_vertices(ball.vertices.iter().map(|v| body(v, height)).collect());
+        let to = Similarity { orthogonal: turn(&mut random), ..Similarity::default() };
+        surfaces.push(PoseSurface::new(&to.apply_mesh(&mesh)).unwrap());
+        moved.push(to);
+    }
+    let found = group_poses(&surfaces, &PoseParams::default(), &Silent).unwrap();
+    let whole: Vec<Similarity> = moved.iter().zip(&found.similarities).map(|(to, back)| to.then(back)).collect();
+    for member in &whole[4..] {
+        let between = times(&member.inverse().orthogonal, times(&whole[0].orthogonal, [0.0, 1.0, 0.0]));
+        let degrees = between[1].clamp(-1.0, 1.0).acos().to_degrees();
+        assert!(degrees < 1.0, "{degrees}");
+    }
 }
