@@ -222,14 +222,17 @@ def row_cover_of_vertebrae():
 
 
 def row_turned_triangles():
-    """Triangles of members that face against their subjects' surfaces."""
-    for which, degree, level in (("vertebrae", 40, 5), ("hippocampi", 12, 4), ("rods", 24, 4)):
-        group, count = corresponding(which, degree), 0
+    """Triangles of registered templates that face against their subjects' surfaces, where all corners count as reached."""
+    for which, degree in (("vertebrae", 40), ("hippocampi", 12), ("rods", 24)):
+        group, count, marked = corresponding(which, degree), 0, 0
         surfaces = {"vertebrae": lambda: vertebrae()[0], "hippocampi": hippocampi}.get(which, lambda: generated(which)[0])()
-        directions, faces = sphere(level)
+        faces = np.asarray(group.sphere.faces)
         for index, surface in enumerate(surfaces):
-            count += measured.turned(group.models[index].evaluate(directions), faces, in_group(group, index, surface))
+            reached = np.asarray(group.reached[index])[faces].all(1)
+            count += measured.turned(np.asarray(group.places[index]), faces[reached], in_group(group, index, surface))
+            marked += group.report["members"][index]["turned"]
         bar(f"{which}: turned triangles", 0, count)
+        print(f"  {marked} of {len(surfaces) * len(faces)} can't be turned back, and are marked as places that aren't reached", flush=True)
 
 
 def apart(a, b):

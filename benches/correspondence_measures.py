@@ -132,7 +132,14 @@ def landmark_errors(carry, surfaces, landmarks):
 
 
 def turned(vertices, faces, surface):
-    """How many triangles face against the surface's nearest one."""
-    own = normals(vertices, faces)
-    nearest = closest(*surface, vertices[faces].mean(1))[1]
-    return int(((own * normals(*surface)[nearest]).sum(1) < 0).sum())
+    """How many triangles face against all of the surface's that are nearest to their centres, which are several at an edge."""
+    own, theirs = normals(vertices, faces), normals(*surface)
+    centres, corners = vertices[faces].mean(1), surface[0][surface[1]]
+    least = closest(*surface, centres)[2]
+    near = cKDTree(corners.mean(1)).query(centres, k=min(24, len(corners)))[1]
+    along = np.full(len(own), -np.inf)
+    for column in near.T:
+        distance = np.linalg.norm(on_triangles(centres, *(corners[column, k] for k in range(3))) - centres, axis=1)
+        nearest = distance <= least + 1e-9 * (1 + least)
+        along[nearest] = np.maximum(along, (own * theirs[column]).sum(1))[nearest]
+    return int((along < 0).sum())

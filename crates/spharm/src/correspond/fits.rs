@@ -50,7 +50,7 @@ impl Fitted {
     }
 
     /// Refines by the group: places move along the surfaces, are projected onto them, and fitted again. Returns how, and the
-    /// number of triangles of each member that are turned over; `reached` follows the places.
+    /// number of triangles of each member that are turned over, whose places aren't reached; `reached` follows the places.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,
@@ -73,11 +73,13 @@ impl Fitted {
         let refined = subjects.each(|index, mesh: Mesh| {
             monitor.check()?;
             let at = (&at_sphere, &over);
-            let (places, there) = self.carried(index, &found.flows[index], &sphere, at, &reached[index])?;
+            let (places, mut there) = self.carried(index, &found.flows[index], &sphere, at, &reached[index])?;
             let subject = Subject::new(&similarities[index].apply_mesh(&mesh))?;
             let free: Vec<bool> = there.iter().map(|there| !there).collect();
             let rounds = params.register.untangle_rounds;
             let (places, turned) = untangle(&template, &places, &free, &subject, rounds, &OnlyCancel(monitor))?;
+            let corners = turned.iter().flat_map(|face| sphere.faces[*face as usize]);
+            corners.for_each(|v| there[v as usize] = false);
             Ok((places, there, turned.len()))
         })?;
         let (mut places, mut turned) = (Vec::with_capacity(refined.len()), Vec::with_capacity(refined.len()));
