@@ -128,9 +128,10 @@ def row_poses_of_vertebrae():
 
 
 def near_spheres(count=10):
+    """Radii of 20 differ by 5 %; between two they differ by 0.1, ten times what a triangle is off the sphere."""
     directions, faces = sphere(4)
     for seed in range(count):
-        values = 0.3 * np.random.default_rng(seed).normal(size=(16, 3)) / (1 + np.arange(16))[:, None]
+        values = np.random.default_rng(seed).normal(size=(16, 3)) / (1 + np.arange(16))[:, None]
         yield sp.Surface(20 * directions + sp.Model(values).evaluate(directions), faces)
 
 
@@ -143,7 +144,7 @@ def cubes(count=10):
 
 
 def row_missed_optima():
-    """Each of 50 pairs from 20 random rotations: ends that are worse than the best one, of 1,000."""
+    """Each of 50 pairs from 20 random rotations: ends that are farther than the best one by 5 %, of 1,000."""
     made = [generated("rods", 10)[0], generated("growing-bump", 10)[0], list(cubes()), list(near_spheres())]
     groups = [vertebrae()[0], *made]
     missed = 0
@@ -154,7 +155,7 @@ def row_missed_optima():
             for seed in range(20):
                 moved = turned_at_random(surface, seed)[0]
                 ends.append(sp.shape.pose(moved, target).distance)
-            missed += int((np.array(ends) > 1.02 * min(ends) + 1e-6).sum())
+            missed += int((np.array(ends) > 1.05 * min(ends) + 1e-6).sum())
     bar("poses: missed optima of 1,000", 0, missed)
 
 

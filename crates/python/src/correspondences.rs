@@ -316,8 +316,9 @@ fn shape_register<'py>(
         let (shape, mut surface) = (template.read()?, surface.read()?);
         let mut similarity = Similarity::default();
         if pose {
-            let fixed = PoseSurface::new(&shape).ok_or_else(|| no_area("template"))?;
-            let moving = PoseSurface::new(&surface).ok_or_else(|| no_area("surface"))?;
+            let (fixed, moving) = rayon::join(|| PoseSurface::new(&shape), || PoseSurface::new(&surface));
+            let (fixed, moving) =
+                (fixed.ok_or_else(|| no_area("template"))?, moving.ok_or_else(|| no_area("surface"))?);
             let params = PoseParams { scale, mirror, ..PoseParams::default() };
             similarity = find_pose(&moving, &fixed, &params, monitor).map_err(Error::from)?.similarity;
             surface = similarity.apply_mesh(&surface);
@@ -357,8 +358,9 @@ fn shape_pose(
 ) -> PyResult<(String, f64, f64)> {
     let (surface, target) = (surface.source("surface")?, target.source("target")?);
     let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        let moving = PoseSurface::new(&surface.read()?).ok_or_else(|| no_area("surface"))?;
-        let fixed = PoseSurface::new(&target.read()?).ok_or_else(|| no_area("target"))?;
+        let (surface, target) = (surface.read()?, target.read()?);
+        let (moving, fixed) = rayon::join(|| PoseSurface::new(&surface), || PoseSurface::new(&target));
+        let (moving, fixed) = (moving.ok_or_else(|| no_area("surface"))?, fixed.ok_or_else(|| no_area("target"))?);
         let params = PoseParams { scale, mirror, ..PoseParams::default() };
         Ok(find_pose(&moving, &fixed, &params, monitor).map_err(Error::from)?)
     })?;

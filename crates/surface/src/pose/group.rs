@@ -105,7 +105,7 @@ impl fmt::Display for GroupPoseWarning {
     }
 }
 
-/// Brings surfaces together, see the module for how. Some 50 ms of two threads for each. With `scale` all get the
+/// Brings surfaces together, see the module for how. Some 30 ms of two threads for each. With `scale` all get the
 /// geometric mean of their sizes.
 ///
 /// # Errors
@@ -281,6 +281,7 @@ impl Group<'_> {
             let rounds = icp::Rounds {
                 most: 1,
                 rest: 0.0,
+                gain: 0.0,
                 trimmed: OUTLYING * self.params.trimmed,
                 tangential: 0.05,
                 scale: self.params.scale,

@@ -35,6 +35,8 @@ pub(super) struct Rounds {
     pub(super) most: usize,
     /// A motion of points that is small enough to end, in the unit of the surfaces.
     pub(super) rest: f64,
+    /// Share of the sum of squared distances that a round lowers it by at least, or is the last.
+    pub(super) gain: f64,
     /// Share of the pairs that is left out.
     pub(super) trimmed: f64,
     /// Weight of points beside planes.
@@ -59,9 +61,15 @@ struct Pair {
 pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rounds: &Rounds) -> Similarity {
     let mut motion = start;
     let mut pairs = Vec::new();
+    let mut last = f64::INFINITY;
     for _ in 0..rounds.most {
         gather(moving, fixed, &motion, &mut pairs);
         trim(&mut pairs, rounds.trimmed);
+        let sum: f64 = pairs.iter().map(|pair| pair.square).sum();
+        if sum > (1.0 - rounds.gain) * last {
+            break;
+        }
+        last = sum;
         let Some((step, moved)) = Equations::of(&pairs, |_| 1.0).with_points(rounds.tangential).step(rounds.scale)
         else {
             break;

@@ -9,7 +9,7 @@ use crate::mesh::Mesh;
 use crate::spread::SpreadPoints;
 
 /// Points at each density. The first decides which starts are worth more, the last where the motion ends.
-const DENSITIES: [usize; 3] = [256, 1024, 6144];
+const DENSITIES: [usize; 3] = [256, 1024, 4096];
 
 /// What poses need of a surface, made once: points on it, search trees, axes. About 0.5 MB.
 pub struct PoseSurface {
@@ -28,7 +28,7 @@ pub struct PoseSurface {
     pub volume: f64,
 }
 
-/// How closely a surface is looked at: by 256 points and a table, by 1,024, by 6,144.
+/// How closely a surface is looked at: by 256 points and a table, by 1,024, by 4,096.
 #[derive(Clone, Copy)]
 pub(super) enum Density {
     Few,

@@ -157,10 +157,11 @@ fn a_group_comes_together_and_strangers_are_named() {
 #[test]
 fn a_bump_that_half_of_a_group_has_turns_no_one() {
     let ball = icosphere(4);
-    // Nearly round across its length, so that little keeps it from turning.
+    // Nearly round across its length, so that little keeps it from turning, wider at one end and bent, so that no half turn
+    // brings it to itself.
     let body = |v: &Vec3, height: f64| {
         let bump = 1.0 + height * (12.0 * (dot(*v, [0.48, 0.64, 0.6]) - 1.0)).exp();
-        [(1.0 + 0.2 * v[0]) * 12.0 * v[0], bump * 7.0 * v[1], bump * 6.0 * v[2]]
+        [(1.0 + 0.2 * v[0]) * 12.0 * v[0], bump * 7.0 * v[1], bump * 6.0 * v[2] + 2.0 * v[0] * v[0]]
     };
     let mut random = SplitMix64::new(5);
     let (mut surfaces, mut moved) = (Vec::new(), Vec::new());
@@ -176,6 +177,6 @@ fn a_bump_that_half_of_a_group_has_turns_no_one() {
     for member in &whole[4..] {
         let between = times(&member.inverse().orthogonal, times(&whole[0].orthogonal, [0.0, 1.0, 0.0]));
         let degrees = between[1].clamp(-1.0, 1.0).acos().to_degrees();
-        assert!(degrees < 1.0, "{degrees}");
+        assert!(degrees < 2.0, "{degrees}");
     }
 }
