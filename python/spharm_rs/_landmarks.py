@@ -102,6 +102,11 @@ def matched(
     named = [item for item in found if isinstance(item, Landmarks)]
     if not named:
         arrays = [_arrays.positions(f"landmarks[{index}]", item) for index, item in enumerate(found)]  # type: ignore[arg-type]
+        for index, item in enumerate(arrays):
+            if len(item) != len(arrays[0]):
+                raise ValueError(f"landmarks[{index}]: expected {len(arrays[0])} positions as landmarks[0] has, found {len(item)}")
+            if not np.isfinite(item).all():
+                raise ValueError(f"landmarks[{index}]: expected finite positions, found NaN or infinity")
         return None, arrays
     if len(named) != members:
         raise ValueError("landmarks: expected names of all members, or arrays of all")

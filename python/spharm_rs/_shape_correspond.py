@@ -164,8 +164,11 @@ class Group:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """What to look at, each with the member's name: poses and kinds in doubt, parts without counterpart, equal surfaces."""
-        return self._inner.warnings
+        """What to look at, each with the member's name.
+
+        Poses and kinds in doubt, mirror images, parts without counterpart, equal surfaces, landmarks that are far off.
+        """
+        return [*self._inner.warnings, *self._far()]
 
     @cached_property
     def report(self) -> dict[str, Any]:
@@ -199,6 +202,19 @@ class Group:
         if placed is None:
             return None
         return quality(self.models, modes=1, samples=1, surfaces=False, landmarks=placed).landmarks
+
+    def _far(self) -> list[str]:
+        """Names members whose landmarks are far from their surfaces, by more than a twentieth of their extent."""
+        if self._landmarks is None:
+            return []
+        found = []
+        for index, (name, points) in enumerate(zip(self.names, self._landmarks[1])):
+            places = self.transforms[index].inverse().apply(self.places[index])
+            extent = float(np.linalg.norm(np.ptp(places, axis=0)))
+            off = self.carried(points, index, index).off_surface
+            if far := int((off > 0.05 * extent).sum()):
+                found.append(f"{name}: {far} of {len(points)} landmarks are far from its surface, by up to {off.max():.4g}")
+        return found
 
     def _placed(self) -> list[Landmarks] | list[Floats] | None:
         """The landmarks in the group's frame."""
@@ -236,7 +252,7 @@ class Group:
         Parameters
         ----------
         points : Landmarks or array_like of float, (n, 3)
-            On the source, in its own coordinates; those off its surface are taken to the nearest place on it.
+            On the source, in its own coordinates; what one is off the source's surface, it is off the target's.
         source, target : int or str
             Members, by number or name.
 

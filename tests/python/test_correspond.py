@@ -113,10 +113,76 @@ def test_what_is_wrong_with_a_subject_is_said_by_its_name(group: sp.shape.Group,
             sp.shape.correspond([*paths(folder)[:2], bad], 6, subdivisions=3)
         with pytest.raises(error, match=bad.stem):
             group.add(bad)
-    twice = paths(folder)[:2] + [sp.read_surface(paths(folder)[0])]
-    with pytest.warns(sp.SpharmWarning, match="2: it is the same surface as s01"):
-        found = sp.shape.correspond(twice, 6, subdivisions=3, refine=False)
-    assert any("same surface" in text for text in found.warnings)
+
+
+def moved(surface: sp.Surface, mirror: bool = False, scale: float = 1.0) -> sp.Surface:
+    """A surface turned and shifted, facing outwards."""
+    turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]) * scale
+    vertices = np.asarray(surface.vertices) * [-1 if mirror else 1, 1, 1]
+    faces = np.asarray(surface.faces)
+    return sp.Surface(vertices @ turn.T + [5, -7, 9], faces[:, ::-1] if mirror else faces)
+
+
+def half(surface: sp.Surface) -> sp.Surface:
+    vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces)
+    off = vertices - vertices.mean(0)
+    return sp.Surface(vertices, faces[(off @ np.linalg.svd(off, full_matrices=False)[2][0])[faces].mean(1) > 0])
+
+
+def both(first: sp.Surface, second: sp.Surface) -> sp.Surface:
+    vertices = np.concatenate([first.vertices, np.asarray(second.vertices) + [90, 0, 0]])
+    return sp.Surface(vertices, np.concatenate([first.faces, np.asarray(second.faces) + len(first.vertices)]))
+
+
+@pytest.mark.parametrize(
+    ("made", "warning"),
+    [
+        (lambda own, _: moved(own), "it is the same surface as s01"),
+        (lambda _, other: moved(other, scale=1000), "of another kind or unit"),
+        (lambda _, other: half(other), "have no counterpart on it"),
+        (lambda own, other: both(own, other), "of another kind or unit"),
+        (lambda *_: moved(sp.icosphere(4), scale=9), "of another kind or unit"),
+    ],
+    ids=["twice", "units", "half", "two in one file", "a ball"],
+)
+def test_a_member_that_is_not_like_the_others_is_named(folder: Path, made: Any, warning: str) -> None:
+    own, *_, other = (sp.read_surface(path) for path in paths(folder))
+    with pytest.warns(sp.SpharmWarning, match=warning):
+        found = sp.shape.correspond([*paths(folder)[:4], made(own, other)], 6, subdivisions=3, refine=False)
+    assert any(text.startswith("4: ") and warning in text for text in found.warnings)
+
+
+def test_a_mirrored_member_is_named() -> None:
+    ball = sp.icosphere(4)
+    directions = np.asarray(ball.vertices)
+    near = [np.exp(6 * (directions @ place - 1)) for place in ([0.6, 0.64, 0.48], [-0.36, 0.48, -0.8])]
+    radius = 1 + 0.4 * near[0] + 0.3 * near[1]
+    bodies = [sp.Surface(directions * radius[:, None] * [9, 6 + 0.1 * k, 4], ball.faces) for k in range(5)]
+    bodies[3] = moved(bodies[3], mirror=True)
+    with pytest.warns(sp.SpharmWarning, match="3: .* its mirror image"):
+        found = sp.shape.correspond(bodies, 6, subdivisions=3, refine=False)
+    assert all(text.startswith("3:") for text in found.warnings)
+
+
+def test_members_that_are_alike_are_not_named(folder: Path) -> None:
+    inside_out = sp.read_surface(paths(folder)[4])
+    inside_out = sp.Surface(inside_out.vertices, np.asarray(inside_out.faces)[:, ::-1])
+    found = sp.shape.correspond([*paths(folder)[:4], inside_out], 6, subdivisions=3, refine=False)
+    assert not found.warnings
+    assert found.report["members"][4]["turned"] == 0 and found.report["members"][4]["unreached"] < 0.01
+
+
+def test_landmarks_that_cannot_be_right_are_named(folder: Path, marks: list[sp.Landmarks]) -> None:
+    few, points = paths(folder)[:3], [own.points for own in marks[:3]]
+    for wrong, message in (
+        ([points[0], points[1][:-1], points[2]], r"landmarks\[1\]: expected .* positions as landmarks\[0\] has"),
+        ([points[0], points[1], points[2] * np.nan], r"landmarks\[2\]: expected finite"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            sp.shape.correspond(few, 6, subdivisions=3, landmarks=wrong)
+    with pytest.warns(sp.SpharmWarning, match=rf"s02: {len(points[1])} of {len(points[1])} landmarks are far from its surface"):
+        found = sp.shape.correspond(few, 6, subdivisions=3, refine=False, landmarks=[points[0], points[1] + 30, points[2]])
+    assert len(found.warnings) == 1
 
 
 def test_settings_that_are_none_are_refused(folder: Path) -> None:

@@ -20,6 +20,8 @@ use crate::Error;
 
 /// Share of the template's directions without a counterpart on a member from which it is named.
 const LACKING: f64 = 0.05;
+/// Share by which areas and volumes of the same surface differ at most.
+const SAME: f64 = 1e-6;
 
 /// Poses of the subjects, the frame's template, and what is in doubt.
 struct Posed {
@@ -80,7 +82,6 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     let (motions, mean) = together(&mut fitted.places, &sphere.faces, &masked);
     similarities = similarities.iter().zip(&motions).map(|(own, motion)| own.then(motion)).collect();
     fitted.moved(&motions)?;
-    warnings.extend(same(&fitted.places, &mean));
     let weights = weights(&fitted.places, &sphere.faces, &masked);
     let spread = spread(&fitted.places, &mean, &weights);
     members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
@@ -102,13 +103,15 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         PoseSurface::new(&mesh).ok_or(Error::NoArea)
     };
     let surfaces = subjects.each(surface)?;
+    let mut warnings = same(&surfaces);
     let Some(template) = &params.template else {
         let found = group_poses(&surfaces, &params.pose, monitor)?;
+        warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
         return Ok(Posed {
             similarities: found.similarities,
             distances: found.distances,
             template: Some(found.template),
-            warnings: found.warnings.into_iter().map(CorrespondWarning::Pose).collect(),
+            warnings,
         });
     };
     let fixed = PoseSurface::new(template).ok_or(Error::NoArea)?;
@@ -119,7 +122,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         similarities: found.iter().map(|pose| pose.similarity).collect(),
         distances: found.iter().map(|pose| pose.distance).collect(),
         template: None,
-        warnings: Vec::new(),
+        warnings,
     })
 }
 
@@ -167,16 +170,13 @@ fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning>
     warnings
 }
 
-/// Members whose places are those of an earlier one, by a millionth of the group's size.
-fn same(places: &[Vec<Vec3>], mean: &[Vec3]) -> Vec<CorrespondWarning> {
-    let size = mean.iter().flatten().fold(0.0f64, |size, value| size.max(value.abs()));
-    let equal =
-        |a: &[Vec3], b: &[Vec3]| a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| (a - b).abs() <= 1e-6 * size);
-    let mut warnings = Vec::new();
-    for member in 1..places.len() {
-        if let Some(as_member) = (0..member).find(|other| equal(&places[member], &places[*other])) {
-            warnings.push(CorrespondWarning::Same { member, as_member });
-        }
-    }
-    warnings
+/// Members that have the area and the volume of an earlier one, by a millionth: the same file, moved or mirrored or not.
+fn same(surfaces: &[PoseSurface]) -> Vec<CorrespondWarning> {
+    let close = |a: f64, b: f64| (a - b).abs() <= SAME * a.abs().max(b.abs());
+    let equal = |a: &PoseSurface, b: &PoseSurface| close(a.area, b.area) && close(a.volume.abs(), b.volume.abs());
+    let earlier = |member: usize| {
+        let as_member = (0..member).find(|other| equal(&surfaces[member], &surfaces[*other]))?;
+        Some(CorrespondWarning::Same { member, as_member })
+    };
+    (1..surfaces.len()).filter_map(earlier).collect()
 }

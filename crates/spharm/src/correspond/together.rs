@@ -7,8 +7,8 @@ use spharm_surface::{Mesh, Similarity};
 
 /// Rounds of Procrustes analysis; each brings members nearer to the mean by a factor of ten or so.
 const ROUNDS: usize = 5;
-/// Least variance that a place is weighted by, as a share of the median over places.
-const LEAST_VARIANCE: f64 = 0.25;
+/// What is added to a place's variance, as a share of the median over places: so those that hardly vary don't decide alone.
+const ADDED_VARIANCE: f64 = 1.0;
 
 /// Moves members, (n) places each, rigidly together. Each place is weighted by its area and by the inverse of its variance
 /// (D. Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood estimation in the
@@ -65,12 +65,12 @@ fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> 
         return areas.to_vec();
     }
     let (_, &mut median, _) = compared.select_nth_unstable_by(half, f64::total_cmp);
-    let least = LEAST_VARIANCE * median;
-    if least == 0.0 {
+    let added = ADDED_VARIANCE * median;
+    if added == 0.0 {
         return areas.to_vec();
     }
     let mut weights: Vec<f64> =
-        areas.iter().zip(&variances).map(|(area, variance)| area / (variance + least)).collect();
+        areas.iter().zip(&variances).map(|(area, variance)| area / (variance + added)).collect();
     let total: f64 = weights.iter().sum();
     weights.iter_mut().for_each(|weight| *weight /= total);
     weights
