@@ -8,8 +8,9 @@ use std::time::Duration;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use spharm_model::Model;
+use spharm_surface::Similarity;
 use spharm_surface::io::landmarks::Landmarks;
-use spharm_surface::io::read_mesh;
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use spharm_surface::nearest::TriangleTree;
 
 use crate::common::{error_line, fail, finish, succeed, text, tool, wait};
@@ -241,4 +242,49 @@ fn what_cannot_correspond_is_refused_in_words() {
     fs::write(site.path("group/group.json"), "{}").expect("a file");
     refused(&["correspond", "in/s03.ply", "--to", "group", "-o", "x"], &["group.json", "expected", "found"]);
     refused(&["carry", "group", "in/s01.json", "--from", "s01", "--to", "s02", "-o", "x"], &["group.json"]);
+}
+
+#[test]
+fn meshes_of_any_topology_are_aligned_by_their_surfaces() {
+    let site = Site::new();
+    // One has a hole.
+    let mut open = read_mesh(site.path("in/s02.ply")).expect("a mesh");
+    open.faces.truncate(open.faces.len() - 20);
+    write_mesh(site.path("in/s02.ply"), &open, &WriteOptions { overwrite: true, double: false }).expect("a file");
+    let marks = |name: &str| Landmarks::read(site.path(&format!("in/{name}.json"))).expect("landmarks").points;
+    let apart = |moved: &dyn Fn(usize, [f64; 3]) -> [f64; 3], names: &[&str]| {
+        let placed: Vec<Vec<[f64; 3]>> =
+            names.iter().enumerate().map(|(k, name)| marks(name).iter().map(|p| moved(k, *p)).collect()).collect();
+        let pairs = placed[1..].iter().flat_map(|other| placed[0].iter().zip(other));
+        let far = pairs.map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt());
+        far.fold(0.0, f64::max)
+    };
+    let names = ["s01", "s02", "s03"];
+    let group = ["align", "in/s01.ply", "in/s02.ply", "in/s03.ply", "--group", "-o", "out", "--transforms", "t.json"];
+    succeed(&mut site.shape(&group));
+    let written = site.json("t.json");
+    let number = |value: &Value| value.as_f64().expect("a number");
+    let moves: Vec<Similarity> = (0..3)
+        .map(|k| Similarity {
+            orthogonal: std::array::from_fn(|i| std::array::from_fn(|j| number(&written[k]["object"][i][j]))),
+            scale: number(&written[k]["scale"]),
+            translation: std::array::from_fn(|i| number(&written[k]["translation"][i])),
+        })
+        .collect();
+    assert!(apart(&|_, p| p, &names) > 20.0, "they come in random poses");
+    // Bumps differ in height by some millimetres.
+    assert!(apart(&|k, p| moves[k].apply(p), &names) < 4.0, "{}", apart(&|k, p| moves[k].apply(p), &names));
+    for (name, to) in names.iter().zip(&moves) {
+        let [own, moved] =
+            ["in", "out"].map(|folder| read_mesh(site.path(&format!("{folder}/{name}.ply"))).expect("a mesh"));
+        assert_eq!(own.faces, moved.faces);
+        let there = to.apply(own.vertices[7]);
+        assert!((0..3).all(|k| (moved.vertices[7][k] - there[k]).abs() < 1e-3), "{name}");
+    }
+    succeed(&mut site.shape(&["align", "in/s03.ply", "--to", "in/s01.ply", "-o", "one.ply"]));
+    let (one, fixed) =
+        (read_mesh(site.path("one.ply")).expect("a mesh"), read_mesh(site.path("in/s01.ply")).expect("a mesh"));
+    let tree = TriangleTree::new(&fixed);
+    let far: Vec<f64> = one.vertices.iter().map(|v| tree.nearest(*v).expect("a place").distance).collect();
+    assert!(far.iter().sum::<f64>() / (far.len() as f64) < 0.3);
 }
