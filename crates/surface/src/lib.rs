@@ -19,7 +19,7 @@
 //! | [`topology`] | checks that a mesh is a closed surface of genus zero, and the reasons where it isn't |
 //! | [`generate`] | icospheres, and folded surfaces with known parameterisation |
 //! | [`metrics`] | bounding-box scale, msd, xsd, distance between surfaces with different triangles, colour map |
-//! | [`nearest`] | the nearest point of a mesh |
+//! | [`nearest`], [`Place`] | the nearest point of a mesh; a place within a triangle |
 //! | [`repair`] | welding, and dropping what belongs to no closed surface |
 //! | [`npy`] | headers of NumPy's arrays |
 //! | [`Sphere`], [`Target`] | the sphere of a fit; the surface or signal fitted over it; both checked |
@@ -75,6 +75,7 @@ pub mod matrix3;
 pub mod metrics;
 pub mod nearest;
 pub mod npy;
+mod place;
 pub mod pose;
 pub mod range;
 pub mod repair;
@@ -85,6 +86,7 @@ mod volume_geometry;
 pub use error::SurfaceError;
 pub use hemisphere::Hemisphere;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};
+pub use place::Place;
 pub use seam::{Seam, Welded};
 pub use similarity::Similarity;
 pub use sphere::{Sphere, SphereWarning, read_sphere};

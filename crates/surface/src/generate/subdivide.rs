@@ -57,13 +57,7 @@ pub(super) fn split(mesh: &Mesh, middle: impl Fn(Vec3, Vec3) -> Vec3) -> Mesh {
 mod tests {
     use super::*;
     use crate::generate::{Cortex, cortex, icosphere};
-    use crate::geometry::{dot, face_normal};
-    use crate::topology::{Topology, is_outward};
-
-    fn area(mesh: &Mesh) -> f64 {
-        let normals = mesh.faces.iter().map(|face| face_normal(face.map(|v| mesh.vertices[v as usize])));
-        normals.map(|normal| 0.5 * dot(normal, normal).sqrt()).sum()
-    }
+    use crate::topology::{Topology, area, is_outward};
 
     #[test]
     fn the_surface_stays_and_corresponds_to_its_sphere() {

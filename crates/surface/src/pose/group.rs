@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use super::surface::{Density, PoseSurface, View};
-use super::{Pose, PoseParams, icp, pose};
+use super::{Pose, PoseParams, icp, pose, whole};
 use crate::geometry::{dot, scale, sub};
 use crate::kabsch::kabsch;
 use crate::matrix3::{product, times, transposed};
@@ -235,34 +235,28 @@ impl Group<'_> {
 
     /// The median distance of a member in a pose from the others in theirs: a stranger among them doesn't count.
     fn distance_of(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
-        median(self.distances_to(OTHERS, self.params.trimmed, member, motion, motions))
+        let view = self.surfaces[member].view(Density::Some);
+        let others: Vec<usize> = self.others(member, OTHERS).collect();
+        let distance = |other: &usize| {
+            let (to, fixed) = (motion.then(&motions[*other].inverse()), self.surfaces[*other].view(Density::Some));
+            motions[*other].scale * icp::distance(view, fixed, &to, self.params.trimmed)
+        };
+        median(others.par_iter().map(distance).collect())
     }
 
     /// The mean square distance of a member in a pose from others in theirs, with nothing trimmed: the part where two
     /// ends of a body differ may be as small as the trimmed share. Distances count up to twice their median, for
     /// surfaces of other kinds.
     fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
-        let found = self.distances_to(JUDGES, 0.0, member, motion, motions);
+        let moving = &self.surfaces[member];
+        let distance = |other: &usize| {
+            let (fixed, own) = (&self.surfaces[*other], &motions[*other]);
+            own.scale * whole(moving, fixed, Density::Some, &motion.then(&own.inverse()))
+        };
+        let others: Vec<usize> = self.others(member, JUDGES).collect();
+        let found: Vec<f64> = others.par_iter().map(distance).collect();
         let most = 2.0 * median(found.clone());
         found.iter().map(|distance| distance.min(most).powi(2)).sum::<f64>() / found.len() as f64
-    }
-
-    /// Distances of a member in a pose from `most` others or fewer in theirs, without the share `trimmed` of the pairs.
-    fn distances_to(
-        &self,
-        most: usize,
-        trimmed: f64,
-        member: usize,
-        motion: &Similarity,
-        motions: &[Similarity],
-    ) -> Vec<f64> {
-        let view = self.surfaces[member].view(Density::Some);
-        let others: Vec<usize> = self.others(member, most).collect();
-        let distance = |other: &usize| {
-            let (to, fixed) = (motion.then(&motions[*other].inverse()), self.surfaces[*other].view(Density::Some));
-            motions[*other].scale * icp::distance(view, fixed, &to, trimmed)
-        };
-        others.par_iter().map(distance).collect()
     }
 
     /// The pose of each, where two are nearly as good the one that is nearer to the others; and where even they don't tell.

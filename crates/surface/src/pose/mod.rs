@@ -88,19 +88,24 @@ struct Stage {
     rest: f64,
     /// Ends that are candidates for the next stage.
     candidates: usize,
-    /// Those that go on, of the candidates measured by the points of the next stage.
+    /// Those that go on, of the candidates measured by the points of the next stage; and the one whose distance is the
+    /// least where nothing is trimmed.
     go_on: usize,
 }
 
 /// Candidates farther than the best by this factor don't go on: few points don't tell nearer ones apart, of which a square rod has
 /// eight.
 const CANDIDATE: f64 = 1.5;
+/// Distances that differ by less than this factor are equal: the whole ones decide.
+const EQUAL: f64 = 1.03;
+/// Rounds in which surfaces of one size come nearer, by few points.
+const SETTLING: usize = 4;
 
 // Points hold back what only slides: with a weight of 0.03 nearly round bodies were still on their way in a third of all poses.
 const STAGES: [Stage; 3] = [
     Stage { density: Density::Few, rounds: 12, tangential: 0.2, rest: 1e-3, candidates: 24, go_on: 6 },
     Stage { density: Density::Some, rounds: 10, tangential: 2e-3, rest: 1e-4, candidates: 4, go_on: 2 },
-    Stage { density: Density::All, rounds: 30, tangential: 1e-3, rest: 1e-5, candidates: 2, go_on: 2 },
+    Stage { density: Density::All, rounds: 30, tangential: 1e-3, rest: 1e-5, candidates: 3, go_on: 3 },
 ];
 
 impl Stage {
@@ -132,17 +137,64 @@ pub fn pose(
         found = staged(moving, fixed, &found, stage, params, monitor)?;
         if let Some(next) = next.filter(|_| found.len() > stage.go_on) {
             found = measured(moving, fixed, &found, stage.go_on, next.density, params, monitor)?;
-            found.truncate(stage.go_on);
+            let rest = found.split_off(stage.go_on.min(found.len()));
+            found.extend(in_whole_order(moving, fixed, stage.density, rest).first());
         }
     }
-    let (similarity, distance) = found[0];
-    let other = found.get(1);
+    let equal = found.iter().take_while(|end| end.1 <= EQUAL * found[0].1).count();
+    let mut rest = found.split_off(equal);
+    let mut found = in_whole_order(moving, fixed, Density::Some, found);
+    rest.extend(found.drain(1..));
+    found.extend(in_whole_order(moving, fixed, Density::Some, rest));
+    let ((similarity, distance), other) = (found[0], found.get(1));
     Ok(Pose {
         similarity: Similarity { orthogonal: kabsch(&similarity.orthogonal, true), ..similarity },
         distance,
         second: other.map_or(f64::INFINITY, |other| other.1),
         other: other.map(|other| other.0),
     })
+}
+
+/// Motions in the order of their whole distances: a part in which two poses differ may be as small as the trimmed
+/// share, as the knob at one end of a rod.
+fn in_whole_order(
+    moving: &PoseSurface,
+    fixed: &PoseSurface,
+    density: Density,
+    found: Vec<(Similarity, f64)>,
+) -> Vec<(Similarity, f64)> {
+    if found.len() < 2 {
+        return found;
+    }
+    let ranked = found.into_par_iter().map(|end| (end, whole(moving, fixed, density, &end.0)));
+    let mut ranked: Vec<((Similarity, f64), f64)> = ranked.collect();
+    ranked.sort_by(|a, b| a.1.total_cmp(&b.1));
+    ranked.into_iter().map(|(end, _)| end).collect()
+}
+
+/// Distance with nothing trimmed, as the surfaces are or of one size, whichever is less: a larger body hides what
+/// sticks out of a smaller one, and one that is cut off is no smaller body.
+fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density, motion: &Similarity) -> f64 {
+    let (a, b) = (moving.view(density), fixed.view(density));
+    let [as_it_is, of_one_size] =
+        [*motion, of_size(motion, moving, fixed)].map(|motion| icp::distance(a, b, &motion, 0.0));
+    as_it_is.min(of_one_size)
+}
+
+/// A motion that also scales one surface to the size of the other, and brings it nearer.
+fn of_size(motion: &Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Similarity {
+    let size = fixed.size() / moving.size();
+    let translation = sub(motion.apply(moving.centre), scale(times(&motion.orthogonal, moving.centre), size));
+    let start = Similarity { scale: size, translation, ..*motion };
+    let rounds = icp::Rounds {
+        most: SETTLING,
+        rest: 1e-3 * fixed.size(),
+        gain: GAIN,
+        trimmed: 0.0,
+        tangential: STAGES[0].tangential,
+        scale: true,
+    };
+    icp::improved(moving.view(Density::Few), fixed.view(Density::Few), start, &rounds)
 }
 
 /// Returns the local optimum that a motion leads to, and its distance, as [`Pose`] has them.

@@ -68,6 +68,29 @@ fn what_has_no_counterpart_doesnt_pull() {
 }
 
 #[test]
+fn a_part_smaller_than_what_is_trimmed_still_decides() {
+    // An ellipsoid, which has four poses, with a bump on 4 % of its area, of another size.
+    let bumped = |level: u32, size: f64| {
+        let ball = icosphere(level);
+        let place = |v: &Vec3| {
+            let bump = 1.0 + 0.25 * (10.0 * (dot([0.7, 0.5, 0.51], *v) - 1.0)).exp();
+            [12.0 * v[0] * bump, 7.0 * v[1] * bump, 5.0 * v[2] * bump].map(|x| size * x)
+        };
+        ball.with_vertices(ball.vertices.iter().map(place).collect())
+    };
+    let (fixed, other) = (bumped(5, 1.0), bumped(4, 1.07));
+    let target = PoseSurface::new(&fixed).unwrap();
+    let mut random = SplitMix64::new(5);
+    for n in 0..6 {
+        let moved = Similarity { orthogonal: turn(&mut random), ..Similarity::default() };
+        let moving = PoseSurface::new(&moved.apply_mesh(&other)).unwrap();
+        let found = pose(&moving, &target, &PoseParams::default(), &Silent).unwrap();
+        let off = error(&other, &moved, &found.similarity);
+        assert!(off < 2.0, "{n}: {off}");
+    }
+}
+
+#[test]
 fn what_is_symmetric_says_so() {
     let ball = icosphere(4);
     let ellipsoid = ball.with_vertices(ball.vertices.iter().map(|v| [9.0 * v[0], 5.0 * v[1], 2.0 * v[2]]).collect());

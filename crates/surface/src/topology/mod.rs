@@ -11,7 +11,7 @@
 mod edges;
 mod union_find;
 
-use crate::geometry::{cross, dot, sub};
+use crate::geometry::{cross, dot, face_normal, sub};
 use crate::mesh::Mesh;
 pub use union_find::UnionFind;
 
@@ -212,6 +212,17 @@ pub fn signed_volume(mesh: &Mesh) -> f64 {
         })
         .sum();
     six_volumes / 6.0
+}
+
+/// Returns the area of a mesh, in squared units of the coordinates.
+///
+/// # Panics
+///
+/// When a triangle names a vertex that isn't there.
+#[must_use]
+pub fn area(mesh: &Mesh) -> f64 {
+    let normals = mesh.faces.iter().map(|face| face_normal(face.map(|v| mesh.vertices[v as usize])));
+    0.5 * normals.map(|normal| dot(normal, normal).sqrt()).sum::<f64>()
 }
 
 /// Returns whether a closed surface's triangles wind counter-clockwise seen from outside.

@@ -1,0 +1,50 @@
+//! A place within a triangle of a mesh, whatever its vertices are.
+
+use crate::geometry::Vec3;
+use crate::mesh::Mesh;
+use crate::nearest::TriangleTree;
+
+/// A place within a triangle: the same one on all meshes of these triangles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// The triangle's corners.
+    pub corners: [u32; 3],
+    /// Shares of the corners, which sum to 1.
+    pub shares: [f64; 3],
+}
+
+impl Place {
+    /// Returns the places of a mesh that are nearest to points; None where a point isn't finite or the mesh has no
+    /// triangle.
+    #[must_use]
+    pub fn nearest(mesh: &Mesh, points: &[Vec3]) -> Option<Vec<Self>> {
+        let tree = TriangleTree::new(mesh);
+        let of = |point: &Vec3| {
+            let found = tree.nearest(*point)?;
+            Some(Self { corners: mesh.faces[found.triangle as usize], shares: found.barycentric })
+        };
+        points.iter().map(of).collect()
+    }
+
+    /// Returns where the place is, with a mesh's vertices.
+    #[must_use]
+    pub fn of(&self, vertices: &[Vec3]) -> Vec3 {
+        let [a, b, c] = self.corners.map(|v| vertices[v as usize]);
+        std::array::from_fn(|k| self.shares[0] * a[k] + self.shares[1] * b[k] + self.shares[2] * c[k])
+    }
+
+    /// Whether all corners are among a number of vertices.
+    #[must_use]
+    pub fn is_within(&self, vertices: usize) -> bool {
+        self.corners.iter().all(|v| (*v as usize) < vertices)
+    }
+
+    /// Returns the same combination of the rows of a matrix, (vertices, width), row-major.
+    #[must_use]
+    pub fn row(&self, rows: &[f64], width: usize) -> Vec<f64> {
+        let own = |k: usize| {
+            self.corners.iter().zip(self.shares).map(|(v, share)| share * rows[*v as usize * width + k]).sum()
+        };
+        (0..width).map(own).collect()
+    }
+}
