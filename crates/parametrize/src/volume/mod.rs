@@ -26,6 +26,7 @@
 //! | `pieces` | connected pieces, and the cavities inside |
 //! | `boundary` | the quadrangles between inside and outside, as a closed surface |
 //! | `surface` | a label's surface: checked, repaired on request |
+//! | `relax` | the same without the voxels' steps |
 //! | `simple` | whether a voxel may change sides without the topology changing |
 //! | `repair` | from any label to one piece without cavities, handles and bare contacts |
 //!
@@ -52,6 +53,7 @@ mod npy;
 mod nrrd;
 mod open;
 mod pieces;
+mod relax;
 mod repair;
 mod runs;
 mod simple;

@@ -1,6 +1,7 @@
 //! A label's surface: checked, repaired on request.
 
 use spharm_monitor::{Interrupted, Monitor};
+use spharm_surface::Mesh;
 
 use super::boundary::QuadMesh;
 use super::labels::LabelVolume;
@@ -38,6 +39,17 @@ pub struct VolumeSurface {
 }
 
 impl LabelVolume {
+    /// The surface around a label without the voxels' steps, of whatever topology, in mm: of least bending within half
+    /// a voxel of the steps ([`QuadMesh::relaxed`]). It is for what needs no sphere, such as registration.
+    ///
+    /// # Errors
+    ///
+    /// [`NoLabel`](ParametrizeError::NoLabel).
+    pub fn smooth_surface(&self, label: Option<i64>) -> Result<Mesh, ParametrizeError> {
+        let steps = QuadMesh::around(&self.mask(self.choose(label)?)?);
+        Ok(steps.relaxed().to_world(&self.affine).triangles(|_| false))
+    }
+
     /// The closed surface around a label.
     ///
     /// # Errors

@@ -1,0 +1,162 @@
+//! A label's surface without the voxels' steps: that of least bending within the voxels' own uncertainty.
+//!
+//! ```text
+//! min |L x|^2   with   |x_v - c_v| <= 1/2 along each axis,   (L x)_v = x_v - mean of its neighbours
+//! ```
+//!
+//! in voxels, c_v the corner of the lattice that vertex v was. The bilaplacian, in place of the Laplacian, doesn't
+//! shrink (S. Gibson, "Constrained elastic surface nets", MICCAI 1998, has the boxes and the Laplacian). Solved by
+//! projected gradients with Nesterov's momentum; 60 flops a vertex and step. Small bodies lose up to 8 % of their
+//! volume even so, which is given back: all vertices move along their normals, within the boxes, until the volume is
+//! that of the voxels.
+
+use spharm_surface::geometry::{Vec3, add, cross, dot, scale, sub, unit};
+use spharm_surface::topology::signed_volume;
+
+use super::boundary::QuadMesh;
+
+/// Steps; what is left after them is below a hundredth of a voxel.
+const STEPS: usize = 300;
+/// Length of a step: the largest eigenvalue of `L^T L` is 4, beside the little by which L isn't symmetric.
+const STEP: f64 = 0.22;
+/// Moves along the normals; each leaves a tenth of the missing volume or less, unless most vertices are at the ends of
+/// their boxes.
+const MOVES: usize = 8;
+/// Half the width of a box, in voxels.
+const HALF: f64 = 0.5;
+
+impl QuadMesh {
+    /// Returns the surface of least bending of which each vertex is within half a voxel, along each axis, of where it
+    /// is here, with the volume that it has here. The vertices are counted in voxels, as [`around`](Self::around) gives
+    /// them.
+    #[must_use]
+    pub fn relaxed(&self) -> Self {
+        let rings = Rings::of(self);
+        let mut found = self.vertices.clone();
+        let mut ahead = found.clone();
+        let mut momentum = 1.0_f64;
+        for _ in 0..STEPS {
+            let bending = rings.transposed(&rings.off_mean(&ahead));
+            let next: Vec<[f64; 3]> = ahead
+                .iter()
+                .zip(&bending)
+                .zip(&self.vertices)
+                .map(|((x, g), corner)| {
+                    std::array::from_fn(|k| (x[k] - STEP * g[k]).clamp(corner[k] - HALF, corner[k] + HALF))
+                })
+                .collect();
+            let following = 0.5 * (1.0 + (1.0 + 4.0 * momentum * momentum).sqrt());
+            let share = (momentum - 1.0) / following;
+            ahead =
+                next.iter().zip(&found).map(|(n, x)| std::array::from_fn(|k| n[k] + share * (n[k] - x[k]))).collect();
+            (found, momentum) = (next, following);
+        }
+        self.with_own_volume(Self { vertices: found, ..self.clone() })
+    }
+
+    /// Moves a relaxed surface along its normals until it has the volume of this one.
+    fn with_own_volume(&self, mut relaxed: Self) -> Self {
+        let volume = |mesh: &Self| signed_volume(&mesh.triangles(|_| false));
+        let whole = volume(self);
+        for _ in 0..MOVES {
+            let missing = whole - volume(&relaxed);
+            if missing.abs() < 1e-4 * whole.abs() {
+                break;
+            }
+            let (normals, area) = relaxed.normals();
+            let by = missing / area;
+            for ((x, normal), corner) in relaxed.vertices.iter_mut().zip(normals).zip(&self.vertices) {
+                let moved = add(*x, scale(normal, by));
+                *x = std::array::from_fn(|k| moved[k].clamp(corner[k] - HALF, corner[k] + HALF));
+            }
+        }
+        relaxed
+    }
+
+    /// Unit normals of the vertices, and the area.
+    fn normals(&self) -> (Vec<Vec3>, f64) {
+        let (mut normals, mut area) = (vec![[0.0; 3]; self.vertices.len()], 0.0);
+        for quad in &self.quads {
+            let [a, b, c, d] = quad.map(|v| self.vertices[v as usize]);
+            let own = scale(cross(sub(c, a), sub(d, b)), 0.5);
+            area += dot(own, own).sqrt();
+            quad.iter().for_each(|v| normals[*v as usize] = add(normals[*v as usize], own));
+        }
+        normals.iter_mut().for_each(|normal| *normal = unit(*normal));
+        (normals, area)
+    }
+}
+
+/// The neighbours of each vertex by edges.
+struct Rings {
+    starts: Vec<usize>,
+    near: Vec<u32>,
+}
+
+impl Rings {
+    fn of(mesh: &QuadMesh) -> Self {
+        let mut starts = vec![0; mesh.vertices.len() + 1];
+        mesh.edges().flatten().for_each(|v| starts[v as usize + 1] += 1);
+        (1..starts.len()).for_each(|v| starts[v] += starts[v - 1]);
+        let (mut at, mut near) = (starts.clone(), vec![0; starts[mesh.vertices.len()]]);
+        for [a, b] in mesh.edges() {
+            for (v, w) in [(a, b), (b, a)] {
+                near[at[v as usize]] = w;
+                at[v as usize] += 1;
+            }
+        }
+        Self { starts, near }
+    }
+
+    fn row(&self, v: usize) -> &[u32] {
+        &self.near[self.starts[v]..self.starts[v + 1]]
+    }
+
+    /// `L x`.
+    fn off_mean(&self, x: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let of = |(v, x_v): (usize, &[f64; 3])| {
+            let ring = self.row(v);
+            let share = 1.0 / ring.len().max(1) as f64;
+            std::array::from_fn(|k| x_v[k] - share * ring.iter().map(|w| x[*w as usize][k]).sum::<f64>())
+        };
+        x.iter().enumerate().map(of).collect()
+    }
+
+    /// `L^T x`.
+    fn transposed(&self, x: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let of = |(v, x_v): (usize, &[f64; 3])| {
+            let share = |w: u32| 1.0 / self.row(w as usize).len().max(1) as f64;
+            let pulls = |k: usize| self.row(v).iter().map(|w| share(*w) * x[*w as usize][k]).sum::<f64>();
+            std::array::from_fn(|k| x_v[k] - pulls(k))
+        };
+        x.iter().enumerate().map(of).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::mask::Mask;
+
+    /// A ball of 10.3 voxels: its steps are 0.29 voxels of root mean square, and its area 1.5 times that of the ball.
+    #[test]
+    fn a_ball_of_voxels_is_round() {
+        let radius = 10.3_f64;
+        let centred = |at: [usize; 3]| at.map(|x| x as f64 - 12.0);
+        let inside = |at: [usize; 3]| dot(centred(at), centred(at)) < radius * radius;
+        let steps = QuadMesh::around(&Mask::new([25; 3], inside));
+        let smooth = steps.relaxed();
+        let off = |mesh: &QuadMesh| {
+            let square = |v: &[f64; 3]| (dot(v.map(|x| x - 12.0), v.map(|x| x - 12.0)).sqrt() - radius).powi(2);
+            (mesh.vertices.iter().map(square).sum::<f64>() / mesh.vertices.len() as f64).sqrt()
+        };
+        assert!(off(&smooth) < 0.12 && off(&steps) > 0.25, "{} {}", off(&smooth), off(&steps));
+        let moved = smooth.vertices.iter().flatten().zip(steps.vertices.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(moved.fold(0.0, f64::max) <= HALF);
+        let area = spharm_surface::topology::area(&smooth.triangles(|_| false));
+        let expected = 4.0 * std::f64::consts::PI * radius * radius;
+        assert!((area / expected - 1.0).abs() < 0.02, "{area} {expected}");
+        let voxels = signed_volume(&steps.triangles(|_| false));
+        assert!((signed_volume(&smooth.triangles(|_| false)) / voxels - 1.0).abs() < 1e-3);
+    }
+}
