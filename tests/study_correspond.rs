@@ -125,7 +125,15 @@ fn landmarks_of_the_table_or_by_a_pattern_are_carried_and_shown() {
     assert!(succeed(&mut site.study(&[])).contains("up to date"), "the same surfaces and landmarks");
     assert_eq!(&site.json("out/.study/reports/correspond.json")["landmarks"], marks);
 
+    // Guided by them, they stay together.
+    site.write("study.toml", &study.replace("[modes]", "[align]\nguide = true\n[modes]"));
+    succeed(&mut site.study(&[]));
+    let guided = &site.json("out/.study/reports/correspond.json")["landmarks"];
+    assert!(mean(guided) < 0.5 * mean(marks) && guided["guide"]["left_out"].is_array(), "{guided}");
+    assert!(site.text("out/report.html").contains("where they are left out"));
+
     for (from, to, expected) in [
+        ("landmarks = \"in/{id}.json\"", "[align]\nguide = true", "`guide` in [align] needs `landmarks` in [subjects]"),
         ("in/{id}.json", "in/marks.json", "`landmarks` in [subjects]: expected a pattern with {id}"),
         ("in/{id}.json", "in/{id}.fcsv", "in/s01.fcsv: landmarks of s01: there is no such file"),
         ("[modes]", "[align]\nmethod = \"joint\"\n[modes]", "`landmarks` in [subjects] is for method \"correspond\""),

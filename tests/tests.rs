@@ -9,6 +9,7 @@ mod common;
 mod compressed;
 mod corpus;
 mod correspond;
+mod correspond_inputs;
 mod denoise;
 mod exchange;
 mod facade;

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import pathlib
+import tempfile
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Iterable, Sequence, overload
@@ -105,7 +107,7 @@ class Group:
     names: tuple[str, ...]
 
     def __init__(self) -> None:
-        raise TypeError("groups are made by spharm_rs.shape.correspond")
+        raise TypeError("groups are made by spharm_rs.shape.correspond, or read by Group.load")
 
     @classmethod
     def _of(
@@ -115,8 +117,47 @@ class Group:
         group._inner, group.names, group._landmarks = inner, tuple(names), landmarks
         return group
 
+    def __reduce__(self) -> Any:
+        with tempfile.TemporaryDirectory() as folder:
+            # Names may be none of files.
+            self._inner.write(folder, [f"m{index}" for index in range(len(self))], True)
+            files = [path for path in pathlib.Path(folder).rglob("*") if path.is_file()]
+            data = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+        return _unpickled, (data, self.names, self._landmarks)
+
     def __repr__(self) -> str:
         return f"Group({len(self)} members, degree {self.mean.max_degree}, {len(self.masked)} directions)"
+
+    def save(self, folder: Path, *, overwrite: bool = False) -> None:
+        """Writes the group into a folder, whole or not at all: the one that ``spharm shape correspond -o`` makes, for ``--to``.
+
+        Parameters
+        ----------
+        folder : str or os.PathLike
+            It is made.
+        overwrite : bool
+            Replace files that are there.
+        """
+        self._inner.write(os.fspath(folder), self.names, bool(overwrite))
+
+    @classmethod
+    def load(cls, folder: Path, *, landmarks: Sequence[Landmarks | ArrayLike | Path] | None = None) -> Group:
+        """Reads a group that `save` or ``spharm shape correspond -o`` has written.
+
+        How its landmarks guided and how it was refined isn't in the folder, so that `report` hasn't it.
+
+        Parameters
+        ----------
+        folder : str or os.PathLike
+        landmarks : sequence of Landmarks, of array_like of float, (p, 3), or of paths, optional
+            As of `correspond`.
+
+        Returns
+        -------
+        Group
+        """
+        inner, names = _core.Group.read(os.fspath(folder), None)
+        return cls._of(inner, names, None if landmarks is None else matched(landmarks, len(names)))
 
     def __len__(self) -> int:
         """Number of members, N."""
@@ -175,7 +216,8 @@ class Group:
         """How it was found.
 
         ``template``, the name of the first one, None for one that was given; ``changes``, what had to be mended of it; ``spread``,
-        the root mean square distance of members from the mean; ``members``, of each the fields of `Member.report`;
+        the root mean square distance of members from the mean; ``members``, of each the fields of `Member.report`; ``guide``, None
+        without: how far landmarks that guide are from their places, ``guided``, and where they are left out, ``left_out``;
         ``refinement``, None without: of its ``stages`` steps, cost, variance and ``log_area``, the change of areas on the sphere
         (``rms``, ``most``, and ``within_eight``, the share of triangles within a factor of 8), and how far directions
         ``moved``, radians, root mean square of each member; ``seconds`` of the steps.
@@ -317,12 +359,48 @@ class Group:
         return members if several else members[0]
 
 
+def _unpickled(
+    data: dict[str, bytes], names: tuple[str, ...], landmarks: tuple[tuple[str, ...] | None, list[Floats]] | None
+) -> Group:
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in data.items():
+            path = pathlib.Path(folder, name)
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(content)
+        inner, _ = _core.Group.read(folder, names)
+    return Group._of(inner, names, landmarks)
+
+
+def _signals(given: Any, count: int, refine: bool) -> tuple[list[list[Floats]], list[float]]:
+    """The signals of each member, and their weights."""
+    values: list[list[Floats]] = [[] for _ in range(count)]
+    weights = []
+    for index, pair in enumerate(given):
+        what = f"signals[{index}]"
+        if not (isinstance(pair, tuple) and len(pair) == 2):
+            raise ValueError(f"{what}: expected a pair of values and weight, found {type(pair).__name__}")
+        of_members, weight = pair
+        if len(of_members) != count:
+            raise ValueError(f"{what}: expected an array of each of {count} surfaces, found {len(of_members)}")
+        for member, own in enumerate(of_members):
+            own = np.asarray(own, dtype=float)
+            if own.ndim != 1:
+                raise ValueError(f"{what}[{member}]: expected a value a vertex, found an array of shape {own.shape}")
+            values[member].append(own)
+        weights.append(float(weight))
+    if weights and not refine:
+        raise ValueError("signals: expected refine=True, as they are channels of the refinement")
+    return values, weights
+
+
 def correspond(
     surfaces: Iterable[Any],
     max_degree: int,
     *,
     template: Any = None,
     landmarks: Sequence[Landmarks | ArrayLike | Path] | None = None,
+    guide: bool = False,
+    signals: Sequence[tuple[Sequence[ArrayLike], float]] = (),
     rounds: int = 2,
     refine: bool = True,
     scale: bool = False,
@@ -340,7 +418,7 @@ def correspond(
     Parameters
     ----------
     surfaces : iterable
-        Two or more: paths, `Surface`, `Model` (evaluated on an icosphere) or what `spharm_rs.as_surface` takes. Paths are read when
+        Two or more: paths of meshes or of volumes of one label, `Surface`, `Model` (evaluated on an icosphere) or what `spharm_rs.as_surface` takes. Paths are read when
         they are needed.
     max_degree : int
         Highest degree L of the models, inclusive.
@@ -348,6 +426,13 @@ def correspond(
         The first template: a member, by number or name, or another surface; by default the most typical member.
     landmarks : sequence of Landmarks, of array_like of float, (p, 3), or of paths, optional
         The same places of each member, in its own coordinates, to check with; those with names are matched by them.
+    guide : bool
+        Let the landmarks guide the registration, too: the template's are drawn to those of each surface, and held in the
+        refinement. ``report["guide"]`` says how far they are from their places, and how far they are where they are left out. The
+        template has to be a member.
+    signals : sequence of (values, weight)
+        Signals on the surfaces, such as thickness, to match in the refinement: of each member an array of a value a vertex. A
+        standard deviation of the signal counts as ``weight`` times the square root of the area; normals have 0.12.
     rounds : int
         Rounds of registration; in each after the first the group's mean is the template.
     refine : bool
@@ -387,13 +472,23 @@ def correspond(
     surfaces = list(surfaces)
     names = _names(surfaces)
     marks = None if landmarks is None else matched(landmarks, len(surfaces))
+    template_member = None
     if isinstance(template, str) and template in names:
         template = names.index(template)
     if isinstance(template, (int, np.integer)) and not isinstance(template, bool):
         if not 0 <= template < len(surfaces):
             raise ValueError(f"template: expected 0 to {len(surfaces) - 1}, found {template}")
-        template = surfaces[template]
+        template_member = int(template)
+        template = surfaces[template_member]
+    if guide and marks is None:
+        raise ValueError("guide: expected landmarks, found None")
+    if guide and template is not None and template_member is None:
+        raise ValueError("template: expected a member, by number or name, as landmarks guide; found another surface")
+    values, weights = _signals(signals, len(surfaces), refine)
     settings = {
+        "guide": [own.tolist() for own in marks[1]] if guide and marks is not None else None,
+        "template_member": template_member,
+        "weights": weights,
         "max_degree": _arrays.whole("max_degree", max_degree),
         "rounds": _arrays.whole("rounds", rounds),
         "refine": bool(refine),
@@ -407,6 +502,7 @@ def correspond(
         names,
         None if template is None else given(template),
         settings=settings,
+        signals=values,
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -185,6 +186,71 @@ def test_landmarks_that_cannot_be_right_are_named(folder: Path, marks: list[sp.L
     assert len(found.warnings) == 1
 
 
+def test_landmarks_that_guide_stay_together(folder: Path, marks: list[sp.Landmarks], group: sp.shape.Group) -> None:
+    guided = sp.shape.correspond(paths(folder), 8, landmarks=marks, guide=True, template="s03", subdivisions=3)
+
+    def error(found: sp.shape.Group) -> float:
+        pairs = [(i, j) for i in range(5) for j in range(5) if i != j]
+        off = [np.linalg.norm(found.carry(marks[i], i, j).points - marks[j].points, axis=1).mean() for i, j in pairs]
+        return float(np.mean(off))
+
+    assert error(guided) < 0.5 * error(group)
+    guide = guided.report["guide"]
+    assert len(guide["guided"]) == len(marks[0].names) and np.mean(guide["guided"]) < 0.5 * np.mean(guide["left_out"])
+    assert group.report["guide"] is None
+
+
+def test_signals_say_what_surfaces_do_not() -> None:
+    """A patch, which the shape doesn't show, at another place of each member."""
+    ball, rng = sp.icosphere(3), np.random.default_rng(1)
+    unit = ball.vertices
+    shape = 1 + 0.25 * np.exp(8 * (unit @ [0.7, 0.5, 0.51] - 1)) + 0.15 * np.exp(8 * (unit @ [-0.67, 0.67, -0.33] - 1))
+    surfaces, patches, places = [], [], []
+    for angle in (-0.5, -0.2, 0.1, 0.4):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        body = (1 + 0.1 * angle) * (unit * [12, 7, 5] * shape[:, None]) @ turn
+        near = unit @ [0.3 * np.cos(angle), 0.95 * np.sin(angle), -0.95 * np.cos(angle)]
+        surfaces.append(sp.Surface(body, ball.faces))
+        patches.append(np.exp(6 * (near - 1)))
+        places.append(body[near.argmax()])
+
+    def error(found: sp.shape.Group) -> float:
+        pairs = [(i, j) for i in range(4) for j in range(4) if i != j]
+        return float(np.mean([np.linalg.norm(found.carry([places[i]], i, j) - places[j]) for i, j in pairs]))
+
+    without = error(sp.shape.correspond(surfaces, 8, subdivisions=3))
+    with_them = error(sp.shape.correspond(surfaces, 8, subdivisions=3, signals=[(patches, 0.5)]))
+    assert with_them < 0.4 * without
+
+
+def test_a_group_is_saved_read_and_pickled(
+    group: sp.shape.Group, folder: Path, marks: list[sp.Landmarks], tmp_path: Path
+) -> None:
+    group.save(tmp_path / "group")
+    with pytest.raises(FileExistsError):
+        group.save(tmp_path / "group")
+    group.save(tmp_path / "group", overwrite=True)
+    read = sp.shape.Group.load(tmp_path / "group", landmarks=marks)
+    for other in (read, pickle.loads(pickle.dumps(group))):
+        assert other.names == group.names and other.warnings == group.warnings
+        assert np.array_equal(other.places, group.places) and np.array_equal(other.reached, group.reached)
+        assert np.array_equal(other.mean.coefficients, group.mean.coefficients)
+        assert other.report["members"] == group.report["members"] and other.report["template"] == group.report["template"]
+        assert other.landmark_errors is not None and group.landmark_errors is not None
+        assert other.landmark_errors.mean == pytest.approx(group.landmark_errors.mean, rel=1e-9)
+        new = other.add(paths(folder)[2])
+        assert np.array_equal(new.places, group.add(paths(folder)[2]).places)
+    # Names that files can't have.
+    odd = sp.shape.correspond([sp.read_surface(path) for path in paths(folder)[:2]], 4, subdivisions=2, rounds=1, refine=False)
+    odd.names = ("a/b", "mean")
+    assert pickle.loads(pickle.dumps(odd)).names == ("a/b", "mean")
+    with pytest.raises(ValueError, match="names of files"):
+        odd.save(tmp_path / "odd")
+    with pytest.raises(OSError, match="group.json"):
+        sp.shape.Group.load(tmp_path)
+
+
 def test_settings_that_are_none_are_refused(folder: Path) -> None:
     few = paths(folder)[:2]
     wrong: list[tuple[Any, dict[str, Any], str]] = [
@@ -194,6 +260,14 @@ def test_settings_that_are_none_are_refused(folder: Path) -> None:
         (few, {"template": 2}, "template"),
         (few, {"landmarks": [np.zeros((1, 3))]}, "2 members"),
         (few[0], {}, "sequence"),
+        (few, {"guide": True}, "guide: expected landmarks"),
+        (few, {"guide": True, "landmarks": [np.zeros((1, 3))] * 2, "template": folder / "s05.ply"}, "template: expected a member"),
+        (few, {"signals": [[np.ones(3)] * 2]}, "pair of values and weight"),
+        (few, {"signals": [([np.ones(3)], 0.1)]}, "each of 2 surfaces"),
+        (few, {"signals": [([np.ones((3, 2))] * 2, 0.1)]}, "a value a vertex"),
+        (few, {"signals": [([np.ones(3)] * 2, 0.0)]}, "a weight above 0"),
+        (few, {"signals": [([np.ones(3)] * 2, 0.1)]}, "3 of"),
+        (few, {"signals": [([np.ones(3)] * 2, 0.1)], "refine": False}, "refine=True"),
         ([sp.Model(np.ones((4, 1))), *few], {}, "surfaces"),
     ]
     for surfaces, arguments, message in wrong:

@@ -76,12 +76,18 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
         vec![Table { title: "Correspondence".to_owned(), columns, rows: members.iter().map(row).collect() }];
     let marks = &found["landmarks"];
     if let (Some(names), Some(means)) = (marks["names"].as_array(), marks["by_landmark"].as_array()) {
-        let row = |(name, mean): (&Value, &Value)| {
-            let mean = mean.as_f64().map_or("–".to_owned(), |mean| format!("{mean:.4}"));
-            vec![name.as_str().unwrap_or_default().to_owned(), mean]
+        let length = |value: &Value| value.as_f64().map_or("–".to_owned(), |value| format!("{value:.4}"));
+        let left_out = marks["guide"]["left_out"].as_array();
+        let row = |(index, (name, mean)): (usize, (&Value, &Value))| {
+            let mut row = vec![name.as_str().unwrap_or_default().to_owned(), length(mean)];
+            row.extend(left_out.map(|values| values.get(index).map_or("–".to_owned(), length)));
+            row
         };
-        let columns = ["landmark", "mean distance, carried from subject to subject"].map(str::to_owned).to_vec();
-        tables.push(Table { title: "Landmarks".to_owned(), columns, rows: names.iter().zip(means).map(row).collect() });
+        let rows = names.iter().zip(means).enumerate().map(row).collect();
+        let mut columns = vec!["landmark", "mean distance, carried from subject to subject"];
+        columns.extend(left_out.map(|_| "from the group's place, where they are left out of guiding"));
+        let columns = columns.into_iter().map(str::to_owned).collect();
+        tables.push(Table { title: "Landmarks".to_owned(), columns, rows });
     }
     Ok(Correspondence { tables, landmarks: mean_and_median(marks) })
 }

@@ -111,7 +111,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
                 }
             };
             let subject = Subject::new(&motion.apply_mesh(&subject)).with_context(named)?;
-            let found = register(&template, &subject, None, &params, monitor).with_context(named)?;
+            let found = register(&template, &subject, &[], &params, monitor).with_context(named)?;
             Ok((motion, distance, found))
         })?;
         let cover = found.cover;

@@ -53,6 +53,9 @@ fn correspondence(plan: &Plan) -> Result<()> {
 
 /// What a group's folder can't hold, and landmarks that aren't there.
 fn of_group(plan: &Plan) -> Result<()> {
+    if plan.study.align.guide && plan.landmarks.is_none() {
+        bail!("{}: `guide` in [align] needs `landmarks` in [subjects], found none", plan.file.display());
+    }
     if let Some(row) = plan.manifest.rows.iter().find(|row| row.id == "mean" || row.id.starts_with('.')) {
         bail!(
             "{}: line {}: expected an id other than `mean` that begins with no point, found {:?}; or give method \"joint\" in \

@@ -64,6 +64,18 @@ pub(super) struct Fit {
     pub(super) arguments: Vec<String>,
 }
 
+impl Fit {
+    /// The size of volumes' voxels, where the arguments give it.
+    pub(super) fn voxel_size(&self) -> Option<&str> {
+        const NAME: &str = "--voxel-size";
+        let at = self.arguments.iter().position(|argument| argument.starts_with(NAME))?;
+        match self.arguments[at].strip_prefix(NAME)?.strip_prefix('=') {
+            Some(size) => Some(size),
+            None => self.arguments.get(at + 1).map(String::as_str),
+        }
+    }
+}
+
 /// How subjects are brought together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
@@ -114,6 +126,8 @@ pub(super) struct Align {
     pub(super) method: Option<Method>,
     pub(super) scale: bool,
     pub(super) mirror: bool,
+    /// Whether the landmarks guide a correspondence.
+    pub(super) guide: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -166,7 +180,7 @@ const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
     ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks"]),
     ("fit", 1, &["max_degree", "arguments"]),
-    ("align", 0, &["method", "scale", "mirror"]),
+    ("align", 0, &["method", "scale", "mirror", "guide"]),
     ("modes", 0, &["count"]),
     ("quality", 0, &["plain"]),
     ("page", 0, &["subjects"]),

@@ -40,8 +40,10 @@ pub(super) struct Subject<'a> {
     pub(super) id: &'a str,
     pub(super) cells: &'a [String],
     pub(super) model: PathBuf,
-    /// The mesh that it is registered by: that of a label is beside its model.
+    /// The mesh or the volume that it is registered by.
     pub(super) surface: PathBuf,
+    /// Of a volume, the label.
+    pub(super) label: Option<i64>,
     pub(super) landmarks: Option<PathBuf>,
 }
 
@@ -149,7 +151,8 @@ impl Plan {
         let of = |(index, row): (usize, &'s Row)| {
             let model = row.model(&folder);
             let landmarks = self.landmarks.as_ref().and_then(|files| files.get(index).cloned());
-            Subject { id: &row.id, cells: &row.extra, surface: surfaces::of_row(row, &model), model, landmarks }
+            let (surface, label) = (row.surface.clone(), row.label);
+            Subject { id: &row.id, cells: &row.extra, surface, label, model, landmarks }
         };
         self.manifest.rows.iter().enumerate().map(of).collect()
     }
@@ -217,7 +220,12 @@ impl Plan {
             let folder = self.output.join(PLAIN);
             let plain = models.iter().filter_map(|model| Some(folder.join(model.file_name()?)));
             self.write("plain.txt", &lines(&plain.collect::<Vec<_>>())?)?;
-            let of = |subject: &'s Subject<'_>| (subject.id, subject.surface.as_path(), subject.landmarks.as_deref());
+            let of = |subject: &'s Subject<'_>| surfaces::Member {
+                id: subject.id,
+                surface: &subject.surface,
+                label: subject.label,
+                landmarks: subject.landmarks.as_deref(),
+            };
             let members: Vec<_> = subjects.iter().map(of).collect();
             self.write("surfaces.tsv", &surfaces::table(&members, &self.records())?)?;
             self.write("landmarks.txt", &surfaces::landmarks(&members, &self.records())?)?;

@@ -77,6 +77,12 @@ impl Plan {
         let mut arguments = words(&["shape", "correspond", "--table", &text(&table), "--max-degree", &degree]);
         arguments.extend(words(&["-o", &text(&folder), "--report", &text(&report), "--warnings", &text(&warnings)]));
         arguments.extend(self.moved());
+        if self.study.align.guide {
+            arguments.push("--guide".to_owned());
+        }
+        if let Some(size) = self.study.fit.voxel_size() {
+            arguments.extend(words(&["--voxel-size", size]));
+        }
         let files = subjects.iter().flat_map(|subject| std::iter::once(&subject.surface).chain(&subject.landmarks));
         let inputs: Vec<PathBuf> = std::iter::once(&table).chain(files).cloned().collect();
         self.stage("correspond", arguments, &inputs, [folder, report, warnings])

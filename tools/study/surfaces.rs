@@ -3,39 +3,43 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm::cohort::Row;
-use spharm::files::ModelFiles;
-use spharm::parametrize::volume::is_volume;
 use spharm_cli::paths::utf8;
 
-/// The mesh of a row: of a volume's label the one that its fit has written beside its model.
-pub(super) fn of_row(row: &Row, model: &Path) -> PathBuf {
-    match row.label.is_some() || is_volume(&row.surface) {
-        true => ModelFiles { model: model.to_owned() }.surface(),
-        false => row.surface.clone(),
-    }
+/// What a subject is registered by.
+#[derive(Clone, Copy)]
+pub(super) struct Member<'a> {
+    pub(super) id: &'a str,
+    pub(super) surface: &'a Path,
+    /// Of a volume, the label.
+    pub(super) label: Option<i64>,
+    pub(super) landmarks: Option<&'a Path>,
 }
 
-/// Text of the table, of ids, meshes and landmarks, for a file in `folder`: the same from whichever folder the study is
-/// called.
+/// Text of the table, of ids, meshes or volumes with their labels, and landmarks, for a file in `folder`: the same from
+/// whichever folder the study is called.
 ///
 /// # Errors
 ///
 /// When a mesh isn't there, or its path isn't text.
-pub(super) fn table(subjects: &[(&str, &Path, Option<&Path>)], folder: &Path) -> Result<String> {
+pub(super) fn table(members: &[Member<'_>], folder: &Path) -> Result<String> {
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
-    let landmarks = subjects.iter().any(|(.., landmarks)| landmarks.is_some());
-    writer.write_record(["id", "surface"].into_iter().chain(landmarks.then_some("landmarks")))?;
-    for &(id, surface, landmarks) in subjects {
+    let landmarks = members.iter().any(|member| member.landmarks.is_some());
+    let labels = members.iter().any(|member| member.label.is_some());
+    let columns = [(labels, "label"), (landmarks, "landmarks")];
+    let columns = columns.into_iter().filter(|(there, _)| *there).map(|(_, name)| name);
+    writer.write_record(["id", "surface"].into_iter().chain(columns))?;
+    for &Member { id, surface, label, landmarks: marks } in members {
         if !surface.is_file() {
             bail!(
                 "{id}: {}: there is no such file; method \"joint\" in [align] needs the models alone",
                 surface.display()
             );
         }
-        let cell = |file: &Path| Ok(utf8(&from_folder(folder, file)?)?.to_owned());
-        let cells = std::iter::once(surface).chain(landmarks).map(cell).collect::<Result<Vec<String>>>()?;
-        writer.write_record(std::iter::once(id).chain(cells.iter().map(String::as_str)))?;
+        let cell = |file: &Path| -> Result<String> { Ok(utf8(&from_folder(folder, file)?)?.to_owned()) };
+        let label = labels.then(|| label.map(|label| label.to_string()).unwrap_or_default());
+        let marks = marks.map(cell).transpose()?;
+        let cells = [Some(id.to_owned()), Some(cell(surface)?), label, marks];
+        writer.write_record(cells.into_iter().flatten())?;
     }
     Ok(String::from_utf8(writer.into_inner()?)?)
 }
@@ -45,8 +49,8 @@ pub(super) fn table(subjects: &[(&str, &Path, Option<&Path>)], folder: &Path) ->
 /// # Errors
 ///
 /// When one isn't there, or its path isn't text.
-pub(super) fn landmarks(subjects: &[(&str, &Path, Option<&Path>)], folder: &Path) -> Result<String> {
-    let files = subjects.iter().filter_map(|(.., landmarks)| *landmarks);
+pub(super) fn landmarks(members: &[Member<'_>], folder: &Path) -> Result<String> {
+    let files = members.iter().filter_map(|member| member.landmarks);
     files.map(|file| Ok(utf8(&from_folder(folder, file)?)?.to_owned() + "\n")).collect()
 }
 

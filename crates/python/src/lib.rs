@@ -15,6 +15,8 @@
 //! | `models` | models: evaluation and files |
 //! | `shapes` | shape analysis on models |
 //! | `correspondences` | groups made to correspond; poses of, and a template registered to, one surface |
+//! | `corresponding` | such a group: its members, files, points carried, new members |
+//! | `sources` | surfaces as they come from Python |
 //! | `groups` | groups of models to one degree, and their mean |
 //! | `poses` | rotations, and surfaces brought together |
 //! | `modes` | modes of variation |
@@ -27,6 +29,7 @@
 
 mod arrays;
 mod correspondences;
+mod corresponding;
 mod errors;
 mod fitting;
 mod groups;
@@ -39,6 +42,7 @@ mod poses;
 mod qualities;
 mod run;
 mod shapes;
+mod sources;
 mod stores;
 mod studies;
 mod surfaces;
@@ -69,6 +73,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     surfaces::register(module)?;
     shapes::register(module)?;
     qualities::register(module)?;
+    corresponding::register(module)?;
     correspondences::register(module)?;
     stores::register(module)?;
     Ok(())

@@ -28,6 +28,7 @@ use spharm_surface::{Mesh, SpreadPoints};
 use crate::cells::Cells;
 use crate::error::RegisterError;
 use crate::exponential::{Probe, exponentials};
+use crate::guide::Guide;
 use crate::low_rank::LowRank;
 use crate::params::RegisterParams;
 use crate::subject::Subject;
@@ -52,18 +53,18 @@ const AGAIN: f64 = 1.3;
 /// [`RegisterError::Singular`], [`RegisterError::Interrupted`].
 pub fn drift(
     template: &Template,
-    start: &[Vec3],
     free: &[bool],
     subject: &Subject,
+    guides: &[Guide],
     params: &RegisterParams,
     monitor: &dyn Monitor,
 ) -> Result<Vec<Vec3>, RegisterError> {
-    let mut mesh = template.mesh.with_vertices(start.to_vec());
+    let mut mesh = template.mesh.clone();
     let first = params.sigma * template.scale;
     let mut sigma = first;
     for (index, stage) in template.stages.iter().enumerate() {
         let targets = subject.spread(stage.spread.points.len(), 104_729 * (index + 1));
-        let (moved, last) = run_stage(stage, &mesh, free, &targets, (sigma, first), params, monitor)?;
+        let (moved, last) = run_stage(stage, &mesh, free, (&targets, guides), (sigma, first), params, monitor)?;
         mesh.vertices = moved;
         sigma = AGAIN * last;
     }
@@ -82,7 +83,7 @@ fn run_stage(
     stage: &Stage,
     mesh: &Mesh,
     free: &[bool],
-    targets: &SpreadPoints,
+    (targets, guides): (&SpreadPoints, &[Guide]),
     (mut sigma, first): (f64, f64),
     params: &RegisterParams,
     monitor: &dyn Monitor,
@@ -99,6 +100,7 @@ fn run_stage(
     let (low, high) = bounds(targets.points.iter().copied());
     let volume: f64 = (0..3).map(|k| high[k] - low[k]).product();
     let odds = params.outliers / (1.0 - params.outliers) * n as f64 / volume.max(f64::MIN_POSITIVE);
+    let held = Held::new(guides, kernel, &mesh.vertices, params.landmark);
     let (mut points, mut normals) = (start.points.clone(), start.normals);
     let mut coefficients = vec![[0.0; 3]; kernel.rank];
     for round in 0..params.drift_rounds {
@@ -110,7 +112,8 @@ fn run_stage(
         let sums = expectation(&points, &normals, &kept, targets, sigma, params.kappa, outlier);
         let along = (sigma / (ALONG * first)).powi(2).min(1.0);
         let pulled = pulled(&sums, &points, &normals, along);
-        coefficients = maximisation(kernel, &start.points, &sums.shares, &pulled, stage.stiffness * sigma * sigma)?;
+        let stiffness = stage.stiffness * sigma * sigma;
+        coefficients = maximisation(kernel, &start.points, &sums.shares, &pulled, &held, stiffness)?;
         let displacements = LowRank::displacements(kernel.rank, &kernel.points, &coefficients);
         points = start.points.iter().zip(displacements).map(|(y, v)| add(*y, v)).collect();
         let all: f64 = sums.shares.iter().sum();
@@ -133,6 +136,29 @@ fn run_stage(
 
 fn start_extent(low: Vec3, high: Vec3) -> f64 {
     (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
+}
+
+/// Landmarks: rows of the kernel's factor at their places, (count, r), and from there to the subject's points, (count,
+/// 3).
+struct Held {
+    rows: Mat<f64>,
+    off: Mat<f64>,
+    weight: f64,
+}
+
+impl Held {
+    fn new(guides: &[Guide], kernel: &LowRank, vertices: &[Vec3], weight: f64) -> Self {
+        let rows: Vec<Vec<f64>> = guides.iter().map(|guide| guide.place.row(&kernel.places, kernel.rank)).collect();
+        let off: Vec<Vec3> = guides.iter().map(|guide| sub(guide.point, guide.place.of(vertices))).collect();
+        let rows = Mat::from_fn(guides.len(), kernel.rank, |i, k| rows[i][k]);
+        Self { rows, off: Mat::from_fn(guides.len(), 3, |i, k| off[i][k]), weight }
+    }
+
+    /// Adds their part of the normal equations.
+    fn add(&self, matrix: &mut Mat<f64>, right: &mut Mat<f64>) {
+        matmul(matrix, Accum::Add, self.rows.transpose(), &self.rows, self.weight, Par::Seq);
+        matmul(right, Accum::Add, self.rows.transpose(), &self.off, self.weight, Par::Seq);
+    }
 }
 
 /// The template's vertices, displaced.
@@ -211,6 +237,7 @@ fn maximisation(
     start: &[Vec3],
     shares: &[f64],
     pulled: &[Vec3],
+    held: &Held,
     stiffness: f64,
 ) -> Result<Vec<Vec3>, RegisterError> {
     let (n, r) = (start.len(), kernel.rank);
@@ -233,6 +260,7 @@ fn maximisation(
         matrix += of_matrix;
         right += of_right;
     }
+    held.add(&mut matrix, &mut right);
     (0..r).for_each(|i| matrix[(i, i)] += stiffness);
     let solved = matrix.llt(Side::Lower).map_err(|_| RegisterError::Singular)?.solve(&right);
     Ok((0..r).map(|i| std::array::from_fn(|k| solved[(i, k)])).collect())

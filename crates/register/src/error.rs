@@ -30,6 +30,16 @@ pub enum RegisterError {
         /// The number of values.
         found: usize,
     },
+    /// A landmark that isn't finite, or is at a vertex of the template that isn't there.
+    #[error(
+        "landmark {index} of a registration: expected finite coordinates and a place of a template of {vertices} vertices"
+    )]
+    Guide {
+        /// The landmark, counted from 0.
+        index: usize,
+        /// The number of the template's vertices.
+        vertices: usize,
+    },
     /// Nothing of the template is to be registered.
     #[error("every triangle of the template is masked: expected some that have a counterpart on subjects")]
     AllMasked,

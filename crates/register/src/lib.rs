@@ -28,11 +28,13 @@
 //! | [`mod@snap`] | nearest points both ways under a thin plate |
 //! | [`mod@untangle`] | projection, and triangles that are turned over |
 //! | [`cover`] | [`Cover`] |
+//! | [`guide`] | [`Guide`]: landmarks that draw places of the template |
 //! | [`error`] | [`RegisterError`] |
 
 pub mod cover;
 pub mod drift;
 pub mod error;
+pub mod guide;
 pub mod low_rank;
 pub mod params;
 pub mod plate;
@@ -47,6 +49,7 @@ mod exponential;
 
 pub use cover::Cover;
 pub use error::RegisterError;
+pub use guide::Guide;
 pub use params::RegisterParams;
 pub use register::{Registered, register};
 pub use subject::Subject;

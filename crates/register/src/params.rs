@@ -42,6 +42,8 @@ pub struct RegisterParams {
     /// Distance from which a vertex of the template has no counterpart on the subject, and a place of the subject isn't
     /// reached by the template.
     pub reach: f64,
+    /// Weight of a landmark that guides, beside one of the points in the drift and one of the vertices after it.
+    pub landmark: f64,
     /// Most rounds in which vertices around turned triangles are evened.
     pub untangle_rounds: usize,
 }
@@ -64,6 +66,7 @@ impl Default for RegisterParams {
             normal: 0.06,
             robust: 0.05,
             reach: 0.03,
+            landmark: 10.0,
             untangle_rounds: 30,
         }
     }

@@ -6,6 +6,7 @@ use spharm_surface::geometry::Vec3;
 use crate::cover::{Cover, apart, free, reached};
 use crate::drift::drift;
 use crate::error::RegisterError;
+use crate::guide::Guide;
 use crate::params::RegisterParams;
 use crate::snap::snap;
 use crate::subject::Subject;
@@ -25,33 +26,33 @@ pub struct Registered {
     pub turned: usize,
 }
 
-/// Moves a template onto a subject in the same pose. `start` are the template's vertices where an earlier round left them, (n);
-/// with them nothing drifts.
+/// Moves a template onto a subject in the same pose. `guides` are places that are known to correspond.
 ///
 /// # Errors
 ///
-/// [`RegisterError::Values`] for another number of vertices, [`RegisterError::Singular`], [`RegisterError::Interrupted`].
+/// [`RegisterError::Guide`], [`RegisterError::Singular`], [`RegisterError::Interrupted`].
 pub fn register(
     template: &Template,
     subject: &Subject,
-    start: Option<&[Vec3]>,
+    guides: &[Guide],
     params: &RegisterParams,
     monitor: &dyn Monitor,
 ) -> Result<Registered, RegisterError> {
     let n = template.mesh.vertices.len();
-    if let Some(found) = start.map(<[Vec3]>::len).filter(|found| *found != n) {
-        return Err(RegisterError::Values { expected: n, found });
+    let there = |guide: &Guide| guide.place.is_within(n) && guide.point.iter().all(|value| value.is_finite());
+    if let Some(index) = guides.iter().position(|guide| !there(guide)) {
+        return Err(RegisterError::Guide { index, vertices: n });
     }
     let reach = params.reach * template.scale;
-    let vertices = start.unwrap_or(&template.mesh.vertices);
+    let vertices = &template.mesh.vertices;
     let free = free(template, vertices, subject, reach);
     let (rms, farthest) = apart(template, vertices, subject);
-    let near = rms < params.near * template.scale && farthest < reach;
+    let near = guides.is_empty() && rms < params.near * template.scale && farthest < reach;
     let drawn = if near {
-        vertices.to_vec()
+        vertices.clone()
     } else {
-        let moved = drift(template, vertices, &free, subject, params, monitor)?;
-        snap(template, &moved, &free, subject, params, monitor)?
+        let moved = drift(template, &free, subject, guides, params, monitor)?;
+        snap(template, &moved, &free, subject, guides, params, monitor)?
     };
     let mut reached = reached(&free, &drawn, subject, reach);
     let (vertices, turned) = untangle(template, &drawn, &free, subject, params.untangle_rounds, monitor)?;

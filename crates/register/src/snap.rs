@@ -14,10 +14,11 @@
 //! 200 flops a pair and 2,000 a vertex for each iteration.
 
 use spharm_monitor::Monitor;
-use spharm_surface::SpreadPoints;
 use spharm_surface::geometry::{Vec3, add, dot, scale as times, sub, unit};
+use spharm_surface::{Place, SpreadPoints};
 
 use crate::error::RegisterError;
+use crate::guide::Guide;
 use crate::params::RegisterParams;
 use crate::plate::{PlateFactor, PlateMatrix};
 use crate::subject::{PointTree, Subject};
@@ -57,6 +58,7 @@ pub fn snap(
     start: &[Vec3],
     free: &[bool],
     subject: &Subject,
+    guides: &[Guide],
     params: &RegisterParams,
     monitor: &dyn Monitor,
 ) -> Result<Vec<Vec3>, RegisterError> {
@@ -74,6 +76,8 @@ pub fn snap(
             let far = length(pair.off) / (params.robust * template.scale);
             pair.weight /= (1.0 + far * far).sqrt();
         }
+        // What a person says is no outlier, however far it is.
+        pairs.extend(guides.iter().flat_map(|guide| of_guide(guide, &vertices, params.landmark / n as f64)));
         let displacement = step(template, &pairs, stiffness / n as f64, params.tangential)?;
         vertices.iter_mut().zip(displacement).for_each(|(y, v)| *y = add(*y, v));
         if vertices.iter().flatten().any(|value| !value.is_finite()) {
@@ -81,6 +85,19 @@ pub fn snap(
         }
     }
     Ok(vertices)
+}
+
+/// Pairs that draw a landmark's place in all directions alike.
+fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
+    let off = sub(guide.point, guide.place.of(vertices));
+    let Place { corners, shares } = guide.place;
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|normal| Pair {
+        vertices: corners,
+        weights: shares,
+        off,
+        normal,
+        weight,
+    })
 }
 
 /// Each vertex with its nearest point of the subject, weighted by its share of the area. A vertex whose nearest point is on

@@ -3,10 +3,10 @@
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use spharm_surface::geometry::Vec3;
 use spharm_surface::nearest::TriangleTree;
+use spharm_surface::topology::area;
 use spharm_surface::{Mesh, SpreadPoints, topology};
 
 use crate::error::RegisterError;
-use crate::template::area;
 
 /// A surface of any topology, in the template's pose.
 pub struct Subject {

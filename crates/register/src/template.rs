@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use spharm_monitor::Monitor;
 use spharm_surface::geometry::{Vec3, cross, dot, sub};
 use spharm_surface::nearest::TriangleTree;
+use spharm_surface::topology::area;
 use spharm_surface::{Mesh, SpreadPoints};
 
 use crate::error::RegisterError;
@@ -114,11 +115,6 @@ pub fn without_counterpart(template: &Mesh, original: &Mesh, distance: f64) -> V
         face.iter().for_each(|v| masked[*v as usize] = true);
     }
     masked
-}
-
-/// The area of a mesh.
-pub(crate) fn area(mesh: &Mesh) -> f64 {
-    mesh.faces.iter().map(|face| 0.5 * length(doubled_normal(&mesh.vertices, *face))).sum()
 }
 
 /// The cross product of a triangle's edges: its normal, twice its area long.

@@ -1,10 +1,12 @@
 //! What a registration promises, on generated surfaces whose places are known.
 
 use spharm_monitor::Silent;
-use spharm_register::{RegisterError, RegisterParams, Registered, Subject, Template, register, without_counterpart};
-use spharm_surface::Mesh;
+use spharm_register::{
+    Guide, RegisterError, RegisterParams, Registered, Subject, Template, register, without_counterpart,
+};
 use spharm_surface::generate::icosphere;
 use spharm_surface::geometry::{Vec3, dot, sub};
+use spharm_surface::{Mesh, Place};
 
 /// A box with round edges and a bump on its top at `at`, from -1 to 1.
 fn with_bump(level: u32, at: f64, turn: f64) -> Mesh {
@@ -28,7 +30,7 @@ fn prepared(mesh: &Mesh) -> Template {
 
 fn moved(template: &Template, subject: &Mesh) -> Registered {
     let subject = Subject::new(subject).unwrap();
-    register(template, &subject, None, &RegisterParams::default(), &Silent).unwrap()
+    register(template, &subject, &[], &RegisterParams::default(), &Silent).unwrap()
 }
 
 fn root_mean_square(a: &[Vec3], b: &[Vec3]) -> f64 {
@@ -141,4 +143,26 @@ fn what_cant_be_registered_is_refused() {
     let mut not_finite = mesh.clone();
     not_finite.vertices[0] = [f64::NAN; 3];
     assert!(matches!(refused(&not_finite, None), RegisterError::NoArea { .. }));
+}
+
+#[test]
+fn a_landmark_that_guides_is_where_it_is_said_to_be() {
+    let template = with_bump(4, 0.0, 0.0);
+    let subject = with_bump(5, 0.0, 0.3);
+    // A place of the flat bottom, which by its shape alone could be anywhere there.
+    let place = Place::nearest(&template, &[[3.0, 1.0, -6.0]]).unwrap()[0];
+    let guide = Guide { place, point: [5.0, -1.0, -6.0] };
+    let (prepared, target) = (prepared(&template), Subject::new(&subject).unwrap());
+    let found = |guides: &[Guide]| {
+        let found = register(&prepared, &target, guides, &RegisterParams::default(), &Silent).unwrap();
+        let off = sub(place.of(&found.vertices), guide.point);
+        (dot(off, off).sqrt(), found)
+    };
+    let (alone, _) = found(&[]);
+    let (guided, registered) = found(&[guide]);
+    assert!(alone > 1.5 && guided < 0.3, "{alone} {guided}");
+    assert!(registered.cover.rms < 0.1 && registered.turned == 0, "{:?}", registered.cover);
+    let wrong = Guide { point: [f64::NAN, 0.0, 0.0], ..guide };
+    let refused = register(&prepared, &target, &[guide, wrong], &RegisterParams::default(), &Silent);
+    assert!(matches!(refused, Err(RegisterError::Guide { index: 1, .. })));
 }

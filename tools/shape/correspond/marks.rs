@@ -1,15 +1,17 @@
 //! Landmarks of a group: each one's carried to the others.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use spharm::correspond::Group;
+use spharm::correspond::{Group, GuideLandmarks, GuideReport};
+use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::output::same_place;
 use spharm_surface::geometry::{Vec3, dot, sub};
 
-use super::super::landmarks::of_surfaces;
+use super::super::landmarks::{Marks, of_surfaces};
 use super::surfaces::Surface;
 
 /// Members that each one's landmarks are carried to, at most.
@@ -24,6 +26,7 @@ pub(super) struct Errors {
     carried: usize,
     unreached: usize,
     pub(super) warnings: Vec<String>,
+    guide: Option<GuideReport>,
 }
 
 impl Errors {
@@ -35,30 +38,50 @@ impl Errors {
             "by_landmark": self.by_landmark,
             "carried": self.carried,
             "unreached": self.unreached,
+            "guide": self.guide,
         })
     }
 
     pub(super) fn line(&self) -> String {
         let Self { mean, median, carried, unreached, .. } = self;
+        let of_guide = self.guide.as_ref().map_or_else(String::new, |guide| {
+            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+            let (guided, left_out) = (mean(&guide.guided), mean(&guide.left_out));
+            format!(
+                "; they guided, to {guided:.3} of their places, and were {left_out:.3} off where they were left out"
+            )
+        });
         format!(
-            "landmarks apart: mean {mean:.3}, median {median:.3} of {carried} that were carried, {unreached} not reached"
+            "landmarks apart: mean {mean:.3}, median {median:.3} of {carried} that were carried, {unreached} not \
+             reached{of_guide}"
         )
     }
 }
 
-/// Carries the landmarks, if any are named, from all members to all others, each member's to at most 40.
-pub(super) fn errors(
-    named: &[PathBuf],
-    surfaces: &[Surface],
-    group: &Group,
-    monitor: &ConsoleMonitor,
-) -> Result<Option<Errors>> {
+/// Reads the landmarks, if any are named.
+pub(super) fn read(named: &[PathBuf], surfaces: &[Surface]) -> Result<Option<Marks>> {
     if named.is_empty() {
         return Ok(None);
     }
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
-    let marks = of_surfaces(named, &paths, |index| Ok(surfaces[index].read()?))?;
-    let count = surfaces.len();
+    of_surfaces(named, &paths, |index| Ok(surfaces[index].read()?)).map(Some)
+}
+
+/// The landmarks as guides; those of a template that is given are those of the surface that it is.
+pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[PathBuf]) -> Result<GuideLandmarks> {
+    let Some(marks) = marks else {
+        return Err(Usage::missing("--guide needs landmarks: give --landmarks, or a column of the table").into());
+    };
+    let of_template = |file: &Path| match paths.iter().position(|path| same_place(path, file)) {
+        Some(index) => Ok(marks.points[index].clone()),
+        None => bail!("{}: with --guide the template has to be one of the surfaces", file.display()),
+    };
+    Ok(GuideLandmarks { members: marks.points.clone(), template: template.map(of_template).transpose()? })
+}
+
+/// Carries the landmarks from all members to all others, each member's to at most 40.
+pub(super) fn errors(marks: Marks, group: &Group, monitor: &ConsoleMonitor) -> Result<Errors> {
+    let count = group.models.len();
     // A landmark's place on the surface, to which those of others are carried.
     let own = (0..count).into_par_iter().map(|member| group.carry(&marks.points[member], member, member));
     let own = own.collect::<Result<Vec<_>, _>>()?;
@@ -80,7 +103,7 @@ pub(super) fn errors(
         let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
         sum / f64::from(count.max(1))
     };
-    Ok(Some(Errors {
+    Ok(Errors {
         by_landmark: (0..marks.names.len()).map(|k| mean(&mut all.iter().map(|pair| pair[k].0))).collect(),
         mean: mean(&mut distances.iter().copied()),
         median: distances.get(distances.len() / 2).copied().unwrap_or(0.0),
@@ -88,7 +111,8 @@ pub(super) fn errors(
         unreached: all.iter().flatten().filter(|found| !found.1).count(),
         names: marks.names,
         warnings: marks.warnings,
-    }))
+        guide: group.report.guide.clone(),
+    })
 }
 
 fn length(v: Vec3) -> f64 {

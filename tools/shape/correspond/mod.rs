@@ -5,13 +5,14 @@ mod marks;
 pub(super) mod surfaces;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::{Value, json};
 use spharm::cohort::Shard;
-use spharm::correspond::{CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, correspond};
+use spharm::correspond::{CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, Signals, correspond};
 use spharm::shape::{GroupQuality, QualityParams, group_quality};
 use spharm::{Coefficients, FileRecord};
 use spharm_cli::Usage;
@@ -20,8 +21,9 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::output::{OutputFile, check_outputs, write_json};
 use spharm_cli::paths::shown;
+use spharm_cli::surfaces::VoxelSize;
 
-use self::surfaces::{Surface, of_table, plan, read, surfaces};
+use self::surfaces::{Surface, With, find_signals, of_table, plan, read, surfaces};
 use super::args::{ReportArgs, Resources};
 use super::outputs::finish;
 
@@ -36,24 +38,35 @@ use super::outputs::finish;
         "spharm shape correspond vertebrae/*.ply --max-degree 40 -o group",
         "spharm shape correspond @subjects.txt --max-degree 15 --landmarks landmarks/ -o group --report group.json",
         "spharm shape correspond --table subjects.tsv --max-degree 15 -o group",
+        "spharm shape correspond aseg/*.mgz --label 17 --max-degree 12 -o hippocampi",
+        "spharm shape correspond s*/lh.white --max-degree 40 --name-template {parent} --with lh.thickness:0.2 -o group",
         "spharm shape correspond @new.txt --to group --shard 3/10 -o added",
         "spharm shape quality group/s*.spharm.npz",
     ],
     &[
         help::MESHES,
+        help::VOLUMES,
         "The folder has a model of each surface and the mean in the group's frame, places/ with the places that correspond, \
          members/ with each one's transform and how well it is covered, and group.json.",
     ],
 ))]
 pub(super) struct Cli {
-    /// Meshes, or models, which are evaluated; or @LIST with a path a line
+    /// Meshes, label volumes, or models, which are evaluated; or @LIST with a path a line
     #[arg(value_name = "SURFACE", required_unless_present = "table", help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
-    /// Table of the surfaces: columns id, surface and, where there are any, landmarks
+    /// Table of the surfaces: columns id and surface, and perhaps label, landmarks and signals
     ///
     /// TSV, or CSV by its name; paths are relative to it. Members are named by the ids.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks"], help_heading = INPUT)]
     table: Option<PathBuf>,
+    /// Label of the volumes; only needed where there are several
+    ///
+    /// A label's surface is relaxed within half a voxel: steps of voxels would pull the template.
+    #[arg(long, value_name = "N", conflicts_with = "table", help_heading = INPUT)]
+    label: Option<i64>,
+    /// Size of the volumes' voxels, where their files don't say it
+    #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
+    voxel_size: Option<VoxelSize>,
     /// Degree of the models
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = METHOD)]
     max_degree: Option<u16>,
@@ -71,9 +84,23 @@ pub(super) struct Cli {
     /// Landmarks of the surfaces, in their own frames, to check the group by
     ///
     /// A folder with a file named as each surface, or as many files, in the surfaces' order: .mrk.json, .fcsv, .json, .csv
-    /// or .tsv. They don't guide anything.
+    /// or .tsv.
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "to", help_heading = INPUT)]
     landmarks: Vec<PathBuf>,
+    /// Let the landmarks guide the registration, too
+    ///
+    /// The template's landmarks are drawn to those of each surface, and held in the refinement. How far each is where
+    /// it doesn't guide is found by five more registrations, which leave a fifth of them out each. A template that is
+    /// given has to be one of the surfaces.
+    #[arg(long, conflicts_with = "to", help_heading = METHOD)]
+    guide: bool,
+    /// Signals on the surfaces, such as thickness, to match in the refinement, with a weight [default: 0.1]
+    ///
+    /// SIGNAL is a column of the table, or the name of a file in each surface's folder, in which {stem} is the
+    /// surface's name without its format. A standard deviation of the signal counts as WEIGHT times the square root of
+    /// the area; normals have 0.12.
+    #[arg(long, value_name = "SIGNAL[:WEIGHT]", num_args = 1.., conflicts_with_all = ["to", "no_refinement"], help_heading = METHOD)]
+    with: Vec<With>,
     /// Rounds of registration; in each after the first the group's mean is the template
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=10), help_heading = METHOD)]
     rounds: u8,
@@ -109,17 +136,22 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_report = cli.report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     let of_warnings = cli.warnings.as_deref().map(|path| OutputFile::new(path, "--warnings"));
     check_outputs(of_report.into_iter().chain(of_warnings), cli.report.force)?;
-    let (surfaces, landmarks) = match &cli.table {
+    let (mut surfaces, landmarks) = match &cli.table {
         Some(table) => of_table(table)?,
         None => (surfaces(&cli.surfaces, &cli.name_template)?, cli.landmarks.clone()),
     };
+    for surface in &mut surfaces {
+        surface.label = surface.label.or(cli.label);
+        surface.voxel_size = cli.voxel_size.map(|size| size.0);
+    }
+    find_signals(&mut surfaces, &cli.with, cli.table.as_deref())?;
     match &cli.to {
         Some(group) => join::run(cli, group, &surfaces, monitor),
-        None => together(cli, &surfaces, &landmarks, monitor),
+        None => together(cli, &Arc::new(surfaces), &landmarks, monitor),
     }
 }
 
-fn together(cli: &Cli, surfaces: &[Surface], landmarks: &[PathBuf], monitor: &ConsoleMonitor) -> Result<()> {
+fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let Some(max_degree) = cli.max_degree.map(usize::from) else {
         return Err(Usage::missing("--max-degree is needed without --to").into());
@@ -146,9 +178,17 @@ fn together(cli: &Cli, surfaces: &[Surface], landmarks: &[PathBuf], monitor: &Co
     if cli.no_refinement {
         params.refinement = None;
     }
+    if !cli.with.is_empty() {
+        let (weights, of) = (cli.with.iter().map(|with| with.weight).collect(), Arc::clone(surfaces));
+        params.signals = Some(Signals { weights, read: Arc::new(move |index| of[index].read_signals()) });
+    }
     (params.pose.scale, params.pose.mirror) = (cli.scale, cli.mirror);
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
     plan(&paths, &params, true, cli.resources.both())?;
+    let marks = marks::read(landmarks, surfaces)?;
+    if cli.guide {
+        params.guide = Some(marks::guide(marks.as_ref(), cli.template.as_deref(), &paths)?);
+    }
     let pool = cli.resources.threads.pool()?;
     let origins = surfaces.iter().map(|surface| -> Result<_> {
         let input = Some(FileRecord::of(&surface.path)?);
@@ -166,7 +206,7 @@ fn together(cli: &Cli, surfaces: &[Surface], landmarks: &[PathBuf], monitor: &Co
         origins[member].warnings.push(text);
     }
     let quality = pool.install(|| quality(&group, monitor))?;
-    let marks = pool.install(|| marks::errors(landmarks, surfaces, &group, monitor))?;
+    let marks = marks.map(|marks| pool.install(|| marks::errors(marks, &group, monitor))).transpose()?;
     warnings.extend(marks.iter().flat_map(|marks| marks.warnings.iter().cloned()));
     warnings.iter().for_each(|warning| monitor.console().warn(warning));
     spharm::Monitor::check(monitor)?;

@@ -1,19 +1,21 @@
 //! The surfaces of a group: files, their names, and the memory that they take.
 
 use std::path::{Component, Path, PathBuf};
+use std::str::FromStr;
+use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 use spharm::cohort::{Manifest, Row};
 use spharm::correspond::CorrespondParams;
-use spharm::parametrize::volume::is_volume;
-use spharm::{Error, Kind, Mesh, Model, Sphere};
-use spharm_cli::inputs::expand_lists;
+use spharm::parametrize::volume::{LabelVolume, is_volume};
+use spharm::{Error, Kind, Mesh, Model, Silent, Sphere};
+use spharm_cli::inputs::{expand_lists, stem};
 use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::paths::model_name;
 use spharm_cli::threads::Threads;
 use spharm_surface::generate::icosphere_counts;
-use spharm_surface::io::{bytes_to_read, read_mesh};
+use spharm_surface::io::{bytes_to_read, read_mesh, read_signal};
 
 use crate::shape::table::{LANDMARKS, files_of};
 
@@ -21,14 +23,92 @@ use crate::shape::table::{LANDMARKS, files_of};
 const OF_MODELS: u32 = 5;
 
 /// A surface to read.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(in crate::shape) struct Surface {
     pub(in crate::shape) name: String,
     pub(in crate::shape) path: PathBuf,
+    /// Of a volume, the label.
+    pub(in crate::shape) label: Option<i64>,
+    /// Size of a volume's voxels, in place of what its file says.
+    pub(in crate::shape) voxel_size: Option<[f64; 3]>,
+    /// Files of signals on its vertices.
+    pub(in crate::shape) signals: Vec<PathBuf>,
+    /// The surface of a label, which takes long to make and little to keep.
+    of_label: OnceLock<Mesh>,
+}
+
+/// `--with`: a signal, and its weight.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct With {
+    /// A column of the table, or a file's name with {stem} for the surface's, in the surface's folder.
+    pub(super) name: String,
+    pub(super) weight: f64,
+}
+
+/// The weight of a signal of which none is said: about that of normals.
+const WEIGHT: f64 = 0.1;
+
+impl FromStr for With {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let weighted = text.rsplit_once(':').and_then(|(name, weight)| Some((name, weight.parse::<f64>().ok()?)));
+        let (name, weight) = weighted.unwrap_or((text, WEIGHT));
+        if name.is_empty() || !(weight > 0.0 && weight.is_finite()) {
+            return Err("expected SIGNAL or SIGNAL:WEIGHT, with a weight above 0".to_owned());
+        }
+        Ok(Self { name: name.to_owned(), weight })
+    }
+}
+
+/// Finds the files of signals: in a column of the table, or beside each surface.
+///
+/// # Errors
+///
+/// When one isn't there.
+pub(super) fn find_signals(surfaces: &mut [Surface], with: &[With], table: Option<&Path>) -> Result<()> {
+    let manifest = table.map(Manifest::read).transpose()?;
+    for With { name, .. } in with {
+        let of_column = match (&manifest, table) {
+            (Some(manifest), Some(table)) => files_of(manifest, name, table)?,
+            _ => None,
+        };
+        for (index, surface) in surfaces.iter_mut().enumerate() {
+            let beside = || surface.path.with_file_name(name.replace("{stem}", &stem(&surface.path)));
+            let path = of_column.as_ref().map_or_else(beside, |files| files[index].clone());
+            if !path.is_file() {
+                let column = if table.is_some() { ", and no column of the table has this name" } else { "" };
+                bail!("--with {name}: {}: there is no such file{column}", path.display());
+            }
+            surface.signals.push(path);
+        }
+    }
+    Ok(())
 }
 
 impl Surface {
+    /// Reads the signals: of each a value a vertex.
+    pub(super) fn read_signals(&self) -> std::result::Result<Vec<Vec<f64>>, Error> {
+        let one = |path: &PathBuf| {
+            let signal = read_signal(path)?;
+            if signal.channels != 1 {
+                let (expected, found) = ("one value a vertex".to_owned(), signal.channels.to_string());
+                return Err(Error::GroupFile { path: path.clone(), expected, found });
+            }
+            Ok(signal.values)
+        };
+        self.signals.iter().map(one).collect()
+    }
+
     pub(in crate::shape) fn read(&self) -> std::result::Result<Mesh, Error> {
+        if is_volume(&self.path) {
+            if let Some(mesh) = self.of_label.get() {
+                return Ok(mesh.clone());
+            }
+            let volume = LabelVolume::read_with(&self.path, self.voxel_size, &Silent)?;
+            let mesh = volume.smooth_surface(self.label)?;
+            return Ok(self.of_label.get_or_init(|| mesh).clone());
+        }
         if !is_model(&self.path) {
             return Ok(read_mesh(&self.path)?);
         }
@@ -43,7 +123,7 @@ impl Surface {
 
 /// Reads a mesh, or a model's.
 pub(in crate::shape) fn read(path: &Path) -> Result<Mesh> {
-    Ok(Surface { name: String::new(), path: path.to_owned() }.read()?)
+    Ok(Surface { path: path.to_owned(), ..Surface::default() }.read()?)
 }
 
 fn is_model(path: &Path) -> bool {
@@ -64,7 +144,7 @@ pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> 
                 path.display()
             );
         }
-        surfaces.push(Surface { name, path });
+        surfaces.push(Surface { name, path, ..Surface::default() });
     }
     Ok(surfaces)
 }
@@ -76,7 +156,7 @@ pub(in crate::shape) fn of_table(table: &Path) -> Result<(Vec<Surface>, Vec<Path
     let surface = |row: &Row| {
         let path = tidied(&row.surface);
         check(&path)?;
-        Ok(Surface { name: row.id.clone(), path })
+        Ok(Surface { name: row.id.clone(), path, label: row.label, ..Surface::default() })
     };
     let surfaces = manifest.rows.iter().map(surface).collect::<Result<_>>()?;
     Ok((surfaces, landmarks.iter().map(|path| tidied(path)).collect()))
@@ -88,12 +168,6 @@ fn check(path: &Path) -> Result<()> {
     }
     if !path.exists() {
         bail!("{}: there is no such file", path.display());
-    }
-    if is_volume(path) {
-        bail!(
-            "{}: a label volume: expected a mesh or a model; spharm parametrize --surface-output makes meshes of labels",
-            path.display()
-        );
     }
     Ok(())
 }

@@ -20,7 +20,7 @@
 //! | `field` | tangent fields of potentials, their adjoint, steps along them |
 //! | `member` | channels, normals and derivatives of one member |
 //! | `objective` | the description length and its derivatives by the values |
-//! | `elastic` | what stretching the sphere costs |
+//! | `elastic`, `held` | what stretching the sphere costs; places that are held |
 //! | `together` | members brought to their mean within rounds |
 //! | `state` | all of these at one state of the maps |
 //! | `descent`, `lbfgs` | a stage; directions of descent |
@@ -32,6 +32,7 @@ mod descent;
 mod elastic;
 mod field;
 pub mod flow;
+mod held;
 mod lbfgs;
 mod member;
 mod objective;
@@ -53,6 +54,7 @@ use spharm_surface::geometry::{Vec3, dot, orientation};
 use self::descent::descend;
 use self::elastic::Elastic;
 pub use self::flow::Flow;
+use self::held::Held;
 use self::member::{Member, normals};
 use self::objective::Objective;
 pub use self::params::{GroupwiseParams, StageParams};
@@ -106,6 +108,10 @@ pub fn groupwise(
         let width = channels[0].ncols();
         if params.normals > 0.0 { vec![0, width - 3] } else { vec![0] }
     });
+    if let Some(place) = params.held.iter().find(|place| !place.is_within(directions.len())) {
+        let (found, expected) = (format!("{:?}", place.corners), "corners among the sphere's directions are needed");
+        return Err(ShapeError::Setting { name: "a place that is held", found, expected });
+    }
     let stages = params.stages.clone().unwrap_or_else(|| StageParams::up_to(max_degree));
     let mut flows = vec![Flow::default(); members.len()];
     let mut at = vec![directions.to_vec(); members.len()];
@@ -123,6 +129,7 @@ pub fn groupwise(
             objective: Objective { faces: &sphere.faces, mask },
             elastic: Elastic::new(&sphere.faces, directions),
             elasticity: params.elasticity,
+            held: Held::new(&params.held, directions, params.hold),
             turning: turning.clone(),
             max_degree,
             field_degree: stage.field_degree,

@@ -1,5 +1,7 @@
 //! Settings of a refinement.
 
+use spharm_surface::Place;
+
 use crate::error::ShapeError;
 
 /// A stage: models and fields to some degrees.
@@ -48,6 +50,10 @@ pub struct GroupwiseParams {
     /// Without them places slide along the surface to where members agree. 0.12 by default: of groups whose places are
     /// known, and of landmarks of vertebrae, more or less of it leaves them farther apart.
     pub normals: f64,
+    /// Places of the sphere that are held where they are, such as landmarks; none by default.
+    pub held: Vec<Place>,
+    /// Weight of the squares of their distances from there, in radians. 1,000 by default: a tenth of a radian costs 10.
+    pub hold: f64,
     /// Whether members are moved rigidly to the mean within rounds: for groups without poses from elsewhere. Off by default.
     pub together: bool,
     /// A stage ends where three steps in a row lower the objective by less than this a member. 1e-4 by default.
@@ -56,7 +62,16 @@ pub struct GroupwiseParams {
 
 impl Default for GroupwiseParams {
     fn default() -> Self {
-        Self { stages: None, delta: 0.03, elasticity: 0.4, normals: 0.12, together: false, tolerance: 1e-4 }
+        Self {
+            stages: None,
+            delta: 0.03,
+            elasticity: 0.4,
+            normals: 0.12,
+            held: Vec::new(),
+            hold: 1e3,
+            together: false,
+            tolerance: 1e-4,
+        }
     }
 }
 
@@ -66,6 +81,7 @@ impl GroupwiseParams {
             ("delta", self.delta, f64::MIN_POSITIVE),
             ("the weight of the elastic energy", self.elasticity, 0.0),
             ("the weight of the normals", self.normals, 0.0),
+            ("the weight of places that are held", self.hold, 0.0),
             ("the tolerance", self.tolerance, 0.0),
         ];
         for (name, value, least) in numbers {

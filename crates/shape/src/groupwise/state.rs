@@ -1,11 +1,12 @@
 //! A group at one state of its maps: its values, what they cost, and the gradient by tangent fields.
 //!
 //! ```text
-//! C(phi) = log det(G + delta 1) + mu sum_i E(phi_i)
+//! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
 //! ```
 //!
-//! with the covariance G of [`objective`](super::objective) and the energy E of [`elastic`](super::elastic). Where members
-//! are brought together, each is moved rigidly to the mean before G; the gradient is turned back.
+//! with the covariance G of [`objective`](super::objective) and the energies E of [`elastic`](super::elastic) and H of
+//! [`held`](super::held). Where members are brought together, each is moved rigidly to the mean before G; the gradient
+//! is turned back.
 //!
 //! Members are evaluated in parallel, each by one plan that lives no longer than its own evaluation.
 
@@ -16,6 +17,7 @@ use spharm_surface::geometry::Vec3;
 use crate::error::ShapeError;
 use crate::groupwise::elastic::Elastic;
 use crate::groupwise::field::{adjoint, field};
+use crate::groupwise::held::Held;
 use crate::groupwise::member::{Member, Plan};
 use crate::groupwise::objective::{Covariance, Objective};
 use crate::groupwise::together::{Turns, bring_together, turn_channels};
@@ -29,6 +31,7 @@ pub(super) struct Group<'a> {
     pub(super) elastic: Elastic<'a>,
     /// mu.
     pub(super) elasticity: f64,
+    pub(super) held: Held,
     /// Channels that turn with the surface, where members are brought together.
     pub(super) turning: Option<Vec<usize>>,
     pub(super) max_degree: usize,
@@ -54,10 +57,11 @@ impl Group<'_> {
         turns: &Turns,
     ) -> Result<Option<State>, ShapeError> {
         let energies: Vec<f64> = at.par_iter().map(|at| self.elastic.energy(at)).collect();
-        let energy: f64 = energies.iter().sum();
-        if !energy.is_finite() {
+        if energies.iter().any(|energy| !energy.is_finite()) {
             return Ok(None);
         }
+        let held: f64 = at.iter().map(|at| self.held.energy(at)).sum();
+        let energy = self.elasticity * energies.iter().sum::<f64>() + held;
         let mut values = Array2::zeros((at.len(), self.objective.mask.len() * self.channels));
         let rows = values.axis_iter_mut(Axis(0)).into_par_iter().zip(&self.members).zip(&at);
         rows.try_for_each(|((mut row, member), at)| {
@@ -72,7 +76,7 @@ impl Group<'_> {
         };
         let covariance = self.objective.covariance(values)?;
         let (length, inverse) = covariance.description_length(delta(covariance.total()))?;
-        let cost = length + self.elasticity * energy;
+        let cost = length + energy;
         Ok(cost.is_finite().then_some(State { at, cost, covariance, inverse, turns }))
     }
 
@@ -89,6 +93,7 @@ impl Group<'_> {
                 }
                 let mut pulled = member.contract(row, at, &plan)?;
                 self.elastic.add_gradient(at, self.elasticity, &mut pulled);
+                self.held.add_gradient(at, &mut pulled);
                 let mut gradient = adjoint(&pulled, at, &plan.field)?;
                 gradient.row_mut(0).fill(0.0);
                 Ok(gradient.into_raw_vec_and_offset().0)

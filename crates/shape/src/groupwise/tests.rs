@@ -3,8 +3,8 @@
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::index::basis_size;
 use spharm_monitor::Silent;
-use spharm_surface::Sphere;
 use spharm_surface::geometry::{Vec3, dot, orientation, sub};
+use spharm_surface::{Place, Sphere};
 
 use super::field::{field, step};
 use super::member::{Member, Plan};
@@ -41,6 +41,7 @@ fn the_gradient_is_that_of_the_objective() {
     let sphere = Sphere::icosphere(2);
     let directions = sphere.directions.as_slice();
     let mask: Vec<f64> = directions.iter().map(|u| if u[2] > 0.8 { 0.0 } else { 1.0 + u[0] }).collect();
+    let held = [Place { corners: sphere.faces[7], shares: [0.2, 0.5, 0.3] }];
     let channels = with_normals(&views(&members(4, 5)), 0.2, &Silent).unwrap();
     let group = Group {
         members: channels.iter().map(|channels| Member::new(channels.view(), 4).unwrap()).collect(),
@@ -48,6 +49,7 @@ fn the_gradient_is_that_of_the_objective() {
         objective: Objective { faces: &sphere.faces, mask: &mask },
         elastic: Elastic::new(&sphere.faces, directions),
         elasticity: 0.3,
+        held: Held::new(&held, directions, 20.0),
         turning: None,
         max_degree: 4,
         field_degree: 3,

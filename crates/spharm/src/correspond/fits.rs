@@ -14,6 +14,7 @@ use spharm_surface::{Kind, Mesh, Similarity, Sphere, Target};
 use spharm_transform::{Transform, TransformParams};
 
 use super::params::CorrespondParams;
+use super::signals::beside;
 use super::subjects::Subjects;
 use super::together::mesh_of;
 use crate::model::signed;
@@ -37,8 +38,7 @@ impl Fitted {
         params: &CorrespondParams,
         monitor: &dyn Monitor,
     ) -> Result<Self, Error> {
-        let settings =
-            FitParams { memory: params.memory, surface_distance: false, ..FitParams::lsq(params.max_degree) };
+        let settings = of_fits(params);
         let read = |index: usize| {
             let mesh = mesh_of(places[index].clone(), &sphere.faces);
             Ok::<_, Error>(Target::from_mesh(&mesh, sphere)?)
@@ -62,7 +62,16 @@ impl Fitted {
     ) -> Result<(GroupwiseReport, Vec<usize>), Error> {
         let sphere = Sphere::icosphere(params.subdivisions());
         let weights: Vec<f64> = masked.iter().map(|masked| if *masked { 0.0 } else { 1.0 }).collect();
-        let members: Vec<ArrayView2<'_, f64>> = self.coefficients.iter().map(|own| own.values().view()).collect();
+        let channels = match &params.signals {
+            None => self.coefficients.iter().map(|own| own.values().clone()).collect(),
+            Some(signals) => {
+                let over = (&sphere, &self.places[..], masked);
+                let found = signals.fitted(subjects, similarities, over, &of_fits(params), &OnlyCancel(monitor))?;
+                let pairs = self.coefficients.iter().zip(&found);
+                pairs.map(|(own, signals)| beside(own, signals)).collect::<Result<Vec<_>, _>>()?
+            }
+        };
+        let members: Vec<ArrayView2<'_, f64>> = channels.iter().map(|own| own.view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
         let over = SphereLocator::new(&mesh_of(sphere.directions.as_slice().to_vec(), &sphere.faces))?;
         let at_sphere = self.transform(&sphere.directions)?;
@@ -145,4 +154,9 @@ impl Fitted {
         };
         self.coefficients.iter().zip(similarities).map(model).collect()
     }
+}
+
+/// Settings of the fits over the group's sphere.
+fn of_fits(params: &CorrespondParams) -> FitParams {
+    FitParams { memory: params.memory, surface_distance: false, ..FitParams::lsq(params.max_degree) }
 }

@@ -69,7 +69,7 @@ impl Joining {
         let posed = pose(&moving, &self.pose, &self.params.pose, &quiet)?;
         let subject = Subject::new(&posed.similarity.apply_mesh(surface))?;
         let Registered { vertices, reached, cover, turned } =
-            register(&self.template, &subject, None, &self.params.register, &quiet)?;
+            register(&self.template, &subject, &[], &self.params.register, &quiet)?;
         let faces = &self.group.sphere.faces;
         let mut places = vec![vertices];
         let of_mean = &self.template.mesh().vertices;

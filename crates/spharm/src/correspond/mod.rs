@@ -27,10 +27,12 @@
 mod carry;
 pub mod files;
 mod fits;
+mod guide;
 mod member;
 mod params;
 mod report;
 mod rounds;
+mod signals;
 mod subjects;
 pub mod template;
 mod together;
@@ -45,9 +47,11 @@ use crate::Error;
 
 pub use carry::Carried;
 pub use files::{GroupFiles, MemberOrigin};
+pub use guide::{GuideLandmarks, GuideReport};
 pub use member::{Joining, NewMember};
 pub use params::CorrespondParams;
 pub use report::{CorrespondReport, CorrespondWarning, MemberReport};
+pub use signals::Signals;
 
 /// A group whose members correspond, in one frame.
 #[derive(Debug, Clone)]

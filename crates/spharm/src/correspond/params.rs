@@ -5,6 +5,8 @@ use spharm_shape::groupwise::GroupwiseParams;
 use spharm_surface::Mesh;
 use spharm_surface::pose::PoseParams;
 
+use super::guide::GuideLandmarks;
+use super::signals::Signals;
 use crate::Error;
 
 /// Settings of [`correspond`](super::correspond()).
@@ -14,6 +16,10 @@ pub struct CorrespondParams {
     pub max_degree: usize,
     /// The first template; else the most typical subject.
     pub template: Option<Mesh>,
+    /// Landmarks that guide the registration; none by default.
+    pub guide: Option<GuideLandmarks>,
+    /// Signals on the surfaces that the refinement matches beside positions; none by default.
+    pub signals: Option<Signals>,
     /// Subdivisions of the icosphere whose directions are registered; else 4 (2,562) for degrees to 15, 5 (10,242) to 40, and
     /// 6 (40,962) above.
     pub subdivisions: Option<u32>,
@@ -39,6 +45,8 @@ impl CorrespondParams {
         Self {
             max_degree,
             template: None,
+            guide: None,
+            signals: None,
             subdivisions: None,
             rounds: 2,
             refinement: Some(GroupwiseParams::default()),
@@ -68,6 +76,19 @@ impl CorrespondParams {
         }
         if self.max_degree == 0 {
             return refused("the degree", "at least 1", 0);
+        }
+        if let Some(guide) = &self.guide {
+            guide.check(count, self.template.is_some())?;
+        }
+        if let Some(signals) = &self.signals {
+            if self.refinement.is_none() {
+                return Err(Error::Setting {
+                    what: "signals as channels",
+                    expected: "the refinement, which they are channels of",
+                    found: "none".to_owned(),
+                });
+            }
+            signals.check()?;
         }
         if let Some(found) = self.subdivisions.filter(|found| !(2..=8).contains(found)) {
             return refused("the number of subdivisions", "2 to 8", found as usize);

@@ -7,6 +7,8 @@ use spharm_register::Cover;
 use spharm_shape::groupwise::GroupwiseReport;
 use spharm_surface::pose::GroupPoseWarning;
 
+use super::guide::GuideReport;
+
 /// Share of a member's area that the template may miss before it is named.
 pub(super) const UNREACHED: f64 = 0.02;
 
@@ -21,6 +23,8 @@ pub struct CorrespondReport {
     pub members: Vec<MemberReport>,
     /// What to look at.
     pub warnings: Vec<CorrespondWarning>,
+    /// Landmarks that guided, where there were any.
+    pub guide: Option<GuideReport>,
     /// The refinement, where there was one.
     pub refinement: Option<GroupwiseReport>,
     /// Seconds of the steps, in their order.

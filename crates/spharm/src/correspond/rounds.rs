@@ -6,10 +6,11 @@ use rayon::prelude::*;
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use spharm_register::{Registered, Subject, Template, register};
 use spharm_surface::geometry::Vec3;
-use spharm_surface::pose::{PoseSurface, group_poses, pose};
+use spharm_surface::pose::{GroupPoses, PoseSurface, group_poses, pose};
 use spharm_surface::{Mesh, Similarity, Sphere};
 
 use super::fits::Fitted;
+use super::guide::Guided;
 use super::params::CorrespondParams;
 use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED};
 use super::subjects::Subjects;
@@ -51,10 +52,12 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     lap("template");
     let MappedTemplate { mesh: mut shape, masked, changes } = mapped;
     let sphere = Sphere::icosphere(params.subdivisions());
-    let mut registered = Vec::new();
+    let guided = Guided::new(params.guide.as_ref(), &shape, template, &similarities)?;
+    let (mut registered, mut left_out) = (Vec::new(), Vec::new());
     let mut places: Vec<Vec<Vec3>> = Vec::new();
     for round in 0..params.rounds {
-        registered = register_all(subjects, &similarities, &shape, &masked, params, round, monitor)?;
+        (registered, left_out) =
+            register_all(subjects, &similarities, (&shape, &masked, guided.as_ref()), params, round, monitor)?;
         places = registered.iter().map(|found| found.vertices.clone()).collect();
         let (motions, mean) = together(&mut places, &sphere.faces, &masked);
         similarities = similarities.iter().zip(&motions).map(|(own, motion)| own.then(motion)).collect();
@@ -73,8 +76,10 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     lap("fits");
     let mut refinement = None;
     if let Some(settings) = &params.refinement {
+        let mut settings = settings.clone();
+        settings.held.extend(guided.iter().flat_map(|guided| guided.places()));
         let (report, turned) =
-            fitted.refine(subjects, &similarities, (&masked, &mut reached), settings, params, monitor)?;
+            fitted.refine(subjects, &similarities, (&masked, &mut reached), &settings, params, monitor)?;
         members.iter_mut().zip(turned).for_each(|(member, turned)| member.turned = turned);
         refinement = Some(report);
         lap("refinement");
@@ -86,7 +91,8 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     let spread = spread(&fitted.places, &mean, &weights);
     members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
     let template_of_group = GroupTemplate { mean: fitted.mean()?, sphere, masked, spread };
-    let report = CorrespondReport { template, changes, members, warnings, refinement, seconds };
+    let guide = guided.map(|guided| guided.report(&fitted.places, &similarities, &left_out));
+    let report = CorrespondReport { template, changes, members, warnings, guide, refinement, seconds };
     Ok(Group {
         models: fitted.models(&template_of_group.sphere, &similarities),
         places: fitted.places,
@@ -105,7 +111,9 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     let surfaces = subjects.each(surface)?;
     let mut warnings = same(&surfaces);
     let Some(template) = &params.template else {
-        let found = group_poses(&surfaces, &params.pose, monitor)?;
+        let mut found = group_poses(&surfaces, &params.pose, monitor)?;
+        let by_landmarks = turned(params, &surfaces, &mut found);
+        found.warnings.retain(|warning| !by_landmarks.contains(&warning.member()));
         warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
         return Ok(Posed {
             similarities: found.similarities,
@@ -117,7 +125,16 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     let fixed = PoseSurface::new(template).ok_or(Error::NoArea)?;
     let quiet = OnlyCancel(monitor);
     let found = surfaces.par_iter().map(|moving| pose(moving, &fixed, &params.pose, &quiet));
-    let found = found.collect::<Result<Vec<_>, _>>()?;
+    let mut found = found.collect::<Result<Vec<_>, _>>()?;
+    if let Some(landmarks) = &params.guide
+        && let Some(theirs) = &landmarks.template
+    {
+        for ((moving, own), pose) in surfaces.iter().zip(&landmarks.members).zip(&mut found) {
+            if let Some(other) = landmarks.turned((moving, own), (&fixed, theirs), &pose.similarity, &params.pose) {
+                (pose.similarity, pose.distance) = other;
+            }
+        }
+    }
     Ok(Posed {
         similarities: found.iter().map(|pose| pose.similarity).collect(),
         distances: found.iter().map(|pose| pose.distance).collect(),
@@ -126,27 +143,48 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     })
 }
 
+/// Poses members by their landmarks where surfaces alone turned them otherwise; returns these members.
+fn turned(params: &CorrespondParams, surfaces: &[PoseSurface], found: &mut GroupPoses) -> Vec<usize> {
+    let Some(landmarks) = &params.guide else { return Vec::new() };
+    let template = found.template;
+    let to_group = found.similarities[template];
+    let (fixed, theirs) = (&surfaces[template], &landmarks.members[template]);
+    let mut turned = Vec::new();
+    for (index, (moving, own)) in surfaces.iter().zip(&landmarks.members).enumerate() {
+        let so_far = found.similarities[index].then(&to_group.inverse());
+        if let Some((similarity, distance)) = landmarks.turned((moving, own), (fixed, theirs), &so_far, &params.pose) {
+            (found.similarities[index], found.distances[index]) = (similarity.then(&to_group), distance);
+            turned.push(index);
+        }
+    }
+    turned
+}
+
+/// Registers a template to all members; in the last round also with landmarks that guide left out in turn, whose
+/// distances are returned, too.
 fn register_all(
     subjects: &Subjects<'_>,
     similarities: &[Similarity],
-    shape: &Mesh,
-    masked: &[bool],
+    (shape, masked, guided): (&Mesh, &[bool], Option<&Guided<'_>>),
     params: &CorrespondParams,
     round: usize,
     monitor: &dyn Monitor,
-) -> Result<Vec<Registered>, Error> {
+) -> Result<(Vec<Registered>, Vec<Vec<f64>>), Error> {
     const NAMES: [&str; 2] = ["registration", "registration of the mean"];
     monitor.begin(Stage::counted(NAMES[round.min(1)], "surfaces"), subjects.count as u64);
     let quiet = OnlyCancel(monitor);
     let template = Template::new(shape, Some(masked), &params.register, &quiet)?;
     let registered = subjects.each(|index, mesh| {
         let subject = Subject::new(&similarities[index].apply_mesh(&mesh))?;
-        let found = register(&template, &subject, None, &params.register, &quiet)?;
+        let guides = guided.map_or_else(Vec::new, |guided| guided.of(index, &similarities[index]));
+        let found = register(&template, &subject, &guides, &params.register, &quiet)?;
+        let last = guided.filter(|_| round + 1 == params.rounds);
+        let apart = last.map(|guided| guided.left_out(&guides, &template, &subject, &params.register, &quiet));
         monitor.step(1);
-        Ok(found)
+        Ok((found, apart.transpose()?.unwrap_or_default()))
     })?;
     monitor.end();
-    Ok(registered)
+    Ok(registered.into_iter().unzip())
 }
 
 fn without_counterpart(found: &Registered, masked: &[bool]) -> usize {

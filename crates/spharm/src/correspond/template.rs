@@ -5,6 +5,7 @@ use spharm_parametrize::{CaldParams, Input};
 use spharm_register::without_counterpart;
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
+use spharm_surface::topology::area;
 
 use crate::Error;
 use crate::parametrize::parametrize_with;
@@ -45,14 +46,4 @@ impl MappedTemplate {
         };
         Ok(Self { mesh, masked, changes })
     }
-}
-
-fn area(mesh: &Mesh) -> f64 {
-    use spharm_surface::geometry::{cross, dot, sub};
-    let doubled = |[a, b, c]: [u32; 3]| {
-        let [a, b, c] = [a, b, c].map(|v| mesh.vertices[v as usize]);
-        let normal = cross(sub(b, a), sub(c, a));
-        dot(normal, normal).sqrt()
-    };
-    0.5 * mesh.faces.iter().map(|face| doubled(*face)).sum::<f64>()
 }

@@ -1,5 +1,7 @@
 //! Members brought together at places that correspond, and their mean.
 
+use std::borrow::Cow;
+
 use spharm_surface::geometry::{Vec3, add, cross, dot, scale, sub};
 use spharm_surface::kabsch::kabsch;
 use spharm_surface::matrix3::{Matrix3, times};
@@ -78,14 +80,24 @@ fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> 
 
 /// The rigid motion that brings places nearest to others.
 fn rigid(from: &[Vec3], to: &[Vec3], weights: &[f64]) -> Similarity {
-    let (a, b) = (centre(from, weights), centre(to, weights));
-    let mut matrix = Matrix3::default();
-    for ((p, q), weight) in from.iter().zip(to).zip(weights) {
+    motion(from, to, Some(weights), false, false)
+}
+
+/// The motion that brings places nearest to others, by weights of sum 1, or all of one weight.
+pub(super) fn motion(from: &[Vec3], to: &[Vec3], weights: Option<&[f64]>, scaled: bool, mirror: bool) -> Similarity {
+    let equal = || vec![1.0 / from.len().max(1) as f64; from.len()];
+    let weights = weights.map_or_else(|| Cow::Owned(equal()), Cow::Borrowed);
+    let (a, b) = (centre(from, &weights), centre(to, &weights));
+    let (mut matrix, mut square) = (Matrix3::default(), 0.0);
+    for ((p, q), weight) in from.iter().zip(to).zip(weights.iter()) {
         let (p, q) = (sub(*p, a), sub(*q, b));
+        square += weight * dot(p, p);
         (0..3).for_each(|i| (0..3).for_each(|j| matrix[i][j] += weight * q[i] * p[j]));
     }
-    let orthogonal = kabsch(&matrix, false);
-    Similarity { orthogonal, scale: 1.0, translation: sub(b, times(&orthogonal, a)) }
+    let orthogonal = kabsch(&matrix, mirror);
+    let along: f64 = orthogonal.as_flattened().iter().zip(matrix.as_flattened()).map(|(q, m)| q * m).sum();
+    let size = if scaled && square > 0.0 { along / square } else { 1.0 };
+    Similarity { orthogonal, scale: size, translation: sub(b, scale(times(&orthogonal, a), size)) }
 }
 
 fn centre(places: &[Vec3], weights: &[f64]) -> Vec3 {

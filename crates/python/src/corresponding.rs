@@ -1,0 +1,233 @@
+//! Groups whose members correspond.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::ndarray::{Array2, Array3};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use spharm::correspond::{
+    CorrespondWarning, Group as Inner, GroupFiles, Joining, MemberOrigin, MemberReport, NewMember,
+};
+use spharm::model::made;
+use spharm::pose::PoseParams;
+use spharm::register::RegisterParams;
+use spharm::shape::groupwise::{GroupwiseReport, StageReport};
+use spharm::shape::{Rotation, Similarity, Transform};
+use spharm::{Error, Kind, Model as InnerModel, Stage};
+
+use crate::arrays::{FacesOut, Positions, PositionsOut, mesh_arrays, positions, rows};
+use crate::models::Model;
+use crate::run::{run, run_owned};
+use crate::sources::{Given, Source, named, sources};
+
+pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<Group>()?;
+    Ok(())
+}
+
+/// What a similarity does, as JSON; the parameters of one that mirrors are mirrored with it, so that outsides stay
+/// outside.
+pub(crate) fn transform(similarity: &Similarity) -> Value {
+    Transform { rotation: Rotation::IDENTITY, antipodal: similarity.mirrors(), similarity: *similarity }.to_json()
+}
+
+/// A group whose members correspond. It doesn't change.
+#[pyclass(frozen, module = "spharm_rs._core")]
+pub(crate) struct Group {
+    inner: Arc<Inner>,
+    names: Vec<String>,
+    pose: PoseParams,
+    /// Warnings, each with its member's number.
+    warnings: Vec<(usize, String)>,
+}
+
+/// Carried points, their distances from the source, and whether both members have them.
+type Carried<'py> = (PositionsOut<'py>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
+/// A new member: its model, transform, places, whether each is reached, and the report.
+type Member<'py> = (Model, String, PositionsOut<'py>, Bound<'py, PyArray1<bool>>, String);
+
+#[pymethods]
+impl Group {
+    #[getter]
+    fn models(&self) -> Vec<Model> {
+        self.inner.models.iter().map(|inner| Model { inner: inner.clone() }).collect()
+    }
+
+    #[getter]
+    fn mean(&self) -> Model {
+        let template = &self.inner.template;
+        let mean = made(template.mean.clone(), Kind::Surface, "shape correspond");
+        Model { inner: InnerModel { sphere: Some(template.sphere.clone()), ..mean } }
+    }
+
+    /// Each member's transform, as JSON.
+    #[getter]
+    fn transforms(&self) -> String {
+        json!(self.inner.similarities.iter().map(transform).collect::<Vec<_>>()).to_string()
+    }
+
+    /// Places, (N, n, 3).
+    #[getter]
+    fn places<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
+        let (members, n) = self.size();
+        let values: Vec<f64> = self.inner.places.iter().flatten().flatten().copied().collect();
+        Array3::from_shape_vec((members, n, 3), values).expect("n places a member").into_pyarray(py)
+    }
+
+    /// Whether each place has a counterpart, (N, n).
+    #[getter]
+    fn reached<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
+        let values: Vec<bool> = self.inner.reached.iter().flatten().copied().collect();
+        Array2::from_shape_vec(self.size(), values).expect("n places a member").into_pyarray(py)
+    }
+
+    /// Directions without counterparts, (n).
+    #[getter]
+    fn masked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        self.inner.template.masked.clone().into_pyarray(py)
+    }
+
+    #[getter]
+    fn sphere<'py>(&self, py: Python<'py>) -> (PositionsOut<'py>, FacesOut<'py>) {
+        mesh_arrays(py, self.inner.template.sphere.to_mesh())
+    }
+
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.warnings.iter().map(|(member, text)| format!("{}: {text}", self.names[*member])).collect()
+    }
+
+    /// Writes the group's folder, with names of the members' files.
+    fn write(&self, py: Python<'_>, folder: PathBuf, names: Vec<String>, overwrite: bool) -> PyResult<()> {
+        let of = |(member, name): (usize, &String)| MemberOrigin {
+            name: name.clone(),
+            input: None,
+            warnings: self.warnings.iter().filter(|(of, _)| *of == member).map(|(_, text)| text.clone()).collect(),
+        };
+        let origins: Vec<MemberOrigin> = names.iter().enumerate().map(of).collect();
+        run(py, Some(1), None, |_| Ok(self.inner.write(&folder, &origins, overwrite)?))
+    }
+
+    /// Reads a group's folder, and the names of its members, or gives them others.
+    #[staticmethod]
+    fn read(py: Python<'_>, folder: PathBuf, names: Option<Vec<String>>) -> PyResult<(Self, Vec<String>)> {
+        let (inner, own, warnings) = run(py, Some(1), None, |_| {
+            let files = GroupFiles::open(&folder)?;
+            let mut warnings = Vec::new();
+            for (member, name) in files.names().iter().enumerate() {
+                let origin = GroupFiles::origin(&folder, name)?.unwrap_or_default();
+                warnings.extend(origin.warnings.into_iter().map(|text| (member, text)));
+            }
+            Ok((files.group()?, files.names().to_vec(), warnings))
+        })?;
+        let names = names.unwrap_or(own);
+        let scale = inner.similarities.iter().any(|own| own.scale != 1.0);
+        let mirror = inner.similarities.iter().any(Similarity::mirrors);
+        let pose = PoseParams { scale, mirror, ..PoseParams::default() };
+        Ok((Self { inner: Arc::new(inner), names: names.clone(), pose, warnings }, names))
+    }
+
+    /// How it was found, as JSON.
+    #[getter]
+    fn report(&self) -> String {
+        let report = &self.inner.report;
+        let seconds: serde_json::Map<String, Value> =
+            report.seconds.iter().map(|(name, seconds)| ((*name).to_owned(), json!(seconds))).collect();
+        let report = json!({
+            "template": report.template.map(|index| &self.names[index]),
+            "changes": report.changes,
+            "spread": self.inner.template.spread,
+            "members": report.members,
+            "guide": report.guide,
+            "refinement": report.refinement.as_ref().map(refinement),
+            "seconds": seconds,
+        });
+        report.to_string()
+    }
+
+    /// Points on one member at the same places of another, their distances from the first, and whether both have them.
+    fn carry<'py>(
+        &self,
+        py: Python<'py>,
+        points: Positions<'py>,
+        source: usize,
+        target: usize,
+    ) -> PyResult<Carried<'py>> {
+        let points = rows("points", points.as_array())?;
+        let group = &*self.inner;
+        let found = run(py, Some(1), None, |_| Ok(group.carry(&points, source, target)?))?;
+        let off: Vec<f64> = found.iter().map(|carried| carried.off).collect();
+        let reached: Vec<bool> = found.iter().map(|carried| carried.reached).collect();
+        let places = found.into_iter().map(|carried| carried.point).collect();
+        Ok((positions(py, places), off.into_pyarray(py), reached.into_pyarray(py)))
+    }
+
+    /// New members, of surfaces that are prepared for together.
+    #[pyo3(signature = (surfaces, names, *, threads = None, progress = None))]
+    fn add<'py>(
+        &self,
+        py: Python<'py>,
+        surfaces: Vec<Given<'py>>,
+        names: Vec<String>,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Vec<Member<'py>>> {
+        let surfaces = sources(surfaces, &names)?;
+        let (group, pose) = (Arc::clone(&self.inner), self.pose);
+        let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
+            let joining = Joining::new(group.template.clone(), pose, RegisterParams::default(), monitor)?;
+            monitor.begin(Stage::counted("new members", "surfaces"), surfaces.len() as u64);
+            let one = |(index, source): (usize, &Source)| {
+                let found = source.read().and_then(|surface| joining.add(&surface, monitor));
+                monitor.step(1);
+                found.map_err(|error| Error::Member { index, source: Box::new(error) })
+            };
+            // All of them before the first error is looked for, so that it is always the same one.
+            let found: Vec<Result<NewMember, Error>> = surfaces.par_iter().enumerate().map(one).collect();
+            monitor.end();
+            found.into_iter().collect::<Result<Vec<_>, _>>().map_err(|error| named(&names, error))
+        })?;
+        let out = |NewMember { model, similarity, places, reached, report }| {
+            let report: MemberReport = report;
+            let (similarity, report) = (transform(&similarity).to_string(), json!(report).to_string());
+            (Model { inner: model }, similarity, positions(py, places), reached.into_pyarray(py), report)
+        };
+        Ok(found.into_iter().map(out).collect())
+    }
+}
+
+impl Group {
+    pub(crate) fn new(inner: Inner, names: Vec<String>, pose: PoseParams) -> Self {
+        let of = |warning: &CorrespondWarning| (warning.member(), warning.of_member(|other| names[other].clone()));
+        let warnings = inner.report.warnings.iter().map(of).collect();
+        Self { inner: Arc::new(inner), names, pose, warnings }
+    }
+
+    /// Members and places.
+    fn size(&self) -> (usize, usize) {
+        (self.inner.places.len(), self.inner.template.masked.len())
+    }
+}
+
+fn refinement(found: &GroupwiseReport) -> Value {
+    let stage = |stage: &StageReport| {
+        json!({
+            "max_degree": stage.stage.max_degree,
+            "field_degree": stage.stage.field_degree,
+            "steps": stage.steps,
+            "evaluations": stage.evaluations,
+            "cost": stage.cost,
+            "variance": stage.variance,
+            "converged": stage.converged,
+            "log_area": {
+                "rms": stage.distortion.rms,
+                "most": stage.distortion.most,
+                "within_eight": stage.distortion.within_eight,
+            },
+        })
+    };
+    json!({ "stages": found.stages.iter().map(stage).collect::<Vec<_>>(), "moved": found.moved })
+}

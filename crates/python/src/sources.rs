@@ -1,0 +1,55 @@
+//! Surfaces as they come from Python.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use spharm::io::read_mesh;
+use spharm::parametrize::volume::{LabelVolume, is_volume};
+use spharm::{Error, Mesh, Silent};
+
+use crate::arrays::{Faces, Positions, mesh};
+use crate::errors::Failure;
+
+/// A surface as it comes from Python: a file, or vertices and triangles.
+#[derive(FromPyObject)]
+pub(crate) enum Given<'py> {
+    File(PathBuf),
+    Arrays(Positions<'py>, Faces<'py>),
+}
+
+/// A surface off the interpreter. Files are read when they are needed, so that a group doesn't have to fit in memory.
+pub(crate) enum Source {
+    File(PathBuf),
+    Mesh(Box<Mesh>),
+}
+
+impl Given<'_> {
+    pub(crate) fn source(self, what: &str) -> PyResult<Source> {
+        Ok(match self {
+            Self::File(path) => Source::File(path),
+            Self::Arrays(vertices, faces) => Source::Mesh(Box::new(mesh(what, &vertices, &faces)?)),
+        })
+    }
+}
+
+impl Source {
+    pub(crate) fn read(&self) -> Result<Mesh, Error> {
+        match self {
+            Self::File(path) if is_volume(path) => Ok(LabelVolume::read(path, &Silent)?.smooth_surface(None)?),
+            Self::File(path) => Ok(read_mesh(path)?),
+            Self::Mesh(mesh) => Ok(Mesh::clone(mesh)),
+        }
+    }
+}
+
+pub(crate) fn sources(given: Vec<Given<'_>>, names: &[String]) -> PyResult<Vec<Source>> {
+    given.into_iter().zip(names).map(|(given, name)| given.source(name)).collect()
+}
+
+/// Says which surface an error is of by its name.
+pub(crate) fn named(names: &[String], error: Error) -> Failure {
+    match error {
+        Error::Member { index, source } => Failure::Member { name: names[index].clone(), error: source },
+        error => Failure::Library(error),
+    }
+}

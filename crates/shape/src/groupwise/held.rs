@@ -1,0 +1,42 @@
+//! Places that a refinement holds: landmarks that a registration has brought to the same direction of all members.
+//!
+//! ```text
+//! H(phi) = weight sum_p |phi(p) - p|^2
+//! ```
+//!
+//! over the places p of the sphere's triangles, phi linear within them.
+
+use spharm_surface::Place;
+use spharm_surface::geometry::{Vec3, add, dot, scale, sub};
+
+/// Places of the sphere with where they are at rest.
+pub(super) struct Held {
+    places: Vec<(Place, Vec3)>,
+    weight: f64,
+}
+
+impl Held {
+    pub(super) fn new(places: &[Place], directions: &[Vec3], weight: f64) -> Self {
+        Self { places: places.iter().map(|place| (*place, place.of(directions))).collect(), weight }
+    }
+
+    /// H.
+    pub(super) fn energy(&self, at: &[Vec3]) -> f64 {
+        let square = |(place, rest): &(Place, Vec3)| {
+            let off = sub(place.of(at), *rest);
+            dot(off, off)
+        };
+        self.weight * self.places.iter().map(square).sum::<f64>()
+    }
+
+    /// Adds the gradient to covectors.
+    pub(super) fn add_gradient(&self, at: &[Vec3], covectors: &mut [Vec3]) {
+        for (place, rest) in &self.places {
+            let slope = scale(sub(place.of(at), *rest), 2.0 * self.weight);
+            for (v, share) in place.corners.iter().zip(place.shares) {
+                let g = &mut covectors[*v as usize];
+                *g = add(*g, scale(slope, share));
+            }
+        }
+    }
+}

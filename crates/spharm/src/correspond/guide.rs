@@ -1,0 +1,185 @@
+//! Landmarks that guide a group's registration, and how far each one is where it doesn't.
+
+use rayon::prelude::*;
+use serde::Serialize;
+use spharm_monitor::Monitor;
+use spharm_register::{Guide, RegisterParams, Registered, Subject, Template, register};
+use spharm_surface::geometry::{Vec3, dot, sub};
+use spharm_surface::matrix3::angle_between;
+use spharm_surface::pose::{DISTINCT, PoseParams, PoseSurface, improved};
+use spharm_surface::{Mesh, Place, Similarity};
+
+use super::together::motion;
+use crate::Error;
+
+/// Landmarks that say how a surface is turned, at least.
+const TURN: usize = 3;
+/// Parts into which landmarks are divided; each is left out in turn.
+const PARTS: usize = 5;
+
+/// The same places of all members, known beforehand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GuideLandmarks {
+    /// Of each member, in its own frame, (p).
+    pub members: Vec<Vec<Vec3>>,
+    /// Of a template that is given, in its frame, (p).
+    pub template: Option<Vec<Vec3>>,
+}
+
+/// How far landmarks that guide are from their places, the mean over the members, in the group's unit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GuideReport {
+    /// In the group, (p).
+    pub guided: Vec<f64>,
+    /// Where the landmark didn't guide the last registration, (p): what is to be expected of places that nobody has
+    /// marked.
+    pub left_out: Vec<f64>,
+}
+
+impl GuideLandmarks {
+    pub(super) fn check(&self, count: usize, template: bool) -> Result<(), Error> {
+        let refused = |expected, found: String| Err(Error::Setting { what: "guiding by landmarks", expected, found });
+        if self.members.len() != count {
+            return refused("landmarks of each surface", format!("those of {} for {count}", self.members.len()));
+        }
+        let all = || self.members.iter().chain(&self.template);
+        let p = self.members.first().map_or(0, Vec::len);
+        if p == 0 {
+            return refused("at least 1 landmark", "none".to_owned());
+        }
+        if let Some(other) = all().find(|points| points.len() != p) {
+            return refused("the same number for each surface", format!("{p} and {}", other.len()));
+        }
+        if let Some(point) = all().flatten().find(|point| !point.iter().all(|value| value.is_finite())) {
+            return refused("finite coordinates", format!("{point:?}"));
+        }
+        match (&self.template, template) {
+            (None, true) => refused("the template's landmarks, too", "none".to_owned()),
+            (Some(_), false) => refused("landmarks of a template that is given", "no template".to_owned()),
+            _ => Ok(()),
+        }
+    }
+
+    /// The landmarks of the template in the frame that it is mapped in.
+    fn of_template(&self, template: Option<usize>, similarities: &[Similarity]) -> Vec<Vec3> {
+        match (template, &self.template) {
+            (None, Some(given)) => given.clone(),
+            (index, _) => self.of_member(index.unwrap_or(0), similarities),
+        }
+    }
+
+    fn of_member(&self, index: usize, similarities: &[Similarity]) -> Vec<Vec3> {
+        self.members[index].iter().map(|point| similarities[index].apply(*point)).collect()
+    }
+
+    /// Turns a member by its landmarks where its surface was turned otherwise: the motion that they begin, if it is
+    /// another than `found`. `moving` and `fixed` are the surfaces of a member and a template.
+    pub(super) fn turned(
+        &self,
+        (moving, own): (&PoseSurface, &[Vec3]),
+        (fixed, theirs): (&PoseSurface, &[Vec3]),
+        found: &Similarity,
+        params: &PoseParams,
+    ) -> Option<(Similarity, f64)> {
+        if own.len() < TURN || flat(own) || flat(theirs) {
+            return None;
+        }
+        let by_landmarks = motion(own, theirs, None, params.scale, params.mirror);
+        let (similarity, distance) = improved(moving, fixed, &by_landmarks, params);
+        let other = similarity.mirrors() != found.mirrors()
+            || angle_between(&similarity.orthogonal, &found.orthogonal) > DISTINCT;
+        other.then_some((similarity, distance))
+    }
+}
+
+/// Whether points are so near a line that they leave a turn about it open.
+fn flat(points: &[Vec3]) -> bool {
+    let share = 1.0 / points.len() as f64;
+    let middle: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
+    let square = |v: Vec3| dot(v, v);
+    let Some(far) = points.iter().map(|p| sub(*p, middle)).max_by(|a, b| square(*a).total_cmp(&square(*b))) else {
+        return true;
+    };
+    let off = |point: &Vec3| {
+        let own = sub(*point, middle);
+        square(own) - dot(own, far).powi(2) / square(far).max(f64::MIN_POSITIVE)
+    };
+    points.iter().map(off).fold(0.0, f64::max) < 0.01 * square(far)
+}
+
+/// Landmarks with their places on a group's template.
+pub(super) struct Guided<'a> {
+    landmarks: &'a GuideLandmarks,
+    places: Vec<Place>,
+}
+
+impl<'a> Guided<'a> {
+    /// Finds the places on a mapped template; None where nothing guides.
+    pub(super) fn new(
+        landmarks: Option<&'a GuideLandmarks>,
+        mapped: &Mesh,
+        template: Option<usize>,
+        similarities: &[Similarity],
+    ) -> Result<Option<Self>, Error> {
+        let Some(landmarks) = landmarks else { return Ok(None) };
+        let points = landmarks.of_template(template, similarities);
+        let places = Place::nearest(mapped, &points).ok_or(Error::NoArea)?;
+        Ok(Some(Self { landmarks, places }))
+    }
+
+    /// Where the landmarks are on the group's sphere.
+    pub(super) fn places(&self) -> &[Place] {
+        &self.places
+    }
+
+    /// What guides the registration to a member.
+    pub(super) fn of(&self, index: usize, similarity: &Similarity) -> Vec<Guide> {
+        let pairs = self.places.iter().zip(&self.landmarks.members[index]);
+        pairs.map(|(place, point)| Guide { place: *place, point: similarity.apply(*point) }).collect()
+    }
+
+    /// How far each landmark of a member is where it and a part of the others don't guide, (p).
+    pub(super) fn left_out(
+        &self,
+        guides: &[Guide],
+        template: &Template,
+        subject: &Subject,
+        params: &RegisterParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<f64>, Error> {
+        let parts = PARTS.min(guides.len());
+        let of_part = |part: usize| -> Result<Vec<f64>, Error> {
+            let kept: Vec<Guide> =
+                guides.iter().enumerate().filter(|(k, _)| k % parts != part).map(|(_, guide)| *guide).collect();
+            let Registered { vertices, .. } = register(template, subject, &kept, params, monitor)?;
+            Ok(guides.iter().map(|guide| apart(guide, &vertices)).collect())
+        };
+        let found = (0..parts).into_par_iter().map(of_part).collect::<Result<Vec<_>, _>>()?;
+        Ok((0..guides.len()).map(|k| found[k % parts][k]).collect())
+    }
+
+    /// How far landmarks are from their places in a group.
+    pub(super) fn report(
+        &self,
+        places: &[Vec<Vec3>],
+        similarities: &[Similarity],
+        left_out: &[Vec<f64>],
+    ) -> GuideReport {
+        let of = |(index, places): (usize, &Vec<Vec3>)| -> Vec<f64> {
+            self.of(index, &similarities[index]).iter().map(|guide| apart(guide, places)).collect()
+        };
+        let found: Vec<Vec<f64>> = places.iter().enumerate().map(of).collect();
+        GuideReport { guided: mean(&found), left_out: mean(left_out) }
+    }
+}
+
+fn apart(guide: &Guide, vertices: &[Vec3]) -> f64 {
+    let off = sub(guide.point, guide.place.of(vertices));
+    dot(off, off).sqrt()
+}
+
+/// The mean of rows of one length.
+fn mean(rows: &[Vec<f64>]) -> Vec<f64> {
+    let width = rows.first().map_or(0, Vec::len);
+    (0..width).map(|k| rows.iter().map(|row| row[k]).sum::<f64>() / rows.len() as f64).collect()
+}

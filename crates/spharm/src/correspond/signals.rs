@@ -1,0 +1,146 @@
+//! Signals on the surfaces, such as thickness, as channels of the refinement beside positions and normals.
+//!
+//! A signal is taken to the places of its surface by nearest points, and fitted over the group's sphere. Its standard
+//! deviation over all members and their area becomes `weight` times the square root of the mean area, so that a
+//! difference of it counts as a distance does.
+
+use std::fmt;
+use std::sync::Arc;
+
+use ndarray::{Array2, Axis, concatenate};
+use rayon::prelude::*;
+use spharm_harmonics::Coefficients;
+use spharm_monitor::Monitor;
+use spharm_surface::geometry::Vec3;
+use spharm_surface::nearest::TriangleTree;
+use spharm_surface::topology::area;
+use spharm_surface::{Mesh, Signal, Similarity, Sphere, Target};
+
+use super::subjects::Subjects;
+use super::together::{mesh_of, weights};
+use crate::{Error, Fit, FitParams, fit_many};
+
+/// Values of the signals of a surface, given by its number: of each signal a value a vertex.
+type Read = dyn Fn(usize) -> Result<Vec<Vec<f64>>, Error> + Send + Sync;
+
+/// Signals that say, beside positions, which places correspond.
+#[derive(Clone)]
+pub struct Signals {
+    /// Weight of each: what its standard deviation counts, as a share of the square root of the area. Normals have
+    /// 0.12.
+    pub weights: Vec<f64>,
+    /// Reads those of a surface.
+    pub read: Arc<Read>,
+}
+
+impl fmt::Debug for Signals {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Signals").field("weights", &self.weights).finish_non_exhaustive()
+    }
+}
+
+impl Signals {
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let refused = |expected, found: String| Err(Error::Setting { what: "signals as channels", expected, found });
+        match self.weights.iter().find(|weight| !(**weight > 0.0 && weight.is_finite())) {
+            Some(weight) => refused("a weight above 0", weight.to_string()),
+            None if self.weights.is_empty() => refused("at least 1 signal", "none".to_owned()),
+            None => Ok(()),
+        }
+    }
+
+    /// Coefficients of the signals of all members, (K, signals) each, in units of length; `masked` places have no share
+    /// in their deviations.
+    pub(super) fn fitted(
+        &self,
+        subjects: &Subjects<'_>,
+        similarities: &[Similarity],
+        (sphere, places, masked): (&Sphere, &[Vec<Vec3>], &[bool]),
+        settings: &FitParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<Coefficients>, Error> {
+        let at_places = |index: usize, mesh: Mesh| {
+            monitor.check()?;
+            let values = (self.read)(index)?;
+            self.check_values(&values, mesh.vertices.len())?;
+            let tree = TriangleTree::new(&similarities[index].apply_mesh(&mesh));
+            let of = |place: &Vec3| -> Vec<f64> {
+                let found = tree.nearest(*place);
+                let value = |values: &Vec<f64>| {
+                    let corners = found.map(|found| (mesh.faces[found.triangle as usize], found.barycentric));
+                    corners.map_or(0.0, |(corners, shares)| {
+                        corners.iter().zip(shares).map(|(v, share)| share * values[*v as usize]).sum()
+                    })
+                };
+                values.iter().map(value).collect()
+            };
+            Ok(places[index].iter().map(of).collect::<Vec<_>>().concat())
+        };
+        let mut values: Vec<Vec<f64>> = subjects.each(at_places)?;
+        self.scale(&mut values, (sphere, places, masked))?;
+        let channels = self.weights.len();
+        let vertices = sphere.directions.len();
+        let read = |index: usize| {
+            let signal = Signal { values: values[index].clone(), vertices, channels };
+            Ok::<_, Error>(Target::from_signal(signal, sphere)?)
+        };
+        let done = |_: usize, fit: Fit| Ok(fit.coefficients);
+        let (fits, _) = fit_many(sphere, values.len(), &read, settings, &done, monitor)?;
+        Ok(fits)
+    }
+
+    fn check_values(&self, values: &[Vec<f64>], vertices: usize) -> Result<(), Error> {
+        let refused = |expected, found: String| Err(Error::Setting { what: "signals as channels", expected, found });
+        if values.len() != self.weights.len() {
+            return refused("the same signals of each surface", format!("{} for {}", values.len(), self.weights.len()));
+        }
+        if let Some(values) = values.iter().find(|values| values.len() != vertices) {
+            return refused("a value a vertex", format!("{} of {vertices} vertices", values.len()));
+        }
+        match values.iter().flatten().find(|value| !value.is_finite()) {
+            Some(value) => refused("finite values", value.to_string()),
+            None => Ok(()),
+        }
+    }
+
+    /// Scales each signal, of (n, channels) of each member, about its mean over all of them.
+    fn scale(
+        &self,
+        values: &mut [Vec<f64>],
+        (sphere, places, masked): (&Sphere, &[Vec<Vec3>], &[bool]),
+    ) -> Result<(), Error> {
+        let shares = weights(places, &sphere.faces, masked);
+        let areas = places.par_iter().map(|places| area(&mesh_of(places.clone(), &sphere.faces)));
+        let length = (areas.collect::<Vec<_>>().iter().sum::<f64>() / places.len() as f64).sqrt();
+        let (channels, members) = (self.weights.len(), values.len() as f64);
+        for (channel, weight) in self.weights.iter().enumerate() {
+            let sum = |of: &dyn Fn(f64) -> f64| {
+                let own = |values: &Vec<f64>| {
+                    let terms = values.chunks_exact(channels).zip(&shares).map(|(row, share)| share * of(row[channel]));
+                    terms.sum::<f64>()
+                };
+                values.iter().map(own).sum::<f64>() / members
+            };
+            let mean = sum(&|value| value);
+            let deviation = sum(&|value| (value - mean).powi(2)).sqrt();
+            if deviation <= 1e-12 * mean.abs() {
+                let (expected, found) = ("values that differ", format!("{mean} everywhere"));
+                return Err(Error::Setting { what: "signals as channels", expected, found });
+            }
+            for row in values.iter_mut().flat_map(|values| values.chunks_exact_mut(channels)) {
+                row[channel] = (row[channel] - mean) * weight * length / deviation;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Channels beside positions, (K, 3 + signals).
+pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result<Array2<f64>, Error> {
+    let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
+    joined.map_err(|_| Error::Setting {
+        what: "signals as channels",
+        expected: "as many coefficients as positions have",
+        found: signals.values().nrows().to_string(),
+    })
+}

@@ -1,0 +1,139 @@
+//! Groups that are made to correspond with more than their surfaces: landmarks that guide, signals, labels of volumes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+use spharm_model::Model;
+use spharm_surface::Signal;
+use spharm_surface::io::landmarks::Landmarks;
+use spharm_surface::io::{WriteOptions, read_mesh, write_signal};
+
+use crate::common::{fail, finish, succeed, text, tool};
+use crate::volumes::write_volume;
+
+/// Four boxes with a bump that grows, with landmarks.
+fn boxes() -> tempfile::TempDir {
+    let site = tempfile::tempdir().expect("a folder");
+    let group = ["--group", "growing-bump", "--members", "4", "--subdivisions", "4", "--output-dir", "in", "-q"];
+    succeed(tool("generate").args(group).current_dir(site.path()));
+    site
+}
+
+fn correspond(site: &Path, inputs: &[&str], more: &[&str]) -> Command {
+    let mut command = tool("shape");
+    command.arg("correspond").args(inputs).args(["--max-degree", "6", "--subdivisions", "3", "-q", "--json"]);
+    command.args(more).current_dir(site);
+    command
+}
+
+const BOXES: [&str; 4] = ["in/s01.ply", "in/s02.ply", "in/s03.ply", "in/s04.ply"];
+
+fn json(output: &str) -> Value {
+    serde_json::from_str(output).expect("JSON")
+}
+
+fn sum(values: &Value) -> f64 {
+    values.as_array().expect("numbers").iter().map(|value| value.as_f64().expect("a number")).sum()
+}
+
+#[test]
+fn landmarks_that_guide_stay_together() {
+    let site = boxes();
+    let group = |more: &[&str]| {
+        let marked = [&["--landmarks", "in", "-o", "group", "--force"], more].concat();
+        json(&succeed(&mut correspond(site.path(), &BOXES, &marked)))["landmarks"].clone()
+    };
+    let (alone, guided) = (group(&[]), group(&["--guide", "--template", "in/s02.ply"]));
+    assert!(alone["guide"].is_null());
+    let (before, after) = (alone["mean"].as_f64().expect("a number"), guided["mean"].as_f64().expect("a number"));
+    assert!(after < 0.5 * before, "{before} {after}");
+    // Where they guide, and where they are left out, in which they are as far as without.
+    let (guide, count) = (&guided["guide"], guided["names"].as_array().map_or(0, Vec::len) as f64);
+    assert!(sum(&guide["guided"]) < 0.5 * sum(&guide["left_out"]), "{guide}");
+    assert!(sum(&guide["left_out"]) / count < 2.0 * before, "{guide} {before}");
+    let wrong = |more: &[&str]| {
+        let output = finish(&mut correspond(site.path(), &BOXES, &[&["-o", "none"], more].concat()));
+        assert!(!output.status.success() && !site.path().join("none").exists());
+        text(&output)
+    };
+    assert!(wrong(&["--guide"]).contains("--guide needs landmarks"));
+    fs::copy(site.path().join("in/s01.ply"), site.path().join("other.ply")).expect("a copy");
+    let error = wrong(&["--guide", "--landmarks", "in", "--template", "other.ply"]);
+    assert!(error.contains("other.ply: with --guide the template has to be one of the surfaces"), "{error}");
+}
+
+#[test]
+fn signals_are_found_beside_the_surfaces_or_in_a_table() {
+    let site = boxes();
+    let mut table = String::from("id\tsurface\theight\n");
+    for name in ["s01", "s02", "s03", "s04"] {
+        // How near each vertex is to a landmark.
+        let mesh = read_mesh(site.path().join(format!("in/{name}.ply"))).expect("a mesh");
+        let mark = Landmarks::read(site.path().join(format!("in/{name}.json"))).expect("landmarks").points[0];
+        let square = |v: &[f64; 3]| (0..3).map(|k| (v[k] - mark[k]).powi(2)).sum::<f64>();
+        let values = mesh.vertices.iter().map(|v| (-square(v) / 20.0).exp()).collect();
+        let signal = Signal { vertices: mesh.vertices.len(), channels: 1, values };
+        let file = format!("in/{name}.near.shape.gii");
+        write_signal(site.path().join(&file), &signal, &WriteOptions::default()).expect("written");
+        table += &format!("{name}\tin/{name}.ply\t{file}\n");
+    }
+    fs::write(site.path().join("table.tsv"), table).expect("a table");
+    let with = |inputs: &[&str], output: &str, signal: &str| {
+        let more = ["-o", output, "--with", signal];
+        succeed(&mut correspond(site.path(), inputs, &more));
+        fs::read(site.path().join(output).join("s03.spharm.npz")).expect("a model")
+    };
+    let beside = with(&BOXES, "a", "{stem}.near.shape.gii:0.3");
+    assert!(beside == with(&["--table", "table.tsv"], "b", "height:0.3"));
+    assert!(beside != with(&BOXES, "c", "{stem}.near.shape.gii"));
+    let wrong = |signal: &str| {
+        let output = finish(&mut correspond(site.path(), &BOXES, &["-o", "none", "--with", signal]));
+        assert!(!output.status.success() && !site.path().join("none").exists());
+        text(&output)
+    };
+    assert!(wrong("height").contains("in/height: there is no such file"), "{}", wrong("height"));
+    assert!(wrong("{stem}.near.shape.gii:-1").contains("a weight above 0"));
+    // Of other vertices: the surface is named.
+    fs::copy(site.path().join("in/s01.near.shape.gii"), site.path().join("in/s03.near.shape.gii")).expect("a copy");
+    let short = Signal { vertices: 3, channels: 1, values: vec![0.0, 1.0, 2.0] };
+    let overwrite = WriteOptions { overwrite: true, ..WriteOptions::default() };
+    write_signal(site.path().join("in/s03.near.shape.gii"), &short, &overwrite).expect("written");
+    let error = wrong("{stem}.near.shape.gii");
+    assert!(error.contains("in/s03.ply") && error.contains("3 of"), "{error}");
+}
+
+#[test]
+fn labels_of_volumes_correspond_without_their_steps() {
+    let site = tempfile::tempdir().expect("a folder");
+    let semiaxes: Vec<[f64; 3]> = (0..4).map(|k| [6.5, 4.6 + 0.2 * f64::from(k), 3.6]).collect();
+    let paths: Vec<PathBuf> = (0..4).map(|k| site.path().join(format!("s{k}.nii"))).collect();
+    for (path, [a, b, c]) in paths.iter().zip(&semiaxes) {
+        // Label 2 on one side of label 1.
+        write_volume(path, |[x, y, z]| {
+            let inside = (x / a).powi(2) + (y / b).powi(2) + (z / c).powi(2) < 1.0;
+            if x < -7.0 { 2 } else { u8::from(inside) }
+        });
+    }
+    let names: Vec<&str> = paths.iter().map(|path| path.to_str().expect("text")).collect();
+    succeed(&mut correspond(site.path(), &names, &["-o", "group", "--label", "1"]));
+    for (k, [a, b, c]) in semiaxes.iter().enumerate() {
+        let model = Model::read(site.path().join(format!("group/s{k}.spharm.npz"))).expect("a model");
+        let measures =
+            spharm_shape::measure(&model.coefficients, &Default::default(), &spharm_monitor::Silent).expect("measures");
+        // The area of an ellipsoid, by Thomsen's formula, to 1 %.
+        let terms = [a * b, a * c, b * c].map(|product| product.powf(1.6075));
+        let area = 4.0 * std::f64::consts::PI * (terms.iter().sum::<f64>() / 3.0).powf(1.0 / 1.6075);
+        assert!((measures.area / area - 1.0).abs() < 0.04, "{k}: {} {area}", measures.area);
+    }
+    let error = fail(&mut correspond(site.path(), &names, &["-o", "none"]));
+    assert!(error.contains("s0.nii") && error.contains("1 (") && error.contains("--label"), "{error}");
+    let table: String = std::iter::once("id\tsurface\tlabel\n".to_owned())
+        .chain((0..4).map(|k| format!("m{k}\ts{k}.nii\t1\n")))
+        .collect();
+    fs::write(site.path().join("table.tsv"), table).expect("a table");
+    succeed(&mut correspond(site.path(), &["--table", "table.tsv"], &["-o", "tabled"]));
+    let read = |name: &str| fs::read(site.path().join(name)).expect("places");
+    assert_eq!(read("tabled/places/m2.npz"), read("group/places/s2.npz"));
+}
