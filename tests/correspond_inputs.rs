@@ -137,3 +137,31 @@ fn labels_of_volumes_correspond_without_their_steps() {
     let read = |name: &str| fs::read(site.path().join(name)).expect("places");
     assert_eq!(read("tabled/places/m2.npz"), read("group/places/s2.npz"));
 }
+
+#[test]
+fn places_that_only_a_cut_has_made_count_for_nothing() {
+    let site = tempfile::tempdir().expect("a folder");
+    let group = ["--group", "tori", "--members", "4", "--subdivisions", "4", "--output-dir", "in", "-q"];
+    succeed(tool("generate").args(group).current_dir(site.path()));
+    let found = json(&succeed(&mut correspond(site.path(), &BOXES, &["-o", "group"])));
+    assert!(found["masked"].as_u64().expect("a number") > 0, "{found}");
+    let models = ["s01", "s02", "s03", "s04"].map(|name| format!("group/{name}.spharm.npz"));
+    let quality = |more: &[&str]| {
+        let mut command = tool("shape");
+        command.arg("quality").args(&models).args([
+            "--icosphere",
+            "4",
+            "--bands",
+            "0",
+            "--no-surfaces",
+            "--json",
+            "-q",
+        ]);
+        json(&succeed(command.args(more).current_dir(site.path())))["variance"].as_f64().expect("a number")
+    };
+    let (all, kept) = (quality(&[]), quality(&["--mask", "group/group.json"]));
+    assert!((kept / all - 1.0).abs() > 1e-4, "{all} {kept}");
+    let mut command = tool("shape");
+    command.arg("quality").args(&models).args(["--mask", "group/places/s01.npz"]).current_dir(site.path());
+    assert!(fail(&mut command).contains("s01.npz"));
+}

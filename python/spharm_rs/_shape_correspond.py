@@ -22,7 +22,7 @@ from ._shape_modes import Modes, pca
 from ._shape_poses import Transform
 from ._shape_quality import GroupQuality, LandmarkErrors, quality
 from ._shape_register import Flags, given
-from ._surface import Path, Surface
+from ._surface import Path, Surface, icosphere
 
 
 def _stem(path: str) -> str:
@@ -234,8 +234,11 @@ class Group:
 
     @cached_property
     def quality(self) -> GroupQuality:
-        """How well the group corresponds, as `quality` measures it, of three members or more; computed when it is asked for."""
-        return quality(self.models, landmarks=self._placed())
+        """How well the group corresponds, as `quality` measures it where it isn't masked, of three members or more.
+
+        It is computed when it is asked for.
+        """
+        return quality(self.models, landmarks=self._placed(), mask=self._inner.kept_at(icosphere(4).vertices))
 
     @cached_property
     def landmark_errors(self) -> LandmarkErrors | None:

@@ -107,6 +107,7 @@ def quality(
     degree: int | None = None,
     sphere: int = 4,
     seed: int = 0,
+    mask: ArrayLike | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> GroupQuality:
@@ -137,6 +138,8 @@ def quality(
         Subdivisions of the icosphere that models are evaluated on, 2 to 7.
     seed : int
         Of the random shapes and of the bootstrap.
+    mask : array_like of bool, (V,), optional
+        Vertices of ``icosphere(sphere)`` that are compared; by default all.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -167,6 +170,7 @@ def quality(
         "rigid": bool(rigid),
         "surfaces": bool(surfaces),
         "seed": _arrays.whole("seed", seed),
+        "mask": None if mask is None else np.asarray(mask, dtype=bool).ravel().tolist(),
     }
     variance, variances, points_curves, surface_curves, apart, warnings = _core.shape_quality(
         members, points, settings=settings, threads=_arrays.threads(threads), progress=callback(progress)

@@ -16,6 +16,7 @@ mod frames;
 mod groups;
 mod landmarks;
 mod maps;
+mod masks;
 mod matching;
 mod mean;
 mod measure;

@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::Args;
 use serde_json::{Value, json};
 use spharm::Kind;
+use spharm::Sphere;
 use spharm::shape::{Curve, GroupQuality, QualityParams, group_quality};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::memory::round_numbers_below;
@@ -21,7 +22,7 @@ use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
 use super::outputs::{check_beside, finish};
 use super::plan::Plan;
-use super::{frames, landmarks};
+use super::{frames, landmarks, masks};
 
 /// Measure how well a group corresponds: compactness, generalisation, specificity, landmarks
 ///
@@ -77,6 +78,12 @@ pub(super) struct Cli {
     /// surfaces as they were.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
+    /// Directions of the icosphere to compare: those whose value isn't 0, or a group's, by its group.json
+    ///
+    /// A group that was made to correspond has places without a counterpart on its members, such as lids of the template's
+    /// holes.
+    #[arg(long, value_name = "FILE", help_heading = METHOD)]
+    mask: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     seed: u64,
@@ -122,6 +129,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         rigid: cli.rigid,
         surfaces: !cli.no_surfaces,
         seed: cli.seed,
+        mask: cli.mask.as_deref().map(|path| masks::read(path, &Sphere::icosphere(cli.icosphere))).transpose()?,
     };
     let (group, marks, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console())?;

@@ -112,6 +112,10 @@ impl Plan {
             let mut arguments = words(&["shape", "quality", &self.list(list), "-o", &text(&table)]);
             arguments.extend(words(&["--curves", &text(&curves)]));
             let mut inputs = models.to_vec();
+            if models == aligned {
+                arguments.extend(words(&["--mask", &text(&self.group_file())]));
+                inputs.push(self.group_file());
+            }
             if !marks.is_empty() {
                 arguments.extend(words(&["--landmarks", &self.list("landmarks.txt"), "--frames", &text(frames)]));
                 inputs.extend(marks.iter().cloned().chain([frames.to_owned()]));
@@ -131,6 +135,11 @@ impl Plan {
             stages.push(measure("quality.plain", "plain.txt", &plain, &transforms, files));
         }
         stages
+    }
+
+    /// What names the places that members lack.
+    fn group_file(&self) -> PathBuf {
+        self.aligned_folder().join("group.json")
     }
 
     /// The measures of a group and their picture.
@@ -156,7 +165,12 @@ impl Plan {
         arguments.extend(test.welch.then_some("--welch"));
         arguments.extend(test.signal.iter().flat_map(|signal| ["--signal", signal.as_str()]));
         arguments.extend(permutations.iter().flat_map(|count| ["--permutations", count.as_str()]));
-        let inputs: Vec<PathBuf> = std::iter::once(table.clone()).chain(aligned.iter().cloned()).collect();
+        let mut inputs: Vec<PathBuf> = std::iter::once(table.clone()).chain(aligned.iter().cloned()).collect();
+        let group = text(&self.group_file());
+        if self.method == Method::Correspond {
+            arguments.extend(["--mask", group.as_str()]);
+            inputs.push(self.group_file());
+        }
         let tested = self.stage(&name, words(&arguments), &inputs, [folder.clone()]);
         let map = if test.permutations == Some(0) { "q" } else { "p-fwe" };
         let (mean, map) = (folder.join("mean.surf.gii"), folder.join(format!("{map}.shape.gii")));

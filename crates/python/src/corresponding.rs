@@ -100,6 +100,11 @@ impl Group {
         self.warnings.iter().map(|(member, text)| format!("{}: {text}", self.names[*member])).collect()
     }
 
+    /// Whether places at directions have counterparts.
+    fn kept_at(&self, directions: Positions<'_>) -> PyResult<Vec<bool>> {
+        Ok(self.inner.template.kept_at(&rows("directions", directions.as_array())?))
+    }
+
     /// Writes the group's folder, with names of the members' files.
     fn write(&self, py: Python<'_>, folder: PathBuf, names: Vec<String>, overwrite: bool) -> PyResult<()> {
         let of = |(member, name): (usize, &String)| MemberOrigin {
@@ -178,7 +183,8 @@ impl Group {
         let surfaces = sources(surfaces, &names)?;
         let (group, pose) = (Arc::clone(&self.inner), self.pose);
         let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
-            let joining = Joining::new(group.template.clone(), pose, RegisterParams::default(), monitor)?;
+            let members: Vec<_> = group.models.iter().map(|model| model.coefficients.clone()).collect();
+            let joining = Joining::new(group.template.clone(), &members, pose, RegisterParams::default(), monitor)?;
             monitor.begin(Stage::counted("new members", "surfaces"), surfaces.len() as u64);
             let one = |(index, source): (usize, &Source)| {
                 let found = source.read().and_then(|surface| joining.add(&surface, monitor));

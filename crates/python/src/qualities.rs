@@ -65,6 +65,7 @@ struct Settings {
     rigid: bool,
     surfaces: bool,
     seed: u64,
+    mask: Option<Vec<bool>>,
 }
 
 type Ends = (Vec<f64>, Vec<f64>, Vec<f64>);
@@ -88,8 +89,8 @@ fn shape_quality(
     let marks =
         landmarks.map(|all| all.iter().map(|own| rows("landmarks", own.as_array())).collect::<PyResult<Vec<_>>>());
     let marks = marks.transpose()?;
-    let Settings { degree, modes, samples, bands, sphere, rigid, surfaces, seed } = settings;
-    let params = QualityParams { modes, samples, bands, subdivisions: sphere, rigid, surfaces, seed };
+    let Settings { degree, modes, samples, bands, sphere, rigid, surfaces, seed, mask } = settings;
+    let params = QualityParams { modes, samples, bands, subdivisions: sphere, rigid, surfaces, seed, mask };
     run_owned(py, threads, progress.as_ref(), move |monitor| {
         let group = group(&models, Kind::Surface, degree, monitor)?;
         let found = group_quality(&group.members, marks.as_deref(), &params, monitor)?;

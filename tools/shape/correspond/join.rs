@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
 use serde_json::{Value, json};
+use spharm::Model;
 use spharm::correspond::{CorrespondParams, GroupFiles, Joining, MemberOrigin, MemberReport};
-use spharm::{FileRecord, Model};
 use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, same_place};
@@ -16,6 +17,8 @@ use super::super::outputs::finish;
 use super::surfaces::{Surface, plan};
 use super::{Cli, member_json, rows};
 
+/// Members of the group that new ones are refined by, at most.
+const REFERENCES: usize = 300;
 /// Share of a surface, or of the template, without a counterpart from which a member is named.
 const LACKING: f64 = 0.05;
 
@@ -24,62 +27,84 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     if same_place(&cli.output_dir.join("group.json"), &group.join("group.json")) {
         return Err(Usage::conflict("--output-dir is another folder than that of --to, which stays as it is").into());
     }
-    let template = GroupFiles::open(group)?.template()?;
+    let files = GroupFiles::open(group)?;
+    let template = files.template()?;
+    let members = if template.refined { files.coefficients(REFERENCES)? } else { Vec::new() };
     let surfaces: Vec<&Surface> = cli.shard.unwrap_or_default().of(surfaces).collect();
     let mut params = CorrespondParams { refinement: None, ..CorrespondParams::up_to(template.mean.max_degree()) };
     (params.pose.scale, params.pose.mirror) = (cli.scale, cli.mirror);
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
-    plan(&paths, &params, false, cli.resources.both())?;
+    plan(&paths, &params, Some(members.len()), cli.resources.both())?;
     template.begin_folder(&cli.output_dir)?;
     let pool = cli.resources.threads.pool()?;
-    let joining = pool.install(|| Joining::new(template.clone(), params.pose, params.register.clone(), monitor))?;
-    let (mut members, mut added): (Vec<Value>, Vec<(String, MemberReport)>) = (Vec::new(), Vec::new());
-    let (mut warnings, mut there) = (Vec::new(), 0);
-    spharm::Monitor::begin(monitor, spharm::Stage::counted("members", "surfaces"), surfaces.len() as u64);
-    for surface in surfaces {
+    let joining =
+        pool.install(|| Joining::new(template.clone(), &members, params.pose, params.register.clone(), monitor))?;
+    let one = |surface: &&Surface| -> Result<Option<Added>> {
         spharm::Monitor::check(monitor)?;
-        let named = || surface.path.display().to_string();
-        let input = FileRecord::of(&surface.path)?;
-        if !cli.report.force
-            && let Some(origin) = GroupFiles::origin(&cli.output_dir, &surface.name)?
-        {
-            if !origin.input.is_some_and(|found| found.same_contents(&input)) {
-                bail!(
-                    "{}: {} there was made of another file; choose another folder or give --force",
-                    named(),
-                    surface.name
-                );
-            }
-            there += 1;
-            spharm::Monitor::step(monitor, 1);
-            continue;
-        }
-        let mesh = surface.read().with_context(named)?;
-        let found = pool.install(|| joining.add(&mesh, monitor)).with_context(named)?;
-        let of_member = warnings_of(&found.report, template.masked.len());
-        warnings.extend(of_member.iter().map(|text| format!("{}: {text}", surface.name)));
-        let origin = MemberOrigin { name: surface.name.clone(), input: Some(input), warnings: of_member };
-        let left = left_over(&cli.output_dir, &surface.name);
-        found.write(&cli.output_dir, &origin, cli.report.force || left).with_context(named)?;
-        members.push(member_json(surface, &found.report, &found.similarity));
-        added.push((surface.name.clone(), found.report));
+        let found = added(cli, surface, &joining, template.masked.len(), monitor);
         spharm::Monitor::step(monitor, 1);
+        found.with_context(|| surface.path.display().to_string())
+    };
+    spharm::Monitor::begin(monitor, spharm::Stage::counted("members", "surfaces"), surfaces.len() as u64);
+    let mut done: Vec<Option<Added>> = Vec::with_capacity(surfaces.len());
+    // A surface for each thread at a time; all of them before the first error is looked for, so that it is always the
+    // same one.
+    for some in surfaces.chunks(pool.current_num_threads()) {
+        let found: Vec<Result<Option<Added>>> = pool.install(|| some.par_iter().map(one).collect());
+        done.extend(found.into_iter().collect::<Result<Vec<_>>>()?);
     }
+    let there = done.iter().filter(|found| found.is_none()).count();
+    let done: Vec<Added> = done.into_iter().flatten().collect();
+    let warnings: Vec<&String> = done.iter().flat_map(|found| &found.warnings).collect();
     spharm::Monitor::end(monitor);
     warnings.iter().for_each(|warning| monitor.console().warn(warning));
     let report = json!({
         "output_dir": shown(&cli.output_dir),
         "to": shown(group),
-        "members": members,
+        "members": done.iter().map(|found| &found.json).collect::<Vec<_>>(),
         "there_already": there,
         "warnings": warnings,
         "seconds": started.elapsed().as_secs_f64(),
     });
-    finish("correspond", &report, &rows(added.iter().map(|(name, found)| (name.as_str(), found))), &cli.report)?;
+    finish("correspond", &report, &rows(done.iter().map(|found| (found.name.as_str(), &found.report))), &cli.report)?;
     if there > 0 {
         monitor.console().note(format!("{} there already", counted(there, "member")));
     }
     Ok(())
+}
+
+/// A surface that was added.
+struct Added {
+    name: String,
+    report: MemberReport,
+    json: Value,
+    warnings: Vec<String>,
+}
+
+/// Adds a surface, unless it is there.
+fn added(
+    cli: &Cli,
+    surface: &Surface,
+    joining: &Joining,
+    directions: usize,
+    monitor: &ConsoleMonitor,
+) -> Result<Option<Added>> {
+    let (input, name) = (surface.record()?, surface.name.clone());
+    if !cli.report.force
+        && let Some(origin) = GroupFiles::origin(&cli.output_dir, &name)?
+    {
+        if !origin.input.is_some_and(|found| found.same_contents(&input)) {
+            bail!("{name} there was made of another file; choose another folder or give --force");
+        }
+        return Ok(None);
+    }
+    let found = joining.add(&surface.read()?, monitor)?;
+    let of_member = warnings_of(&found.report, directions);
+    let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();
+    let origin = MemberOrigin { name: name.clone(), input: Some(input), warnings: of_member };
+    found.write(&cli.output_dir, &origin, cli.report.force || left_over(&cli.output_dir, &name))?;
+    let json = member_json(surface, &found.report, &found.similarity);
+    Ok(Some(Added { name, report: found.report, json, warnings }))
 }
 
 /// Whether there is a model that a run was ended after: the member's record, which is written last, isn't there. A model of another

@@ -12,9 +12,11 @@ use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::{Value, json};
 use spharm::cohort::Shard;
-use spharm::correspond::{CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, Signals, correspond};
+use spharm::correspond::{
+    CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, Resume, Signals, correspond,
+};
 use spharm::shape::{GroupQuality, QualityParams, group_quality};
-use spharm::{Coefficients, FileRecord};
+use spharm::{Coefficients, FileRecord, Sphere};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -122,6 +124,9 @@ pub(super) struct Cli {
     /// Names of the members' files
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     name_template: NameTemplate,
+    /// Folder to keep registrations in until the group is written: the same command goes on where it was ended
+    #[arg(long, value_name = "DIR", conflicts_with = "to", help_heading = OUTPUT)]
+    resume: Option<PathBuf>,
     /// Where to write the warnings, for a study's page
     #[arg(long, value_name = "OUT.json", conflicts_with = "to", hide = true)]
     warnings: Option<PathBuf>,
@@ -184,17 +189,19 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     }
     (params.pose.scale, params.pose.mirror) = (cli.scale, cli.mirror);
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
-    plan(&paths, &params, true, cli.resources.both())?;
+    plan(&paths, &params, None, cli.resources.both())?;
     let marks = marks::read(landmarks, surfaces)?;
     if cli.guide {
         params.guide = Some(marks::guide(marks.as_ref(), cli.template.as_deref(), &paths)?);
     }
     let pool = cli.resources.threads.pool()?;
     let origins = surfaces.iter().map(|surface| -> Result<_> {
-        let input = Some(FileRecord::of(&surface.path)?);
-        Ok(MemberOrigin { name: surface.name.clone(), input, warnings: Vec::new() })
+        Ok(MemberOrigin { name: surface.name.clone(), input: Some(surface.record()?), warnings: Vec::new() })
     });
     let mut origins = origins.collect::<Result<Vec<_>>>()?;
+    if let Some(folder) = &cli.resume {
+        params.resume = Some(Resume::open(folder, &resume_key(cli, &params, &origins)?).context("--resume")?);
+    }
     let of = |index: usize| surfaces[index].read();
     let group = pool.install(|| correspond(surfaces.len(), &of, &params, monitor));
     let group = group.map_err(|error| surfaces::named(error, surfaces))?;
@@ -214,6 +221,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     if let Some(path) = &cli.warnings {
         write_json(path, cli.report.force, &json!(warnings))?;
     }
+    params.resume.take().map(Resume::remove).transpose().context("--resume")?;
     let first = group.report.template.map(|index| surfaces[index].name.as_str());
     let report = json!({
         "output_dir": shown(&cli.output_dir),
@@ -255,10 +263,28 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     Ok(())
 }
 
+/// What registrations depend on.
+fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) -> Result<String> {
+    let template = cli.template.as_deref().map(FileRecord::of).transpose()?;
+    let CorrespondParams { max_degree, subdivisions, rounds, pose, register, guide, .. } = params;
+    let settings = format!("{max_degree} {subdivisions:?} {rounds} {pose:?} {register:?} {guide:?}");
+    let contents = |record: &FileRecord| json!([record.blake3, record.label]);
+    let key = json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "surfaces": origins.iter().map(|origin| origin.input.as_ref().map(contents)).collect::<Vec<_>>(),
+        "voxel_size": cli.voxel_size.map(|size| size.0),
+        "template": template.as_ref().map(contents),
+        "settings": settings,
+    });
+    Ok(key.to_string())
+}
+
 /// Generalisation and specificity with few modes; a group of two has none.
 fn quality(group: &Group, monitor: &ConsoleMonitor) -> Result<Option<GroupQuality>> {
     let members: Vec<Coefficients> = group.models.iter().map(|model| model.coefficients.clone()).collect();
     let params = QualityParams { modes: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() };
+    let mask = group.template.kept_at(Sphere::icosphere(params.subdivisions).directions.as_slice());
+    let params = QualityParams { mask: Some(mask), ..params };
     match members.len() {
         0..3 => Ok(None),
         _ => Ok(Some(group_quality(&members, None, &params, monitor)?)),

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use spharm::cohort::{Manifest, Row};
 use spharm::correspond::CorrespondParams;
 use spharm::parametrize::volume::{LabelVolume, is_volume};
-use spharm::{Error, Kind, Mesh, Model, Silent, Sphere};
+use spharm::{Error, FileRecord, Kind, Mesh, Model, Silent, Sphere};
 use spharm_cli::inputs::{expand_lists, stem};
 use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
@@ -87,6 +87,11 @@ pub(super) fn find_signals(surfaces: &mut [Surface], with: &[With], table: Optio
 }
 
 impl Surface {
+    /// What it is made of.
+    pub(super) fn record(&self) -> Result<FileRecord> {
+        Ok(FileRecord { label: self.label, ..FileRecord::of(&self.path)? })
+    }
+
     /// Reads the signals: of each a value a vertex.
     pub(super) fn read_signals(&self) -> std::result::Result<Vec<Vec<f64>>, Error> {
         let one = |path: &PathBuf| {
@@ -197,12 +202,12 @@ pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Err
     }
 }
 
-/// Refuses groups that don't fit into memory: `whole` ones, of which all members' places and coefficients are held, or members
-/// that come one after another.
+/// Refuses groups that don't fit into memory: whole ones, of which all members' places and coefficients are held, or
+/// members that come one after another, to a group of which so many members are `compared`.
 pub(in crate::shape) fn plan(
     surfaces: &[PathBuf],
     params: &CorrespondParams,
-    whole: bool,
+    compared: Option<usize>,
     (memory, threads): (Memory, Threads),
 ) -> Result<()> {
     let threads = threads.count();
@@ -211,17 +216,18 @@ pub(in crate::shape) fn plan(
     let Some(largest) = largest else { return Ok(()) };
     budget.check_inputs("shape correspond", [largest.as_path()])?;
     let count = surfaces.len();
-    let needed = needed(count as u64, bytes_to_read(largest), params, whole, threads as u64);
+    let needed = needed(count as u64, bytes_to_read(largest), params, compared, threads as u64);
     let what = format!("shape correspond of {count} surfaces to degree {}", params.max_degree);
     budget.check(what, needed)
 }
 
-/// Bytes: of a member its places and coefficients several times over; of a thread a surface with its trees and the work of a
-/// registration; of the template its kernels, of 200 columns each, and the factor of its thin plate; or those of mapping it, if
-/// that takes more. A mesh of n vertices is a file of 20 n bytes at least, and so 60 n to read.
-fn needed(count: u64, largest: u64, params: &CorrespondParams, whole: bool, threads: u64) -> u64 {
+/// Bytes: of a member its places and coefficients several times over; of a thread a surface with its trees and the work
+/// of a registration; of members that new ones are compared with their values twice, with six channels; of the template
+/// its kernels, of 200 columns each, and the factor of its thin plate; or those of mapping it, if that takes more. A
+/// mesh of n vertices is a file of 20 n bytes at least, and so 60 n to read.
+fn needed(count: u64, largest: u64, params: &CorrespondParams, compared: Option<usize>, threads: u64) -> u64 {
     let [n, _] = icosphere_counts(params.subdivisions());
-    let degree = params.max_degree as u64;
+    let (degree, whole) = (params.max_degree as u64, compared.is_none());
     let refined = if params.refinement.is_some() { 500 } else { 0 };
     let member = (150 + refined) * n + 144 * (degree + 1).pow(2);
     let stages = params.register.drift.len() as u64;
@@ -230,5 +236,6 @@ fn needed(count: u64, largest: u64, params: &CorrespondParams, whole: bool, thre
     let registering = template.saturating_add(threads.min(count).saturating_mul(each));
     let mapping = if whole { (4 << 20) + 50 * largest + 5500 * degree.max(40).pow(2) } else { 0 };
     let held = if whole { count } else { threads.min(count) };
-    held.saturating_mul(member).saturating_add(registering.max(mapping))
+    let comparing = compared.unwrap_or(0) as u64 * (100 * n + 24 * (degree + 1).pow(2));
+    held.saturating_mul(member).saturating_add(comparing).saturating_add(registering.max(mapping))
 }

@@ -14,13 +14,14 @@ use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::check_outputs;
 use spharm_cli::output::{OutputFile, prepare};
-use spharm_surface::io::{Output, WriteOptions, read_mask, write_mesh, write_signal};
+use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal};
 use spharm_surface::{Mesh, Signal};
 
 pub(super) use self::args::Cli;
 use self::args::What;
 use self::results::MAPS;
 use super::groups::read_group;
+use super::masks;
 use super::outputs::{finish, write_text};
 use super::plan::Plan;
 
@@ -65,7 +66,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(sphere) => sphere,
         None => Sphere::icosphere(cli.icosphere),
     };
-    let mask = cli.mask.as_ref().map(|path| read_mask(path, sphere.directions.len())).transpose()?;
+    let mask = cli.mask.as_deref().map(|path| masks::read(path, &sphere)).transpose()?;
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };
     let params = TestParams {
         permutations: (cli.permutations > 0).then_some(permutations),

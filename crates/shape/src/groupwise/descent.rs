@@ -55,7 +55,7 @@ pub(super) fn descend(
         &Vec::new(),
     )?;
     let mut state = start.ok_or(ShapeError::NoDecomposition)?;
-    let first = (state.cost, state.covariance.total());
+    let first = (state.cost, state.variance());
     let mut method = Lbfgs::new(preconditioner(stage.field_degree, flows.len()));
     let mut gradient = group.gradient(&state)?;
     let (mut steps, mut evaluations, mut idle) = (0, 1, 0);
@@ -118,7 +118,7 @@ pub(super) fn descend(
         steps,
         evaluations,
         cost: [first.0, state.cost],
-        variance: [first.1, state.covariance.total()],
+        variance: [first.1, state.variance()],
         distortion: Distortion::of(&state, &group.elastic),
         converged: idle >= IDLE,
     };

@@ -23,6 +23,7 @@
 //! | `elastic`, `held` | what stretching the sphere costs; places that are held |
 //! | `together` | members brought to their mean within rounds |
 //! | `state` | all of these at one state of the maps |
+//! | `reference`, `joining` | a finished group; the places of a new member, which changes nothing of it |
 //! | `descent`, `lbfgs` | a stage; directions of descent |
 //!
 //! Cost: a step evaluates each member's 4 C functions of degree L and 12 of degree D at n directions: 2 ms at L = 15 and
@@ -33,10 +34,12 @@ mod elastic;
 mod field;
 pub mod flow;
 mod held;
+mod joining;
 mod lbfgs;
 mod member;
 mod objective;
 mod params;
+mod reference;
 mod report;
 mod state;
 #[cfg(test)]
@@ -55,6 +58,7 @@ use self::descent::descend;
 use self::elastic::Elastic;
 pub use self::flow::Flow;
 use self::held::Held;
+pub use self::joining::FinishedGroup;
 use self::member::{Member, normals};
 use self::objective::Objective;
 pub use self::params::{GroupwiseParams, StageParams};
@@ -103,7 +107,7 @@ pub fn groupwise(
     let directions = sphere.directions.as_slice();
     let ones = vec![1.0; directions.len()];
     let mask = mask.unwrap_or(&ones);
-    let channels = with_normals(members, params.normals, monitor)?;
+    let (channels, _) = with_normals(members, params.normals, None, monitor)?;
     let turning = params.together.then(|| {
         let width = channels[0].ncols();
         if params.normals > 0.0 { vec![0, width - 3] } else { vec![0] }
@@ -127,6 +131,7 @@ pub fn groupwise(
                 .collect::<Result<_, _>>()?,
             channels: channels[0].ncols(),
             objective: Objective { faces: &sphere.faces, mask },
+            reference: None,
             elastic: Elastic::new(&sphere.faces, directions),
             elasticity: params.elasticity,
             held: Held::new(&params.held, directions, params.hold),
@@ -188,14 +193,16 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     Ok(max_degree_of(first.nrows()).unwrap_or(0))
 }
 
-/// Members' channels with those of the normals behind them, weighted.
+/// Members' channels with those of the normals behind them, times a length: one that is given, or by their weight and
+/// the members' areas. Returns the length, too.
 fn with_normals(
     members: &[ArrayView2<'_, f64>],
     weight: f64,
+    length: Option<f64>,
     monitor: &dyn Monitor,
-) -> Result<Vec<Array2<f64>>, ShapeError> {
+) -> Result<(Vec<Array2<f64>>, f64), ShapeError> {
     if weight == 0.0 {
-        return Ok(members.iter().map(|member| member.to_owned()).collect());
+        return Ok((members.iter().map(|member| member.to_owned()).collect(), 0.0));
     }
     let cancel = OnlyCancel(monitor);
     let found: Result<Vec<(Array2<f64>, f64)>, ShapeError> = members
@@ -204,12 +211,10 @@ fn with_normals(
         .collect();
     let found = found?;
     let area = found.iter().map(|(_, area)| area).sum::<f64>() / members.len() as f64;
-    let length = weight * area.sqrt();
-    Ok(members
-        .iter()
-        .zip(found)
-        .map(|(member, (normals, _))| side_by_side(&[member.to_owned(), normals * length]))
-        .collect())
+    let length = length.unwrap_or(weight * area.sqrt());
+    let pairs = members.iter().zip(found);
+    let channels = pairs.map(|(member, (normals, _))| side_by_side(&[member.to_owned(), normals * length]));
+    Ok((channels.collect(), length))
 }
 
 /// Root mean square angle between directions and where they were carried.

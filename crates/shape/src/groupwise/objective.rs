@@ -45,9 +45,9 @@ pub(super) struct Objective<'a> {
 /// The group at one state of its maps.
 pub(super) struct Covariance {
     /// y, (N, n C).
-    centred: Array2<f64>,
+    pub(super) centred: Array2<f64>,
     /// m, (n C).
-    mean: Vec<f64>,
+    pub(super) mean: Vec<f64>,
     /// w, (n).
     pub(super) weights: Vec<f64>,
     /// a_i(u), (N, n).

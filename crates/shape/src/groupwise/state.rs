@@ -10,7 +10,7 @@
 //!
 //! Members are evaluated in parallel, each by one plan that lives no longer than its own evaluation.
 
-use ndarray::{Array2, Axis};
+use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 use spharm_surface::geometry::Vec3;
 
@@ -20,6 +20,7 @@ use crate::groupwise::field::{adjoint, field};
 use crate::groupwise::held::Held;
 use crate::groupwise::member::{Member, Plan};
 use crate::groupwise::objective::{Covariance, Objective};
+use crate::groupwise::reference::Reference;
 use crate::groupwise::together::{Turns, bring_together, turn_channels};
 use crate::matrix3::transposed;
 
@@ -28,6 +29,8 @@ pub(super) struct Group<'a> {
     pub(super) members: Vec<Member>,
     pub(super) channels: usize,
     pub(super) objective: Objective<'a>,
+    /// A finished group, where there is one member, which is compared with it.
+    pub(super) reference: Option<&'a Reference>,
     pub(super) elastic: Elastic<'a>,
     /// mu.
     pub(super) elasticity: f64,
@@ -42,9 +45,16 @@ pub(super) struct Group<'a> {
 pub(super) struct State {
     pub(super) at: Vec<Vec<Vec3>>,
     pub(super) cost: f64,
-    pub(super) covariance: Covariance,
-    inverse: Array2<f64>,
+    measured: Measured,
     turns: Turns,
+}
+
+/// What the gradient is made of.
+enum Measured {
+    /// All members of a group: their covariance, and the inverse of it and delta.
+    Group(Box<Covariance>, Array2<f64>),
+    /// One member: derivatives by its values, and its variance.
+    Member(Vec<f64>, f64),
 }
 
 impl Group<'_> {
@@ -74,15 +84,29 @@ impl Group<'_> {
             Some(turning) => bring_together(&mut values, turning, &self.objective, turns),
             None => turns.clone(),
         };
-        let covariance = self.objective.covariance(values)?;
-        let (length, inverse) = covariance.description_length(delta(covariance.total()))?;
+        let (length, measured) = match self.reference {
+            Some(reference) => {
+                let (cost, slopes, variance) = reference.cost(values.as_slice().unwrap_or_default());
+                (cost, Measured::Member(slopes, variance))
+            }
+            None => {
+                let covariance = self.objective.covariance(values)?;
+                let (length, inverse) = covariance.description_length(delta(covariance.total()))?;
+                (length, Measured::Group(Box::new(covariance), inverse))
+            }
+        };
         let cost = length + energy;
-        Ok(cost.is_finite().then_some(State { at, cost, covariance, inverse, turns }))
+        Ok(cost.is_finite().then_some(State { at, cost, measured, turns }))
     }
 
     /// dC by the potentials of fields that act after the maps: (K, 2) of each member, one after another.
     pub(super) fn gradient(&self, state: &State) -> Result<Vec<f64>, ShapeError> {
-        let mut covectors = self.objective.covectors(&state.covariance, &state.inverse);
+        let mut covectors = match &state.measured {
+            Measured::Group(covariance, inverse) => self.objective.covectors(covariance, inverse),
+            Measured::Member(slopes, _) => {
+                ArrayView2::from_shape((1, slopes.len()), slopes).map_err(|_| ShapeError::NoDecomposition)?.to_owned()
+            }
+        };
         let rows = covectors.axis_iter_mut(Axis(0)).into_par_iter().zip(&self.members).zip(&state.at).enumerate();
         let found: Result<Vec<Vec<f64>>, ShapeError> = rows
             .map(|(i, ((mut row, member), at))| {
@@ -115,6 +139,14 @@ impl Group<'_> {
 }
 
 impl State {
+    /// The sum of the variances.
+    pub(super) fn variance(&self) -> f64 {
+        match &self.measured {
+            Measured::Group(covariance, _) => covariance.total(),
+            Measured::Member(_, variance) => *variance,
+        }
+    }
+
     /// The motion that each member was brought together by.
     pub(super) fn turns(&self) -> &Turns {
         &self.turns

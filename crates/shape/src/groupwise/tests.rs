@@ -11,6 +11,7 @@ use super::member::{Member, Plan};
 use super::objective::Objective;
 use super::state::Group;
 use super::*;
+use crate::{Rotation, rotate_parameters};
 
 /// Ellipsoids with a dent whose place depends on the member.
 fn members(count: usize, max_degree: usize) -> Vec<Array2<f64>> {
@@ -42,11 +43,12 @@ fn the_gradient_is_that_of_the_objective() {
     let directions = sphere.directions.as_slice();
     let mask: Vec<f64> = directions.iter().map(|u| if u[2] > 0.8 { 0.0 } else { 1.0 + u[0] }).collect();
     let held = [Place { corners: sphere.faces[7], shares: [0.2, 0.5, 0.3] }];
-    let channels = with_normals(&views(&members(4, 5)), 0.2, &Silent).unwrap();
+    let channels = with_normals(&views(&members(4, 5)), 0.2, None, &Silent).unwrap().0;
     let group = Group {
         members: channels.iter().map(|channels| Member::new(channels.view(), 4).unwrap()).collect(),
         channels: 6,
         objective: Objective { faces: &sphere.faces, mask: &mask },
+        reference: None,
         elastic: Elastic::new(&sphere.faces, directions),
         elasticity: 0.3,
         held: Held::new(&held, directions, 20.0),
@@ -97,6 +99,33 @@ fn the_objective_falls_no_triangle_turns_over_and_flows_are_inverted() {
         assert!(off < 1e-9, "{off:e}");
         assert_eq!(&Flow::from_steps(flow.steps().to_vec()).unwrap(), flow);
     }
+}
+
+/// Its places are turned about an axis; by the group's modes they turn back, as far as the energy allows.
+#[test]
+fn a_new_member_comes_to_the_places_of_the_group() {
+    let sphere = Sphere::icosphere(3);
+    let mut group = members(8, 6);
+    let own = group.remove(4);
+    let turn = Rotation::from_axis_angle([0.2, -0.4, 0.9], 0.12).unwrap();
+    let turned = rotate_parameters(&Coefficients::new(own.clone()).unwrap(), &turn, &Silent).unwrap();
+    let settings = GroupwiseParams { elasticity: 0.01, ..stages(6, 5, 40) };
+    let finished = FinishedGroup::new(&views(&group), &sphere, None, &settings, &Silent).unwrap();
+    let (flow, report) = finished.refine(turned.values().view(), &Silent).unwrap();
+    let [stage] = report.stages[..] else { panic!("one stage") };
+    assert!(stage.cost[1] < 0.5 * stage.cost[0], "{stage:?}");
+    let at = flow.apply(sphere.directions.as_slice()).unwrap();
+    let places = |of: ArrayView2<'_, f64>, at: &[Vec3]| {
+        Member::new(of, 6).unwrap().values(&Plan::new(at, 6, 1).unwrap()).unwrap()
+    };
+    let truth = places(own.view(), sphere.directions.as_slice());
+    let off = |at: &[Vec3]| (places(turned.values().view(), at) - &truth).mapv(|x| x * x).sum().sqrt();
+    let (before, after) = (off(sphere.directions.as_slice()), off(&at));
+    assert!(after < 0.4 * before, "{before} {after}");
+    // The member at its places stays there, next to the turn that was undone.
+    let (_, still) = finished.refine(own.view(), &Silent).unwrap();
+    assert!(still.moved[0] < 0.4 * report.moved[0], "{} {}", still.moved[0], report.moved[0]);
+    assert!(matches!(finished.refine(group[0].slice(s![..4, ..]), &Silent), Err(ShapeError::Differ { .. })));
 }
 
 #[test]

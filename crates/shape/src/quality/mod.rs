@@ -78,7 +78,7 @@ const STAGE: Stage = Stage::counted("quality", "members");
 ///
 /// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for no mode or sample; those of
 /// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Differ`] for landmarks of another number
-/// of members or places; [`ShapeError::NotFiniteValue`] for one that isn't finite; [`ShapeError::NoDecomposition`],
+/// of members or places, and for a mask of another icosphere; [`ShapeError::NotFiniteValue`] for one that isn't finite; [`ShapeError::NoDecomposition`],
 /// [`ShapeError::Interrupted`].
 pub fn group_quality(
     members: &[Coefficients],
@@ -96,7 +96,7 @@ pub fn group_quality(
         }
     }
     let landmarks = landmarks.map(|points| landmark_errors(members, points, params, monitor)).transpose()?;
-    let mut points = Points::of(members, params.subdivisions, monitor)?;
+    let mut points = Points::of(members, params, monitor)?;
     if params.rigid {
         points.bring_together();
     }

@@ -17,11 +17,22 @@ pub struct QualityParams {
     pub surfaces: bool,
     /// Of random shapes and of the bootstrap.
     pub seed: u64,
+    /// Directions of the icosphere that are compared, (V); all by default.
+    pub mask: Option<Vec<bool>>,
 }
 
 impl Default for QualityParams {
     fn default() -> Self {
-        Self { modes: 10, samples: 1000, bands: 200, subdivisions: 4, rigid: false, surfaces: true, seed: 0 }
+        Self {
+            modes: 10,
+            samples: 1000,
+            bands: 200,
+            subdivisions: 4,
+            rigid: false,
+            surfaces: true,
+            seed: 0,
+            mask: None,
+        }
     }
 }
 

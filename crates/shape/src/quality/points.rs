@@ -10,6 +10,7 @@ use spharm_surface::generate::icosphere;
 use spharm_surface::geometry::{Vec3, add, cross, dot, scale, sub};
 use spharm_transform::synthesis;
 
+use super::params::QualityParams;
 use crate::ShapeError;
 use crate::extent::extent;
 use spharm_surface::kabsch::kabsch;
@@ -25,14 +26,24 @@ pub(super) struct Points {
     pub(super) faces: Vec<[u32; 3]>,
     /// Positions of each member, (n) of (V), its areal centre at the origin.
     pub(super) members: Vec<Vec<Vec3>>,
-    /// Each vertex's share of the area, the mean over the members, (V); of sum 1.
+    /// Each vertex's share of the area, the mean over the members, (V); of sum 1, and 0 where nothing is compared.
     pub(super) weights: Vec<f64>,
+    /// Vertices that are compared, (V); all where there is none.
+    mask: Option<Vec<bool>>,
 }
 
 impl Points {
     /// Evaluates members, and puts their areal centres together.
-    pub(super) fn of(members: &[Coefficients], subdivisions: u32, monitor: &dyn Monitor) -> Result<Self, ShapeError> {
-        let sphere = icosphere(subdivisions);
+    pub(super) fn of(
+        members: &[Coefficients],
+        params: &QualityParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, ShapeError> {
+        let sphere = icosphere(params.subdivisions);
+        if let Some(mask) = params.mask.as_ref().filter(|mask| mask.len() != sphere.vertices.len()) {
+            let (what, expected) = ("directions of a mask", sphere.vertices.len());
+            return Err(ShapeError::Differ { what, expected, found: mask.len() });
+        }
         let directions = Directions::from_vertices(&sphere.vertices)?;
         monitor.begin(STAGE, members.len() as u64);
         let one = |(index, member): (usize, &Coefficients)| {
@@ -45,13 +56,35 @@ impl Points {
         monitor.end();
         let members: Vec<Vec<Vec3>> = found.into_iter().collect::<Result<_, _>>()?;
         let mut weights = vec![0.0; sphere.vertices.len()];
-        for member in &members {
-            let share = shares(member, &sphere.faces);
-            weights.iter_mut().zip(share).for_each(|(weight, share)| *weight += share / members.len() as f64);
+        let mut points = Self { faces: sphere.faces, members, weights: Vec::new(), mask: params.mask.clone() };
+        for member in &points.members {
+            let share = points.shares(member);
+            weights.iter_mut().zip(share).for_each(|(weight, share)| *weight += share / points.members.len() as f64);
         }
-        let mut points = Self { faces: sphere.faces, members, weights };
+        if !weights.iter().all(|weight| weight.is_finite()) {
+            let expected = "some area that is compared is needed";
+            return Err(ShapeError::Setting { name: "the mask", found: "none".to_owned(), expected });
+        }
+        points.weights = weights;
         points.centre();
         Ok(points)
+    }
+
+    /// Each vertex's share of a surface's area that is compared: a third of that of its triangles.
+    pub(super) fn shares(&self, vertices: &[Vec3]) -> Vec<f64> {
+        let mut shares = vec![0.0; vertices.len()];
+        for face in &self.faces {
+            let [a, b, c] = face.map(|v| vertices[v as usize]);
+            let normal = cross(sub(b, a), sub(c, a));
+            let area = dot(normal, normal).sqrt();
+            face.iter().for_each(|&v| shares[v as usize] += area);
+        }
+        if let Some(mask) = &self.mask {
+            shares.iter_mut().zip(mask).filter(|(_, kept)| !**kept).for_each(|(share, _)| *share = 0.0);
+        }
+        let sum: f64 = shares.iter().sum();
+        shares.iter_mut().for_each(|share| *share /= sum);
+        shares
     }
 
     fn centre(&mut self) {
@@ -122,18 +155,4 @@ impl Points {
 pub(super) fn evaluate(directions: &Directions, member: &Coefficients) -> Result<Vec<Vec3>, ShapeError> {
     let values = synthesis(directions, member.values().view())?;
     Ok(values.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect())
-}
-
-/// Each vertex's share of a surface's area: a third of that of its triangles.
-pub(super) fn shares(vertices: &[Vec3], faces: &[[u32; 3]]) -> Vec<f64> {
-    let mut shares = vec![0.0; vertices.len()];
-    for face in faces {
-        let [a, b, c] = face.map(|v| vertices[v as usize]);
-        let normal = cross(sub(b, a), sub(c, a));
-        let area = dot(normal, normal).sqrt();
-        face.iter().for_each(|&v| shares[v as usize] += area);
-    }
-    let sum: f64 = shares.iter().sum();
-    shares.iter_mut().for_each(|share| *share /= sum);
-    shares
 }

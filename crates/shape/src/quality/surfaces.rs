@@ -7,7 +7,7 @@ use spharm_surface::geometry::Vec3;
 use spharm_surface::nearest::TriangleTree;
 
 use super::curves::{Left, Model, Near};
-use super::points::{Points, shares};
+use super::points::Points;
 use crate::ShapeError;
 
 /// Random shapes that are compared by their surfaces.
@@ -28,7 +28,7 @@ struct Side {
 impl Side {
     fn new(points: &Points, vertices: Vec<Vec3>) -> Self {
         let mesh = points.mesh(vertices);
-        let (shares, tree) = (shares(&mesh.vertices, &mesh.faces), TriangleTree::new(&mesh));
+        let (shares, tree) = (points.shares(&mesh.vertices), TriangleTree::new(&mesh));
         Self { vertices: mesh.vertices, shares, tree }
     }
 

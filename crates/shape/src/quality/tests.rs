@@ -57,11 +57,37 @@ fn left_out(y: &Array2<f64>, member: usize, modes: usize) -> f64 {
     norm(rest)
 }
 
+fn at_level(subdivisions: u32) -> QualityParams {
+    QualityParams { subdivisions, ..QualityParams::default() }
+}
+
+#[test]
+fn what_is_masked_counts_for_nothing() {
+    let group: Vec<Coefficients> = (0..5).map(|k| ellipsoid([9.0 + f64::from(k), 6.0, 5.0])).collect();
+    let params = QualityParams { modes: 1, samples: 50, bands: 0, ..at_level(3) };
+    let directions = spharm_surface::generate::icosphere(3).vertices;
+    let with = |kept: &dyn Fn(&Vec3) -> bool| {
+        let mask = Some(directions.iter().map(kept).collect());
+        group_quality(&group, None, &QualityParams { mask, ..params.clone() }, &Silent).unwrap()
+    };
+    let (whole, all, belt) =
+        (group_quality(&group, None, &params, &Silent).unwrap(), with(&|_| true), with(&|u| u[0].abs() < 0.3));
+    assert_eq!(whole, all);
+    // The members differ by their ends alone.
+    let less = |of: &dyn Fn(&GroupQuality) -> f64| of(&belt) < 0.6 * of(&whole);
+    assert!(less(&|of| of.variance) && less(&|of| of.specificity.values[0]), "{belt:?}");
+    assert!(less(&|of| of.surface_specificity.as_ref().unwrap().values[0]), "{belt:?}");
+    for mask in [vec![true; 3], vec![false; directions.len()]] {
+        let wrong = QualityParams { mask: Some(mask), ..params.clone() };
+        assert!(group_quality(&group, None, &wrong, &Silent).is_err());
+    }
+}
+
 #[test]
 fn measures_are_what_they_are_defined_as() {
     let (group, params) = (group(6), params());
     let found = group_quality(&group, None, &params, &Silent).unwrap();
-    let points = Points::of(&group, 3, &Silent).unwrap();
+    let points = Points::of(&group, &at_level(3), &Silent).unwrap();
     let y = rows(&points);
     for k in [1, 2, 3] {
         let mean = (0..6).map(|member| left_out(&y, member, k)).sum::<f64>() / 6.0;
@@ -99,7 +125,7 @@ fn measures_are_what_they_are_defined_as() {
 #[test]
 fn weights_are_shares_of_the_area() {
     // A needle: nearly all of its area is along its length, a third of the directions' at its ends.
-    let points = Points::of(&[ellipsoid([40.0, 1.0, 1.0])], 4, &Silent).unwrap();
+    let points = Points::of(&[ellipsoid([40.0, 1.0, 1.0])], &at_level(4), &Silent).unwrap();
     let middle: f64 =
         points.weights.iter().zip(&points.members[0]).filter(|(_, p)| p[0].abs() < 20.0).map(|(w, _)| w).sum();
     // Of an ellipsoid of revolution the part within half of a long half axis: (x s + asin(x s)) at s = sqrt(1 - x^2
@@ -149,7 +175,7 @@ fn poses_count_unless_members_are_brought_together() {
 #[test]
 fn distances_between_surfaces_are_those_of_the_surfaces() {
     let group = group(5);
-    let points = Points::of(&group, 3, &Silent).unwrap();
+    let points = Points::of(&group, &at_level(3), &Silent).unwrap();
     let model = curves::Model::of(&points.scores().unwrap(), &[0, 1, 2, 3, 4]).unwrap();
     let left = curves::leave_out(&model, 2, 200, &Silent).unwrap();
     let (general, _) = surfaces::distances(&points, &model, &left, &[], 2, &Silent).unwrap();

@@ -73,20 +73,35 @@ impl Fitted {
         };
         let members: Vec<ArrayView2<'_, f64>> = channels.iter().map(|own| own.view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
-        let over = SphereLocator::new(&mesh_of(sphere.directions.as_slice().to_vec(), &sphere.faces))?;
-        let at_sphere = self.transform(&sphere.directions)?;
         // Of a template nothing but its triangles is needed.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
+        let turned =
+            self.follow(&found.flows, subjects, similarities, (&sphere, &template, reached), params, monitor)?;
+        Ok((found.report, turned))
+    }
+
+    /// Moves places by flows, projects them onto the surfaces, and fits them again; see [`refine`](Self::refine).
+    pub(super) fn follow(
+        &mut self,
+        flows: &[Flow],
+        subjects: &Subjects<'_>,
+        similarities: &[Similarity],
+        (sphere, template, reached): (&Sphere, &Template, &mut [Vec<bool>]),
+        params: &CorrespondParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<usize>, Error> {
+        let over = SphereLocator::new(&mesh_of(sphere.directions.as_slice().to_vec(), &sphere.faces))?;
+        let at_sphere = self.transform(&sphere.directions)?;
         let refined = subjects.each(|index, mesh: Mesh| {
             monitor.check()?;
             let at = (&at_sphere, &over);
-            let (places, mut there) = self.carried(index, &found.flows[index], &sphere, at, &reached[index])?;
+            let (places, mut there) = self.carried(index, &flows[index], sphere, at, &reached[index])?;
             let subject = Subject::new(&similarities[index].apply_mesh(&mesh))?;
             let free: Vec<bool> = there.iter().map(|there| !there).collect();
             let rounds = params.register.untangle_rounds;
-            let (places, turned) = untangle(&template, &places, &free, &subject, rounds, &OnlyCancel(monitor))?;
+            let (places, turned) = untangle(template, &places, &free, &subject, rounds, &OnlyCancel(monitor))?;
             let corners = turned.iter().flat_map(|face| sphere.faces[*face as usize]);
             corners.for_each(|v| there[v as usize] = false);
             Ok((places, there, turned.len()))
@@ -97,8 +112,8 @@ impl Fitted {
             turned.push(count);
             *reached = there;
         }
-        *self = Self::new(&sphere, places, params, &OnlyCancel(monitor))?;
-        Ok((found.report, turned))
+        *self = Self::new(sphere, places, params, &OnlyCancel(monitor))?;
+        Ok(turned)
     }
 
     /// The places of a member at the directions to which a flow carries those of the sphere, and whether they are

@@ -1,8 +1,10 @@
 //! A new member of a group that stays as it is.
 
+use spharm_harmonics::Coefficients;
 use spharm_model::Model;
 use spharm_monitor::{Monitor, OnlyCancel};
 use spharm_register::{RegisterParams, Registered, Subject, Template, register};
+use spharm_shape::groupwise::{FinishedGroup, GroupwiseParams};
 use spharm_surface::geometry::Vec3;
 use spharm_surface::pose::{PoseParams, PoseSurface, pose};
 use spharm_surface::{Kind, Mesh, Similarity};
@@ -11,6 +13,7 @@ use super::GroupTemplate;
 use super::fits::Fitted;
 use super::params::CorrespondParams;
 use super::report::MemberReport;
+use super::subjects::Subjects;
 use super::together::{to_mean, weights};
 use crate::Error;
 
@@ -35,16 +38,20 @@ pub struct Joining {
     template: Template,
     pose: PoseSurface,
     params: CorrespondParams,
+    /// What the members' places are refined by.
+    finished: Option<FinishedGroup>,
 }
 
 impl Joining {
-    /// Prepares a group for new members.
+    /// Prepares a group for new members. `members` are coefficients of its own, three or more, all or a few hundred of
+    /// them; where the group was refined, new members' places are refined by their mean and modes.
     ///
     /// # Errors
     ///
-    /// Those of [`Template::new`] in [`Error::Register`]; [`Error::Interrupted`].
+    /// Those of [`Template::new`] in [`Error::Register`]; [`Error::Shape`]; [`Error::Interrupted`].
     pub fn new(
         group: GroupTemplate,
+        members: &[Coefficients],
         pose: PoseParams,
         register: RegisterParams,
         monitor: &dyn Monitor,
@@ -55,7 +62,15 @@ impl Joining {
         let template = Template::new(&shape, Some(&group.masked), &register, &OnlyCancel(monitor))?;
         let surface = PoseSurface::new(&shape).ok_or(Error::NoArea)?;
         let params = CorrespondParams { pose, register, ..CorrespondParams::up_to(degree) };
-        Ok(Self { group, template, pose: surface, params })
+        let finished = if group.refined && members.len() > 2 {
+            let views: Vec<_> = members.iter().map(|member| member.values().view()).collect();
+            let weights: Vec<f64> = group.masked.iter().map(|masked| if *masked { 0.0 } else { 1.0 }).collect();
+            let settings = GroupwiseParams::default();
+            Some(FinishedGroup::new(&views, &group.sphere, Some(&weights), &settings, &OnlyCancel(monitor))?)
+        } else {
+            None
+        };
+        Ok(Self { group, template, pose: surface, params, finished })
     }
 
     /// Adds a surface, which changes nothing of the group.
@@ -68,14 +83,25 @@ impl Joining {
         let moving = PoseSurface::new(surface).ok_or(Error::NoArea)?;
         let posed = pose(&moving, &self.pose, &self.params.pose, &quiet)?;
         let subject = Subject::new(&posed.similarity.apply_mesh(surface))?;
-        let Registered { vertices, reached, cover, turned } =
+        let Registered { vertices, reached, cover, mut turned } =
             register(&self.template, &subject, &[], &self.params.register, &quiet)?;
         let faces = &self.group.sphere.faces;
         let mut places = vec![vertices];
         let of_mean = &self.template.mesh().vertices;
         let areas = weights(std::slice::from_ref(of_mean), faces, &self.group.masked);
-        let similarity = posed.similarity.then(&to_mean(of_mean, &mut places[0], &areas));
-        let fitted = Fitted::new(&self.group.sphere, places, &self.params, &quiet)?;
+        let mut similarity = posed.similarity.then(&to_mean(of_mean, &mut places[0], &areas));
+        let mut fitted = Fitted::new(&self.group.sphere, places, &self.params, &quiet)?;
+        let mut reached = [reached];
+        if let Some(finished) = &self.finished {
+            let (flow, _) = finished.refine(fitted.coefficients[0].values().view(), &quiet)?;
+            let subjects = Subjects { count: 1, read: &|_| Ok(surface.clone()) };
+            let on = (&self.group.sphere, &self.template, &mut reached[..]);
+            turned = fitted.follow(&[flow], &subjects, &[similarity], on, &self.params, &quiet)?[0];
+            let motion = to_mean(of_mean, &mut fitted.places[0], &areas);
+            similarity = similarity.then(&motion);
+            fitted.moved(&[motion])?;
+        }
+        let [reached] = reached;
         let without = reached.iter().zip(&self.group.masked).filter(|(reached, masked)| !**reached && !**masked);
         let report = MemberReport {
             turned,

@@ -31,6 +31,7 @@ mod guide;
 mod member;
 mod params;
 mod report;
+mod resume;
 mod rounds;
 mod signals;
 mod subjects;
@@ -41,6 +42,7 @@ use spharm_harmonics::Coefficients;
 use spharm_model::Model;
 use spharm_monitor::Monitor;
 use spharm_surface::geometry::Vec3;
+use spharm_surface::nearest::TriangleTree;
 use spharm_surface::{Mesh, Similarity, Sphere};
 
 use crate::Error;
@@ -51,6 +53,7 @@ pub use guide::{GuideLandmarks, GuideReport};
 pub use member::{Joining, NewMember};
 pub use params::CorrespondParams;
 pub use report::{CorrespondReport, CorrespondWarning, MemberReport};
+pub use resume::Resume;
 pub use signals::Signals;
 
 /// A group whose members correspond, in one frame.
@@ -82,6 +85,27 @@ pub struct GroupTemplate {
     pub masked: Vec<bool>,
     /// The root mean square distance of the members from the mean, over its area.
     pub spread: f64,
+    /// Whether the members' places were refined by the group.
+    pub refined: bool,
+}
+
+impl GroupTemplate {
+    /// Returns whether the place at each of some unit vectors, (n, 3), has a counterpart on members: the nearest of the group's
+    /// directions has.
+    #[must_use]
+    pub fn kept_at(&self, directions: &[Vec3]) -> Vec<bool> {
+        if !self.masked.contains(&true) {
+            return vec![true; directions.len()];
+        }
+        let tree = TriangleTree::new(&self.sphere.to_mesh());
+        let kept = |direction: &Vec3| {
+            let Some(found) = tree.nearest(*direction) else { return false };
+            let corners = self.sphere.faces[found.triangle as usize];
+            let nearest = (0..3).max_by(|a, b| found.barycentric[*a].total_cmp(&found.barycentric[*b])).unwrap_or(0);
+            !self.masked[corners[nearest] as usize]
+        };
+        directions.iter().map(kept).collect()
+    }
 }
 
 /// Makes surfaces correspond. `read` returns surface `0..count` in its own frame; it is called several times for each, from

@@ -6,6 +6,7 @@ use spharm_surface::Mesh;
 use spharm_surface::pose::PoseParams;
 
 use super::guide::GuideLandmarks;
+use super::resume::Resume;
 use super::signals::Signals;
 use crate::Error;
 
@@ -31,6 +32,8 @@ pub struct CorrespondParams {
     pub pose: PoseParams,
     /// How the template is registered.
     pub register: RegisterParams,
+    /// Where registrations are kept, so that a run that was ended goes on; nowhere by default.
+    pub resume: Option<Resume>,
     /// Bytes of memory for the fits.
     pub memory: Option<usize>,
 }
@@ -52,6 +55,7 @@ impl CorrespondParams {
             refinement: Some(GroupwiseParams::default()),
             pose: PoseParams::default(),
             register: RegisterParams::default(),
+            resume: None,
             memory: None,
         }
     }

@@ -90,7 +90,8 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     let weights = weights(&fitted.places, &sphere.faces, &masked);
     let spread = spread(&fitted.places, &mean, &weights);
     members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
-    let template_of_group = GroupTemplate { mean: fitted.mean()?, sphere, masked, spread };
+    let template_of_group =
+        GroupTemplate { mean: fitted.mean()?, sphere, masked, spread, refined: refinement.is_some() };
     let guide = guided.map(|guided| guided.report(&fitted.places, &similarities, &left_out));
     let report = CorrespondReport { template, changes, members, warnings, guide, refinement, seconds };
     Ok(Group {
@@ -175,13 +176,22 @@ fn register_all(
     let quiet = OnlyCancel(monitor);
     let template = Template::new(shape, Some(masked), &params.register, &quiet)?;
     let registered = subjects.each(|index, mesh| {
+        let last = guided.filter(|_| round + 1 == params.rounds);
+        let sizes = (shape.vertices.len(), last.map_or(0, |guided| guided.places().len()));
+        if let Some(found) = params.resume.as_ref().and_then(|kept| kept.read(round, index, sizes)) {
+            monitor.step(1);
+            return Ok(found);
+        }
         let subject = Subject::new(&similarities[index].apply_mesh(&mesh))?;
         let guides = guided.map_or_else(Vec::new, |guided| guided.of(index, &similarities[index]));
         let found = register(&template, &subject, &guides, &params.register, &quiet)?;
-        let last = guided.filter(|_| round + 1 == params.rounds);
         let apart = last.map(|guided| guided.left_out(&guides, &template, &subject, &params.register, &quiet));
+        let apart = apart.transpose()?.unwrap_or_default();
+        if let Some(kept) = &params.resume {
+            kept.write(round, index, &found, &apart)?;
+        }
         monitor.step(1);
-        Ok((found, apart.transpose()?.unwrap_or_default()))
+        Ok((found, apart))
     })?;
     monitor.end();
     Ok(registered.into_iter().unzip())

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
+use spharm_harmonics::Coefficients;
 use spharm_model::Model;
 use spharm_model::arrays::Arrays;
 
@@ -90,7 +91,24 @@ impl GroupFiles {
         }
         let mut masked = vec![false; self.shared.directions];
         self.shared.masked.iter().for_each(|index| masked[*index] = true);
-        Ok(GroupTemplate { sphere, mean: mean.coefficients, masked, spread: self.shared.spread })
+        let (spread, refined) = (self.shared.spread, !self.shared.refinement.is_empty());
+        Ok(GroupTemplate { sphere, mean: mean.coefficients, masked, spread, refined })
+    }
+
+    /// Reads the coefficients of the members, or of `most` of them, evenly over the list.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::GroupFile`], [`Error::Model`].
+    pub fn coefficients(&self, most: usize) -> Result<Vec<Coefficients>, Error> {
+        let (count, taken) = (self.names.len(), self.names.len().min(most));
+        let of = |k: usize| {
+            let path = model_path(&self.folder, &self.names[k * count / taken.max(1)]);
+            let model = Model::read(&path)?;
+            self.check_model(&path, &model)?;
+            Ok(model.coefficients)
+        };
+        (0..taken).map(of).collect()
     }
 
     /// Reads some of the members, named by their places in [`names`](Self::names), as a group of their own. Its report has the

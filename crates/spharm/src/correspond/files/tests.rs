@@ -36,7 +36,7 @@ fn group() -> Group {
         similarities: vec![Similarity::default(), moved],
         places: vec![places(1.0), places(2.0)],
         reached: vec![vec![true; 12], reached],
-        template: GroupTemplate { sphere, mean: coefficients(1.5), masked, spread: 0.7 },
+        template: GroupTemplate { sphere, mean: coefficients(1.5), masked, spread: 0.7, refined: false },
         report: CorrespondReport {
             template: Some(1),
             changes: vec!["a hole was filled".to_owned()],
