@@ -73,7 +73,7 @@ impl FinishedGroup {
     }
 
     /// Finds the flow of a new member, (K, 3), that brings its places to those of the group: where its
-    /// [distance](super::reference) from the group is least, at the cost of the elastic energy.
+    /// Mahalanobis distance from the group is least, at the cost of the elastic energy.
     ///
     /// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
     ///
