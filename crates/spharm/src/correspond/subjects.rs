@@ -1,5 +1,7 @@
 //! The surfaces of a group, read as they are needed.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use rayon::prelude::*;
 use spharm_surface::Mesh;
 
@@ -12,15 +14,25 @@ pub(super) struct Subjects<'a> {
 }
 
 impl Subjects<'_> {
-    /// Does something with each surface, several at a time.
+    /// Does something with each surface, several at a time. The error is that of the first surface that has one, whatever the
+    /// threads: surfaces after one with an error may be left out, those before it aren't.
     pub(super) fn each<T: Send>(
         &self,
         work: impl Fn(usize, Mesh) -> Result<T, Error> + Sync + Send,
     ) -> Result<Vec<T>, Error> {
+        let failed = AtomicUsize::new(usize::MAX);
         let one = |index: usize| {
-            let mesh = (self.read)(index)?;
-            work(index, mesh).map_err(|error| Error::of_member(index, error))
+            if index > failed.load(Ordering::Relaxed) {
+                return None;
+            }
+            let mesh = (self.read)(index);
+            let done = mesh.and_then(|mesh| work(index, mesh).map_err(|error| Error::of_member(index, error)));
+            if done.is_err() {
+                failed.fetch_min(index, Ordering::Relaxed);
+            }
+            Some(done)
         };
-        (0..self.count).into_par_iter().map(one).collect()
+        let found: Vec<Option<Result<T, Error>>> = (0..self.count).into_par_iter().map(one).collect();
+        found.into_iter().flatten().collect()
     }
 }
