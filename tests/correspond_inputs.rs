@@ -21,6 +21,19 @@ fn boxes() -> tempfile::TempDir {
     site
 }
 
+/// Writes how near each vertex of a generated member of the folder `in` is to its first landmark; returns the file, beside
+/// its mesh.
+pub(crate) fn near_landmark(site: &Path, name: &str) -> String {
+    let mesh = read_mesh(site.join(format!("in/{name}.ply"))).expect("a mesh");
+    let mark = Landmarks::read(site.join(format!("in/{name}.json"))).expect("landmarks").points[0];
+    let square = |v: &[f64; 3]| (0..3).map(|k| (v[k] - mark[k]).powi(2)).sum::<f64>();
+    let values = mesh.vertices.iter().map(|v| (-square(v) / 20.0).exp()).collect();
+    let signal = Signal { vertices: mesh.vertices.len(), channels: 1, values };
+    let file = format!("in/{name}.near.shape.gii");
+    write_signal(site.join(&file), &signal, &WriteOptions::default()).expect("written");
+    file
+}
+
 fn correspond(site: &Path, inputs: &[&str], more: &[&str]) -> Command {
     let mut command = tool("shape");
     command.arg("correspond").args(inputs).args(["--max-degree", "6", "--subdivisions", "3", "-q", "--json"]);
@@ -69,14 +82,7 @@ fn signals_are_found_beside_the_surfaces_or_in_a_table() {
     let site = boxes();
     let mut table = String::from("id\tsurface\theight\n");
     for name in ["s01", "s02", "s03", "s04"] {
-        // How near each vertex is to a landmark.
-        let mesh = read_mesh(site.path().join(format!("in/{name}.ply"))).expect("a mesh");
-        let mark = Landmarks::read(site.path().join(format!("in/{name}.json"))).expect("landmarks").points[0];
-        let square = |v: &[f64; 3]| (0..3).map(|k| (v[k] - mark[k]).powi(2)).sum::<f64>();
-        let values = mesh.vertices.iter().map(|v| (-square(v) / 20.0).exp()).collect();
-        let signal = Signal { vertices: mesh.vertices.len(), channels: 1, values };
-        let file = format!("in/{name}.near.shape.gii");
-        write_signal(site.path().join(&file), &signal, &WriteOptions::default()).expect("written");
+        let file = near_landmark(site.path(), name);
         table += &format!("{name}\tin/{name}.ply\t{file}\n");
     }
     fs::write(site.path().join("table.tsv"), table).expect("a table");

@@ -9,6 +9,7 @@ use spharm_model::Model;
 use spharm_surface::io::read_signal;
 
 use crate::common::{fail, finish, succeed, text, tool};
+use crate::correspond_inputs::near_landmark;
 
 struct Site(tempfile::TempDir);
 
@@ -139,6 +140,43 @@ fn landmarks_of_the_table_or_by_a_pattern_are_carried_and_shown() {
         ("[modes]", "[align]\nmethod = \"joint\"\n[modes]", "`landmarks` in [subjects] is for method \"correspond\""),
     ] {
         site.write("study.toml", &study.replace(from, to));
+        let error = fail(&mut site.study(&[]));
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn signals_are_matched_from_the_table_or_by_a_pattern() {
+    let site = ellipsoids("table = \"in/truth.csv\"");
+    let rows = site.text("in/truth.csv");
+    let cell = |(index, row): (usize, &str)| match row.split_once(',') {
+        Some((id, _)) if index > 0 => format!("{row},{}\n", near_landmark(site.0.path(), id).replace("in/", "")),
+        _ => format!("{row},near\n"),
+    };
+    site.write("in/study.csv", &rows.lines().enumerate().map(cell).collect::<String>());
+    let model = || fs::read(site.path("out/group/s03.spharm.npz")).expect("a model");
+    let plain = site.text("study.toml").replace("truth.csv", "study.csv");
+    let with = |signals: &str| plain.replace("[modes]", &format!("[align]\nsignals = [{signals}]\n[modes]"));
+    site.write("study.toml", &plain);
+    succeed(&mut site.study(&[]));
+    let without = model();
+    site.write("study.toml", &with("\"near:0.3\""));
+    succeed(&mut site.study(&[]));
+    let matched = model();
+    assert!(matched != without);
+    site.write("study.toml", &with("\"in/{id}.near.shape.gii:0.3\""));
+    assert!(succeed(&mut site.study(&[])).contains("up to date"), "the same files and weights");
+    assert!(model() == matched);
+    for (study, expected) in [
+        (
+            with("\"far\""),
+            "`signals` in [align]: expected a column of in/study.csv or a pattern with {id}, found \"far\"",
+        ),
+        (with("\"near:0\""), "a weight above 0"),
+        (with("\"in/{id}.gii\""), "in/s01.gii: a signal of s01: there is no such file"),
+        (with("\"near\"").replace("signals", "method = \"joint\"\nsignals"), "for method \"correspond\""),
+    ] {
+        site.write("study.toml", &study);
         let error = fail(&mut site.study(&[]));
         assert!(error.contains(expected), "{error}");
     }

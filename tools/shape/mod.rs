@@ -9,7 +9,7 @@ mod align_meshes;
 mod args;
 mod carry;
 mod compress;
-mod correspond;
+pub(crate) mod correspond;
 mod describe;
 mod expand;
 mod frames;

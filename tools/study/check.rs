@@ -37,6 +37,13 @@ fn correspondence(plan: &Plan) -> Result<()> {
             plan.method.name()
         );
     }
+    if !plan.study.align.signals.is_empty() {
+        bail!(
+            "{}: `signals` in [align] are for method \"correspond\", found {:?}",
+            plan.file.display(),
+            plan.method.name()
+        );
+    }
     let without = plan.manifest.rows.iter().find(|row| row.sphere.is_none());
     match without.filter(|_| plan.method != Method::Joint && !plan.has_one_sphere()) {
         None => Ok(()),
@@ -65,9 +72,11 @@ fn of_group(plan: &Plan) -> Result<()> {
             row.id
         );
     }
-    let files = plan.landmarks.iter().flatten().zip(&plan.manifest.rows);
-    match files.into_iter().find(|(file, _)| !file.is_file()) {
-        Some((file, row)) => bail!("{}: landmarks of {}: there is no such file", file.display(), row.id),
+    let marks = plan.landmarks.iter().flatten().zip(&plan.manifest.rows).map(|(file, row)| ("landmarks", file, row));
+    let rows = plan.signals.iter().zip(&plan.manifest.rows);
+    let signals = rows.flat_map(|(files, row)| files.iter().map(move |file| ("a signal", file, row)));
+    match marks.chain(signals).find(|(_, file, _)| !file.is_file()) {
+        Some((what, file, row)) => bail!("{}: {what} of {}: there is no such file", file.display(), row.id),
         None => Ok(()),
     }
 }

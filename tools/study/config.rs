@@ -8,6 +8,8 @@ use spharm::shape::stats::MAX_RELABELLINGS;
 use spharm_cli::inputs::read_text;
 use toml::{Table, Value};
 
+use crate::shape::correspond::surfaces::With;
+
 /// A study as its file says it; paths are those of the file's text.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default)]
@@ -128,6 +130,8 @@ pub(super) struct Align {
     pub(super) mirror: bool,
     /// Whether the landmarks guide a correspondence.
     pub(super) guide: bool,
+    /// Signals that a correspondence matches, too: columns of the table, or patterns with `{id}`.
+    pub(super) signals: Vec<With>,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -180,7 +184,7 @@ const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
     ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks"]),
     ("fit", 1, &["max_degree", "arguments"]),
-    ("align", 0, &["method", "scale", "mirror", "guide"]),
+    ("align", 0, &["method", "scale", "mirror", "guide", "signals"]),
     ("modes", 0, &["count"]),
     ("quality", 0, &["plain"]),
     ("page", 0, &["subjects"]),

@@ -29,6 +29,8 @@ pub(super) struct Plan {
     pub(super) method: Method,
     /// The files of the subjects' landmarks, in the table's order, where there are any.
     pub(super) landmarks: Option<Vec<PathBuf>>,
+    /// The files of each subject's signals, in the table's order.
+    pub(super) signals: Vec<Vec<PathBuf>>,
     /// The manifest's text, where it isn't the table itself.
     made_text: Option<Vec<u8>>,
     /// Arguments that all stages share, such as the number of threads.
@@ -45,6 +47,7 @@ pub(super) struct Subject<'a> {
     /// Of a volume, the label.
     pub(super) label: Option<i64>,
     pub(super) landmarks: Option<PathBuf>,
+    pub(super) signals: &'a [PathBuf],
 }
 
 impl Plan {
@@ -77,10 +80,12 @@ impl Plan {
             }
         }
         let landmarks = subjects::landmarks(&study.subjects, folder, &table, &manifest)?;
+        let signals = subjects::signals(&study.align.signals, folder, &table, &manifest)
+            .with_context(|| path.display().to_string())?;
         let spheres = has_one_sphere(&study) || manifest.rows.iter().all(|row| row.sphere.is_some());
         let method = study.align.method.unwrap_or(if spheres { Method::Fixed } else { Method::Correspond });
         let (file, folder) = (path.to_owned(), folder.to_owned());
-        Ok(Self { file, folder, output, study, table, manifest, method, landmarks, made_text, common })
+        Ok(Self { file, folder, output, study, table, manifest, method, landmarks, signals, made_text, common })
     }
 
     /// Whether all subjects are fitted over one sphere.
@@ -152,7 +157,8 @@ impl Plan {
             let model = row.model(&folder);
             let landmarks = self.landmarks.as_ref().and_then(|files| files.get(index).cloned());
             let (surface, label) = (row.surface.clone(), row.label);
-            Subject { id: &row.id, cells: &row.extra, surface, label, model, landmarks }
+            let signals = &self.signals[index];
+            Subject { id: &row.id, cells: &row.extra, surface, label, model, landmarks, signals }
         };
         self.manifest.rows.iter().enumerate().map(of).collect()
     }
@@ -225,6 +231,7 @@ impl Plan {
                 surface: &subject.surface,
                 label: subject.label,
                 landmarks: subject.landmarks.as_deref(),
+                signals: subject.signals,
             };
             let members: Vec<_> = subjects.iter().map(of).collect();
             self.write("surfaces.tsv", &surfaces::table(&members, &self.records())?)?;

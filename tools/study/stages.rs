@@ -7,6 +7,8 @@ use spharm::cohort::Shard;
 use super::config::{Method, Test};
 use super::plan::{PLAIN, Plan, Subject, text};
 use super::stage::Stage;
+use super::surfaces::signal_column;
+use crate::shape::correspond::surfaces::With;
 
 impl Plan {
     /// The fits, of which `fit` itself knows what is done.
@@ -80,10 +82,15 @@ impl Plan {
         if self.study.align.guide {
             arguments.push("--guide".to_owned());
         }
+        for (index, With { weight, .. }) in self.study.align.signals.iter().enumerate() {
+            arguments.extend(["--with".to_owned(), format!("{}:{weight}", signal_column(index))]);
+        }
         if let Some(size) = self.study.fit.voxel_size() {
             arguments.extend(words(&["--voxel-size", size]));
         }
-        let files = subjects.iter().flat_map(|subject| std::iter::once(&subject.surface).chain(&subject.landmarks));
+        let files = subjects
+            .iter()
+            .flat_map(|subject| std::iter::once(&subject.surface).chain(&subject.landmarks).chain(subject.signals));
         let inputs: Vec<PathBuf> = std::iter::once(&table).chain(files).cloned().collect();
         self.stage("correspond", arguments, &inputs, [folder, report, warnings])
     }

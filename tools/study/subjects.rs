@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use spharm::cohort::Manifest;
 
 use super::config::Subjects;
+use crate::shape::correspond::surfaces::With;
 use crate::shape::table::{LANDMARKS, files_of};
 
 /// The place of the id in a pattern.
@@ -57,6 +58,29 @@ pub(super) fn landmarks(
         return Ok(Some(manifest.rows.iter().map(|row| folder.join(pattern.replace(ID, &row.id))).collect()));
     }
     files_of(manifest, LANDMARKS, table)
+}
+
+/// Returns the files of each subject's signals, as [`landmarks`] finds its files: one list a subject.
+///
+/// # Errors
+///
+/// When a signal is neither a pattern with `{id}` nor a column of the table, or a cell is empty.
+pub(super) fn signals(signals: &[With], folder: &Path, table: &Path, manifest: &Manifest) -> Result<Vec<Vec<PathBuf>>> {
+    let mut files = vec![Vec::new(); manifest.rows.len()];
+    for With { name, .. } in signals {
+        let of_column = if name.contains(ID) { None } else { files_of(manifest, name, table)? };
+        if of_column.is_none() && !name.contains(ID) {
+            bail!(
+                "`signals` in [align]: expected a column of {} or a pattern with {ID}, found {name:?}",
+                table.display()
+            );
+        }
+        for (index, row) in manifest.rows.iter().enumerate() {
+            let by_pattern = || folder.join(name.replace(ID, &row.id));
+            files[index].push(of_column.as_ref().map_or_else(by_pattern, |files| files[index].clone()));
+        }
+    }
+    Ok(files)
 }
 
 fn has_id(key: &str, pattern: &str) -> Result<()> {

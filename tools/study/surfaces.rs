@@ -13,9 +13,15 @@ pub(super) struct Member<'a> {
     /// Of a volume, the label.
     pub(super) label: Option<i64>,
     pub(super) landmarks: Option<&'a Path>,
+    pub(super) signals: &'a [PathBuf],
 }
 
-/// Text of the table, of ids, meshes or volumes with their labels, and landmarks, for a file in `folder`: the same from
+/// The name of a signal's column, by its number.
+pub(super) fn signal_column(index: usize) -> String {
+    format!("signal {}", index + 1)
+}
+
+/// Text of the table, of ids, meshes or volumes with their labels, landmarks and signals, for a file in `folder`: the same from
 /// whichever folder the study is called.
 ///
 /// # Errors
@@ -26,9 +32,10 @@ pub(super) fn table(members: &[Member<'_>], folder: &Path) -> Result<String> {
     let landmarks = members.iter().any(|member| member.landmarks.is_some());
     let labels = members.iter().any(|member| member.label.is_some());
     let columns = [(labels, "label"), (landmarks, "landmarks")];
-    let columns = columns.into_iter().filter(|(there, _)| *there).map(|(_, name)| name);
-    writer.write_record(["id", "surface"].into_iter().chain(columns))?;
-    for &Member { id, surface, label, landmarks: marks } in members {
+    let columns = columns.into_iter().filter(|(there, _)| *there).map(|(_, name)| name.to_owned());
+    let signals = (0..members.first().map_or(0, |member| member.signals.len())).map(signal_column);
+    writer.write_record(["id", "surface"].map(str::to_owned).into_iter().chain(columns).chain(signals))?;
+    for &Member { id, surface, label, landmarks: marks, signals } in members {
         if !surface.is_file() {
             bail!(
                 "{id}: {}: there is no such file; method \"joint\" in [align] needs the models alone",
@@ -39,7 +46,8 @@ pub(super) fn table(members: &[Member<'_>], folder: &Path) -> Result<String> {
         let label = labels.then(|| label.map(|label| label.to_string()).unwrap_or_default());
         let marks = marks.map(cell).transpose()?;
         let cells = [Some(id.to_owned()), Some(cell(surface)?), label, marks];
-        writer.write_record(cells.into_iter().flatten())?;
+        let signals = signals.iter().map(|file| cell(file)).collect::<Result<Vec<_>>>()?;
+        writer.write_record(cells.into_iter().flatten().chain(signals))?;
     }
     Ok(String::from_utf8(writer.into_inner()?)?)
 }

@@ -2,7 +2,7 @@
 
 mod join;
 mod marks;
-pub(super) mod surfaces;
+pub(crate) mod surfaces;
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -5,6 +5,7 @@ use std::str::FromStr;
 use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
+use serde::Deserialize;
 use spharm::cohort::{Manifest, Row};
 use spharm::correspond::CorrespondParams;
 use spharm::parametrize::volume::{LabelVolume, is_volume};
@@ -38,11 +39,12 @@ pub(in crate::shape) struct Surface {
 }
 
 /// `--with`: a signal, and its weight.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct With {
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "String")]
+pub(crate) struct With {
     /// A column of the table, or a file's name with {stem} for the surface's, in the surface's folder.
-    pub(super) name: String,
-    pub(super) weight: f64,
+    pub(crate) name: String,
+    pub(crate) weight: f64,
 }
 
 /// The weight of a signal of which none is said: about that of normals.
@@ -58,6 +60,14 @@ impl FromStr for With {
             return Err("expected SIGNAL or SIGNAL:WEIGHT, with a weight above 0".to_owned());
         }
         Ok(Self { name: name.to_owned(), weight })
+    }
+}
+
+impl TryFrom<String> for With {
+    type Error = String;
+
+    fn try_from(text: String) -> std::result::Result<Self, String> {
+        text.parse()
     }
 }
 
