@@ -78,7 +78,7 @@ pub(super) struct Cli {
     /// surfaces as they were.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
-    /// Directions of the icosphere to compare: those whose value isn't 0, or a group's, by its group.json
+    /// Directions of the icosphere to compare: those whose value isn't 0, or a group's, by its folder
     ///
     /// A group that was made to correspond has places without a counterpart on its members, such as lids of the template's
     /// holes.

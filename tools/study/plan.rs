@@ -235,7 +235,9 @@ impl Plan {
             };
             let members: Vec<_> = subjects.iter().map(of).collect();
             self.write("surfaces.tsv", &surfaces::table(&members, &self.records())?)?;
-            self.write("landmarks.txt", &surfaces::landmarks(&members, &self.records())?)?;
+            if self.landmarks.is_some() {
+                self.write("landmarks.txt", &surfaces::landmarks(&members, &self.records())?)?;
+            }
         }
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(["id", "model"].into_iter().chain(self.columns()))?;

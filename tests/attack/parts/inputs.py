@@ -18,12 +18,17 @@ MEMORY = 8 << 30
 #: Inputs that no argument names: patterns within the folder of the inputs.
 UNNAMED = {
     "fit --manifest": ("a.ply", "b.ply"),
+    "shape correspond --table": ("a.ply", "b.ply", "c.ply", "marks.csv", "?.near.csv"),
     "study": ("study.csv", "s?.ply"),
     "freesurfer": ("subjects/*/surf/*",),
     "bids": ("subjects/*/surf/*",),
 }
 #: Files of a store that its fit doesn't read.
 UNREAD = (".lock", "factor_")
+#: Folders of a group whose members' places and records nobody needs.
+OF_MEMBERS = {"members", "places"}
+#: Verbs that read such a group.
+WITHOUT_MEMBERS = {"shape correspond --to", "shape quality --mask"}
 #: What a name that isn't UTF-8 begins with.
 BYTES = b"\xff\xe9 "
 
@@ -68,7 +73,10 @@ def files_of(verb, folder):
     for pattern in [*named, *UNNAMED.get(verb.name, ())]:
         for path in folder.glob(pattern):
             inside = path.rglob("*") if path.is_dir() and not path.is_symlink() else [path]
-            found.update(file.relative_to(folder) for file in inside if file.is_file() and not file.name.startswith(UNREAD))
+            files = {file.relative_to(folder) for file in inside if file.is_file() and not file.name.startswith(UNREAD)}
+            if verb.name in WITHOUT_MEMBERS:
+                files = {file for file in files if file.parent.name not in OF_MEMBERS}
+            found |= files
     return sorted(found)
 
 

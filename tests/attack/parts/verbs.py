@@ -69,12 +69,18 @@ def verbs():
         Verb("shape align", "shape align in/a.npz in/b.npz in/c.npz --group -o out/aligned --mean out/mean.npz --threads 1"),
         Verb("shape correspond", "shape correspond in/a.ply in/b.ply in/c.ply --max-degree 4 --subdivisions 2 -o out/group "
              "--threads 1"),
+        Verb("shape correspond --table", "shape correspond --table in/group.tsv --guide --with near:0.2 --max-degree 4 --subdivisions 2 "
+             "-o out/group --report out/group.json --warnings out/warnings.json --threads 1"),
+        Verb("shape correspond --label", "shape correspond in/labels.nii in/labels-2.nii --label 1 --max-degree 2 --subdivisions 2 "
+             "-o out/group --threads 1"),
         Verb("shape correspond --to", "shape correspond in/d.ply --to in/group -o out/added --threads 1"),
         Verb("shape carry", "shape carry in/group in/marks.csv --from a --to all --format csv -o out/carried"),
         Verb("shape register", "shape register in/b.ply in/c.ply --template in/a.ply -o out/registered --threads 1"),
         Verb("shape pca", "shape pca in/a.npz in/b.npz in/c.npz -o out/modes.shape-model.npz --scores out/scores.csv --threads 1"),
         Verb("shape quality", "shape quality in/a.npz in/b.npz in/c.npz --samples 20 --bands 3 --icosphere 2 -o out/quality.json "
              "--curves out/quality.png --threads 1"),
+        Verb("shape quality --mask", "shape quality in/group/a.spharm.npz in/group/b.spharm.npz in/group/c.spharm.npz "
+             "--mask in/group --samples 20 --bands 3 --icosphere 2 -o out/quality.json --threads 1"),
         Verb("shape test", "shape test --a in/a.npz in/b.npz --b in/c.npz in/d.npz --icosphere 1 --permutations 5 -o out/test "
              "--threads 1"),
         Verb("shape morph", "shape morph in/a.npz in/b.npz --steps 3 --icosphere 1 -o out/morph --animation out/morph.gif "
@@ -112,6 +118,11 @@ def inputs(site):
         make("fit", "--sphere", "sphere.ply", "--surface", f"{name}.ply", "--max-degree", 6, "-o", f"{name}.npz", "-q")
     make("shape", "correspond", "a.ply", "b.ply", "c.ply", "--max-degree", 4, "--subdivisions", 2, "-o", "group", "-q")
     (folder / "marks.csv").write_text("name,x,y,z\np,30,0,0\nq,0,20,0\n")
+    for name in "abc":
+        # Of the 162 vertices of an icosphere of two subdivisions.
+        (folder / f"{name}.near.csv").write_text("near\n" + "".join(f"{math.sin(0.1 * v)}\n" for v in range(162)))
+    rows = [f"{name}\t{name}.ply\tmarks.csv\t{name}.near.csv" for name in "abc"]
+    (folder / "group.tsv").write_text("\n".join(["id\tsurface\tlandmarks\tnear", *rows]) + "\n")
     make("basis-build", "--sphere", "sphere.ply", "--store", "store", "--max-degree", 4, "--factor", 3, "-q")
     make("shape", "compress", "a.npz", "--step", "1e-4", "-o", "a.sphz", "-q")
     make("export", "a.npz", "--to", "pdm", "-o", "a.coef")
@@ -126,7 +137,8 @@ def inputs(site):
     for part in "12":
         make("moments", "--samples", "samples.csv", "--values", "v", "--max-degree", 3, "--shard", f"{int(part) - 1}/2", "-o",
              f"{part}.moments", "-q")
-    (folder / "labels.nii").write_bytes(nifti())
+    for name in ("labels.nii", "labels-2.nii"):
+        (folder / name).write_bytes(nifti())
     for variant in range(4):
         make("generate", "--subdivisions", 2, "--variant", variant, "--surface", f"s{variant}.ply")
     rows = [f"s{variant},s{variant}.ply,{'ab'[variant // 2]}" for variant in range(4)]

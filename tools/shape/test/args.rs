@@ -78,7 +78,8 @@ pub(crate) struct Cli {
     ///
     /// Left-out vertices count in no family-wise maximum and no false-discovery rate; in the maps their statistic is 0
     /// and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label leaves out
-    /// the medial wall. The group.json of a group that was made to correspond leaves out places that its members don't have.
+    /// the medial wall. The folder of a group that was made to correspond, or its group.json, leaves out what only the
+    /// template has, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Option<PathBuf>,
     /// What is measured at a vertex: displacement along the mean's normal, position, or the value of a signal

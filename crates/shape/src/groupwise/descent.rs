@@ -48,8 +48,8 @@ pub(super) fn descend(
     let mut delta = 0.0;
     let start = group.state(
         std::mem::take(at),
-        |total| {
-            delta = params.delta * total;
+        |covariance| {
+            delta = covariance.delta(params.delta);
             delta
         },
         &Vec::new(),

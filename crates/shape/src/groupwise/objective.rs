@@ -34,6 +34,9 @@ use crate::error::ShapeError;
 /// Rows of a product that a task makes: the same ones on any number of threads.
 const ROWS: usize = 32;
 
+/// The least delta, as a share of the mean area: a deviation of 1e-8 times its square root.
+const ROUNDING: f64 = 1e-16;
+
 /// What doesn't change during a descent.
 pub(super) struct Objective<'a> {
     /// Triangles of the sphere.
@@ -155,6 +158,12 @@ impl Covariance {
     /// The sum of variances, the trace of G.
     pub(super) fn total(&self) -> f64 {
         self.gram.diag().sum()
+    }
+
+    /// delta, a share of the sum of variances; of members that are the same surface, a variance below their rounding.
+    pub(super) fn delta(&self, share: f64) -> f64 {
+        let area = self.totals.iter().sum::<f64>() / self.totals.len() as f64;
+        (share * self.total()).max(ROUNDING * area)
     }
 
     /// C and B, for a delta above 0.

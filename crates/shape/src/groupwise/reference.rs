@@ -44,8 +44,7 @@ impl Reference {
     /// From the values of all members, (N, n C), and the share of their variance that is delta.
     pub(super) fn new(values: Array2<f64>, objective: &Objective<'_>, share: f64) -> Result<Self, ShapeError> {
         let covariance = objective.covariance(values)?;
-        let (members, total) = (covariance.gram.nrows(), covariance.total());
-        let delta = share * total;
+        let (members, delta) = (covariance.gram.nrows(), covariance.delta(share));
         let gram = Mat::from_fn(members, members, |i, j| covariance.gram[[i, j]]);
         let found = gram.self_adjoint_eigen(Side::Lower).map_err(|_| ShapeError::NoDecomposition)?;
         let variances = found.S().column_vector();

@@ -58,12 +58,12 @@ enum Measured {
 }
 
 impl Group<'_> {
-    /// Evaluates members at `at`; None where a triangle is turned over. `delta` is asked with the sum of
-    /// variances.
+    /// Evaluates members at `at`; None where a triangle is turned over. `delta` is asked with the
+    /// covariance.
     pub(super) fn state(
         &self,
         at: Vec<Vec<Vec3>>,
-        delta: impl FnOnce(f64) -> f64,
+        delta: impl FnOnce(&Covariance) -> f64,
         turns: &Turns,
     ) -> Result<Option<State>, ShapeError> {
         let energies: Vec<f64> = at.par_iter().map(|at| self.elastic.energy(at)).collect();
@@ -91,7 +91,7 @@ impl Group<'_> {
             }
             None => {
                 let covariance = self.objective.covariance(values)?;
-                let (length, inverse) = covariance.description_length(delta(covariance.total()))?;
+                let (length, inverse) = covariance.description_length(delta(&covariance))?;
                 (length, Measured::Group(Box::new(covariance), inverse))
             }
         };

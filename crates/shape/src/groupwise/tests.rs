@@ -141,11 +141,20 @@ fn bits_are_the_same_on_any_number_of_threads() {
 
 #[test]
 fn members_that_are_equal_stay_where_they_are() {
-    let one = members(1, 5).remove(0);
-    let members = vec![one; 3];
+    let [one, other] = members(2, 5).try_into().unwrap();
     let params = GroupwiseParams { elasticity: 0.0, ..stages(5, 4, 5) };
-    let found = groupwise(&views(&members), &Sphere::icosphere(2), None, &params, &Silent).unwrap();
-    assert!(found.report.moved.iter().all(|moved| *moved < 1e-6), "{:?}", found.report.moved);
+    let sphere = Sphere::icosphere(2);
+    // The mean of two is exact, and their variance 0.
+    for count in [2, 3] {
+        let members = vec![one.clone(); count];
+        let found = groupwise(&views(&members), &sphere, None, &params, &Silent).unwrap();
+        assert!(found.report.moved.iter().all(|moved| *moved < 1e-6), "{:?}", found.report.moved);
+        let finished = FinishedGroup::new(&views(&members), &sphere, None, &params, &Silent).unwrap();
+        let (_, report) = finished.refine(one.view(), &Silent).unwrap();
+        assert!(report.moved[0] < 1e-6, "{report:?}");
+        let (_, report) = finished.refine(other.view(), &Silent).unwrap();
+        assert!(report.stages[0].cost.iter().all(|cost| cost.is_finite()), "{report:?}");
+    }
 }
 
 /// Share of the largest eigenvalue of the covariance of members' positions at `at`, by power iteration.
