@@ -421,8 +421,8 @@ def correspond(
     Parameters
     ----------
     surfaces : iterable
-        Two or more: paths of meshes or of volumes of one label, `Surface`, `Model` (evaluated on an icosphere) or what `spharm_rs.as_surface` takes. Paths are read when
-        they are needed.
+        Two or more: paths of meshes or of volumes of one label, `Surface`, `Model` (evaluated on an icosphere) or what
+        `spharm_rs.as_surface` takes. Paths are read when they are needed.
     max_degree : int
         Highest degree L of the models, inclusive.
     template : int, str, or a surface as of ``surfaces``, optional

@@ -34,7 +34,7 @@ use crate::params::RegisterParams;
 use crate::subject::Subject;
 use crate::template::{Stage, Template};
 
-/// Pairs beyond so many sigma have responsibilities below 4e-4 of the largest, and are left out.
+/// Cut-off in units of sigma: pairs beyond it, with responsibilities below 4e-4 of the largest, are left out.
 const CUT_OFF: f64 = 5.0;
 /// Runs into which sums are divided, whatever the number of threads.
 const RUNS: usize = 16;

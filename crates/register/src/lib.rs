@@ -18,7 +18,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`template`] | [`Template`]: what is computed once for all subjects |
+//! | [`template`] | [`Template`]: kernels and plate, computed once for all subjects |
 //! | [`subject`] | [`Subject`]: a surface with points on it and search trees |
 //! | [`params`] | [`RegisterParams`], with the defaults |
 //! | [`low_rank`] | Gaussian kernels as products of low rank |

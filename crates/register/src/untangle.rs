@@ -68,7 +68,7 @@ pub fn untangle(
     Ok((vertices, left))
 }
 
-/// Moves corners of turned triangles, and so many rings around them, one by one.
+/// Moves corners of turned triangles, and a number of rings around them, one by one.
 fn one_by_one(
     template: &Template,
     vertices: &mut [Vec3],
@@ -133,7 +133,7 @@ fn turned_faces(template: &Template, vertices: &[Vec3], free: &[bool], subject: 
     all.filter(|face| is_turned(faces[*face as usize], vertices, free, subject)).collect()
 }
 
-/// The vertices of triangles and of so many rings around them that aren't free, in order.
+/// The vertices of triangles and of a number of rings around them, without free ones, in order.
 fn around(template: &Template, faces: &[u32], free: &[bool], rings: usize) -> Vec<usize> {
     let mut near = vec![false; template.mesh.vertices.len()];
     let mut border: Vec<usize> =

@@ -1,4 +1,4 @@
-//! Surfaces that are added to a group, one at a time; what is done already is left as it is.
+//! Surfaces added to a finished group; members that are there already are skipped.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

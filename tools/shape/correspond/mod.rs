@@ -74,7 +74,7 @@ pub(super) struct Cli {
     max_degree: Option<u16>,
     /// Surface to begin with [default: the most typical one]
     ///
-    /// It is mended and cut where it has handles; places that only this has made are left out everywhere.
+    /// Holes are filled and handles are cut; quality and tests leave out the places that only this has made.
     #[arg(long, value_name = "FILE", conflicts_with = "to", help_heading = INPUT)]
     template: Option<PathBuf>,
     /// Add the surfaces to this group, which stays as it is

@@ -213,7 +213,7 @@ pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Err
 }
 
 /// Refuses groups that don't fit into memory: whole ones, of which all members' places and coefficients are held, or
-/// members that come one after another, to a group of which so many members are `compared`.
+/// members added one after another to a group with `compared` members.
 pub(in crate::shape) fn plan(
     surfaces: &[PathBuf],
     params: &CorrespondParams,

@@ -15,9 +15,9 @@ use spharm_surface::topology::signed_volume;
 
 use super::boundary::QuadMesh;
 
-/// Steps; what is left after them is below a hundredth of a voxel.
+/// Number of steps, after which vertices are within a hundredth of a voxel of the minimum.
 const STEPS: usize = 300;
-/// Length of a step: the largest eigenvalue of `L^T L` is 4, beside the little by which L isn't symmetric.
+/// Step length: the largest eigenvalue of `L^T L` is about 4, and exactly 4 if L is symmetric.
 const STEP: f64 = 0.22;
 /// Moves along the normals; each leaves a tenth of the missing volume or less, unless most vertices are at the ends of
 /// their boxes.

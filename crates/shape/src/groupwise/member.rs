@@ -20,7 +20,7 @@ use crate::error::ShapeError;
 use crate::geometry::side_by_side;
 use crate::measures::{Columns, Grid};
 
-/// Accuracy of values, relative to their root mean square. It is that of gradients, too; descent asks for no more.
+/// Accuracy of values and gradients, relative to their root mean square.
 const ACCURACY: f64 = 1e-8;
 /// Channels of a transform that share their kernels.
 const TOGETHER: usize = 6;

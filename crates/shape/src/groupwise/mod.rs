@@ -7,15 +7,16 @@
 //! sum_k log(lambda_k(G) + delta) + mu sum_i E(phi_i),    x_i(u) = f_i(phi_i(u))
 //! ```
 //!
-//! G the covariance of the x_i over the surfaces' mean area, E the elastic energy of a map. The first term is the description
-//! length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007): few modes of variance
-//! cost less than many. Points stay on their surfaces exactly, and no triangle of the sphere turns over. Unit normals, times
-//! a length, are channels beside positions: what is compact isn't therefore right, and without them places slide along
-//! surfaces to where members differ least. Stages go from models and fields of low degree to those of high degree.
+//! G the covariance of the x_i over the surfaces' mean area, E the elastic energy of a map. The first term is the
+//! description length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007): few
+//! modes of variance cost less than many. Points stay on their surfaces exactly, and no triangle of the sphere turns
+//! over. Unit normals, times a length, are channels beside positions: without them places slide along surfaces to where
+//! members differ least, which is compact and wrong. Stages go from models and fields of low degree to those of high
+//! degree.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `params`, `report` | settings and what came of them |
+//! | `params`, `report` | settings and outcome |
 //! | [`flow`] | the map that is found, as steps; applied and inverted |
 //! | `field` | tangent fields of potentials, their adjoint, steps along them |
 //! | `member` | channels, normals and derivatives of one member |
@@ -76,7 +77,7 @@ const LEAST: usize = 2;
 pub struct Groupwise {
     /// The map of each member: the place of member i that corresponds to direction u is `f_i(flows[i](u))`.
     pub flows: Vec<Flow>,
-    /// What came of it.
+    /// Costs, steps and distortion.
     pub report: GroupwiseReport,
 }
 

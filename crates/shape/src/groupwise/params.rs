@@ -40,9 +40,9 @@ impl StageParams {
 pub struct GroupwiseParams {
     /// Stages, coarse to fine; by default [`StageParams::up_to`] the degree of the members.
     pub stages: Option<Vec<StageParams>>,
-    /// What is added to variances before their logarithm, as a share of their sum at a stage's start, above 0. Small ones
-    /// count modes below it, which are mostly noise; large ones leave them as they are. 0.03 by default: of a moving bump the
-    /// first mode then holds 0.91 of the variance, 0.78 at 0.1, and landmarks of vertebrae are as near.
+    /// Added to variances before their logarithm, as a share of their sum at the start of a stage, above 0. Small
+    /// values count modes below it, which are mostly noise; large ones leave them as they are. 0.03 by default: of a
+    /// moving bump the first mode then holds 0.91 of the variance, 0.78 at 0.1, and landmarks of vertebrae are as near.
     pub delta: f64,
     /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,

@@ -1,4 +1,4 @@
-//! A finished group that a new member is compared with: its mean, its modes, and what they leave.
+//! The finished group that a new member is compared with: mean, modes, and the residual variance delta.
 //!
 //! The member's values x have the Mahalanobis distance
 //!
@@ -21,7 +21,7 @@ use super::objective::Objective;
 use crate::error::ShapeError;
 use crate::product::product;
 
-/// Modes are left out whose variance is below this share of delta: the term of what is left has them, too.
+/// Modes with a variance below this share of delta are left to the residual term.
 const LEAST: f64 = 0.02;
 /// Modes at most, those of the largest variance.
 const MODES: usize = 64;

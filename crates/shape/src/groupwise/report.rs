@@ -15,10 +15,10 @@ pub struct Distortion {
     pub within_eight: f64,
 }
 
-/// What came of a stage.
+/// The outcome of a stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageReport {
-    /// What was asked for; the degree of the models is that of the members where these end below.
+    /// The stage that was run; the degree of the models is at most that of the members.
     pub stage: StageParams,
     /// Steps that were taken.
     pub steps: usize,
@@ -35,7 +35,7 @@ pub struct StageReport {
     pub converged: bool,
 }
 
-/// What came of a refinement.
+/// The outcome of a refinement.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GroupwiseReport {
     /// Stages, in their order.

@@ -1,4 +1,4 @@
-//! A group at one state of its maps: its values, what they cost, and the gradient by tangent fields.
+//! A group at one state of its maps: values, cost, and gradient by tangent fields.
 //!
 //! ```text
 //! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
@@ -41,7 +41,7 @@ pub(super) struct Group<'a> {
     pub(super) field_degree: usize,
 }
 
-/// Directions of every member, and what they cost.
+/// Directions of every member, and their cost.
 pub(super) struct State {
     pub(super) at: Vec<Vec<Vec3>>,
     pub(super) cost: f64,

@@ -31,8 +31,7 @@ pub struct GuideLandmarks {
 pub struct GuideReport {
     /// In the group, (p).
     pub guided: Vec<f64>,
-    /// Where the landmark didn't guide the last registration, (p): what is to be expected of places that nobody has
-    /// marked.
+    /// With the landmark left out of the last registration, (p): an estimate for unmarked places.
     pub left_out: Vec<f64>,
 }
 

@@ -17,7 +17,7 @@ pub(super) const UNREACHED: f64 = 0.02;
 pub struct CorrespondReport {
     /// The subject that was the first template, counted from 0; none for one that was given.
     pub template: Option<usize>,
-    /// What was changed of the first template so that it could be mapped.
+    /// Repairs that the first template needed to be mapped.
     pub changes: Vec<String>,
     /// Each member.
     pub members: Vec<MemberReport>,

@@ -21,10 +21,10 @@ use crate::Error;
 
 /// Share of the template's directions without a counterpart on a member from which it is named.
 const LACKING: f64 = 0.05;
-/// Share by which areas and volumes of the same surface differ at most.
+/// Largest relative difference in area and volume between copies of one surface.
 const SAME: f64 = 1e-6;
 
-/// Poses of the subjects, the frame's template, and what is in doubt.
+/// Poses of the subjects, the first template, and warnings about poses.
 struct Posed {
     similarities: Vec<Similarity>,
     distances: Vec<f64>,

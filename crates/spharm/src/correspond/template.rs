@@ -21,9 +21,9 @@ const FILLED: f64 = 0.005;
 pub struct MappedTemplate {
     /// Its vertices are the places at the icosphere's directions.
     pub mesh: Mesh,
-    /// Directions at what was cut and filled, (n).
+    /// Whether each direction is on a cut or a filled hole, (n).
     pub masked: Vec<bool>,
-    /// What was changed of the surface.
+    /// Repairs of the surface.
     pub changes: Vec<String>,
 }
 
@@ -32,7 +32,7 @@ impl MappedTemplate {
     ///
     /// # Errors
     ///
-    /// [`Error::Parametrize`] with what keeps the surface from being mapped.
+    /// [`Error::Parametrize`] if the surface can't be mapped.
     pub fn new(surface: &Mesh, subdivisions: u32, max_degree: usize, monitor: &dyn Monitor) -> Result<Self, Error> {
         let input = Input::Mesh(surface.clone()).mended().without_handles(monitor)?;
         let changes = input.changes(true);

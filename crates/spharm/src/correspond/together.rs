@@ -9,7 +9,8 @@ use spharm_surface::{Mesh, Similarity};
 
 /// Rounds of Procrustes analysis; each brings members nearer to the mean by a factor of ten or so.
 const ROUNDS: usize = 5;
-/// What is added to a place's variance, as a share of the median over places: so those that hardly vary don't decide alone.
+/// Added to the variance of each place, as a share of the median over places, so that places that hardly vary don't
+/// dominate.
 const ADDED_VARIANCE: f64 = 1.0;
 
 /// Moves members, (n) places each, rigidly together. Each place is weighted by its area and by the inverse of its variance

@@ -25,9 +25,9 @@ use crate::similarity::Similarity;
 pub const OTHERS: usize = 8;
 /// Rounds in which all move to each other.
 const ROUNDS: usize = 5;
-/// Share of what is trimmed that is left out of these rounds. Where members differ most, as at the tips of processes, they are
-/// not therefore outlying: landmarks of a vertebra lie at 1.25 of what a motion of the landmarks leaves with all of it left
-/// out, and at 1.14 with this.
+/// Share of the trimmed area that is left out of these rounds. Where members differ most, as at the tips of processes,
+/// they are not therefore outlying: landmarks of a vertebra lie at 1.25 of what a motion of the landmarks leaves with
+/// all of it left out, and at 1.14 with this.
 const OUTLYING: f64 = 0.25;
 /// Poses whose distances differ by a factor less than this are compared by the others.
 const CLOSE: f64 = 1.5;

@@ -13,7 +13,8 @@
 //! more, are improved by nearest points both ways, the best 6 of their ends on 1,024 points, and 2 on 4,096. A part of the area that has no counterpart, such as a process that
 //! is cut off, is left out by `trimmed`.
 //!
-//! Whatever is symmetric, or nearly, has several poses that are as good. [`Pose::second`] says how near the next one comes.
+//! Symmetric and nearly symmetric surfaces have several equally good poses: [`Pose::second`] is the distance of the
+//! second best.
 //!
 //! The same bits come out for any number of threads.
 
@@ -75,8 +76,7 @@ pub const DISTINCT: f64 = 0.261_799_387_799_149_4;
 /// Rotations of the covering that are improved, of those that bring the surfaces nearest as they are.
 const STARTS: usize = 32;
 
-/// Share of the sum of squared distances that a round lowers it by at least, or is the last: what slides on without coming
-/// nearer has arrived.
+/// Relative decrease of the sum of squared distances below which a round is the last, however far surfaces still slide.
 const GAIN: f64 = 2e-3;
 
 /// How starts become ends: points, rounds, and how many go on.
@@ -96,12 +96,13 @@ struct Stage {
 /// Candidates farther than the best by this factor don't go on: few points don't tell nearer ones apart, of which a square rod has
 /// eight.
 const CANDIDATE: f64 = 1.5;
-/// Distances that differ by less than this factor are equal: the whole ones decide.
+/// Trimmed distances within this factor count as equal; untrimmed ones decide between them.
 const EQUAL: f64 = 1.03;
 /// Rounds in which surfaces of one size come nearer, by few points.
 const SETTLING: usize = 4;
 
-// Points hold back what only slides: with a weight of 0.03 nearly round bodies were still on their way in a third of all poses.
+// Distances between points stop surfaces from sliding: at a weight of 0.03, a third of nearly round bodies didn't
+// converge.
 const STAGES: [Stage; 3] = [
     Stage { density: Density::Few, rounds: 12, tangential: 0.2, rest: 1e-3, candidates: 24, go_on: 6 },
     Stage { density: Density::Some, rounds: 10, tangential: 2e-3, rest: 1e-4, candidates: 4, go_on: 2 },
@@ -155,8 +156,8 @@ pub fn pose(
     })
 }
 
-/// Motions in the order of their whole distances: a part in which two poses differ may be as small as the trimmed
-/// share, as the knob at one end of a rod.
+/// Motions in the order of their untrimmed distances: two poses may differ in a part as small as the trimmed share,
+/// such as the knob at one end of a rod.
 fn in_whole_order(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -172,8 +173,8 @@ fn in_whole_order(
     ranked.into_iter().map(|(end, _)| end).collect()
 }
 
-/// Distance with nothing trimmed, as the surfaces are or of one size, whichever is less: a larger body hides what
-/// sticks out of a smaller one, and one that is cut off is no smaller body.
+/// Untrimmed distance, as the surfaces are or scaled to one size, whichever is less: a larger body hides bumps of a
+/// smaller one, and a body that is cut off must not be scaled up.
 fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density, motion: &Similarity) -> f64 {
     let (a, b) = (moving.view(density), fixed.view(density));
     let [as_it_is, of_one_size] =

@@ -23,7 +23,7 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for what isn't one, or one of another version.
+    /// [`Error::GroupFile`] for a folder that is no group, or a group of another version.
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, Error> {
         let folder = folder.as_ref().to_owned();
         let path = folder.join("group.json");
