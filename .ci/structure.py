@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Checks the rules of CONTRIBUTING.md that no compiler checks; Python's standard library only.
 
-- Source files have at most 400 lines.
+- Source files have at most 400 lines, and lines of comments at most 120 columns; tables, links and code in them may be longer.
 - Crates depend on each other as the table of CONTRIBUTING.md states, and only on crates above them in it.
 - Files of a crate don't import each other in circles. Test modules, re-exports and imports from a `lib.rs` don't count.
 - fuzz/Cargo.lock has the dependencies of our crates' manifests, else its targets can't be built with `--locked`.
@@ -15,6 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ["crates", "tools", "tests", "benches", "examples", "fuzz/src"]
 MOST_LINES = 400
+MOST_COLUMNS = 120
 
 
 def lengths():
@@ -23,6 +24,22 @@ def lengths():
             lines = len(path.read_text().splitlines())
             if lines > MOST_LINES:
                 yield f"{path.relative_to(ROOT)}: {lines} lines, at most {MOST_LINES} are allowed"
+
+
+def widths():
+    """rustfmt wraps code and leaves comments as they are."""
+    for folder in SOURCES:
+        for path in sorted((ROOT / folder).rglob("*.rs")):
+            fenced = False
+            for number, line in enumerate(path.read_text().splitlines(), 1):
+                comment = re.match(r"\s*//[/!]? ?(.*)", line)
+                if not comment:
+                    fenced = False
+                    continue
+                text = comment[1]
+                fenced ^= text.startswith("```")
+                if len(line) > MOST_COLUMNS and not fenced and not text.startswith(("|", "<", "[")):
+                    yield f"{path.relative_to(ROOT)}:{number}: a comment of {len(line)} columns, at most {MOST_COLUMNS} are allowed"
 
 
 def dependencies():
@@ -140,6 +157,6 @@ def fuzz_lock():
 
 
 if __name__ == "__main__":
-    faults = [*lengths(), *dependencies(), *circles(), *fuzz_lock()]
+    faults = [*lengths(), *widths(), *dependencies(), *circles(), *fuzz_lock()]
     print(*faults, sep="\n")
     sys.exit(bool(faults))

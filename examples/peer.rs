@@ -1,7 +1,7 @@
 //! Timings of the library on arrays that another program uses as well; `benches/peer.py` drives it.
 //!
-//! Arrays are `.npy` files of f64: directions (n, 3), targets (n, c), coefficients (K, c). Each command prints the seconds of
-//! its repetitions as JSON and writes what it computed, for whoever checks it.
+//! Arrays are `.npy` files of f64: directions (n, 3), targets (n, c), coefficients (K, c). Each command prints the
+//! seconds of its repetitions as JSON and writes what it computed, for whoever checks it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,4 +1,5 @@
-//! `shape compress` and `shape expand`: what they write, what bad files get, and a reader written from the format's page.
+//! `shape compress` and `shape expand`: what they write, what bad files get, and a reader written from the format's
+//! page.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -21,8 +21,8 @@ fn boxes() -> tempfile::TempDir {
     site
 }
 
-/// Writes how near each vertex of a generated member of the folder `in` is to its first landmark; returns the file, beside
-/// its mesh.
+/// Writes how near each vertex of a generated member of the folder `in` is to its first landmark; returns the file,
+/// beside its mesh.
 pub(crate) fn near_landmark(site: &Path, name: &str) -> String {
     let mesh = read_mesh(site.join(format!("in/{name}.ply"))).expect("a mesh");
     let mark = Landmarks::read(site.join(format!("in/{name}.json"))).expect("landmarks").points[0];

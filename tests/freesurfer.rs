@@ -117,7 +117,8 @@ fn broken_subjects_are_named_and_stop_no_other() {
     assert!(subjects.out("ernie b..lh.white.spharm.npz").exists());
 }
 
-/// Values of a hemisphere say nothing of the sphere; its surfaces do, be it the white one or, where that is missing, another.
+/// Values of a hemisphere say nothing of the sphere; its surfaces do, be it the white one or, where that is missing,
+/// another.
 #[test]
 fn values_are_held_against_the_surfaces_of_their_hemisphere() {
     let subjects = Subjects::new();

@@ -287,8 +287,8 @@ fn more_coefficients_than_vertices_are_said_to_be_undetermined() {
     assert!(norm < 10.0 * report["surfaces"][0]["scale"].as_f64().unwrap(), "{norm}");
 }
 
-/// A surface of degree 3, linear between the vertices of finer and finer spheres: the error falls with the square of the
-/// edges.
+/// A surface of degree 3, linear between the vertices of finer and finer spheres: the error falls with the square of
+/// the edges.
 #[test]
 fn quadrature_finds_a_surface_of_low_degree_to_the_error_of_interpolation() {
     let study = Study::new();

@@ -1,5 +1,5 @@
-//! Files from others, through the program: whatever they claim or expand to, the answer is one line of text with the file's
-//! name, exit code 1, and memory within a limit that the system enforces. Stores have tests of their own.
+//! Files from others, through the program: whatever they claim or expand to, the answer is one line of text with the
+//! file's name, exit code 1, and memory within a limit that the system enforces. Stores have tests of their own.
 
 use std::fs::File;
 use std::io::{Cursor, Write};
@@ -259,8 +259,9 @@ fn tables_and_settings_that_lie_are_refused() {
     for name in ["claim.npy", "twice.npy", "claim.npz"] {
         samples(name);
     }
-    // A buffer of Arrow: 8 TiB in 85 bytes, for as many rows. Pages of Parquet: 2 GiB in 20 bytes, for few rows or for as many as
-    // that; more than the column, less than nothing, columns that aren't in the file. Files of the corpus end with a byte that says how they are read.
+    // A buffer of Arrow: 8 TiB in 85 bytes, for as many rows. Pages of Parquet: 2 GiB in 20 bytes, for few rows or for
+    // as many as that; more than the column, less than nothing, columns that aren't in the file. Files of the corpus
+    // end with a byte that says how they are read.
     for (file, expected) in [
         ("rows.arrow", "8796093022272 bytes in a buffer of 85 compressed ones"),
         ("pages-expands.parquet", "2147483647 bytes in a page of"),

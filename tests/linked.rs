@@ -2,7 +2,8 @@
 
 use object::{Object, ObjectSymbol};
 
-/// Names of BLAS and LAPACK functions of other numbers than f64: `cblas_sgemm`, `cblas_icamax`, `LAPACKE_zpotrf`, `cpotrf_`.
+/// Names of BLAS and LAPACK functions of other numbers than f64: `cblas_sgemm`, `cblas_icamax`, `LAPACKE_zpotrf`,
+/// `cpotrf_`.
 fn is_of_another_precision(name: &str) -> bool {
     let c = name.strip_prefix("cblas_i").or(name.strip_prefix("cblas_")).or(name.strip_prefix("LAPACKE_"));
     let fortran = || name.strip_suffix('_').filter(|name| name.len() > 3 && !name.contains('_'));

@@ -155,8 +155,8 @@ fn has_prlimit() -> bool {
     there
 }
 
-/// On a sampling that needs a factor, under a limit that leaves no room for OpenBLAS's buffers: it would wait for them for
-/// ever.
+/// On a sampling that needs a factor, under a limit that leaves no room for OpenBLAS's buffers: it would wait for them
+/// for ever.
 #[test]
 fn a_fit_that_wants_a_factor_ends_under_a_limit_on_data() {
     if !has_prlimit() {
@@ -164,8 +164,8 @@ fn a_fit_that_wants_a_factor_ends_under_a_limit_on_data() {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    // Directions without order: additive sequences in two dimensions are even, their sines' digits aren't. They are fewer than two
-    // to a coefficient, where iterations aren't preconditioned with their density.
+    // Directions without order: additive sequences in two dimensions are even, their sines' digits aren't. They are
+    // fewer than two to a coefficient, where iterations aren't preconditioned with their density.
     let random = |i: u32| (f64::from(i).sin() * 43_758.545_3).rem_euclid(1.0);
     let (mut sphere, mut signal) = (String::new(), String::new());
     for i in 0..1800 {

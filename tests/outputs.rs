@@ -1,4 +1,5 @@
-//! Outputs take the place of nothing but what they are meant to replace: no input, no other output, whatever `--force` says.
+//! Outputs take the place of nothing but what they are meant to replace: no input, no other output, whatever `--force`
+//! says.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};

@@ -66,8 +66,8 @@ fn shape(text: &str) -> String {
     shape.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join("\n")
 }
 
-/// The blocks marked `sh` run one after the other in an empty folder; a block marked `text` after one of them is what it
-/// prints, but for numbers.
+/// The blocks marked `sh` run one after the other in an empty folder; a block marked `text` after one of them is what
+/// it prints, but for numbers.
 #[test]
 fn the_readmes_commands_run_and_print_what_it_says() {
     let folder = tempfile::tempdir().unwrap();

@@ -12,8 +12,9 @@ use crate::common::{fail, succeed, tool};
 use crate::full_least_squares::report_of;
 use crate::pipeline::Study;
 
-/// The least squares over the whole sphere, by many times more samples than the fit takes and with a basis that is formed:
-/// each triangle cut in 24^2 similar ones, a sample at each one's centre with its solid angle. Normal equations by Gauss.
+/// The least squares over the whole sphere, by many times more samples than the fit takes and with a basis that is
+/// formed: each triangle cut in 24^2 similar ones, a sample at each one's centre with its solid angle. Normal equations
+/// by Gauss.
 fn by_midpoints(surface: &Mesh, sphere: &Sphere, max_degree: usize) -> Array2<f64> {
     const CUTS: u32 = 24;
     let unit = sphere.directions.as_slice();
@@ -165,7 +166,8 @@ fn surfaces_and_signals_go_together() {
     }
 }
 
-/// Weights of the vertices count on the surface as well, linear on each triangle, and don't change what a penalty means.
+/// Weights of the vertices count on the surface as well, linear on each triangle, and don't change what a penalty
+/// means.
 #[test]
 fn weights_say_what_counts() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });

@@ -1,12 +1,14 @@
 //! Large arrays in large pages, and freed memory for what comes next.
 //!
-//! A fit makes and drops arrays of megabytes in every step, and each page of 4 KiB that is new to the program is a fault and has to
-//! be cleared: a quarter of the time of a small fit. So arrays from [`LARGE`] bytes on ask for pages of 2 MiB, where the system
-//! grants them on request (`/sys/kernel/mm/transparent_hugepage/enabled`: `madvise`, the default of most distributions). Memory is
-//! that of the system's allocator; an array that is touched in part takes at most the rest of a page more.
+//! A fit makes and drops arrays of megabytes in every step, and each page of 4 KiB that is new to the program is a
+//! fault and has to be cleared: a quarter of the time of a small fit. So arrays from [`LARGE`] bytes on ask for pages
+//! of 2 MiB, where the system grants them on request (`/sys/kernel/mm/transparent_hugepage/enabled`: `madvise`, the
+//! default of most distributions). Memory is that of the system's allocator; an array that is touched in part takes at
+//! most the rest of a page more.
 //!
-//! Arrays below that come and go in every step as well. The allocator would give their pages back to the system and take others,
-//! which made a third of the time of a least-squares fit of a cortex at degree 100: [`keep_freed`] lets it keep some.
+//! Arrays below that come and go in every step as well. The allocator would give their pages back to the system and
+//! take others, which made a third of the time of a least-squares fit of a cortex at degree 100: [`keep_freed`] lets it
+//! keep some.
 //!
 //! That is for programs to choose, not for libraries, as are OpenBLAS's kernels.
 
@@ -27,9 +29,10 @@ const KEPT: usize = 128 << 20;
 /// The largest array that glibc takes from what it keeps.
 const LARGEST: usize = 32 << 20;
 
-/// Lets the allocator keep freed memory, at the end of what each thread has: a sixteenth of what is free, shared among the threads,
-/// at most [`KEPT`] for each. Not where that is less than it keeps of itself, where the user has said how much memory may be
-/// used, or has set the allocator up. Verbs whose budget is small by default are not told apart: they take less than it.
+/// Lets the allocator keep freed memory, at the end of what each thread has: a sixteenth of what is free, shared among
+/// the threads, at most [`KEPT`] for each. Not where that is less than it keeps of itself, where the user has said how
+/// much memory may be used, or has set the allocator up. Verbs whose budget is small by default are not told apart:
+/// they take less than it.
 pub(crate) fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     let limited = arguments.any(|argument| argument.as_encoded_bytes().starts_with(b"--memory"));
     let set_up = ["GLIBC_TUNABLES", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"];

@@ -1,8 +1,9 @@
 //! The kernels that OpenBLAS uses in this program.
 //!
-//! OpenBLAS chooses its kernels in an initialiser that runs before `main`, and from the environment alone, so the choice
-//! has to be there earlier still: in an initialiser of this program. That is for programs to do. A library that was loaded
-//! into a running process would change the environment under other threads; so no library crate of this project does.
+//! OpenBLAS chooses its kernels in an initialiser that runs before `main`, and from the environment alone, so the
+//! choice has to be there earlier still: in an initialiser of this program. That is for programs to do. A library that
+//! was loaded into a running process would change the environment under other threads; so no library crate of this
+//! project does.
 
 #![allow(unsafe_code)]
 
@@ -14,8 +15,8 @@ static CHOOSE_KERNELS: extern "C" fn() = choose_kernels;
 /// Names the kernels that fit this processor, and one thread to begin with: threads of its own, and their buffers, come
 /// when a computation asks for them.
 ///
-/// OpenBLAS 0.3.20 takes processors that it doesn't know, such as the Xeons of 2023, for a Pentium 4 and runs at a fifth
-/// of their speed. Whoever sets OPENBLAS_CORETYPE or OPENBLAS_NUM_THREADS knows better than this.
+/// OpenBLAS 0.3.20 takes processors that it doesn't know, such as the Xeons of 2023, for a Pentium 4 and runs at a
+/// fifth of their speed. Whoever sets OPENBLAS_CORETYPE or OPENBLAS_NUM_THREADS knows better than this.
 extern "C" fn choose_kernels() {
     use std::arch::is_x86_feature_detected as has;
     let wide = has!("avx512f") && has!("avx512cd") && has!("avx512bw") && has!("avx512dq") && has!("avx512vl");
@@ -25,8 +26,8 @@ extern "C" fn choose_kernels() {
         (false, false) => None,
     };
     let set = |name: &std::ffi::CStr, value: &std::ffi::CStr| {
-        // SAFETY: both texts end in a zero. `setenv` must not run while another thread reads or changes the environment:
-        // this is part of an executable, whose initialisers the loader runs on the process's first thread
+        // SAFETY: both texts end in a zero. `setenv` must not run while another thread reads or changes the
+        // environment: this is part of an executable, whose initialisers the loader runs on the process's first thread
         // before `main`, and no initialiser ordered before this one starts a thread.
         unsafe { libc::setenv(name.as_ptr(), value.as_ptr(), 0) };
     };

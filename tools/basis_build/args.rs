@@ -13,12 +13,12 @@ use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 
 /// Compute the basis of a sampling scheme into a store, once for all fits over it
 ///
-/// Writes one immutable file for each degree into the store. What is there already is kept, so the same command resumes an
-/// interrupted build, and one with a higher --max-degree extends a finished one. Several may run at once.
+/// Writes one immutable file for each degree into the store. What is there already is kept, so the same command resumes
+/// an interrupted build, and one with a higher --max-degree extends a finished one. Several may run at once.
 ///
-/// With --factor, the Cholesky factor of the normal equations to degree L is computed as well and kept beside the basis:
-/// with it the full least squares of any surface over the scheme is two triangular solves. It takes 4 (L + 1)^4 bytes of
-/// disk in f64, whatever the number of vertices. After an interruption it is computed anew.
+/// With --factor, the Cholesky factor of the normal equations to degree L is computed as well and kept beside the
+/// basis: with it the full least squares of any surface over the scheme is two triangular solves. It takes 4 (L + 1)^4
+/// bytes of disk in f64, whatever the number of vertices. After an interruption it is computed anew.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

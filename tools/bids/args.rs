@@ -11,9 +11,10 @@ use spharm_cli::threads::Threads;
 
 /// Fit the cortices of a BIDS dataset, as a BIDS app does
 ///
-/// Surfaces are those of derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer, or of
-/// --freesurfer; each is fitted over its subject's registered sphere, so that coefficients of subjects correspond. `participant`
-/// writes for each subject models, their spectra, surfaces and errors, and a page; `group` gathers all models.
+/// Surfaces are those of derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer,
+/// or of --freesurfer; each is fitted over its subject's registered sphere, so that coefficients of subjects
+/// correspond. `participant` writes for each subject models, their spectra, surfaces and errors, and a page; `group`
+/// gathers all models.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

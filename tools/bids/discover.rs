@@ -154,7 +154,8 @@ fn anatomies(subject: &Path) -> Result<Vec<(Option<String>, PathBuf)>> {
 }
 
 fn freesurfer(folder: &Path, hemi: Hemi, surface: Surface) -> Option<(PathBuf, PathBuf)> {
-    // FreeSurfer calls the surface half way between white and pial one `graymid`; sMRIPrep puts `midthickness` beside them.
+    // FreeSurfer calls the surface half way between white and pial one `graymid`; sMRIPrep puts `midthickness` beside
+    // them.
     let names: &[&str] = match surface {
         Surface::Midthickness => &["midthickness", "graymid"],
         other => &[other.name()],

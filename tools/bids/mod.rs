@@ -1,5 +1,5 @@
-//! `bids`: a BIDS app. `discover` finds surfaces, `participant` fits them and derives what is beside the models, `group`
-//! gathers the models, `dataset` writes what makes the output a dataset.
+//! `bids`: a BIDS app. `discover` finds surfaces, `participant` fits them and derives what is beside the models,
+//! `group` gathers the models, `dataset` writes what makes the output a dataset.
 
 mod args;
 mod dataset;

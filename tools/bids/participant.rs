@@ -141,7 +141,8 @@ impl Logs {
     }
 }
 
-/// Writes what is beside a model: how it was made, its spectrum, the surface on the icosphere, its distances from the vertices.
+/// Writes what is beside a model: how it was made, its spectrum, the surface on the icosphere, its distances from the
+/// vertices.
 fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
     let at = |path: PathBuf| cli.output.join(path);
     let model = Model::read(at(found.model()))?;

@@ -13,8 +13,8 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 ///
 /// Prints the mean and the maximal squared distance between corresponding vertices, msd and xsd, after scaling both
 /// surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2), and in the input's own
-/// unit. With --surface-distance it also prints how far the surfaces are from each other everywhere, which is defined for
-/// surfaces with different triangles as well.
+/// unit. With --surface-distance it also prints how far the surfaces are from each other everywhere, which is defined
+/// for surfaces with different triangles as well.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -44,8 +44,8 @@ pub(crate) struct Cli {
     /// Write the reconstruction coloured by distance
     ///
     /// .ply and .glb: the reconstruction with each vertex's distance as a value and as a colour; .vtk: with the value;
-    /// .shape.gii, .func.gii: the values alone. It is the distance from the corresponding vertex, with --surface-distance from
-    /// the surface.
+    /// .shape.gii, .func.gii: the values alone. It is the distance from the corresponding vertex, with
+    /// --surface-distance from the surface.
     #[arg(short, long, value_name = "OUT.glb", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
     /// Distance that gets the last colour [default: the largest]

@@ -23,8 +23,8 @@ pub(crate) const FORMATS: &str = "Formats:
 
 /// Write models in the formats of other packages
 ///
-/// Coefficients are converted to the harmonics and the order of the package; text has 17 digits. What a format can't hold is
-/// refused.
+/// Coefficients are converted to the harmonics and the order of the package; text has 17 digits. What a format can't
+/// hold is refused.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -15,9 +15,9 @@ use crate::rows::CohortArgs;
 
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
-/// Without --store: the full least squares, by fast transforms. With --store: iterative residual fitting over a basis that
-/// basis-build has made for the same sphere, in bounded memory. All surfaces of one call are fitted together, in as few
-/// sweeps as the memory allows.
+/// Without --store: the full least squares, by fast transforms. With --store: iterative residual fitting over a basis
+/// that basis-build has made for the same sphere, in bounded memory. All surfaces of one call are fitted together, in
+/// as few sweeps as the memory allows.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -57,8 +57,9 @@ pub(super) struct Input {
     pub(super) surface: Vec<PathBuf>,
     /// Table of surfaces and their ids, in place of --surface
     ///
-    /// Columns id and surface, and perhaps sphere, weights, output, label. Tab-separated, or with commas where the name ends in .csv. Paths are relative to it. A model is named by `output` or by the
-    /// id, and records the id. Other columns are left alone. --sphere is the sphere of rows without one.
+    /// Columns id and surface, and perhaps sphere, weights, output, label. Tab-separated, or with commas where the name
+    /// ends in .csv. Paths are relative to it. A model is named by `output` or by the id, and records the id. Other
+    /// columns are left alone. --sphere is the sphere of rows without one.
     #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["surface", "moments", "label", "name_template"])]
     pub(super) manifest: Option<PathBuf>,
     /// Moments of samples, in place of surfaces
@@ -78,15 +79,15 @@ pub(super) struct Input {
     pub(super) sphere: Option<PathBuf>,
     /// Label of a volume, or all of them, for a model of each
     ///
-    /// A label volume (.nii, .mgz, .nrrd, .tif, .npy) is a surface too; the label is only needed where there are several. The
-    /// surfaces are written next to the models.
+    /// A label volume (.nii, .mgz, .nrrd, .tif, .npy) is a surface too; the label is only needed where there are
+    /// several. The surfaces are written next to the models.
     #[arg(long, value_name = "N|all", allow_negative_numbers = true, conflicts_with = "sphere")]
     pub(super) label: Option<Labels>,
     /// Repair labels and meshes in place of refusing them
     ///
-    /// Of a label: keeps the largest piece, fills cavities and opens handles. Of a mesh: welds vertices that lie exactly on
-    /// others, drops repeated and degenerate triangles, unused vertices and all pieces but the largest, fills holes of up to 32
-    /// edges; the mended mesh is written next to the model, NAME.fixed.surf.gii.
+    /// Of a label: keeps the largest piece, fills cavities and opens handles. Of a mesh: welds vertices that lie
+    /// exactly on others, drops repeated and degenerate triangles, unused vertices and all pieces but the largest,
+    /// fills holes of up to 32 edges; the mended mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
     /// Size of a volume's voxels, where its file doesn't say it
@@ -94,8 +95,8 @@ pub(super) struct Input {
     pub(super) voxel_size: Option<VoxelSize>,
     /// Cut surfaces that have handles along short loops, and fill both sides
     ///
-    /// The fit is of the cut surface, which is written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that
-    /// reconstruct gives the surface back as it was.
+    /// The fit is of the cut surface, which is written next to the model, NAME.cut.surf.gii. The model keeps the seams,
+    /// so that reconstruct gives the surface back as it was.
     #[arg(long, conflicts_with = "sphere", hide_short_help = true)]
     pub(super) cut_handles: bool,
     /// Folder of the basis store
@@ -138,8 +139,8 @@ pub(super) struct MethodArgs {
     pub(super) target: Option<FitTo>,
     /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]
     ///
-    /// Of meshes without a sphere: as parametrize's, but what is allowed is used as far as this model gains by it. 0 is for groups,
-    /// whose maps then differ by no more than the surfaces do.
+    /// Of meshes without a sphere: as parametrize's, but what is allowed is used as far as this model gains by it. 0 is
+    /// for groups, whose maps then differ by no more than the surfaces do.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
     /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
@@ -150,8 +151,8 @@ pub(super) struct MethodArgs {
     pub(super) granularity: Option<usize>,
     /// Conjugate gradients over pairs of passes (irf, mirf)
     ///
-    /// One pass forward and one backward: the least squares in far fewer passes where the sampling is irregular. --passes
-    /// bounds them, and they end early when nothing is left to gain.
+    /// One pass forward and one backward: the least squares in far fewer passes where the sampling is irregular.
+    /// --passes bounds them, and they end early when nothing is left to gain.
     #[arg(long)]
     pub(super) accelerate: bool,
     /// Last degree of the first block, s (sirf, mirf) [default: 0]
@@ -159,22 +160,23 @@ pub(super) struct MethodArgs {
     pub(super) start_degree: Option<usize>,
     /// Smoothness penalty (lsq) [default: 0]
     ///
-    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances, whose weights sum to the number of vertices; auto chooses
-    /// it for each surface by generalised cross-validation. With --target vertices and without --sphere the default is a
-    /// hundredth of the weight of the vertices at the highest degree, which keeps the model from oscillating between them.
+    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances, whose weights sum to the number of vertices; auto
+    /// chooses it for each surface by generalised cross-validation. With --target vertices and without --sphere the
+    /// default is a hundredth of the weight of the vertices at the highest degree, which keeps the model from
+    /// oscillating between them.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
     /// Remove noise, degree by degree (lsq)
     ///
-    /// For surfaces and signals whose vertices have independent noise of one size: its size and what it does to each degree
-    /// are found from the residual and from fits of noise, and the fit is made once more with degrees held down that are
-    /// mostly noise. What --max-degree leaves out counts as noise, so give a degree that is high enough.
+    /// For surfaces and signals whose vertices have independent noise of one size: its size and what it does to each
+    /// degree are found from the residual and from fits of noise, and the fit is made once more with degrees held down
+    /// that are mostly noise. What --max-degree leaves out counts as noise, so give a degree that is high enough.
     #[arg(long, conflicts_with = "smoothness")]
     pub(super) denoise: bool,
     /// Don't measure how far model and surface are apart
     ///
-    /// Without it a fit of the surface ends with the distances between the two, both ways, which takes a second or so for
-    /// each.
+    /// Without it a fit of the surface ends with the distances between the two, both ways, which takes a second or so
+    /// for each.
     #[arg(long, hide_short_help = true)]
     pub(super) no_surface_distance: bool,
     /// Fraction of the vertices to leave out and assess
@@ -219,8 +221,8 @@ pub(super) struct Output {
     pub(super) output: Option<PathBuf>,
     /// Names of the models
     ///
-    /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume, {parent} the
-    /// folder that it is in, {parent2} the one above, links resolved.
+    /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume,
+    /// {parent} the folder that it is in, {parent2} the one above, links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
     /// Also write the paper's complex coefficients, NAME.spharm.csv
@@ -240,8 +242,8 @@ pub(super) struct Output {
     pub(super) force: bool,
     /// Leave out surfaces whose model exists
     ///
-    /// It must be of the same input, with the same settings. A mesh's sphere that was left without its model is used again
-    /// if it was made of the same input for the same degree.
+    /// It must be of the same input, with the same settings. A mesh's sphere that was left without its model is used
+    /// again if it was made of the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
     /// As --skip-existing, but fit again what has changed

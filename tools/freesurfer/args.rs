@@ -12,9 +12,9 @@ use crate::rows::CohortArgs;
 
 /// Fit the surfaces of FreeSurfer's subjects, each on its own registered sphere
 ///
-/// Each of a subject's surfaces is fitted over its sphere.reg, whose directions mean the same place in every subject, whatever
-/// the number of vertices: coefficients of different subjects correspond. Subjects that lack a file, or whose sphere isn't that
-/// of the surface, are named at the end, and don't stop the others.
+/// Each of a subject's surfaces is fitted over its sphere.reg, whose directions mean the same place in every subject,
+/// whatever the number of vertices: coefficients of different subjects correspond. Subjects that lack a file, or whose
+/// sphere isn't that of the surface, are named at the end, and don't stop the others.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -66,8 +66,8 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Also write each model's values at the vertices of one sphere
     ///
-    /// icosphere:6 has 40,962 vertices. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii: what stands at a vertex
-    /// is the same place in every subject.
+    /// icosphere:6 has 40,962 vertices. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii: what stands at
+    /// a vertex is the same place in every subject.
     #[arg(long, value_name = "icosphere:N", value_parser = icosphere, help_heading = help::OUTPUT)]
     pub(super) evaluate_on: Option<u32>,
     /// Write a report to a JSON file

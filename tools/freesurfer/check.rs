@@ -14,12 +14,12 @@ use super::other_hemisphere;
 /// Surfaces that a hemisphere's values are on, of which FreeSurfer writes all; the first that is there is taken.
 const SURFACES: [&str; 4] = ["white", "pial", "smoothwm", "orig"];
 
-/// Refuses a surface whose orientation its sphere turns round, and says of one that doesn't fit its sphere whether that is the
-/// other hemisphere's.
+/// Refuses a surface whose orientation its sphere turns round, and says of one that doesn't fit its sphere whether that
+/// is the other hemisphere's.
 ///
-/// A sphere keeps the side of its surface that is outside. A mirrored one, as another hemisphere's is, turns it inside out: the
-/// volumes that the triangles enclose on the two have different signs. Values say nothing of that: the hemisphere's own surface does,
-/// and is held against the sphere in their place.
+/// A sphere keeps the side of its surface that is outside. A mirrored one, as another hemisphere's is, turns it inside
+/// out: the volumes that the triangles enclose on the two have different signs. Values say nothing of that: the
+/// hemisphere's own surface does, and is held against the sphere in their place.
 pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> Result<Target> {
     match target {
         Ok(target) if !sphere.faces.is_empty() => {

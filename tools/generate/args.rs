@@ -9,7 +9,8 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_surface::generate::Family;
 
-/// Write a folded surface and its sphere, a study of two groups, or a group of known correspondence, for trying things out
+/// Write a folded surface and its sphere, a study of two groups, or a group of known correspondence, for trying things
+/// out
 ///
 /// A smooth map bends an icosphere into a closed surface with folds like those of a cortex, about 140 mm long and not
 /// star-shaped. Vertex i of the surface belongs to vertex i of the sphere. The same arguments give the same bits.
@@ -54,8 +55,8 @@ pub(crate) struct Cli {
     pub(super) bump: f64,
     /// Family of a group to write, whose correspondence is known
     ///
-    /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori, of one or two parameters each. Every member is meshed
-    /// anew, in a random pose.
+    /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori, of one or two parameters each. Every member is
+    /// meshed anew, in a random pose.
     #[arg(
         long,
         value_name = "FAMILY",

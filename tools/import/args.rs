@@ -12,9 +12,9 @@ use crate::export::{FORMATS, normalization};
 
 /// Make a model of coefficients of another package
 ///
-/// The format is found from the contents; arrays of ktch and FlowShape and matrices of weighted SPHARM look like others and are
-/// named by --from. The model has a sphere of its own only with --sphere, or from SPHARM-MAT; others are evaluated with
-/// `spharm reconstruct --icosphere N`.
+/// The format is found from the contents; arrays of ktch and FlowShape and matrices of weighted SPHARM look like others
+/// and are named by --from. The model has a sphere of its own only with --sphere, or from SPHARM-MAT; others are
+/// evaluated with `spharm reconstruct --icosphere N`.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

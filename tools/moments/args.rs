@@ -21,9 +21,9 @@ const OVER_A_SPHERE: &str = "With --sphere or --icosphere also values on vertice
 
 /// Sum up samples for fits, in bounded memory, by parts that add up
 ///
-/// A fit needs the moments of its samples alone, whose size depends on the degree and not on their number. This reads tables
-/// of samples once, in chunks; fit --moments makes models of any degree up to --max-degree of the result. Parts of the data
-/// can be read anywhere, with --shard, and are added by `spharm moments merge`.
+/// A fit needs the moments of its samples alone, whose size depends on the degree and not on their number. This reads
+/// tables of samples once, in chunks; fit --moments makes models of any degree up to --max-degree of the result. Parts
+/// of the data can be read anywhere, with --shard, and are added by `spharm moments merge`.
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_long_help = help::examples(
@@ -49,8 +49,8 @@ pub(crate) struct Cli {
 pub(super) enum Command {
     /// Add the moments of parts
     ///
-    /// Parts must be of one degree and of the same channels, and have no samples in common. Shards of the same tables must
-    /// all be there. Parts over different spheres add up, to moments without the key of a sampling scheme.
+    /// Parts must be of one degree and of the same channels, and have no samples in common. Shards of the same tables
+    /// must all be there. Parts over different spheres add up, to moments without the key of a sampling scheme.
     Merge(Merge),
 }
 
@@ -114,8 +114,8 @@ pub(super) struct PositionArgs {
     vectors: Option<Vec<String>>,
     /// Sphere at whose vertices the samples are, a row a vertex
     ///
-    /// Each table has the values at all vertices, in their order. A mesh of any radius, centred at the origin; or a CSV of
-    /// theta,phi in radians.
+    /// Each table has the values at all vertices, in their order. A mesh of any radius, centred at the origin; or a CSV
+    /// of theta,phi in radians.
     #[arg(long, value_name = "SPHERE", group = "positions", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Icosphere at whose vertices the samples are, a row a vertex

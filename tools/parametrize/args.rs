@@ -13,8 +13,8 @@ use spharm_parametrize::Sampling;
 
 /// Map closed surfaces onto the sphere, one to one, as a fit needs it
 ///
-/// The sphere has the surface's vertices and triangles, and radius 1. Whatever the method, none of its triangles is flipped
-/// or degenerate, by an exact predicate; otherwise there is an error and no file.
+/// The sphere has the surface's vertices and triangles, and radius 1. Whatever the method, none of its triangles is
+/// flipped or degenerate, by an exact predicate; otherwise there is an error and no file.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -36,9 +36,9 @@ pub(crate) struct Cli {
     pub(super) label: Option<Labels>,
     /// Repair labels and meshes in place of refusing them
     ///
-    /// Of a label: keeps the largest piece, fills cavities and opens handles. Of a mesh: welds vertices that lie exactly on
-    /// others, drops repeated and degenerate triangles, unused vertices and all pieces but the largest, fills holes of up to 32
-    /// edges; the mended mesh goes to --surface-output.
+    /// Of a label: keeps the largest piece, fills cavities and opens handles. Of a mesh: welds vertices that lie
+    /// exactly on others, drops repeated and degenerate triangles, unused vertices and all pieces but the largest,
+    /// fills holes of up to 32 edges; the mended mesh goes to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
     /// Size of a volume's voxels, where its file doesn't say it
@@ -46,9 +46,9 @@ pub(crate) struct Cli {
     pub(super) voxel_size: Option<VoxelSize>,
     /// Cut surfaces that have handles along short loops, and fill both sides
     ///
-    /// The map is then of the cut surface, which goes to --surface-output: the input's vertices and triangles in their order,
-    /// copies of the vertices on the seams, and the fillings. Models over the sphere lead back to the surface as it was, if
-    /// the sphere is a GIfTI file: it keeps where the seams are.
+    /// The map is then of the cut surface, which goes to --surface-output: the input's vertices and triangles in their
+    /// order, copies of the vertices on the seams, and the fillings. Models over the sphere lead back to the surface as
+    /// it was, if the sphere is a GIfTI file: it keeps where the seams are.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
     /// Method of parameterisation
@@ -56,8 +56,8 @@ pub(crate) struct Cli {
     pub(super) method: MethodName,
     /// Allowed area distortion, from 0 to 1, by cald [default: 0.1]
     ///
-    /// The root mean square of the log area ratio that is spent on shape and on areas that adapt to the residual of a model:
-    /// 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
+    /// The root mean square of the log area ratio that is spent on shape and on areas that adapt to the residual of a
+    /// model: 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
     #[arg(long, value_name = "RMS", help_heading = METHOD)]
     pub(super) area: Option<f64>,
     /// Degree of the model whose residual areas adapt to, by cald
@@ -88,14 +88,14 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Surface to write, whose triangles are those of the sphere; for several a folder
     ///
-    /// Needed where it isn't the input's: for volumes, for deform, with --resample-to, --fix and --cut-handles. Its default is then next to the
-    /// sphere: NAME.surf.gii for NAME.sphere.surf.gii.
+    /// Needed where it isn't the input's: for volumes, for deform, with --resample-to, --fix and --cut-handles. Its
+    /// default is then next to the sphere: NAME.surf.gii for NAME.sphere.surf.gii.
     #[arg(long, value_name = "MESH", help_heading = OUTPUT)]
     pub(super) surface_output: Option<PathBuf>,
     /// Names of several outputs
     ///
-    /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume, {parent} the
-    /// folder that it is in, {parent2} the one above, links resolved.
+    /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume,
+    /// {parent} the folder that it is in, {parent2} the one above, links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
     /// Write a report to a JSON file

@@ -32,15 +32,15 @@ pub(crate) struct Cli {
     pub(super) sphere: Option<PathBuf>,
     /// One more panel: the last surface coloured by its distance from the first
     ///
-    /// The distance of each vertex from the corresponding one, or, where the triangles differ, from the nearest point of
-    /// the first surface. The scale's label says which.
+    /// The distance of each vertex from the corresponding one, or, where the triangles differ, from the nearest point
+    /// of the first surface. The scale's label says which.
     #[arg(long, help_heading = OUTPUT)]
     pub(super) error: bool,
     /// One more panel for each: the first surface coloured by values on its vertices
     ///
-    /// Files of one value a vertex, such as the maps of `spharm shape measure` and `test`. Colours are symmetric about 0
-    /// where values have both signs, else from the least to the largest; --range says otherwise. Of p values, files called p, q or
-    /// p-NAME, -log10 is shown: what is significant has the last colours.
+    /// Files of one value a vertex, such as the maps of `spharm shape measure` and `test`. Colours are symmetric about
+    /// 0 where values have both signs, else from the least to the largest; --range says otherwise. Of p values, files
+    /// called p, q or p-NAME, -log10 is shown: what is significant has the last colours.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
     /// Values that get the first and the last colour of the maps

@@ -10,8 +10,8 @@ use spharm_cli::threads::Threads;
 
 /// Evaluate models at the vertices of any sphere
 ///
-/// Without further options the surface that was fitted comes back, smoothed. With a lower --max-degree it becomes coarser,
-/// with --icosphere or --sphere it comes on another mesh. A model of a signal gives a signal.
+/// Without further options the surface that was fitted comes back, smoothed. With a lower --max-degree it becomes
+/// coarser, with --icosphere or --sphere it comes on another mesh. A model of a signal gives a signal.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -68,8 +68,8 @@ pub(super) struct Sampling {
     pub(super) icosphere: Option<u32>,
     /// Evaluate at the vertices that were fitted; the default
     ///
-    /// Of a surface whose handles were cut (--cut-handles), the fillings are left out and the seams welded, so that it has its
-    /// handles again. With --sphere and the sphere of the cut surface it comes as it was cut.
+    /// Of a surface whose handles were cut (--cut-handles), the fillings are left out and the seams welded, so that it
+    /// has its handles again. With --sphere and the sphere of the cut surface it comes as it was cut.
     #[arg(long, help_heading = METHOD)]
     pub(super) original: bool,
 }

@@ -10,8 +10,8 @@ use spharm_cli::threads::Threads;
 
 /// Make a page of models, modes and tests, to turn in a browser
 ///
-/// One HTML file that asks for nothing beside itself: surface, model and distance side by side, at any degree; spectra and
-/// provenance; modes of a group by sliders, maps of a test by thresholds, tables that are sorted by a click.
+/// One HTML file that asks for nothing beside itself: surface, model and distance side by side, at any degree; spectra
+/// and provenance; modes of a group by sliders, maps of a test by thresholds, tables that are sorted by a click.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -21,20 +21,21 @@ pub(crate) struct CohortArgs {
     pub(crate) keep_going: bool,
     /// Append what becomes of each row to a table
     ///
-    /// Tab-separated: id, state (done, skipped, failed, interrupted), msd, xsd, seconds, error, output. A row's line is written
-    /// when it is finished; of several the last counts. Each shard needs a file of its own; `spharm status` adds them up.
+    /// Tab-separated: id, state (done, skipped, failed, interrupted), msd, xsd, seconds, error, output. A row's line is
+    /// written when it is finished; of several the last counts. Each shard needs a file of its own; `spharm status`
+    /// adds them up.
     #[arg(long, value_name = "FILE.tsv")]
     pub(crate) status: Option<PathBuf>,
     /// Say what would be done, and do nothing
     ///
-    /// Looks at all models that exist, at the first surfaces and spheres, and whether the others are there. The exit status is 1
-    /// where rows would fail.
+    /// Looks at all models that exist, at the first surfaces and spheres, and whether the others are there. The exit
+    /// status is 1 where rows would fail.
     #[arg(long)]
     pub(crate) dry_run: bool,
     /// Lines on stderr: text, or a JSON object each
     ///
-    /// An event for each row: start, done, failed, skipped, interrupted; note, warning, progress and error have a text; end has
-    /// the counts.
+    /// An event for each row: start, done, failed, skipped, interrupted; note, warning, progress and error have a text;
+    /// end has the counts.
     #[arg(long, value_enum, value_name = "text|json", default_value = "text", hide_possible_values = true)]
     pub(crate) log: Log,
 }

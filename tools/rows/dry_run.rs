@@ -1,4 +1,5 @@
-//! What would be done: rows, models that exist, spheres, memory; and which rows would fail, as far as that is known beforehand.
+//! What would be done: rows, models that exist, spheres, memory; and which rows would fail, as far as that is known
+//! beforehand.
 
 use std::path::{Path, PathBuf};
 

@@ -12,8 +12,8 @@ use spharm_cli::output::prepare;
 use spharm_surface::Hemisphere;
 use spharm_surface::io::{write_mesh, write_signal_of};
 
-/// The icosphere on which models to a degree are evaluated, where there is memory for that; `option` is what asks for it, up to
-/// the number.
+/// The icosphere on which models to a degree are evaluated, where there is memory for that; `option` is what asks for
+/// it, up to the number.
 pub(crate) fn icosphere_within(budget: Budget, option: &str, subdivisions: u32, degree: usize) -> Result<Sphere> {
     let needed = |subdivisions: u32| {
         let [vertices, faces] = icosphere_counts(subdivisions);

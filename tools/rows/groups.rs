@@ -14,8 +14,8 @@ pub(super) struct Group {
     pub(super) rows: Vec<usize>,
 }
 
-/// Groups the rows with these numbers, in the order in which the groups' first rows come. Spheres are the same where their paths or their contents
-/// are; only files of the same size are read to find out.
+/// Groups the rows with these numbers, in the order in which the groups' first rows come. Spheres are the same where
+/// their paths or their contents are; only files of the same size are read to find out.
 pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     let same = same_spheres(numbers.iter().map(|&number| &rows[number]));
     let (mut groups, mut places): (Vec<Group>, HashMap<_, usize>) = (Vec::new(), HashMap::new());
@@ -31,7 +31,8 @@ pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     groups
 }
 
-/// For spheres of the same contents under several paths, the first of these. What can't be read is left for the fit to refuse.
+/// For spheres of the same contents under several paths, the first of these. What can't be read is left for the fit to
+/// refuse.
 fn same_spheres<'a>(rows: impl Iterator<Item = &'a Row>) -> HashMap<&'a Path, &'a Path> {
     let (mut seen, mut paths) = (HashSet::new(), Vec::new());
     for path in rows.filter_map(|row| row.sphere.as_deref()) {

@@ -24,8 +24,8 @@ pub(crate) struct Item {
 }
 
 impl Item {
-    /// Decides what to do about a row; `None` where its model is there. `record` is its file's, `sphere` the one that it is
-    /// fitted over, if not one of its own.
+    /// Decides what to do about a row; `None` where its model is there. `record` is its file's, `sphere` the one that
+    /// it is fitted over, if not one of its own.
     pub(super) fn decide(
         row: &Row,
         model: PathBuf,

@@ -1,8 +1,8 @@
 //! Rows to fit, a surface each: what `fit` and the verbs that find surfaces in folders share.
 //!
-//! A verb makes [`Rows`], each a surface with its id, and hands them to [`run`]. They are grouped by sphere, and a group is
-//! streamed through [`fit_each`](spharm::fit_each): a row's file is read and its outputs are looked at when its turn comes.
-//! The [`Ledger`] keeps what becomes of it.
+//! A verb makes [`Rows`], each a surface with its id, and hands them to [`run`]. They are grouped by sphere, and a
+//! group is streamed through [`fit_each`](spharm::fit_each): a row's file is read and its outputs are looked at when
+//! its turn comes. The [`Ledger`] keeps what becomes of it.
 //!
 //! | module | contents |
 //! |---|---|

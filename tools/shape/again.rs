@@ -1,7 +1,7 @@
 //! Outputs of a run that goes on where an earlier one was ended, which may have begun to write them.
 //!
-//! What such a run makes is the same to the last bit. So a file that is there and has these bytes is its own and stays. Any other
-//! one is somebody else's, and isn't replaced without `--force`.
+//! What such a run makes is the same to the last bit. So a file that is there and has these bytes is its own and stays.
+//! Any other one is somebody else's, and isn't replaced without `--force`.
 
 use std::path::Path;
 

@@ -30,9 +30,10 @@ use super::plan::Plan;
 /// Align models of surfaces, or meshes: to one of them, or a group to its mean
 ///
 /// Finds the rotations of space and of the parameters that bring surfaces nearest to each other, by a search of all of
-/// them: the pose that a model comes in doesn't count. With --group the group is brought to its mean (generalised Procrustes
-/// analysis), which ends centred at the origin in the frame of its first-order ellipsoid. Mirror images aren't matched
-/// without --mirror. Meshes of any topology in place of models are aligned by nearest points, and written in their own formats.
+/// them: the pose that a model comes in doesn't count. With --group the group is brought to its mean (generalised
+/// Procrustes analysis), which ends centred at the origin in the frame of its first-order ellipsoid. Mirror images
+/// aren't matched without --mirror. Meshes of any topology in place of models are aligned by nearest points, and
+/// written in their own formats.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -59,9 +60,9 @@ pub(super) struct Cli {
     method: How,
     /// What decides how surfaces lie in space, where both rotations are searched
     ///
-    /// surfaces: the surfaces alone, by nearest points, then the parameters under their pose. joint: the distance at equal
-    /// directions, over both rotations together. Where models were mapped apart the least distance at equal directions may be at a
-    /// wrong pose. [default: joint for models, surfaces for meshes]
+    /// surfaces: the surfaces alone, by nearest points, then the parameters under their pose. joint: the distance at
+    /// equal directions, over both rotations together. Where models were mapped apart the least distance at equal
+    /// directions may be at a wrong pose. [default: joint for models, surfaces for meshes]
     #[arg(long, value_enum, help_heading = METHOD)]
     pose: Option<PoseBy>,
     /// Scale models to the target's size, or all to the group's
@@ -98,8 +99,8 @@ pub(super) struct Cli {
     for_comparison: bool,
     /// File that keeps what is found, for a run that is ended to go on with
     ///
-    /// The same command goes on where the last one was, to the same bits, and removes the file in the end. Results that the last
-    /// one had begun to write are kept. The file is of these models and settings alone.
+    /// The same command goes on where the last one was, to the same bits, and removes the file in the end. Results that
+    /// the last one had begun to write are kept. The file is of these models and settings alone.
     #[arg(long, value_name = "FILE", requires = "group", help_heading = OUTPUT)]
     resume: Option<PathBuf>,
     #[command(flatten)]

@@ -94,8 +94,8 @@ pub(super) struct Sampling {
 }
 
 impl Sampling {
-    /// Returns the sphere that all models are evaluated on, unless each has its own. `needed` computes the bytes of memory
-    /// from its numbers of vertices and of triangles; a sphere that needs more than the budget is refused.
+    /// Returns the sphere that all models are evaluated on, unless each has its own. `needed` computes the bytes of
+    /// memory from its numbers of vertices and of triangles; a sphere that needs more than the budget is refused.
     pub(super) fn within(
         &self,
         plan: &Plan,

@@ -20,8 +20,8 @@ use super::outputs::finish;
 
 /// Carry landmarks from one member of a group to the same places of another, or of all
 ///
-/// Landmarks are in each member's own frame, that of the file that it was read from. Places without a counterpart on both
-/// members are guesses: they are named, and are `false` under `reached` in the report.
+/// Landmarks are in each member's own frame, that of the file that it was read from. Places without a counterpart on
+/// both members are guesses: they are named, and are `false` under `reached` in the report.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -21,14 +21,14 @@ use super::plan::Plan;
 
 /// Compress models, to a distance or to a size
 ///
-/// Coefficients are rounded to multiples of a step and coded; `spharm shape expand` makes models of the files again. A step is
-/// chosen by the root mean square distance between the model's surface and the compressed one's, both ways, where the
-/// bounding box's volume is 1; or by the bytes of the file; or given. For signals distance and step are fractions of each
-/// channel's standard deviation over the sphere.
+/// Coefficients are rounded to multiples of a step and coded; `spharm shape expand` makes models of the files again. A
+/// step is chosen by the root mean square distance between the model's surface and the compressed one's, both ways,
+/// where the bounding box's volume is 1; or by the bytes of the file; or given. For signals distance and step are
+/// fractions of each channel's standard deviation over the sphere.
 ///
-/// What is lost: digits, as far as that distance; and the model's sphere, with the number, the order and the triangles of the
-/// vertices. The expanded model is evaluated on any sphere, `spharm reconstruct --icosphere N`, but not at the vertices that it
-/// was fitted to, unless their sphere is given. Where these have to be kept, compress the mesh itself.
+/// What is lost: digits, as far as that distance; and the model's sphere, with the number, the order and the triangles
+/// of the vertices. The expanded model is evaluated on any sphere, `spharm reconstruct --icosphere N`, but not at the
+/// vertices that it was fitted to, unless their sphere is given. Where these have to be kept, compress the mesh itself.
 ///
 /// The beginning of a file is a coarser model: `spharm shape expand --prefix`.
 #[derive(Debug, Args)]

@@ -19,9 +19,9 @@ use super::plan::Plan;
 
 /// Describe models by numbers that rotations don't change
 ///
-/// A row a model: its size (root mean square distance from its mean position), the power of each degree and the singular values
-/// of each degree's coefficients. Rotations, reflections and translations of the surface, and rotations of its sphere, change
-/// none of them; they depend on the parameterisation. Without --output the table is printed.
+/// A row a model: its size (root mean square distance from its mean position), the power of each degree and the
+/// singular values of each degree's coefficients. Rotations, reflections and translations of the surface, and rotations
+/// of its sphere, change none of them; they depend on the parameterisation. Without --output the table is printed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -107,8 +107,8 @@ impl Maps {
     }
 }
 
-/// The values that have the first and the last colour: of all but the lowest and the highest fiftieth, so that a spike doesn't
-/// take all colours.
+/// The values that have the first and the last colour: of all but the lowest and the highest fiftieth, so that a spike
+/// doesn't take all colours.
 fn range(values: &[f64]) -> (f64, f64) {
     let mut sorted = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);

@@ -8,7 +8,8 @@ use spharm_surface::Sphere;
 use spharm_surface::geometry::Vec3;
 use spharm_surface::io::read_mask;
 
-/// Reads the directions of a sphere that are kept, (n); of a group, by its folder or `group.json` in it, on whatever sphere.
+/// Reads the directions of a sphere that are kept, (n); of a group, by its folder or `group.json` in it, on whatever
+/// sphere.
 pub(super) fn read(path: &Path, sphere: &Sphere) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
     let of_group = path.file_name().is_some_and(|name| name == "group.json");

@@ -21,9 +21,10 @@ use super::plan::Plan;
 
 /// Find the models that are nearest to one
 ///
-/// First by the singular values of each degree, which don't depend on pose: their distance, the bound, is never above the root
-/// mean square distance of the surfaces however they are rotated, mirrored and moved. Then the candidates with the smallest
-/// bounds are aligned, and ordered by the distance that is left, in the surfaces' unit. Signals aren't aligned.
+/// First by the singular values of each degree, which don't depend on pose: their distance, the bound, is never above
+/// the root mean square distance of the surfaces however they are rotated, mirrored and moved. Then the candidates with
+/// the smallest bounds are aligned, and ordered by the distance that is left, in the surfaces' unit. Signals aren't
+/// aligned.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -49,8 +50,8 @@ pub(super) struct Cli {
     unit_size: bool,
     /// What models are ordered by
     ///
-    /// standardized divides each number by its standard deviation over the models that are searched, so that small, high
-    /// degrees count as much as low ones.
+    /// standardized divides each number by its standard deviation over the models that are searched, so that small,
+    /// high degrees count as much as low ones.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Most candidates that are aligned; 0 for none

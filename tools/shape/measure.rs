@@ -22,8 +22,9 @@ use super::plan::Plan;
 
 /// Measure models: area, volume, centroid; maps of curvature
 ///
-/// Exact from the coefficients: volume and centroid to rounding, the area to --tolerance. --maps writes mean and Gaussian
-/// curvature, shape index, curvedness and area element at the vertices of a sphere. Curvatures are positive on a sphere.
+/// Exact from the coefficients: volume and centroid to rounding, the area to --tolerance. --maps writes mean and
+/// Gaussian curvature, shape index, curvedness and area element at the vertices of a sphere. Curvatures are positive on
+/// a sphere.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -1,5 +1,5 @@
-//! `shape`: what is done with models. A file for each subcommand, with its arguments, the calls of the library and what it
-//! prints; `args` has the arguments that they share, `outputs` where their results go.
+//! `shape`: what is done with models. A file for each subcommand, with its arguments, the calls of the library and what
+//! it prints; `args` has the arguments that they share, `outputs` where their results go.
 //!
 //! A new subcommand is a file here, a variant of [`Command`] and a line in [`run`].
 
@@ -41,8 +41,8 @@ use spharm_cli::monitor::ConsoleMonitor;
 
 /// Analyse models: align, average, test, measure, smooth, match, compress
 ///
-/// All of it is computed from the coefficients. Models are files, folders, whose .npz files are taken, or @LIST with a path a
-/// line.
+/// All of it is computed from the coefficients. Models are files, folders, whose .npz files are taken, or @LIST with a
+/// path a line.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -24,8 +24,8 @@ use super::plan::Plan;
 
 /// Compute a group's modes of variation: principal components
 ///
-/// Of models that correspond, as those of `spharm shape align --group`; their place in space doesn't count. Writes a shape
-/// model: mean, modes, variances and the members' scores. `spharm shape sample` makes shapes of it.
+/// Of models that correspond, as those of `spharm shape align --group`; their place in space doesn't count. Writes a
+/// shape model: mean, modes, variances and the members' scores. `spharm shape sample` makes shapes of it.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

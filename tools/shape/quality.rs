@@ -80,8 +80,8 @@ pub(super) struct Cli {
     frames: Option<PathBuf>,
     /// Directions of the icosphere to compare: those whose value isn't 0, or a group's, by its folder
     ///
-    /// A group that was made to correspond has places without a counterpart on its members, such as lids of the template's
-    /// holes.
+    /// A group that was made to correspond has places without a counterpart on its members, such as lids of the
+    /// template's holes.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     mask: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap

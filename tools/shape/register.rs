@@ -23,8 +23,9 @@ use super::outputs::finish;
 
 /// Move a template onto surfaces: meshes with its triangles, on theirs
 ///
-/// First the surface is brought into the template's pose by nearest points; then the template's vertices are moved onto it. A
-/// surface may have handles, holes and pieces. The meshes that are written lie on the surfaces, in the surfaces' own frames.
+/// First the surface is brought into the template's pose by nearest points; then the template's vertices are moved onto
+/// it. A surface may have handles, holes and pieces. The meshes that are written lie on the surfaces, in the surfaces'
+/// own frames.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &["spharm shape register --template mean.ply s01.ply s02.ply -o registered"],

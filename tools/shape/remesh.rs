@@ -25,9 +25,9 @@ const STEPS: usize = 16;
 
 /// Make meshes of models: within a distance, by levels, evenly in area
 ///
-/// Leaving out the degrees above one moves the surface by a root mean square distance that is known exactly. --tolerance takes
-/// the lowest degree within one, --levels writes a file for each degree, all over the same triangles. --even relocates the
-/// vertices so that they are spread evenly over the surface's area.
+/// Leaving out the degrees above one moves the surface by a root mean square distance that is known exactly.
+/// --tolerance takes the lowest degree within one, --levels writes a file for each degree, all over the same triangles.
+/// --even relocates the vertices so that they are spread evenly over the surface's area.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

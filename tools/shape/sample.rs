@@ -22,8 +22,8 @@ use super::outputs::{check, finish};
 
 /// Make shapes of a shape model: along its modes, or random ones
 ///
-/// --mode 1=2 is the shape two standard deviations along the first mode. Without --mode, --random N makes N shapes whose
-/// scores are normally distributed with the modes' variances.
+/// --mode 1=2 is the shape two standard deviations along the first mode. Without --mode, --random N makes N shapes
+/// whose scores are normally distributed with the modes' variances.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

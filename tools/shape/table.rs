@@ -133,8 +133,8 @@ pub(crate) fn files_of(manifest: &Manifest, column: &str, table: &Path) -> Resul
     files.collect::<Result<_>>().map(Some)
 }
 
-/// A column of numbers or levels; the row of a cell that isn't a number where most of them are, or are meant to be. As levels such a
-/// column would be another question, which one cell has asked.
+/// A column of numbers or levels; the row of a cell that isn't a number where most of them are, or are meant to be. As
+/// levels such a column would be another question, which one cell has asked.
 pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
     let is_number = |cell: &str| cell.trim().parse::<f64>().is_ok_and(f64::is_finite);
     // 30,5 is a number in some countries' tables, and no level in any.

@@ -6,7 +6,8 @@ use spharm_cli::{Common, help};
 
 /// Add up what the processes of a cohort have done
 ///
-/// Reads the tables that fit --status and others wrote. A row that several of them have counts as done where its model is there.
+/// Reads the tables that fit --status and others wrote. A row that several of them have counts as done where its model
+/// is there.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -85,8 +85,8 @@ fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Ids of rows whose model was made and isn't there any more. Where none of the models is there by a relative path, this is another
-/// folder than that of the fits, which is said.
+/// Ids of rows whose model was made and isn't there any more. Where none of the models is there by a relative path,
+/// this is another folder than that of the fits, which is said.
 fn gone(entries: &[&Entry], console: &Console) -> HashSet<String> {
     let made: Vec<&&Entry> =
         entries.iter().filter(|entry| entry.state.is_there() && !entry.output.is_empty()).collect();

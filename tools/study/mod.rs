@@ -41,7 +41,8 @@ const SHOWN: usize = 20;
 /// Looks at what the fits of these subjects would do.
 type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Preview>;
 
-/// Runs the verb; `spharm` runs another one, `parse` only looks at its arguments, and `preview` at what its fits would do.
+/// Runs the verb; `spharm` runs another one, `parse` only looks at its arguments, and `preview` at what its fits would
+/// do.
 pub(crate) fn run(
     cli: &Cli,
     spharm: &dyn Fn(&[String]) -> Result<()>,
@@ -85,7 +86,8 @@ pub(crate) fn run(
     done
 }
 
-/// Holds the study for this process; jobs that fit parts of it share it. Where the file system has no locks, so it is left.
+/// Holds the study for this process; jobs that fit parts of it share it. Where the file system has no locks, so it is
+/// left.
 fn lock(plan: &Plan, shared: bool) -> Result<File> {
     let path = plan.records().join(".lock");
     let options = File::options().create(true).append(true).clone();
@@ -113,7 +115,8 @@ struct Call<'a> {
 }
 
 impl Call<'_> {
-    /// Prints the commands, as if all subjects had been fitted; then what is known of the fits, which is an error where some would fail.
+    /// Prints the commands, as if all subjects had been fitted; then what is known of the fits, which is an error where
+    /// some would fail.
     fn show(&self, preview: &Preview) -> Result<()> {
         let subjects = self.plan.subjects_planned();
         print(&self.plan.fit(self.cli.shard, self.cli.force).command())?;

@@ -1,4 +1,5 @@
-//! A stage of a study: a command whose inputs and outputs are known, and which is run again only where they have changed.
+//! A stage of a study: a command whose inputs and outputs are known, and which is run again only where they have
+//! changed.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -111,8 +112,8 @@ impl Stage {
     }
 }
 
-/// Removes what a stage that is no more made in the study's output, whose paths are recorded from `folder`, unless it has been changed since, and the stage's record; folders
-/// that are empty then, too.
+/// Removes what a stage that is no more made in the study's output, whose paths are recorded from `folder`, unless it
+/// has been changed since, and the stage's record; folders that are empty then, too.
 pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> {
     let named = || record.display().to_string();
     let text = spharm_files::read_text(record, MOST_OWN).with_context(named)?;

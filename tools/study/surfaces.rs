@@ -21,8 +21,8 @@ pub(super) fn signal_column(index: usize) -> String {
     format!("signal {}", index + 1)
 }
 
-/// Text of the table, of ids, meshes or volumes with their labels, landmarks and signals, for a file in `folder`: the same from
-/// whichever folder the study is called.
+/// Text of the table, of ids, meshes or volumes with their labels, landmarks and signals, for a file in `folder`: the
+/// same from whichever folder the study is called.
 ///
 /// # Errors
 ///

@@ -1,5 +1,5 @@
-//! What a study has made that is no longer of it: files of subjects and tests that have left, of subjects that fail now, damaged
-//! models, and what killed processes left behind. Only what the study itself has made is removed.
+//! What a study has made that is no longer of it: files of subjects and tests that have left, of subjects that fail
+//! now, damaged models, and what killed processes left behind. Only what the study itself has made is removed.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -25,8 +25,8 @@ pub(super) fn leftovers(plan: &Plan) {
     folders.iter().for_each(|folder| drop(remove_leftovers(folder)));
 }
 
-/// Removes models of these rows that the study has made and that can't be read any more, so that they are made again; returns
-/// their ids.
+/// Removes models of these rows that the study has made and that can't be read any more, so that they are made again;
+/// returns their ids.
 pub(super) fn damaged<'a>(plan: &Plan, rows: impl Iterator<Item = &'a Row>, merged: &Merged) -> Result<Vec<&'a str>> {
     let mut removed = Vec::new();
     for row in rows.filter(|row| merged.entry(&row.id).is_some()) {
@@ -39,8 +39,9 @@ pub(super) fn damaged<'a>(plan: &Plan, rows: impl Iterator<Item = &'a Row>, merg
     Ok(removed)
 }
 
-/// Removes the models of subjects that have left the table, and of those whose surface is there and can't be fitted any more; returns
-/// how many there were. Where a surface isn't there, a disk may be missing, and its model stays, outside of the group.
+/// Removes the models of subjects that have left the table, and of those whose surface is there and can't be fitted any
+/// more; returns how many there were. Where a surface isn't there, a disk may be missing, and its model stays, outside
+/// of the group.
 pub(super) fn models(plan: &Plan, merged: &Merged, failed: &[(String, String)]) -> Result<usize> {
     let there: HashSet<&str> = plan.manifest.rows.iter().map(|row| row.id.as_str()).collect();
     let gone: HashSet<&str> =

@@ -12,9 +12,9 @@ use spharm_cli::threads::Threads;
 
 /// Make a model of every label of label volumes, and one table
 ///
-/// Each label's surface is mapped to a sphere of its own and fitted; model, surface and sphere go to the folder, and a row to
-/// the table: voxels, volume, area, residual, descriptors that rotations don't change. A label that fails costs no other one its model: its
-/// row says why, and the exit status is 1.
+/// Each label's surface is mapped to a sphere of its own and fitted; model, surface and sphere go to the folder, and a
+/// row to the table: voxels, volume, area, residual, descriptors that rotations don't change. A label that fails costs
+/// no other one its model: its row says why, and the exit status is 1.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -45,8 +45,8 @@ pub(crate) struct Cli {
     pub(super) fix: bool,
     /// Cut labels that have handles along short loops, and fill both sides
     ///
-    /// The model, and its row, are of the cut surface, NAME.cut.surf.gii. The model keeps the seams, so that reconstruct gives the
-    /// surface back as it was.
+    /// The model, and its row, are of the cut surface, NAME.cut.surf.gii. The model keeps the seams, so that
+    /// reconstruct gives the surface back as it was.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
     /// Highest degree, inclusive
@@ -60,8 +60,8 @@ pub(crate) struct Cli {
     pub(super) table: Option<PathBuf>,
     /// Names of the models
     ///
-    /// From each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent} the folder that
-    /// it is in, {parent2} the one above, links resolved.
+    /// From each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent} the
+    /// folder that it is in, {parent2} the one above, links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
     /// Keep models that are there and were made of the same label with the same settings

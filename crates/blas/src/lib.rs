@@ -1,8 +1,8 @@
 //! The choice of the OpenBLAS that spharm-rs links; it has no code of its own.
 //!
-//! With the feature `system` it is the distribution's static library (`libopenblas-dev` on Debian and Ubuntu),
-//! found in the folders that `.cargo/config.toml` names for each target. Without it OpenBLAS 0.3.20 is compiled from the
-//! source that the crate `openblas-src` carries.
+//! With the feature `system` it is the distribution's static library (`libopenblas-dev` on Debian and Ubuntu), found in
+//! the folders that `.cargo/config.toml` names for each target. Without it OpenBLAS 0.3.20 is compiled from the source
+//! that the crate `openblas-src` carries.
 //!
 //! Of its LAPACK only `dpotrf` is called, which OpenBLAS has in C; so no Fortran library is linked.
 

@@ -1,7 +1,7 @@
 //! What to do about an error of the library, in terms of the flags of this program.
 //!
-//! The library says what is wrong and carries it in the fields of its errors. Which flag mends it is known here alone; it
-//! is appended to the error's line.
+//! The library says what is wrong and carries it in the fields of its errors. Which flag mends it is known here alone;
+//! it is appended to the error's line.
 
 mod fit;
 

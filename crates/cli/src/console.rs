@@ -1,8 +1,8 @@
 //! Notes, warnings and progress, all on stderr.
 //!
 //! Where stderr is a terminal, progress is a bar. Elsewhere (a log of a cluster job) it is a line now and then, the
-//! first after two seconds. `-q` leaves warnings only. With [`json_lines`] every line is a JSON object with an `event`, for
-//! programs that read the log.
+//! first after two seconds. `-q` leaves warnings only. With [`json_lines`] every line is a JSON object with an `event`,
+//! for programs that read the log.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -19,7 +19,8 @@ pub use spharm_monitor::Unit;
 use crate::printable::{json as json_text, one_line};
 use crate::size::Size;
 
-/// A forecast of the time left is shown from this time on and from this share of the work on: earlier it would be a guess.
+/// A forecast of the time left is shown from this time on and from this share of the work on: earlier it would be a
+/// guess.
 const FORECAST_AFTER: Duration = Duration::from_secs(5);
 const FORECAST_FROM_PERCENT: u64 = 5;
 
@@ -51,7 +52,8 @@ pub(crate) enum Kind {
     Progress,
 }
 
-/// Prints a line to stderr, after an empty one where the text begins with a line break. A reader that has gone away is no reason to stop the work.
+/// Prints a line to stderr, after an empty one where the text begins with a line break. A reader that has gone away is
+/// no reason to stop the work.
 pub(crate) fn say(kind: Kind, text: impl Display) {
     let (event, prefix) = match kind {
         Kind::Note => ("note", ""),

@@ -35,7 +35,8 @@ fn listen() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         if !is_ignored(signal) {
-            // In this order the first signal finds the flag unset. Registering fails only for signals that can't be caught.
+            // In this order the first signal finds the flag unset. Registering fails only for signals that can't be
+            // caught.
             let _ = flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), Arc::clone(&cancel));
             let _ = flag::register(signal, Arc::clone(&cancel));
         }
@@ -60,8 +61,8 @@ pub fn command_of(mut program: Command, verb: &str) -> Command {
     program.find_subcommand(verb).cloned().unwrap_or(program)
 }
 
-/// Runs a verb and returns the exit code. An error is printed as one line to stderr, and so is a panic; a [`Usage`] error as
-/// clap prints its own, with the usage of `command`.
+/// Runs a verb and returns the exit code. An error is printed as one line to stderr, and so is a panic; a [`Usage`]
+/// error as clap prints its own, with the usage of `command`.
 pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> Command) -> u8 {
     cancel();
     let Err(error) = caught(work) else { return 0 };
@@ -75,8 +76,8 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
 }
 
-/// Prints what clap has to say of the arguments, be it an error or the help that was asked for, and returns the exit code;
-/// `tame` for arguments that a terminal would obey, which clap would quote as they are.
+/// Prints what clap has to say of the arguments, be it an error or the help that was asked for, and returns the exit
+/// code; `tame` for arguments that a terminal would obey, which clap would quote as they are.
 pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
     // Where stderr is gone, there is nobody to tell.
     let _ = if error.use_stderr() && tame {
@@ -91,8 +92,8 @@ pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
 /// What the first panic said.
 static PANIC: Mutex<Option<String>> = Mutex::new(None);
 
-/// Runs work, and makes an error of a panic: of a defect, or of a failure that the standard library doesn't hand on, such as
-/// that of closing a folder. With `RUST_BACKTRACE` it is printed as usual, too.
+/// Runs work, and makes an error of a panic: of a defect, or of a failure that the standard library doesn't hand on,
+/// such as that of closing a folder. With `RUST_BACKTRACE` it is printed as usual, too.
 fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
     PANIC.lock().unwrap_or_else(PoisonError::into_inner).take();
     let usual = std::panic::take_hook();

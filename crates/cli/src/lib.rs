@@ -1,7 +1,7 @@
 //! The command line around the library: what the verbs of `spharm` share.
 //!
-//! Everything that reads flags, prints, handles signals or ends the process is here or in the verbs; the library does none
-//! of it.
+//! Everything that reads flags, prints, handles signals or ends the process is here or in the verbs; the library does
+//! none of it.
 //!
 //! | module | contents |
 //! |---|---|

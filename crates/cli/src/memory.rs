@@ -1,7 +1,7 @@
 //! `--memory`, and the plan of every verb: what it needs is held against what it may have before it is taken.
 //!
-//! What a computation takes is a function beside its code, in the library's crates (`docs/memory.md` lists them); here is
-//! what it is compared with, and the words.
+//! What a computation takes is a function beside its code, in the library's crates (`docs/memory.md` lists them); here
+//! is what it is compared with, and the words.
 
 use std::fmt;
 use std::path::Path;
@@ -25,8 +25,8 @@ const STACK: u64 = 2 << 20;
 pub struct Memory {
     /// Memory that may be used [default: what is free]
     ///
-    /// What doesn't fit is refused before any work. Free is the least of what the machine has, the limits of control groups
-    /// and those of ulimit.
+    /// What doesn't fit is refused before any work. Free is the least of what the machine has, the limits of control
+    /// groups and those of ulimit.
     #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
     pub memory: Option<Size>,
 }
@@ -105,7 +105,8 @@ impl Budget {
         self.check_or(what, needed, std::iter::empty())
     }
 
-    /// As [`check`](Self::check); an error names the first of `others` that fits: settings, and the bytes that they need.
+    /// As [`check`](Self::check); an error names the first of `others` that fits: settings, and the bytes that they
+    /// need.
     ///
     /// # Errors
     ///

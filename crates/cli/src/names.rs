@@ -14,9 +14,9 @@ use crate::inputs::file_stem;
 /// Most folders above a file that a template may name.
 const DEEPEST: usize = 9;
 
-/// A name with placeholders: `{stem}` is the input's name without folder and format, `{parent}` the folder that it is in,
-/// `{parent2}` the folder above that, and so on, links resolved. `{label}` is a volume's label; a template without it gets
-/// `.{label}` at its end for volumes.
+/// A name with placeholders: `{stem}` is the input's name without folder and format, `{parent}` the folder that it is
+/// in, `{parent2}` the folder above that, and so on, links resolved. `{label}` is a volume's label; a template without
+/// it gets `.{label}` at its end for volumes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NameTemplate(Vec<Part>);
 
@@ -106,8 +106,8 @@ impl NameTemplate {
     ///
     /// # Errors
     ///
-    /// When two inputs would share a file; says which template tells them apart. When the template has `{label}` alone and an
-    /// input has none.
+    /// When two inputs would share a file; says which template tells them apart. When the template has `{label}` alone
+    /// and an input has none.
     pub fn outputs(&self, inputs: &[(PathBuf, Option<i64>)], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
         let of_input = self.0.iter().any(|part| matches!(part, Part::Stem | Part::Parent(_)));
         if let (false, Some((input, _))) = (of_input, inputs.iter().find(|(_, label)| label.is_none())) {
@@ -162,8 +162,8 @@ fn in_its_folder(input: &Path) -> PathBuf {
     }
 }
 
-/// Returns the model's file for each surface: `output` itself where that ends in `.npz` and there is one surface, else a file
-/// in that folder, or here.
+/// Returns the model's file for each surface: `output` itself where that ends in `.npz` and there is one surface, else
+/// a file in that folder, or here.
 ///
 /// # Errors
 ///

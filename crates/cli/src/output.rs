@@ -54,8 +54,8 @@ fn json_text(value: &impl Serialize) -> Result<String> {
     Ok(printable::json(&serde_json::to_string_pretty(value)?).into_owned())
 }
 
-/// Writes a value as a JSON file, into a folder that is made where it isn't there; `-` is standard output, and pipes and
-/// devices are written to as they are.
+/// Writes a value as a JSON file, into a folder that is made where it isn't there; `-` is standard output, and pipes
+/// and devices are written to as they are.
 ///
 /// # Errors
 ///
@@ -126,8 +126,8 @@ impl<'a> OutputFile<'a> {
     }
 }
 
-/// Refuses, before any work, what could not be written at its end: files that exist (without `force`), folders, endings of
-/// another format, two outputs of one name. The writers make sure of it again when the time comes.
+/// Refuses, before any work, what could not be written at its end: files that exist (without `force`), folders, endings
+/// of another format, two outputs of one name. The writers make sure of it again when the time comes.
 ///
 /// # Errors
 ///
@@ -166,8 +166,8 @@ pub(crate) fn place(path: &Path) -> PathBuf {
     tidy.join(path.file_name().unwrap_or_default())
 }
 
-/// As [`check_outputs`], and refuses outputs that are inputs, however their paths are written; links of either sort count, and
-/// inputs that aren't there don't.
+/// As [`check_outputs`], and refuses outputs that are inputs, however their paths are written; links of either sort
+/// count, and inputs that aren't there don't.
 ///
 /// # Errors
 ///

@@ -10,8 +10,8 @@ use spharm::files::ModelFiles;
 
 use crate::inputs::{expand_lists, file_stem};
 
-/// Replaces each `@LIST` by the paths that the file names and each folder by the files in it whose names end in `ending`,
-/// sorted by name.
+/// Replaces each `@LIST` by the paths that the file names and each folder by the files in it whose names end in
+/// `ending`, sorted by name.
 ///
 /// # Errors
 ///

@@ -1,13 +1,13 @@
 //! Text from outside on its way to a terminal or a log.
 //!
 //! Names of files, cells of tables and headers of formats come from others, and may hold what a terminal obeys: escape
-//! sequences, line breaks, and characters that turn the order of the text around. All that the program prints passes through
-//! here, so that one line stays one line.
+//! sequences, line breaks, and characters that turn the order of the text around. All that the program prints passes
+//! through here, so that one line stays one line.
 
 use std::borrow::Cow;
 
-/// Whether a terminal may do something else with a character than show it: control characters (of ASCII and of Latin-1), line
-/// and paragraph separators, and those that change the direction of the text.
+/// Whether a terminal may do something else with a character than show it: control characters (of ASCII and of
+/// Latin-1), line and paragraph separators, and those that change the direction of the text.
 fn is_obeyed(c: char) -> bool {
     c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{200e}' | '\u{200f}')
 }
@@ -24,8 +24,8 @@ pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| if matches!(c, '\n' | '\t') { c.to_string() } else { c.escape_default().collect() })
 }
 
-/// Returns JSON that means the same, in which whatever a terminal would obey is escaped, other than the line breaks between
-/// its tokens: JSON itself asks for that only up to U+001F.
+/// Returns JSON that means the same, in which whatever a terminal would obey is escaped, other than the line breaks
+/// between its tokens: JSON itself asks for that only up to U+001F.
 #[must_use]
 pub fn json(text: &str) -> Cow<'_, str> {
     // Line breaks within strings are escaped already. All the others are below U+10000.

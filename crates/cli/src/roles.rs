@@ -1,7 +1,7 @@
 //! Which arguments name inputs and which outputs, checked for all verbs at once, before any work.
 //!
-//! A result that takes the name of an input replaces it with `--force`, and so does a report that takes the name of a result.
-//! Here the paths are known that were given; what a verb derives from them it checks itself, by
+//! A result that takes the name of an input replaces it with `--force`, and so does a report that takes the name of a
+//! result. Here the paths are known that were given; what a verb derives from them it checks itself, by
 //! [`check_files`](crate::output::check_files).
 
 use std::collections::HashMap;
@@ -34,8 +34,8 @@ pub struct Given {
     role: Role,
 }
 
-/// Returns the paths in a command's arguments. `role` tells what an argument is by the verb (`shape align`) and its name;
-/// none where it isn't a path.
+/// Returns the paths in a command's arguments. `role` tells what an argument is by the verb (`shape align`) and its
+/// name; none where it isn't a path.
 pub fn given(command: &Command, matches: &ArgMatches, role: &dyn Fn(&str, &str) -> Option<Role>) -> Vec<Given> {
     let (mut command, mut matches, mut verb) = (command, matches, String::new());
     let mut found = Vec::new();
@@ -53,7 +53,8 @@ pub fn given(command: &Command, matches: &ArgMatches, role: &dyn Fn(&str, &str) 
     }
 }
 
-/// Refuses reports with the name of another output, and outputs that are inputs, by device and inode; whatever `--force` says.
+/// Refuses reports with the name of another output, and outputs that are inputs, by device and inode; whatever
+/// `--force` says.
 ///
 /// # Errors
 ///

@@ -46,7 +46,8 @@ impl FromStr for VoxelSize {
     }
 }
 
-/// Finds and reads surfaces: meshes, and labels of volumes. A volume takes a while to read and is kept until the next one.
+/// Finds and reads surfaces: meshes, and labels of volumes. A volume takes a while to read and is kept until the next
+/// one.
 #[derive(Debug)]
 pub struct SurfaceReader {
     fix: bool,
@@ -57,19 +58,19 @@ pub struct SurfaceReader {
 }
 
 impl SurfaceReader {
-    /// A reader that repairs labels and meshes with `fix`, and cuts their handles with `cut_handles`, in place of leaving them
-    /// to be refused. `voxel_size` is for volumes, in place of what they say of it.
+    /// A reader that repairs labels and meshes with `fix`, and cuts their handles with `cut_handles`, in place of
+    /// leaving them to be refused. `voxel_size` is for volumes, in place of what they say of it.
     pub fn new(fix: bool, cut_handles: bool, voxel_size: Option<VoxelSize>) -> Self {
         Self { fix, cut_handles, voxel_size: voxel_size.map(|size| size.0), volume: None }
     }
 
-    /// Returns the surfaces that paths, lists and labels name: a file, or a file and a label of it. Without `labels` a volume
-    /// has to have a single one. Where surfaces are not to be made of volumes, every file stands for itself.
+    /// Returns the surfaces that paths, lists and labels name: a file, or a file and a label of it. Without `labels` a
+    /// volume has to have a single one. Where surfaces are not to be made of volumes, every file stands for itself.
     ///
     /// # Errors
     ///
-    /// When a list or volume can't be read, a label isn't there, or `labels` or a repair are asked of a file that isn't a
-    /// volume.
+    /// When a list or volume can't be read, a label isn't there, or `labels` or a repair are asked of a file that isn't
+    /// a volume.
     pub fn surfaces(
         &mut self,
         paths: &[PathBuf],
@@ -107,8 +108,8 @@ impl SurfaceReader {
     ///
     /// # Errors
     ///
-    /// When the file can't be read, or the label has no closed surface of genus zero, or what is to be cut isn't one closed
-    /// surface.
+    /// When the file can't be read, or the label has no closed surface of genus zero, or what is to be cut isn't one
+    /// closed surface.
     pub fn read(&mut self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input> {
         if label.is_none() {
             let mesh = Input::Mesh(read_mesh(path)?);

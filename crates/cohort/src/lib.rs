@@ -1,9 +1,9 @@
 //! Lists of surfaces to fit, their shards, and tables of what became of each.
 //!
-//! A cohort is thousands of surfaces that are fitted by many processes, some of which are killed. What is to be done is one
-//! table, a [`Manifest`] with a row for each surface; a process takes the rows of its [`Shard`]. What has been done is another
-//! table for each process, a [`StatusFile`], to which a line is appended when a row is finished, so that a kill loses nothing.
-//! [`Merged`] puts those together.
+//! A cohort is thousands of surfaces that are fitted by many processes, some of which are killed. What is to be done is
+//! one table, a [`Manifest`] with a row for each surface; a process takes the rows of its [`Shard`]. What has been done
+//! is another table for each process, a [`StatusFile`], to which a line is appended when a row is finished, so that a
+//! kill loses nothing. [`Merged`] puts those together.
 //!
 //! ```
 //! use spharm_cohort::{Entry, Manifest, Merged, Shard, State, StatusFile};

@@ -92,15 +92,16 @@ pub fn check_id(text: &str) -> Result<(), &'static str> {
 }
 
 impl Manifest {
-    /// Reads a manifest: UTF-8, with tabs, or with commas where the name ends in `.csv`; with a header, of which `id` and
-    /// `surface` are needed, and `sphere`, `weights`, `output` and `label` may be there or left empty. Paths of inputs are
-    /// relative to the manifest's folder. A byte-order mark, any line ends, blank lines and lines that begin with `#` are
-    /// fine, and so are other columns.
+    /// Reads a manifest: UTF-8, with tabs, or with commas where the name ends in `.csv`; with a header, of which `id`
+    /// and `surface` are needed, and `sphere`, `weights`, `output` and `label` may be there or left empty. Paths of
+    /// inputs are relative to the manifest's folder. A byte-order mark, any line ends, blank lines and lines that begin
+    /// with `#` are fine, and so are other columns.
     ///
     /// # Errors
     ///
-    /// [`CohortError`] with the line: what can't be read or isn't UTF-8, missing columns, rows of other lengths, ids that are
-    /// empty, there twice or can't name a file, outputs that are there twice, and names of columns that are almost one of these.
+    /// [`CohortError`] with the line: what can't be read or isn't UTF-8, missing columns, rows of other lengths, ids
+    /// that are empty, there twice or can't name a file, outputs that are there twice, and names of columns that are
+    /// almost one of these.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         Self::of_text(path, &read_text(path)?)
@@ -140,8 +141,8 @@ impl Manifest {
         Ok(Self { path: path.to_owned(), columns: columns.extra.into_iter().map(|(name, _)| name).collect(), rows })
     }
 
-    /// Returns the text of a manifest with the rows that `keep` wants, comments left out, for a file at `to`. Where that is in
-    /// another folder, inputs' paths are made absolute.
+    /// Returns the text of a manifest with the rows that `keep` wants, comments left out, for a file at `to`. Where
+    /// that is in another folder, inputs' paths are made absolute.
     ///
     /// # Errors
     ///
@@ -284,7 +285,8 @@ impl Columns {
     }
 }
 
-/// Whether a column's name may have been meant to be `own`: it differs by case, or by a letter too many, too few, wrong or swapped.
+/// Whether a column's name may have been meant to be `own`: it differs by case, or by a letter too many, too few, wrong
+/// or swapped.
 fn is_nearly(column: &str, own: &str) -> bool {
     let lower = column.trim().to_lowercase();
     // A body's weight is a covariate; and names of two letters are all alike.

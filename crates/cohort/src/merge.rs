@@ -9,8 +9,9 @@ use crate::table::{Table, read_text};
 
 /// The last word of several status files on each row.
 ///
-/// Within a file a later line of a row replaces an earlier one, but that a model was there doesn't replace that it was made.
-/// Of several files that have a row, which is rare, one counts in which its model is there, else the last one given.
+/// Within a file a later line of a row replaces an earlier one, but that a model was there doesn't replace that it was
+/// made. Of several files that have a row, which is rare, one counts in which its model is there, else the last one
+/// given.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Merged {
     /// In the order in which they were first named.

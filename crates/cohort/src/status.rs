@@ -124,8 +124,8 @@ fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>
     writer.into_inner().map_err(|error| io::Error::other(error.to_string()))
 }
 
-/// A status file that this process writes to. Of several lines of a row the last counts, so that it goes on where an earlier
-/// call ended.
+/// A status file that this process writes to. Of several lines of a row the last counts, so that it goes on where an
+/// earlier call ended.
 #[derive(Debug)]
 pub struct StatusFile {
     path: PathBuf,
@@ -135,12 +135,13 @@ pub struct StatusFile {
 }
 
 impl StatusFile {
-    /// Opens a status file to append to, or makes it, with its folder. Part of a line, as a full disk leaves it, is cut off.
+    /// Opens a status file to append to, or makes it, with its folder. Part of a line, as a full disk leaves it, is cut
+    /// off.
     ///
     /// # Errors
     ///
-    /// [`CohortError::NotStatus`] for a file that is something else, [`CohortError::Locked`] while another process has it, and
-    /// [`CohortError::Io`].
+    /// [`CohortError::NotStatus`] for a file that is something else, [`CohortError::Locked`] while another process has
+    /// it, and [`CohortError::Io`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         let io = |action| move |source| CohortError::Io { path: path.to_owned(), action, source };

@@ -86,8 +86,8 @@ fn two_processes_do_not_share_a_status_file() {
 }
 
 proptest! {
-    /// A full disk, or a kill while a line is written, leaves a part of the file: whole lines before it count, and the next call
-    /// goes on after them.
+    /// A full disk, or a kill while a line is written, leaves a part of the file: whole lines before it count, and the
+    /// next call goes on after them.
     #[test]
     fn a_part_of_a_line_is_cut_off(cut in 0usize..400) {
         let folder = tempfile::tempdir().expect("a folder");

@@ -10,8 +10,8 @@ use spharm_harmonics::index::column;
 
 use crate::format::Normalization;
 
-/// Names and values in aics-shparam's order: cosines, then sines, of each degree the orders from 0 to L, those above the degree
-/// and the sines of order 0 zero.
+/// Names and values in aics-shparam's order: cosines, then sines, of each degree the orders from 0 to L, those above
+/// the degree and the sines of order 0 zero.
 fn named(a: &Coefficients) -> Vec<(String, f64)> {
     let (factor, orders) = (Normalization::FourPi.factor(), 0..=a.max_degree());
     let value = |l: usize, m: usize, sine: bool| match m {

@@ -30,8 +30,8 @@ fn pdm(row: usize) -> (usize, f64) {
     (first_column(degree) + at, if order == 0 { 1.0 } else { SQRT_2 * phase(order) })
 }
 
-/// Returns the rows of a SPHARM-PDM `.coef` file, (K, c): of each degree order 0, then for each order the factors of Re Y and
-/// Im Y.
+/// Returns the rows of a SPHARM-PDM `.coef` file, (K, c): of each degree order 0, then for each order the factors of Re
+/// Y and Im Y.
 #[must_use]
 pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
     let mut rows = Array2::zeros(a.values().raw_dim());
@@ -147,8 +147,8 @@ pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
     found
 }
 
-/// Returns the matrix of weighted SPHARM of a channel, (L + 1, 2 L + 1): of each degree the cosines of orders 0 to l, then the
-/// sines of orders 1 to l, then zeros.
+/// Returns the matrix of weighted SPHARM of a channel, (L + 1, 2 L + 1): of each degree the cosines of orders 0 to l,
+/// then the sines of orders 1 to l, then zeros.
 ///
 /// Its harmonics are of the azimuth plus pi, which is the factor (-1)^m.
 #[must_use]

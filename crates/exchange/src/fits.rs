@@ -1,8 +1,8 @@
-//! FITS files of healpy's `write_alm`: a binary table a channel, with columns index (l^2 + l + m + 1), real and imaginary part
-//! of the coefficients of orders from 0.
+//! FITS files of healpy's `write_alm`: a binary table a channel, with columns index (l^2 + l + m + 1), real and
+//! imaginary part of the coefficients of orders from 0.
 //!
-//! Blocks have 2,880 bytes; headers are cards of 80 characters; numbers are big-endian. Source: FITS standard 4.0, sections
-//! 3, 4 and 7.3.
+//! Blocks have 2,880 bytes; headers are cards of 80 characters; numbers are big-endian. Source: FITS standard 4.0,
+//! sections 3, 4 and 7.3.
 
 use std::io::{self, Write};
 

@@ -39,7 +39,8 @@ pub struct Imported {
 /// # Errors
 ///
 /// [`Io`](ExchangeError::Io), [`Malformed`](ExchangeError::Malformed), [`Unknown`](ExchangeError::Unknown),
-/// [`WrittenOnly`](ExchangeError::WrittenOnly), [`Degrees`](ExchangeError::Degrees), [`Formats`](ExchangeError::Formats).
+/// [`WrittenOnly`](ExchangeError::WrittenOnly), [`Degrees`](ExchangeError::Degrees),
+/// [`Formats`](ExchangeError::Formats).
 pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Imported, ExchangeError> {
     let mut whole: Option<Imported> = None;
     for path in files.iter().map(AsRef::as_ref) {

@@ -1,8 +1,8 @@
 //! SPHARM models in the files of other packages, and back.
 //!
-//! A model's coefficients are real, orthonormal and without the Condon-Shortley phase, row `l^2 + l + m`. Every package has
-//! its own harmonics, order and file; [`Format`] names them. [`export()`] writes a model as one of them, [`import()`] reads it
-//! back. Both are exact but for rounding: numbers in text have 17 digits.
+//! A model's coefficients are real, orthonormal and without the Condon-Shortley phase, row `l^2 + l + m`. Every package
+//! has its own harmonics, order and file; [`Format`] names them. [`export()`] writes a model as one of them,
+//! [`import()`] reads it back. Both are exact but for rounding: numbers in text have 17 digits.
 //!
 //! | format | coefficients | file |
 //! |---|---|---|
@@ -47,10 +47,10 @@
 //!
 //! # Sources
 //!
-//! SPHARM-PDM: M. Styner et al., "Framework for the statistical shape analysis of brain structures using SPHARM-PDM", Insight
-//! Journal 2006. SPHARM-MAT: L. Shen, H. Farid, M. A. McPeek, Evolution 63 (2009). Weighted SPHARM: M. K. Chung et al., IEEE
-//! TMI 26 (2007). SHTOOLS: M. A. Wieczorek, M. Meschede, G3 19 (2018). HEALPix: K. M. Gorski et al., ApJ 622 (2005). FITS:
-//! standard 4.0. MAT files: "MAT-File Format", MathWorks, level 5.
+//! SPHARM-PDM: M. Styner et al., "Framework for the statistical shape analysis of brain structures using SPHARM-PDM",
+//! Insight Journal 2006. SPHARM-MAT: L. Shen, H. Farid, M. A. McPeek, Evolution 63 (2009). Weighted SPHARM: M. K. Chung
+//! et al., IEEE TMI 26 (2007). SHTOOLS: M. A. Wieczorek, M. Meschede, G3 19 (2018). HEALPix: K. M. Gorski et al., ApJ
+//! 622 (2005). FITS: standard 4.0. MAT files: "MAT-File Format", MathWorks, level 5.
 
 #![forbid(unsafe_code)]
 

@@ -1,6 +1,7 @@
 //! Text of SHTOOLS, a file a channel: lines `l, m, C_lm, S_lm` for m from 0 to l.
 //!
-//! pyshtools reads it by `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. What the numbers mean isn't in the file.
+//! pyshtools reads it by `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. What the numbers mean isn't in the
+//! file.
 
 use std::io::{self, Write};
 
@@ -31,9 +32,9 @@ pub(crate) fn write(
     Ok(())
 }
 
-/// Reads the coefficients of a channel. Lines of anything but numbers before the first coefficient are taken for a header.
-/// From the lowest degree on, which other programs' files leave out where it is 0, every order must be there once: what is
-/// missing was lost.
+/// Reads the coefficients of a channel. Lines of anything but numbers before the first coefficient are taken for a
+/// header. From the lowest degree on, which other programs' files leave out where it is 0, every order must be there
+/// once: what is missing was lost.
 pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64>, Flaw> {
     let mut found: Vec<(usize, usize, [f64; 2])> = Vec::new();
     for (line, text) in text(bytes)?.lines().enumerate() {

@@ -1,7 +1,7 @@
 //! Coefficients as text: a CSV table and a JSON object.
 //!
-//! The table is `l,m,x,y,z` (channels that aren't three: `l,m,c0,c1,...`) with canonical coefficients, or as
-//! `spharm fit --coefficients-csv` writes it, `l,m,x_re,x_im,...` with the complex ones of Shen and Chung. The object has
+//! The table is `l,m,x,y,z` (channels that aren't three: `l,m,c0,c1,...`) with canonical coefficients, or as `spharm
+//! fit --coefficients-csv` writes it, `l,m,x_re,x_im,...` with the complex ones of Shen and Chung. The object has
 //! `convention`, `max_degree`, `channels` and `coefficients`, a row a harmonic.
 
 use std::io::{self, Write};

@@ -162,8 +162,8 @@ fn what_is_cut_short_is_an_error() {
         for length in (0..last).filter(|length| length % 7 == 0 || *length > last - 9) {
             std::fs::write(&path, &whole[..length]).unwrap();
             match read(&path, format) {
-                // A table's last number loses digits and stays one; a FITS file is one of fewer channels without its last
-                // tables, a CSV table one of a lower degree.
+                // A table's last number loses digits and stays one; a FITS file is one of fewer channels without its
+                // last tables, a CSV table one of a lower degree.
                 Ok(found) => assert!(
                     length > last - 40
                         || (format == Format::Healpy && length >= 6000)

@@ -3,16 +3,17 @@
 //! # Processors
 //!
 //! Debian's static OpenBLAS chooses among twenty processors' kernels at run time, which are 40 of its 55 MB. Each set
-//! hangs on one table, `gotoblas_NAME`, that the choice points to. Where the table is linked as another name of an older
-//! processor's, its kernels are dropped, and what is installed still runs everywhere: each processor gets the best of the
-//! sets that stay and that it can execute. Processors without AVX2, of before 2013, lose speed in large factors.
+//! hangs on one table, `gotoblas_NAME`, that the choice points to. Where the table is linked as another name of an
+//! older processor's, its kernels are dropped, and what is installed still runs everywhere: each processor gets the
+//! best of the sets that stay and that it can execute. Processors without AVX2, of before 2013, lose speed in large
+//! factors.
 //!
 //! # Precisions
 //!
-//! The table has the kernels of all precisions, and what calls them here are `dgemm`, `dsyrk`, `dtrsm`, `ddot` and `dpotrf`
-//! alone. Those of single precision and of complex numbers, four fifths of what is left, are linked as address 0: a call of
-//! one would end the process at once. `tests/linked.rs` sees to it that nothing is linked into the program that calls them; the
-//! Python extension has no other callers of BLAS than the program (`crates/solver/src/blas.rs`).
+//! The table has the kernels of all precisions, and what calls them here are `dgemm`, `dsyrk`, `dtrsm`, `ddot` and
+//! `dpotrf` alone. Those of single precision and of complex numbers, four fifths of what is left, are linked as address
+//! 0: a call of one would end the process at once. `tests/linked.rs` sees to it that nothing is linked into the program
+//! that calls them; the Python extension has no other callers of BLAS than the program (`crates/solver/src/blas.rs`).
 
 #![forbid(unsafe_code)]
 
@@ -82,8 +83,8 @@ pub fn leave_out_kernels() {
     println!("cargo::rustc-link-arg={option}{}", path.display());
 }
 
-/// The kernels of other numbers than f64, for the processors that have some: names as in `strmm_kernel_LN_HASWELL` that begin
-/// with s, c or z for their numbers, or with i for the place of one of these.
+/// The kernels of other numbers than f64, for the processors that have some: names as in `strmm_kernel_LN_HASWELL` that
+/// begin with s, c or z for their numbers, or with i for the place of one of these.
 fn other_precisions(library: &[u8]) -> BTreeSet<&str> {
     let is_other = |name: &str| {
         let numbers = name.strip_prefix('i').unwrap_or(name);

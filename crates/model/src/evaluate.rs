@@ -23,11 +23,11 @@ impl Model {
         Ok(synthesis(directions, self.coefficients.up_to(degree))?)
     }
 
-    /// Returns the bytes that evaluating a model of so many channels to a degree takes over a sphere of so many vertices and
-    /// triangles, and writing what comes of it, the sphere and the result included.
+    /// Returns the bytes that evaluating a model of so many channels to a degree takes over a sphere of so many
+    /// vertices and triangles, and writing what comes of it, the sphere and the result included.
     ///
-    /// 24 a vertex and 12 a triangle for the sphere; the plan and the call of a transform, see [`Transform::bytes`]; 8 a value
-    /// as it is computed, as it is in the mesh or signal, and while it is written; the triangles of the result.
+    /// 24 a vertex and 12 a triangle for the sphere; the plan and the call of a transform, see [`Transform::bytes`]; 8
+    /// a value as it is computed, as it is in the mesh or signal, and while it is written; the triangles of the result.
     #[must_use]
     pub fn bytes_to_evaluate(vertices: u64, faces: u64, channels: usize, degree: usize) -> u64 {
         let params = TransformParams { max_degree: degree, accuracy: FINEST, channels: channels.clamp(1, 3) };
@@ -55,8 +55,8 @@ impl Model {
         Ok(Mesh { meta: self.meta(), ..Mesh::new(vertices, sphere.faces.clone()) })
     }
 
-    /// Returns the surface that was fitted, at its own vertices and with its own triangles. Of a surface that was cut where it had
-    /// handles, that is the surface as it was before: fillings are left out, seams are welded.
+    /// Returns the surface that was fitted, at its own vertices and with its own triangles. Of a surface that was cut
+    /// where it had handles, that is the surface as it was before: fillings are left out, seams are welded.
     ///
     /// # Errors
     ///

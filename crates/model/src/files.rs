@@ -44,8 +44,8 @@ impl Model {
 
     /// Reads a model: any NumPy archive that has an array `coefficients`.
     ///
-    /// Its values may be f32 or f64, in C or Fortran order, stored or deflated. `max_degree` and `convention` are checked
-    /// where they are there. Directions need not have length 1.
+    /// Its values may be f32 or f64, in C or Fortran order, stored or deflated. `max_degree` and `convention` are
+    /// checked where they are there. Directions need not have length 1.
     ///
     /// # Errors
     ///

@@ -1,5 +1,5 @@
-//! Where a surface lies in its volume, as its file said it: kept in a model, so that a reconstruction says it again. Who made
-//! the file and when isn't kept.
+//! Where a surface lies in its volume, as its file said it: kept in a model, so that a reconstruction says it again.
+//! Who made the file and when isn't kept.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

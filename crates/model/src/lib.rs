@@ -14,9 +14,9 @@
 //! | `scheme_key` | text () | key of the sampling scheme in a basis store |
 //! | `provenance` | text () | JSON: how it was made, see [`Provenance`] |
 //!
-//! The bytes depend on the contents alone: they have no times and no names of machines or users, but for those in the paths
-//! of input and sphere, which are kept as given. Only `coefficients` is needed to read one, so
-//! that a mean of models is a model: `numpy.savez_compressed("mean.npz", coefficients=mean)`.
+//! The bytes depend on the contents alone: they have no times and no names of machines or users, but for those in the
+//! paths of input and sphere, which are kept as given. Only `coefficients` is needed to read one, so that a mean of
+//! models is a model: `numpy.savez_compressed("mean.npz", coefficients=mean)`.
 //!
 //! # Modules
 //!

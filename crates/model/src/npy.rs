@@ -1,7 +1,7 @@
 //! NumPy's array files (`.npy`), as far as models and other packages' coefficients need them.
 //!
-//! Read are versions 1 to 3, numbers of 32 and 64 bits in either byte order, complex ones of twice that, text of UCS-4, C and
-//! Fortran order. Sizes are held against the bytes that can be there before anything is allocated for them.
+//! Read are versions 1 to 3, numbers of 32 and 64 bits in either byte order, complex ones of twice that, text of UCS-4,
+//! C and Fortran order. Sizes are held against the bytes that can be there before anything is allocated for them.
 //!
 //! Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
 

@@ -133,7 +133,8 @@ impl FileRecord {
 pub struct Settings {
     /// `lsq`, `irf`, `sirf`, `mirf`, `nlsf` or `quadrature`.
     pub method: String,
-    /// What was fitted: `surface`, `vertices`, or `samples` that moments are of; unknown in models of version 0.1, which are of the vertices.
+    /// What was fitted: `surface`, `vertices`, or `samples` that moments are of; unknown in models of version 0.1,
+    /// which are of the vertices.
     #[serde(default)]
     pub target: Option<String>,
     /// Area distortion that was allowed to the map of a mesh without a sphere, where it was given.
@@ -202,8 +203,8 @@ pub struct Distances {
 }
 
 impl Distances {
-    /// Returns the distances of a mean and a maximal square, in the input's unit squared, for a surface whose bounding box
-    /// has the volume `scale^3`.
+    /// Returns the distances of a mean and a maximal square, in the input's unit squared, for a surface whose bounding
+    /// box has the volume `scale^3`.
     #[must_use]
     pub fn new(mean_square: f64, max_square: f64, refinement: bool, scale: Option<f64>) -> Self {
         let normalised = |value: f64| scale.map(|scale| value / (scale * scale));

@@ -25,8 +25,9 @@ use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, is_
 const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
 /// Bytes of either end of a file that its key depends on.
 const END: u64 = 1 << 16;
-/// Samples of a chunk, of any number of threads, and of each thread: enough for all of them, and few enough that a chunk
-/// stays in the cache of a core from one step to the next. Sums are the same bits, as these are multiples of blocks.
+/// Samples of a chunk, of any number of threads, and of each thread: enough for all of them, and few enough that a
+/// chunk stays in the cache of a core from one step to the next. Sums are the same bits, as these are multiples of
+/// blocks.
 const CHUNK: usize = 1 << 19;
 const CHUNK_OF_THREAD: usize = 1 << 16;
 

@@ -1,8 +1,9 @@
 //! Moments of samples that are in memory: a chunk of a larger whole, which somebody else holds together.
 //!
-//! Tables know which samples they are by their names, sizes and ends; arrays are known by a name that the caller gives to the
-//! whole that they are part of, or by all their bytes. So [`merge`](mod@crate::merge) finds that a chunk is missing, or there
-//! twice, as it does for shards of tables. Memory is that of [`Accumulator`] and a chunk of converted samples.
+//! Tables know which samples they are by their names, sizes and ends; arrays are known by a name that the caller gives
+//! to the whole that they are part of, or by all their bytes. So [`merge`](mod@crate::merge) finds that a chunk is
+//! missing, or there twice, as it does for shards of tables. Memory is that of [`Accumulator`] and a chunk of converted
+//! samples.
 
 use ndarray::{ArrayView1, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -45,8 +46,8 @@ impl Default for Part {
 
 /// Forms the moments of samples in memory, for fits to degree `max_degree` of the channels with these names, (c).
 ///
-/// The monitor gets the stage `moments`, in samples. No samples at all are a part, too: of a whole that was cut into more
-/// parts than some of them have.
+/// The monitor gets the stage `moments`, in samples. No samples at all are a part, too: of a whole that was cut into
+/// more parts than some of them have.
 ///
 /// # Errors
 ///

@@ -1,8 +1,8 @@
 //! Fits of more samples than fit in memory, or on one machine: their moments, as files that add up.
 //!
-//! A least-squares fit of samples f at directions x with weights w depends on them through the moments of the weights to
-//! degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2` and their number alone. All of these are sums over
-//! the samples, so that they can be formed in one pass over the data, in parts, anywhere: [`accumulate()`] reads
+//! A least-squares fit of samples f at directions x with weights w depends on them through the moments of the weights
+//! to degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2` and their number alone. All of these are sums
+//! over the samples, so that they can be formed in one pass over the data, in parts, anywhere: [`accumulate()`] reads
 //! tables in chunks, [`Moments::write`] keeps what it found, and [`merge()`] adds parts and refuses those that don't
 //! belong together. `docs/moments-format.md` is the authority on the file's bytes.
 //!

@@ -7,8 +7,8 @@ use crate::{MomentsError, Source as PartSource};
 
 /// Adds the moments of parts; to rounding, their order doesn't matter. With `partial` shards may be missing.
 ///
-/// The sum keeps the key of a sampling scheme that all parts have. Parts of different schemes, or without one, add up to
-/// moments without a key.
+/// The sum keeps the key of a sampling scheme that all parts have. Parts of different schemes, or without one, add up
+/// to moments without a key.
 ///
 /// # Errors
 ///
@@ -19,8 +19,8 @@ pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError
     merge_named(parts.into_iter().map(Ok), names, partial)
 }
 
-/// As [`merge()`], for parts that are read one after the other as they are needed, with names for errors. Two parts are in
-/// memory at a time.
+/// As [`merge()`], for parts that are read one after the other as they are needed, with names for errors. Two parts are
+/// in memory at a time.
 ///
 /// # Errors
 ///

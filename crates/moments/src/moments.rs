@@ -62,8 +62,8 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Returns the first channel whose sum of squares has left the range of f64 or is too small to have its digits, although
-    /// it has values: no fit could tell how far off it is. `of the weights` where it is theirs.
+    /// Returns the first channel whose sum of squares has left the range of f64 or is too small to have its digits,
+    /// although it has values: no fit could tell how far off it is. `of the weights` where it is theirs.
     pub fn out_of_range(&self) -> Option<&str> {
         let sums = &self.sums;
         let weights_are = sums.weight.is_normal() && sums.moments.iter().all(|moment| moment.is_finite());

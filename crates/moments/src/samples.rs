@@ -164,8 +164,8 @@ impl Plan {
         self.names.len()
     }
 
-    /// Converts rows to samples, and checks them. `start` is the number of the first one in its table, from 0; over a scheme
-    /// it has a direction for each of them.
+    /// Converts rows to samples, and checks them. `start` is the number of the first one in its table, from 0; over a
+    /// scheme it has a direction for each of them.
     pub(crate) fn samples(&self, rows: &[f64], start: usize, chunk: &mut Chunk) -> Result<(), BadRow> {
         let (columns, channels) = (self.columns(), self.values.len());
         let n = rows.len() / columns;
@@ -277,8 +277,8 @@ impl Plan {
     }
 }
 
-/// Returns the direction and the length of a finite vector, unless it is zero: the bits of [`normalise`], which scales all
-/// vectors lest their squares overflow or underflow.
+/// Returns the direction and the length of a finite vector, unless it is zero: the bits of [`normalise`], which scales
+/// all vectors lest their squares overflow or underflow.
 #[inline]
 fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
     let [x, y, z] = vector;

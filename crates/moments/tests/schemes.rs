@@ -25,7 +25,8 @@ fn weight(i: usize) -> f64 {
     (1 + i % 3) as f64
 }
 
-/// A table of values and weights, whose first rows are longer than the others: shards of its bytes aren't shards of its rows.
+/// A table of values and weights, whose first rows are longer than the others: shards of its bytes aren't shards of its
+/// rows.
 fn table(folder: &Path, name: &str, rows: usize) -> PathBuf {
     let mut text = "thickness,w\n".to_owned();
     for i in 0..rows {
@@ -176,7 +177,8 @@ fn values_on_vertices_are_tables_too() {
         anywhere.columns.positions = None;
         assert!(matches!(refused(&anywhere), MomentsError::UnknownFormat { .. }), "{name}");
     }
-    // Vertices without a value are told of where they are used. A curv file has 15 bytes, and then a value in four of each.
+    // Vertices without a value are told of where they are used. A curv file has 15 bytes, and then a value in four of
+    // each.
     let path = folder.path().join("lh.thickness");
     let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
     write_signal(&path, &Signal::new(values, N, 1), &options).unwrap();

@@ -144,8 +144,8 @@ pub(crate) fn grid(
     Ok((grid, last.map(between).transpose()?))
 }
 
-/// How far a surface is from its reconstruction at four times as many vertices: msd and xsd look at the vertices that were
-/// fitted, between which a fit may do as it likes.
+/// How far a surface is from its reconstruction at four times as many vertices: msd and xsd look at the vertices that
+/// were fitted, between which a fit may do as it likes.
 fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<SurfaceDistance> {
     let denser = surface.denser_sphere();
     let values = synthesis(&Directions::from_vertices(&denser.vertices)?, coefficients.values().view())?;
@@ -155,8 +155,8 @@ fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor
     Ok(surface_distance(&given, &found, &SurfaceDistanceParams::default(), monitor)?)
 }
 
-/// Table 1: for memories around the one given, the largest degree of NLSF by the solver's plan; and in the memory given,
-/// a fit to that degree or to the highest that is still quick.
+/// Table 1: for memories around the one given, the largest degree of NLSF by the solver's plan; and in the memory
+/// given, a fit to that degree or to the highest that is still quick.
 pub(crate) fn nlsf(
     bench: &Bench<'_>,
     extent: &Extent,

@@ -1,5 +1,5 @@
-//! The two families of methods, which the paper leaves for later: least squares at the vertices, and Healy's quadrature on a
-//! grid that the surface is resampled to.
+//! The two families of methods, which the paper leaves for later: least squares at the vertices, and Healy's quadrature
+//! on a grid that the surface is resampled to.
 
 use std::time::Instant;
 

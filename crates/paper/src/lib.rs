@@ -1,8 +1,8 @@
 //! The experiments of the paper, repeated: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using
 //! spherical harmonics", 3DPVT 2006.
 //!
-//! [`Experiments::new`] reads the surfaces, [`Experiments::run`] measures, and the documents that come of it, tables as CSV,
-//! figures as SVG and a summary in Markdown, are texts for the caller to write.
+//! [`Experiments::new`] reads the surfaces, [`Experiments::run`] measures, and the documents that come of it, tables as
+//! CSV, figures as SVG and a summary in Markdown, are texts for the caller to write.
 //!
 //! | module | contents |
 //! |---|---|

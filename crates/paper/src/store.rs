@@ -25,8 +25,8 @@ impl Store {
         Ok(Self { folder: temporary.path().to_path_buf(), temporary: Some(temporary) })
     }
 
-    /// Removes a basis from a temporary store, which so never holds more than one: the disk and the system's cache needn't
-    /// hold all of them.
+    /// Removes a basis from a temporary store, which so never holds more than one: the disk and the system's cache
+    /// needn't hold all of them.
     pub(crate) fn done_with(&self, basis: &Path) -> Result<()> {
         if self.temporary.is_some() {
             std::fs::remove_dir_all(basis).with_context(|| format!("{}: cannot remove", basis.display()))?;

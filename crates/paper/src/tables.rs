@@ -111,8 +111,8 @@ pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// Lines cells up as a Markdown table that reads as one in a terminal too: the first row is the header, the first column
-/// to the left and the others to the right.
+/// Lines cells up as a Markdown table that reads as one in a terminal too: the first row is the header, the first
+/// column to the left and the others to the right.
 pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
     let columns = rows.first().map_or(0, Vec::len);
     let length = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());

@@ -1,7 +1,8 @@
 //! Long calls into other libraries that can't be interrupted.
 //!
-//! A sparse factorisation of a mesh of 160,000 vertices takes about a second and asks nobody. It runs on a thread of its
-//! own here while the caller asks the monitor; when that wants to stop, the thread is left behind and ends with its work.
+//! A sparse factorisation of a mesh of 160,000 vertices takes about a second and asks nobody. It runs on a thread of
+//! its own here while the caller asks the monitor; when that wants to stop, the thread is left behind and ends with its
+//! work.
 
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};

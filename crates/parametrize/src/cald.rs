@@ -1,5 +1,5 @@
-//! Control of area and length distortion (L. Shen and F. Makedon, "Spherical mapping for processing of 3D closed surfaces",
-//! Image and Vision Computing 24, 2006).
+//! Control of area and length distortion (L. Shen and F. Makedon, "Spherical mapping for processing of 3D closed
+//! surfaces", Image and Vision Computing 24, 2006).
 //!
 //! The aim is theirs, equal areas with bounded length distortion, by local and global smoothing from a map that is one
 //! to one. Local smoothing moves single vertices in their stars; global smoothing moves all of them at once. Both
@@ -8,8 +8,8 @@
 //! enough, and no further: what is left of it keeps the map smooth, and a fit over a smooth map needs fewer degrees.
 //!
 //! What area distortion is allowed beyond that is spent on residual-adaptive areas (`residual_areas.rs`): a higher
-//! sampling density where a model has its residual, in rounds, as long as the error of a fit falls. A fit over such a map
-//! has a fifth to a half less error than over one with the surface's own areas.
+//! sampling density where a model has its residual, in rounds, as long as the error of a fit falls. A fit over such a
+//! map has a fifth to a half less error than over one with the surface's own areas.
 
 use std::time::Instant;
 
@@ -27,8 +27,8 @@ use crate::residual_areas::{adapted, degree_for, residual};
 /// The shares of shape distortion in the energy, stage by stage.
 const STAGES: [f64; 13] = [0.3, 0.212, 0.15, 0.11, 0.08, 0.056, 0.04, 0.028, 0.02, 0.014, 0.01, 0.007, 0.005];
 
-/// Weight of the term that bounds lengths, relative to the share of shape. At ten times this, areas of figures with arms
-/// suffer (homer: 0.15 in place of 0.08).
+/// Weight of the term that bounds lengths, relative to the share of shape. At ten times this, areas of figures with
+/// arms suffer (homer: 0.15 in place of 0.08).
 const BOUND: f64 = 0.02;
 
 /// The part of the allowed area distortion that shape may cost.
@@ -43,13 +43,13 @@ const MOST_FOR_SHAPE: f64 = 0.3;
 /// Rounds of adapting the target areas.
 const ROUNDS: usize = 8;
 
-/// By how much a round's areas differ from the last ones, at most, and at least for it to be worth a round: root mean square
-/// of the log of the factors.
+/// By how much a round's areas differ from the last ones, at most, and at least for it to be worth a round: root mean
+/// square of the log of the factors.
 const STEP: f64 = 0.2;
 const SMALLEST_STEP: f64 = 0.03;
 
-/// A residual below this share of the surface's radius isn't worth distortion, and can't be distinguished from the error
-/// of the fit itself.
+/// A residual below this share of the surface's radius isn't worth distortion, and can't be distinguished from the
+/// error of the fit itself.
 const NEGLIGIBLE: f64 = 3e-5;
 
 /// A round is kept if it brings the residual below this share of what it was: a sphere gains nothing by it.
@@ -78,8 +78,8 @@ impl Default for CaldParams {
 }
 
 impl CaldParams {
-    /// Settings for a map that only serves a fit of degree `max_degree`: area distortion is allowed (to 0.8) as long as the
-    /// fit over the map gains by it.
+    /// Settings for a map that only serves a fit of degree `max_degree`: area distortion is allowed (to 0.8) as long as
+    /// the fit over the map gains by it.
     #[must_use]
     pub fn for_degree(max_degree: usize) -> Self {
         Self { area: 0.8, degree: Some(max_degree), ..Self::default() }
@@ -122,11 +122,11 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
     Ok(found)
 }
 
-/// Spends area distortion that is left on residual-adaptive areas, as long as the error of a fit falls. Returns the largest
-/// factor by which a target area grew; `None`, and the map as it was, where nothing is left or nothing gained.
+/// Spends area distortion that is left on residual-adaptive areas, as long as the error of a fit falls. Returns the
+/// largest factor by which a target area grew; `None`, and the map as it was, where nothing is left or nothing gained.
 ///
-/// Each round multiplies the areas by what the residual of the last fit asks for. A round that costs more distortion than is
-/// allowed, or gains nothing, is taken back and tried again with smaller factors.
+/// Each round multiplies the areas by what the residual of the last fit asks for. A round that costs more distortion
+/// than is allowed, or gains nothing, is taken back and tried again with smaller factors.
 fn adapt_areas(
     domain: &Domain,
     descent: &mut Descent,

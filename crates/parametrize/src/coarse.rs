@@ -1,17 +1,17 @@
 //! The coarse space of the two-grid preconditioner: a few hundred to ten thousand patches that turn as rigid bodies.
 //!
-//! What a smoother doesn't see are displacements that hardly change any triangle, and those are rotations of the sphere,
-//! patch by patch, blended into each other. So each coarse unknown is the rotation vector (three numbers) of a patch:
-//! the vertices within `R` edges of its seed. Vertex v moves by
+//! What a smoother doesn't see are displacements that hardly change any triangle, and those are rotations of the
+//! sphere, patch by patch, blended into each other. So each coarse unknown is the rotation vector (three numbers) of a
+//! patch: the vertices within `R` edges of its seed. Vertex v moves by
 //!
 //! ```text
 //! x_v = F_v sum over patches k of phi_k(v) omega_k x p_v,      phi_k(v) ~ 1 - distance(v, seed k) / (R + 1)
 //! ```
 //!
-//! with F_v the frame of its tangent plane and the phi_k(v) scaled to the sum 1, so that the rotations of the whole sphere
-//! are in the space exactly. (It is smoothed aggregation with the rigid modes of elasticity, P. Vanek, J. Mandel, M.
-//! Brezina, Computing 56, 1996, with hats by distance in place of smoothing by the matrix.) Patches depend on the
-//! triangulation alone and are found once; the coarse matrix is P^T H P, factored by faer.
+//! with F_v the frame of its tangent plane and the phi_k(v) scaled to the sum 1, so that the rotations of the whole
+//! sphere are in the space exactly. (It is smoothed aggregation with the rigid modes of elasticity, P. Vanek, J.
+//! Mandel, M. Brezina, Computing 56, 1996, with hats by distance in place of smoothing by the matrix.) Patches depend
+//! on the triangulation alone and are found once; the coarse matrix is P^T H P, factored by faer.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};

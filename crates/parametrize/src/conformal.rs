@@ -1,12 +1,12 @@
 //! Least angle distortion, and of the Moebius transformations the one with the least area distortion.
 //!
 //! The energy is the harmonic one of X. Gu et al. (IEEE Trans. Med. Imaging 23, 2004) divided by the area triangle by
-//! triangle (K. Hormann and G. Greiner, MIPS, 2000): the same minimum on a smooth surface, and infinite where a triangle
-//! turns over, which the harmonic energy alone doesn't notice. It doesn't change as the sphere is transformed by a
-//! Moebius transformation; those are a rotation and a boost each, and the boost is chosen so that the mean squared log
-//! area ratio is least. A conformal map makes the end of an arm exponentially small in the arm's length; the map is
-//! taken there by a weight on equal areas that goes down from stage to stage, and it stops where cells would become
-//! too small for 64-bit numbers, which the report says.
+//! triangle (K. Hormann and G. Greiner, MIPS, 2000): the same minimum on a smooth surface, and infinite where a
+//! triangle turns over, which the harmonic energy alone doesn't notice. It doesn't change as the sphere is transformed
+//! by a Moebius transformation; those are a rotation and a boost each, and the boost is chosen so that the mean squared
+//! log area ratio is least. A conformal map makes the end of an arm exponentially small in the arm's length; the map is
+//! taken there by a weight on equal areas that goes down from stage to stage, and it stops where cells would become too
+//! small for 64-bit numbers, which the report says.
 
 use std::time::Instant;
 

@@ -1,34 +1,36 @@
 //! An icosphere deformed onto the surface (after M. Chung and S. Robbins).
 //!
-//! The result is a surface with the icosphere's vertices and triangles; vertices with the same number correspond. Studies
-//! get a shared sampling from it, with springs that keep the triangles alike.
+//! The result is a surface with the icosphere's vertices and triangles; vertices with the same number correspond.
+//! Studies get a shared sampling from it, with springs that keep the triangles alike.
 //!
 //! # Method
 //!
 //! In the original a mesh is pulled towards the surface through space (D. MacDonald, N. Kabani, D. Avis, A. Evans,
-//! NeuroImage 12, 2000; S. Robbins, MSc thesis, McGill, 2003). Where a surface is far from convex, as an arm or a fold is,
-//! the nearest point is on the wrong side and the mesh gets stuck or pierces itself; the original starts close, which a
-//! general tool can't. So this method begins with a map of the surface onto the sphere that is one to one (any of this crate's
-//! methods), which says where each vertex of the icosphere belongs, and moves the vertices *on* the surface, coarse to fine:
+//! NeuroImage 12, 2000; S. Robbins, MSc thesis, McGill, 2003). Where a surface is far from convex, as an arm or a fold
+//! is, the nearest point is on the wrong side and the mesh gets stuck or pierces itself; the original starts close,
+//! which a general tool can't. So this method begins with a map of the surface onto the sphere that is one to one (any
+//! of this crate's methods), which says where each vertex of the icosphere belongs, and moves the vertices *on* the
+//! surface, coarse to fine:
 //!
 //! 1. a coarse icosphere's vertices take the places that the map gives them;
 //! 2. in sweeps, each vertex goes with its forces, then to the surface's nearest point, which the map takes back to the
-//!    sphere; it goes only where all triangles around it stay positively oriented there, by an exact predicate, and well
-//!    shaped on the surface. So the mesh winds around the surface once, always, and no vertex jumps over a fold to a sheet
-//!    that is near in space only;
+//!    sphere; it goes only where all triangles around it stay positively oriented there, by an exact predicate, and
+//!    well shaped on the surface. So the mesh winds around the surface once, always, and no vertex jumps over a fold to
+//!    a sheet that is near in space only;
 //! 3. each triangle is split in four, at its edges' midpoints on the sphere, and 2 is repeated.
 //!
-//! Forces on vertex i with neighbours j, l_ij the length of the path on the surface that the map makes of the arc from i
-//! to j (a chord would see nothing of a fold that a coarse triangle spans), t_ij the direction in which it leaves i:
+//! Forces on vertex i with neighbours j, l_ij the length of the path on the surface that the map makes of the arc from
+//! i to j (a chord would see nothing of a fold that a coarse triangle spans), t_ij the direction in which it leaves i:
 //!
-//! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij, which is the icosphere's own edge scaled by
-//!   the square root of the areas' ratio;
-//! - *bending*: U_i - mean of U_j, U_i = mean of l_ij t_ij, which smooths how the spacing changes. The shape is
-//!   the surface's alone: vertices are projected back onto it, so only the part of a force along the surface moves them.
+//! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij, which is the icosphere's own edge
+//!   scaled by the square root of the areas' ratio;
+//! - *bending*: U_i - mean of U_j, U_i = mean of l_ij t_ij, which smooths how the spacing changes. The shape is the
+//!   surface's alone: vertices are projected back onto it, so only the part of a force along the surface moves them.
 //!
-//! Last, triangles that cut through each other (chords that cross where a fold is narrower than the triangles) are looked
-//! for with a bounding-volume hierarchy, and the vertices around are smoothed until there are none, which takes them off
-//! the surface a little. What is left is reported; more subdivisions help, where the given surface doesn't cut itself.
+//! Last, triangles that cut through each other (chords that cross where a fold is narrower than the triangles) are
+//! looked for with a bounding-volume hierarchy, and the vertices around are smoothed until there are none, which takes
+//! them off the surface a little. What is left is reported; more subdivisions help, where the given surface doesn't cut
+//! itself.
 //!
 //! # Cost
 //!

@@ -42,8 +42,8 @@ impl Descent {
         Ok(Self { map, iterations, converged: false, hierarchy, newton, classes })
     }
 
-    /// Descends an energy until a step would gain less than `tolerance` of what the energy is above its least value on a
-    /// smooth surface, or `steps` steps are done.
+    /// Descends an energy until a step would gain less than `tolerance` of what the energy is above its least value on
+    /// a smooth surface, or `steps` steps are done.
     pub(crate) fn descend(
         &mut self,
         energy: Energy,

@@ -61,8 +61,8 @@ impl Domain {
     }
 }
 
-/// Refuses meshes that can't be mapped to the sphere one to one, or only by chance. Their coordinates have been divided by
-/// 2^exponent.
+/// Refuses meshes that can't be mapped to the sphere one to one, or only by chance. Their coordinates have been divided
+/// by 2^exponent.
 fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
     let found = Flaws::of(mesh)?;
     let handles = found.handles();
@@ -78,7 +78,8 @@ fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
     Err(ParametrizeError::BadSurface { problems: problems.join("; "), handles, remedy })
 }
 
-/// How many handles there are, and of a mesh where that is quickly found how long the loops are along which it could be cut.
+/// How many handles there are, and of a mesh where that is quickly found how long the loops are along which it could be
+/// cut.
 fn with_lengths(mesh: &Mesh, handles: usize, clean: bool, exponent: i32) -> String {
     let text = match handles {
         1 => "the surface has a handle (genus 1)".to_owned(),

@@ -1,9 +1,9 @@
 //! Coarse to fine: a map without flips of any closed surface of genus zero (E. Praun and H. Hoppe, SIGGRAPH 2003).
 //!
-//! The [`Hierarchy`] is taken down to a tetrahedron, which goes onto the sphere as a regular one. Then the vertices come
-//! back: each into the kernel of its ring, which is never empty, since the vertex it had gone into sees all of it; then
-//! it and its neighbours relax. Each time the mesh has doubled, sweeps and Newton's steps let the whole map settle, so
-//! that large features get their areas while there are few vertices to move.
+//! The [`Hierarchy`] is taken down to a tetrahedron, which goes onto the sphere as a regular one. Then the vertices
+//! come back: each into the kernel of its ring, which is never empty, since the vertex it had gone into sees all of it;
+//! then it and its neighbours relax. Each time the mesh has doubled, sweeps and Newton's steps let the whole map
+//! settle, so that large features get their areas while there are few vertices to move.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};

@@ -17,8 +17,8 @@
 //! | [`Energy::CONFORMAL`] | q / r | angles are kept (the MIPS of Hormann and Greiner, 2000) |
 //! | [`Energy::STRETCH`] | q / r^2 + e q | L2 stretch is least (Sander et al. 2001) |
 //!
-//! Each goes to infinity as a triangle loses its area, so that a descent that starts from a map without flips stays one.
-//! Cotangents are scale-free, so a triangle of a coarsened mesh can carry more area than it has.
+//! Each goes to infinity as a triangle loses its area, so that a descent that starts from a map without flips stays
+//! one. Cotangents are scale-free, so a triangle of a coarsened mesh can carry more area than it has.
 
 use crate::density::Density;
 use crate::geometry::{Vec3, add, norm, sub};

@@ -40,8 +40,8 @@ impl Flaws {
         let mut problems = without_handles.problems();
         let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
         let flat = flat.saturating_sub(topology.degenerate_faces);
-        // Two sheets may touch in a vertex, as at the seam of a surface that was cut: only where a triangle is flat by it is that
-        // a flaw. On open meshes the topology reports them itself.
+        // Two sheets may touch in a vertex, as at the seam of a surface that was cut: only where a triangle is flat by
+        // it is that a flaw. On open meshes the topology reports them itself.
         if flat > 0 && topology.duplicate_vertices > 0 && topology.boundary_edges == 0 {
             problems.push(counted(topology.duplicate_vertices, "vertex lies", "vertices lie", "exactly on others"));
         }

@@ -11,8 +11,8 @@
 //! map that equalises areas has the area of an arm before it has the arm.
 //!
 //! O(n log n): a heap of vertices by cost, which is looked at again when a vertex comes to the top. Vertices of many
-//! triangles stay until they have fewer: to look at one takes time quadratic in their number, and there always is a vertex
-//! of five or fewer that can go.
+//! triangles stay until they have fewer: to look at one takes time quadratic in their number, and there always is a
+//! vertex of five or fewer that can go.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -1,8 +1,8 @@
 //! Vertices of many triangles, in time that doesn't grow with their number.
 //!
-//! A list of the triangles around a vertex is short, and is looked through. The pole of a fan, of a sphere by latitude and
-//! longitude or of a turned part has as many as there are meridians, and each of them comes and goes: what is in its list is
-//! indexed, so that each takes constant time.
+//! A list of the triangles around a vertex is short, and is looked through. The pole of a fan, of a sphere by latitude
+//! and longitude or of a turned part has as many as there are meridians, and each of them comes and goes: what is in
+//! its list is indexed, so that each takes constant time.
 
 use std::collections::HashMap;
 

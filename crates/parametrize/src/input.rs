@@ -76,7 +76,8 @@ impl Input {
         })
     }
 
-    /// Mends a mesh, see [`repair`](spharm_surface::repair), where there is something to mend. A label's surface stays as it is.
+    /// Mends a mesh, see [`repair`](spharm_surface::repair), where there is something to mend. A label's surface stays
+    /// as it is.
     #[must_use]
     pub fn mended(self) -> Self {
         let Self::Mesh(mesh) = &self else { return self };
@@ -106,8 +107,8 @@ impl Input {
         if let Self::Cut(cut, _) = self { Some(cut) } else { None }
     }
 
-    /// Returns what was changed of the surface as it was given, to warn of: repairs and cuts, and where handles were `to_be_cut`
-    /// that a repair has removed them.
+    /// Returns what was changed of the surface as it was given, to warn of: repairs and cuts, and where handles were
+    /// `to_be_cut` that a repair has removed them.
     #[must_use]
     pub fn changes(&self, to_be_cut: bool) -> Vec<String> {
         let repair = self.label().and_then(|label| label.repair.as_ref());
@@ -149,8 +150,8 @@ impl Sampling {
     /// Bytes that a vertex of a sampling takes while a surface is put on it.
     pub const BYTES_PER_VERTEX: u64 = 700;
 
-    /// Returns about the bytes that putting a surface on this sampling takes: 700 a vertex of it, for the sphere, its tree and
-    /// the resampled meshes. Of a file they are taken from its size.
+    /// Returns about the bytes that putting a surface on this sampling takes: 700 a vertex of it, for the sphere, its
+    /// tree and the resampled meshes. Of a file they are taken from its size.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         /// A sphere's file has 12 bytes a vertex and 24 for its triangles, or more.

@@ -1,8 +1,8 @@
 //! Closed surfaces onto the sphere, one to one.
 //!
-//! A SPHARM model is as good as the map from the surface to the sphere that it is fitted over: where that map squeezes a
-//! part of the surface, few samples see it and high degrees are wasted on it. This crate makes such maps. Whatever the
-//! method, the result is one to one, by an exact predicate on each spherical triangle, or it is an error.
+//! A SPHARM model is as good as the map from the surface to the sphere that it is fitted over: where that map squeezes
+//! a part of the surface, few samples see it and high degrees are wasted on it. This crate makes such maps. Whatever
+//! the method, the result is one to one, by an exact predicate on each spherical triangle, or it is an error.
 //!
 //! # Example
 //!
@@ -20,7 +20,8 @@
 //!
 //! # Conventions
 //!
-//! - A sphere has its surface's vertices, in their order, and its triangles; vertices lie on the unit sphere to rounding.
+//! - A sphere has its surface's vertices, in their order, and its triangles; vertices lie on the unit sphere to
+//!   rounding.
 //! - Triangles that wind outwards on the surface do on the sphere.
 //! - Areas are compared once the surface is scaled to the area of the sphere, 4 pi.
 //! - The same input and seed give the same bits, whatever the number of threads.
@@ -29,8 +30,8 @@
 //!
 //! # Method
 //!
-//! All methods for meshes begin alike: the surface is collapsed to a tetrahedron, which goes onto the sphere, and vertices
-//! come back inside their kernels (`hierarchy.rs`, `embed.rs`, `star.rs`). From there a method descends its
+//! All methods for meshes begin alike: the surface is collapsed to a tetrahedron, which goes onto the sphere, and
+//! vertices come back inside their kernels (`hierarchy.rs`, `embed.rs`, `star.rs`). From there a method descends its
 //! energy (`energy.rs`) by Newton's steps over the whole mesh (`newton.rs`) and by sweeps over single vertices, and no
 //! step that flips a triangle is taken. So there are never folds to repair, and the result is checked anew. Derivatives
 //! are in closed form (`local.rs`), and linear systems are solved by conjugate gradients over two grids (`pcg.rs`,

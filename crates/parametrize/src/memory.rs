@@ -1,7 +1,7 @@
 //! What the methods take of memory, to be planned with.
 //!
-//! All of it is linear in the vertices but for the model whose residual areas adapt to: its samples, and the tables of its
-//! transform, go with the square of its degree.
+//! All of it is linear in the vertices but for the model whose residual areas adapt to: its samples, and the tables of
+//! its transform, go with the square of its degree.
 
 use spharm_surface::generate::icosphere_counts;
 
@@ -9,8 +9,8 @@ use crate::cald::CaldParams;
 use crate::method::{Method, Source};
 use crate::residual_areas::degree_for;
 
-/// Of any method: the hierarchy, triangles and their energies, the blocks of Newton's steps and their two grids. Measured:
-/// cald 2.1 to 2.9 kB for 655,362 to 40,962 vertices, conformal and stretch 2.1 kB.
+/// Of any method: the hierarchy, triangles and their energies, the blocks of Newton's steps and their two grids.
+/// Measured: cald 2.1 to 2.9 kB for 655,362 to 40,962 vertices, conformal and stretch 2.1 kB.
 const BYTES_PER_VERTEX: u64 = 3000;
 
 /// Samples and transform of a model of degree L, by L^2. Measured: 2.8 to 5.3 kB for L = 100 to 34.

@@ -1,8 +1,8 @@
 //! All vertices at once: projected Newton over the whole mesh.
 //!
 //! Unknowns are two per vertex, in a frame of the tangent plane. Each triangle's Hessian has its negative eigenvalues
-//! raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`), and the sum goes to conjugate gradients with a
-//! two-grid preconditioner (`pcg.rs`), or on small meshes to a Cholesky factorisation. Steps are halved until no
+//! raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`), and the sum goes to conjugate gradients
+//! with a two-grid preconditioner (`pcg.rs`), or on small meshes to a Cholesky factorisation. Steps are halved until no
 //! triangle is flipped and the energy has gone down (Armijo). Newton's steps are what low-frequency errors of stiff
 //! energies need: sweeps over single vertices take as many rounds as the mesh is wide.
 //!

@@ -1,8 +1,8 @@
 //! Newton's systems by conjugate gradients, preconditioned by two grids.
 //!
-//! One cycle: two steps of Chebyshev's smoother, a correction in the coarse space (`coarse.rs`), two steps more. The smoother
-//! works with the inverses D^-1 of the 2 x 2 diagonal blocks. Of D^-1 H no eigenvalue is above 3, since H is a sum of
-//! semidefinite matrices of three corners each, whatever the triangulation.
+//! One cycle: two steps of Chebyshev's smoother, a correction in the coarse space (`coarse.rs`), two steps more. The
+//! smoother works with the inverses D^-1 of the 2 x 2 diagonal blocks. Of D^-1 H no eigenvalue is above 3, since H is a
+//! sum of semidefinite matrices of three corners each, whatever the triangulation.
 //!
 //! Memory and work per iteration are linear in the vertices. Some ten iterations take the error in the energy of the
 //! quadratic model to a hundredth, for any number of vertices.

@@ -106,8 +106,8 @@ impl Parametrization {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Report {
-    /// The method: `cald`, `conformal`, `stretch`, `equal-area`, `deform` or `resample`; `given` for a map that was made
-    /// elsewhere.
+    /// The method: `cald`, `conformal`, `stretch`, `equal-area`, `deform` or `resample`; `given` for a map that was
+    /// made elsewhere.
     pub method: &'static str,
     /// Number of vertices.
     pub vertices: usize,

@@ -1,10 +1,10 @@
 //! A surface on another sampling of its sphere.
 //!
 //! Where every subject of a study has the same vertices over the same sphere, one basis serves them all and vertices
-//! correspond. For each direction of the shared sphere: the triangle of the surface's own sphere that the ray meets, and
-//! the point of the surface with the same barycentric weights ([`SphereLocator`]). Where the two spheres have a vertex in
-//! common it keeps its position to the last bit; elsewhere the new surface has its vertices on the old one and its
-//! triangles cut corners; [`Resampling::distance`] measures how far.
+//! correspond. For each direction of the shared sphere: the triangle of the surface's own sphere that the ray meets,
+//! and the point of the surface with the same barycentric weights ([`SphereLocator`]). Where the two spheres have a
+//! vertex in common it keeps its position to the last bit; elsewhere the new surface has its vertices on the old one
+//! and its triangles cut corners; [`Resampling::distance`] measures how far.
 
 use std::time::Instant;
 

@@ -1,10 +1,11 @@
 //! Residual-adaptive areas: a higher sampling density where a model of a given degree has its residual.
 //!
 //! A model of degree L resolves pi / L wherever on the sphere, so its residual is largest where the surface bends
-//! sharply, or is meshed more finely than its area on the sphere allows for. A map with more area there and less elsewhere
-//! has less error (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized parametrization", EGRW 2002). Here a
-//! fit shows where: its least squares over the current map leaves a residual on each triangle, and the triangles' target
-//! areas are multiplied by exp (s g), with g the residual's size, smoothed a little over neighbours, less its mean.
+//! sharply, or is meshed more finely than its area on the sphere allows for. A map with more area there and less
+//! elsewhere has less error (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized parametrization", EGRW
+//! 2002). Here a fit shows where: its least squares over the current map leaves a residual on each triangle, and the
+//! triangles' target areas are multiplied by exp (s g), with g the residual's size, smoothed a little over neighbours,
+//! less its mean.
 
 use std::ops::Range;
 
@@ -42,7 +43,8 @@ pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     asked.map_or(most(PER_FUNCTION[0]).min(MAX_DEFAULT_DEGREE), |degree| degree.min(most(PER_FUNCTION[1])))
 }
 
-/// Most samples of a triangle, on average, and how many are few: triangles as they are have 3 where there are many of them.
+/// Most samples of a triangle, on average, and how many are few: triangles as they are have 3 where there are many of
+/// them.
 const MOST_SAMPLES: usize = 16;
 const FEW_SAMPLES: usize = 1_000_000;
 
@@ -82,7 +84,8 @@ pub(crate) fn residual(
     let fit = fit?;
 
     let squares: Vec<f64> = fit.residual.rows().into_iter().map(|row| row.dot(&row)).collect();
-    // Of each triangle the mean over its part of the sphere, which for what a triangle is mapped to is that over its area.
+    // Of each triangle the mean over its part of the sphere, which for what a triangle is mapped to is that over its
+    // area.
     let mean_square = |samples_of: Range<usize>| {
         let weight: f64 = samples.weights[samples_of.clone()].iter().sum();
         let sum: f64 = samples_of.map(|i| samples.weights[i] * squares[i]).sum();
@@ -97,7 +100,8 @@ pub(crate) fn residual(
     Ok(Residual { rms, excess })
 }
 
-/// Samples for a degree: for a lower one where slivers that cross the sphere would have more than [`MOST_SAMPLES`] a triangle.
+/// Samples for a degree: for a lower one where slivers that cross the sphere would have more than [`MOST_SAMPLES`] a
+/// triangle.
 fn sampling(
     directions: &Directions,
     faces: &[[u32; 3]],

@@ -1,8 +1,8 @@
 //! Self-intersections of a mesh.
 //!
-//! Two triangles without a common vertex intersect when an edge of one goes through the other; two with one common vertex
-//! when the edge opposite to it does. All by the signs of exact determinants. Triangles with a common edge, and contacts
-//! in which all corners lie in one plane, don't count: a surface that is folded flat onto itself is not found.
+//! Two triangles without a common vertex intersect when an edge of one goes through the other; two with one common
+//! vertex when the edge opposite to it does. All by the signs of exact determinants. Triangles with a common edge, and
+//! contacts in which all corners lie in one plane, don't count: a surface that is folded flat onto itself is not found.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};

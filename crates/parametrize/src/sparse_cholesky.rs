@@ -26,8 +26,8 @@ pub(crate) struct Symbolic {
 pub(crate) struct Factor(Llt<usize, f64>);
 
 impl Symbolic {
-    /// Analyses a symmetric pattern of blocks of `size` rows and columns: the columns of each row, where `starts` has the
-    /// begin of each row, in any order but with the diagonal. Returns `None` where faer can't, which is for want of
+    /// Analyses a symmetric pattern of blocks of `size` rows and columns: the columns of each row, where `starts` has
+    /// the begin of each row, in any order but with the diagonal. Returns `None` where faer can't, which is for want of
     /// memory.
     pub(crate) fn new(
         size: usize,

@@ -2,8 +2,8 @@
 //!
 //! A vertex may move inside its kernel, the points of the sphere from which the whole of its ring is seen in the right
 //! order: the intersection of the hemispheres to the left of the ring's edges. A move is taken only if every triangle
-//! around the vertex is positive by the exact predicate afterwards and the energy is lower, so a map without flips stays
-//! one, whatever the rounding.
+//! around the vertex is positive by the exact predicate afterwards and the energy is lower, so a map without flips
+//! stays one, whatever the rounding.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};

@@ -1,8 +1,8 @@
 //! Least stretch (E. Praun and H. Hoppe, "Spherical parametrization and remeshing", SIGGRAPH 2003).
 //!
-//! The map grows coarse to fine (`embed.rs`) and minimises the L2 stretch of the map from the sphere to the surface from
-//! the first vertex on, so that samples of a uniform grid on the sphere lie densely everywhere on the surface. The energy
-//! is infinite for a flat triangle, so no vertex can leave its kernel.
+//! The map grows coarse to fine (`embed.rs`) and minimises the L2 stretch of the map from the sphere to the surface
+//! from the first vertex on, so that samples of a uniform grid on the sphere lie densely everywhere on the surface. The
+//! energy is infinite for a flat triangle, so no vertex can leave its kernel.
 
 use std::time::Instant;
 

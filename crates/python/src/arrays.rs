@@ -1,7 +1,7 @@
 //! NumPy arrays to the library's types and back.
 //!
-//! Arrays come with any strides and are never written to. Shapes are checked here, since a binding that trusts its callers
-//! panics; values are checked by the library.
+//! Arrays come with any strides and are never written to. Shapes are checked here, since a binding that trusts its
+//! callers panics; values are checked by the library.
 
 use ndarray::{Array2, ArrayView2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
@@ -61,7 +61,8 @@ pub(crate) struct SphereArrays {
     seam: Option<Seam>,
 }
 
-/// How a cut surface belongs to the one that it was cut from, as it comes from Python: vertices, triangles, copied vertices.
+/// How a cut surface belongs to the one that it was cut from, as it comes from Python: vertices, triangles, copied
+/// vertices.
 pub(crate) type SeamIn = (usize, usize, Vec<u32>);
 /// As it goes back to Python.
 pub(crate) type SeamOut<'py> = (usize, usize, Bound<'py, PyArray1<u32>>);

@@ -93,8 +93,8 @@ fn shape_correspond(
     })
 }
 
-/// A registered template, its vertices in the surface's own frame, its triangles, whether each vertex is reached, and the
-/// transform that brings the surface to the template and how well it is covered, as JSON.
+/// A registered template, its vertices in the surface's own frame, its triangles, whether each vertex is reached, and
+/// the transform that brings the surface to the template and how well it is covered, as JSON.
 type Registration<'py> = (PositionsOut<'py>, FacesOut<'py>, Bound<'py, PyArray1<bool>>, String, String);
 
 /// A template moved onto a surface.

@@ -1,7 +1,7 @@
 //! `spharm_rs._core`: the library as functions on NumPy arrays.
 //!
-//! The package's Python code (`python/spharm_rs`) takes whatever users have, makes it arrays of one type, and calls this.
-//! Here stand types, the thread pools of a process, progress and interruption, and exceptions; nothing computes.
+//! The package's Python code (`python/spharm_rs`) takes whatever users have, makes it arrays of one type, and calls
+//! this. Here stand types, the thread pools of a process, progress and interruption, and exceptions; nothing computes.
 //!
 //! # Modules
 //!

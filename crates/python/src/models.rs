@@ -155,8 +155,8 @@ impl Model {
         Ok(values.into_pyarray(py))
     }
 
-    /// The surface over a sphere: vertices and triangles. Over the model's own, where none is given, with the handles that were
-    /// cut.
+    /// The surface over a sphere: vertices and triangles. Over the model's own, where none is given, with the handles
+    /// that were cut.
     #[pyo3(signature = (sphere, faces, degree, *, threads = None))]
     fn surface<'py>(
         &self,

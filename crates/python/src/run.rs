@@ -1,7 +1,8 @@
 //! Work on a thread pool of this process, while the calling thread looks for signals and reports progress.
 //!
-//! Python handles signals on its main thread, between its own instructions, and a callback needs the interpreter. So the work
-//! runs on a thread of its own, and the calling thread wakes every [`WAKE`] without holding the interpreter in between.
+//! Python handles signals on its main thread, between its own instructions, and a callback needs the interpreter. So
+//! the work runs on a thread of its own, and the calling thread wakes every [`WAKE`] without holding the interpreter in
+//! between.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -27,8 +28,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Returns the pool of so many threads, of as many as the machine has where none are asked for.
 ///
-/// rayon's global pool would hang for ever in a forked child, where the parent's threads don't exist. So pools are kept by
-/// process, and a parent's are leaked: dropping one waits for its threads.
+/// rayon's global pool would hang for ever in a forked child, where the parent's threads don't exist. So pools are kept
+/// by process, and a parent's are leaked: dropping one waits for its threads.
 ///
 /// # Errors
 ///
@@ -107,8 +108,8 @@ impl Watch {
 
 type Outcome<T> = Result<T, Failure>;
 
-/// Runs work on a pool of so many threads. `progress(stage, done, total)` is called on the calling thread; an exception in it
-/// stops the work and is raised, and so is a signal's, once the work has stopped.
+/// Runs work on a pool of so many threads. `progress(stage, done, total)` is called on the calling thread; an exception
+/// in it stops the work and is raised, and so is a signal's, once the work has stopped.
 ///
 /// # Errors
 ///
@@ -129,8 +130,8 @@ pub(crate) fn run<T: Send>(
     })
 }
 
-/// As [`run`], for work that owns its data: an exception doesn't wait for what can't be stopped at once, such as the disk.
-/// The work then comes to its end on its own, as it does where it is stopped.
+/// As [`run`], for work that owns its data: an exception doesn't wait for what can't be stopped at once, such as the
+/// disk. The work then comes to its end on its own, as it does where it is stopped.
 ///
 /// # Errors
 ///
@@ -158,7 +159,8 @@ fn guarded<T: Send>(
     catch_unwind(AssertUnwindSafe(|| pool.install(|| work(monitor)))).unwrap_or(Err(Failure::Panic))
 }
 
-/// Waits for the work, without the interpreter but for signals and progress; for no longer than `grace` once it is to stop.
+/// Waits for the work, without the interpreter but for signals and progress; for no longer than `grace` once it is to
+/// stop.
 fn wait<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,

@@ -163,7 +163,8 @@ fn shape_tails<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Bound
     Ok(run(py, Some(1), None, move |_| Ok(tails(coefficients)?))?.into_pyarray(py))
 }
 
-/// Directions that spread vertices evenly, the spread of areas before and after, and the number of triangles turned over.
+/// Directions that spread vertices evenly, the spread of areas before and after, and the number of triangles turned
+/// over.
 #[pyfunction]
 #[pyo3(signature = (model, sphere, faces, degree, *, steps, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]

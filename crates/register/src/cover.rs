@@ -65,8 +65,8 @@ pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, re
     vertices.par_iter().zip(&template.masked).map(|(point, masked)| *masked || lacks(point)).collect()
 }
 
-/// Whether each vertex, before its projection, has a counterpart on the subject: a point within `reach` that isn't on the border
-/// of an open surface.
+/// Whether each vertex, before its projection, has a counterpart on the subject: a point within `reach` that isn't on
+/// the border of an open surface.
 pub(crate) fn reached(free: &[bool], vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
     let reached = |(point, free): (&Vec3, &bool)| {
         let found = subject.tree.nearest(*point);

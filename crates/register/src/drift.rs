@@ -1,5 +1,5 @@
-//! Coherent point drift: points of the template are the centres of Gaussians of one width, to which the subject's points
-//! belong by shares, and move together, by a smooth displacement, to where these points are.
+//! Coherent point drift: points of the template are the centres of Gaussians of one width, to which the subject's
+//! points belong by shares, and move together, by a smooth displacement, to where these points are.
 //!
 //! A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern Anal. Mach. Intell. 32
 //! (2010), with a factor of low rank of the kernel (`v = F a`, [`crate::low_rank`]) in place of its eigenvectors, and
@@ -45,8 +45,8 @@ const ALONG: f64 = 2.0;
 /// Growth of sigma from one kernel to the next, narrower one.
 const AGAIN: f64 = 1.3;
 
-/// Returns the template's vertices moved near the subject by all stages of the drift; those that are `free`, (n), follow
-/// the others.
+/// Returns the template's vertices moved near the subject by all stages of the drift; those that are `free`, (n),
+/// follow the others.
 ///
 /// # Errors
 ///
@@ -71,7 +71,8 @@ pub fn drift(
     Ok(mesh.vertices)
 }
 
-/// Responsibilities of each template point: their sum, that of the subject's points times them, and over all points the sum of
+/// Responsibilities of each template point: their sum, that of the subject's points times them, and over all points the
+/// sum of
 /// |x|^2 times them.
 struct Sums {
     shares: Vec<f64>,

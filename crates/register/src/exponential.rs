@@ -18,8 +18,8 @@ pub(crate) struct Probe {
     pub(crate) kappa: f64,
 }
 
-/// Writes `exp(-|x - y|^2 sharpness + kappa (n_x . n_y - 1))` for the points y of a range into `out`, and returns their sum.
-/// Some 25 flops a pair.
+/// Writes `exp(-|x - y|^2 sharpness + kappa (n_x . n_y - 1))` for the points y of a range into `out`, and returns their
+/// sum. Some 25 flops a pair.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "aarch64+neon"))]
 pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [f64]) -> f64 {
     let to = from + out.len();

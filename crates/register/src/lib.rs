@@ -6,8 +6,8 @@
 //!
 //! # Steps
 //!
-//! 1. Coherent point drift ([`drift`](mod@drift)) with three Gaussian kernels, the widest first, brings the template near where
-//!    the pose leaves the surfaces apart.
+//! 1. Coherent point drift ([`drift`](mod@drift)) with three Gaussian kernels, the widest first, brings the template
+//!    near where the pose leaves the surfaces apart.
 //! 2. Nearest points both ways ([`snap`](mod@snap)) under a thin plate that softens bring it onto the surface.
 //! 3. Its vertices are projected onto the surface, and evened within it around triangles that are turned over
 //!    ([`untangle`](mod@untangle)).

@@ -2,8 +2,8 @@
 //!
 //! By a Cholesky factorisation with pivots that ends where no diagonal entry of what is left exceeds a tolerance: N.
 //! Higham, "Analysis of the Cholesky decomposition of a semi-definite matrix" (1990). The rows of F at further places
-//! follow from the same pivots, so that a displacement `F a` of the points extends to any place of space. Cost: `(n + m) r^2`
-//! flops and `n + m` exponentials a column.
+//! follow from the same pivots, so that a displacement `F a` of the points extends to any place of space. Cost: `(n +
+//! m) r^2` flops and `n + m` exponentials a column.
 
 use rayon::prelude::*;
 use spharm_surface::geometry::{Vec3, dot, sub};
@@ -22,8 +22,8 @@ pub struct LowRank {
 const ROWS: usize = 512;
 
 impl LowRank {
-    /// Factors the kernel of a width at `points`, with at most `most` columns, until the diagonal of what is left is at most
-    /// `tolerance`.
+    /// Factors the kernel of a width at `points`, with at most `most` columns, until the diagonal of what is left is at
+    /// most `tolerance`.
     #[must_use]
     pub fn new(points: &[Vec3], places: &[Vec3], width: f64, most: usize, tolerance: f64) -> Self {
         let all: Vec<Vec3> = points.iter().chain(places).copied().collect();

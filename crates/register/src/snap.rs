@@ -1,9 +1,9 @@
 //! A template drawn onto a surface by nearest points both ways, under a thin plate that softens.
 //!
 //! B. Amberg, S. Romdhani and T. Vetter, "Optimal step nonrigid ICP algorithms for surface registration", CVPR 2007.
-//! Points of the template have nearest ones on the subject, in position and normal, and points of the subject have nearest
-//! ones on the template; the latter draw it into tips, which no point of the template has as its nearest. Distances count
-//! across the surface, and a little along it. Each round solves
+//! Points of the template have nearest ones on the subject, in position and normal, and points of the subject have
+//! nearest ones on the template; the latter draw it into tips, which no point of the template has as its nearest.
+//! Distances count across the surface, and a little along it. Each round solves
 //!
 //! ```text
 //! (S^T W S + stiffness / n L^T L) v = S^T W r,   W = w (n n^T + tangential I) a pair
@@ -100,8 +100,8 @@ fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
     })
 }
 
-/// Each vertex with its nearest point of the subject, weighted by its share of the area. A vertex whose nearest point is on
-/// the border of an open surface has none: what the subject lacks would be squeezed into the border.
+/// Each vertex with its nearest point of the subject, weighted by its share of the area. A vertex whose nearest point
+/// is on the border of an open surface has none: what the subject lacks would be squeezed into the border.
 fn to_subject(
     template: &Template,
     vertices: &[Vec3],

@@ -38,8 +38,8 @@ pub(crate) struct Stage {
 }
 
 impl Template {
-    /// Prepares a template. `masked`, (n), names vertices without a counterpart on subjects, such as the lids of holes that were
-    /// filled: nothing pulls at them.
+    /// Prepares a template. `masked`, (n), names vertices without a counterpart on subjects, such as the lids of holes
+    /// that were filled: nothing pulls at them.
     ///
     /// # Errors
     ///

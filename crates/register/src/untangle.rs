@@ -1,9 +1,9 @@
 //! Vertices projected onto a surface, without triangles that are turned over.
 //!
-//! A triangle is turned over where its normal points against that of the subject's triangle that is nearest to its centre.
-//! Around such triangles vertices move halfway to the mean of their neighbours, and are projected again, a few times.
-//! What is left of them is tried vertex by vertex: each corner goes where the fewest triangles around it are turned, of some
-//! places towards its neighbours. Free vertices stay where the thin plate left them.
+//! A triangle is turned over where its normal points against that of the subject's triangle that is nearest to its
+//! centre. Around such triangles vertices move halfway to the mean of their neighbours, and are projected again, a few
+//! times. What is left of them is tried vertex by vertex: each corner goes where the fewest triangles around it are
+//! turned, of some places towards its neighbours. Free vertices stay where the thin plate left them.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;

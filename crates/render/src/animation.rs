@@ -36,8 +36,8 @@ pub fn render_frames(meshes: &[Mesh], settings: &Settings) -> Result<Vec<Image>,
 ///
 /// # Errors
 ///
-/// [`RenderError::NoPanels`] for no frames, [`RenderError::Size`] for frames of other sizes than the first one's; those of
-/// [`check_output`] and [`write_new`].
+/// [`RenderError::NoPanels`] for no frames, [`RenderError::Size`] for frames of other sizes than the first one's; those
+/// of [`check_output`] and [`write_new`].
 pub fn write_gif(
     path: impl AsRef<Path>,
     frames: &[Image],

@@ -103,8 +103,8 @@ const BACKGROUND: [u8; 3] = [255; 3];
 const INK: [u8; 3] = [40; 3];
 
 impl Settings {
-    /// Returns the bytes that [`render`] and [`encode_png`] take for so many panels, of meshes of at most so many vertices, the
-    /// picture included.
+    /// Returns the bytes that [`render`] and [`encode_png`] take for so many panels, of meshes of at most so many
+    /// vertices, the picture included.
     ///
     /// Three a pixel of the picture, twice while it is compressed; 80 a pixel of one panel, which is drawn at twice the
     /// resolution in linear light with its depth, one panel after another; 128 a vertex of the panel's mesh.
@@ -123,8 +123,8 @@ impl Settings {
 ///
 /// # Errors
 ///
-/// [`RenderError`]: no panels, a picture below 16 or above 16,384 pixels on a side, values that aren't one for each vertex
-/// of their mesh, or a range that isn't finite.
+/// [`RenderError`]: no panels, a picture below 16 or above 16,384 pixels on a side, values that aren't one for each
+/// vertex of their mesh, or a range that isn't finite.
 pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, RenderError> {
     check(panels, settings)?;
     let columns = match settings.columns {

@@ -5,8 +5,8 @@ use spharm_surface::Mesh;
 /// Values beyond this percentile get the last colour: a few large ones would leave no colours to the rest.
 const PERCENTILE: usize = 99;
 
-/// Returns a mesh scaled and moved into the place of another: as wide as it where both are widest, around the same centre
-/// of the bounding box.
+/// Returns a mesh scaled and moved into the place of another: as wide as it where both are widest, around the same
+/// centre of the bounding box.
 #[must_use]
 pub fn fit_into(mesh: &Mesh, other: &Mesh) -> Mesh {
     let span = |mesh: &Mesh, axis: usize| {
@@ -37,7 +37,8 @@ pub fn is_probability(name: &str) -> bool {
     name == "p" || name == "q" || name.starts_with("p-")
 }
 
-/// Returns -log10 of p values, and their range from 0 to that of the least p, or at least to 1: what is significant has the last colours.
+/// Returns -log10 of p values, and their range from 0 to that of the least p, or at least to 1: what is significant has
+/// the last colours.
 #[must_use]
 pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     let values: Vec<f64> = p.iter().map(|p| if p.is_nan() { *p } else { -p.max(1e-300).log10() }).collect();
@@ -45,7 +46,8 @@ pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     (values, (0.0, most))
 }
 
-/// Returns what stands at the scale of a map: its name, for p values `-log10`, and that the ends are clipped where values lie beyond.
+/// Returns what stands at the scale of a map: its name, for p values `-log10`, and that the ends are clipped where
+/// values lie beyond.
 #[must_use]
 pub fn scale_label(name: &str, values: &[f64], (low, high): (f64, f64)) -> String {
     if is_probability(name) {

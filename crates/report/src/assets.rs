@@ -1,7 +1,7 @@
 //! What a page carries beside its data: script, WebAssembly and style sheet.
 //!
-//! `./run report-assets` builds the first two from `viewer/` and `crates/viewer`, and writes the hashes of their sources into
-//! `assets/sources.txt`; a test compares these.
+//! `./run report-assets` builds the first two from `viewer/` and `crates/viewer`, and writes the hashes of their
+//! sources into `assets/sources.txt`; a test compares these.
 
 use std::io::Read;
 

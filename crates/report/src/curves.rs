@@ -55,8 +55,8 @@ fn power(coefficients: &Coefficients, l: usize, channel: usize) -> f64 {
     rows.map(square).sum::<f64>() / SPHERE
 }
 
-/// Mean and largest squared distance after each pass, from the entry of a surface in the report of `fit`; none where the fit
-/// wasn't made in passes.
+/// Mean and largest squared distance after each pass, from the entry of a surface in the report of `fit`; none where
+/// the fit wasn't made in passes.
 pub(crate) fn convergence(entry: &Value) -> Option<String> {
     let passes = entry.get("passes")?.as_array()?;
     if passes.len() < 2 {

@@ -1,12 +1,14 @@
-//! Models as a page for the browser: one HTML file, which asks for nothing beside itself and evaluates the models at any
-//! degree.
+//! Models as a page for the browser: one HTML file, which asks for nothing beside itself and evaluates the models at
+//! any degree.
 //!
-//! [`page()`] makes it of [`Contents`]: models beside the surfaces that they were fitted to, modes of a group, maps of a test,
-//! tables of status. Coefficients, directions and triangles are in the page as arrays; WebAssembly of `crates/viewer` evaluates
-//! them there and `viewer/` draws. Without scripts, or without WebGL, pictures stand in place of the views.
+//! [`page()`] makes it of [`Contents`]: models beside the surfaces that they were fitted to, modes of a group, maps of
+//! a test, tables of status. Coefficients, directions and triangles are in the page as arrays; WebAssembly of
+//! `crates/viewer` evaluates them there and `viewer/` draws. Without scripts, or without WebGL, pictures stand in place
+//! of the views.
 //!
-//! A surface with the triangles of its model's sphere is stored as its offsets from the model, in steps of a 32,767th of the
-//! largest, so that distances in the page are right to 3e-5 of the largest one. Coefficients and directions are f32.
+//! A surface with the triangles of its model's sphere is stored as its offsets from the model, in steps of a 32,767th
+//! of the largest, so that distances in the page are right to 3e-5 of the largest one. Coefficients and directions are
+//! f32.
 //!
 //! # Modules
 //!

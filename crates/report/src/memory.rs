@@ -5,8 +5,8 @@ use spharm_model::Model;
 use crate::contents::{Contents, Params};
 use crate::grid::vertices_for;
 
-/// Of a mesh in the page: its positions and triangles, as they are evaluated, in binary, and as text, twice while that grows.
-/// Measured: 270 for a model of 40,962 vertices with its surface, each.
+/// Of a mesh in the page: its positions and triangles, as they are evaluated, in binary, and as text, twice while that
+/// grows. Measured: 270 for a model of 40,962 vertices with its surface, each.
 const BYTES_PER_VERTEX: u64 = 320;
 /// The tree by which the distances from a surface of other triangles are found, of one model at a time.
 const TREE: u64 = 520;

@@ -32,7 +32,8 @@ enum Reference {
     Model,
     /// The surface, vertex by vertex: its offset from the model to its highest degree, in steps.
     Vertices { name: String, offsets: Block, step: f64 },
-    /// A surface of other triangles: the distance (NaN for what isn't of the surface) of each vertex of the model to its highest degree from the nearest point.
+    /// A surface of other triangles: the distance (NaN for what isn't of the surface) of each vertex of the model to
+    /// its highest degree from the nearest point.
     Surface { name: String, mesh: Option<Drawn>, distances: Block },
 }
 
@@ -120,8 +121,8 @@ impl ModelItem {
     }
 }
 
-/// The model's own sphere where it has triangles and isn't too large, else an icosphere. A surface that was cut open has its
-/// own one, and is shown as it was cut.
+/// The model's own sphere where it has triangles and isn't too large, else an icosphere. A surface that was cut open
+/// has its own one, and is shown as it was cut.
 fn sphere_of(model: &Model, max_vertices: usize) -> Sphere {
     match &model.sphere {
         Some(own) if !own.faces.is_empty() && own.directions.len() <= max_vertices => own.clone(),

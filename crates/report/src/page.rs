@@ -1,7 +1,7 @@
 //! The page: one HTML file, which asks for nothing beside itself.
 //!
-//! The policy in its head lets this script and this style sheet run, by their hashes, and nothing else: what a name holds can
-//! only be text.
+//! The policy in its head lets this script and this style sheet run, by their hashes, and nothing else: what a name
+//! holds can only be text.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -57,8 +57,8 @@ enum Item {
 ///
 /// # Errors
 ///
-/// [`ReportError`]: no contents; a model of a signal; maps that don't fit their mesh; a cancelled monitor, as an error of the
-/// surface.
+/// [`ReportError`]: no contents; a model of a signal; maps that don't fit their mesh; a cancelled monitor, as an error
+/// of the surface.
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
     let Contents { title, warnings, models, modes, tests, quality: measured, tables, version } = contents;
     if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] {

@@ -25,8 +25,8 @@ pub(crate) fn name(text: &str) -> String {
     format!("<bdi>{}</bdi>", escape(text))
 }
 
-/// Returns JSON for a `<script>` element: no `<`, `>` or `&`, so that nothing in it ends the element or begins a comment, and
-/// no line separators.
+/// Returns JSON for a `<script>` element: no `<`, `>` or `&`, so that nothing in it ends the element or begins a
+/// comment, and no line separators.
 pub(crate) fn json(value: &impl Serialize) -> Result<String, serde_json::Error> {
     let mut escaped = String::new();
     for character in serde_json::to_string(value)?.chars() {

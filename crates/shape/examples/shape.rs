@@ -1,8 +1,8 @@
 //! Rotation and alignment on arrays that another program uses as well; `benches/shape.py` drives it.
 //!
 //! Arrays are `.npy` files of f64: coefficients (K, 3) or, of many surfaces, (n, K, 3); a rotation (3, 3). Each command
-//! prints JSON with the CPU seconds and the seconds of its repetitions or pairs, and writes what it computed, for whoever
-//! checks it.
+//! prints JSON with the CPU seconds and the seconds of its repetitions or pairs, and writes what it computed, for
+//! whoever checks it.
 
 use std::path::Path;
 use std::time::Instant;

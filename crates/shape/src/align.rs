@@ -1,17 +1,18 @@
 //! One surface brought to another.
 //!
-//! The moving surface f is turned in its parameters and in space, moved, and scaled if asked, so that its root mean square
-//! distance over the sphere from the target g, [`rmsd`], is smallest. By default both rotations are
-//! searched together (P. Kostelec and D. Rockmore 2008 for the grid, W. Kabsch 1976 inside it):
+//! The moving surface f is turned in its parameters and in space, moved, and scaled if asked, so that its root mean
+//! square distance over the sphere from the target g, [`rmsd`], is smallest. By default both rotations are searched
+//! together (P. Kostelec and D. Rockmore 2008 for the grid, W. Kabsch 1976 inside it):
 //!
 //! ```text
 //! rmsd^2 = (|f|^2 + |g|^2 - 2 tr Q^T M(R)) / 4 pi,   M_ij(R) = <g_i, R f_j>, row 0 left out
 //! ```
 //!
 //! The best Q of each R is closed form, so one grid of R covers both; the best local maxima of the grid are refined by
-//! Newton's method to 1e-13, and so are the four rotations between the axes of the first-order ellipsoids. No first alignment is needed and the result doesn't depend on the poses that the surfaces are
-//! given in. The grid sees degrees below its bandwidth, the refinement all. With 8 and 6 starts the best optimum known
-//! was found for all of 30 random pairs of hippocampi at degree 12, where (5, 3) were enough.
+//! Newton's method to 1e-13, and so are the four rotations between the axes of the first-order ellipsoids. No first
+//! alignment is needed and the result doesn't depend on the poses that the surfaces are given in. The grid sees degrees
+//! below its bandwidth, the refinement all. With 8 and 6 starts the best optimum known was found for all of 30 random
+//! pairs of hippocampi at degree 12, where (5, 3) were enough.
 //!
 //! A mirror image is never matched unless `mirror` asks for it.
 //!
@@ -58,8 +59,8 @@ use crate::refine::{Fit, Space, Target, distance};
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 
-/// Surfaces that are nearer at equal directions than this times the distance of the surfaces may correspond, so that both
-/// rotations together, which need no points of surfaces, tell the pose to rounding.
+/// Surfaces that are nearer at equal directions than this times the distance of the surfaces may correspond, so that
+/// both rotations together, which need no points of surfaces, tell the pose to rounding.
 const NEAR: f64 = 2.0;
 
 /// What an alignment did.
@@ -73,12 +74,13 @@ pub struct AlignReport {
     pub rmsd_before: f64,
     /// The same after the alignment.
     pub rmsd_after: f64,
-    /// What the refinement of each start reached, without scale: those of the grid, the best first, and four between the
-    /// axes of ellipsoids; above degree 40 only starts that differ at degree 20. One value for other methods.
+    /// What the refinement of each start reached, without scale: those of the grid, the best first, and four between
+    /// the axes of ellipsoids; above degree 40 only starts that differ at degree 20. One value for other methods.
     pub ends: Vec<f64>,
     /// Whether the moving surface was mirrored in space.
     pub mirrored: bool,
-    /// Distance of the surfaces in the pose, without the tenth of the points that is farthest; of [`Method::Surfaces`] alone.
+    /// Distance of the surfaces in the pose, without the tenth of the points that is farthest; of [`Method::Surfaces`]
+    /// alone.
     pub surface_distance: Option<f64>,
     /// What to know.
     pub warnings: Vec<AlignWarning>,

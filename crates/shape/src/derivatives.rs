@@ -4,10 +4,11 @@
 //! (L_k f)(u) = <e_k x u, grad f(u)>,    L f = u x grad f,    grad f = -u x L f
 //! ```
 //!
-//! `L_k f` is what an infinitesimal rotation of the directions about axis k changes, so it stays within a degree, and with it
-//! the gradient of a sum of harmonics is found by synthesis alone, without angles, whose derivatives are singular at the
-//! poles. On the complex coefficients c of a degree (D. A. Varshalovich et al., Quantum Theory of Angular Momentum (1988),
-//! section 5.8; `L = i` times theirs), with `p = sqrt((l - m + 1)(l + m))`, `q = sqrt((l + m + 1)(l - m))`:
+//! `L_k f` is what an infinitesimal rotation of the directions about axis k changes, so it stays within a degree, and
+//! with it the gradient of a sum of harmonics is found by synthesis alone, without angles, whose derivatives are
+//! singular at the poles. On the complex coefficients c of a degree (D. A. Varshalovich et al., Quantum Theory of
+//! Angular Momentum (1988), section 5.8; `L = i` times theirs), with `p = sqrt((l - m + 1)(l + m))`, `q = sqrt((l + m +
+//! 1)(l - m))`:
 //!
 //! ```text
 //! (L_x c)_m = i/2 (p c_{m-1} + q c_{m+1}),   (L_y c)_m = 1/2 (p c_{m-1} - q c_{m+1}),   (L_z c)_m = i m c_m

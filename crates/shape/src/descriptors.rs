@@ -6,15 +6,15 @@
 //! power P_l = |A_l|^2 / (4 pi),    sigma_l,1 >= sigma_l,2 >= ...: singular values of A_l / sqrt(4 pi)
 //! ```
 //!
-//! A rotation of the directions multiplies A_l by an orthogonal matrix from the left, one of the surface from the right, so
-//! neither changes these; nor does a reflection, which they can't tell (M. Kazhdan, T. Funkhouser and S. Rusinkiewicz,
-//! "Rotation invariant spherical harmonic representation of 3D shape descriptors", SGP 2003, of the power; the singular
-//! values also know how a degree is shared out among the axes). They depend on the parameterisation. Degree 0, the position,
-//! is left out.
+//! A rotation of the directions multiplies A_l by an orthogonal matrix from the left, one of the surface from the
+//! right, so neither changes these; nor does a reflection, which they can't tell (M. Kazhdan, T. Funkhouser and S.
+//! Rusinkiewicz, "Rotation invariant spherical harmonic representation of 3D shape descriptors", SGP 2003, of the
+//! power; the singular values also know how a degree is shared out among the axes). They depend on the
+//! parameterisation. Degree 0, the position, is left out.
 //!
-//! The distance of two surfaces' singular values is never above the root mean square distance of the surfaces, however they
-//! are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <= |A - B|^2`, for each
-//! degree). That makes retrieval by them exact, see [`retrieval`](crate::retrieval).
+//! The distance of two surfaces' singular values is never above the root mean square distance of the surfaces, however
+//! they are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <= |A -
+//! B|^2`, for each degree). That makes retrieval by them exact, see [`retrieval`](crate::retrieval).
 //!
 //! Cost: some 100 flops a coefficient.
 
@@ -108,8 +108,8 @@ mod tests {
         Coefficients::new(Array2::from_shape_fn((basis_size(max_degree), 3), value)).unwrap()
     }
 
-    /// The coefficients of `f(R^T u)` by quadrature of the function at turned directions, and of the surface turned by Q
-    /// and moved.
+    /// The coefficients of `f(R^T u)` by quadrature of the function at turned directions, and of the surface turned by
+    /// Q and moved.
     fn turned(coefficients: &Coefficients, r: &[Vec3; 3], q: &[Vec3; 3]) -> Coefficients {
         let max_degree = coefficients.max_degree();
         let n = max_degree + 1;

@@ -38,8 +38,8 @@ impl Evaluated {
     }
 }
 
-/// The transform of a motion that brings a surface onto another. Its sphere is mirrored too where else the outside of one
-/// would be the inside of the other.
+/// The transform of a motion that brings a surface onto another. Its sphere is mirrored too where else the outside of
+/// one would be the inside of the other.
 pub(crate) fn in_pose(similarity: Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Transform {
     let outside = moving.volume * fixed.volume > 0.0;
     Transform { antipodal: similarity.mirrors() == outside, similarity, ..Transform::default() }

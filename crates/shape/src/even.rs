@@ -1,21 +1,21 @@
 //! Directions at which a surface's vertices are spread evenly over its area.
 //!
 //! An icosphere's vertices are even on the sphere; on the surface they are sparse where the area element `|N|`
-//! ([`geometry`](crate::geometry)) is large. J. Moser's flow ("On the volume elements on a manifold", Trans. Amer. Math. Soc.
-//! 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990)) carries the even density 1
-//! into the density `rho = |N| / mean`, with no search:
+//! ([`geometry`](crate::geometry)) is large. J. Moser's flow ("On the volume elements on a manifold", Trans. Amer.
+//! Math. Soc. 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990)) carries the
+//! even density 1 into the density `rho = |N| / mean`, with no search:
 //!
 //! ```text
 //! laplacian(psi) = rho - 1,    rho_t = 1 + t (rho - 1),    u' = -grad psi(u) / rho_t(u),    t from 0 to 1
 //! ```
 //!
-//! since then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and `-grad psi = u x L psi`,
-//! so a step is a synthesis. The density is taken to degree 2L and at least 16, but no further than the mesh can resolve, and
-//! smoothed by a heat kernel that leaves 5 % of its highest degree, so that cutting it off makes no ripples; it is kept above
-//! [`LEAST_DENSITY`]. Fourth-order Runge-Kutta steps.
+//! since then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and `-grad psi = u x L
+//! psi`, so a step is a synthesis. The density is taken to degree 2L and at least 16, but no further than the mesh can
+//! resolve, and smoothed by a heat kernel that leaves 5 % of its highest degree, so that cutting it off makes no
+//! ripples; it is kept above [`LEAST_DENSITY`]. Fourth-order Runge-Kutta steps.
 //!
-//! Cost: four syntheses of four functions a step at n directions, and the analysis of |N| on a grid of four times as many
-//! rings as the density's degree.
+//! Cost: four syntheses of four functions a step at n directions, and the analysis of |N| on a grid of four times as
+//! many rings as the density's degree.
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -54,8 +54,8 @@ pub struct EvenSphere {
     pub folded: usize,
 }
 
-/// Returns a sphere's directions relocated so that the surface with the canonical coefficients `coefficients`, (K, 3), has
-/// triangles of about the same area over it.
+/// Returns a sphere's directions relocated so that the surface with the canonical coefficients `coefficients`, (K, 3),
+/// has triangles of about the same area over it.
 ///
 /// `steps` is the number of steps of the flow; 16 are plenty.
 ///

@@ -64,13 +64,14 @@ impl Field {
     }
 }
 
-/// Evaluates models at directions. Models are of the degree of the first one or of higher ones, of which the degrees up to
-/// that are used. Memory: `8 n V d` bytes and a transform's.
+/// Evaluates models at directions. Models are of the degree of the first one or of higher ones, of which the degrees up
+/// to that are used. Memory: `8 n V d` bytes and a transform's.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] for no models, [`ShapeError::Differ`] for another number of channels than the measurement takes or
-/// a lower degree than the first one's, [`ShapeError::NotFinite`], [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`] for no models, [`ShapeError::Differ`] for another number of channels than the
+/// measurement takes or a lower degree than the first one's, [`ShapeError::NotFinite`], [`ShapeError::Transform`],
+/// [`ShapeError::Interrupted`].
 pub fn measure_group(
     group: &[Coefficients],
     directions: &Directions,

@@ -1,14 +1,14 @@
 //! The frame of the first-order ellipsoid.
 //!
 //! C. Brechbuehler, G. Gerig and O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer
-//! Vision and Image Understanding 61 (1995). The rows of degree 1 are a linear map of the direction to space,
-//! `F = U S V^T`, an ellipsoid. In its frame, `R = V^T` and `Q = U^T`, the map is diagonal: the longest axis of the
-//! ellipsoid is x, the shortest z, in space and in the parameters. Both are rotations; a map that mirrors has a negative
-//! third diagonal element.
+//! Vision and Image Understanding 61 (1995). The rows of degree 1 are a linear map of the direction to space, `F = U S
+//! V^T`, an ellipsoid. In its frame, `R = V^T` and `Q = U^T`, the map is diagonal: the longest axis of the ellipsoid is
+//! x, the shortest z, in space and in the parameters. Both are rotations; a map that mirrors has a negative third
+//! diagonal element.
 //!
-//! The frame is determined up to half turns about the axes, the same ones in the parameters and in space, and not at all
-//! where two of the singular values agree. Half turns are chosen by the sign of the surface's skewness along x and y,
-//! `int f_c^3 du`, so that the frame follows the surface.
+//! The frame is determined up to half turns about the axes, the same ones in the parameters and in space, and not at
+//! all where two of the singular values agree. Half turns are chosen by the sign of the surface's skewness along x and
+//! y, `int f_c^3 du`, so that the frame follows the surface.
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, Directions, gauss_legendre, synthesis};

@@ -9,16 +9,17 @@
 //! K = (e g - f^2) / (E G - F^2),    H = -(e G - 2 f F + g E) / (2 (E G - F^2))
 //! ```
 //!
-//! (M. P. do Carmo, Differential Geometry of Curves and Surfaces (1976), section 3.3). |N| is the area element: the surface's
-//! area for a unit of the sphere's. H is the mean of the principal curvatures and positive on a sphere, whose normal points
-//! outwards. Nothing is singular at the poles, as no angles are used.
+//! (M. P. do Carmo, Differential Geometry of Curves and Surfaces (1976), section 3.3). |N| is the area element: the
+//! surface's area for a unit of the sphere's. H is the mean of the principal curvatures and positive on a sphere, whose
+//! normal points outwards. Nothing is singular at the poles, as no angles are used.
 //!
-//! The principal curvatures are those of the second form in an orthonormal basis of the tangent plane, whose discriminant
-//! `((a - c) / 2)^2 + b^2` has no cancellation at umbilics, as `H^2 - K` has. Where the surface has no tangent plane, that is
-//! where |N| is below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, normal, forms and curvatures are 0.
+//! The principal curvatures are those of the second form in an orthonormal basis of the tangent plane, whose
+//! discriminant `((a - c) / 2)^2 + b^2` has no cancellation at umbilics, as `H^2 - K` has. Where the surface has no
+//! tangent plane, that is where |N| is below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, normal, forms and curvatures are
+//! 0.
 //!
-//! Cost: ten syntheses of three columns, and 240 bytes a direction while they last, for at most 2^18 to 2^21 directions at a
-//! time; the result has 168 bytes a direction.
+//! Cost: ten syntheses of three columns, and 240 bytes a direction while they last, for at most 2^18 to 2^21 directions
+//! at a time; the result has 168 bytes a direction.
 
 use ndarray::{Array2, Axis, Slice};
 use rayon::prelude::*;
@@ -96,8 +97,8 @@ impl LocalGeometry {
 
     /// Returns the shape index, from -1 (cup) over 0 (saddle) to 1 (cap, as on a sphere); 0 where it is flat.
     ///
-    /// `2/pi atan((k1 + k2) / (k1 - k2))`, J. J. Koenderink and A. J. van Doorn, Image Vis. Comput. 10 (1992), with the sign
-    /// that curvatures have here.
+    /// `2/pi atan((k1 + k2) / (k1 - k2))`, J. J. Koenderink and A. J. van Doorn, Image Vis. Comput. 10 (1992), with the
+    /// sign that curvatures have here.
     #[must_use]
     pub fn shape_index(&self) -> f64 {
         let [k1, k2] = self.principal;
@@ -116,8 +117,8 @@ impl LocalGeometry {
         self.normal == [0.0; 3]
     }
 
-    /// Returns the geometry with the normal to the other side: curvatures change their sign, K doesn't. For models over a
-    /// mirrored sphere, whose normals point inwards.
+    /// Returns the geometry with the normal to the other side: curvatures change their sign, K doesn't. For models over
+    /// a mirrored sphere, whose normals point inwards.
     #[must_use]
     pub fn flipped(&self) -> Self {
         let [k1, k2] = self.principal;
@@ -215,8 +216,8 @@ pub(crate) fn side_by_side(arrays: &[Array2<f64>]) -> Array2<f64> {
     joined
 }
 
-/// Directions that are evaluated together: enough that planning their transform, whose cost grows with the degree alone,
-/// isn't what takes the time, and few enough that memory stays bounded.
+/// Directions that are evaluated together: enough that planning their transform, whose cost grows with the degree
+/// alone, isn't what takes the time, and few enough that memory stays bounded.
 pub(crate) fn run_length(max_degree: usize) -> usize {
     (max_degree * max_degree).clamp(1 << 18, 1 << 21)
 }

@@ -1,9 +1,9 @@
 //! The half turn J about (y + z)/sqrt2 in one degree, by which any rotation is made of turns about z.
 //!
-//! D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations of atomic orbitals in
-//! space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, with J real, symmetric and `J^2 = 1`. From the
-//! [quarter](crate::quarter) of d^l(pi/2), with `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, `s_i = (-1)^floor(i/2)`, c_0 = 1
-//! and else sqrt2, and one more minus where i and k are odd,
+//! D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations of atomic orbitals
+//! in space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, with J real, symmetric and `J^2 = 1`. From
+//! the [quarter](crate::quarter) of d^l(pi/2), with `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, `s_i = (-1)^floor(i/2)`, c_0
+//! = 1 and else sqrt2, and one more minus where i and k are odd,
 //!
 //! ```text
 //! i + l even: cos'_i = sum over k with i + k even of w_{ik} cos_k,   sin'_i = - sum over i + k odd of w_{ik} cos_k
@@ -12,7 +12,8 @@
 //!
 //! so that a row i reads either cosines or sines. W rows of one parity are made together, a lane each, and their values
 //! are used at once and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, hidden rows aside, and O(l) memory.
-//! Making use of the quarter's symmetry would spare half of the recurrence, but load and store sums for every few products.
+//! Making use of the quarter's symmetry would spare half of the recurrence, but load and store sums for every few
+//! products.
 
 use crate::quarter::{Quarter, rows, steps};
 use crate::row_sums::{WIDTH, row_sums};

@@ -7,10 +7,10 @@
 //! ```
 //!
 //! (M. K. Chung et al., "Weighted Fourier series representation and its application to quantifying the amount of gray
-//! matter", IEEE Trans. Med. Imaging 26 (2007), of the kernel; the width is that of the plane's Gaussian.) The kernel's full
-//! width at half maximum on the sphere is the formula's times 1.0002 at s = 1e-3, 1.0017 at 1e-2 and 1.017 at 0.1. Degree 0,
-//! and with it the mean position, stays as it is. The width is one over the sphere of directions; in the surface's unit it
-//! varies with the area element, and is about `FWHM sqrt(area / (4 pi))`.
+//! matter", IEEE Trans. Med. Imaging 26 (2007), of the kernel; the width is that of the plane's Gaussian.) The kernel's
+//! full width at half maximum on the sphere is the formula's times 1.0002 at s = 1e-3, 1.0017 at 1e-2 and 1.017 at 0.1.
+//! Degree 0, and with it the mean position, stays as it is. The width is one over the sphere of directions; in the
+//! surface's unit it varies with the area element, and is about `FWHM sqrt(area / (4 pi))`.
 
 use ndarray::Array2;
 use spharm_harmonics::index::degree_order;

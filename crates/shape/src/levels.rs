@@ -4,8 +4,8 @@
 //! tail(d) = sqrt(sum over l > d of |A_l|^2 / (4 pi))
 //! ```
 //!
-//! is the root mean square distance over the sphere between the model and its degrees up to d: exact, without evaluating
-//! either. Distances to the nearest point are smaller.
+//! is the root mean square distance over the sphere between the model and its degrees up to d: exact, without
+//! evaluating either. Distances to the nearest point are smaller.
 
 use ndarray::{Axis, Slice};
 use spharm_harmonics::Coefficients;
@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 use crate::error::ShapeError;
 use crate::extent::finite;
 
-/// Returns the root mean square distance between coefficients, (K, c), and their degrees up to d, for d from 0 to L: (L + 1),
-/// the last one 0, in the model's unit.
+/// Returns the root mean square distance between coefficients, (K, c), and their degrees up to d, for d from 0 to L:
+/// (L + 1), the last one 0, in the model's unit.
 ///
 /// # Errors
 ///

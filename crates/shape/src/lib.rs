@@ -1,4 +1,5 @@
-//! What is done with spherical-harmonic surface models: rotation, alignment, statistics of groups, geometry, compression.
+//! What is done with spherical-harmonic surface models: rotation, alignment, statistics of groups, geometry,
+//! compression.
 //!
 //! Coefficients are (K, 3) arrays over the canonical basis, row `l^2 + l + m` (see `spharm_harmonics`); K = (L+1)^2.
 //! The distance between two surfaces f and g with coefficients a and b is `|a - b| / sqrt(4 pi)`, the root mean square

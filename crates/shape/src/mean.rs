@@ -58,8 +58,8 @@ pub fn to_common_degree(group: &[Coefficients], asked: Option<usize>) -> Result<
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] for none; [`ShapeError::Differ`]: a model has another number of channels than the first, or a
-/// lower degree.
+/// [`ShapeError::TooFewMembers`] for none; [`ShapeError::Differ`]: a model has another number of channels than the
+/// first, or a lower degree.
 pub fn mean(group: &[Coefficients]) -> Result<Coefficients, ShapeError> {
     let Some(first) = group.first() else { return Err(ShapeError::TooFewMembers { found: 0, least: 1 }) };
     let degree = first.max_degree();

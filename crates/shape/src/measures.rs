@@ -1,19 +1,20 @@
 //! Area, volume and centroid of a model, by Gauss-Legendre quadrature over the sphere.
 //!
-//! With the area vector `N = X_1 x X_2` of [`geometry`](crate::geometry), and n rings of 2n azimuths (`w_j pi / n` each):
+//! With the area vector `N = X_1 x X_2` of [`geometry`](crate::geometry), and n rings of 2n azimuths (`w_j pi / n`
+//! each):
 //!
 //! ```text
 //! area = sum w |N|,    volume = 1/3 sum w X . N,    centroid = 1/(4 volume) sum w X (X . N)
 //! ```
 //!
-//! The last two by the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`. Their integrands are polynomials of degree
-//! 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid are exact, but for rounding, from
-//! `n = 2L + 1` on. |N| is no polynomial: the area is found on L + 1 rings (8 at least), then on twice as many and so on until
-//! it changes by less than a tolerance. The change is reported; it is an estimate of the error on the coarser of the two
-//! grids, and far above that on the finer one, which is returned.
+//! The last two by the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`. Their integrands are polynomials of
+//! degree 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid are exact, but for rounding, from `n =
+//! 2L + 1` on. |N| is no polynomial: the area is found on L + 1 rings (8 at least), then on twice as many and so on
+//! until it changes by less than a tolerance. The change is reported; it is an estimate of the error on the coarser of
+//! the two grids, and far above that on the finer one, which is returned.
 //!
-//! Cost: four syntheses of three columns at 2 n^2 directions for each grid, 96 bytes a direction, for at most 2^18 to 2^21
-//! directions at a time. Sums are added in the order of the rings: the same bits on any number of threads.
+//! Cost: four syntheses of three columns at 2 n^2 directions for each grid, 96 bytes a direction, for at most 2^18 to
+//! 2^21 directions at a time. Sums are added in the order of the rings: the same bits on any number of threads.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;

@@ -41,9 +41,9 @@ impl GroupSizes {
         members.saturating_add(of_thread.saturating_mul(threads as u64)).saturating_add(2 * surface)
     }
 
-    /// Returns the bytes that the modes of the group take beside the coefficients: members as columns, their singular vectors
-    /// and modes, and what the decomposition works in, `40 n K c + 64 n^2`; for the quality by so many random shapes, the scores
-    /// without a member for each thread, `24 n^2`, and `8 n` a shape.
+    /// Returns the bytes that the modes of the group take beside the coefficients: members as columns, their singular
+    /// vectors and modes, and what the decomposition works in, `40 n K c + 64 n^2`; for the quality by so many random
+    /// shapes, the scores without a member for each thread, `24 n^2`, and `8 n` a shape.
     #[must_use]
     pub fn modes(self, samples: usize, threads: usize) -> u64 {
         let n = self.models as u64;
@@ -53,10 +53,11 @@ impl GroupSizes {
         decomposition.saturating_add(quality).saturating_add((8 * n).saturating_mul(samples as u64))
     }
 
-    /// Returns the bytes that the quality of so many modes takes beside the coefficients, at so many directions V: members as
-    /// points, twice, `48 n V`, and with their search trees, `360 n V`; inner products and decompositions, `64 n^2` and
-    /// `48 n^2` a thread; the nearest shapes of 200 members, `1600 n m`, and of the random ones, `40 m` each, of the group
-    /// and for each thread of a draw; the transform of a member, and landmarks at four times the directions.
+    /// Returns the bytes that the quality of so many modes takes beside the coefficients, at so many directions V:
+    /// members as points, twice, `48 n V`, and with their search trees, `360 n V`; inner products and decompositions,
+    /// `64 n^2` and `48 n^2` a thread; the nearest shapes of 200 members, `1600 n m`, and of the random ones, `40 m`
+    /// each, of the group and for each thread of a draw; the transform of a member, and landmarks at four times the
+    /// directions.
     #[must_use]
     pub fn quality(self, directions: u64, modes: usize, samples: usize, threads: usize) -> u64 {
         let (n, m) = (self.models as u64, (modes.min(self.models)) as u64);
@@ -86,22 +87,23 @@ impl GroupSizes {
     }
 }
 
-/// Returns the bytes that one alignment at degree L takes beside the coefficients, see [`align`](mod@crate::align): at most 8
-/// starts, and a grid of bandwidth 8.
+/// Returns the bytes that one alignment at degree L takes beside the coefficients, see [`align`](mod@crate::align): at
+/// most 8 starts, and a grid of bandwidth 8.
 #[must_use]
 pub fn align_bytes(max_degree: usize) -> u64 {
     (12 + 8 * 240) * basis_size(max_degree) as u64 + 11 * 8_u64.pow(4)
 }
 
-/// Returns the bytes that [`local_geometry`](crate::local_geometry) takes for so many directions, the result included: 368 each,
-/// as they are collected; the transform of 30 columns for as many as are evaluated at a time, and what comes of it.
+/// Returns the bytes that [`local_geometry`](crate::local_geometry) takes for so many directions, the result included:
+/// 368 each, as they are collected; the transform of 30 columns for as many as are evaluated at a time, and what comes
+/// of it.
 #[must_use]
 pub fn local_geometry_bytes(directions: u64, max_degree: usize) -> u64 {
     directions.saturating_mul(368).saturating_add(evaluating(directions, max_degree, 30, run_length(max_degree)))
 }
 
-/// Returns the most bytes that [`measure`](crate::measure) takes: 12 columns on as many directions as are evaluated at a time, of
-/// a grid of 1,024 rings or 2 L + 2.
+/// Returns the most bytes that [`measure`](crate::measure) takes: 12 columns on as many directions as are evaluated at
+/// a time, of a grid of 1,024 rings or 2 L + 2.
 #[must_use]
 pub fn measure_bytes(max_degree: usize) -> u64 {
     let rings = 1024.max(2 * max_degree + 2);

@@ -1,11 +1,11 @@
 //! Shapes between two surfaces.
 //!
 //! The moving surface is first [aligned](mod@crate::align): its coefficients become `T a` with a rotation R of the
-//! parameters and a similarity of space. Between the two the shape is interpolated linearly, `(1 - t) T a + t b`, without row
-//! 0, and the pose, where it is to be kept, along the shortest path: the object's rotation at a constant angular speed (K.
-//! Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), scale and place linearly. So a surface that is
-//! only moved isn't deformed on its way. Where surfaces don't correspond well, the volume half way is small: see
-//! [`volume_ratio`].
+//! parameters and a similarity of space. Between the two the shape is interpolated linearly, `(1 - t) T a + t b`,
+//! without row 0, and the pose, where it is to be kept, along the shortest path: the object's rotation at a constant
+//! angular speed (K. Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), scale and place linearly.
+//! So a surface that is only moved isn't deformed on its way. Where surfaces don't correspond well, the volume half way
+//! is small: see [`volume_ratio`].
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
@@ -32,13 +32,13 @@ pub struct Morph {
 }
 
 impl Morph {
-    /// Aligns `from` to `to` and makes the path between them, at the lower degree of the two. With `keep_pose` it begins
-    /// where `from` lies in space; else all of it is in the pose of `to`.
+    /// Aligns `from` to `to` and makes the path between them, at the lower degree of the two. With `keep_pose` it
+    /// begins where `from` lies in space; else all of it is in the pose of `to`.
     ///
     /// # Errors
     ///
-    /// Those of [`align()`]; [`ShapeError::Setting`] for a mirrored alignment whose pose is to be kept, between which there
-    /// is no rotation.
+    /// Those of [`align()`]; [`ShapeError::Setting`] for a mirrored alignment whose pose is to be kept, between which
+    /// there is no rotation.
     pub fn new(
         from: &Coefficients,
         to: &Coefficients,

@@ -1,10 +1,10 @@
 //! The joint search over both rotations of a pair of surfaces.
 //!
-//! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given R is
-//! closed form ([`kabsch`](spharm_surface::kabsch)), so that one [grid](crate::so3_grid) of R searches both rotations; its best
-//! local maxima are [refined](mod@crate::refine), and so are the four rotations that give both surfaces'
-//! [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be nearly alike. Where mirror images are allowed, Q may be a reflection, and f(-u) is
-//! searched beside f(u).
+//! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given
+//! R is closed form ([`kabsch`](spharm_surface::kabsch)), so that one [grid](crate::so3_grid) of R searches both
+//! rotations; its best local maxima are [refined](mod@crate::refine), and so are the four rotations that give both
+//! surfaces' [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be nearly alike.
+//! Where mirror images are allowed, Q may be a reflection, and f(-u) is searched beside f(u).
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, basis_size};
@@ -151,8 +151,8 @@ struct Start {
     antipodal: bool,
 }
 
-/// Surfaces of more than twice this degree are refined to it first, and then only from the places where that ends: starts
-/// often end in the same ones.
+/// Surfaces of more than twice this degree are refined to it first, and then only from the places where that ends:
+/// starts often end in the same ones.
 const COARSE: usize = 20;
 
 /// The different places where starts ended, in the order of the starts.

@@ -1,12 +1,14 @@
 //! Principal components of a group of aligned models: its modes of variation.
 //!
 //! Shapes are coefficients without row 0, which is their place. With the distance `|a - b| / sqrt(4 pi)` (see the
-//! [crate]) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length; modes
-//! are coefficients of norm `sqrt(4 pi)`, so that a shape at z standard deviations along mode k is `mean + z
-//! sqrt(variance_k) mode_k`. T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995). Measures of
-//! quality: M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003; see [`quality`].
+//! [crate]) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length;
+//! modes are coefficients of norm `sqrt(4 pi)`, so that a shape at z standard deviations along mode k is `mean + z
+//! sqrt(variance_k) mode_k`. T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995).
+//! Measures of quality: M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003;
+//! see [`quality`].
 //!
-//! Cost: a singular value decomposition of (3 (K - 1), n), some `12 K n^2` flops; memory twice the group's coefficients.
+//! Cost: a singular value decomposition of (3 (K - 1), n), some `12 K n^2` flops; memory twice the group's
+//! coefficients.
 
 pub mod file;
 pub mod quality;
@@ -24,8 +26,8 @@ const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 pub struct Modes {
     /// Mean of the group, (K, 3), its place in row 0.
     pub mean: Array2<f64>,
-    /// Modes, (m, 3 (K - 1)), by falling variance: coefficients without row 0, row-major, of norm `sqrt(4 pi)`; the entry
-    /// of the largest size is positive.
+    /// Modes, (m, 3 (K - 1)), by falling variance: coefficients without row 0, row-major, of norm `sqrt(4 pi)`; the
+    /// entry of the largest size is positive.
     pub modes: Array2<f64>,
     /// Variance along each mode, (m), in the square of the unit of length.
     pub variances: Vec<f64>,
@@ -40,8 +42,8 @@ impl Modes {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::TooFewMembers`] for fewer models, [`ShapeError::Degrees`] for models of different degrees or of none but row
-    /// 0, [`ShapeError::NotFiniteValue`], [`ShapeError::NoDecomposition`].
+    /// [`ShapeError::TooFewMembers`] for fewer models, [`ShapeError::Degrees`] for models of different degrees or of
+    /// none but row 0, [`ShapeError::NotFiniteValue`], [`ShapeError::NoDecomposition`].
     pub fn new(group: &[ArrayView2<'_, f64>], most: usize) -> Result<Self, ShapeError> {
         let n = group.len();
         if n < 3 {
@@ -128,8 +130,8 @@ impl Modes {
         Ok(shape)
     }
 
-    /// Returns the coordinates of a model along the modes, (m), in the unit of length, and its distance from the mean and
-    /// its modes.
+    /// Returns the coordinates of a model along the modes, (m), in the unit of length, and its distance from the mean
+    /// and its modes.
     ///
     /// # Errors
     ///

@@ -1,8 +1,9 @@
 //! Whether equal directions are equal places in a group whose maps to the sphere may have been made apart.
 //!
-//! Surfaces at the same directions of an icosphere are compared with each other there, and each with the nearest points of the
-//! other. Members are compared with the typical one, which is nearest to their mean. If they are farther from it at equal
-//! directions than their surfaces are by a factor above [`FAR_FROM_A_MEMBER`], means, modes and tests show how the maps differ.
+//! Surfaces at the same directions of an icosphere are compared with each other there, and each with the nearest points
+//! of the other. Members are compared with the typical one, which is nearest to their mean. If they are farther from it
+//! at equal directions than their surfaces are by a factor above [`FAR_FROM_A_MEMBER`], means, modes and tests show how
+//! the maps differ.
 //!
 //! Cost: some 10 ms a member of one thread, of [`MOST`] members at most. What needs poses is looked at by
 //! [`surface_poses`](crate::surface_poses()).
@@ -26,20 +27,21 @@ pub const MOST: usize = 64;
 const LEVELS: [u32; 2] = [4, 3];
 const ACCURACY: f64 = 1e-6;
 
-/// Returns whether models are over one sphere, by the keys of their sampling schemes: these are known and equal. Only then do equal
-/// directions mean equal places before an alignment. False of no models.
+/// Returns whether models are over one sphere, by the keys of their sampling schemes: these are known and equal. Only
+/// then do equal directions mean equal places before an alignment. False of no models.
 #[must_use]
 pub fn one_key<'a>(keys: impl IntoIterator<Item = Option<&'a str>>) -> bool {
     let mut keys = keys.into_iter();
     keys.next().flatten().is_some_and(|first| keys.all(|key| key == Some(first)))
 }
 
-/// Looks at a group of surfaces of one degree, (K, 3) each, that lie in one pose, whatever their places. `None` where equal
-/// directions are equal places as far as surfaces tell, and of fewer than two.
+/// Looks at a group of surfaces of one degree, (K, 3) each, that lie in one pose, whatever their places. `None` where
+/// equal directions are equal places as far as surfaces tell, and of fewer than two.
 ///
 /// # Errors
 ///
-/// [`ShapeError::Differ`] of members of lower degrees than the first, [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+/// [`ShapeError::Differ`] of members of lower degrees than the first, [`ShapeError::Transform`],
+/// [`ShapeError::Interrupted`].
 pub fn places_differ(group: &[Coefficients], monitor: &dyn Monitor) -> Result<Option<SurfacePoseWarning>, ShapeError> {
     if group.len() < 2 {
         return Ok(None);

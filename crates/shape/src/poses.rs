@@ -1,17 +1,17 @@
 //! Whether the models of a group lie in one pose, as a mean, modes and tests need it.
 //!
-//! The degree 1 rows of a surface, B (3 x 3), map a direction to its place on the first-order ellipsoid. Where surfaces correspond
-//! they are alike. Turned in space or in the parameters, Q B R, they cancel each other in the sum. It is largest where all have
-//! the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in descending order (von
-//! Neumann's trace inequality). The share
+//! The degree 1 rows of a surface, B (3 x 3), map a direction to its place on the first-order ellipsoid. Where surfaces
+//! correspond they are alike. Turned in space or in the parameters, Q B R, they cancel each other in the sum. It is
+//! largest where all have the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular
+//! values in descending order (von Neumann's trace inequality). The share
 //!
 //! ```text
 //! |sum B_i| / |sum s_i|
 //! ```
 //!
-//! is 1 for surfaces in one pose, whatever their sizes and shapes, and some 1 / sqrt(n) for n in random ones: 0.27 for 12, 0.42 for 5
-//! and 0.55 for 3, of an ellipsoid of axes 9, 5 and 3. It takes no search. What it doesn't see are half turns about the axes of the
-//! ellipsoid in both spaces, which leave B as it is.
+//! is 1 for surfaces in one pose, whatever their sizes and shapes, and some 1 / sqrt(n) for n in random ones: 0.27 for
+//! 12, 0.42 for 5 and 0.55 for 3, of an ellipsoid of axes 9, 5 and 3. It takes no search. What it doesn't see are half
+//! turns about the axes of the ellipsoid in both spaces, which leave B as it is.
 
 use std::fmt;
 
@@ -20,7 +20,8 @@ use spharm_harmonics::Coefficients;
 use crate::matrix3::Matrix3;
 use spharm_surface::kabsch::svd;
 
-/// The least share of surfaces that lie in one pose. Of 5 surfaces in random poses 1 in 200 have more, of 3 every twelfth.
+/// The least share of surfaces that lie in one pose. Of 5 surfaces in random poses 1 in 200 have more, of 3 every
+/// twelfth.
 const LEAST: f64 = 0.75;
 
 /// Surfaces that don't lie in one pose.

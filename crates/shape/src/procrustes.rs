@@ -1,18 +1,19 @@
 //! A group of surfaces brought together: generalised Procrustes analysis over both rotations.
 //!
-//! J. Gower, "Generalized Procrustes analysis", Psychometrika 40 (1975): every surface is brought to the mean, the mean is
-//! taken anew, and so on, until the spread `sqrt(sum |a_i - mean|^2 / n / 4 pi)` falls no more. All surfaces are brought to
-//! a template first, by the [joint search](mod@crate::align); after that each is refined from where it is, and searched
-//! anew where the group has come to rest. Local optima are real, so several templates are tried
-//! and the smallest spread is taken; what all of them reached is in the report. Members are centred at the
-//! origin. With `scale` all get the root mean square size of the group first, so that the group doesn't shrink.
+//! J. Gower, "Generalized Procrustes analysis", Psychometrika 40 (1975): every surface is brought to the mean, the mean
+//! is taken anew, and so on, until the spread `sqrt(sum |a_i - mean|^2 / n / 4 pi)` falls no more. All surfaces are
+//! brought to a template first, by the [joint search](mod@crate::align); after that each is refined from where it is,
+//! and searched anew where the group has come to rest. Local optima are real, so several templates are tried and the
+//! smallest spread is taken; what all of them reached is in the report. Members are centred at the origin. With `scale`
+//! all get the root mean square size of the group first, so that the group doesn't shrink.
 //!
 //! The mean of a group has no pose of its own. At the end all are turned together so that the mean is in the
 //! [frame](crate::foe) of its first-order ellipsoid: a group in any other poses then gives the same result.
 //!
-//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L beside those given, 86 MB for 1,000 surfaces of degree 29, and
-//! as in [`align`](mod@crate::align) for each thread, and 0.6 MB for each with [`Method::Surfaces`]. Surfaces are aligned on all threads; sums are made in the order of the
-//! members, so that the result doesn't depend on the number of threads.
+//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L beside those given, 86 MB for 1,000 surfaces of degree 29,
+//! and as in [`align`](mod@crate::align) for each thread, and 0.6 MB for each with [`Method::Surfaces`]. Surfaces are
+//! aligned on all threads; sums are made in the order of the members, so that the result doesn't depend on the number
+//! of threads.
 
 mod by_surfaces;
 mod journal;
@@ -60,8 +61,8 @@ pub fn procrustes(
     procrustes_with(members, params, None, monitor)
 }
 
-/// As [`procrustes`], with a file that keeps what is found. A run that was ended goes on with it where it was, and what comes
-/// of it is the same to the last bit. The file is that of [`Journal::open`] for the same members and settings.
+/// As [`procrustes`], with a file that keeps what is found. A run that was ended goes on with it where it was, and what
+/// comes of it is the same to the last bit. The file is that of [`Journal::open`] for the same members and settings.
 ///
 /// # Errors
 ///

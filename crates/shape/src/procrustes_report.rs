@@ -12,13 +12,14 @@ use crate::transform::Transform;
 /// Settings of a group's alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProcrustesParams {
-    /// How a surface is brought to another: [`Method::Joint`](crate::Method::Joint), [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters). By default 3 starts are
-    /// refined in each search, as every surface is searched several times.
+    /// How a surface is brought to another: [`Method::Joint`](crate::Method::Joint),
+    /// [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters). By
+    /// default 3 starts are refined in each search, as every surface is searched several times.
     pub align: AlignParams,
     /// Templates to start from; by default every member of up to 20, and 5 members of larger groups.
     pub templates: Option<usize>,
-    /// A start ends when the spread falls by less than this, relative to itself; 1e-7 by default. The best start goes on
-    /// until surfaces move by less than 1e-10 of their size.
+    /// A start ends when the spread falls by less than this, relative to itself; 1e-7 by default. The best start goes
+    /// on until surfaces move by less than 1e-10 of their size.
     pub tolerance: f64,
     /// Rounds of a start, at most; 100 by default.
     pub max_rounds: usize,
@@ -46,9 +47,9 @@ pub enum ProcrustesWarning {
         /// The highest one.
         highest: usize,
     },
-    /// A member is nearer to the others as its mirror image, where these are nearer as they are: it may be of the other side. Where
-    /// shapes hardly differ from their mirror images, or differ more among themselves, as five hippocampi do, a mirrored member
-    /// mostly isn't noticed.
+    /// A member is nearer to the others as its mirror image, where these are nearer as they are: it may be of the other
+    /// side. Where shapes hardly differ from their mirror images, or differ more among themselves, as five hippocampi
+    /// do, a mirrored member mostly isn't noticed.
     Mirrored {
         /// The member, counted from 0.
         member: usize,
@@ -57,14 +58,16 @@ pub enum ProcrustesWarning {
         /// That of its mirror image.
         mirrored: f64,
     },
-    /// The group is of two sides, and its mean of neither: with mirror images matched its spread is less by a fifth or more.
+    /// The group is of two sides, and its mean of neither: with mirror images matched its spread is less by a fifth or
+    /// more.
     Sides {
-        /// The members of the smaller side, counted from 0; of two that are alike, of the one that the first member isn't on. Empty
-        /// where shapes don't tell which ones they are.
+        /// The members of the smaller side, counted from 0; of two that are alike, of the one that the first member
+        /// isn't on. Empty where shapes don't tell which ones they are.
         members: Vec<usize>,
         /// Members of the group.
         of: usize,
-        /// The group's spread; where poses are by the surfaces, distance of those of one side from the typical one of the other.
+        /// The group's spread; where poses are by the surfaces, distance of those of one side from the typical one of
+        /// the other.
         spread: f64,
         /// The same with mirror images matched.
         mirrored: f64,
@@ -81,7 +84,8 @@ pub enum ProcrustesWarning {
         /// The ratio of its neighbouring axes.
         ratio: f64,
     },
-    /// A member has no area, so that poses are by the distance at equal directions, as of [`Method::Joint`](crate::Method::Joint).
+    /// A member has no area, so that poses are by the distance at equal directions, as of
+    /// [`Method::Joint`](crate::Method::Joint).
     NoArea {
         /// The member, counted from 0.
         member: usize,

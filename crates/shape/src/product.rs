@@ -1,7 +1,7 @@
 //! Products of matrices on one thread: the same bits on any number of threads, inside of parallel loops too.
 //!
-//! ndarray's own `dot` goes to OpenBLAS where another crate of the program asks for it: its threads would then fight with
-//! those of the loop that it is called in.
+//! ndarray's own `dot` goes to OpenBLAS where another crate of the program asks for it: its threads would then fight
+//! with those of the loop that it is called in.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};

@@ -1,11 +1,12 @@
 //! The quarter `Delta_{i,k} = d^l_{i,k}(pi/2)`, `0 <= i, k <= l`, of Wigner's matrix, row by row.
 //!
-//! S. Trapani and J. Navaza, "Calculation of spherical harmonics and Wigner d functions by FFT", Acta Cryst. A62 (2006),
-//! in the signs of the canonical basis:
+//! S. Trapani and J. Navaza, "Calculation of spherical harmonics and Wigner d functions by FFT", Acta Cryst. A62
+//! (2006), in the signs of the canonical basis:
 //!
 //! ```text
 //! Delta_{0,l}^2 = prod_{j=1..l} (2j-1)/(2j),   Delta_{i,l}^2 = Delta_{i-1,l}^2 (l-i+1)/(l+i)
-//! Delta_{i,k} = -2i/sqrt(q) Delta_{i,k+1} - sqrt((l-k-1)(l+k+2)/q) Delta_{i,k+2},   q = (l-k)(l+k+1),   k = l-1, ..., 0
+//! Delta_{i,k} = -2i/sqrt(q) Delta_{i,k+1} - sqrt((l-k-1)(l+k+2)/q) Delta_{i,k+2}
+//! q = (l-k)(l+k+1),   k = l-1, ..., 0
 //! ```
 //!
 //! A row starts where its values are smallest, as little as 2^-l, and grows until `i^2 + k^2 <= l^2`; from there it
@@ -56,8 +57,8 @@ pub(crate) struct Quarter {
     /// [`BLOCK`] steps.
     pub(crate) first: Vec<f64>,
     pub(crate) second: Vec<f64>,
-    /// By parity p of i: `Delta_{i,l}` as it is stored, for i = p, p + 2, ...; zeros up to a multiple of [`LANES`] after
-    /// that.
+    /// By parity p of i: `Delta_{i,l}` as it is stored, for i = p, p + 2, ...; zeros up to a multiple of [`LANES`]
+    /// after that.
     pub(crate) starts: [Vec<f64>; 2],
     /// By parity: how often the stored value has been multiplied by 2^512.
     pub(crate) exponents: [Vec<i32>; 2],

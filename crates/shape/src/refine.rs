@@ -1,16 +1,18 @@
 //! Two surfaces brought together from a rotation near the best one.
 //!
-//! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is made largest over the rotations R of the parameters
-//! and Q of space. Q follows from R in closed form ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for turns w and v,
+//! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is made largest over the rotations R of the
+//! parameters and Q of space. Q follows from R in closed form ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for
+//! turns w and v,
 //!
 //! ```text
 //! phi(w, v) = -<g, exp(v x) Q exp(-w.L) R f>
 //! ```
 //!
-//! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal rotations](crate::derivatives):
-//! `O(K)`. The steps are Newton's, with Levenberg's damping in the metric of Gauss and Newton (the squared lengths of the
-//! six directions): their matrix is Newton's where g = Q R f, and keeps far steps short. Convergence is quadratic also
-//! where the surfaces differ. Where the pose is known ([`Space::Fixed`]) only R moves.
+//! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal
+//! rotations](crate::derivatives): `O(K)`. The steps are Newton's, with Levenberg's damping in the metric of Gauss and
+//! Newton (the squared lengths of the six directions): their matrix is Newton's where g = Q R f, and keeps far steps
+//! short. Convergence is quadratic also where the surfaces differ. Where the pose is known ([`Space::Fixed`]) only R
+//! moves.
 
 use spharm_monitor::Monitor;
 
@@ -91,7 +93,8 @@ impl Space {
     }
 }
 
-/// Refines a rotation of `f`, (K, 3) of norm 1 and row 0 zero. Ends early if the monitor says so; whoever called asks it.
+/// Refines a rotation of `f`, (K, 3) of norm 1 and row 0 zero. Ends early if the monitor says so; whoever called asks
+/// it.
 pub(crate) fn refine(
     rotator: &Rotator,
     f: &[[f64; 3]],

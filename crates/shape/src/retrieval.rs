@@ -1,10 +1,10 @@
 //! Retrieval: the models of a library that are nearest to one.
 //!
-//! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)), whose distance from those of
-//! the query bounds the distance of the aligned surfaces from below. [`Library::nearest`] orders by that bound;
-//! [`Library::refined`] has candidates aligned, in the order of their bounds, until the bound of the next one is no better
-//! than what has been found: if the alignment finds the best rotation, the result is that of aligning every model, for the
-//! cost of a few.
+//! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)), whose distance from
+//! those of the query bounds the distance of the aligned surfaces from below. [`Library::nearest`] orders by that
+//! bound; [`Library::refined`] has candidates aligned, in the order of their bounds, until the bound of the next one is
+//! no better than what has been found: if the alignment finds the best rotation, the result is that of aligning every
+//! model, for the cost of a few.
 //!
 //! [`Metric::Standardized`] divides each number by its standard deviation over the library first, so that high degrees,
 //! which are small, count as much as low ones. It finds a shape again among many where each degree is perturbed in
@@ -97,8 +97,8 @@ impl Library {
         self.degree
     }
 
-    /// Returns the `count` models whose singular values are nearest to those of a query by `metric`, nearest first; equal
-    /// ones in the library's order.
+    /// Returns the `count` models whose singular values are nearest to those of a query by `metric`, nearest first;
+    /// equal ones in the library's order.
     ///
     /// # Errors
     ///
@@ -115,12 +115,12 @@ impl Library {
         Ok(found)
     }
 
-    /// Returns the `count` models nearest to a query after alignment, nearest first: `align` returns the root mean square
-    /// distance of an aligned model, by its number in the library, and is called no more often than the bounds need, and
-    /// `most` times at most.
+    /// Returns the `count` models nearest to a query after alignment, nearest first: `align` returns the root mean
+    /// square distance of an aligned model, by its number in the library, and is called no more often than the bounds
+    /// need, and `most` times at most.
     ///
-    /// `align` has to compare the degrees that the library does, at unit size where it does; calls are one after another, so
-    /// that each can use all threads.
+    /// `align` has to compare the degrees that the library does, at unit size where it does; calls are one after
+    /// another, so that each can use all threads.
     ///
     /// # Errors
     ///

@@ -1,9 +1,9 @@
 //! Rotation of coefficients in their parameters.
 //!
-//! A rotation R turns the function on its sphere, `f'(u) = f(R^T u)`: a surface stays where it is, and the vertex that was
-//! at the direction u is now at R u. The coefficients of each degree are mixed among themselves,
-//! `D = Z(al) J Z(be) J Z(ga)` with Z(t) the turn about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either sign, and
-//! J the half turn about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
+//! A rotation R turns the function on its sphere, `f'(u) = f(R^T u)`: a surface stays where it is, and the vertex that
+//! was at the direction u is now at R u. The coefficients of each degree are mixed among themselves, `D = Z(al) J Z(be)
+//! J Z(ga)` with Z(t) the turn about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either sign, and J the half turn
+//! about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
 //!
 //! It takes `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L and, beside the coefficients
 //! and the result, `48 (L+1)` bytes and `O(L)` in each thread. Degrees are independent of each other and their results

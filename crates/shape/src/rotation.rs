@@ -1,8 +1,8 @@
 //! Rotations of space: what users give, and what coefficients are turned by.
 //!
 //! A rotation R moves the point u to R u. In Euler angles `R = Rz(al) Ry(be) Rz(ga)`, all in radians, with al and ga in
-//! (-pi, pi] and be in [0, pi]: first a turn about z by ga, then about y by be, then about z by al. A matrix that mirrors
-//! is refused, never mended: nothing here is a reflection.
+//! (-pi, pi] and be in [0, pi]: first a turn about z by ga, then about y by be, then about z by al. A matrix that
+//! mirrors is refused, never mended: nothing here is a reflection.
 
 use std::ops::Mul;
 
@@ -43,8 +43,8 @@ impl Rotation {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: an element that isn't finite, `R^T R` farther than [`ORTHOGONALITY_TOLERANCE`] from
-    /// the identity, or a reflection.
+    /// [`ShapeError::NotARotation`]: an element that isn't finite, `R^T R` farther than [`ORTHOGONALITY_TOLERANCE`]
+    /// from the identity, or a reflection.
     pub fn from_matrix(matrix: Matrix3) -> Result<Self, ShapeError> {
         let refuse = |problem: String| Err(ShapeError::NotARotation { problem });
         if matrix.iter().flatten().any(|v| !v.is_finite()) {
@@ -195,8 +195,8 @@ impl Mul for Rotation {
 
 type Number = DoubleDouble<false>;
 
-/// Cosine and sine of an angle, in double-double: their m-th powers are then right to one rounding, where `cos(m t)` of a
-/// rounded angle is off by m of them.
+/// Cosine and sine of an angle, in double-double: their m-th powers are then right to one rounding, where `cos(m t)` of
+/// a rounded angle is off by m of them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Turn {
     cos: Number,

@@ -27,8 +27,8 @@ struct Steps<'a> {
     x: &'a [f64],
 }
 
-/// Writes the sums of the rows of a parity with one to [`COLUMNS`] columns. `inputs` is (steps, columns), `sums` by parity
-/// of t (columns, rows).
+/// Writes the sums of the rows of a parity with one to [`COLUMNS`] columns. `inputs` is (steps, columns), `sums` by
+/// parity of t (columns, rows).
 pub(crate) fn row_sums(quarter: &Quarter, parity: usize, columns: usize, inputs: &[f64], sums: &mut [Vec<f64>; 2]) {
     match columns {
         1 => sums_1(quarter, parity, inputs, sums),

@@ -1,9 +1,9 @@
 //! Singular values of matrices of few columns, to full relative accuracy.
 //!
-//! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal; their lengths are the singular
-//! values. Unlike the eigenvalues of `A^T A`, whose square roots lose half of the digits, small singular values keep theirs
-//! (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13 (1992)). Cost: some 6 n c^2 flops a sweep, 4 to 6 sweeps for
-//! three columns.
+//! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal; their lengths are the
+//! singular values. Unlike the eigenvalues of `A^T A`, whose square roots lose half of the digits, small singular
+//! values keep theirs (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13 (1992)). Cost: some 6 n c^2 flops a
+//! sweep, 4 to 6 sweeps for three columns.
 
 use ndarray::ArrayView2;
 

@@ -1,7 +1,7 @@
 //! Correlations of two surfaces at all rotations of a grid.
 //!
-//! `M_ij(R) = <g_i, R f_j>`, a 3 x 3 matrix for each R = Rz(al) Ry(be) Rz(ga), from the degrees 1 to B - 1. P. Kostelec and
-//! D. Rockmore, "FFTs on the rotation group", J. Fourier Anal. Appl. 14 (2008): for each be
+//! `M_ij(R) = <g_i, R f_j>`, a 3 x 3 matrix for each R = Rz(al) Ry(be) Rz(ga), from the degrees 1 to B - 1. P. Kostelec
+//! and D. Rockmore, "FFTs on the rotation group", J. Fourier Anal. Appl. 14 (2008): for each be
 //!
 //! ```text
 //! T_mm' = sum over l of conj(g_{lm,i}) f_{lm',j} d^l_mm'(be),   M_ij = sum over m, m' of T_mm' e^{-i m al} e^{-i m' ga}

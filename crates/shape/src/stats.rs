@@ -7,8 +7,8 @@
 //! Y = X B + E,   X (n, p), B (p, d),   H0: c^T B = 0
 //! ```
 //!
-//! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. Two groups are the design with a
-//! column for each and the contrast (1, -1): the pooled t test. Rows have to be independent subjects; of repeated
+//! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. Two groups are the design with
+//! a column for each and the contrast (1, -1): the pooled t test. Rows have to be independent subjects; of repeated
 //! measurements, take each subject's difference and test its mean.
 //!
 //! # Modules
@@ -168,8 +168,8 @@ pub enum TestWarning {
 /// # Errors
 ///
 /// [`ShapeError::Subjects`] for values of other subjects than the design's, or too few of them for the statistic,
-/// [`ShapeError::NotFiniteValue`], [`ShapeError::Contrast`] for a contrast that isn't of the design's columns or not estimable,
-/// [`ShapeError::NotTwoGroups`] for Welch's t of anything else, and [`ShapeError::Interrupted`].
+/// [`ShapeError::NotFiniteValue`], [`ShapeError::Contrast`] for a contrast that isn't of the design's columns or not
+/// estimable, [`ShapeError::NotTwoGroups`] for Welch's t of anything else, and [`ShapeError::Interrupted`].
 pub fn test(
     values: ArrayView2<'_, f64>,
     components: usize,

@@ -10,12 +10,12 @@
 //! ```
 //!
 //! is measured between each member and the mean. The mean of a group in wrong poses has no member's shape, so members
-//! are then compared with the one that is nearest to it: as they lie, after a small rigid motion by nearest points, and in
-//! the best of all [poses](mod@spharm_surface::pose). A member that this brings nearer by more than [`GAIN`] lies in a wrong
-//! pose: six of those ten vertebrae gain 36 to 69 %, where hippocampi and generated bodies that are right gain at most 9 %. And if members are farther from the mean at
-//! equal directions than their surfaces are, by a factor above [`FAR`], equal directions aren't equal places: the
-//! variance is that of the maps. As a mean may have no member's shape, the same is asked of the typical member, with
-//! [`FAR_FROM_A_MEMBER`].
+//! are then compared with the one that is nearest to it: as they lie, after a small rigid motion by nearest points, and
+//! in the best of all [poses](mod@spharm_surface::pose). A member that this brings nearer by more than [`GAIN`] lies in
+//! a wrong pose: six of those ten vertebrae gain 36 to 69 %, where hippocampi and generated bodies that are right gain
+//! at most 9 %. And if members are farther from the mean at equal directions than their surfaces are, by a factor above
+//! [`FAR`], equal directions aren't equal places: the variance is that of the maps. As a mean may have no member's
+//! shape, the same is asked of the typical member, with [`FAR_FROM_A_MEMBER`].
 //!
 //! Cost: some 70 ms a member, of two threads. Memory: 2 MB a thread.
 
@@ -193,8 +193,8 @@ fn as_they_lie(a: Option<&PoseSurface>, b: Option<&PoseSurface>) -> f64 {
     a.zip(b).map_or(0.0, |(a, b)| distance(a, b, &Similarity::default(), 0.0))
 }
 
-/// Distance of a member from the typical one, that in the best pose, and the angle of that, degrees, if it gains enough.
-/// Both are after a rigid motion by nearest points, so that what counts is the pose at large.
+/// Distance of a member from the typical one, that in the best pose, and the angle of that, degrees, if it gains
+/// enough. Both are after a rigid motion by nearest points, so that what counts is the pose at large.
 fn better_turn(
     member: &PoseSurface,
     typical: &PoseSurface,

@@ -2,8 +2,9 @@
 //!
 //! A generalised Procrustes analysis has local optima, and where it ends depends on the member that all are brought to
 //! first. Up to [`ALL`] members each of them is tried; beyond that the medoid, whose distances from the others have the
-//! smallest sum after one alignment (from every second, third, ... member above 500), and four more that are spread evenly over the order of those sums. The choice doesn't
-//! depend on the order of the members, but for the one that they are aligned to for it.
+//! smallest sum after one alignment (from every second, third, ... member above 500), and four more that are spread
+//! evenly over the order of those sums. The choice doesn't depend on the order of the members, but for the one that
+//! they are aligned to for it.
 
 use rayon::prelude::*;
 

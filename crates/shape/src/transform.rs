@@ -23,8 +23,8 @@ pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
 pub struct Transform {
     /// R, of the parameters.
     pub rotation: Rotation,
-    /// Whether each direction is replaced by its opposite first, which mirrors the sphere. A surface that is mirrored in
-    /// space keeps its outside outside only if its sphere is mirrored too.
+    /// Whether each direction is replaced by its opposite first, which mirrors the sphere. A surface that is mirrored
+    /// in space keeps its outside outside only if its sphere is mirrored too.
     pub antipodal: bool,
     /// What is done in space, after that.
     pub similarity: Similarity,
@@ -54,7 +54,8 @@ impl Transform {
         self.similarity.apply_mesh(mesh)
     }
 
-    /// Returns `{"parameters": R, "antipodal": false, "object": Q, "scale": s, "translation": t}`, the matrices by rows.
+    /// Returns `{"parameters": R, "antipodal": false, "object": Q, "scale": s, "translation": t}`, the matrices by
+    /// rows.
     #[must_use]
     pub fn to_json(&self) -> serde_json::Value {
         serde_json::json!({
@@ -66,16 +67,18 @@ impl Transform {
         })
     }
 
-    /// Transforms a model. Its sphere turns with the parameters, so that a reconstruction has each vertex where it was on
-    /// the surface; it is then another sampling, without a key in a basis store. A model of a signal can be rotated in
-    /// its parameters but not in space.
+    /// Transforms a model. Its sphere turns with the parameters, so that a reconstruction has each vertex where it was
+    /// on the surface; it is then another sampling, without a key in a basis store. A model of a signal can be rotated
+    /// in its parameters but not in space.
     ///
-    /// The provenance says it: `transform` is a list, with [`to_json`](Self::to_json) of each call. Settings and distances of
-    /// the fit are left out, as is, for a surface that was moved, its place in a volume: they are those of another model.
+    /// The provenance says it: `transform` is a list, with [`to_json`](Self::to_json) of each call. Settings and
+    /// distances of the fit are left out, as is, for a surface that was moved, its place in a volume: they are those of
+    /// another model.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFinite`]; [`ShapeError::NotASurface`] for a signal that is to be moved; [`ShapeError::Interrupted`].
+    /// [`ShapeError::NotFinite`]; [`ShapeError::NotASurface`] for a signal that is to be moved;
+    /// [`ShapeError::Interrupted`].
     pub fn apply_model(&self, model: &Model, monitor: &dyn Monitor) -> Result<Model, ShapeError> {
         let moves = self.similarity != Similarity::default();
         if moves && model.kind() != Kind::Surface {

@@ -62,8 +62,8 @@ fn seen_otherwise(values: &Array2<f64>, seed: u64, noise: Noise) -> Coefficients
     Coefficients::new(values).expect("a degree")
 }
 
-/// Every one of 10,000 with SPHARM_SOAK, else every hundredth. Of all of them, with white noise 9,987 are first and all are
-/// among the first five, from which alignment picks the one.
+/// Every one of 10,000 with SPHARM_SOAK, else every hundredth. Of all of them, with white noise 9,987 are first and all
+/// are among the first five, from which alignment picks the one.
 #[test]
 fn each_of_ten_thousand_shapes_is_found() {
     const MODELS: u64 = 10_000;

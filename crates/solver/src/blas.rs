@@ -79,8 +79,9 @@ impl Blas {
         }
     }
 
-    /// Lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with `leading`; what
-    /// is above the diagonal is left as it is. Fails with the column, from 0, at which the matrix isn't positive definite.
+    /// Lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with `leading`;
+    /// what is above the diagonal is left as it is. Fails with the column, from 0, at which the matrix isn't positive
+    /// definite.
     pub(crate) fn cholesky(&mut self, matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize> {
         assert!(leading >= k && matrix.len() >= (k.max(1) - 1) * leading + k, "matrix of order {k}");
         const LOWER: c_char = b'L' as c_char;

@@ -1,12 +1,12 @@
 //! The Cholesky factor of normal equations, computed once and used for any number of surfaces.
 //!
 //! G = A^T diag(w) A + P = C C^T with C lower triangular: K^3 / 3 flops once, 2 K^2 for each right-hand side. G comes
-//! tile by tile from a [`GramMatrix`](crate::GramMatrix); C is made of tiles too, in memory ([`MemoryFactor`]) or in a store ([`StoredFactor`]).
-//! A factor that is larger than the budget is computed out of core, reading finished columns back from the unfinished
-//! file.
+//! tile by tile from a [`GramMatrix`](crate::GramMatrix); C is made of tiles too, in memory ([`MemoryFactor`]) or in a
+//! store ([`StoredFactor`]). A factor that is larger than the budget is computed out of core, reading finished columns
+//! back from the unfinished file.
 //!
-//! A factor of f32 takes half of the space, and half of the time to solve with where that is bound by memory. Its solves
-//! are a relative 6e-8 times the condition number of G off: refine with the operator, or precondition.
+//! A factor of f32 takes half of the space, and half of the time to solve with where that is bound by memory. Its
+//! solves are a relative 6e-8 times the condition number of G off: refine with the operator, or precondition.
 //!
 //! | module | contents |
 //! |---|---|
@@ -65,7 +65,8 @@ pub trait CholeskyFactor: Sync {
     /// If `x` hasn't K rows.
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError>;
 
-    /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors at unit variance. K^3 / 3 flops.
+    /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors at unit variance. K^3 / 3
+    /// flops.
     ///
     /// The monitor gets one stage, `standard errors`, in columns.
     ///

@@ -75,8 +75,8 @@ impl ChunkedRows {
         self.values.copy_from_slice(&other.values);
     }
 
-    /// Replaces each value by `f(column, value, other)`, other being at the same place in an array of the same shape and
-    /// chunks.
+    /// Replaces each value by `f(column, value, other)`, other being at the same place in an array of the same shape
+    /// and chunks.
     pub(crate) fn combine(&mut self, other: &Self, f: impl Fn(usize, f64, f64) -> f64 + Sync) {
         let channels = self.channels.max(1);
         self.chunks_mut().into_par_iter().enumerate().for_each(|(chunk, values)| {

@@ -1,7 +1,8 @@
 //! Dense matrices on the calling thread alone, by faer: what is too small for several threads, and what many threads do
 //! at once. The large ones are OpenBLAS's ([`blas`](crate::blas)).
 //!
-//! Matrices are column-major slices; right-hand sides and solutions (k, c) of a block are row-major, as they are summed.
+//! Matrices are column-major slices; right-hand sides and solutions (k, c) of a block are row-major, as they are
+//! summed.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};

@@ -1,12 +1,12 @@
 //! The Gram matrix of a sampling, from its moments or from elsewhere, tile by tile.
 //!
-//! Summing `A^T W A` over the basis takes `n K (K + 1)` flops; the moments of the sampling give the same matrix in a time
-//! that doesn't depend on n (`spharm_transform::MomentGram`), to 1e-13, the accuracy of the finest transform. In a first
-//! pass of iterative residual fitting that moves the msd by some 1e-10 of itself (5e-10 on a cortex, 6e-10 on an irregular
-//! head, L = 100); further passes take it back, for the residual is exact where a step is a little off.
+//! Summing `A^T W A` over the basis takes `n K (K + 1)` flops; the moments of the sampling give the same matrix in a
+//! time that doesn't depend on n (`spharm_transform::MomentGram`), to 1e-13, the accuracy of the finest transform. In a
+//! first pass of iterative residual fitting that moves the msd by some 1e-10 of itself (5e-10 on a cortex, 6e-10 on an
+//! irregular head, L = 100); further passes take it back, for the residual is exact where a step is a little off.
 //!
-//! A basis kept in f64 is those harmonics to rounding; one kept in f32 differs from them by 6e-8, and the exact solve of
-//! a block would become an approximate one. So moments go with f64 bases only.
+//! A basis kept in f64 is those harmonics to rounding; one kept in f32 differs from them by 6e-8, and the exact solve
+//! of a block would become an approximate one. So moments go with f64 bases only.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -168,8 +168,8 @@ impl GramMatrix for Equilibrated<'_> {
     }
 }
 
-/// Returns the diagonal of the smoothness penalty: lambda (l (l + 1))^2 for each column to `max_degree`, (K). It is the squared
-/// norm of the Laplacian on the sphere.
+/// Returns the diagonal of the smoothness penalty: lambda (l (l + 1))^2 for each column to `max_degree`, (K). It is the
+/// squared norm of the Laplacian on the sphere.
 pub fn smoothness_penalty(max_degree: usize, lambda: f64) -> Vec<f64> {
     let of = |l: usize| std::iter::repeat_n(lambda * ((l * (l + 1)) as f64).powi(2), order_count(l));
     (0..=max_degree).flat_map(of).collect()

@@ -1,8 +1,8 @@
 //! Iterative residual fitting (IRF) over a basis that is read block by block, in bounded memory.
 //!
-//! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006, section
-//! 3.3. For functions f sampled at n directions, and the basis matrix A, (n, K), cut into blocks of the columns of some
-//! degrees d to e:
+//! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006,
+//! section 3.3. For functions f sampled at n directions, and the basis matrix A, (n, K), cut into blocks of the columns
+//! of some degrees d to e:
 //!
 //! ```text
 //! r = f, a = 0
@@ -13,12 +13,12 @@
 //!         r -= A_d..e x
 //! ```
 //!
-//! A block's least squares are one step of block Gauss-Seidel on the normal equations, so with more passes the fit tends
-//! to the full least squares, whatever the blocks are.
+//! A block's least squares are one step of block Gauss-Seidel on the normal equations, so with more passes the fit
+//! tends to the full least squares, whatever the blocks are.
 //!
 //! Cost of the first pass for c columns: `n k (k + 1)` flops for the Gram matrix of each block of k columns, `4 n K c`
-//! for right-hand sides and updates, and every byte of the basis read once (twice where a block doesn't fit the budget).
-//! Later passes need right-hand sides and updates only, and run as fast as the basis comes from memory.
+//! for right-hand sides and updates, and every byte of the basis read once (twice where a block doesn't fit the
+//! budget). Later passes need right-hand sides and updates only, and run as fast as the basis comes from memory.
 //!
 //! | module | contents |
 //! |---|---|
@@ -69,8 +69,8 @@ impl IrfSolver<'_> {
             log.begin_pass(number.min(passes), number > passes);
             let pass = self.pass(Order::Forward, r, a, log)?;
             log.end_pass(r, pass.bytes_read);
-            // Rounding has been reached when a further pass changes nothing, or no less than the one before. What needed
-            // a rank-revealing solve is as good as it gets: it doesn't suffer from the Gram matrix's condition.
+            // Rounding has been reached when a further pass changes nothing, or no less than the one before. What
+            // needed a rank-revealing solve is as good as it gets: it doesn't suffer from the Gram matrix's condition.
             let change = pass.relative_change(a);
             let refined = number > passes && (change < REFINED || change >= 0.5 * last_change);
             if refined || (number >= passes && self.block_solver.has_rank_revealing()) {

@@ -4,8 +4,8 @@
 //! The paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT
 //! 2006. A surface's x, y and z are three columns of targets; many surfaces are many columns, fitted together.
 //!
-//! Arrays: n directions (vertices) are rows, `K = (L + 1)^2` basis functions to degree L are columns of the basis matrix
-//! A, in the order `l^2 + l + m`; c columns of targets share a fit.
+//! Arrays: n directions (vertices) are rows, `K = (L + 1)^2` basis functions to degree L are columns of the basis
+//! matrix A, in the order `l^2 + l + m`; c columns of targets share a fit.
 //!
 //! | module | contents |
 //! |---|---|

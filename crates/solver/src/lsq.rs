@@ -4,24 +4,27 @@
 //! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2 + diag p_l
 //! ```
 //!
-//! for each column f of the targets. This is the paper's NLSF, without its matrix. [`Strategy::Auto`] proceeds as follows:
+//! for each column f of the targets. This is the paper's NLSF, without its matrix. [`Strategy::Auto`] proceeds as
+//! follows:
 //!
-//! 1. Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly a
-//!    multiple of the identity, and a handful of iterations suffices.
-//! 2. Where they are slow, a Cholesky factor of N in single precision, from the Gram matrix, to precondition with, from some 4,000
-//!    columns on and where condition numbers, which are estimated with it, allow for that.
+//! 1. Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly
+//!    a multiple of the identity, and a handful of iterations suffices.
+//! 2. Where they are slow, a Cholesky factor of N in single precision, from the Gram matrix, to precondition with, from
+//!    some 4,000 columns on and where condition numbers, which are estimated with it, allow for that.
 //! 3. Else the Cholesky factor of N in double precision, and refinement: `x += N^-1 g` with the gradient
 //!    `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or stops
-//!    improving. A factor that is at hand, say in a store, is used from the start; where N is well conditioned, when the
-//!    iterations that seem to be left would take longer.
-//! 4. Where N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
-//!    From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
-//!    small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
+//!    improving. A factor that is at hand, say in a store, is used from the start; where N is well conditioned, when
+//!    the iterations that seem to be left would take longer.
+//! 4. Where N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov
+//!    regularisation. From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu`
+//!    allows for stays small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems"
+//!    (1996), section 4.1.3.
 //!
-//! Where the samples are many, products with N in 1 come from moments of the sampling ([`MomentProblem`]), at a cost that
-//! doesn't depend on their number, three columns are iterated at a time, and where the sampling is uneven the inverse of its density
-//! preconditions ([`InverseDensity`](spharm_transform::InverseDensity)); the gradient is formed from the samples in the end where its
-//! errors may count, and the iteration goes on from there where the optimality asks for it.
+//! Where the samples are many, products with N in 1 come from moments of the sampling ([`MomentProblem`]), at a cost
+//! that doesn't depend on their number, three columns are iterated at a time, and where the sampling is uneven the
+//! inverse of its density preconditions ([`InverseDensity`](spharm_transform::InverseDensity)); the gradient is formed
+//! from the samples in the end where its errors may count, and the iteration goes on from there where the optimality
+//! asks for it.
 //!
 //! The report says which of these was done, and how close the result is.
 //!

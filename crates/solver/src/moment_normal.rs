@@ -44,8 +44,8 @@ impl MomentNormal {
     /// Returns the approximate inverse; `None` where the sampling has none that is worth it.
     pub fn inverse(&self) -> Option<&InverseDensity> {
         if self.inverse.get().is_none() {
-            // Not within the cell: a thread that waits there for others' parts of the work may take up what waits for the cell.
-            // What could be wrong with degree or moments was found by `new`.
+            // Not within the cell: a thread that waits there for others' parts of the work may take up what waits for
+            // the cell. What could be wrong with degree or moments was found by `new`.
             let made = InverseDensity::new(self.operator.max_degree(), &self.moments).unwrap_or_default();
             let _ = self.inverse.set(made);
         }

@@ -7,7 +7,8 @@ use serde::Serialize;
 /// Rows whose squares are summed together.
 const RUN: usize = 1 << 14;
 
-/// Mean and maximum over the rows (vertices) of the squared norm of one target's residual, in the target's unit squared.
+/// Mean and maximum over the rows (vertices) of the squared norm of one target's residual, in the target's unit
+/// squared.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ResidualNorms {
     /// Mean over the rows of the squared norm.

@@ -1,4 +1,5 @@
-//! Plans of memory keep to their budget, count what they say, and take what is fastest within it; reports say what was done.
+//! Plans of memory keep to their budget, count what they say, and take what is fastest within it; reports say what was
+//! done.
 
 use std::ops::RangeInclusive;
 use std::sync::Mutex;
@@ -22,7 +23,8 @@ fn operator() -> MemoryOperator {
     MemoryOperator::new(&Directions::fibonacci(N).unwrap(), L, CHUNK).unwrap()
 }
 
-/// A basis that is held elsewhere: a block takes 1,000 bytes a column when it is whole, 30,000 when it is taken in chunks.
+/// A basis that is held elsewhere: a block takes 1,000 bytes a column when it is whole, 30,000 when it is taken in
+/// chunks.
 struct Elsewhere(MemoryOperator);
 
 const WHOLE: usize = 1000;

@@ -7,8 +7,8 @@ use spharm_monitor::Silent;
 use spharm_solver::{IrfParams, MatrixFreeOperator, MemoryOperator, Method, Operator, irf};
 use spharm_transform::TransformParams;
 
-/// n directions without any order, from a seed: of splitmix64 (Steele, Lea, Flood 2014). A mere product of the counter is a
-/// Weyl sequence, which for some seeds lies on so few curves that the samples don't determine the fit.
+/// n directions without any order, from a seed: of splitmix64 (Steele, Lea, Flood 2014). A mere product of the counter
+/// is a Weyl sequence, which for some seeds lies on so few curves that the samples don't determine the fit.
 fn scattered(n: usize, seed: u64) -> Directions {
     let mut state = seed;
     let mut unit = || {
@@ -107,7 +107,8 @@ fn the_fast_operator_is_the_direct_one() {
     }
 }
 
-/// Every vertex twice over half of the sphere: far from orthogonal blocks, and IRF still converges to the least squares.
+/// Every vertex twice over half of the sphere: far from orthogonal blocks, and IRF still converges to the least
+/// squares.
 #[test]
 fn passes_converge_to_the_full_least_squares_on_uneven_samplings() {
     let north: Vec<[f64; 2]> = (0..900).map(|i| [1.4 * ((i as f64 + 0.5) / 900.0).sqrt(), 2.4 * i as f64]).collect();
@@ -152,8 +153,8 @@ fn repeated_directions_leave_a_rank_that_is_told() {
     assert!(norm(found.coefficients.values()) <= norm(other.coefficients.values()));
 }
 
-/// Blocks of 1,024 functions and more have a Gram matrix that the threads sum together: the same fit, by Cholesky, weighted or
-/// not, in chunks that do and don't divide the rows.
+/// Blocks of 1,024 functions and more have a Gram matrix that the threads sum together: the same fit, by Cholesky,
+/// weighted or not, in chunks that do and don't divide the rows.
 #[test]
 fn a_block_of_more_than_a_thousand_functions_finds_what_the_samples_hold() {
     let max_degree = 31;

@@ -1,4 +1,5 @@
-//! How far a model is from its surface: everywhere, at the vertices, between them, and at vertices that the fit didn't see.
+//! How far a model is from its surface: everywhere, at the vertices, between them, and at vertices that the fit didn't
+//! see.
 
 mod hold_out;
 mod model_surface;

@@ -27,7 +27,8 @@ pub(crate) const MOST_COLUMNS: usize = 96;
 /// Most surfaces in one sweep over a store; with more, the products take much longer than reading the basis.
 pub(crate) const MOST_TOGETHER: usize = 128;
 
-/// Most sweeps beyond the one pass of [`Method::Nlsf`](crate::Method::Nlsf). Each reduces the error left by rounding by eps times the condition.
+/// Most sweeps beyond the one pass of [`Method::Nlsf`](crate::Method::Nlsf). Each reduces the error left by rounding by
+/// eps times the condition.
 pub(crate) const REFINEMENTS: usize = 5;
 
 /// On a sphere made by parametrisation: the penalty at the highest degree relative to the weight of the vertices there.
@@ -38,8 +39,8 @@ const RELATIVE_PENALTY: f64 = 0.01;
 /// Lower degrees have wavelengths longer than any triangle.
 const PENALTY_FROM_DEGREE: usize = 8;
 
-/// Returns the default smoothness penalty of a fit over a parametrised sphere: `0.01 w / (4 pi) / (L (L + 1))^2`, with w
-/// the sum of the weights, or the number of vertices where all count the same; zero for L below 8.
+/// Returns the default smoothness penalty of a fit over a parametrised sphere: `0.01 w / (4 pi) / (L (L + 1))^2`, with
+/// w the sum of the weights, or the number of vertices where all count the same; zero for L below 8.
 pub fn parametrized_smoothness(max_degree: usize, total_weight: f64) -> f64 {
     if max_degree < PENALTY_FROM_DEGREE {
         return 0.0;

@@ -108,9 +108,10 @@ impl ModelFiles {
         origin.is_some_and(|origin| origin.is_of(input))
     }
 
-    /// Maps a surface to a sphere of its own, which is written beside the model, as is the surface of a label, or one that was
-    /// mended, or cut where it had handles. With `reuse` a mesh keeps the sphere that is there if that was made of the same file with the same settings. One of another file is
-    /// only replaced with [`Replace::ALL`]. The memory of the fit is checked first. `record` says what `input` was read from.
+    /// Maps a surface to a sphere of its own, which is written beside the model, as is the surface of a label, or one
+    /// that was mended, or cut where it had handles. With `reuse` a mesh keeps the sphere that is there if that was
+    /// made of the same file with the same settings. One of another file is only replaced with [`Replace::ALL`]. The
+    /// memory of the fit is checked first. `record` says what `input` was read from.
     ///
     /// # Errors
     ///
@@ -200,8 +201,8 @@ impl ModelFiles {
         Ok(mapped)
     }
 
-    /// Writes a fit's model, its standard errors if it has them, and with `csv` its complex coefficients; makes the folder.
-    /// The model is written last, so that where it is, the others are.
+    /// Writes a fit's model, its standard errors if it has them, and with `csv` its complex coefficients; makes the
+    /// folder. The model is written last, so that where it is, the others are.
     ///
     /// # Errors
     ///
@@ -323,7 +324,8 @@ pub struct Mapped {
     pub handles: Option<HandlesReport>,
     /// The voxels' steps, if a model of the fit's degree follows them.
     pub steps: Option<VoxelSteps>,
-    /// The files that were written: the sphere, and the surface where it isn't the input's; none where a sphere was there.
+    /// The files that were written: the sphere, and the surface where it isn't the input's; none where a sphere was
+    /// there.
     pub written: Vec<PathBuf>,
 }
 

@@ -115,9 +115,9 @@ pub fn fit_with(
 
 /// Fits many targets over one sphere, as many at a time as the memory allows, and hands over each fit as it is ready.
 ///
-/// `read` returns target `0..count`; it is called from several threads, in order but for a few at a time. `done` gets the
-/// number of a target and its fit, also from several threads; what it makes of them is returned in the targets' order. An
-/// error of either ends the call; [`fit_each`] goes on.
+/// `read` returns target `0..count`; it is called from several threads, in order but for a few at a time. `done` gets
+/// the number of a target and its fit, also from several threads; what it makes of them is returned in the targets'
+/// order. An error of either ends the call; [`fit_each`] goes on.
 ///
 /// # Errors
 ///
@@ -133,8 +133,9 @@ pub fn fit_many<T: Send, E: From<Error> + Send>(
     fit_each(sphere, count, read, params, &|number, fit| done(number, fit?), monitor)
 }
 
-/// As [`fit_many`], but targets that can't be read, that don't belong to the sphere or whose fit doesn't reach the tolerance
-/// (with [`FitParams::strict`]) are handed to `done` with their errors, which decides whether that ends the call.
+/// As [`fit_many`], but targets that can't be read, that don't belong to the sphere or whose fit doesn't reach the
+/// tolerance (with [`FitParams::strict`]) are handed to `done` with their errors, which decides whether that ends the
+/// call.
 ///
 /// The other targets' coefficients don't depend on it.
 ///

@@ -12,8 +12,8 @@ pub enum FitTo {
     /// The surface, for meshes over a sphere with triangles; the vertices for signals and for fits over a store.
     #[default]
     Default,
-    /// The surface: the integral over the sphere of the squared distance, by samples of all triangles that are as dense as
-    /// the degree needs. Signals are linear on each triangle.
+    /// The surface: the integral over the sphere of the squared distance, by samples of all triangles that are as dense
+    /// as the degree needs. Signals are linear on each triangle.
     Surface,
     /// The vertices alone, as in the paper.
     Vertices,

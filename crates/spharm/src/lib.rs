@@ -1,8 +1,8 @@
 //! Spherical-harmonic (SPHARM) models of closed surfaces: read, parametrise, fit, assess, write, reconstruct.
 //!
 //! A SPHARM model describes a closed surface of genus zero by three functions on the sphere, x, y and z, each a sum of
-//! spherical harmonics up to a degree L. This crate has what the program `spharm` computes, as functions; pictures are drawn
-//! by `spharm-render`, and the experiments of the paper are in `spharm-paper`.
+//! spherical harmonics up to a degree L. This crate has what the program `spharm` computes, as functions; pictures are
+//! drawn by `spharm-render`, and the experiments of the paper are in `spharm-paper`.
 //!
 //! ```
 //! use spharm::prelude::*;
@@ -22,28 +22,31 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The program `spharm fit` makes the same calls, so that the coefficients are the same, bit for bit, at the same number of
-//! threads and the same memory budget.
+//! The program `spharm fit` makes the same calls, so that the coefficients are the same, bit for bit, at the same
+//! number of threads and the same memory budget.
 //!
 //! # The way of the data
 //!
-//! 1. [`io::read_mesh`] reads a closed surface, and [`parametrize`](mod@parametrize) maps it to a [`Sphere`] one to one.
-//!    Surfaces of a study that have a common sphere come with it: [`read_sphere`], [`Target`].
-//! 2. [`fit()`] finds the coefficients: by default the full least squares. [`fit_many`] streams any number of surfaces over
-//!    one sphere through bounded memory. A [`Method`] over a basis store reads it from disk instead of transforming.
-//! 3. The [`FitReport`] says how far the model is from the surface, at the vertices and between them, and what may be wrong.
-//! 4. A [`Model`] holds coefficients, sphere and provenance; [`Model::reconstruct`] evaluates it anywhere, to any degree.
+//! 1. [`io::read_mesh`] reads a closed surface, and [`parametrize`](mod@parametrize) maps it to a [`Sphere`] one to
+//!    one. Surfaces of a study that have a common sphere come with it: [`read_sphere`], [`Target`].
+//! 2. [`fit()`] finds the coefficients: by default the full least squares. [`fit_many`] streams any number of surfaces
+//!    over one sphere through bounded memory. A [`Method`] over a basis store reads it from disk instead of
+//!    transforming.
+//! 3. The [`FitReport`] says how far the model is from the surface, at the vertices and between them, and what may be
+//!    wrong.
+//! 4. A [`Model`] holds coefficients, sphere and provenance; [`Model::reconstruct`] evaluates it anywhere, to any
+//!    degree.
 //!
 //! # Conventions
 //!
 //! Degrees are inclusive. Coefficients are those of the real orthonormal harmonics without the Condon-Shortley phase,
-//! row `l^2 + l + m`, in the surface's unit. A residual is target minus synthesis. msd and xsd are the mean and the maximum
-//! over the vertices of the squared distance, with the surface's bounding box scaled to volume 1.
+//! row `l^2 + l + m`, in the surface's unit. A residual is target minus synthesis. msd and xsd are the mean and the
+//! maximum over the vertices of the squared distance, with the surface's bounding box scaled to volume 1.
 //!
-//! Nothing here prints, ends the process, or changes its environment. Reading a store installs a handler of SIGBUS, which
-//! acts inside the store's maps alone. Whatever may take longer than a second takes a
-//! [`Monitor`], by which it shows its progress and is cancelled; its threads are those of the rayon pool that it is called
-//! in, or a pool of its own where [`FitParams::threads`] says so.
+//! Nothing here prints, ends the process, or changes its environment. Reading a store installs a handler of SIGBUS,
+//! which acts inside the store's maps alone. Whatever may take longer than a second takes a [`Monitor`], by which it
+//! shows its progress and is cancelled; its threads are those of the rayon pool that it is called in, or a pool of its
+//! own where [`FitParams::threads`] says so.
 //!
 //! # Modules
 //!

@@ -14,9 +14,9 @@ const UNKNOWN: u64 = 2 << 30;
 const LIMITS: [(Resource, &str, &str); 2] =
     [(Resource::Data, "VmData:", "data (ulimit -d)"), (Resource::As, "VmSize:", "address space (ulimit -v)")];
 
-/// Returns the bytes of memory that are free: the least of what the system has, what the control groups that this process
-/// is in leave of their limits, and what the limits on its data and address space leave; 2 GiB where none of them is
-/// known.
+/// Returns the bytes of memory that are free: the least of what the system has, what the control groups that this
+/// process is in leave of their limits, and what the limits on its data and address space leave; 2 GiB where none of
+/// them is known.
 pub fn available_memory() -> usize {
     let meminfo = read_to_string("/proc/meminfo").unwrap_or_default();
     let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
@@ -29,8 +29,8 @@ pub fn available_memory() -> usize {
     free.into_iter().chain(groups).chain(limits).min().unwrap_or(UNKNOWN) as usize
 }
 
-/// The least that the control groups of `/proc/self/cgroup` and those above them leave; the hierarchies of both versions are
-/// mounted below `root`.
+/// The least that the control groups of `/proc/self/cgroup` and those above them leave; the hierarchies of both
+/// versions are mounted below `root`.
 fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| -> Option<u64> {
         let mut parts = line.splitn(3, ':');
@@ -89,8 +89,8 @@ pub(crate) struct Exceeded {
     pub(crate) needed: u64,
 }
 
-/// The limit, if there is one, that `data` bytes of anonymous memory and `mapped` bytes of mapped files beyond what this
-/// process has would exceed.
+/// The limit, if there is one, that `data` bytes of anonymous memory and `mapped` bytes of mapped files beyond what
+/// this process has would exceed.
 pub(crate) fn exceeded(data: usize, mapped: usize) -> Option<Exceeded> {
     LIMITS.iter().zip([data, data.saturating_add(mapped)]).find_map(|(&(resource, used, what), more)| {
         let (limit, used) = (getrlimit(resource).current?, process_status(used)?);

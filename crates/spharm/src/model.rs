@@ -37,8 +37,8 @@ pub fn signed(mut model: Model, tool: &str) -> Model {
 
 /// Returns a model of other coefficients made from those of `source`, over the same sphere.
 ///
-/// `transform` says what was done; it is added to the provenance's list [`TRANSFORM`]. Settings and distances, which are the
-/// fit's, are left out, so that nobody takes the model for that of a fit.
+/// `transform` says what was done; it is added to the provenance's list [`TRANSFORM`]. Settings and distances, which
+/// are the fit's, are left out, so that nobody takes the model for that of a fit.
 #[must_use]
 pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, transform: Value) -> Model {
     let mut model = signed(Model { coefficients, ..source.clone() }, tool);

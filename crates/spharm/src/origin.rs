@@ -23,8 +23,8 @@ pub(crate) struct Origin {
 }
 
 impl Origin {
-    /// Returns the origin of the map that [`parametrize_with`](crate::parametrize::parametrize_with) makes of an input with
-    /// these settings, with its handles cut or as it is.
+    /// Returns the origin of the map that [`parametrize_with`](crate::parametrize::parametrize_with) makes of an input
+    /// with these settings, with its handles cut or as it is.
     pub(crate) fn new(input: &FileRecord, params: &CaldParams, cut: bool) -> Self {
         let CaldParams { area, degree, steps, seed } = params;
         let degree = degree.map_or("auto".to_owned(), |degree| degree.to_string());

@@ -1,7 +1,7 @@
 //! A sphere for a surface that comes without one.
 //!
-//! [`parametrize`](parametrize()) is the default, with a [`Sphere`] to fit over. The methods of `spharm-parametrize` are here
-//! one by one, and as values of [`Method`]; `Parametrized::try_from` makes a sphere of what they give.
+//! [`parametrize`](parametrize()) is the default, with a [`Sphere`] to fit over. The methods of `spharm-parametrize`
+//! are here one by one, and as values of [`Method`]; `Parametrized::try_from` makes a sphere of what they give.
 
 use spharm_monitor::{Monitor, Silent};
 use spharm_surface::{Mesh, Sphere, Target};
@@ -43,8 +43,8 @@ pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrized, 
     parametrize_with(surface, params, &Silent)
 }
 
-/// As [`parametrize`](parametrize()), with progress and cancellation, also for the quadrangles around a label of a volume,
-/// which get equal areas (Brechbuehler, Gerig and Kuebler 1995).
+/// As [`parametrize`](parametrize()), with progress and cancellation, also for the quadrangles around a label of a
+/// volume, which get equal areas (Brechbuehler, Gerig and Kuebler 1995).
 ///
 /// # Errors
 ///
@@ -61,8 +61,8 @@ pub fn parametrize_with<'a>(
 ///
 /// # Errors
 ///
-/// [`Error::Surface`] where the sphere hasn't the surface's vertices and triangles, [`Error::Parametrize`] where the map
-/// isn't one to one.
+/// [`Error::Surface`] where the sphere hasn't the surface's vertices and triangles, [`Error::Parametrize`] where the
+/// map isn't one to one.
 pub fn with_sphere(surface: &Mesh, sphere: &Mesh) -> Result<Parametrized, Error> {
     Target::from_mesh(surface, &Sphere::from_mesh(sphere)?)?;
     Parametrization::given(surface.clone(), sphere.clone())?.try_into()

@@ -322,8 +322,8 @@ impl FitParams {
     }
 
     /// Returns the memory that a fit keeps to, in bytes: [`memory`](Self::memory) if set, else
-    /// [`MEMORY_OVER_A_STORE`](defaults::MEMORY_OVER_A_STORE) for the methods that read a store, and half of what is free
-    /// for the others.
+    /// [`MEMORY_OVER_A_STORE`](defaults::MEMORY_OVER_A_STORE) for the methods that read a store, and half of what is
+    /// free for the others.
     pub fn memory_budget(&self) -> usize {
         match (self.memory, self.method.blocks()) {
             (Some(bytes), _) => bytes,

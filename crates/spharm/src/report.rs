@@ -61,8 +61,8 @@ pub struct Denoised {
     /// The noise, and the gain of each degree.
     #[serde(flatten)]
     pub noise: Denoise,
-    /// Rms of the detail that vertices which were held out tell of beyond the fit's degree, of a channel, in the target's
-    /// unit; none where they are too few to tell.
+    /// Rms of the detail that vertices which were held out tell of beyond the fit's degree, of a channel, in the
+    /// target's unit; none where they are too few to tell.
     pub left_out: Option<f64>,
 }
 
@@ -122,7 +122,8 @@ pub enum BatchReport {
         max_degree: usize,
         /// Rings and azimuths of the grid.
         grid: [usize; 2],
-        /// For each target: mean and maximum over the vertices of the squared norm of its residual, in its unit squared.
+        /// For each target: mean and maximum over the vertices of the squared norm of its residual, in its unit
+        /// squared.
         residuals: Vec<ResidualNorms>,
     },
 }

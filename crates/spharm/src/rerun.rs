@@ -152,10 +152,10 @@ fn list(differences: &[Difference]) -> String {
 impl Request<'_> {
     /// Decides what to do, from the outputs that exist and what the model among them records.
     ///
-    /// With [`IfExists::Skip`] a model of the same input with the same settings is kept, and made again only where a file
-    /// beside it is missing. Inputs are the same where their contents are. Without a model, files that an earlier call left
-    /// are no obstacle, but for a sphere of another input. With [`IfExists::Update`] models of other inputs or settings are
-    /// replaced in place of being refused.
+    /// With [`IfExists::Skip`] a model of the same input with the same settings is kept, and made again only where a
+    /// file beside it is missing. Inputs are the same where their contents are. Without a model, files that an earlier
+    /// call left are no obstacle, but for a sphere of another input. With [`IfExists::Update`] models of other inputs
+    /// or settings are replaced in place of being refused.
     ///
     /// # Errors
     ///
@@ -164,8 +164,8 @@ impl Request<'_> {
         self.decide_by(&|| false)
     }
 
-    /// Decides as [`decide`](Self::decide) does. `is_sound` says whether repairing and cutting leave the surface as it is, and is
-    /// only asked where its model was made without what is asked for now.
+    /// Decides as [`decide`](Self::decide) does. `is_sound` says whether repairing and cutting leave the surface as it
+    /// is, and is only asked where its model was made without what is asked for now.
     ///
     /// # Errors
     ///
@@ -240,7 +240,8 @@ impl Request<'_> {
         }
     }
 
-    /// Differences in what was done to the surface. A model is the same with and without a repair that had nothing to do.
+    /// Differences in what was done to the surface. A model is the same with and without a repair that had nothing to
+    /// do.
     fn unprepared(&self, recorded: &Provenance, is_sound: &dyn Fn() -> bool) -> Vec<Difference> {
         let wanted = self.preparation;
         let mut differences = Vec::new();

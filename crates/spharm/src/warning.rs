@@ -7,7 +7,8 @@ use spharm_solver::LsqReport;
 use spharm_solver::irf::BlockReport;
 use spharm_solver::lsq::LsqWarning;
 
-/// Share of the noise found that may be detail, by its rms. Vertices that are held out tell of a part of the detail alone.
+/// Share of the noise found that may be detail, by its rms. Vertices that are held out tell of a part of the detail
+/// alone.
 const DETAIL: f64 = 0.3;
 
 /// Something about a fit that its user should know. It is serialised as its text.

@@ -158,8 +158,8 @@ pub fn leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreErro
     temporary::abandoned(&folder::of_scheme(store, key))
 }
 
-/// Removes the [`leftovers`] of a scheme and returns which they were. Safe while others build: each is removed under its
-/// lock, which a builder takes on every file it creates.
+/// Removes the [`leftovers`] of a scheme and returns which they were. Safe while others build: each is removed under
+/// its lock, which a builder takes on every file it creates.
 ///
 /// # Errors
 ///

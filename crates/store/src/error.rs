@@ -1,7 +1,7 @@
 //! What can go wrong between a store and its user.
 //!
-//! Messages name the file, what was expected and what was found, and what to do where that doesn't depend on the program.
-//! Programs add the options that help, from the fields.
+//! Messages name the file, what was expected and what was found, and what to do where that doesn't depend on the
+//! program. Programs add the options that help, from the fields.
 
 use std::io;
 use std::path::{Path, PathBuf};

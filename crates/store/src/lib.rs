@@ -9,11 +9,11 @@
 //! ```
 //!
 //! Files are immutable. A file is valid when its footer is sound and its name is final; there is no manifest that could
-//! become inconsistent. A store built to degree 60 is extended to 100 by adding files. `store-format.md` is the authority
-//! on bytes.
+//! become inconsistent. A store built to degree 60 is extended to 100 by adding files. `store-format.md` is the
+//! authority on bytes.
 //!
-//! Any number of processes may build and read a store at the same time. A file that is damaged, or truncated while it is
-//! read, gives an error that names it, never a signal or a wrong number.
+//! Any number of processes may build and read a store at the same time. A file that is damaged, or truncated while it
+//! is read, gives an error that names it, never a signal or a wrong number.
 //!
 //! Long functions take a [`Monitor`](spharm_monitor::Monitor) last; they use the rayon pool in which they are
 //! called.

@@ -1,7 +1,8 @@
 //! Read-only windows on files: the only `unsafe` code of the store.
 //!
-//! A memory map has two dangers that a read doesn't have. The file may change under it, and touching a page that the file
-//! no longer has (it was truncated, or the disk fails) raises SIGBUS, which kills the process. Both are handled here:
+//! A memory map has two dangers that a read doesn't have. The file may change under it, and touching a page that the
+//! file no longer has (it was truncated, or the disk fails) raises SIGBUS, which kills the process. Both are handled
+//! here:
 //!
 //! - Every window is entered into a table of address ranges. A SIGBUS handler, installed with the first window, looks
 //!   the faulting address up. Inside a window it maps a page of zeros there and marks the window; the reader continues
@@ -82,8 +83,8 @@ impl Drop for Window {
     }
 }
 
-/// Prefetches into the L2 cache what lies `ahead` bytes from these values, as much as they are long. The processor's own
-/// prefetcher doesn't cross the pages of a map. Advice only; nothing needs to be mapped there.
+/// Prefetches into the L2 cache what lies `ahead` bytes from these values, as much as they are long. The processor's
+/// own prefetcher doesn't cross the pages of a map. Advice only; nothing needs to be mapped there.
 #[inline(always)]
 pub fn prefetch<T>(values: &[T], ahead: isize) {
     #[cfg(target_arch = "x86_64")]
@@ -91,8 +92,8 @@ pub fn prefetch<T>(values: &[T], ahead: isize) {
         const LINE: usize = 64;
         let start = values.as_ptr().cast::<i8>().wrapping_offset(ahead);
         for at in (0..size_of_val(values)).step_by(LINE) {
-            // SAFETY: a prefetch reads nothing that the program could see and never faults, whatever the address; SSE is
-            // part of every x86-64.
+            // SAFETY: a prefetch reads nothing that the program could see and never faults, whatever the address; SSE
+            // is part of every x86-64.
             unsafe { std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T1 }>(start.wrapping_add(at)) };
         }
     }

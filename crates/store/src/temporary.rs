@@ -16,8 +16,8 @@ use crate::error::StoreError;
 const PREFIXES: [&str; 2] = [".A_", ".factor_"];
 const SUFFIX: &str = ".tmp";
 
-/// Creates a temporary file and locks it, so that other processes see that it is in use. Where locks don't work, its age
-/// has to do.
+/// Creates a temporary file and locks it, so that other processes see that it is in use. Where locks don't work, its
+/// age has to do.
 pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     debug_assert!(PREFIXES.iter().any(|known| prefix.starts_with(known)), "{prefix}");
     loop {

@@ -1,9 +1,10 @@
 //! How often poses miss the best optimum, how long they take, and how far they leave landmarks apart.
 //!
-//! `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`, of each kind, 10 and 20 by default. Pairs are vertebrae of the shared data, and generated rods, boxes,
-//! cubes and near-spheres, two of a kind that differ a little and are meshed differently; each from 20 random rotations. An
-//! optimum is missed where the distance is above 1.05 times the least that is found from any of them, from 24 random starts
-//! that the search doesn't know, or from the true pose.
+//! `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`, of each kind, 10 and 20 by default.
+//! Pairs are vertebrae of the shared data, and generated rods, boxes, cubes and near-spheres, two of a kind that differ
+//! a little and are meshed differently; each from 20 random rotations. An optimum is missed where the distance is above
+//! 1.05 times the least that is found from any of them, from 24 random starts that the search doesn't know, or from the
+//! true pose.
 
 use std::time::Instant;
 
@@ -43,8 +44,8 @@ fn main() -> Result<(), Failure> {
     landmarks(&vertebrae)
 }
 
-/// How far each vertebra's landmarks lie from the mean of the others' after a group's poses, over what the best rigid motions of
-/// the landmarks leave.
+/// How far each vertebra's landmarks lie from the mean of the others' after a group's poses, over what the best rigid
+/// motions of the landmarks leave.
 fn landmarks(vertebrae: &[Vertebra]) -> Result<(), Failure> {
     let surfaces: Vec<PoseSurface> = vertebrae.iter().filter_map(|v| PoseSurface::new(&v.mesh)).collect();
     let start = Instant::now();

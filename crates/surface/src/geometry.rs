@@ -71,8 +71,9 @@ pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
     2.0 * volume.atan2(1.0 + dot(a, b) + dot(b, c) + dot(c, a))
 }
 
-/// Returns the orientation of a triangle seen from the origin, exactly for the numbers as they are: positive where it is
-/// counter-clockwise seen from outside, 0 where its plane holds the origin (J. Shewchuk, Discrete Comput. Geom. 18, 1997).
+/// Returns the orientation of a triangle seen from the origin, exactly for the numbers as they are: positive where it
+/// is counter-clockwise seen from outside, 0 where its plane holds the origin (J. Shewchuk, Discrete Comput. Geom. 18,
+/// 1997).
 #[must_use]
 pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
     let coord = |[x, y, z]: Vec3| robust::Coord3D { x, y, z };

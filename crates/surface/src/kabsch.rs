@@ -1,8 +1,9 @@
 //! The singular values of 3 x 3 matrices, and the rotation that fits two sets of vectors best.
 //!
-//! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976): of all rotations
-//! Q, `tr Q^T M` with `M = sum g_i f_i^T` is largest at `Q = U diag(1, 1, d) V^T`, where `M = U S V^T` and d = det(U V^T);
-//! with reflections allowed, at `U V^T`. The largest value is `s_1 + s_2 + d s_3`, d there the sign of det M.
+//! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976): of all
+//! rotations Q, `tr Q^T M` with `M = sum g_i f_i^T` is largest at `Q = U diag(1, 1, d) V^T`, where `M = U S V^T` and d
+//! = det(U V^T); with reflections allowed, at `U V^T`. The largest value is `s_1 + s_2 + d s_3`, d there the sign of
+//! det M.
 //!
 //! The singular value decomposition is by one-sided Jacobi rotations: a dozen of them bring a matrix to rounding, with
 //! small singular values as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1992).
@@ -95,12 +96,12 @@ pub fn kabsch(matrix: &Matrix3, mirror: bool) -> Matrix3 {
 
 /// Returns the largest tr Q^T M over rotations Q, or over all orthogonal Q: `s_1 + s_2 +- s_3`.
 ///
-/// From the invariants of `M^T M` and Newton's iteration, a tenth of what the decomposition takes: for searches, with an
-/// error of some 1e-8 of `s_1` where singular values agree.
+/// From the invariants of `M^T M` and Newton's iteration, a tenth of what the decomposition takes: for searches, with
+/// an error of some 1e-8 of `s_1` where singular values agree.
 #[must_use]
 pub fn best_trace(m: &Matrix3, mirror: bool) -> f64 {
-    // The largest root of x^4 - 2 e1 x^2 - 8 d x + e1^2 - 4 e2, with e1 = |M|^2, e2 the sum of squared minors, d = det M
-    // (B. Horn, J. Opt. Soc. Am. A 4, 1987, as D. Theobald, Acta Cryst. A61, 2005, writes it).
+    // The largest root of x^4 - 2 e1 x^2 - 8 d x + e1^2 - 4 e2, with e1 = |M|^2, e2 the sum of squared minors, d = det
+    // M (B. Horn, J. Opt. Soc. Am. A 4, 1987, as D. Theobald, Acta Cryst. A61, 2005, writes it).
     let e1: f64 = m.iter().flatten().map(|v| v * v).sum();
     if e1 == 0.0 {
         return 0.0;

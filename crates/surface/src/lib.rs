@@ -1,7 +1,7 @@
 //! Triangle meshes and signals on them: files, topology, distances, synthetic surfaces.
 //!
-//! This crate reads and writes all surface files. It doesn't trust them: sizes are checked before memory is allocated, and
-//! outputs appear complete or not at all.
+//! This crate reads and writes all surface files. It doesn't trust them: sizes are checked before memory is allocated,
+//! and outputs appear complete or not at all.
 //!
 //! # Conventions
 //!

@@ -13,20 +13,20 @@
 //! Whether d is inside is decided by the signs of the three determinants, exact for the numbers given (Shewchuk's
 //! adaptive predicate, crate `robust`). So the triangles of a sphere without flips leave no gap at edges and vertices
 //! that a direction could fall through; on an edge the triangle with the smaller index is taken. Triangles that are
-//! flipped or without area are left out; where others cover what they would have, nothing is missed. A direction that no
-//! triangle covers, as where a sphere has a hole, goes to the nearest triangle if it is off by at most
+//! flipped or without area are left out; where others cover what they would have, nothing is missed. A direction that
+//! no triangle covers, as where a sphere has a hole, goes to the nearest triangle if it is off by at most
 //! [`TOLERANCE`], else it is not found.
 //!
 //! # Cost
 //!
-//! A bounding-volume hierarchy (parry3d's) holds a box around each *spherical* triangle, so d itself, a point of the unit
-//! sphere, is looked up. It follows the triangles' density, however uneven a parameterisation is. A flat triangle with
-//! longest edge e bulges from its plane by at most 1 - sqrt(1 - e^2 / 3) on the sphere, which is how much larger than the
-//! corners' its box is.
+//! A bounding-volume hierarchy (parry3d's) holds a box around each *spherical* triangle, so d itself, a point of the
+//! unit sphere, is looked up. It follows the triangles' density, however uneven a parameterisation is. A flat triangle
+//! with longest edge e bulges from its plane by at most 1 - sqrt(1 - e^2 / 3) on the sphere, which is how much larger
+//! than the corners' its box is.
 //!
-//! Slivers that share a pole nearly all lie in each other's boxes, and such boxes bulge far. Where a sphere is made of slivers, as
-//! those of fans are, each flat triangle has a box in its own direction, and those that the way from the origin to d meets are
-//! looked at (`sliver_tree.rs`).
+//! Slivers that share a pole nearly all lie in each other's boxes, and such boxes bulge far. Where a sphere is made of
+//! slivers, as those of fans are, each flat triangle has a box in its own direction, and those that the way from the
+//! origin to d meets are looked at (`sliver_tree.rs`).
 
 use ndarray::{Array2, ArrayView2, Axis};
 use parry3d_f64::bounding_volume::Aabb;
@@ -171,8 +171,8 @@ impl SphereLocator {
     ///
     /// # Errors
     ///
-    /// As [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) where n isn't the number of
-    /// vertices.
+    /// As [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) where n isn't the number
+    /// of vertices.
     pub fn interpolate(
         &self,
         values: ArrayView2<'_, f64>,
@@ -246,8 +246,8 @@ fn contains(corners: &[Vec3; 3], d: Vec3) -> bool {
 /// The gnomonic weights; `None` where they don't exist, for a triangle without area.
 fn weights([a, b, c]: &[Vec3; 3], d: Vec3) -> Option<[f64; 3]> {
     let [a, b, c] = [a, b, c].map(|&corner| sub(corner, d));
-    // Relative to d, the determinants are 0 exactly where d is a corner, and lose no digits in small triangles. Signs are
-    // decided: what rounding makes negative is 0.
+    // Relative to d, the determinants are 0 exactly where d is a corner, and lose no digits in small triangles. Signs
+    // are decided: what rounding makes negative is 0.
     let sizes = [(b, c), (c, a), (a, b)].map(|(u, v)| dot(cross(u, v), d).max(0.0));
     let sum: f64 = sizes.iter().sum();
     (sum > 0.0).then(|| sizes.map(|size| size / sum))

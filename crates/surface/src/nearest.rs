@@ -1,8 +1,8 @@
 //! The nearest point of a triangle mesh.
 //!
 //! A bounding-volume hierarchy over the triangles (parry3d's), searched best first: the answer is the minimum over all
-//! triangles, O(log n) of them looked at; by boxes that are turned into the triangles' direction where these are slivers.
-//! About 160 bytes a triangle, 310 of slivers.
+//! triangles, O(log n) of them looked at; by boxes that are turned into the triangles' direction where these are
+//! slivers. About 160 bytes a triangle, 310 of slivers.
 
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector;
@@ -48,8 +48,8 @@ impl TriangleTree {
         Self { tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles, slivers }
     }
 
-    /// Returns the point of the mesh that is nearest to `point`; `None` for a mesh without a triangle, or a point that isn't
-    /// finite.
+    /// Returns the point of the mesh that is nearest to `point`; `None` for a mesh without a triangle, or a point that
+    /// isn't finite.
     #[must_use]
     pub fn nearest(&self, point: [f64; 3]) -> Option<Nearest> {
         if let Some(slivers) = &self.slivers {
@@ -63,8 +63,8 @@ impl TriangleTree {
         Some(self.on_triangle(triangle, point))
     }
 
-    /// Returns the distance from `point` to the mesh, and the triangle that is nearest; `None` as [`nearest`](Self::nearest)
-    /// does. Fast where a triangle near to the nearest one is known.
+    /// Returns the distance from `point` to the mesh, and the triangle that is nearest; `None` as
+    /// [`nearest`](Self::nearest) does. Fast where a triangle near to the nearest one is known.
     pub(crate) fn distance(&self, point: Vec3, near: Option<u32>) -> Option<(u32, f64)> {
         if self.slivers.is_some() {
             return self.nearest(point).map(|found| (found.triangle, found.distance));
@@ -104,8 +104,8 @@ impl TriangleTree {
         Nearest { triangle, barycentric, point: nearest, distance: dot(off, off).sqrt() }
     }
 
-    /// Returns the triangles whose bounding boxes intersect the box from `low` to `high`, in an unspecified but reproducible
-    /// order.
+    /// Returns the triangles whose bounding boxes intersect the box from `low` to `high`, in an unspecified but
+    /// reproducible order.
     pub fn meeting_box(&self, low: [f64; 3], high: [f64; 3]) -> impl Iterator<Item = u32> {
         let wanted = Aabb::new(Vector::from(low), Vector::from(high));
         self.tree.leaves(move |node| {

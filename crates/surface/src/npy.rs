@@ -1,7 +1,8 @@
 //! Headers of NumPy's array files (`.npy`), versions 1 to 3: the one parser of them, for every reader.
 //!
-//! Magic, version, length of the header, the header, the values. The header is the text of a Python dictionary of exactly
-//! three keys, and this is the whole grammar of it that is read, blanks and line breaks between the tokens aside:
+//! Magic, version, length of the header, the header, the values. The header is the text of a Python dictionary of
+//! exactly three keys, and this is the whole grammar of it that is read, blanks and line breaks between the tokens
+//! aside:
 //!
 //! ```text
 //! header = "{" entry ("," entry)* [","] "}"                 each key once
@@ -12,8 +13,8 @@
 //! type   = a string of "<", ">", "|" or "=", a letter and a number of bytes (of characters for "U")
 //! ```
 //!
-//! A string is in either quotes and has no escapes. Nothing in it nests, so that no input makes the parser recurse; nothing
-//! is allocated for what a number says. Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
+//! A string is in either quotes and has no escapes. Nothing in it nests, so that no input makes the parser recurse;
+//! nothing is allocated for what a number says. Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
 
 use std::io::{self, Read};
 

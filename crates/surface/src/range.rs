@@ -1,9 +1,9 @@
 //! Numbers whose squares leave the range of f64.
 //!
-//! Squares of what is beyond 1e154 overflow, those of what is below 1e-162 underflow: sums of squares are infinite or zero
-//! there, though the numbers themselves, and what is computed from them, have all their digits. Such numbers are multiplied
-//! by a power of two first, and results by its inverse afterwards. Both are exact but for what is too small for a normal
-//! number. Ordinary numbers aren't touched.
+//! Squares of what is beyond 1e154 overflow, those of what is below 1e-162 underflow: sums of squares are infinite or
+//! zero there, though the numbers themselves, and what is computed from them, have all their digits. Such numbers are
+//! multiplied by a power of two first, and results by its inverse afterwards. Both are exact but for what is too small
+//! for a normal number. Ordinary numbers aren't touched.
 
 use crate::geometry::Vec3;
 use crate::mesh::Mesh;
@@ -14,8 +14,8 @@ const SAFE: i32 = 200;
 /// The largest power of two that a step multiplies by.
 const STEP: i32 = 1000;
 
-/// Returns the exponent e for which the largest magnitude divided by 2^e is from 1 to 4, an even number: roots of 2^e are
-/// exact. 0 where that magnitude is from 1e-60 to 1e60, is zero, or isn't finite.
+/// Returns the exponent e for which the largest magnitude divided by 2^e is from 1 to 4, an even number: roots of 2^e
+/// are exact. 0 where that magnitude is from 1e-60 to 1e60, is zero, or isn't finite.
 #[must_use]
 pub fn exponent(values: impl IntoIterator<Item = f64>) -> i32 {
     let largest = values.into_iter().fold(0.0_f64, |most, value| most.max(value.abs()));
@@ -41,8 +41,8 @@ pub fn times(value: f64, exponent: i32) -> f64 {
     value
 }
 
-/// As [`times`], at the ends of the range where it would leave it: the largest finite number, and for what isn't zero the
-/// smallest above zero. For figures of a report, where infinity and zero would say something else.
+/// As [`times`], at the ends of the range where it would leave it: the largest finite number, and for what isn't zero
+/// the smallest above zero. For figures of a report, where infinity and zero would say something else.
 #[must_use]
 pub fn times_within(value: f64, exponent: i32) -> f64 {
     let found = times(value, exponent);

@@ -1,8 +1,8 @@
-//! Mends what a scan or an export leaves in a mesh: corners that aren't welded, triangles that are there twice, loose vertices
-//! and pieces, small holes.
+//! Mends what a scan or an export leaves in a mesh: corners that aren't welded, triangles that are there twice, loose
+//! vertices and pieces, small holes.
 //!
-//! Nothing is moved, and no triangle is turned: where triangles wind against each other or edges have more than two of them,
-//! [`Topology`](crate::topology::Topology) still says so.
+//! Nothing is moved, and no triangle is turned: where triangles wind against each other or edges have more than two of
+//! them, [`Topology`](crate::topology::Topology) still says so.
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
@@ -82,8 +82,8 @@ impl fmt::Display for MeshRepair {
     }
 }
 
-/// Mends a mesh, whose triangles name vertices that are there, and says what was changed. Vertices that stay keep their order;
-/// those of filled holes come last.
+/// Mends a mesh, whose triangles name vertices that are there, and says what was changed. Vertices that stay keep their
+/// order; those of filled holes come last.
 #[must_use]
 pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
@@ -137,7 +137,8 @@ fn keep_largest(vertices: usize, faces: &mut Vec<[u32; 3]>) -> usize {
     sizes.len().saturating_sub(1)
 }
 
-/// Fills loops of edges that have one triangle: three of them by a triangle, four by two, more by a fan around their middle.
+/// Fills loops of edges that have one triangle: three of them by a triangle, four by two, more by a fan around their
+/// middle.
 fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
     // The rim runs against the triangles. Rims that meet in a vertex are told apart by being as short as can be.

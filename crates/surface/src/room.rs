@@ -1,8 +1,8 @@
 //! Room in memory for what files hold, asked for before it is taken.
 //!
-//! A file says how much it holds, and a compressed one may hold a thousand times its size. Readers hold both against two
-//! bounds before they allocate, and again while they decode: what is free, if the program has said how to find out, and
-//! [`most_expanded`], beyond which no honest file of numbers swells.
+//! A file says how much it holds, and a compressed one may hold a thousand times its size. Readers hold both against
+//! two bounds before they allocate, and again while they decode: what is free, if the program has said how to find out,
+//! and [`most_expanded`], beyond which no honest file of numbers swells.
 
 use std::fmt;
 use std::sync::OnceLock;
@@ -13,8 +13,8 @@ static FREE: OnceLock<fn() -> usize> = OnceLock::new();
 /// Less than this is taken without asking.
 const SMALL: u64 = 4 << 20;
 
-/// Tells the readers of this process how to ask for the bytes of memory that are free. The first call counts; without one,
-/// nothing is known to be scarce.
+/// Tells the readers of this process how to ask for the bytes of memory that are free. The first call counts; without
+/// one, nothing is known to be scarce.
 pub fn ask_for_free_memory(free: fn() -> usize) {
     // A second call says the same: it is the program's, at its start.
     let _ = FREE.set(free);
@@ -35,8 +35,8 @@ pub fn check_room(needed: u64) -> Result<(), NoRoom> {
     }
 }
 
-/// Most bytes that compressed ones may stand for: numbers of surfaces and text compress two- to tenfold, constants up to a
-/// thousandfold, of which there aren't many.
+/// Most bytes that compressed ones may stand for: numbers of surfaces and text compress two- to tenfold, constants up
+/// to a thousandfold, of which there aren't many.
 #[must_use]
 pub fn most_expanded(compressed: u64) -> u64 {
     compressed.saturating_mul(256).saturating_add(64 << 20)
@@ -91,7 +91,8 @@ mod tests {
         assert_eq!(room.to_string(), "2.5 GiB of memory, of which 1.5 MiB are free");
     }
 
-    /// Without a program that says what is free nothing is refused; what compressed bytes may stand for is bounded all the same.
+    /// Without a program that says what is free nothing is refused; what compressed bytes may stand for is bounded all
+    /// the same.
     #[test]
     fn expansion_is_bounded() {
         assert_eq!(check_room(u64::MAX), Ok(()));

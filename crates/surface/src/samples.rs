@@ -1,8 +1,9 @@
 //! Samples of all points of a sphere's triangles, for least squares over a surface in place of over its vertices.
 //!
-//! A mesh over a sphere is a function on it: linear on each triangle, from the triangle on the sphere (projected from the
-//! centre) to that of the surface. An integral over the sphere of a function that a model of degree L can be compared with
-//! is a sum over samples that are no further apart than the model resolves, pi / L, each weighted by its solid angle:
+//! A mesh over a sphere is a function on it: linear on each triangle, from the triangle on the sphere (projected from
+//! the centre) to that of the surface. An integral over the sphere of a function that a model of degree L can be
+//! compared with is a sum over samples that are no further apart than the model resolves, pi / L, each weighted by its
+//! solid angle:
 //!
 //! ```text
 //! integral f(u) du  =  sum_t sum_i  w_ti f(u_ti),   u = p / |p|,   w = share det(a, b, c) / (2 |p|^3)
@@ -12,16 +13,17 @@
 //!
 //! # Places
 //!
-//! A triangle whose edges are below the spacing has the three points of the symmetric rule that is exact for polynomials of
-//! degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section 4.3): a distance to a surface
-//! that is linear there is squared exactly. A larger one is cut parallel to its shortest edge into layers that are no
-//! thicker than the spacing, measured along its sides, and each layer into cells that are no wider. A cell has 2 x 2
-//! points of Gauss's rule, across and down with the cell's width as weight, which is exact for degree 3. Triangles that come
-//! near the sphere's centre, whose points lie further apart on the sphere than on themselves, have smaller cells. Slivers get a single
-//! row of cells, where a grid of similar triangles would spend the square of it.
+//! A triangle whose edges are below the spacing has the three points of the symmetric rule that is exact for
+//! polynomials of degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section 4.3): a
+//! distance to a surface that is linear there is squared exactly. A larger one is cut parallel to its shortest edge
+//! into layers that are no thicker than the spacing, measured along its sides, and each layer into cells that are no
+//! wider. A cell has 2 x 2 points of Gauss's rule, across and down with the cell's width as weight, which is exact for
+//! degree 3. Triangles that come near the sphere's centre, whose points lie further apart on the sphere than on
+//! themselves, have smaller cells. Slivers get a single row of cells, where a grid of similar triangles would spend the
+//! square of it.
 //!
-//! With a spacing of 3 / L the points are about as dense as midpoints 1.5 / L apart would be, and the fit is that of twice as
-//! many to a thousandth: docs/algorithms/least-squares.md has what was measured.
+//! With a spacing of 3 / L the points are about as dense as midpoints 1.5 / L apart would be, and the fit is that of
+//! twice as many to a thousandth: docs/algorithms/least-squares.md has what was measured.
 
 mod cut;
 
@@ -41,7 +43,8 @@ const CELLS_OF_DEGREE: f64 = 3.0;
 /// Triangles that a task takes at a time.
 const RUN: usize = 1024;
 
-/// How each triangle of a sphere is cut. The samples themselves are made for as many triangles at a time as memory allows.
+/// How each triangle of a sphere is cut. The samples themselves are made for as many triangles at a time as memory
+/// allows.
 #[derive(Debug, Clone)]
 pub struct SphereSampling {
     cuts: Vec<Cut>,
@@ -54,8 +57,8 @@ pub struct SphereSampling {
 pub struct SphereSamples {
     /// Their directions, (samples, 3).
     pub directions: Directions,
-    /// The solid angle that each stands for, in steradians, (samples). Those of a sphere that is covered once sum to 4 pi, to
-    /// the accuracy that the spacing allows for.
+    /// The solid angle that each stands for, in steradians, (samples). Those of a sphere that is covered once sum to 4
+    /// pi, to the accuracy that the spacing allows for.
     pub weights: Vec<f64>,
 }
 
@@ -69,7 +72,8 @@ impl SphereSampling {
         Self::new(directions, faces, CELLS_OF_DEGREE / max_degree.max(1) as f64)
     }
 
-    /// Plans samples of a sphere's triangles in cells no larger than `spacing`, in radians: 3 / L for models of degree L.
+    /// Plans samples of a sphere's triangles in cells no larger than `spacing`, in radians: 3 / L for models of degree
+    /// L.
     ///
     /// # Errors
     ///
@@ -126,8 +130,8 @@ impl SphereSampling {
         runs
     }
 
-    /// Returns the samples of some of the triangles, over the directions that they were planned for. Triangles that face
-    /// inwards count like the others.
+    /// Returns the samples of some of the triangles, over the directions that they were planned for. Triangles that
+    /// face inwards count like the others.
     ///
     /// # Errors
     ///
@@ -169,8 +173,8 @@ impl SphereSampling {
         samples
     }
 
-    /// Writes what [`interpolate`](Self::interpolate) returns to `samples`, (samples, c), which may be some of an array's
-    /// columns.
+    /// Writes what [`interpolate`](Self::interpolate) returns to `samples`, (samples, c), which may be some of an
+    /// array's columns.
     ///
     /// # Panics
     ///
@@ -195,8 +199,8 @@ impl SphereSampling {
         });
     }
 
-    /// Returns the corners of each sample's triangle, and what each of them counts in what is linear there; for samples of
-    /// some of the triangles.
+    /// Returns the corners of each sample's triangle, and what each of them counts in what is linear there; for samples
+    /// of some of the triangles.
     #[must_use]
     pub fn corners(&self, triangles: Range<usize>) -> (Vec<[u32; 3]>, Vec<[f64; 3]>) {
         let samples = self.samples(triangles.clone());

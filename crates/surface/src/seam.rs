@@ -1,12 +1,12 @@
 //! How a surface that was cut belongs to the one that it was cut from.
 //!
-//! A surface with handles has no map to the sphere; cut open along loops, with both sides of each filled, it has. The cut
-//! surface has the given one's n vertices in their order, then copies of those on the seams, then the fillings' vertices;
-//! and the given F triangles in their order, over copies on one side of each seam, then the fillings' triangles. So n, F and
-//! the vertices that were copied are all that it takes to go back.
+//! A surface with handles has no map to the sphere; cut open along loops, with both sides of each filled, it has. The
+//! cut surface has the given one's n vertices in their order, then copies of those on the seams, then the fillings'
+//! vertices; and the given F triangles in their order, over copies on one side of each seam, then the fillings'
+//! triangles. So n, F and the vertices that were copied are all that it takes to go back.
 //!
-//! A GIfTI file of the sphere keeps that in its metadata, `SpharmCutFrom` (n and F) and `SpharmSeam` (the vertices that were
-//! copied); a model has arrays for it.
+//! A GIfTI file of the sphere keeps that in its metadata, `SpharmCutFrom` (n and F) and `SpharmSeam` (the vertices that
+//! were copied); a model has arrays for it.
 
 use crate::mesh::{Mesh, Meta};
 
@@ -53,13 +53,13 @@ impl Seam {
         }
     }
 
-    /// Puts a cut surface together again: leaves the fillings out, and gives each vertex that has copies the mean of their
-    /// places.
+    /// Puts a cut surface together again: leaves the fillings out, and gives each vertex that has copies the mean of
+    /// their places.
     ///
     /// # Errors
     ///
-    /// What doesn't fit the surface, as [`checked`](Self::checked); or the triangle of the given surface over a vertex of a
-    /// filling.
+    /// What doesn't fit the surface, as [`checked`](Self::checked); or the triangle of the given surface over a vertex
+    /// of a filling.
     pub fn weld(&self, cut: &Mesh) -> Result<Welded, String> {
         let Self { vertices, faces, copies } = self.clone().checked(cut.vertices.len(), cut.faces.len())?;
         let mut places: Vec<(u32, usize)> = copies.iter().copied().zip(vertices..).collect();

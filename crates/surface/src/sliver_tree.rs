@@ -1,13 +1,14 @@
 //! The nearest point of a mesh of slivers, and what a ray meets of them.
 //!
-//! Boxes along the axes are as large as long thin triangles are long, and those that share a pole nearly all contain each
-//! other: a search tree of them looks at a good part of all triangles for each point. Boxes that are turned into the
-//! direction of the triangles in them are as thin as these. A point at distance r from the pole of a fan of radius 1 is in
-//! 1 / r of the leaves' boxes; over the area that is two of them, for any number of triangles.
+//! Boxes along the axes are as large as long thin triangles are long, and those that share a pole nearly all contain
+//! each other: a search tree of them looks at a good part of all triangles for each point. Boxes that are turned into
+//! the direction of the triangles in them are as thin as these. A point at distance r from the pole of a fan of radius
+//! 1 is in 1 / r of the leaves' boxes; over the area that is two of them, for any number of triangles.
 //!
-//! Each node has the box of its triangles in the frame of one of them (longest edge, normal), or along the axes where that
-//! is smaller (S. Gottschalk, M. Lin and D. Manocha, "OBBTree: a hierarchical structure for rapid interference detection",
-//! SIGGRAPH 1996, with a triangle's frame in place of a covariance). O(n log n) to build; 150 bytes a triangle.
+//! Each node has the box of its triangles in the frame of one of them (longest edge, normal), or along the axes where
+//! that is smaller (S. Gottschalk, M. Lin and D. Manocha, "OBBTree: a hierarchical structure for rapid interference
+//! detection", SIGGRAPH 1996, with a triangle's frame in place of a covariance). O(n log n) to build; 150 bytes a
+//! triangle.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -204,8 +205,8 @@ impl SliverTree {
         best.filter(|(_, (distance, _))| distance.is_finite())
     }
 
-    /// Visits the triangles whose boxes come within `slack` of the way from the origin to `end`, all of which lie within the
-    /// unit sphere; in an unspecified order.
+    /// Visits the triangles whose boxes come within `slack` of the way from the origin to `end`, all of which lie
+    /// within the unit sphere; in an unspecified order.
     pub(crate) fn along(&self, end: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
         // As many levels as numbers of triangles have digits.
         let mut left = Vec::with_capacity(34);

@@ -112,8 +112,9 @@ impl Sphere {
     /// # Errors
     ///
     /// [`NoDirection`](SurfaceError::NoDirection) for a vertex at the origin or not finite,
-    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`Seam`](SurfaceError::Seam), and for a closed mesh that doesn't go around the origin once
-    /// [`OriginOutside`](SurfaceError::OriginOutside) or [`SeveralTurns`](SurfaceError::SeveralTurns).
+    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`Seam`](SurfaceError::Seam), and for a closed mesh that
+    /// doesn't go around the origin once [`OriginOutside`](SurfaceError::OriginOutside) or
+    /// [`SeveralTurns`](SurfaceError::SeveralTurns).
     pub fn from_mesh(mesh: &Mesh) -> Result<Self, SurfaceError> {
         Self::check(mesh, Path::new("the sphere"))
     }
@@ -187,8 +188,8 @@ impl Sphere {
     }
 }
 
-/// Reads a sphere: a mesh of any supported format and any radius, centred at the origin, or a table (`.csv`, `.tsv`, also
-/// gzipped) of colatitude and azimuth in radians, a row a direction.
+/// Reads a sphere: a mesh of any supported format and any radius, centred at the origin, or a table (`.csv`, `.tsv`,
+/// also gzipped) of colatitude and azimuth in radians, a row a direction.
 ///
 /// # Errors
 ///

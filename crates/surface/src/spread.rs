@@ -17,10 +17,10 @@ pub struct SpreadPoints {
 }
 
 impl SpreadPoints {
-    /// Places `count` points: one in each of `count` runs of triangles that have equal shares of the area, in the order of the
-    /// triangles. Within a triangle they follow the sequence R2 of M. Roberts, "The unreasonable effectiveness of
-    /// quasirandom sequences" (2018), from its term `seed`, so that the outcome is the same in every run. A mesh without area
-    /// has none.
+    /// Places `count` points: one in each of `count` runs of triangles that have equal shares of the area, in the order
+    /// of the triangles. Within a triangle they follow the sequence R2 of M. Roberts, "The unreasonable effectiveness
+    /// of quasirandom sequences" (2018), from its term `seed`, so that the outcome is the same in every run. A mesh
+    /// without area has none.
     #[must_use]
     pub fn new(mesh: &Mesh, count: usize, seed: usize) -> Self {
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);

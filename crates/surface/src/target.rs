@@ -61,8 +61,8 @@ impl Target {
     /// # Errors
     ///
     /// [`NonFinite`](SurfaceError::NonFinite), [`IndexOutOfRange`](SurfaceError::IndexOutOfRange),
-    /// [`VertexCount`](SurfaceError::VertexCount), and [`OtherTriangles`](SurfaceError::OtherTriangles) where the sphere
-    /// has triangles and the surface's are not the same.
+    /// [`VertexCount`](SurfaceError::VertexCount), and [`OtherTriangles`](SurfaceError::OtherTriangles) where the
+    /// sphere has triangles and the surface's are not the same.
     pub fn from_mesh(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let name = Path::new("the surface");
         crate::io::check_mesh(name, mesh)?;

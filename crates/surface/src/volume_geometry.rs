@@ -1,9 +1,9 @@
 //! Where a surface lies in the volume it was made from, as FreeSurfer says it.
 //!
 //! FreeSurfer's surfaces have coordinates about the centre of their volume; the volume's size, axes and centre
-//! (`c_ras`), which lead to scanner coordinates, follow the triangles of its own format, as text, and are metadata named
-//! `VolGeom...` in GIfTI files. Both say the same, so that a surface that is read from one and written to the other keeps
-//! it.
+//! (`c_ras`), which lead to scanner coordinates, follow the triangles of its own format, as text, and are metadata
+//! named `VolGeom...` in GIfTI files. Both say the same, so that a surface that is read from one and written to the
+//! other keeps it.
 //!
 //! Source: FreeSurfer's `writeVolGeom` (utils/transform.cpp) and `MRISwriteGIFTI` (utils/gifti.cpp).
 
@@ -18,7 +18,8 @@ pub struct VolumeGeometry {
     pub size: [u32; 3],
     /// Size of a voxel along the three axes, mm.
     pub voxel_size: [f64; 3],
-    /// Directions of the three axes, then the centre (`c_ras`) in mm, in scanner coordinates: right, anterior, superior.
+    /// Directions of the three axes, then the centre (`c_ras`) in mm, in scanner coordinates: right, anterior,
+    /// superior.
     pub axes_and_centre: [[f64; 3]; 4],
 }
 

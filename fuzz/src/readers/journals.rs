@@ -13,11 +13,12 @@ use super::{choice, file, mend};
 /// The bytes of a record, its check sum among them.
 const RECORD: usize = 196;
 
-/// Kinds of inputs. Only those of the last two are aligned with: that takes ten milliseconds, and reading takes microseconds.
+/// Kinds of inputs. Only those of the last two are aligned with: that takes ten milliseconds, and reading takes
+/// microseconds.
 const KINDS: usize = 64;
 
-/// The input is a file as it is, or the numbers of records, which get the start and the check sums that they need: poses that
-/// nobody computed. An alignment that goes on with them ends all the same.
+/// The input is a file as it is, or the numbers of records, which get the start and the check sums that they need:
+/// poses that nobody computed. An alignment that goes on with them ends all the same.
 pub(super) fn journals(folder: &Path, input: &[u8]) {
     let Some((kind, bytes)) = choice(input, KINDS) else { return };
     let (members, params) = (members(), ProcrustesParams::default());

@@ -19,8 +19,8 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
     bytes.get(at..at + 8).map_or(0, |eight| u64::from_le_bytes(eight.try_into().expect("8 bytes")))
 }
 
-/// A basis file or a factor. Bits of `kind`: 1 the hash of the header, 2 root and hash of the footer, 4 the chunks' CRC and
-/// hash, 8 the places in the footer, 16 the places in the table.
+/// A basis file or a factor. Bits of `kind`: 1 the hash of the header, 2 root and hash of the footer, 4 the chunks' CRC
+/// and hash, 8 the places in the footer, 16 the places in the table.
 pub(super) fn container(bytes: &[u8], kind: usize, root_context: &str) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     if bytes.len() < HEADER + ENTRY + FOOTER {

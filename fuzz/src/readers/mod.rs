@@ -1,8 +1,8 @@
-//! Every reader as a function of bytes: whatever they are, it ends with a value that keeps the reader's promises, or with
-//! an error. libFuzzer calls these, and `./run test` does over the files of `tests/data/hostile`.
+//! Every reader as a function of bytes: whatever they are, it ends with a value that keeps the reader's promises, or
+//! with an error. libFuzzer calls these, and `./run test` does over the files of `tests/data/hostile`.
 //!
-//! The last byte of an input chooses the name of the file, or which check sums are mended before it is read, so that the
-//! rest are the bytes of a file.
+//! The last byte of an input chooses the name of the file, or which check sums are mended before it is read, so that
+//! the rest are the bytes of a file.
 
 mod journals;
 mod mend;
@@ -143,8 +143,8 @@ fn models(folder: &Path, input: &[u8]) {
     read_model(folder, input);
 }
 
-/// The members of an archive, each by the number of its name and its length: the archive's own check sums and places are
-/// right whatever they hold.
+/// The members of an archive, each by the number of its name and its length: the archive's own check sums and places
+/// are right whatever they hold.
 fn archives(folder: &Path, input: &[u8]) {
     if let Some((kind, bytes)) = choice(input, 2) {
         read_model(folder, &mend::archive(bytes, kind == 1));

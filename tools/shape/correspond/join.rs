@@ -107,8 +107,8 @@ fn added(
     Ok(Some(Added { name, report: found.report, json, warnings }))
 }
 
-/// Whether there is a model that a run was ended after: the member's record, which is written last, isn't there. A model of another
-/// verb is somebody else's.
+/// Whether there is a model that a run was ended after: the member's record, which is written last, isn't there. A
+/// model of another verb is somebody else's.
 fn left_over(folder: &Path, name: &str) -> bool {
     let ours = |path: PathBuf| {
         Model::read(path).is_ok_and(|model| model.provenance.tool.as_deref() == Some("shape correspond"))

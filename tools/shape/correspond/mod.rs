@@ -32,8 +32,9 @@ use super::outputs::finish;
 /// Make surfaces correspond: models of all of them over one sphere, from bare meshes
 ///
 /// One template is mapped to the sphere and moved in space onto every surface, whatever its topology: surfaces may have
-/// handles, holes and stray pieces, and need no common pose. All are fitted over the template's sphere, in one frame, and the
-/// group's own statistics refine the places. With --to surfaces are added, one at a time, to a group that stays as it is.
+/// handles, holes and stray pieces, and need no common pose. All are fitted over the template's sphere, in one frame,
+/// and the group's own statistics refine the places. With --to surfaces are added, one at a time, to a group that stays
+/// as it is.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -85,8 +86,8 @@ pub(super) struct Cli {
     shard: Option<Shard>,
     /// Landmarks of the surfaces, in their own frames, to check the group by
     ///
-    /// A folder with a file named as each surface, or as many files, in the surfaces' order: .mrk.json, .fcsv, .json, .csv
-    /// or .tsv.
+    /// A folder with a file named as each surface, or as many files, in the surfaces' order: .mrk.json, .fcsv, .json,
+    /// .csv or .tsv.
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "to", help_heading = INPUT)]
     landmarks: Vec<PathBuf>,
     /// Let the landmarks guide the registration, too

@@ -5,8 +5,8 @@
 //! | `write` | MAT files of level 5, uncompressed |
 //! | `read` | the same, in either byte order, compressed or not, numbers of any type |
 //!
-//! A file is a header of 128 bytes and elements; an element is its type, its bytes' count, and the bytes, padded to eight. A
-//! matrix is an element of elements: flags, dimensions, name, real parts, imaginary parts, by columns.
+//! A file is a header of 128 bytes and elements; an element is its type, its bytes' count, and the bytes, padded to
+//! eight. A matrix is an element of elements: flags, dimensions, name, real parts, imaginary parts, by columns.
 //!
 //! Source: "MAT-File Format", MathWorks.
 

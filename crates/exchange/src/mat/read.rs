@@ -1,7 +1,7 @@
 //! Reading MAT files of level 5.
 //!
-//! Nothing is allocated for what a count says beyond the bytes that are there; a compressed matrix is inflated only if it is
-//! wanted, and not beyond what deflate can make of its bytes or [`LARGEST`].
+//! Nothing is allocated for what a count says beyond the bytes that are there; a compressed matrix is inflated only if
+//! it is wanted, and not beyond what deflate can make of its bytes or [`LARGEST`].
 
 use std::io::Read;
 
@@ -14,7 +14,8 @@ use crate::flaw::Flaw;
 const COMPRESSED: u32 = 15;
 const MATRIX: u32 = 14;
 const COMPLEX: u32 = 1 << 11;
-/// Most bytes that a compressed matrix is inflated to: 4 million vertices, or coefficients of degree 1,400, each three times.
+/// Most bytes that a compressed matrix is inflated to: 4 million vertices, or coefficients of degree 1,400, each three
+/// times.
 const LARGEST: u64 = 256 << 20;
 /// Flags, dimensions and name of a matrix are before this.
 const HEAD: u64 = 512;

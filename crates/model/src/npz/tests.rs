@@ -129,7 +129,8 @@ fn an_array_that_claims_to_be_huge_is_refused() {
     }
 }
 
-/// Row 19 of what first-time users ran into: a mean model by `numpy.savez_compressed`, in 32 bits, of coefficients alone.
+/// Row 19 of what first-time users ran into: a mean model by `numpy.savez_compressed`, in 32 bits, of coefficients
+/// alone.
 #[test]
 fn coefficients_alone_are_a_model() {
     let values: Vec<f32> = (0..12).map(|k| 0.5 * k as f32).collect();

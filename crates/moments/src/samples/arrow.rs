@@ -1,4 +1,5 @@
-//! Tables by columns: Parquet, and Arrow's IPC files. Columns of numbers are read; what is missing in them is no number.
+//! Tables by columns: Parquet, and Arrow's IPC files. Columns of numbers are read; what is missing in them is no
+//! number.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

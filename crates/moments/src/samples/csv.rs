@@ -1,5 +1,5 @@
-//! Tables of text: a row a line, fields between commas, tabs, semicolons or blanks, names of the columns in the first line
-//! where they aren't numbers. Lines that are empty or begin with `#` are skipped.
+//! Tables of text: a row a line, fields between commas, tabs, semicolons or blanks, names of the columns in the first
+//! line where they aren't numbers. Lines that are empty or begin with `#` are skipped.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};

@@ -1,7 +1,9 @@
-//! What the blocks of an Arrow file say of their sizes, looked at before the crate `arrow-ipc` takes them at their word.
+//! What the blocks of an Arrow file say of their sizes, looked at before the crate `arrow-ipc` takes them at their
+//! word.
 //!
-//! The footer names the file's blocks with their lengths; the buffers of a compressed block begin with the number of bytes that
-//! they expand to, and as many are allocated. Source: Arrow columnar format, "IPC file format" and "Compression".
+//! The footer names the file's blocks with their lengths; the buffers of a compressed block begin with the number of
+//! bytes that they expand to, and as many are allocated. Source: Arrow columnar format, "IPC file format" and
+//! "Compression".
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};

@@ -1,8 +1,8 @@
-//! Point clouds of laser scanners (LAS): x, y, z and intensity of each point. The header is read by the crate `las`, whose
-//! reader of points can't go from thread to thread.
+//! Point clouds of laser scanners (LAS): x, y, z and intensity of each point. The header is read by the crate `las`,
+//! whose reader of points can't go from thread to thread.
 //!
-//! Source: ASPRS, "LAS specification 1.4 R15": all point formats begin with X, Y and Z as 32-bit integers, to be scaled, and
-//! the intensity as one of 16 bits.
+//! Source: ASPRS, "LAS specification 1.4 R15": all point formats begin with X, Y and Z as 32-bit integers, to be
+//! scaled, and the intensity as one of 16 bits.
 
 use std::fs::File;
 use std::io::{BufReader, Seek, SeekFrom};

@@ -1,5 +1,5 @@
-//! Archives of NumPy's (`.npz`): arrays side by side, with as many rows each. The column of a vector has its array's name,
-//! the columns of a matrix `name.0`, `name.1`, ..., the fields of a structured array their own names.
+//! Archives of NumPy's (`.npz`): arrays side by side, with as many rows each. The column of a vector has its array's
+//! name, the columns of a matrix `name.0`, `name.1`, ..., the fields of a structured array their own names.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};

@@ -63,8 +63,8 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     Ok(Opened { table, bytes: Some(bytes), rows, hash: None })
 }
 
-/// Opens all of a table over a sampling scheme, of which a shard is used: shards of text are known by their bytes, and here the
-/// numbers of the rows count. Values on vertices are read as well.
+/// Opens all of a table over a sampling scheme, of which a shard is used: shards of text are known by their bytes, and
+/// here the numbers of the rows count. Values on vertices are read as well.
 pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if path.as_os_str() == STDIN {
         return standard_input(path, shard);

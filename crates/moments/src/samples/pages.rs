@@ -1,8 +1,8 @@
 //! What the pages of a Parquet file say of their sizes, looked at before the crate `parquet` takes them at their word.
 //!
-//! Each column of each group of rows is a run of pages: a header with the page's sizes, as it lies in the file and expanded, and
-//! as many bytes. As many as either says are allocated, up to 2 GiB. Source: Apache Parquet format, "Data Pages", and
-//! `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact protocol encoding".
+//! Each column of each group of rows is a run of pages: a header with the page's sizes, as it lies in the file and
+//! expanded, and as many bytes. As many as either says are allocated, up to 2 GiB. Source: Apache Parquet format, "Data
+//! Pages", and `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact protocol encoding".
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -17,8 +17,8 @@ const DEPTH: usize = 8;
 /// Bytes of a header, at most: smallest and largest values of text are in it.
 const HEADER: u64 = 16 << 20;
 
-/// Checks the columns that are named, of all groups of rows: that their pages lie in the file, and that there is room for what
-/// they expand to. Pages of a column are read one after the other, those of several columns together.
+/// Checks the columns that are named, of all groups of rows: that their pages lie in the file, and that there is room
+/// for what they expand to. Pages of a column are read one after the other, those of several columns together.
 ///
 /// # Errors
 ///
@@ -39,8 +39,8 @@ pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) 
     Ok(())
 }
 
-/// Checks the pages of a column of a group of so many rows. Returns the most bytes that one takes, with the dictionary, as it
-/// lies in the file and expanded.
+/// Checks the pages of a column of a group of so many rows. Returns the most bytes that one takes, with the dictionary,
+/// as it lies in the file and expanded.
 fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64) -> Result<u64, String> {
     let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
     let range = u64::try_from(start).ok().zip(u64::try_from(column.compressed_size()).ok());

@@ -25,8 +25,8 @@ impl<'a> Ground<'a> {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::NotBijective`] for a sphere with folds, [`ParametrizeError::Argument`] for one with a vertex at
-    /// the origin.
+    /// [`ParametrizeError::NotBijective`] for a sphere with folds, [`ParametrizeError::Argument`] for one with a vertex
+    /// at the origin.
     pub(super) fn new(surface: &'a Mesh, sphere: &Mesh) -> Result<Self, ParametrizeError> {
         let total: f64 = surface.faces.iter().map(|face| area(face.map(|v| surface.vertices[v as usize]))).sum();
         Ok(Self {

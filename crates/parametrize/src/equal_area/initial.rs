@@ -2,11 +2,11 @@
 //!
 //! Two vertices far apart become the poles. The colatitude theta is 0 and pi there and, in every other vertex, the mean
 //! of its neighbours'; so it grows along a path from north to south. The azimuth phi is the mean of its neighbours' as
-//! well, the poles left out, where one that crosses the date line (a path from pole to pole, west of which phi has grown
-//! by 2 pi) counts with that much more or less. Both are sparse positive definite systems over the edges.
+//! well, the poles left out, where one that crosses the date line (a path from pole to pole, west of which phi has
+//! grown by 2 pi) counts with that much more or less. Both are sparse positive definite systems over the edges.
 //!
-//! Then theta is drawn out, by one increasing function, so that each zone holds its share of the vertices: harmonic theta
-//! crowds them around the equator, since the poles are points.
+//! Then theta is drawn out, by one increasing function, so that each zone holds its share of the vertices: harmonic
+//! theta crowds them around the equator, since the poles are points.
 
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
@@ -129,7 +129,8 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
     matrix.push(Triplet::new(line[1], line[1], 1.0));
     for window in line.windows(3) {
         let [before, v, after] = [window[0], window[1], window[2]];
-        // West of the line, seen from outside with north up: from the vertex before, counter-clockwise to the one after.
+        // West of the line, seen from outside with north up: from the vertex before, counter-clockwise to the one
+        // after.
         let ring = rings.of(v);
         let start = ring.iter().position(|&w| w as usize == before).unwrap_or(0);
         let around = (1..ring.len()).map(|k| ring[(start + k) % ring.len()] as usize);
@@ -141,8 +142,8 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
     solve(&matrix, &right)
 }
 
-/// A path from pole to pole, each time on to the southernmost neighbour. It ends, as a harmonic theta has no maximum but
-/// at the pole, and no vertex of it has another but the next and the last one for neighbours.
+/// A path from pole to pole, each time on to the southernmost neighbour. It ends, as a harmonic theta has no maximum
+/// but at the pole, and no vertex of it has another but the next and the last one for neighbours.
 fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<usize> {
     let mut line = vec![north];
     let mut at = north;
@@ -154,8 +155,8 @@ fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<us
     line
 }
 
-/// From theta to the z of the zone it belongs to: piecewise linear, decreasing, with as many vertices above z as there is
-/// area.
+/// From theta to the z of the zone it belongs to: piecewise linear, decreasing, with as many vertices above z as there
+/// is area.
 fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
     const ZONES: usize = 64;
     let mut sorted = theta.to_vec();

@@ -1,19 +1,20 @@
 //! A label's surface onto the sphere with equal areas (Brechbuehler, Gerig, Kuebler 1995).
 //!
-//! The surface of a voxel object consists of squares; on the sphere they shall all have the area 4 pi / (their number) and
-//! be as square as that allows. Two steps, a file each:
+//! The surface of a voxel object consists of squares; on the sphere they shall all have the area 4 pi / (their number)
+//! and be as square as that allows. Two steps, a file each:
 //!
 //! - `initial`: colatitude and azimuth, harmonic along the edges, from two sparse linear systems (section 3.1 there);
-//! - `optimise`: shortest edges (which is squarest quadrangles) under the constraints on areas and angles (section 3.2).
+//! - `optimise`: shortest edges (which is squarest quadrangles) under the constraints on areas and angles (section
+//!   3.2).
 //!
-//! Beyond the paper, where voxels aren't cubes each quadrangle gets the share of the sphere that it has of the surface, in
-//! mm^2, and its proportions count (`targets`).
+//! Beyond the paper, where voxels aren't cubes each quadrangle gets the share of the sphere that it has of the surface,
+//! in mm^2, and its proportions count (`targets`).
 //!
 //! Each quadrangle is cut along one diagonal into two triangles, the same ones on surface and sphere, so that both are
 //! positively oriented on the sphere.
 //!
-//! C. Brechbuehler, G. Gerig, O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer Vision
-//! and Image Understanding 61 (1995), 154-170.
+//! C. Brechbuehler, G. Gerig, O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer
+//! Vision and Image Understanding 61 (1995), 154-170.
 
 mod initial;
 mod optimise;
@@ -68,7 +69,8 @@ pub fn equal_area(
     Ok(map)
 }
 
-/// The largest relative deviation of a quadrangle's area on the sphere from its target, its share of the surface's area.
+/// The largest relative deviation of a quadrangle's area on the sphere from its target, its share of the surface's
+/// area.
 ///
 /// # Panics
 ///

@@ -4,8 +4,8 @@
 //! > subject to  A_q = a_q for each of the Q quadrangles,
 //! >             s >= S0 in each corner,
 //!
-//! where A_q is a quadrangle's solid angle, a_q its target and w_ij the weights (`targets.rs`; 4 pi / Q and 1 for voxels
-//! that are cubes), and s the determinant of a corner and its two neighbours in the quadrangle, over a_q: 1 in a
+//! where A_q is a quadrangle's solid angle, a_q its target and w_ij the weights (`targets.rs`; 4 pi / Q and 1 for
+//! voxels that are cubes), and s the determinant of a corner and its two neighbours in the quadrangle, over a_q: 1 in a
 //! rectangle, 0 where an angle becomes straight. Among quadrangles of one area the square has the shortest edges, so
 //! short edges are little distortion of lengths and angles. (Brechbuehler et al. maximise the sum of the cosines of the
 //! edges, which is the same function.)
@@ -14,17 +14,17 @@
 //!
 //! An augmented Lagrangian (Nocedal and Wright, Numerical Optimization, 2006, section 17.3): rounds of minimising
 //!
-//! > L = sum w_ij |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,  c_q = A_q / a_q - 1,
+//! > L = sum w_ij |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,
 //!
-//! a the mean area, then m_q += rho c_q, and a larger rho where the constraints don't improve. Each round takes a few
-//! Gauss-Newton steps with Levenberg's damping in the tangent planes: 2 unknowns a vertex, a sparse positive definite
-//! system whose pattern is that of vertices in one quadrangle, analysed once (faer's Cholesky). A step is taken only when L
-//! falls. The penalty on angles is finite, so that a start with folds can unfold.
+//! c_q = A_q / a_q - 1 and a the mean area, then m_q += rho c_q, and a larger rho where the constraints don't improve.
+//! Each round takes a few Gauss-Newton steps with Levenberg's damping in the tangent planes: 2 unknowns a vertex, a
+//! sparse positive definite system whose pattern is that of vertices in one quadrangle, analysed once (faer's
+//! Cholesky). A step is taken only when L falls. The penalty on angles is finite, so that folds can unfold.
 //!
 //! # Cost
 //!
-//! Linear in the vertices but for the Cholesky factor, n log n entries. 2,400 vertices take 0.6 s in all, 57,674 about 20 s
-//! of processor time and 370 MB.
+//! Linear in the vertices but for the Cholesky factor, of n log n entries: 0.6 s for 2,400 vertices, 20 s of processor
+//! time and 370 MB for 57,674.
 
 use faer::linalg::solvers::Solve;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
@@ -316,8 +316,8 @@ fn basis([x, y, z]: Vec3) -> [Vec3; 2] {
     [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
 }
 
-/// The derivative of a triangle's solid angle by its corners, which lie on the unit sphere: with N = det (a, b, c) and D
-/// = 1 + a b + b c + c a it is 2 atan (N / D).
+/// The derivative of a triangle's solid angle by its corners, which lie on the unit sphere: with N = det (a, b, c) and
+/// D = 1 + a b + b c + c a it is 2 atan (N / D).
 fn solid_angle_gradient([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
     let n = dot(a, cross(sub(b, a), sub(c, a)));
     let d = 1.0 + dot(a, b) + dot(b, c) + dot(c, a);

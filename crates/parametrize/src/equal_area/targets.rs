@@ -1,9 +1,10 @@
 //! What a quadrangle's physical size asks of its image: its share of the sphere, and the lengths of its sides.
 //!
-//! A face of a voxel is a rectangle with sides h and h'. Its target area on the sphere is its share of the surface's area.
-//! The sum over edges of |x_i - x_j|^2, which the optimisation minimises, is the Dirichlet energy of the map where faces
-//! are squares; on a rectangle the term of a side of length h has the weight h' / h. With both, a map doesn't depend on
-//! the direction in which voxels are long. For cubes all weights are 1 and all targets 4 pi / Q, exactly.
+//! A face of a voxel is a rectangle with sides h and h'. Its target area on the sphere is its share of the surface's
+//! area. The sum over edges of |x_i - x_j|^2, which the optimisation minimises, is the Dirichlet energy of the map
+//! where faces are squares; on a rectangle the term of a side of length h has the weight h' / h. With both, a map
+//! doesn't depend on the direction in which voxels are long. For cubes all weights are 1 and all targets 4 pi / Q,
+//! exactly.
 
 use std::f64::consts::PI;
 

@@ -1,9 +1,10 @@
 //! A closed surface of polygons by its half-edges, which is cut along loops.
 //!
-//! Half-edge 3 f + k runs from corner k of triangle f to corner k + 1, and its triangle lies to the left of it. A cut along a
-//! loop of edges gives the corners on its left new vertices, and each of the two rims that arise a *cap*: a polygon of as
-//! many half-edges. So the complex stays closed, its genus goes down by one with each loop that doesn't separate it, and
-//! later loops, which run along edges alone, never cross a cap. Triangles and old vertices keep their numbers.
+//! Half-edge 3 f + k runs from corner k of triangle f to corner k + 1, and its triangle lies to the left of it. A cut
+//! along a loop of edges gives the corners on its left new vertices, and each of the two rims that arise a *cap*: a
+//! polygon of as many half-edges. So the complex stays closed, its genus goes down by one with each loop that doesn't
+//! separate it, and later loops, which run along edges alone, never cross a cap. Triangles and old vertices keep their
+//! numbers.
 //!
 //! 36 bytes a half-edge, 44 a vertex; a cut takes time in proportion to the corners around the loop.
 

@@ -1,9 +1,9 @@
 //! A triangulated disc for a rim of any number of vertices.
 //!
-//! Rings around a centre, each with fewer vertices than the one outside it, so that triangles are about equilateral where the
-//! rim's edges are about equal: m vertices on the rim make 0.18 m rings and 0.09 m^2 vertices within. All rings are regular
-//! polygons, so that no triangle is flat however long the seam's edges are, and neighbouring rings are joined in the order of
-//! their angles. No edge within the disc joins two vertices of the rim.
+//! Rings around a centre, each with fewer vertices than the one outside it, so that triangles are about equilateral
+//! where the rim's edges are about equal: m vertices on the rim make 0.18 m rings and 0.09 m^2 vertices within. All
+//! rings are regular polygons, so that no triangle is flat however long the seam's edges are, and neighbouring rings
+//! are joined in the order of their angles. No edge within the disc joins two vertices of the rim.
 
 use std::f64::consts::{PI, TAU};
 

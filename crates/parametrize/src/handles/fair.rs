@@ -2,19 +2,19 @@
 //!
 //! Over the unit disc u, whose rim is the seam, two surfaces x(u):
 //!
-//! - *flat*: Laplace(x) = 0 with the seam as boundary values, a soap film up to the parameterisation. It shows on which side
-//!   of the surface the seam is spanned, and how fast x goes inwards from the rim, s = |dx/dn|.
-//! - *smooth*: least integral of |grad Laplace(x)|^2, hence Laplace^3(x) = 0, with x and its first two derivatives prescribed
-//!   along the rim, by two rings of points of the surface itself on the other side of the seam, as far from it as s says. So
-//!   the filling goes on from the surface with its tangents and curvatures, and closes as a dome: of a tube of radius 1,
-//!   rho (15 - 10 rho^2 + 3 rho^4) / 8 wide and (5 - 6 rho^2 + rho^4) / 8 high.
+//! - *flat*: Laplace(x) = 0 with the seam as boundary values, a soap film up to the parameterisation. It shows on which
+//!   side of the surface the seam is spanned, and how fast x goes inwards from the rim, s = |dx/dn|.
+//! - *smooth*: least integral of |grad Laplace(x)|^2, hence Laplace^3(x) = 0, with x and its first two derivatives
+//!   prescribed along the rim, by two rings of points of the surface itself on the other side of the seam, as far from
+//!   it as s says. So the filling goes on from the surface with its tangents and curvatures, and closes as a dome: of a
+//!   tube of radius 1, rho (15 - 10 rho^2 + 3 rho^4) / 8 wide and (5 - 6 rho^2 + rho^4) / 8 high.
 //!
-//! A kink at the seam would cost a model far more than the dome's area: there its error goes down as 1/L only. The domes of the
-//! two sides lie within each other's tube, each beyond the seam, and meet in the seam alone.
+//! A kink at the seam would cost a model far more than the dome's area: there its error goes down as 1/L only. The
+//! domes of the two sides lie within each other's tube, each beyond the seam, and meet in the seam alone.
 //!
-//! Discretised by cotangents over the disc's own triangles, which are well shaped, not over the surface's (L. Kobbelt et al.,
-//! "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998; M. Botsch and L. Kobbelt, "An intuitive
-//! framework for real-time freeform modeling", SIGGRAPH 2004). Sparse Cholesky, O(n^1.5).
+//! Discretised by cotangents over the disc's own triangles, which are well shaped, not over the surface's (L. Kobbelt
+//! et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998; M. Botsch and L. Kobbelt, "An
+//! intuitive framework for real-time freeform modeling", SIGGRAPH 2004). Sparse Cholesky, O(n^1.5).
 
 use spharm_monitor::{Interrupted, Monitor};
 
@@ -69,8 +69,8 @@ impl<'a> Fairing<'a> {
         rim.iter().copied().chain(inner).collect()
     }
 
-    /// Positions of all vertices of the filling that leads on from two rings outside of the rim, the nearer one first, whose
-    /// vertices are as far apart as [`steps`](Self::steps) says.
+    /// Positions of all vertices of the filling that leads on from two rings outside of the rim, the nearer one first,
+    /// whose vertices are as far apart as [`steps`](Self::steps) says.
     pub(super) fn smooth(&self, flat: &[Vec3], outside: &[Vec3]) -> Vec<Vec3> {
         let (rim, all) = (self.disc.rim, self.disc.points.len());
         let known = |v: u32| {
@@ -122,8 +122,8 @@ fn stencil(weights: &[Vec<(u32, f64)>], v: usize) -> impl Iterator<Item = (u32, 
     weights[v].iter().copied().chain(std::iter::once((v as u32, -own)))
 }
 
-/// Half the sums of cotangents opposite to each edge, and a third of the triangles around each vertex, with two rings outside
-/// of the rim.
+/// Half the sums of cotangents opposite to each edge, and a third of the triangles around each vertex, with two rings
+/// outside of the rim.
 fn weights(disc: &Disc) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let (rim, all) = (disc.rim as u32, disc.points.len() as u32);
     let ring = |number: f64| {

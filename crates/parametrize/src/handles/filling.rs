@@ -64,8 +64,8 @@ impl Rim<'_> {
         Ok(filling)
     }
 
-    /// At each vertex the direction that leads on from the surface on the right of the loop to its left: square to the loop,
-    /// in the tangent plane.
+    /// At each vertex the direction that leads on from the surface on the right of the loop to its left: square to the
+    /// loop, in the tangent plane.
     fn beyond(&self, inwards: &[Vec3]) -> Vec<Vec3> {
         let count = self.places.len();
         let around = |i: usize| ((i + count - 1) % count, (i + 1) % count);
@@ -89,7 +89,8 @@ impl Rim<'_> {
         beyond
     }
 
-    /// Two rings of points of the surface, one and two steps from the loop, on its right with a `sign` of 1, else on its left.
+    /// Two rings of points of the surface, one and two steps from the loop, on its right with a `sign` of 1, else on
+    /// its left.
     fn outside(&self, beyond: &[Vec3], steps: &[f64], sign: f64) -> Vec<Vec3> {
         let ring = |number: f64| {
             let points = self.places.iter().zip(beyond).zip(steps);

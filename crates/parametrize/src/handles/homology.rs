@@ -1,16 +1,18 @@
 //! The greedy system of loops, and the homology class of every edge.
 //!
-//! J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA 2005: T is the tree of shortest
-//! paths from a base point, C the maximum spanning tree of the dual graph among edges outside of T, where an edge e = ab
-//! weighs as much as the shortest loop through it, d(a) + |e| + d(b). Of a surface of genus g, 2 g edges are left over; their
-//! loops generate the homology and are the shortest loops through the base point that do. O(n log n) time.
+//! J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA 2005: T is the tree of
+//! shortest paths from a base point, C the maximum spanning tree of the dual graph among edges outside of T, where an
+//! edge e = ab weighs as much as the shortest loop through it, d(a) + |e| + d(b). Of a surface of genus g, 2 g edges
+//! are left over; their loops generate the homology and are the shortest loops through the base point that do. O(n log
+//! n) time.
 //!
-//! A closed path that meets no vertex twice separates the surface exactly if it is homologous to zero (orientable surfaces,
-//! integer coefficients). Each left-over edge i gets a number r_i, each edge of T zero, and the edges of C are given theirs
-//! from the leaves of C to its root, so that the numbers around each face sum to zero. A closed path of class
-//! (k_1, ..., k_2g) then has the sum k_1 r_1 + ... + k_2g r_2g. With random 64-bit numbers, modulo 2^64, a sum of zero means
-//! class zero but for one case in 2^64 or so, and a class takes 8 bytes an edge rather than 2 g numbers. A sum other than
-//! zero is proof that the loop doesn't separate, so that chance never makes a wrong cut; it might hide a loop.
+//! A closed path that meets no vertex twice separates the surface exactly if it is homologous to zero (orientable
+//! surfaces, integer coefficients). Each left-over edge i gets a number r_i, each edge of T zero, and the edges of C
+//! are given theirs from the leaves of C to its root, so that the numbers around each face sum to zero. A closed path
+//! of class (k_1, ..., k_2g) then has the sum k_1 r_1 + ... + k_2g r_2g. With random 64-bit numbers, modulo 2^64, a sum
+//! of zero means class zero but for one case in 2^64 or so, and a class takes 8 bytes an edge rather than 2 g numbers.
+//! A sum other than zero is proof that the loop doesn't separate, so that chance never makes a wrong cut; it might hide
+//! a loop.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -100,7 +102,8 @@ fn shortest_paths(complex: &Complex, base: u32) -> (Vec<f64>, Vec<u32>) {
     (distance, arriving)
 }
 
-/// Numbers of the half-edges: zero on paths, random on generators, and on the dual tree what makes each face's sum zero.
+/// Numbers of the half-edges: zero on paths, random on generators, and on the dual tree what makes each face's sum
+/// zero.
 fn classes(complex: &Complex, place: &[Place], generators: &[u32]) -> Vec<u64> {
     let mut class = vec![0_u64; place.len()];
     for (&h, i) in generators.iter().zip(1_u64..) {

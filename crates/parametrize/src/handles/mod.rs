@@ -1,16 +1,17 @@
 //! Surfaces with handles: cut along short loops and filled, so that they have genus zero.
 //!
-//! A sphere has no handles, so a surface of genus g has no map to it. Cut along g loops that together don't separate it,
-//! it is a sphere with 2 g holes; filled, it is a closed surface of genus zero. Given vertices and triangles stay, in
-//! their order, so that the model of the cut surface gives the given surface back: without the filling, and with the seam's
-//! copies welded ([`Seam`]).
+//! A sphere has no handles, so a surface of genus g has no map to it. Cut along g loops that together don't separate
+//! it, it is a sphere with 2 g holes; filled, it is a closed surface of genus zero. Given vertices and triangles stay,
+//! in their order, so that the model of the cut surface gives the given surface back: without the filling, and with the
+//! seam's copies welded ([`Seam`]).
 //!
 //! - `rounds`, over `homology` and `search`: which loops are cut. For each handle there are loops around it and loops
 //!   through it; the shorter one is cut.
 //! - `complex`: the cuts.
 //! - `disc`, `fair`, `filling`: the fillings, smooth across the seam.
 //!
-//! O(n log n) for the first handle and for each round of many; fillings are of 0.09 m^2 vertices on either side of a loop of m.
+//! O(n log n) for the first handle and for each round of many; fillings are of 0.09 m^2 vertices on either side of a
+//! loop of m.
 
 mod complex;
 mod disc;
@@ -36,8 +37,8 @@ use crate::error::ParametrizeError;
 use crate::flaws::Flaws;
 use crate::geometry::{Vec3, add, area, scale};
 
-/// Cuts a closed surface along short loops, one for each of its handles, and fills both sides of each. A surface of genus zero
-/// comes back as it is.
+/// Cuts a closed surface along short loops, one for each of its handles, and fills both sides of each. A surface of
+/// genus zero comes back as it is.
 ///
 /// The same surface gives the same bits, whatever the number of threads.
 ///
@@ -94,7 +95,8 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     Ok(CutSurface { surface: cut, seam: Some(seam), report })
 }
 
-/// The length of the shortest loops that don't separate a surface, as the first round finds them: at most one for each handle.
+/// The length of the shortest loops that don't separate a surface, as the first round finds them: at most one for each
+/// handle.
 pub(crate) fn shortest_loops(surface: &Mesh, genus: usize) -> Vec<f64> {
     let found = rounds::round(&Complex::new(surface), &Silent).unwrap_or_default();
     found.into_iter().take(genus).map(|found| found.length).collect()

@@ -7,8 +7,8 @@ use spharm_surface::{Mesh, Seam};
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct CutSurface {
-    /// The surface's vertices in their order, copies of those on the seams, and the fillings' vertices; its triangles in their
-    /// order, over copies on one side of each seam, and the fillings' triangles.
+    /// The surface's vertices in their order, copies of those on the seams, and the fillings' vertices; its triangles
+    /// in their order, over copies on one side of each seam, and the fillings' triangles.
     pub surface: Mesh,
     /// Which vertices are copies, and what is filling; `None` where there was no handle.
     pub seam: Option<Seam>,
@@ -17,8 +17,8 @@ pub struct CutSurface {
 }
 
 impl CutSurface {
-    /// Notes the seam in the metadata of a sphere that has this surface's vertices and triangles, so that models over it lead
-    /// back to the surface as it was. A sphere of another sampling stays as it is.
+    /// Notes the seam in the metadata of a sphere that has this surface's vertices and triangles, so that models over
+    /// it lead back to the surface as it was. A sphere of another sampling stays as it is.
     pub fn mark(&self, sphere: &mut Mesh) {
         let same = sphere.vertices.len() == self.surface.vertices.len() && sphere.faces == self.surface.faces;
         if let Some(seam) = self.seam.as_ref().filter(|_| same) {
@@ -61,11 +61,11 @@ pub struct CutLoop {
     pub centre: [f64; 3],
 }
 
-/// On which side of the surface a loop is spanned (T. K. Dey, F. Fan and Y. Wang, "An efficient computation of handle and
-/// tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
+/// On which side of the surface a loop is spanned (T. K. Dey, F. Fan and Y. Wang, "An efficient computation of handle
+/// and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
 ///
-/// Theirs is a property of the loop's class, found from a graph; this one is the side to which a film over the loop starts from
-/// the surface, on average. Where the film stays on one side of the surface the two agree.
+/// Theirs is a property of the loop's class, found from a graph; this one is the side to which a film over the loop
+/// starts from the surface, on average. Where the film stays on one side of the surface the two agree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {

@@ -1,14 +1,15 @@
 //! Which loops are cut.
 //!
-//! In rounds, until the genus is zero. A round finds the generators of the complex as it is, and near each of their edges a
-//! loop that is the shortest through its own points. Of these, the shortest come first, and a loop that meets one before it
-//! is left out. Together, the loops that are left may separate the surface, where several run around the same handle.
-//! They are the edges of a graph whose nodes are the pieces they would leave; the loops that stay uncut are a spanning tree of
-//! it, of the longest ones, so that the pieces hang together. At least the shortest loop is cut.
+//! In rounds, until the genus is zero. A round finds the generators of the complex as it is, and near each of their
+//! edges a loop that is the shortest through its own points. Of these, the shortest come first, and a loop that meets
+//! one before it is left out. Together, the loops that are left may separate the surface, where several run around the
+//! same handle. They are the edges of a graph whose nodes are the pieces they would leave; the loops that stay uncut
+//! are a spanning tree of it, of the longest ones, so that the pieces hang together. At least the shortest loop is cut.
 //!
-//! What is guaranteed: every loop that is cut is no longer than any loop through eight of its points that doesn't separate
-//! the surface as it was in that round, along edges. The shortest loop of all is found where one of the searches comes
-//! upon it, in practice; to be sure of it takes a search from every vertex (Erickson and Har-Peled 2004), n times as long.
+//! What is guaranteed: every loop that is cut is no longer than any loop through eight of its points that doesn't
+//! separate the surface as it was in that round, along edges. The shortest loop of all is found where one of the
+//! searches comes upon it, in practice; to be sure of it takes a search from every vertex (Erickson and Har-Peled
+//! 2004), n times as long.
 //!
 //! A round takes O(n log n) for the generators, and for each of them some searches of the surface within half a loop's
 //! length. Hundreds of small handles go in two or three rounds; at worst, where all loops meet, there is one a round.
@@ -93,8 +94,8 @@ fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
     loops
 }
 
-/// Those of disjoint loops, in their order, that leave the surface in one piece; loops at the end of the list are left out
-/// first.
+/// Those of disjoint loops, in their order, that leave the surface in one piece; loops at the end of the list are left
+/// out first.
 fn without_separating(complex: &Complex, loops: Vec<Loop>) -> Vec<Loop> {
     let mut cut = vec![false; complex.half_edges() as usize];
     for &h in loops.iter().flat_map(|found| &found.edges) {

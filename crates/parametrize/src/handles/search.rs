@@ -1,8 +1,9 @@
 //! The shortest loop through a vertex that doesn't separate the surface.
 //!
 //! Dijkstra's algorithm from the vertex v. A shortest loop through v of its class is two shortest paths and an edge ab
-//! between their ends, of length d(a) + |ab| + d(b), which is at least twice the larger of the two distances. So the search
-//! ends where twice the distance reaches the shortest loop found, and visits only the vertices within half its length.
+//! between their ends, of length d(a) + |ab| + d(b), which is at least twice the larger of the two distances. So the
+//! search ends where twice the distance reaches the shortest loop found, and visits only the vertices within half its
+//! length.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -51,8 +52,8 @@ impl Search {
         }
     }
 
-    /// The shortest loop through a vertex that is shorter than `limit` and doesn't separate. Where its two paths begin with
-    /// the same edges, these are left out, and it is shorter still.
+    /// The shortest loop through a vertex that is shorter than `limit` and doesn't separate. Where its two paths begin
+    /// with the same edges, these are left out, and it is shorter still.
     fn through(&mut self, complex: &Complex, homology: &Homology, base: u32, limit: f64) -> Option<Loop> {
         self.clear();
         self.reach(base, 0.0, 0, NONE);

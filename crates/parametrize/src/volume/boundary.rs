@@ -2,8 +2,9 @@
 //!
 //! Each face between a voxel inside and one outside is a quadrangle, wound outward. Four of them meet in an edge where
 //! two diagonal voxels touch in it; there, the two of the same voxel are neighbours, so that the surface passes between
-//! the voxels. A vertex is a run of quadrangles that are neighbours of each other around a corner of the lattice: a corner
-//! that two parts of the surface touch gives two vertices. So every edge has two quadrangles and every vertex one fan.
+//! the voxels. A vertex is a run of quadrangles that are neighbours of each other around a corner of the lattice: a
+//! corner that two parts of the surface touch gives two vertices. So every edge has two quadrangles and every vertex
+//! one fan.
 
 use spharm_surface::Mesh;
 

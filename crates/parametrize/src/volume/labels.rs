@@ -25,8 +25,8 @@ pub struct LabelVolume {
 }
 
 impl LabelVolume {
-    /// Reads a volume: NIfTI-1 and -2, FreeSurfer's, NRRD, stacks of TIFF, arrays of NumPy, gzipped or not. Its labels must fit
-    /// into 32 bits.
+    /// Reads a volume: NIfTI-1 and -2, FreeSurfer's, NRRD, stacks of TIFF, arrays of NumPy, gzipped or not. Its labels
+    /// must fit into 32 bits.
     ///
     /// # Errors
     ///
@@ -99,8 +99,8 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel), with the labels of the volume; [`NotAVolume`](ParametrizeError::NotAVolume) where
-    /// there are none.
+    /// [`NoLabel`](ParametrizeError::NoLabel), with the labels of the volume;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) where there are none.
     pub fn choose(&self, label: Option<i64>) -> Result<i64, ParametrizeError> {
         let labels = self.labels();
         match (label, labels.len()) {

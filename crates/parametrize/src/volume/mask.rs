@@ -13,8 +13,8 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// The box around the voxels for which `inside` holds, of a volume of `size`, with a rim around it; where they touch
-    /// the volume's border the rim lies beyond.
+    /// The box around the voxels for which `inside` holds, of a volume of `size`, with a rim around it; where they
+    /// touch the volume's border the rim lies beyond.
     pub fn new(size: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
         let mut low = [usize::MAX; 3];
         let mut high = [0; 3];

@@ -1,7 +1,7 @@
 //! NIfTI-1 files (`.nii`, `.nii.gz`).
 //!
-//! The header is read by crate `nifti`. The values are taken from the file's bytes here: the header's sizes are compared
-//! with the bytes that are there before anything is allocated for them.
+//! The header is read by crate `nifti`. The values are taken from the file's bytes here: the header's sizes are
+//! compared with the bytes that are there before anything is allocated for them.
 
 use std::io::Read;
 use std::path::Path;
@@ -97,8 +97,8 @@ impl Forms {
         }
     }
 
-    /// The matrix from voxels to mm: the sform where its code is above 0, else the qform, else the voxel sizes alone (the
-    /// NIfTI standard's methods 3, 2, 1).
+    /// The matrix from voxels to mm: the sform where its code is above 0, else the qform, else the voxel sizes alone
+    /// (the NIfTI standard's methods 3, 2, 1).
     pub(super) fn affine(&self) -> Affine {
         if let Some(rows) = self.sform {
             return Affine(rows);

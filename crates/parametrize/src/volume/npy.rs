@@ -1,4 +1,5 @@
-//! Arrays of NumPy (`.npy`), three axes of whole numbers or truth values. The first axis is x; the voxels' size is given.
+//! Arrays of NumPy (`.npy`), three axes of whole numbers or truth values. The first axis is x; the voxels' size is
+//! given.
 
 use std::io::Read;
 

@@ -1,8 +1,8 @@
-//! NRRD files (`.nrrd`, and `.nhdr` with its values in another file): a header of lines `field: value` up to an empty one,
-//! then the values, raw or gzipped.
+//! NRRD files (`.nrrd`, and `.nhdr` with its values in another file): a header of lines `field: value` up to an empty
+//! one, then the values, raw or gzipped.
 //!
-//! Positions are RAS+: of a file in left-posterior-superior space, as 3D Slicer and ITK write them, x and y change their sign.
-//! Source: <https://teem.sourceforge.net/nrrd/format.html>.
+//! Positions are RAS+: of a file in left-posterior-superior space, as 3D Slicer and ITK write them, x and y change
+//! their sign. Source: <https://teem.sourceforge.net/nrrd/format.html>.
 
 use std::collections::HashMap;
 use std::io::Read;

@@ -43,7 +43,8 @@ pub(super) fn read(source: &Source<'_>) -> Result<Volume, ParametrizeError> {
     Ok(volume)
 }
 
-/// The formats that are read as a stream: NIfTI begins with its header's size, in either byte order, MGH with its version.
+/// The formats that are read as a stream: NIfTI begins with its header's size, in either byte order, MGH with its
+/// version.
 fn stream(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
     let mut magic = Vec::with_capacity(6);
     // A stream that breaks off here is an empty or damaged one, which the parsers name.

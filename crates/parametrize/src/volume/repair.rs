@@ -1,16 +1,16 @@
 //! From any label to one ball without bare contacts.
 //!
-//! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, the one that changes fewer
-//! voxels:
+//! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, the one that changes
+//! fewer voxels:
 //!
 //! - *cutting*: from its innermost voxel a ball grows through the label, the deepest voxels first, and takes each one
 //!   that is simple and leaves no bare contact ([`simple`](super::simple)). What it can't take without closing a ring
 //!   stays out: a cut through the handle, where it is thinnest.
-//! - *filling*: the box around the label shrinks onto it, the furthest voxels of the background first, by the same rules
-//!   from the other side. What it can't give up without opening a ring stays in: a lid over the hole.
+//! - *filling*: the box around the label shrinks onto it, the furthest voxels of the background first, by the same
+//!   rules from the other side. What it can't give up without opening a ring stays in: a lid over the hole.
 //!
-//! Both end in a set with the topology of the ball that they began with, whatever the label is; the report has the number
-//! of changed voxels. O(n log n) for n voxels of the box.
+//! Both end in a set with the topology of the ball that they began with, whatever the label is; the report has the
+//! number of changed voxels. O(n log n) for n voxels of the box.
 
 use std::collections::BinaryHeap;
 

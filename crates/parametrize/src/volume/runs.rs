@@ -1,7 +1,7 @@
 //! Labels as runs: what is kept of a volume takes room by its labels, and not by its voxels.
 //!
-//! Most of a label volume is background, and most neighbours have one label. A volume is read as a stream, of which the runs
-//! of equal labels along x are kept; a file that holds nothing but background leaves nothing.
+//! Most of a label volume is background, and most neighbours have one label. A volume is read as a stream, of which the
+//! runs of equal labels along x are kept; a file that holds nothing but background leaves nothing.
 
 use std::collections::BTreeMap;
 
@@ -57,7 +57,8 @@ impl Runs {
         extents
     }
 
-    /// Calls `f` with the first and the last voxel, and the label, of each run as far as it is in a box, both ends included.
+    /// Calls `f` with the first and the last voxel, and the label, of each run as far as it is in a box, both ends
+    /// included.
     pub(super) fn within(&self, low: [usize; 3], high: [usize; 3], mut f: impl FnMut([usize; 3], usize, i32)) {
         let [nx, ny, _] = self.size;
         for z in low[2]..=high[2] {

@@ -17,8 +17,8 @@ pub struct VolumeParams {
     pub label: Option<i64>,
     /// Whether to repair a label that isn't a ball, in place of refusing it. Default false.
     pub fix: bool,
-    /// Whether the surface may have handles, for [`without_handles`](crate::Input::without_handles) to cut. Default false. A
-    /// repair opens them, so that with `fix` none are left.
+    /// Whether the surface may have handles, for [`without_handles`](crate::Input::without_handles) to cut. Default
+    /// false. A repair opens them, so that with `fix` none are left.
     pub handles: bool,
 }
 
@@ -54,8 +54,8 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel); [`BadVolume`](ParametrizeError::BadVolume) where the label isn't one ball
-    /// (with how many pieces, cavities, handles, bare contacts it has) and `fix` isn't set;
+    /// [`NoLabel`](ParametrizeError::NoLabel); [`BadVolume`](ParametrizeError::BadVolume) where the label isn't one
+    /// ball (with how many pieces, cavities, handles, bare contacts it has) and `fix` isn't set;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn surface(&self, params: &VolumeParams, monitor: &dyn Monitor) -> Result<VolumeSurface, ParametrizeError> {
         let label = self.choose(params.label)?;

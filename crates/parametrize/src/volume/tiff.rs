@@ -1,8 +1,8 @@
 //! TIFF stacks (`.tif`, `.tiff`, OME-TIFF): a page a slice, whole numbers, one channel and one time.
 //!
-//! Pages are decoded by crate `tiff`, within a bound that the file's bytes set. The size of the voxels is in the description of
-//! the first page: OME-XML's `PhysicalSizeX`, `Y`, `Z`, or ImageJ's `spacing` and `unit` beside the resolution. It is in
-//! micrometres. Sources: OME-TIFF specification 6.0; ImageJ's `TiffEncoder`.
+//! Pages are decoded by crate `tiff`, within a bound that the file's bytes set. The size of the voxels is in the
+//! description of the first page: OME-XML's `PhysicalSizeX`, `Y`, `Z`, or ImageJ's `spacing` and `unit` beside the
+//! resolution. It is in micrometres. Sources: OME-TIFF specification 6.0; ImageJ's `TiffEncoder`.
 
 use std::io::Cursor;
 

@@ -105,8 +105,8 @@ fn the_shorter_of_handle_and_tunnel_is_cut() {
         // Edges approximate the geodesic: at best they lie on it.
         assert!(cut.length > 0.98 * expected && cut.length < 1.16 * expected, "{} {expected}", cut.length);
         assert!(found.report.area_added > 0.0);
-        // An independent criterion: a loop around the handle, pushed outwards, links with the circle within the tube, one
-        // through the tunnel with the axis.
+        // An independent criterion: a loop around the handle, pushed outwards, links with the circle within the tube,
+        // one through the tunnel with the axis.
         let seam = found.seam.as_ref().unwrap();
         let mut on_seam: Vec<[f64; 3]> = seam.copies.iter().map(|&v| surface.vertices[v as usize]).collect();
         on_seam.iter_mut().for_each(|p| *p = p.map(|x| 1.0001 * x));

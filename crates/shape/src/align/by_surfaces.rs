@@ -18,15 +18,16 @@ pub(super) struct BySurfaces {
     /// |R f - g| of the surfaces in the pose, without row 0 and divided by `norm`, where each start ended.
     pub(super) ends: Vec<f64>,
     pub(super) distance: f64,
-    /// Distance at equal directions below which a pose is as good by the surfaces, which are no farther apart than that.
+    /// Distance at equal directions below which a pose is as good by the surfaces, which are no farther apart than
+    /// that.
     pub(super) bound: f64,
     /// Distance at equal directions in the pose.
     pub(super) rmsd: f64,
     pub(super) warnings: Vec<AlignWarning>,
 }
 
-/// Finds the pose of a surface on another, and the rotation of the parameters under it that leaves the least distance at
-/// equal directions. `None` where one of them is a point or a line.
+/// Finds the pose of a surface on another, and the rotation of the parameters under it that leaves the least distance
+/// at equal directions. `None` where one of them is a point or a line.
 pub(super) fn by_surfaces(
     moving: &Coefficients,
     target: &Coefficients,

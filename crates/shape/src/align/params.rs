@@ -19,9 +19,9 @@ pub enum Method {
     FixedParameters,
     /// The pose is that of the [surfaces alone](mod@spharm_surface::pose), whatever their maps to the sphere; then the
     /// parameters are searched under it. For surfaces that were mapped apart, whose distance at equal directions may be
-    /// least in a wrong pose. Where both rotations together bring the distance at equal directions below that of the surfaces,
-    /// which it bounds, these are taken: copies of one surface come back to rounding. Surfaces without area are brought
-    /// together as by [`Method::Joint`].
+    /// least in a wrong pose. Where both rotations together bring the distance at equal directions below that of the
+    /// surfaces, which it bounds, these are taken: copies of one surface come back to rounding. Surfaces without area
+    /// are brought together as by [`Method::Joint`].
     Surfaces,
 }
 
@@ -82,8 +82,8 @@ pub enum AlignWarning {
     },
     /// A surface that is a single point: no rotation was determined.
     Point,
-    /// The rotation of space is undetermined about an axis, as one of the surfaces lies on a line, or the two have nothing
-    /// in common.
+    /// The rotation of space is undetermined about an axis, as one of the surfaces lies on a line, or the two have
+    /// nothing in common.
     ObjectUndetermined,
     /// Both rotations can be turned together without a change, as where a surface is one of revolution.
     BothUndetermined,
@@ -98,7 +98,8 @@ pub enum AlignWarning {
         /// The same in the other pose.
         second: f64,
     },
-    /// At equal directions the surfaces are much farther apart than they are as surfaces: equal directions aren't equal places.
+    /// At equal directions the surfaces are much farther apart than they are as surfaces: equal directions aren't equal
+    /// places.
     PlacesDiffer {
         /// Root mean square distance at equal directions.
         rmsd: f64,

@@ -39,8 +39,8 @@ fn fewer_starts_and_more_find_the_same() {
     }
 }
 
-/// Nearly ellipsoids: the four half turns are optima within a percent of each other, and the grid alone, which has several
-/// maxima next to each of them, misses the best one.
+/// Nearly ellipsoids: the four half turns are optima within a percent of each other, and the grid alone, which has
+/// several maxima next to each of them, misses the best one.
 #[test]
 fn optima_a_half_turn_apart_are_told_apart() {
     let many = AlignParams { bandwidth: Some(13), starts: 16, ..Default::default() };

@@ -1,9 +1,9 @@
 //! A binary arithmetic coder: 32-bit bounds, no carry, one byte out for each byte that both bounds share.
 //!
-//! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits it at
-//! `middle = low + ((high - low) p >> 16)`: 1 takes `low..=middle`, 0 what is above. While the top bytes of `low` and
-//! `high` are equal, that byte is put out, and both move up by 8 bits. The decoder follows with a window of 32 bits of the
-//! stream, of which it has read 4 bytes at the start and one for each shift; behind the end it reads zeros.
+//! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits it at `middle = low +
+//! ((high - low) p >> 16)`: 1 takes `low..=middle`, 0 what is above. While the top bytes of `low` and `high` are equal,
+//! that byte is put out, and both move up by 8 bits. The decoder follows with a window of 32 bits of the stream, of
+//! which it has read 4 bytes at the start and one for each shift; behind the end it reads zeros.
 //!
 //! After Witten, Neal and Cleary, "Arithmetic coding for data compression", Communications of the ACM 30 (1987), in the
 //! form with bytes that M. Mahoney's PAQ has.
@@ -13,7 +13,8 @@ pub(super) const ONE: u32 = 1 << 16;
 
 /// Writes decisions or reads them: what a model of them needs to know, so that one model serves both.
 pub(super) trait Decisions {
-    /// Passes on a decision that is 1 with the probability `one` / 65,536. Writing takes `bit`, reading returns its own.
+    /// Passes on a decision that is 1 with the probability `one` / 65,536. Writing takes `bit`, reading returns its
+    /// own.
     fn decide(&mut self, bit: bool, one: u32) -> Result<bool, Ended>;
 
     /// Passes on the lower `count` bits, at most 32, each as likely to be 1 as 0, high ones first.

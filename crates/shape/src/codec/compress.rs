@@ -19,8 +19,8 @@ use super::stream::Stream;
 /// Bytes of a level that nobody asked for, at least: its checksum is next to nothing then.
 const LEAST_LEVEL: usize = 256;
 
-/// What decides on the step. Relative lengths are for a surface whose bounding box is scaled to volume 1; for a signal they
-/// are fractions of each channel's standard deviation over the sphere.
+/// What decides on the step. Relative lengths are for a surface whose bounding box is scaled to volume 1; for a signal
+/// they are fractions of each channel's standard deviation over the sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Target {
@@ -39,8 +39,8 @@ pub enum Target {
 pub struct CompressParams {
     /// What decides on the step.
     pub target: Target,
-    /// Degrees at whose end the file may be cut off, beside the last; those that the file doesn't reach are left out. By
-    /// default 1, 3, 7, 15, 31 and so on, as far as there are 256 bytes between them.
+    /// Degrees at whose end the file may be cut off, beside the last; those that the file doesn't reach are left out.
+    /// By default 1, 3, 7, 15, 31 and so on, as far as there are 256 bytes between them.
     pub levels: Option<Vec<usize>>,
     /// Whether the file has the model's provenance and scheme key, about 500 bytes; default true.
     pub provenance: bool,

@@ -1,9 +1,9 @@
 //! What is known about the size of a coefficient before it is coded: the contexts of its estimates.
 //!
-//! Coefficients of a smooth surface shrink with the degree, about alike for all orders and channels; around that they keep
-//! company: where one is large, so are those of the same order one and two degrees below, of neighbouring orders, and of
-//! the other channels. Six expected magnitudes are made of these, in 256ths of a step, each a mean with weights of what
-//! is coded already, drawn towards the running mean of the degree. Magnitudes count as 2^20 at most.
+//! Coefficients of a smooth surface shrink with the degree, about alike for all orders and channels; around that they
+//! keep company: where one is large, so are those of the same order one and two degrees below, of neighbouring orders,
+//! and of the other channels. Six expected magnitudes are made of these, in 256ths of a step, each a mean with weights
+//! of what is coded already, drawn towards the running mean of the degree. Magnitudes count as 2^20 at most.
 
 use spharm_harmonics::index::column;
 

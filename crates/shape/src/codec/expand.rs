@@ -52,9 +52,9 @@ impl Level {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Expanded {
-    /// The model, without a sphere. Its provenance is that of the model that was compressed, where the file has it, but for
-    /// the settings and the distances of the fit; `transform` lists `compressed`: the version of the format, bytes, and
-    /// steps in the model's unit.
+    /// The model, without a sphere. Its provenance is that of the model that was compressed, where the file has it, but
+    /// for the settings and the distances of the fit; `transform` lists `compressed`: the version of the format, bytes,
+    /// and steps in the model's unit.
     pub model: Model,
     /// Where the file may be cut off.
     pub levels: Vec<Level>,

@@ -4,8 +4,8 @@
 //! Logistic mixing (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005) adds up
 //! `ln(p / (1 - p))` of the estimates with weights that descend the gradient of the coding cost.
 //!
-//! Encoder and decoder have to agree in every bit, on any machine and in any language. So nothing is in floating point: an
-//! estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds down.
+//! Encoder and decoder have to agree in every bit, on any machine and in any language. So nothing is in floating point:
+//! an estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds down.
 //! `docs/sphz-format.md` has all of it.
 
 /// Estimates for each decision.

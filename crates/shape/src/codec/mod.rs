@@ -1,15 +1,15 @@
 //! Compressed models: `NAME.sphz`.
 //!
-//! Coefficients are quantised with one step ([`Target`] decides which), and their magnitudes coded by an arithmetic coder
-//! with adaptive probabilities, of which several are mixed, from what is known of neighbouring coefficients. Degrees come
-//! in order, so that the beginning of a file is a coarser model. `docs/sphz-format.md` says every byte.
+//! Coefficients are quantised with one step ([`Target`] decides which), and their magnitudes coded by an arithmetic
+//! coder with adaptive probabilities, of which several are mixed, from what is known of neighbouring coefficients.
+//! Degrees come in order, so that the beginning of a file is a coarser model. `docs/sphz-format.md` says every byte.
 //!
 //! *What is lost*: digits, by the step; the sphere, and with it the number, the triangles and the order of the vertices
 //! that the model was fitted to. An expanded model is evaluated on any sphere. What surfaces are compared by is the
 //! distance between them; a point may move along the surface as far as it moves off it.
 //!
-//! *Cost*: a coefficient takes some 200 ns to code either way, and 4 bytes of memory beside the model; coding goes on one
-//! core. A tolerance takes 4 to 8 trials of the distance of two surfaces of `4 (L+1)^2` vertices or more.
+//! *Cost*: a coefficient takes some 200 ns to code either way, and 4 bytes of memory beside the model; coding goes on
+//! one core. A tolerance takes 4 to 8 trials of the distance of two surfaces of `4 (L+1)^2` vertices or more.
 //!
 //! # Modules
 //!

@@ -1,10 +1,10 @@
 //! From coefficients to whole numbers of steps and back.
 //!
-//! Harmonics are orthonormal, so an error of a coefficient counts the same at any degree and order, and one step for all
-//! of them is best for the mean square. Magnitudes are rounded at 0.62 in place of 0.5 (a dead zone around 0, and a lean
-//! towards it), as a smaller magnitude takes fewer bits (Sullivan, "Efficient scalar quantization of exponential and
-//! Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). What stands for the magnitudes 1, and 2
-//! and more, is the mean of what was rounded to them.
+//! Harmonics are orthonormal, so an error of a coefficient counts the same at any degree and order, and one step for
+//! all of them is best for the mean square. Magnitudes are rounded at 0.62 in place of 0.5 (a dead zone around 0, and a
+//! lean towards it), as a smaller magnitude takes fewer bits (Sullivan, "Efficient scalar quantization of exponential
+//! and Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). What stands for the magnitudes
+//! 1, and 2 and more, is the mean of what was rounded to them.
 //!
 //! Degree 0, where a surface lies, is rounded to the nearest, and has as many digits as it needs.
 

@@ -4,9 +4,10 @@
 //! phi_i <- exp(t w_i) o phi_i,    w from the gradient by L-BFGS, preconditioned by (l (l + 1))^-1.5
 //! ```
 //!
-//! t is 1, or less where a direction would move by more than [`FARTHEST`], or neighbours' displacements would differ by more
-//! than [`STRETCH`] of their distance: below 1 a step is one to one, and by fixed points inverted. It is halved, or set to
-//! the minimum of the parabola, until the objective falls as Armijo's rule asks and no triangle is turned over.
+//! t is 1, or less where a direction would move by more than [`FARTHEST`], or neighbours' displacements would differ by
+//! more than [`STRETCH`] of their distance: below 1 a step is one to one, and by fixed points inverted. It is halved,
+//! or set to the minimum of the parabola, until the objective falls as Armijo's rule asks and no triangle is turned
+//! over.
 //!
 //! Cost: two evaluations of the group a step, mostly.
 

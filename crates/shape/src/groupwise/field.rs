@@ -6,9 +6,9 @@
 //! w = grad A + u x grad B = -u x L A + L B,    L f = u x grad f
 //! ```
 //!
-//! so that it is found by synthesis of `L_k A` and `L_k B` ([`derivatives`](crate::derivatives)), without a frame, whose
-//! singularities would show. By Helmholtz's decomposition every smooth field is such a sum. For covectors g at the directions
-//! the adjoint is, the operators being antisymmetric,
+//! so that it is found by synthesis of `L_k A` and `L_k B` ([`derivatives`](crate::derivatives)), without a frame,
+//! whose singularities would show. By Helmholtz's decomposition every smooth field is such a sum. For covectors g at
+//! the directions the adjoint is, the operators being antisymmetric,
 //!
 //! ```text
 //! d/dA = -sum_k L_k S^T (u x g)_k,    d/dB = -sum_k L_k S^T g_k,    S^T adjoint synthesis
@@ -26,7 +26,8 @@ use crate::derivatives::{generators, rotational_derivatives};
 use crate::error::ShapeError;
 use crate::geometry::side_by_side;
 
-/// The field of the potentials (A, B), (K, 2), at the directions `at`, for which `transform` is planned to the degree of K.
+/// The field of the potentials (A, B), (K, 2), at the directions `at`, for which `transform` is planned to the degree
+/// of K.
 pub(super) fn field(potentials: &Array2<f64>, at: &[Vec3], transform: &Transform) -> Result<Vec<Vec3>, ShapeError> {
     let samples = transform.synthesis(side_by_side(&rotational_derivatives(potentials.view())?).view())?;
     let rows = samples.rows().into_iter().zip(at);

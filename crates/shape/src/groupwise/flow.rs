@@ -4,9 +4,9 @@
 //! phi = exp(w_T) o ... o exp(w_1),    w_t = grad A_t + u x grad B_t
 //! ```
 //!
-//! A step is one to one where the displacement `d(u) = exp(w)(u) - u` changes by less than the distance of two directions,
-//! which descent keeps to half of it. Its inverse at p is then the limit of `q <- p - d(q)`, brought back to the sphere, each
-//! round of which halves the error.
+//! A step is one to one where the displacement `d(u) = exp(w)(u) - u` changes by less than the distance of two
+//! directions, which descent keeps to half of it. Its inverse at p is then the limit of `q <- p - d(q)`, brought back
+//! to the sphere, each round of which halves the error.
 //!
 //! Cost: a synthesis of six functions a step; the inverse takes some twenty of them, to 1e-11.
 
@@ -33,8 +33,8 @@ pub struct Flow {
 }
 
 impl Flow {
-    /// Returns the flow of these steps, the first one first: canonical coefficients of the potentials of gradient and curl,
-    /// (K, 2) each, in radians.
+    /// Returns the flow of these steps, the first one first: canonical coefficients of the potentials of gradient and
+    /// curl, (K, 2) each, in radians.
     ///
     /// # Errors
     ///

@@ -1,11 +1,12 @@
 //! Directions of descent from the gradients of the last steps: the limited-memory BFGS method.
 //!
-//! J. Nocedal, "Updating quasi-Newton matrices with limited storage", Math. Comp. 35 (1980): with steps s and changes of the
-//! gradient y, the inverse Hessian that they show, over a first one `gamma P`, is applied by two loops; here P is a diagonal
-//! of the caller's, and `gamma = s.y / y.P y` of the last pair.
+//! J. Nocedal, "Updating quasi-Newton matrices with limited storage", Math. Comp. 35 (1980): with steps s and changes
+//! of the gradient y, the inverse Hessian that they show, over a first one `gamma P`, is applied by two loops; here P
+//! is a diagonal of the caller's, and `gamma = s.y / y.P y` of the last pair.
 //!
-//! A step composes a map with the exponential of a field, so that gradients before and after it are covectors at different
-//! maps. They are taken as they are: fields that are fixed on the sphere make up one vector space for all maps.
+//! A step composes a map with the exponential of a field, so that gradients before and after it are covectors at
+//! different maps. They are taken as they are: fields that are fixed on the sphere make up one vector space for all
+//! maps.
 //!
 //! Cost: `4 PAIRS` products a direction. Sums are in one order, whatever the threads.
 

@@ -1,7 +1,8 @@
-//! A group's places refined by the group: maps of each member's sphere that make the group as compact as its shapes allow.
+//! A group's places refined by the group: maps of each member's sphere that make the group as compact as its shapes
+//! allow.
 //!
-//! Members are surfaces f_i over one sphere, in one pose, registered or not. Diffeomorphisms of the sphere, one a member, are
-//! found that minimise
+//! Members are surfaces f_i over one sphere, in one pose, registered or not. Diffeomorphisms of the sphere, one a
+//! member, are found that minimise
 //!
 //! ```text
 //! sum_k log(lambda_k(G) + delta) + mu sum_i E(phi_i),    x_i(u) = f_i(phi_i(u))
@@ -27,8 +28,8 @@
 //! | `reference`, `joining` | a finished group; the places of a new member, which changes nothing of it |
 //! | `descent`, `lbfgs` | a stage; directions of descent |
 //!
-//! Cost: a step evaluates each member's 4 C functions of degree L and 12 of degree D at n directions: 2 ms at L = 15 and
-//! 2,562 directions, 15 ms at L = 40 and 10,242. Memory: 3 values a channel, direction and member.
+//! Cost: a step evaluates each member's 4 C functions of degree L and 12 of degree D at n directions: 2 ms at L = 15
+//! and 2,562 directions, 15 ms at L = 40 and 10,242. Memory: 3 values a channel, direction and member.
 
 mod descent;
 mod elastic;
@@ -83,19 +84,19 @@ pub struct Groupwise {
 
 /// Refines the correspondence of a group, see the [module](self).
 ///
-/// `members` are canonical coefficients, (K, 3 + c) each: positions, and c further channels in units in which a difference
-/// counts as much as a distance, all over one sphere and in one pose. `sphere` are the directions at which members are
-/// compared, with triangles: 2,562 for degrees to 15, 10,242 above. `mask`, (n), are weights of its directions, of at least 0,
-/// 0 where there is nothing to compare; all 1 without it.
+/// `members` are canonical coefficients, (K, 3 + c) each: positions, and c further channels in units in which a
+/// difference counts as much as a distance, all over one sphere and in one pose. `sphere` are the directions at which
+/// members are compared, with triangles: 2,562 for degrees to 15, 10,242 above. `mask`, (n), are weights of its
+/// directions, of at least 0, 0 where there is nothing to compare; all 1 without it.
 ///
 /// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] where members have other shapes than the first or the mask
-/// another length than the sphere; [`ShapeError::Member`] with what is wrong with one: those of [`extent`], or without area
-/// where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a sphere without triangles or with clockwise
-/// ones, or a mask below 0; [`ShapeError::NotFiniteValue`]; [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] where members have other shapes than the first or
+/// the mask another length than the sphere; [`ShapeError::Member`] with what is wrong with one: those of [`extent`], or
+/// without area where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a sphere without triangles
+/// or with clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`]; [`ShapeError::Interrupted`].
 pub fn groupwise(
     members: &[ArrayView2<'_, f64>],
     sphere: &Sphere,

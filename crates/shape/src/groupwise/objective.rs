@@ -7,12 +7,12 @@
 //! w(u) = mask(u) / N sum_i a_i(u) / A_i,    A_i = sum_u mask(u) a_i(u)
 //! ```
 //!
-//! where a_i(u) is a third of the area of the triangles of surface i around u (R. H. Davies et al., "A minimum description
-//! length approach to statistical shape modeling", IEEE Trans. Med. Imaging 21, 2002; J. Cates et al., "Shape modeling and
-//! analysis with entropy-based particle systems", IPMI 2007). Weights follow the members' areas, so that C is that of the
-//! surfaces, however densely directions lie, and doesn't change where all members are parameterised anew alike. They are
-//! differentiated as well: with them held fixed a descent would gather directions where members agree, which lowers nothing.
-//! With `B = (G + delta 1)^-1` and y = x - m,
+//! where a_i(u) is a third of the area of the triangles of surface i around u (R. H. Davies et al., "A minimum
+//! description length approach to statistical shape modeling", IEEE Trans. Med. Imaging 21, 2002; J. Cates et al.,
+//! "Shape modeling and analysis with entropy-based particle systems", IPMI 2007). Weights follow the members' areas, so
+//! that C is that of the surfaces, however densely directions lie, and doesn't change where all members are
+//! parameterised anew alike. They are differentiated as well: with them held fixed a descent would gather directions
+//! where members agree, which lowers nothing. With `B = (G + delta 1)^-1` and y = x - m,
 //!
 //! ```text
 //! q(u) = dC/dw(u) = 1/N sum_ij B_ij y_i . y_j,    dC/dx_i = 2/N w sum_j B_ij y_j + sum_u q(u) dw(u)/dx_i

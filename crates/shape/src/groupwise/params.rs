@@ -16,8 +16,8 @@ pub struct StageParams {
 }
 
 impl StageParams {
-    /// Returns the stages for models of a degree: models to 6, 12, 20 and all of theirs, with fields to 5, 10, 14 and 18, as
-    /// far as models go.
+    /// Returns the stages for models of a degree: models to 6, 12, 20 and all of theirs, with fields to 5, 10, 14 and
+    /// 18, as far as models go.
     #[must_use]
     pub fn up_to(max_degree: usize) -> Vec<Self> {
         let mut stages = Vec::new();
@@ -46,15 +46,16 @@ pub struct GroupwiseParams {
     pub delta: f64,
     /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,
-    /// Weight of the unit normals as channels, as a share of the square root of the members' mean area; 0 leaves them out.
-    /// Without them places slide along the surface to where members agree. 0.12 by default: of groups whose places are
-    /// known, and of landmarks of vertebrae, more or less of it leaves them farther apart.
+    /// Weight of the unit normals as channels, as a share of the square root of the members' mean area; 0 leaves them
+    /// out. Without them places slide along the surface to where members agree. 0.12 by default: of groups whose places
+    /// are known, and of landmarks of vertebrae, more or less of it leaves them farther apart.
     pub normals: f64,
     /// Places of the sphere that are held where they are, such as landmarks; none by default.
     pub held: Vec<Place>,
     /// Weight of the squares of their distances from there, in radians. 1,000 by default: a tenth of a radian costs 10.
     pub hold: f64,
-    /// Whether members are moved rigidly to the mean within rounds: for groups without poses from elsewhere. Off by default.
+    /// Whether members are moved rigidly to the mean within rounds: for groups without poses from elsewhere. Off by
+    /// default.
     pub together: bool,
     /// A stage ends where three steps in a row lower the objective by less than this a member. 1e-4 by default.
     pub tolerance: f64,

@@ -35,8 +35,8 @@ fn stages(max_degree: usize, field_degree: usize, rounds: usize) -> GroupwisePar
     GroupwiseParams { stages: Some(vec![stage]), ..GroupwiseParams::default() }
 }
 
-/// The objective along a field is what the gradient says, with weights that follow the surfaces, a mask, normals, and the
-/// elastic energy of maps that aren't the identity.
+/// The objective along a field is what the gradient says, with weights that follow the surfaces, a mask, normals, and
+/// the elastic energy of maps that aren't the identity.
 #[test]
 fn the_gradient_is_that_of_the_objective() {
     let sphere = Sphere::icosphere(2);

@@ -17,8 +17,8 @@ pub(super) type Turns = Vec<Matrix3>;
 /// Rounds of mean and motions.
 const ROUNDS: usize = 2;
 
-/// Moves members' values, (N, n C), and returns the rotations that they end with. `turning` are the first of every three
-/// channels that turn with the surface, of which 0, the position, is moved as well.
+/// Moves members' values, (N, n C), and returns the rotations that they end with. `turning` are the first of every
+/// three channels that turn with the surface, of which 0, the position, is moved as well.
 pub(super) fn bring_together(
     values: &mut Array2<f64>,
     turning: &[usize],

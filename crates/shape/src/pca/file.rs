@@ -65,8 +65,8 @@ impl ShapeModel {
     ///
     /// # Errors
     ///
-    /// [`ModelError::Open`]; [`ModelError::Invalid`] where an array is missing, has another shape than the others ask for,
-    /// or a value that isn't finite.
+    /// [`ModelError::Open`]; [`ModelError::Invalid`] where an array is missing, has another shape than the others ask
+    /// for, or a value that isn't finite.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
         let mut arrays = Arrays::open(path)?;
         let convention = arrays.text("convention")?;

@@ -1,10 +1,10 @@
 //! How well the modes of a group stand for shapes of its kind: generalisation and specificity.
 //!
-//! Both are of the first k modes, for k = 1 to m, in the unit of length. *Generalisation* is the mean distance of a member
-//! from its nearest shape in the model of all others; *specificity* the mean distance of a random shape of the model from
-//! the nearest member. Smaller is better for both. Members and samples are coordinates along the modes, which keep
-//! distances, so that the degree doesn't count: cost `n` decompositions of (n, n) for the one, `samples n m` flops for the
-//! other.
+//! Both are of the first k modes, for k = 1 to m, in the unit of length. *Generalisation* is the mean distance of a
+//! member from its nearest shape in the model of all others; *specificity* the mean distance of a random shape of the
+//! model from the nearest member. Smaller is better for both. Members and samples are coordinates along the modes,
+//! which keep distances, so that the degree doesn't count: cost `n` decompositions of (n, n) for the one, `samples n m`
+//! flops for the other.
 
 use faer::MatRef;
 use ndarray::{Array2, Axis};
@@ -19,8 +19,8 @@ use crate::ShapeError;
 /// Generalisation and specificity of the first k modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Mean distance of a member from the model of the others, (m); the last of n - 1 modes, which the others don't have,
-    /// as with one mode fewer.
+    /// Mean distance of a member from the model of the others, (m); the last of n - 1 modes, which the others don't
+    /// have, as with one mode fewer.
     pub generalisation: Vec<f64>,
     /// Mean distance of a random shape from the nearest member, (m).
     pub specificity: Vec<f64>,
@@ -30,8 +30,8 @@ pub struct Quality {
 const LEFT_OUT: usize = 200;
 const STAGE: Stage = Stage::counted("quality", "members");
 
-/// Computes both for modes of all of a group's variance (n - 1 of them), specificity by `samples` random shapes, 2,000 by
-/// habit, of a seed.
+/// Computes both for modes of all of a group's variance (n - 1 of them), specificity by `samples` random shapes, 2,000
+/// by habit, of a seed.
 ///
 /// # Errors
 ///
@@ -99,8 +99,8 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
     Ok(left.collect())
 }
 
-/// Returns `count` normally distributed numbers of mean 0 and variance 1: those of index `sample` of a seed, whatever the
-/// thread. G. E. P. Box and M. E. Muller (1958).
+/// Returns `count` normally distributed numbers of mean 0 and variance 1: those of index `sample` of a seed, whatever
+/// the thread. G. E. P. Box and M. E. Muller (1958).
 pub fn normal(seed: u64, sample: u64, count: usize) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(sample);

@@ -1,12 +1,12 @@
 //! A group whose poses are decided by its surfaces, and whose parameters are brought together under these.
 //!
-//! The members' surfaces are [brought together](spharm_surface::pose::group_poses) first, with scale and mirror images if
-//! asked. Then the Procrustes analysis turns nothing but the parameters. Members keep the places that their surfaces have: the
-//! mean's centre is the origin, not that of each.
+//! The members' surfaces are [brought together](spharm_surface::pose::group_poses) first, with scale and mirror images
+//! if asked. Then the Procrustes analysis turns nothing but the parameters. Members keep the places that their surfaces
+//! have: the mean's centre is the origin, not that of each.
 //!
-//! Points tell poses to a thousandth of a surface's size. Where both rotations together bring the group's members nearer to
-//! each other at equal directions than their surfaces are in these poses, that alignment is as good by the surfaces too, and
-//! exact: it is taken.
+//! Points tell poses to a thousandth of a surface's size. Where both rotations together bring the group's members
+//! nearer to each other at equal directions than their surfaces are in these poses, that alignment is as good by the
+//! surfaces too, and exact: it is taken.
 
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
@@ -25,11 +25,12 @@ use crate::transform::{SQRT_4_PI, Similarity, Transform};
 const ROUNDING: f64 = 1e-3;
 /// Members whose distance at equal directions is below this times that of the surfaces may correspond.
 const NEAR: f64 = 2.0;
-/// A group has two sides where at least this share of it is nearer as mirror images; below, these are members of the wrong side.
+/// A group has two sides where at least this share of it is nearer as mirror images; below, these are members of the
+/// wrong side.
 const SIDES: f64 = 0.25;
 
-/// Brings a group together. Members that are points or lines have no pose: a group that has one of them is brought together
-/// by both rotations.
+/// Brings a group together. Members that are points or lines have no pose: a group that has one of them is brought
+/// together by both rotations.
 pub(super) fn together(
     members: &[Coefficients],
     params: &ProcrustesParams,

@@ -1,8 +1,8 @@
 //! What the alignment of a group has found so far, in a file, so that a run that was ended goes on where it was.
 //!
-//! An alignment is a sequence of poses: of every member in turn, round after round. Each follows from those before it, so that
-//! the poses are all there is to keep. The file is 64 bytes that say whose it is, and then a record for each pose in the
-//! order in which they were found; all numbers are little-endian.
+//! An alignment is a sequence of poses: of every member in turn, round after round. Each follows from those before it,
+//! so that the poses are all there is to keep. The file is 64 bytes that say whose it is, and then a record for each
+//! pose in the order in which they were found; all numbers are little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -11,8 +11,8 @@
 //! | 48..64 | zero |
 //! | 196 each | rotation of the parameters and orthogonal matrix of space by rows, distance, stiffness, 3 singular values, 1 where directions are replaced by their opposites, else 0: 24 f64; CRC32C of them, of what the file begins with and of the record's number |
 //!
-//! A run that is ended while it writes leaves part of a record, and a power cut may leave blocks that were never written: what
-//! comes after the last record that is whole is left out, and computed anew.
+//! A run that is ended while it writes leaves part of a record, and a power cut may leave blocks that were never
+//! written: what comes after the last record that is whole is left out, and computed anew.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -115,7 +115,8 @@ impl Journal {
     }
 }
 
-/// What the file of an alignment begins with: any change of members, settings or of the program's version is another one.
+/// What the file of an alignment begins with: any change of members, settings or of the program's version is another
+/// one.
 fn header(members: &[Coefficients], params: &ProcrustesParams) -> [u8; HEADER] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(env!("CARGO_PKG_VERSION").as_bytes());

@@ -1,18 +1,19 @@
 //! Members of a group that are mirror images of what they should be.
 //!
-//! Each member and its mirror image are brought to the mean of the *others*: in a mean that it is part of, a mirrored member finds
-//! itself. Of the two distances the log of the ratio, x = ln(image / own), is above zero where the member belongs to the others as
-//! it is. How far depends on the shape: 0 where it is its own mirror image, and of a group in which left and right differ about
-//! the same for all, so that a mirrored member has about -x. A member is named where
+//! Each member and its mirror image are brought to the mean of the *others*: in a mean that it is part of, a mirrored
+//! member finds itself. Of the two distances the log of the ratio, x = ln(image / own), is above zero where the member
+//! belongs to the others as it is. How far depends on the shape: 0 where it is its own mirror image, and of a group in
+//! which left and right differ about the same for all, so that a mirrored member has about -x. A member is named where
 //!
 //! ```text
 //! x < -0.1,   median > 0.1,   median - x > 5 s
 //! ```
 //!
-//! with s the members' median absolute deviation from the median, over 0.6745. Measured over generated groups of 6 and 20, of
-//! bodies that differ from each other by as much as from an ellipsoid: members as they are 0.19 or above, mirrored ones -0.16 or
-//! below, one or three of 20; ellipsoids with as much at random, -0.08 or above. Five right hippocampi have x from -0.2 to 0.5: none
-//! is named as they are, and of one that is mirrored among them mostly nothing is said.
+//! with s the members' median absolute deviation from the median, over 0.6745. Measured over generated groups of 6 and
+//! 20, of bodies that differ from each other by as much as from an ellipsoid: members as they are 0.19 or above,
+//! mirrored ones -0.16 or below, one or three of 20; ellipsoids with as much at random, -0.08 or above. Five right
+//! hippocampi have x from -0.2 to 0.5: none is named as they are, and of one that is mirrored among them mostly nothing
+//! is said.
 
 use std::borrow::Cow;
 
@@ -56,8 +57,8 @@ impl Judged {
 }
 
 impl Group<'_> {
-    /// The members that are nearer to the others as mirror images; and, where there are none, whether that is because members and
-    /// mirror images are hardly told apart.
+    /// The members that are nearer to the others as mirror images; and, where there are none, whether that is because
+    /// members and mirror images are hardly told apart.
     pub(super) fn mirrored(&self, round: &Round) -> Result<(Vec<ProcrustesWarning>, bool), ShapeError> {
         if self.units.len() < LEAST {
             return Ok((Vec::new(), false));
@@ -80,7 +81,8 @@ impl Group<'_> {
         Ok((warnings, unclear))
     }
 
-    /// Every member and its mirror image, brought to the mean of the others. One that the round has mirrored is judged as such.
+    /// Every member and its mirror image, brought to the mean of the others. One that the round has mirrored is judged
+    /// as such.
     pub(super) fn judged(&self, round: &Round) -> Result<Vec<Judged>, ShapeError> {
         let own = self.each(|index| self.continued(index, round.members[index].pose, &round.without(index)))?;
         let image = |index: usize| self.handed(index, !round.members[index].pose.mirrors(), &round.without(index));
@@ -104,8 +106,9 @@ impl Group<'_> {
         Pose { fit, antipodal: now.antipodal }
     }
 
-    /// A member searched as it is, f(u), or as the nearer of its mirror images: -f(-u), whose outside is outside, and -f(u), which
-    /// is inside out. In a group that may be mirrored f(-u), which is inside out, is searched besides f(u).
+    /// A member searched as it is, f(u), or as the nearer of its mirror images: -f(-u), whose outside is outside, and
+    /// -f(u), which is inside out. In a group that may be mirrored f(-u), which is inside out, is searched besides
+    /// f(u).
     fn handed(&self, index: usize, mirrored: bool, target: &Target) -> Pose {
         let unit = &self.units[index];
         if unit.norm == 0.0 || !(mirrored || self.mirror) {

@@ -83,7 +83,8 @@ fn a_mirrored_member_is_said() {
     }
 }
 
-/// Bodies that differ by a third of what they have in common tell it. Hippocampi hardly do: nothing wrong is said of them.
+/// Bodies that differ by a third of what they have in common tell it. Hippocampi hardly do: nothing wrong is said of
+/// them.
 #[test]
 fn mirrored_members_of_groups_that_differ_are_said_where_shapes_tell() {
     let said = |members: &[Coefficients]| -> Vec<usize> {

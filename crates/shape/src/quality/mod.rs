@@ -78,8 +78,8 @@ const STAGE: Stage = Stage::counted("quality", "members");
 ///
 /// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for no mode or sample; those of
 /// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Differ`] for landmarks of another number
-/// of members or places, and for a mask of another icosphere; [`ShapeError::NotFiniteValue`] for one that isn't finite; [`ShapeError::NoDecomposition`],
-/// [`ShapeError::Interrupted`].
+/// of members or places, and for a mask of another icosphere; [`ShapeError::NotFiniteValue`] for one that isn't finite;
+/// [`ShapeError::NoDecomposition`], [`ShapeError::Interrupted`].
 pub fn group_quality(
     members: &[Coefficients],
     landmarks: Option<&[Vec<Vec3>]>,

@@ -128,8 +128,8 @@ impl Contrast {
     }
 }
 
-/// Returns an orthonormal basis Q, (n, r), of the columns' span, by Gram-Schmidt with a second round, and the first column
-/// that depends on those before it; without those columns.
+/// Returns an orthonormal basis Q, (n, r), of the columns' span, by Gram-Schmidt with a second round, and the first
+/// column that depends on those before it; without those columns.
 pub(crate) fn orthonormalise(matrix: ArrayView2<'_, f64>) -> (Array2<f64>, Option<usize>) {
     let (n, p) = matrix.dim();
     let mut basis: Vec<Vec<f64>> = Vec::with_capacity(p);

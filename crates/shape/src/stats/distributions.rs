@@ -6,7 +6,8 @@
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::function::beta::beta_reg;
 
-/// Returns the two-sided p value of t on `freedom` > 0 degrees of freedom: `I_{v / (v + t^2)}(v / 2, 1 / 2)`. NaN for NaN.
+/// Returns the two-sided p value of t on `freedom` > 0 degrees of freedom: `I_{v / (v + t^2)}(v / 2, 1 / 2)`. NaN for
+/// NaN.
 pub fn p_of_t(t: f64, freedom: f64) -> f64 {
     if t.is_nan() {
         return f64::NAN;

@@ -1,5 +1,5 @@
-//! The false-discovery rate: Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", J. R. Stat. Soc. B 57
-//! (1995).
+//! The false-discovery rate: Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", J. R. Stat. Soc. B
+//! 57 (1995).
 
 /// Returns the adjusted p values ("q values"): vertices with q at most alpha have an expected share of false ones of at
 /// most alpha, where tests are independent or positively dependent. p values are in [0, 1].

@@ -5,8 +5,8 @@
 //!
 //! - d = 1, one row: `t = b / sqrt(W / v)`;
 //! - d = 1, q rows: `F = (|b|^2 / q) / (W / v)` on (q, v);
-//! - d > 1, one row: `T^2 = v b W^-1 b^T`, of which `(v - d + 1) / (v d) T^2` is F on (d, v - d + 1): T. W. Anderson, "An
-//!   Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2.
+//! - d > 1, one row: `T^2 = v b W^-1 b^T`, of which `(v - d + 1) / (v d) T^2` is F on (d, v - d + 1): T. W. Anderson,
+//!   "An Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2.
 //!
 //! Two groups are the two-sample tests; of the mean alone, the one-sample tests. Cost: 2 n V d (p + 2) flops.
 
@@ -54,8 +54,8 @@ pub struct Effect {
     pub standard_error: Array2<f64>,
     /// Half the width of its confidence interval, (V, d).
     pub margin: Array2<f64>,
-    /// The estimate over the errors' standard deviation: for two groups Cohen's d; for d > 1 Mahalanobis' distance, (V).
-    /// NaN where there is no variance.
+    /// The estimate over the errors' standard deviation: for two groups Cohen's d; for d > 1 Mahalanobis' distance,
+    /// (V). NaN where there is no variance.
     pub size: Vec<f64>,
 }
 

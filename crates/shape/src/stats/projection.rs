@@ -1,9 +1,9 @@
 //! The part of a design that a contrast asks for, and the rest of it.
 //!
-//! With `X = Q R` the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, `R^T U = C^T`. So the columns of `W = Q U` span what
-//! the contrast adds to the model, and what is orthogonal to them in X's span is the reduced model of the null hypothesis:
-//! the partition of G. M. Ridgway (in A. M. Winkler et al., "Permutation inference for the general linear model",
-//! NeuroImage 92 (2014), appendix A), by orthogonal bases in place of normal equations.
+//! With `X = Q R` the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, `R^T U = C^T`. So the columns of `W = Q U` span
+//! what the contrast adds to the model, and what is orthogonal to them in X's span is the reduced model of the null
+//! hypothesis: the partition of G. M. Ridgway (in A. M. Winkler et al., "Permutation inference for the general linear
+//! model", NeuroImage 92 (2014), appendix A), by orthogonal bases in place of normal equations.
 
 use ndarray::{Array2, ArrayView2, concatenate, s};
 

@@ -86,14 +86,14 @@ pub struct Question {
     pub codes: Vec<(String, Vec<f64>)>,
 }
 
-/// Makes the design and the contrast of an effect, given its name, with covariates: the slope of a number, the difference
-/// of two levels (the first less the second), or any difference between more levels. Levels are in the order of `order`,
-/// else sorted. Covariates are taken about their mean, one column for each level but the first.
+/// Makes the design and the contrast of an effect, given its name, with covariates: the slope of a number, the
+/// difference of two levels (the first less the second), or any difference between more levels. Levels are in the order
+/// of `order`, else sorted. Covariates are taken about their mean, one column for each level but the first.
 ///
 /// # Errors
 ///
-/// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an order
-/// that doesn't have all levels, [`ShapeError::Constant`] for numbers that are all the same; those of [`Design`].
+/// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an
+/// order that doesn't have all levels, [`ShapeError::Constant`] for numbers that are all the same; those of [`Design`].
 pub fn question(
     (name, effect): (&str, &Column),
     order: &[String],

@@ -1,7 +1,7 @@
 //! The arithmetic of a factorisation: in double precision by OpenBLAS, in single precision, at twice the rate, by faer.
 //!
-//! Of the latter products and divisions run for a range of rows on each thread of the rayon pool that the call is in. The
-//! triangle on a panel's diagonal is widened for OpenBLAS, whose own routines in single precision aren't linked.
+//! Of the latter products and divisions run for a range of rows on each thread of the rayon pool that the call is in.
+//! The triangle on a panel's diagonal is widened for OpenBLAS, whose own routines in single precision aren't linked.
 //!
 //! Matrices are column-major slices with a leading dimension.
 
@@ -55,8 +55,8 @@ pub(crate) trait Arithmetic: Real + Default {
     fn rounded<'a>(wide: &'a mut [f64], own: &'a mut Vec<Self>) -> &'a mut [Self];
     /// Computes `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) with `leading`.
     fn subtract_outer(a: Block<'_, Self>, b: Block<'_, Self>, out: &mut [Self], leading: usize, threads: usize);
-    /// Computes the lower Cholesky factor, in place, of a matrix (k, k) with `leading`, given by its lower triangle. Fails with
-    /// the column, from 0, at which the matrix isn't positive definite.
+    /// Computes the lower Cholesky factor, in place, of a matrix (k, k) with `leading`, given by its lower triangle.
+    /// Fails with the column, from 0, at which the matrix isn't positive definite.
     fn cholesky(matrix: &mut [Self], k: usize, leading: usize, threads: usize) -> Result<(), usize>;
     /// Computes `out = out c^-T`: c (k, k) lower triangular, out (rows, k) with `leading`.
     fn divide_by_transpose(c: Block<'_, Self>, out: &mut [Self], rows: usize, leading: usize, threads: usize);

@@ -29,9 +29,9 @@ const BASE: usize = 16 << 20;
 /// Parameters of a factorisation.
 #[derive(Debug, Clone)]
 pub struct FactorParams {
-    /// Scalar type of the finished factor; default f64. It is computed in double precision either way: rounding the finished
-    /// factor costs a relative 6e-8 of each entry and never its existence, as a factorisation in single precision would
-    /// from condition numbers of 1e7 on.
+    /// Scalar type of the finished factor; default f64. It is computed in double precision either way: rounding the
+    /// finished factor costs a relative 6e-8 of each entry and never its existence, as a factorisation in single
+    /// precision would from condition numbers of 1e7 on.
     pub scalar: Scalar,
     /// Rows and columns of a tile, a multiple of 8; default [`DEFAULT_TILE`].
     pub tile: usize,
@@ -80,7 +80,8 @@ pub struct FactorReport {
     pub warnings: Vec<StoreWarning>,
 }
 
-/// Plans the factorisation of a matrix of `size` columns; in memory, or where `disk` is set and memory is short, out of core.
+/// Plans the factorisation of a matrix of `size` columns; in memory, or where `disk` is set and memory is short, out of
+/// core.
 ///
 /// # Errors
 ///

@@ -8,11 +8,10 @@
 //! C[b.., J] = P[b..] C[J, J]^-T                     (trsm)
 //! ```
 //!
-//! in double or in single precision ([`Arithmetic`]),
-//! and the finished tiles are put away. Earlier columns are read again for each panel, so a panel of w columns costs
-//! 4 K^3 / (3 w) bytes of reading in all beside K^3 / 3 flops; the wider the budget allows it to be, the less. In memory
-//! "reading" is a copy between tiles and panels. Each entry is computed in an order that depends on the panels' width
-//! alone.
+//! in double or in single precision ([`Arithmetic`]), and the finished tiles are put away. Earlier columns are read
+//! again for each panel, so a panel of w columns costs 4 K^3 / (3 w) bytes of reading in all beside K^3 / 3 flops; the
+//! wider the budget allows it to be, the less. In memory "reading" is a copy between tiles and panels. Each entry is
+//! computed in an order that depends on the panels' width alone.
 
 use std::ops::Range;
 

@@ -1,9 +1,9 @@
 //! A tile times a few columns, and its transpose; and the triangles on the diagonal.
 //!
 //! With few columns a solve is bound by how fast the factor comes from memory, so every kernel reads its tile once, in
-//! the order in which it lies there, and asks for the next one meanwhile: left to itself the processor waits for one page
-//! after another (28 ms a pass over 208 MB on one thread instead of 10). Values of f32 are widened in registers: sums and right-hand sides are f64 always.
-//! From `MANY` columns on products of matrices are faster (`triangular.rs`).
+//! the order in which it lies there, and asks for the next one meanwhile: left to itself the processor waits for one
+//! page after another (28 ms a pass over 208 MB on one thread instead of 10). Values of f32 are widened in registers:
+//! sums and right-hand sides are f64 always. From `MANY` columns on products of matrices are faster (`triangular.rs`).
 //!
 //! Tiles are column-major without gaps, right-hand sides (rows, c) column-major.
 

@@ -6,10 +6,11 @@
 //! S = D N D + sigma I,   D = diag(N)^-1/2,
 //! ```
 //!
-//! with sigma some rounding errors of single precision, so that S is definite where N is. `D S^-1 D N` has eigenvalues near 1
-//! but for those directions in which N is smaller than some sigma. Conjugate gradients with products in double precision take
-//! five to ten iterations with it, even where sigma is a hundred times N's smallest eigenvalue. Measured on head27618 at degree
-//! 100, whose N has a condition number of 1.6e8: seven to an optimality of 3e-14 for sigma = 6e-7, eleven to 7e-15 for 2e-6.
+//! with sigma some rounding errors of single precision, so that S is definite where N is. `D S^-1 D N` has eigenvalues
+//! near 1 but for those directions in which N is smaller than some sigma. Conjugate gradients with products in double
+//! precision take five to ten iterations with it, even where sigma is a hundred times N's smallest eigenvalue. Measured
+//! on head27618 at degree 100, whose N has a condition number of 1.6e8: seven to an optimality of 3e-14 for sigma =
+//! 6e-7, eleven to 7e-15 for 2e-6.
 
 use ndarray::Array2;
 use spharm_monitor::{Monitor, Stage, Unit};
@@ -49,7 +50,8 @@ pub(crate) fn plan_single(size: usize, params: &FactorParams) -> Result<FactorPl
 ///
 /// # Errors
 ///
-/// [`SolverError::NotPositiveDefinite`], [`spharm_store::StoreError::Budget`], [`SolverError::Interrupted`], those of the source.
+/// [`SolverError::NotPositiveDefinite`], [`spharm_store::StoreError::Budget`], [`SolverError::Interrupted`], those of
+/// the source.
 pub(crate) fn factorise_single(
     source: &dyn GramMatrix,
     diagonal: &[f64],

@@ -1,13 +1,14 @@
 //! The triangular solves, C y = b and C^T x = y, over tiles.
 //!
-//! Both read every tile of C once, 2 K^2 flops a column in all: with few columns they run at the rate at which tiles come
-//! from memory, with many at that of faer's products of matrices.
+//! Both read every tile of C once, 2 K^2 flops a column in all: with few columns they run at the rate at which tiles
+//! come from memory, with many at that of faer's products of matrices.
 //!
 //! Forward, a thread owns tile rows and goes through the tile columns in the order in which they lie in a file,
 //! subtracting `C_ij y_j` from its own rows as soon as y_j is there. The owner of row j + 1 takes that row first and
-//! publishes y_(j + 1) before it goes on, so that the others need not wait for the rest of its column. Backward, a thread
-//! owns tile columns and goes up each of them: `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`; its neighbour is half a column
-//! behind, and by the time that it needs x_j as the last of its sum, x_j is there. No other waiting, no barriers.
+//! publishes y_(j + 1) before it goes on, so that the others need not wait for the rest of its column. Backward, a
+//! thread owns tile columns and goes up each of them: `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`; its neighbour is half a
+//! column behind, and by the time that it needs x_j as the last of its sum, x_j is there. No other waiting, no
+//! barriers.
 //!
 //! Sums are formed in an order that depends on the tiles alone, so any number of threads gives the same bits.
 
@@ -62,8 +63,8 @@ pub(crate) enum Direction {
     Both,
 }
 
-/// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Those before `first` are zero, which
-/// spares their share of the work forward; they come back as they are when there is no way back.
+/// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Those before `first` are zero,
+/// which spares their share of the work forward; they come back as they are when there is no way back.
 pub(crate) fn run(
     tiles: &dyn Tiles,
     blocks: Vec<Vec<f64>>,
@@ -251,8 +252,8 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Waits for a block that another thread computes. Usually it is there already; giving way after a while costs little then, and much
-    /// less than a wasted processor when there are more threads than those.
+    /// Waits for a block that another thread computes. Usually it is there already; giving way after a while costs
+    /// little then, and much less than a wasted processor when there are more threads than those.
     fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
         const SPINS: usize = 2000;
         let mut spins = 0;

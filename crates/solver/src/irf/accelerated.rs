@@ -1,7 +1,7 @@
 //! Accelerated residual fitting: conjugate gradients, preconditioned by one pass forward and one backward.
 //!
-//! A pass is one step of block Gauss-Seidel on the normal equations `N x = A^T W f`, `N = A^T W A`. Where blocks are far
-//! from orthogonal its error falls slowly; but a pass forward and one backward together apply a symmetric positive
+//! A pass is one step of block Gauss-Seidel on the normal equations `N x = A^T W f`, `N = A^T W A`. Where blocks are
+//! far from orthogonal its error falls slowly; but a pass forward and one backward together apply a symmetric positive
 //! definite `M`, close to `N^-1`, and conjugate gradients make the most of those.
 //!
 //! # In sample space
@@ -12,8 +12,8 @@
 //! y = G_j^-1 A_j^T W s      z_j += y      s -= A_j y           G_j = A_j^T W A_j
 //! ```
 //!
-//! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2), and `A z = r - s`
-//! comes for free: no product with A beyond those of the passes, no gradient. In `W^(1/2) A` a step is an orthogonal
+//! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2), and `A z = r -
+//! s` comes for free: no product with A beyond those of the passes, no gradient. In `W^(1/2) A` a step is an orthogonal
 //! projection `I - P_j`. The last block's comes twice in a row and is applied once: `(I - P)^2 = I - P`, which spares
 //! one block's reading. A block of deficient rank has its minimum-norm solve for `G_j^-1`, which is symmetric and gives
 //! the same projection; all iterates then stay in the span of such solutions.
@@ -34,8 +34,8 @@
 //!
 //! # Cost
 //!
-//! An iteration is two passes, less one block: `8 n K c` flops and two readings of the basis. Beside what plain passes hold:
-//! s and q, (n, c), z and p, (K, c). An odd number of passes begins with a plain one.
+//! An iteration is two passes, less one block: `8 n K c` flops and two readings of the basis. Beside what plain passes
+//! hold: s and q, (n, c), z and p, (K, c). An odd number of passes begins with a plain one.
 //!
 //! Y. Saad, "Iterative methods for sparse linear systems", second edition, SIAM 2003, sections 9.2 and 10.2; M. R.
 //! Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", 1952.

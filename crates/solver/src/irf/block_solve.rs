@@ -1,4 +1,5 @@
-//! One block's least squares: the Gram matrix and Cholesky where that is safe, a rank-revealing factorisation otherwise.
+//! One block's least squares: the Gram matrix and Cholesky where that is safe, a rank-revealing factorisation
+//! otherwise.
 
 use spharm_harmonics::product::Matrix;
 use spharm_monitor::Monitor;
@@ -110,7 +111,8 @@ impl<'o> BlockSolver<'o> {
         if let Some(BlockFactor::Cholesky(factor, _)) = known {
             return Ok(by_cholesky(factor, k, residual.right_hand_sides(block, k)?, residual.channels()));
         }
-        // A block that was singular once is so again; its spectrum is not reused, since that would square its condition.
+        // A block that was singular once is so again; its spectrum is not reused, since that would square its
+        // condition.
         if k <= self.operator.rows() && known.is_none() {
             let (right_hand_sides, mut gram) = self.normal_equations(block, residual, k, monitor)?;
             if let Some(reciprocal) = self.factorise(&mut gram, k) {
@@ -184,8 +186,8 @@ impl<'o> BlockSolver<'o> {
         Ok(gram)
     }
 
-    /// The lower Cholesky factor of a Gram matrix (k, k), in place; `None` when it is too ill-conditioned to be of use, else
-    /// an estimate of its reciprocal condition number.
+    /// The lower Cholesky factor of a Gram matrix (k, k), in place; `None` when it is too ill-conditioned to be of use,
+    /// else an estimate of its reciprocal condition number.
     fn factorise(&self, gram: &mut [f64], k: usize) -> Option<f64> {
         let norm = dense::symmetric_norm(gram, k);
         let positive = if k >= SHARED_FROM {

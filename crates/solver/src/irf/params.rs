@@ -22,12 +22,14 @@ pub struct IrfParams {
     pub held: usize,
     /// Threads, on the rayon pool that the fit is called in; 0, the default, for all of that pool.
     pub threads: usize,
-    /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that factors are worth keeping; default false.
+    /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that factors are worth keeping;
+    /// default false.
     pub reuse: bool,
     /// Whether to run conjugate gradients over pairs of passes, which converge in far fewer of them; default false.
     pub accelerate: bool,
-    /// Bytes held by the blocks' Gram matrix, for [`plan`](super::plan()) of a fit that is to have one. [`IrfSolver::new`](super::IrfSolver::new) and
-    /// [`IrfSolver::with_gram`](super::IrfSolver::with_gram) set it to what they are given.
+    /// Bytes held by the blocks' Gram matrix, for [`plan`](super::plan()) of a fit that is to have one.
+    /// [`IrfSolver::new`](super::IrfSolver::new) and [`IrfSolver::with_gram`](super::IrfSolver::with_gram) set it to
+    /// what they are given.
     pub gram_bytes: Option<usize>,
 }
 

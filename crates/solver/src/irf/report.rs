@@ -130,7 +130,8 @@ impl<'a> Recorder<'a> {
         self.monitor.check()
     }
 
-    /// So many columns of the basis are done. Those of refinements aren't counted: it isn't known how many will be needed.
+    /// So many columns of the basis are done. Those of refinements aren't counted: it isn't known how many will be
+    /// needed.
     pub(super) fn end_block(&self, columns: usize) {
         if !self.refinement {
             self.monitor.step(columns as u64);

@@ -43,13 +43,14 @@ impl<'o> IrfSolver<'o> {
     /// # Errors
     ///
     /// [`SolverError::Budget`] for too little memory; [`SolverError::Degree`], [`SolverError::StartDegree`],
-    /// [`SolverError::TooSmall`], [`SolverError::Rows`] and [`SolverError::Weight`] for parameters that are out of range.
+    /// [`SolverError::TooSmall`], [`SolverError::Rows`] and [`SolverError::Weight`] for parameters that are out of
+    /// range.
     pub fn new(operator: &'o dyn BlockOperator, channels: usize, params: IrfParams) -> Result<Self, SolverError> {
         Self::planned(operator, channels, params, None)
     }
 
-    /// Plans the same with the blocks' Gram matrices from `gram`, which must be that of the operator's basis, in f64, with the
-    /// weights of `params`. Every pass then costs its right-hand sides and updates only, the first one too.
+    /// Plans the same with the blocks' Gram matrices from `gram`, which must be that of the operator's basis, in f64,
+    /// with the weights of `params`. Every pass then costs its right-hand sides and updates only, the first one too.
     ///
     /// # Errors
     ///
@@ -111,9 +112,9 @@ impl<'o> IrfSolver<'o> {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Store`] when the basis is damaged or changes, [`SolverError::Interrupted`] when the monitor asks to
-    /// stop, [`SolverError::Rows`], [`SolverError::Channels`] and [`SolverError::NotFinite`] for targets that can't be
-    /// fitted; [`SolverError::Singular`] and [`SolverError::NoConvergence`] for a block that can't be solved.
+    /// [`SolverError::Store`] when the basis is damaged or changes, [`SolverError::Interrupted`] when the monitor asks
+    /// to stop, [`SolverError::Rows`], [`SolverError::Channels`] and [`SolverError::NotFinite`] for targets that can't
+    /// be fitted; [`SolverError::Singular`] and [`SolverError::NoConvergence`] for a block that can't be solved.
     pub fn fit(
         &mut self,
         targets: ChunkedRows,

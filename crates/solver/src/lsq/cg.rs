@@ -11,8 +11,8 @@
 //! with M the preconditioner. In exact arithmetic the same iterates as LSQR's with the same preconditioner, at less
 //! storage: four (K, c) arrays, no (n, c) one. The normal equations square the condition, which bounds the optimality
 //! that can be reached by rounding; so r is formed anew in the end unless its errors are estimated to be small, and the
-//! iteration is started again from there while that gains something. From zero it tends to the minimum-norm solution where
-//! there are many.
+//! iteration is started again from there while that gains something. From zero it tends to the minimum-norm solution
+//! where there are many.
 //!
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
@@ -113,8 +113,8 @@ pub(crate) struct Cg {
     pub(crate) iterations: usize,
     /// The iteration at which the optimality halved for the last time.
     pub(crate) best_at: usize,
-    /// Of N, from the iterations' own coefficients, times that of the preconditioner; of the column with the largest. NaN where that of the
-    /// preconditioner isn't known.
+    /// Of N, from the iterations' own coefficients, times that of the preconditioner; of the column with the largest.
+    /// NaN where that of the preconditioner isn't known.
     pub(crate) condition: f64,
     /// An estimate of what the optimality may be off by, where the gradient is the iteration's own.
     pub(crate) doubt: f64,
@@ -230,8 +230,9 @@ impl Cg {
     }
 
     /// Forms the gradient from the samples, and goes on from there where the iteration's own was wrong about having
-    /// converged. Without samples the gradient is but one more product, no more exact than those before; where the errors of
-    /// products are small it isn't formed. Returns how it ended and the residual, (n, c), where there are samples.
+    /// converged. Without samples the gradient is but one more product, no more exact than those before; where the
+    /// errors of products are small it isn't formed. Returns how it ended and the residual, (n, c), where there are
+    /// samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -259,13 +260,13 @@ impl Cg {
         }
     }
 
-    /// Returns the residual, (n, c), where there are samples, if the gradient that the iteration carries is known well enough
-    /// with it; `None` where the gradient has to be formed, at twice the cost of the residual.
+    /// Returns the residual, (n, c), where there are samples, if the gradient that the iteration carries is known well
+    /// enough with it; `None` where the gradient has to be formed, at twice the cost of the residual.
     ///
-    /// Products that are off by e of the norm of N leave the gradient, `b - N x`, off by up to `e |N| |x|`, and rounding by some
-    /// eps of `|N| |x|` in each iteration; in units of the optimality that is divided by `|b|`, and has to be little beside the
-    /// tolerance. Where there are samples, that products are no worse is held against them in the direction of x, in which the
-    /// residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
+    /// Products that are off by e of the norm of N leave the gradient, `b - N x`, off by up to `e |N| |x|`, and
+    /// rounding by some eps of `|N| |x|` in each iteration; in units of the optimality that is divided by `|b|`, and
+    /// has to be little beside the tolerance. Where there are samples, that products are no worse is held against them
+    /// in the direction of x, in which the residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
     fn confirm_carried(
         &mut self,
         problem: &dyn Problem,
@@ -299,8 +300,8 @@ fn ratio(numerator: f64, denominator: f64) -> f64 {
     if denominator > 0.0 { numerator / denominator } else { 0.0 }
 }
 
-/// The tridiagonal matrix that conjugate gradients know implicitly: its eigenvalues approach those of the preconditioned
-/// matrix from inside, the extreme ones first.
+/// The tridiagonal matrix that conjugate gradients know implicitly: its eigenvalues approach those of the
+/// preconditioned matrix from inside, the extreme ones first.
 struct Lanczos {
     steps: Vec<(Vec<f64>, Vec<f64>)>,
     columns: usize,

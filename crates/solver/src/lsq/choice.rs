@@ -29,8 +29,9 @@ impl LsqSolver<'_> {
         }
     }
 
-    /// The inverse of the density, where the strategy allows for it, there are moments and no penalty, and the rows determine the
-    /// columns: where they don't, the solution of least norm is what iterations without a preconditioner tend to.
+    /// The inverse of the density, where the strategy allows for it, there are moments and no penalty, and the rows
+    /// determine the columns: where they don't, the solution of least norm is what iterations without a preconditioner
+    /// tend to.
     pub(super) fn inverse_density(&self) -> Option<&InverseDensity> {
         let normal = match self.source {
             Source::Samples(_) => &*self.moments.as_ref()?.normal,

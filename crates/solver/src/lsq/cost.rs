@@ -1,8 +1,8 @@
 //! What products with the normal matrix take, by samples and by moments.
 //!
-//! Nanoseconds of one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of `spharm-transform`); only their
-//! ratios count. At 40,962 samples and L = 100 a product of three channels takes 8.4 ms by samples and 2.0 ms by moments,
-//! which take 20 ms to make; at 10^6 and L = 1,000 one of a channel takes 0.33 s either way.
+//! Nanoseconds of one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of `spharm-transform`); only
+//! their ratios count. At 40,962 samples and L = 100 a product of three channels takes 8.4 ms by samples and 2.0 ms by
+//! moments, which take 20 ms to make; at 10^6 and L = 1,000 one of a channel takes 0.33 s either way.
 
 use spharm_harmonics::basis_size;
 
@@ -43,7 +43,8 @@ impl Cost {
         (basis_size(self.max_degree) as f64).powi(3) / 3.0 / 40.0
     }
 
-    /// A solve with a factor, whose `4 K^2` bytes are read twice, at 5 a nanosecond, and the gradient that is formed beside the residual.
+    /// A solve with a factor, whose `4 K^2` bytes are read twice, at 5 a nanosecond, and the gradient that is formed
+    /// beside the residual.
     pub(super) fn with_factor(&self) -> f64 {
         let entries = (basis_size(self.max_degree) as f64).powi(2);
         entries * (2.0 * self.channels as f64 / 40.0 + 1.6) + 0.5 * self.by_samples()
@@ -72,11 +73,11 @@ impl Cost {
     }
 }
 
-/// Whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model of costs:
-/// where iterations on n = `rows` samples to a tolerance are going to use moments from the start, and the samples are so
-/// many that the larger grid, which the degrees share, costs less than sorting them twice. One channel then gains 10 to 25 %. With
-/// fewer samples the larger grid's memory takes longer than it saves, and for 6 to 48 channels it took 10 to 40 % more at degrees
-/// from 50 to 400.
+/// Whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model of
+/// costs: where iterations on n = `rows` samples to a tolerance are going to use moments from the start, and the
+/// samples are so many that the larger grid, which the degrees share, costs less than sorting them twice. One channel
+/// then gains 10 to 25 %. With fewer samples the larger grid's memory takes longer than it saves, and for 6 to 48
+/// channels it took 10 to 40 % more at degrees from 50 to 400.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
     channels == 1 && rows >= 64 * max_degree * max_degree && Cost { rows, max_degree, channels }.at_once(tolerance)
 }

@@ -1,9 +1,9 @@
 //! Denoising inside the fit: a ridge for each degree, as strong as the targets' own noise asks for.
 //!
-//! Targets are a smooth function and noise, independent from row to row and of one variance sigma^2 (by the precision of a
-//! row, where rows have different ones). An estimate of coefficients that is linear in the targets, such as the plain least
-//! squares x = N^-1 A^T W f, carries noise of a power into each degree that depends on the sampling alone. It is measured by
-//! fits of noise e of variance 1:
+//! Targets are a smooth function and noise, independent from row to row and of one variance sigma^2 (by the precision
+//! of a row, where rows have different ones). An estimate of coefficients that is linear in the targets, such as the
+//! plain least squares x = N^-1 A^T W f, carries noise of a power into each degree that depends on the sampling alone.
+//! It is measured by fits of noise e of variance 1:
 //!
 //! ```text
 //! B_l = E |x(e)_l|^2,   D = E |e - A x(e)|^2          of a column, from 12 columns of random signs
@@ -13,17 +13,18 @@
 //! min  |W^(1/2) (A x - f)|^2 + sum_l p_l |x_l|^2
 //! ```
 //!
-//! This is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of degree l
-//! have the prior variance tau_l = h_l / (1 - h_l) sigma^2 B_l / (2l + 1), and `p_l = sigma^2 / tau_l`. Without pooling tau_l
-//! is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and the fit is the plain one times h_l, Wiener's
-//! filter; on an uneven one degrees mix, and the penalised fit takes less where the vertices tell more. The regression to a
-//! non-increasing sequence is by pooling adjacent violators (R. E. Barlow et al., "Statistical inference under order
-//! restrictions", 1972). One round: with the penalised fit's own powers in place of P_l a second gains 0.02 dB.
+//! This is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of
+//! degree l have the prior variance tau_l = h_l / (1 - h_l) sigma^2 B_l / (2l + 1), and `p_l = sigma^2 / tau_l`.
+//! Without pooling tau_l is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and the fit is the
+//! plain one times h_l, Wiener's filter; on an uneven one degrees mix, and the penalised fit takes less where the
+//! vertices tell more. The regression to a non-increasing sequence is by pooling adjacent violators (R. E. Barlow et
+//! al., "Statistical inference under order restrictions", 1972). One round: with the penalised fit's own powers in
+//! place of P_l a second gains 0.02 dB.
 //!
 //! The degree alone separates noise from detail: what the degree leaves out of a surface counts as noise.
 //!
-//! Cost: the fits of 12 columns of noise, once for a sampling, and one more fit of each target, which is better conditioned
-//! than the plain one.
+//! Cost: the fits of 12 columns of noise, once for a sampling, and one more fit of each target, which is better
+//! conditioned than the plain one.
 
 use std::ops::Range;
 
@@ -45,8 +46,8 @@ pub const NOISE_COLUMNS: usize = 12;
 /// Least gain that a penalty is made for: below it degrees are as good as left out.
 const LEAST_GAIN: f64 = 1e-6;
 
-/// Makes columns of noise of variance 1, (n, columns): random signs, the same for the same row and column. With a precision
-/// of each row, (n), the variance is its inverse, and zero where it is zero.
+/// Makes columns of noise of variance 1, (n, columns): random signs, the same for the same row and column. With a
+/// precision of each row, (n), the variance is its inverse, and zero where it is zero.
 #[must_use]
 pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>) -> Array2<f64> {
     let first = columns.start;
@@ -98,10 +99,10 @@ impl NoisePower {
         self.columns += coefficients.ncols() as f64;
     }
 
-    /// Estimates the noise power of fits from moments: rows with weight w have noise of variance 1 / w, whose power is the
-    /// trace of each degree's part of `N^-1` (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990: z^T N^-1 z for 12 vectors z of
-    /// signs), and which leaves n - K in the residual. The trace is at least `(2l + 1) 4 pi / sum w`, its value on an even
-    /// sampling.
+    /// Estimates the noise power of fits from moments: rows with weight w have noise of variance 1 / w, whose power is
+    /// the trace of each degree's part of `N^-1` (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990: z^T N^-1 z for 12
+    /// vectors z of signs), and which leaves n - K in the residual. The trace is at least `(2l + 1) 4 pi / sum w`, its
+    /// value on an even sampling.
     ///
     /// # Errors
     ///
@@ -168,7 +169,8 @@ impl NoisePower {
 pub struct Denoise {
     /// Standard deviation of the noise in each channel, in the target's unit.
     pub sigma: f64,
-    /// What the targets determine of each channel: `sum_l (2l + 1) h_l`, of K. On an even sampling the trace of the hat matrix.
+    /// What the targets determine of each channel: `sum_l (2l + 1) h_l`, of K. On an even sampling the trace of the hat
+    /// matrix.
     pub degrees_of_freedom: f64,
     /// Gain of each degree, h_l, (L + 1): between 0 and 1, not increasing.
     pub gain: Vec<f64>,
@@ -196,8 +198,8 @@ fn powers(coefficients: ArrayView2<'_, f64>, degrees: usize) -> Vec<f64> {
     (0..degrees).map(of).collect()
 }
 
-/// The gains `1 - noise / power`, not below zero, made non-increasing by least squares with the powers as weights: of runs
-/// of degrees that violate the order, one quotient of sums.
+/// The gains `1 - noise / power`, not below zero, made non-increasing by least squares with the powers as weights: of
+/// runs of degrees that violate the order, one quotient of sums.
 fn gains(power: &[f64], noise: &[f64]) -> Vec<f64> {
     struct Run {
         power: f64,

@@ -21,8 +21,8 @@ pub(super) struct MadeFactor {
     pub(super) breaks_at: Option<[usize; 2]>,
 }
 
-/// Factorises `G + diag(penalty)`; where that is numerically singular, with as small a shift of its diagonal as makes it
-/// definite.
+/// Factorises `G + diag(penalty)`; where that is numerically singular, with as small a shift of its diagonal as makes
+/// it definite.
 pub(super) fn factorise_shifted(
     gram: &dyn GramMatrix,
     penalty: &[f64],
@@ -71,8 +71,8 @@ pub(super) fn diagonal(gram: &dyn GramMatrix) -> Result<Vec<f64>, SolverError> {
     Ok(values)
 }
 
-/// The preconditioner of the degrees up to `degree`: the factor of their part of `G + diag(penalty)`, and `rest` for those
-/// above.
+/// The preconditioner of the degrees up to `degree`: the factor of their part of `G + diag(penalty)`, and `rest` for
+/// those above.
 pub(super) fn factorise_low_degrees(
     gram: &dyn GramMatrix,
     penalty: Option<&[f64]>,

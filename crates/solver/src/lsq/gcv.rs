@@ -5,8 +5,8 @@
 //! tr H = K - tr(P N^-1) = K - E[ z^T P^(1/2) N^-1 P^(1/2) z ]
 //! ```
 //!
-//! with z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990): a few fixed, seeded z, the same for every
-//! lambda, so that GCV is a smooth function that can be searched. G. H. Golub, M. Heath, G. Wahba, "Generalized
+//! with z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990): a few fixed, seeded z, the same for
+//! every lambda, so that GCV is a smooth function that can be searched. G. H. Golub, M. Heath, G. Wahba, "Generalized
 //! cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979). The columns of a target
 //! share a lambda: their residuals are summed.
 //!
@@ -64,8 +64,8 @@ pub fn choose_smoothness(
     search(&Samples { operator, weights, targets }, adjoint, monitor)
 }
 
-/// Chooses lambda for a problem that is known by its moments; all of its columns share it. Some 25 values cost as much as
-/// some hundred products of [`MomentProblem::operator`].
+/// Chooses lambda for a problem that is known by its moments; all of its columns share it. Some 25 values cost as much
+/// as some hundred products of [`MomentProblem::operator`].
 ///
 /// The monitor gets one stage, `smoothness`, in values of lambda.
 ///

@@ -19,15 +19,15 @@ use crate::SolverError;
 
 /// Share of a factor's cost that the iterations which seem to be left may take: they tend to be more than it seems.
 const SHARE: f64 = 0.2;
-/// Accuracy of moments relative to the tolerance: where the density is up to ten times its mean what it leaves of the gradient is
-/// little beside it, and the last gradient needn't be formed from the samples.
+/// Accuracy of moments relative to the tolerance: where the density is up to ten times its mean what it leaves of the
+/// gradient is little beside it, and the last gradient needn't be formed from the samples.
 const MOMENT_ACCURACY: f64 = 0.02;
 /// The coarsest moments that are any cheaper.
 const COARSEST: f64 = 1e-8;
 
 impl LsqSolver<'_> {
-    /// Runs conjugate gradients with the selected preconditioner until they end, or until a factor has been made because
-    /// they are slow: then there is no solution yet.
+    /// Runs conjugate gradients with the selected preconditioner until they end, or until a factor has been made
+    /// because they are slow: then there is no solution yet.
     pub(super) fn iterate(
         &mut self,
         cg: &mut Cg,
@@ -122,8 +122,8 @@ impl LsqSolver<'_> {
         Some(if cost.at_once(self.params.tolerance) { 0 } else { paid_after.ceil() as usize })
     }
 
-    /// Whether iterations by moments are worth beginning for so many columns where there is a factor of a matrix of moderate
-    /// condition: whether the few that show how many it takes are less than half the work of using the factor.
+    /// Whether iterations by moments are worth beginning for so many columns where there is a factor of a matrix of
+    /// moderate condition: whether the few that show how many it takes are less than half the work of using the factor.
     pub(super) fn moments_beside_factor(&self, columns: usize) -> bool {
         let cost = Cost { rows: self.source.rows(), max_degree: self.source.max_degree(), channels: columns };
         let making = match (self.moments.is_some(), self.before_moments(&cost)) {
@@ -139,7 +139,8 @@ impl LsqSolver<'_> {
         if self.inverse_density().is_some() { cost.preconditioned() } else { cost.by_moments() }
     }
 
-    /// Makes moments where they are needed from the first iteration on; returns right-hand sides, (K, c), that came with them.
+    /// Makes moments where they are needed from the first iteration on; returns right-hand sides, (K, c), that came
+    /// with them.
     pub(super) fn moments_at_once(
         &mut self,
         given: Given<'_>,
@@ -173,7 +174,8 @@ impl LsqSolver<'_> {
 }
 
 /// Whether a column of x is further from its target than zero is, penalty included:
-/// `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the gradient.
+/// `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the
+/// gradient.
 fn further_than_zero(cg: &Cg, problem: &dyn Problem) -> Result<bool, SolverError> {
     let sum = problem.right_sides()? + &cg.gradient;
     Ok(dots(&cg.x, &sum).iter().any(|gain| *gain < 0.0))

@@ -44,8 +44,8 @@ pub struct GroupFit {
 ///
 /// # Errors
 ///
-/// [`SolverError::Smoothness`], [`SolverError::Interrupted`]; where a factor is asked for, too small a budget for it; with
-/// standard errors [`SolverError::Underdetermined`]. Not converging is none.
+/// [`SolverError::Smoothness`], [`SolverError::Interrupted`]; where a factor is asked for, too small a budget for it;
+/// with standard errors [`SolverError::Underdetermined`]. Not converging is none.
 ///
 /// ```
 /// use ndarray::Array2;
@@ -83,8 +83,8 @@ pub fn solve_moments(
     Ok(MomentFit { coefficients, residual_squares, report, standard_errors })
 }
 
-/// Solves for some of the columns after others, each group to its own optimality: as [`solve_moments`] of the group alone,
-/// bit for bit, unless a factor is made, which serves the groups after it, too.
+/// Solves for some of the columns after others, each group to its own optimality: as [`solve_moments`] of the group
+/// alone, bit for bit, unless a factor is made, which serves the groups after it, too.
 ///
 /// # Errors
 ///

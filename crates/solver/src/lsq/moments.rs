@@ -1,15 +1,15 @@
 //! Least squares from sums over the samples alone: whatever their number, and wherever they were added up.
 //!
-//! `N = A^T W A + P` is known from moments ([`MomentOperator`]), `b = A^T W f` and `sum w f^2` are there; so are then the
-//! solution, the weighted sum of squares of its residual,
+//! `N = A^T W A + P` is known from moments ([`MomentOperator`]), `b = A^T W f` and `sum w f^2` are there; so are then
+//! the solution, the weighted sum of squares of its residual,
 //!
 //! ```text
 //! |W^(1/2) (f - A x)|^2 = sum w f^2 - x^T b - x^T (b - A^T W A x),
 //! ```
 //!
 //! cross-validation, and, with the Gram matrix from the same moments, factors and standard errors. The residual at each
-//! sample isn't. Rounding errors of moments are some eps times `sum w`, and no pass over the samples corrects them: where
-//! the condition number of A nears 1e7, digits of the solution are lost.
+//! sample isn't. Rounding errors of moments are some eps times `sum w`, and no pass over the samples corrects them:
+//! where the condition number of A nears 1e7, digits of the solution are lost.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -22,8 +22,8 @@ use super::columns::dots;
 use super::problem::{Problem, ProductError, penalised_product};
 use crate::{MomentNormal, SolverError};
 
-/// An estimate of the rounding errors of products with a [`MomentOperator`], relative to its norm: measured 9e-15 at L = 100,
-/// 2e-14 at L = 500.
+/// An estimate of the rounding errors of products with a [`MomentOperator`], relative to its norm: measured 9e-15 at L
+/// = 100, 2e-14 at L = 500.
 const PRODUCT_ERROR: f64 = 1e-13;
 
 /// A least-squares problem to degree L, known by its moments.
@@ -42,7 +42,8 @@ impl MomentProblem {
     /// # Errors
     ///
     /// [`SolverError::Degree`] for a higher degree; [`SolverError::SumsNotFinite`] for sums with a NaN or an infinity,
-    /// [`SolverError::Sums`] for arrays of the wrong size, and [`SolverError::NoSamples`] for sums over no samples; those of [`MomentOperator::new`].
+    /// [`SolverError::Sums`] for arrays of the wrong size, and [`SolverError::NoSamples`] for sums over no samples;
+    /// those of [`MomentOperator::new`].
     pub fn new(sums: &SampleSums, max_degree: usize) -> Result<Self, SolverError> {
         if max_degree > sums.max_degree {
             return Err(SolverError::Degree { found: max_degree, max_degree: sums.max_degree });

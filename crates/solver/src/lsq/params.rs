@@ -4,13 +4,14 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Strategy {
-    /// Conjugate gradients first, by moments of an uneven sampling preconditioned with its density; where they are slow, they go on with a Cholesky factor in single precision; where that doesn't
-    /// serve, a factor in double precision with refinement, shifted where the normal matrix is singular.
+    /// Conjugate gradients first, by moments of an uneven sampling preconditioned with its density; where they are
+    /// slow, they go on with a Cholesky factor in single precision; where that doesn't serve, a factor in double
+    /// precision with refinement, shifted where the normal matrix is singular.
     Auto,
     /// Conjugate gradients without a preconditioner.
     Cg,
-    /// Conjugate gradients preconditioned with the sampling's density: that of moments where there are no samples, else of
-    /// [`LsqParams::areas`].
+    /// Conjugate gradients preconditioned with the sampling's density: that of moments where there are no samples, else
+    /// of [`LsqParams::areas`].
     DensityCg,
     /// Conjugate gradients preconditioned with the factor of the Gram matrix of the degrees up to this one.
     LowDegreesCg(usize),
@@ -25,7 +26,8 @@ pub struct LsqParams {
     pub weights: Option<Vec<f64>>,
     /// Rows that the norms of residuals leave out, (n); none by default.
     pub unread: Option<Vec<bool>>,
-    /// Smoothness penalty, lambda, from 0, the default, on: adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
+    /// Smoothness penalty, lambda, from 0, the default, on: adds `lambda sum (l (l + 1))^2 a^2` to the squared
+    /// residual.
     pub smoothness: f64,
     /// Penalty of each degree, (L + 1), finite and not negative, default none: adds `sum_l p_l |a_l|^2` to the squared
     /// residual, with a_l the coefficients of degree l.

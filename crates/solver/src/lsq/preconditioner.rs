@@ -52,8 +52,8 @@ impl<P: Preconditioner + ?Sized> Preconditioner for &P {
     }
 }
 
-/// The inverse of the diagonal that N would have on an even sampling of the sphere, `sum w / 4 pi + P`. Without a penalty
-/// this is a number, and leaves the iterates as they are.
+/// The inverse of the diagonal that N would have on an even sampling of the sphere, `sum w / 4 pi + P`. Without a
+/// penalty this is a number, and leaves the iterates as they are.
 #[derive(Debug)]
 pub struct Diagonal {
     inverse: Vec<f64>,
@@ -97,8 +97,8 @@ impl Preconditioner for Diagonal {
 ///
 /// Where `A^T D A = I` nearly holds, `A^T W A` is multiplication by the density W / D and this is multiplication by its
 /// inverse; degrees next to the highest apart. It costs as much as the normal equations, and gains where the density
-/// varies smoothly and mildly: on icospheres a third of the iterations; on samplings whose density varies by a hundred or
-/// more it loses (measured on the head of 27,618 vertices).
+/// varies smoothly and mildly: on icospheres a third of the iterations; on samplings whose density varies by a hundred
+/// or more it loses (measured on the head of 27,618 vertices).
 pub struct Density<'a> {
     operator: &'a dyn Operator,
     squares: Vec<f64>,
@@ -150,8 +150,8 @@ impl Preconditioner for ByMoments<'_> {
     }
 }
 
-/// The Cholesky factor of the Gram matrix of the low degrees, and the diagonal for the rest: for samplings whose density
-/// varies on a large scale.
+/// The Cholesky factor of the Gram matrix of the low degrees, and the diagonal for the rest: for samplings whose
+/// density varies on a large scale.
 #[cfg(feature = "dense")]
 #[derive(Debug)]
 pub struct LowDegrees {

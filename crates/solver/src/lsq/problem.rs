@@ -17,10 +17,12 @@ pub(crate) trait Problem: Sync {
     /// `N x`, for iterations.
     fn product(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// `A^T W (f - A x) - P x` as exactly as it can be had, and the residual `f - A x`, (n, c), where there are samples.
+    /// `A^T W (f - A x) - P x` as exactly as it can be had, and the residual `f - A x`, (n, c), where there are
+    /// samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
 
-    /// How far products are from the samples' own, or from exact ones where there are no samples; `None` where that isn't known.
+    /// How far products are from the samples' own, or from exact ones where there are no samples; `None` where that
+    /// isn't known.
     fn product_error(&self) -> Option<ProductError> {
         None
     }

@@ -23,20 +23,21 @@ const PATIENCE: usize = 30;
 /// Optimality that rounding errors of targets and transforms leave.
 const ROUNDING: f64 = 1e-9;
 
-/// Columns from which a factor is made in single precision: one in double precision of fewer takes less than a quarter of a
-/// second.
+/// Columns from which a factor is made in single precision: one in double precision of fewer takes less than a quarter
+/// of a second.
 const SINGLE_FROM: usize = 4096;
-/// Iterations that have to be left for one: it takes five to ten of them, on matrices that it barely serves for some more.
+/// Iterations that have to be left for one: it takes five to ten of them, on matrices that it barely serves for some
+/// more.
 const SINGLE_ITERATIONS: usize = 40;
-/// How much further than the tolerance iterations with it go, a digit each: what the optimality says little of, coefficients in
-/// directions of small eigenvalues, converges with the rest.
+/// How much further than the tolerance iterations with it go, a digit each: what the optimality says little of,
+/// coefficients in directions of small eigenvalues, converges with the rest.
 const FURTHER: f64 = 1e-2;
 /// Rounds of these, each from the gradient that is formed from the samples.
 const ROUNDS: usize = 2;
 
 impl LsqSolver<'_> {
-    /// Makes a factor in single precision unless there is one. False where it isn't worth it, where memory doesn't suffice, or where
-    /// N is too ill-conditioned for it.
+    /// Makes a factor in single precision unless there is one. False where it isn't worth it, where memory doesn't
+    /// suffice, or where N is too ill-conditioned for it.
     pub(super) fn make_single(
         &mut self,
         cg: &Cg,

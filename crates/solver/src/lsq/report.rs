@@ -15,7 +15,8 @@ pub struct LsqReport {
     pub rows: usize,
     /// Columns of the targets, c.
     pub channels: usize,
-    /// The preconditioner of the last steps: `none`, `density` (of the samples, or by moments), `low-degrees`, `factor`, `factor-f32`, `stored-factor`.
+    /// The preconditioner of the last steps: `none`, `density` (of the samples, or by moments), `low-degrees`,
+    /// `factor`, `factor-f32`, `stored-factor`.
     pub preconditioner: &'static str,
     /// Iterations of conjugate gradients.
     pub iterations: usize,
@@ -23,13 +24,15 @@ pub struct LsqReport {
     pub products: &'static str,
     /// Refinements with a factor.
     pub refinements: usize,
-    /// The largest relative gradient of all columns: formed from the samples where there are some, or that of iterations by
-    /// moments, with an estimate of what these leave it off by, where that is little beside the tolerance.
+    /// The largest relative gradient of all columns: formed from the samples where there are some, or that of
+    /// iterations by moments, with an estimate of what these leave it off by, where that is little beside the
+    /// tolerance.
     pub optimality: f64,
     /// How it ended.
     pub stop: Stop,
-    /// Estimated condition number of the basis matrix, with its weights and penalty, or of a bound on it where the density of moments
-    /// preconditions; infinite (null in JSON) where it is numerically singular, NaN (null) where it isn't known.
+    /// Estimated condition number of the basis matrix, with its weights and penalty, or of a bound on it where the
+    /// density of moments preconditions; infinite (null in JSON) where it is numerically singular, NaN (null) where it
+    /// isn't known.
     pub condition: f64,
     /// What was added to the diagonal of a singular normal matrix, relative to its largest entry; zero otherwise.
     pub shift: f64,

@@ -1,7 +1,7 @@
 //! Independent signs from a counter, for probes of traces: the same ones on every machine, in any order.
 
-/// The sign, 1 or -1, at a place of the sequence: a bit of SplitMix64 (G. L. Steele, D. Lea, C. H. Flood, "Fast splittable
-/// pseudorandom number generators", OOPSLA 2014).
+/// The sign, 1 or -1, at a place of the sequence: a bit of SplitMix64 (G. L. Steele, D. Lea, C. H. Flood, "Fast
+/// splittable pseudorandom number generators", OOPSLA 2014).
 pub(crate) fn sign(place: u64) -> f64 {
     let mut z = place.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -13,8 +13,8 @@ pub(crate) fn sign(place: u64) -> f64 {
 mod tests {
     use super::*;
 
-    /// SplitMix64 from seed 0: e220a8397b1dcdaf, 6e789e6aa1b965f4, 06c45d188009454f, f88bb8a8724c81ec, 1b39896a51a8749b,
-    /// 53cb9f0c747ea2ea, 2c829abe1f4532e1, c584133ac916ab3c.
+    /// SplitMix64 from seed 0: e220a8397b1dcdaf, 6e789e6aa1b965f4, 06c45d188009454f, f88bb8a8724c81ec,
+    /// 1b39896a51a8749b, 53cb9f0c747ea2ea, 2c829abe1f4532e1, c584133ac916ab3c.
     #[test]
     fn signs_are_the_generators_and_balanced() {
         let found: Vec<f64> = (0..8).map(sign).collect();

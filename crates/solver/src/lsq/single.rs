@@ -14,7 +14,8 @@ use crate::{SolverError, condition};
 /// What is left of a right-hand side, of its norm, when the condition is estimated with its solution. The share in a
 /// direction of N's smallest eigenvalue is some `K^-1/2`.
 const RESIDUAL: f64 = 1e-3;
-/// Iterations for that, which take five at condition numbers of 1e8. Where they don't suffice, the fit's may be hundreds.
+/// Iterations for that, which take five at condition numbers of 1e8. Where they don't suffice, the fit's may be
+/// hundreds.
 const ITERATIONS: usize = 20;
 /// The least error of products that are formed by fast transforms, relative to the norm of N.
 const PRODUCT_ERROR: f64 = 1e-12;
@@ -65,8 +66,8 @@ pub(super) fn single_factor(
 }
 
 impl Single {
-    /// Estimates the condition of N by solves with the factor and products of the problem; `None` where these take too long, or N
-    /// is too ill-conditioned for such products.
+    /// Estimates the condition of N by solves with the factor and products of the problem; `None` where these take too
+    /// long, or N is too ill-conditioned for such products.
     pub(super) fn new(
         factor: SingleFactor,
         problem: &dyn Problem,

@@ -24,11 +24,11 @@ use crate::{MomentNormal, SolverError, check};
 
 /// Iterations without the optimality halving after which to give up.
 const PATIENCE: usize = 250;
-/// Above this reciprocal condition number few iterations are needed, and for few columns or by moments they may be faster than
-/// a stored factor.
+/// Above this reciprocal condition number few iterations are needed, and for few columns or by moments they may be
+/// faster than a stored factor.
 const WELL_CONDITIONED: f64 = 1e-2;
-/// Most columns for which that holds, and for which a factor in single precision is made: a fit takes more solves with it than with
-/// one in double precision.
+/// Most columns for which that holds, and for which a factor in single precision is made: a fit takes more solves with
+/// it than with one in double precision.
 pub(super) const FEW: usize = 12;
 
 /// The stage of a fit but for the making of a factor; how many steps it will take isn't known.
@@ -51,8 +51,8 @@ pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + S
 /// Checks that the process's limits allow for so many bytes of anonymous memory beyond what it has.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Makes the normal matrix from moments of a relative accuracy, or a better one, when iterations are faster with it; and the
-/// right-hand sides `A^T W f` of targets that it is given, (n, c), where these come with it.
+/// Makes the normal matrix from moments of a relative accuracy, or a better one, when iterations are faster with it;
+/// and the right-hand sides `A^T W f` of targets that it is given, (n, c), where these come with it.
 pub type MakeMoments<'a> = dyn Fn(f64, Option<&Array2<f64>>) -> Result<MomentsAndRightSides, SolverError> + Sync + 'a;
 
 /// The normal matrix from moments, and right-hand sides, (K, c), where they came with it.
@@ -175,8 +175,8 @@ impl<'a> LsqSolver<'a> {
         })
     }
 
-    /// Uses a factor that exists already: of the operator's directions and degree, and of the weights and penalty of the
-    /// parameters.
+    /// Uses a factor that exists already: of the operator's directions and degree, and of the weights and penalty of
+    /// the parameters.
     #[must_use]
     pub fn with_factor(mut self, factor: &'a dyn CholeskyFactor) -> Self {
         self.stored = Some(factor);
@@ -191,8 +191,8 @@ impl<'a> LsqSolver<'a> {
         self
     }
 
-    /// Asks before a factor is made whether the process's limits allow for it. OpenBLAS waits for ever for buffers that it
-    /// can't have.
+    /// Asks before a factor is made whether the process's limits allow for it. OpenBLAS waits for ever for buffers that
+    /// it can't have.
     #[must_use]
     pub fn with_limits(mut self, check: &'a CheckLimits<'a>) -> Self {
         self.check_limits = Some(check);
@@ -208,7 +208,8 @@ impl<'a> LsqSolver<'a> {
     /// # Errors
     ///
     /// [`SolverError::Rows`], [`SolverError::NotFinite`], [`SolverError::Interrupted`]; [`SolverError::NoGram`],
-    /// [`SolverError::Limit`] and too small a budget for a strategy that needs a Gram matrix; those of operator, Gram matrix and stored factor. Not converging is none.
+    /// [`SolverError::Limit`] and too small a budget for a strategy that needs a Gram matrix; those of operator, Gram
+    /// matrix and stored factor. Not converging is none.
     pub fn fit(
         &mut self,
         targets: &Array2<f64>,
@@ -272,8 +273,8 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Makes a factor unless there is one; in double precision where it is `required`. False where memory or the process's limits
-    /// don't allow for one; an error then where it is `required`.
+    /// Makes a factor unless there is one; in double precision where it is `required`. False where memory or the
+    /// process's limits don't allow for one; an error then where it is `required`.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
         if self.stored.is_some() || self.made.is_some() || (!required && self.single.is_some()) {
             return Ok(true);
@@ -358,7 +359,8 @@ fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, So
     Ok(Some(all))
 }
 
-/// Fits the columns of targets, (n, c), as one target: [`LsqSolver::new`] without a Gram matrix, and [`LsqSolver::fit`].
+/// Fits the columns of targets, (n, c), as one target: [`LsqSolver::new`] without a Gram matrix, and
+/// [`LsqSolver::fit`].
 ///
 /// # Errors
 ///

@@ -8,13 +8,14 @@ use super::solver::LsqSolver;
 use crate::SolverError;
 
 impl LsqSolver<'_> {
-    /// Computes the standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`, with `sigma^2` the weighted sum of squares of
-    /// the residual, (n, c), over the rows with weight less the trace of the hat matrix `A N^-1 A^T W`, which is K without
-    /// a penalty. `diag N^-1` needs the whole factor, and `K^3 / 3` flops.
+    /// Computes the standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`, with `sigma^2` the weighted
+    /// sum of squares of the residual, (n, c), over the rows with weight less the trace of the hat matrix `A N^-1 A^T
+    /// W`, which is K without a penalty. `diag N^-1` needs the whole factor, and `K^3 / 3` flops.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Underdetermined`], [`SolverError::NoGram`], [`SolverError::Interrupted`], and what keeps a factor from being made.
+    /// [`SolverError::Underdetermined`], [`SolverError::NoGram`], [`SolverError::Interrupted`], and what keeps a factor
+    /// from being made.
     pub fn standard_errors(
         &mut self,
         residual: &Array2<f64>,

@@ -61,8 +61,8 @@ impl MatrixFreeOperator {
     }
 
     /// Computes the normal matrix by moments at `directions`, those of this operator, with weights (n), all one where
-    /// there are none; to a relative accuracy at least. By shared transforms, where the operator has them, the right-hand
-    /// sides of targets, (n, c), come with it, for the price of their products.
+    /// there are none; to a relative accuracy at least. By shared transforms, where the operator has them, the
+    /// right-hand sides of targets, (n, c), come with it, for the price of their products.
     ///
     /// # Errors
     ///
@@ -122,8 +122,8 @@ impl Operator for MatrixFreeOperator {
     }
 }
 
-/// A [`MatrixFreeOperator`] whose transforms are planned when they are first needed. What is done before, as making moments, has
-/// the memory of the plan for itself.
+/// A [`MatrixFreeOperator`] whose transforms are planned when they are first needed. What is done before, as making
+/// moments, has the memory of the plan for itself.
 #[derive(Debug)]
 pub struct DeferredOperator<'a> {
     directions: &'a Directions,

@@ -90,7 +90,8 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
             if scalar == Scalar::F64 {
                 assert_eq!(fit.coefficients.values(), made.coefficients.values(), "{what}: the same bits");
             }
-            // Of the sum norm; it is within the size of the matrix of that of the Euclidean one, on even samplings nearer.
+            // Of the sum norm; it is within the size of the matrix of that of the Euclidean one, on even samplings
+            // nearer.
             let ratio = fit.report.condition / expected.condition();
             let most = if sampling.name == "even" { 3.0 } else { (basis_size(max_degree) as f64).sqrt() };
             assert!(ratio > 1.0 / most && ratio < most, "{what}: {ratio}");
@@ -114,8 +115,8 @@ fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_tha
     expected.meets(&fit, fit.report.optimality, "single");
 }
 
-/// Beside a factor of a matrix of moderate condition many columns are iterated by moments as long as few iterations seem to be
-/// left, else the factor takes over.
+/// Beside a factor of a matrix of moderate condition many columns are iterated by moments as long as few iterations
+/// seem to be left, else the factor takes over.
 #[test]
 fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
     const DEGREE: usize = 12;

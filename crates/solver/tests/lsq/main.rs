@@ -1,4 +1,5 @@
-//! The full least squares: every strategy gives the solution of the dense problem, and what isn't determined stays small.
+//! The full least squares: every strategy gives the solution of the dense problem, and what isn't determined stays
+//! small.
 
 mod denoise;
 mod factors;

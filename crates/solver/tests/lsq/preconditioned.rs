@@ -10,8 +10,8 @@ use spharm_transform::{FINEST, SampleSums};
 
 use crate::problems::{Random, Sampling, clustered, dense, even, irregular, matrix, norms, params, transforms};
 
-/// Products with the normal matrix that are off by a part in a thousand, so that an iteration believes too early that it
-/// has converged; and a record of what it was asked for.
+/// Products with the normal matrix that are off by a part in a thousand, so that an iteration believes too early that
+/// it has converged; and a record of what it was asked for.
 struct Inexact {
     exact: MatrixFreeOperator,
     asked: Mutex<Vec<Asked>>,

@@ -151,8 +151,8 @@ impl Dense {
         self.singular[0] / self.singular[self.singular.len() - 1]
     }
 
-    /// What a gradient of relative norm `optimality` allows the coefficients to be off, and what one does that is formed
-    /// with the accuracy of the transforms.
+    /// What a gradient of relative norm `optimality` allows the coefficients to be off, and what one does that is
+    /// formed with the accuracy of the transforms.
     pub(crate) fn meets(&self, fit: &LsqFit, optimality: f64, what: &str) {
         let (most, least) = (self.singular[0], self.singular[self.singular.len() - 1]);
         let off = norms(&(fit.coefficients.values() - &self.x));

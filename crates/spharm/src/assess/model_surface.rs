@@ -1,9 +1,9 @@
 //! How far a model and its surface are from each other everywhere, in place of at corresponding points.
 //!
-//! Vertices lie where a surface was meshed finely, and the paper's msd and xsd compare each with the model's value in the
-//! vertex's own direction. What counts for a shape is the distance between two surfaces, whichever points correspond: so the
-//! model is evaluated on an icosphere of about twice as many vertices as its degree has samples in a fit, and the distance
-//! is taken from points all over the one surface to the nearest point of the other, both ways.
+//! Vertices lie where a surface was meshed finely, and the paper's msd and xsd compare each with the model's value in
+//! the vertex's own direction. What counts for a shape is the distance between two surfaces, whichever points
+//! correspond: so the model is evaluated on an icosphere of about twice as many vertices as its degree has samples in a
+//! fit, and the distance is taken from points all over the one surface to the nearest point of the other, both ways.
 
 use ndarray::ArrayView2;
 use serde::Serialize;
@@ -85,8 +85,8 @@ fn vertices(level: u32) -> usize {
 }
 
 impl ModelSurface {
-    /// Returns the level of the icosphere for models of a degree, as far as so many bytes allow for it; `None` where they
-    /// don't allow for any.
+    /// Returns the level of the icosphere for models of a degree, as far as so many bytes allow for it; `None` where
+    /// they don't allow for any.
     pub(crate) fn level(max_degree: usize, faces: usize, bytes: usize) -> Option<u32> {
         let wanted = VERTICES_PER_FUNCTION * basis_size(max_degree);
         let level = (LEVELS[0]..LEVELS[1]).find(|&level| vertices(level) >= wanted).unwrap_or(LEVELS[1]);
@@ -97,7 +97,8 @@ impl ModelSurface {
 
     /// Returns the bytes that a comparison with a surface of so many triangles takes.
     fn bytes(max_degree: usize, level: u32, faces: usize) -> Option<usize> {
-        /// A triangle in a search tree, with what making it takes; a point with its distance and weight, copied to be sorted.
+        /// A triangle in a search tree, with what making it takes; a point with its distance and weight, copied to be
+        /// sorted.
         const TRIANGLE: usize = 400;
         const POINT: usize = 80;
         let transform = Transform::bytes(&params(max_degree), vertices(level), 3).ok()?;

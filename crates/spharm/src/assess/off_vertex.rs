@@ -55,8 +55,8 @@ impl OffVertex {
         Ok(synthesis(&self.centres, coefficients)?)
     }
 
-    /// Returns the distances of the model's values at the places, (places, 3), from the centres of the surface's triangles,
-    /// and, where the model oscillates, the ratio of the rms distance there to that `at` the vertices.
+    /// Returns the distances of the model's values at the places, (places, 3), from the centres of the surface's
+    /// triangles, and, where the model oscillates, the ratio of the rms distance there to that `at` the vertices.
     pub(crate) fn assess(
         &self,
         model: ArrayView2<'_, f64>,

@@ -8,9 +8,9 @@
 //! | `places/NAME.npz` | `places` (n, 3), in the group's frame; `reached` (n, 1), 1 or 0 |
 //! | `members/NAME.json` | what it was read from, its similarity to the group's frame, how it was registered |
 //!
-//! `group.json` is written last, and so is `members/NAME.json` of a member: where they are, the rest is. A folder of members
-//! that were added to a finished group one by one, maybe on several machines, names none in its `group.json`: its members are
-//! those in `members`.
+//! `group.json` is written last, and so is `members/NAME.json` of a member: where they are, the rest is. A folder of
+//! members that were added to a finished group one by one, maybe on several machines, names none in its `group.json`:
+//! its members are those in `members`.
 
 mod read;
 #[cfg(test)]

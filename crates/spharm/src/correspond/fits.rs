@@ -49,8 +49,9 @@ impl Fitted {
         Ok(Self { places, coefficients, rms })
     }
 
-    /// Refines by the group: places move along the surfaces, are projected onto them, and fitted again. Returns how, and the
-    /// number of triangles of each member that are turned over, whose places aren't reached; `reached` follows the places.
+    /// Refines by the group: places move along the surfaces, are projected onto them, and fitted again. Returns how,
+    /// and the number of triangles of each member that are turned over, whose places aren't reached; `reached` follows
+    /// the places.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,

@@ -1,9 +1,9 @@
 //! Correspondence of a group: one template, one sphere, one basis for all subjects.
 //!
 //! Surfaces that are mapped to the sphere one by one have equal directions at different places, and most of a group's
-//! variance is then that of the maps. Here one template is mapped, and moved in space onto every subject's surface, whatever
-//! its topology; all subjects are fitted over the template's sphere, and the group's own statistics move what the
-//! registration couldn't know.
+//! variance is then that of the maps. Here one template is mapped, and moved in space onto every subject's surface,
+//! whatever its topology; all subjects are fitted over the template's sphere, and the group's own statistics move what
+//! the registration couldn't know.
 //!
 //! 1. Poses by the surfaces alone ([`spharm_surface::pose`]).
 //! 2. The most typical subject, or one that is given, is the template: mended, mapped and fitted ([`template`]).
@@ -63,8 +63,8 @@ pub struct Group {
     pub models: Vec<Model>,
     /// From each member's own frame to the group's.
     pub similarities: Vec<Similarity>,
-    /// Places of each member that correspond, (n) each: at the sphere's directions, on the member's surface, in the group's
-    /// frame.
+    /// Places of each member that correspond, (n) each: at the sphere's directions, on the member's surface, in the
+    /// group's frame.
     pub places: Vec<Vec<Vec3>>,
     /// Whether each place of each member has a counterpart there, (n) each.
     pub reached: Vec<Vec<bool>>,
@@ -90,8 +90,8 @@ pub struct GroupTemplate {
 }
 
 impl GroupTemplate {
-    /// Returns whether the place at each of some unit vectors, (n, 3), has a counterpart on members: the nearest of the group's
-    /// directions has.
+    /// Returns whether the place at each of some unit vectors, (n, 3), has a counterpart on members: the nearest of the
+    /// group's directions has.
     #[must_use]
     pub fn kept_at(&self, directions: &[Vec3]) -> Vec<bool> {
         if !self.masked.contains(&true) {
@@ -108,8 +108,8 @@ impl GroupTemplate {
     }
 }
 
-/// Makes surfaces correspond. `read` returns surface `0..count` in its own frame; it is called several times for each, from
-/// several threads.
+/// Makes surfaces correspond. `read` returns surface `0..count` in its own frame; it is called several times for each,
+/// from several threads.
 ///
 /// # Errors
 ///

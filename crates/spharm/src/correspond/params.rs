@@ -21,8 +21,8 @@ pub struct CorrespondParams {
     pub guide: Option<GuideLandmarks>,
     /// Signals on the surfaces that the refinement matches beside positions; none by default.
     pub signals: Option<Signals>,
-    /// Subdivisions of the icosphere whose directions are registered; else 4 (2,562) for degrees to 15, 5 (10,242) to 40, and
-    /// 6 (40,962) above.
+    /// Subdivisions of the icosphere whose directions are registered; else 4 (2,562) for degrees to 15, 5 (10,242) to
+    /// 40, and 6 (40,962) above.
     pub subdivisions: Option<u32>,
     /// Rounds of registration: in each after the first the group's mean is the template. 2 by default.
     pub rounds: usize,

@@ -218,7 +218,8 @@ fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning>
     warnings
 }
 
-/// Members that have the area and the volume of an earlier one, by a millionth: the same file, moved or mirrored or not.
+/// Members that have the area and the volume of an earlier one, by a millionth: the same file, moved or mirrored or
+/// not.
 fn same(surfaces: &[PoseSurface]) -> Vec<CorrespondWarning> {
     let close = |a: f64, b: f64| (a - b).abs() <= SAME * a.abs().max(b.abs());
     let equal = |a: &PoseSurface, b: &PoseSurface| close(a.area, b.area) && close(a.volume.abs(), b.volume.abs());

@@ -14,8 +14,8 @@ pub(super) struct Subjects<'a> {
 }
 
 impl Subjects<'_> {
-    /// Does something with each surface, several at a time. The error is that of the first surface that has one, whatever the
-    /// threads: surfaces after one with an error may be left out, those before it aren't.
+    /// Does something with each surface, several at a time. The error is that of the first surface that has one,
+    /// whatever the threads: surfaces after one with an error may be left out, those before it aren't.
     pub(super) fn each<T: Send>(
         &self,
         work: impl Fn(usize, Mesh) -> Result<T, Error> + Sync + Send,

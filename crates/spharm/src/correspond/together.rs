@@ -13,11 +13,11 @@ const ROUNDS: usize = 5;
 /// dominate.
 const ADDED_VARIANCE: f64 = 1.0;
 
-/// Moves members, (n) places each, rigidly together. Each place is weighted by its area and by the inverse of its variance
-/// (D. Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood estimation in the
-/// matrix Gaussian Procrustes problem", PNAS 103, 2006): least squares would turn members that have a bump against those
-/// that have none, so that they differ where there is no bump. Returns the motion of each, and their mean. The mean keeps the
-/// pose that it had.
+/// Moves members, (n) places each, rigidly together. Each place is weighted by its area and by the inverse of its
+/// variance (D. Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood
+/// estimation in the matrix Gaussian Procrustes problem", PNAS 103, 2006): least squares would turn members that have a
+/// bump against those that have none, so that they differ where there is no bump. Returns the motion of each, and their
+/// mean. The mean keeps the pose that it had.
 pub(super) fn together(members: &mut [Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> (Vec<Similarity>, Vec<Vec3>) {
     let mut motions = vec![Similarity::default(); members.len()];
     let areas = weights(members, faces, masked);

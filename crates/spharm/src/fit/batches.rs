@@ -71,7 +71,8 @@ pub(crate) struct Solved {
     pub(crate) warnings: Vec<FitWarning>,
     /// Of each target, where they were solved one after another; empty where in step.
     pub(crate) apart: Vec<Apart>,
-    /// Of each target: its model at the centres of some triangles, (places, c). Empty where the method hasn't evaluated them.
+    /// Of each target: its model at the centres of some triangles, (places, c). Empty where the method hasn't evaluated
+    /// them.
     pub(crate) at_centres: Vec<Array2<f64>>,
     pub(crate) report: BatchReport,
 }
@@ -114,8 +115,8 @@ impl Batch {
         self.groups.iter().zip(&self.targets).map(|(group, target)| parts(group, target.kind))
     }
 
-    /// Measures how far the models with these coefficients, (K, columns), are from their surfaces, one after another: each
-    /// takes all threads.
+    /// Measures how far the models with these coefficients, (K, columns), are from their surfaces, one after another:
+    /// each takes all threads.
     pub(crate) fn surface_distances(
         &self,
         model_surface: &ModelSurface,
@@ -202,8 +203,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(self.ready.front().map(|(_, target, _)| self.job.fits_surface(target.kind)))
     }
 
-    /// Fits batch after batch with at most `columns` columns, or one target with more, and hands over the fits; until all
-    /// are done, or the next target is to be fitted as a surface where the last wasn't, or the other way round.
+    /// Fits batch after batch with at most `columns` columns, or one target with more, and hands over the fits; until
+    /// all are done, or the next target is to be fitted as a surface where the last wasn't, or the other way round.
     pub(crate) fn each_batch(
         &mut self,
         columns: usize,
@@ -220,8 +221,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Fits a batch and hands over its fits. Where the tolerance isn't met, each target is fitted alone, so that those that
-    /// meet it are known.
+    /// Fits a batch and hands over its fits. Where the tolerance isn't met, each target is fitted alone, so that those
+    /// that meet it are known.
     fn solve(
         &mut self,
         batch: Batch,
@@ -281,8 +282,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// As many targets as have at most `columns` columns together, and at least one, of those that are fitted as surfaces or
-    /// of those that aren't, and of one unit.
+    /// As many targets as have at most `columns` columns together, and at least one, of those that are fitted as
+    /// surfaces or of those that aren't, and of one unit.
     fn next_batch(&mut self, columns: usize) -> Result<Batch, E> {
         let (mut taken, mut width): (Vec<Ready>, usize) = (Vec::new(), 0);
         let surface = self.next_is_surface()?;

@@ -22,8 +22,8 @@ pub(crate) struct Denoiser {
 }
 
 impl Denoiser {
-    /// Fits noise, `at_a_time` columns together; `fit` returns the coefficients, (K, c), and the residual at the vertices,
-    /// (n, c), of the plain fit.
+    /// Fits noise, `at_a_time` columns together; `fit` returns the coefficients, (K, c), and the residual at the
+    /// vertices, (n, c), of the plain fit.
     pub(crate) fn new(
         job: &Job<'_>,
         at_a_time: usize,
@@ -51,8 +51,8 @@ impl Denoiser {
         Ok(Self { power, precision })
     }
 
-    /// Estimates the noise of a target, or of one channel of it, from its plain fit: coefficients, (K, c), and residual at
-    /// the vertices, (n, c).
+    /// Estimates the noise of a target, or of one channel of it, from its plain fit: coefficients, (K, c), and residual
+    /// at the vertices, (n, c).
     pub(crate) fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: ArrayView2<'_, f64>) -> Denoise {
         self.power.denoise(coefficients, residual_square(residual, self.precision.as_deref()))
     }
@@ -70,8 +70,8 @@ impl Denoiser {
     }
 }
 
-/// How exact each vertex is, where they differ: weights that are given, none at vertices that are held out. Their share of
-/// the sphere says nothing of their noise.
+/// How exact each vertex is, where they differ: weights that are given, none at vertices that are held out. Their share
+/// of the sphere says nothing of their noise.
 fn precision(job: &Job<'_>) -> Option<Vec<f64>> {
     let weights = job.weights.as_ref()?;
     match (&job.params.weights, &job.hold_out) {

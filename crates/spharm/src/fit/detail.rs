@@ -8,8 +8,8 @@
 //! detail^2 = e_L^2 - e_L'^2,    L' = 3 L / 2, with at most 4/5 as many functions as vertices
 //! ```
 //!
-//! with e the rms error at a tenth of the vertices. That is the part of the detail which the vertices tell of; there may be
-//! more. Where noise covers the highest degree nearly whole, more degrees tell nothing, and nothing is fitted.
+//! with e the rms error at a tenth of the vertices. That is the part of the detail which the vertices tell of; there
+//! may be more. Where noise covers the highest degree nearly whole, more degrees tell nothing, and nothing is fitted.
 //!
 //! Cost: two fits by conjugate gradients to a tolerance of 1e-4.
 

@@ -71,8 +71,8 @@ pub struct MomentsReport {
 /// Above this condition of the basis the samples leave some functions of the degree undetermined.
 const UNDETERMINED: f64 = 1e6;
 
-/// Fits the samples that moments are of, to any degree up to that of the moments. Of `params` degree, smoothness, denoising, standard
-/// errors, tolerance, iterations, preconditioner, strictness, memory and threads count.
+/// Fits the samples that moments are of, to any degree up to that of the moments. Of `params` degree, smoothness,
+/// denoising, standard errors, tolerance, iterations, preconditioner, strictness, memory and threads count.
 ///
 /// ```
 /// use spharm::moments::{Request, accumulate};
@@ -270,8 +270,8 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
 }
 
 impl MomentsFit {
-    /// Returns the model: a surface where the channels are x, y and z, else a signal. It has no sphere, but the key of the
-    /// sampling scheme that the samples are at the vertices of.
+    /// Returns the model: a surface where the channels are x, y and z, else a signal. It has no sphere, but the key of
+    /// the sampling scheme that the samples are at the vertices of.
     #[must_use]
     pub fn model(&self) -> Model {
         let surface = is_surface(&self.report.channels);

@@ -172,8 +172,8 @@ impl<'o> Planner<'o> {
         }
     }
 
-    /// The number of threads that fits the budget, one where none does: each has sums of its own, and on a node with many
-    /// cores these may be what doesn't fit.
+    /// The number of threads that fits the budget, one where none does: each has sums of its own, and on a node with
+    /// many cores these may be what doesn't fit.
     fn fitting_threads(&self, job: &Job<'_>, channels: usize, monitor: &dyn Monitor) -> usize {
         let asked = job.threads;
         let fits = |&threads: &usize| {

@@ -91,7 +91,8 @@ impl<'a> Job<'a> {
         smoothness_into_range(lambda, self.weight_exponent)
     }
 
-    /// Returns the smoothness penalty of all targets that are fitted at their vertices, where it isn't chosen for each of them.
+    /// Returns the smoothness penalty of all targets that are fitted at their vertices, where it isn't chosen for each
+    /// of them.
     pub(crate) fn smoothness(&self) -> f64 {
         let Self { params, sphere, weights, .. } = self;
         match params.smoothness {
@@ -104,15 +105,15 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Returns the bytes held beside the solver while so many targets are fitted together, and read at a time by as many of
-    /// the threads.
+    /// Returns the bytes held beside the solver while so many targets are fitted together, and read at a time by as
+    /// many of the threads.
     pub(crate) fn held(&self, together: usize, channels: usize) -> usize {
         held(self.sphere.directions.len(), self.sphere.faces.len(), together, channels, self.threads.min(together))
     }
 }
 
-/// Returns the bytes held beside the solver: the program, the sphere, the targets as they were read, and what those that
-/// are read or written at a time take meanwhile.
+/// Returns the bytes held beside the solver: the program, the sphere, the targets as they were read, and what those
+/// that are read or written at a time take meanwhile.
 pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usize, readers: usize) -> usize {
     /// The program, its stacks and allocator, measured on a fit of a small mesh.
     const BASE: usize = 12 << 20;
@@ -120,8 +121,8 @@ pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usi
     BASE + sphere + 8 * vertices * channels * together + readers * reading(vertices, faces, channels)
 }
 
-/// Returns the bytes that a surface takes while it is read or written: its file as text, decoded, and as a mesh with its
-/// topology.
+/// Returns the bytes that a surface takes while it is read or written: its file as text, decoded, and as a mesh with
+/// its topology.
 pub(crate) fn reading(vertices: usize, faces: usize, channels: usize) -> usize {
     5 * (24 * vertices + 12 * faces) + 16 * vertices * channels
 }

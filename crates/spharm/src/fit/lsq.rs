@@ -188,8 +188,8 @@ impl<'a> Equations<'a> {
         })
     }
 
-    /// Replaces the plain fits of a batch by penalised ones. Returns standard errors where they are asked for, and what was
-    /// removed.
+    /// Replaces the plain fits of a batch by penalised ones. Returns standard errors where they are asked for, and what
+    /// was removed.
     fn denoise(
         &self,
         (denoiser, job): (&Denoiser, &Job<'_>),

@@ -73,8 +73,8 @@ impl LsqPlan {
         self.budget.saturating_sub(self.needed(together))
     }
 
-    /// How many of the threads may read a target at a time while so many are fitted together, and `taken` bytes are taken
-    /// for moments.
+    /// How many of the threads may read a target at a time while so many are fitted together, and `taken` bytes are
+    /// taken for moments.
     pub(crate) fn readers(&self, together: usize, taken: usize, threads: usize) -> usize {
         let more = self.spare(together).saturating_sub(taken) / self.reading.max(1);
         (1 + more).min(threads)
@@ -93,8 +93,8 @@ pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) ->
     let Sizes { vertices, faces, max_degree, channels, .. } = sizes;
     let grid = 2 * (max_degree + 1) * (max_degree + 1);
     let transform = |n: usize| Transform::bytes(&quadrature_transform(max_degree), n, channels);
-    // The grid's directions, weights and samples, twice while these are put in the transform's order; targets, synthesis and
-    // residual.
+    // The grid's directions, weights and samples, twice while these are put in the transform's order; targets,
+    // synthesis and residual.
     let arrays = grid * (32 + 16 * channels) + 24 * channels * vertices + 16 * channels * basis_size(max_degree);
     let held = held(vertices, faces, 1, channels, 1) + BYTES_PER_TRIANGLE * faces;
     let needed = held + arrays + transform(grid)? + transform(vertices)?;

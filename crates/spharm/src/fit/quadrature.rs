@@ -1,10 +1,10 @@
 //! Coefficients by quadrature: the surface resampled to a Gauss-Legendre grid, and analysed there exactly.
 //!
-//! On L + 1 Gauss-Legendre rings of 2 L + 2 azimuths the coefficients of a function of degree L are the sums of its values
-//! there times S_{l,m} and weights, without any solving. What that fits is the surface between the vertices, linear over the
-//! sphere's triangles, in place of the vertices alone: it neither sees nor minimises the distances there, and what the
-//! surface has above degree L is aliased into the coefficients. D. M. Healy, D. N. Rockmore, P. J. Kostelec and S. Moore,
-//! "FFTs for the 2-sphere: improvements and variations", J. Fourier Anal. Appl. 9 (2003).
+//! On L + 1 Gauss-Legendre rings of 2 L + 2 azimuths the coefficients of a function of degree L are the sums of its
+//! values there times S_{l,m} and weights, without any solving. What that fits is the surface between the vertices,
+//! linear over the sphere's triangles, in place of the vertices alone: it neither sees nor minimises the distances
+//! there, and what the surface has above degree L is aliased into the coefficients. D. M. Healy, D. N. Rockmore, P. J.
+//! Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and variations", J. Fourier Anal. Appl. 9 (2003).
 
 use std::ops::Range;
 use std::time::Instant;

@@ -1,9 +1,9 @@
 //! Targets and weights beyond the range in which their squares are numbers.
 //!
 //! A fit is linear in its target and in the weights together with the penalty. So what is beyond 1e60 or below 1e-60 is
-//! divided by a power of two, fitted, and what was found multiplied by it: the coefficients are those that exact arithmetic
-//! on the digits of an ordinary target gives, and figures that are squares stay at the ends of the range of f64 where they
-//! would leave it. A surface has one exponent, each channel of a signal its own.
+//! divided by a power of two, fitted, and what was found multiplied by it: the coefficients are those that exact
+//! arithmetic on the digits of an ordinary target gives, and figures that are squares stay at the ends of the range of
+//! f64 where they would leave it. A surface has one exponent, each channel of a signal its own.
 
 use ndarray::{Array2, ArrayView2, ArrayViewMut1, ArrayViewMut2};
 use spharm_harmonics::{Coefficients, Directions};
@@ -119,8 +119,8 @@ fn restore_warning(warning: &mut FitWarning, exponent: i32) {
     }
 }
 
-/// Distances at the vertices of a signal whose channels have been divided by different powers of two. Sums over channels
-/// that a solver formed mean nothing there.
+/// Distances at the vertices of a signal whose channels have been divided by different powers of two. Sums over
+/// channels that a solver formed mean nothing there.
 pub(crate) fn distances_of_mixed(
     directions: &Directions,
     unread: Option<&[bool]>,
@@ -179,8 +179,8 @@ pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i
     }
 }
 
-/// Divides sums over samples by powers of two: weights by that of the exponent which is returned, and channels by those of the
-/// others. Channels `together` have the same. None for sums in the range.
+/// Divides sums over samples by powers of two: weights by that of the exponent which is returned, and channels by those
+/// of the others. Channels `together` have the same. None for sums in the range.
 pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(SampleSums, Exponents, i32)> {
     let weights = exponent(sums.moments.iter().copied().chain([sums.weight]));
     let of = |column: ndarray::ArrayView1<'_, f64>| exponent(column.iter().map(|&sum| times(sum, -weights)));

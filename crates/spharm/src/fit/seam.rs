@@ -1,21 +1,21 @@
 //! The seams of a surface that was cut where it had handles, in its fit.
 //!
-//! A vertex of a seam is on the cut surface twice, at places of the sphere that have nothing to do with each other. The fit
-//! leaves a different error at each, and these add up to a gap between the two sides. A line has no area, so that the integral
-//! over the sphere takes no notice of it. To that integral the vertices of the seams are added,
+//! A vertex of a seam is on the cut surface twice, at places of the sphere that have nothing to do with each other. The
+//! fit leaves a different error at each, and these add up to a gap between the two sides. A line has no area, so that
+//! the integral over the sphere takes no notice of it. To that integral the vertices of the seams are added,
 //!
 //! ```text
 //! integral over the surface  +  density (L / 6)^2 (pi / L)  sum over the seams' vertices  s |f(u) - x|^2
 //! ```
 //!
-//! with s a vertex's share of the seam's length on the sphere and the density that of the surface, as if a strip as wide as a
-//! model of degree L resolves counted (L / 6)^2 times. A seam takes the more of a model's freedom the lower the degree, so it
-//! counts the less there. At L = 60 there are enough functions that are large at the seam alone: of a double torus the sides
-//! are 4.4e-3 of the box apart without this and 6.0e-4 with it, and the root mean square error at all vertices is 1.24e-3 and
-//! 1.26e-3.
+//! with s a vertex's share of the seam's length on the sphere and the density that of the surface, as if a strip as
+//! wide as a model of degree L resolves counted (L / 6)^2 times. A seam takes the more of a model's freedom the lower
+//! the degree, so it counts the less there. At L = 60 there are enough functions that are large at the seam alone: of a
+//! double torus the sides are 4.4e-3 of the box apart without this and 6.0e-4 with it, and the root mean square error
+//! at all vertices is 1.24e-3 and 1.26e-3.
 //!
-//! Points between the vertices aren't added: triangles are chords of the surface, and a loop of edges has a corner at each
-//! vertex, which no model follows (2.9e-3 where they are).
+//! Points between the vertices aren't added: triangles are chords of the surface, and a loop of edges has a corner at
+//! each vertex, which no model follows (2.9e-3 where they are).
 
 use std::collections::BTreeMap;
 use std::collections::HashSet;

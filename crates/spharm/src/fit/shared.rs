@@ -44,8 +44,8 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
 /// Coefficients for each vertex or sample above which cross-validation has nothing to go by.
 const MOST_FOR_AUTO: usize = 100;
 
-/// Refuses to choose a smoothness where coefficients are far more than vertices or samples: some 25 fits of a high degree, to
-/// learn from a few residuals.
+/// Refuses to choose a smoothness where coefficients are far more than vertices or samples: some 25 fits of a high
+/// degree, to learn from a few residuals.
 pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     let functions = spharm_harmonics::basis_size(max_degree);
     if functions <= MOST_FOR_AUTO * rows {

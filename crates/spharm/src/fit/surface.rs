@@ -1,9 +1,9 @@
 //! The full least squares over whole surfaces: the integral over the sphere of the squared distance.
 //!
-//! A mesh over a sphere is linear on each triangle, and all of them are sampled as densely as the degree needs. The fit takes
-//! sums over these samples and nothing else ([`SurfaceSums`]). Solid angles as weights make the normal matrix nearly a
-//! multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices; with a seam they are
-//! more, some 60 at L = 60.
+//! A mesh over a sphere is linear on each triangle, and all of them are sampled as densely as the degree needs. The fit
+//! takes sums over these samples and nothing else ([`SurfaceSums`]). Solid angles as weights make the normal matrix
+//! nearly a multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices; with a
+//! seam they are more, some 60 at L = 60.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -175,8 +175,8 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    /// Returns the norms of the residuals of targets with their columns of all, and the models at the centres of some triangles,
-    /// (places, c) each.
+    /// Returns the norms of the residuals of targets with their columns of all, and the models at the centres of some
+    /// triangles, (places, c) each.
     fn assess(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -201,7 +201,8 @@ impl<'a> Fitter<'a> {
         Ok(assessed.into_iter().unzip())
     }
 
-    /// Returns a target minus its model at the vertices, (n, c), and the model at the centres of some triangles, (places, c).
+    /// Returns a target minus its model at the vertices, (n, c), and the model at the centres of some triangles,
+    /// (places, c).
     fn residual(
         &self,
         target: ArrayView2<'_, f64>,

@@ -14,8 +14,8 @@ pub(crate) const RUN: usize = 1 << 18;
 /// Samples that are made at a time where they are sorted by vertices.
 pub(crate) const NODAL_RUN: usize = 1 << 15;
 
-/// Columns of models that are evaluated at the vertices together, at most: kernels and Legendre functions are then computed once
-/// for several surfaces.
+/// Columns of models that are evaluated at the vertices together, at most: kernels and Legendre functions are then
+/// computed once for several surfaces.
 const EVALUATED: usize = 12;
 
 /// Coefficients of these columns, at most, so that a cache holds their grid: 12 columns to degree 100, 3 to degree 200.

@@ -1,9 +1,9 @@
 //! What a fit of surfaces takes of them: sums over samples of all triangles, and over the vertices of seams.
 //!
 //! Where memory allows, samples are sorted by the vertices that they are linear in, once for all surfaces over a sphere
-//! ([`NodalSums`]); else each run of triangles is sampled, added and forgotten, for each batch of surfaces anew. Which of the two
-//! depends on the sphere, the degree and the budget, not on the surfaces or their number: a surface fitted alone
-//! and among others has the same model.
+//! ([`NodalSums`]); else each run of triangles is sampled, added and forgotten, for each batch of surfaces anew. Which
+//! of the two depends on the sphere, the degree and the budget, not on the surfaces or their number: a surface fitted
+//! alone and among others has the same model.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -147,8 +147,8 @@ impl<'a> SurfaceSums<'a> {
         seam.weights(of_surface / (4.0 * PI), self.weights.as_deref())
     }
 
-    /// Scales the weights of the samples of some triangles so that each triangle counts one. Noise is that of the vertices:
-    /// many small triangles tell more of a place than a large one does.
+    /// Scales the weights of the samples of some triangles so that each triangle counts one. Noise is that of the
+    /// vertices: many small triangles tell more of a place than a large one does.
     fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
         let mut rest = weights;
         for triangle in triangles {

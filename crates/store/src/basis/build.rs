@@ -49,15 +49,15 @@ pub struct BuildReport {
 
 /// Builds what is missing of a scheme's basis in `store`: the harmonics at `directions` to `params.max_degree`.
 ///
-/// It is safe to run several builds of a scheme at once, to interrupt them and to kill them: what is published stays and
-/// is skipped by the next build, and the bytes of a file depend on neither threads nor interruptions.
+/// It is safe to run several builds of a scheme at once, to interrupt them and to kill them: what is published stays
+/// and is skipped by the next build, and the bytes of a file depend on neither threads nor interruptions.
 ///
 /// The monitor gets one stage, `basis`, counted in bytes, and a note while another process builds the same scheme.
 ///
 /// # Errors
 ///
-/// Before anything is written: [`StoreError::ChunkRows`], [`StoreError::Layout`], [`StoreError::Harmonics`] for what the
-/// format or the harmonics don't support, [`StoreError::Space`] and [`StoreError::Budget`] for what doesn't fit.
+/// Before anything is written: [`StoreError::ChunkRows`], [`StoreError::Layout`], [`StoreError::Harmonics`] for what
+/// the format or the harmonics don't support, [`StoreError::Space`] and [`StoreError::Budget`] for what doesn't fit.
 /// Later, with nothing half-written left: [`StoreError::Io`], [`StoreError::Interrupted`].
 pub fn build(
     store: &Path,

@@ -102,8 +102,8 @@ impl Scheme {
         self.files.len() - 1
     }
 
-    /// Checks every byte of the open files against their hashes, in a stage `verify` counted in bytes, on the rayon pool
-    /// of the caller. The error is that of the lowest degree that has one.
+    /// Checks every byte of the open files against their hashes, in a stage `verify` counted in bytes, on the rayon
+    /// pool of the caller. The error is that of the lowest degree that has one.
     ///
     /// # Errors
     ///

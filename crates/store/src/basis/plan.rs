@@ -263,8 +263,8 @@ mod tests {
         assert!(header(1 << 40, 1, Scalar::F64, 1 << 20) && !header((1 << 40) + 1, 1, Scalar::F64, 1 << 20));
     }
 
-    /// Every degree is in one group, in order; no group has more files than may be open, and none but the last is smaller
-    /// than a group has to be.
+    /// Every degree is in one group, in order; no group has more files than may be open, and none but the last is
+    /// smaller than a group has to be.
     #[test]
     fn groups_share_out_the_degrees() {
         for (rows, max_degree) in [(18, 2), (18, 700), (40_962, 100), (163_842, 300)] {

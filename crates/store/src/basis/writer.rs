@@ -98,7 +98,8 @@ mod tests {
         let mut as_long = 0;
         for rows in [8, 16, 24] {
             let len = 8 * rows;
-            // Noise of which ever more bytes are the same: zstd gains ever more, at some time just what its frame takes.
+            // Noise of which ever more bytes are the same: zstd gains ever more, at some time just what its frame
+            // takes.
             for same in 0..len {
                 let raw: Vec<u8> = (0..len).map(|i| if i % 8 * rows + i / 8 < same { 7 } else { noise(i) }).collect();
                 let encoded = encoder.encode(&raw, 8).unwrap().len();

@@ -5,7 +5,8 @@ use std::ops::Range;
 use crate::error::StoreError;
 use crate::format::{MAX_TILE, MAX_TILES};
 
-/// A (K, K) lower triangle cut into tiles of `tile` rows and columns; the last row and column of tiles take what is left.
+/// A (K, K) lower triangle cut into tiles of `tile` rows and columns; the last row and column of tiles take what is
+/// left.
 ///
 /// Tiles are numbered tile column after tile column, each from the diagonal down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -11,8 +11,8 @@ use crate::factor::header::FactorHeader;
 use crate::factor::spec::FactorSpec;
 use crate::scheme::Scalar;
 
-/// An open factor whose header, table and footer are sound. Tiles are checked when they are first read. Clones share the
-/// open file.
+/// An open factor whose header, table and footer are sound. Tiles are checked when they are first read. Clones share
+/// the open file.
 #[derive(Debug, Clone)]
 pub struct FactorFile {
     container: Arc<Container<FactorHeader>>,

@@ -131,8 +131,8 @@ impl FactorWriter {
         }
     }
 
-    /// Writes header, table and footer, waits for the disk, and gives the file its name. Returns its length in bytes, or
-    /// `None` when another builder has published the same factor first, which then stays.
+    /// Writes header, table and footer, waits for the disk, and gives the file its name. Returns its length in bytes,
+    /// or `None` when another builder has published the same factor first, which then stays.
     ///
     /// # Errors
     ///
@@ -145,7 +145,8 @@ impl FactorWriter {
         self.header.condition = condition;
         let path = self.file.path().to_path_buf();
         let published = self.file.publish(&self.header)?;
-        // Also where another builder was faster, which may not have come to this yet: who returns says that it is there.
+        // Also where another builder was faster, which may not have come to this yet: who returns says that it is
+        // there.
         folder::sync(path.parent().unwrap_or(Path::new(".")))?;
         Ok(published)
     }

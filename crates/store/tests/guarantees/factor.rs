@@ -30,8 +30,8 @@ fn a_factor_holds_the_tiles_that_were_put() {
     }
 }
 
-/// The values that were put come back in double precision, also where single precision is stored, and in the end nothing
-/// but the factor is there. Of two that were written at once the first stays.
+/// The values that were put come back in double precision, also where single precision is stored, and in the end
+/// nothing but the factor is there. Of two that were written at once the first stays.
 #[test]
 fn tiles_are_read_back_while_the_rest_is_written() {
     let key = SchemeKey::of(&directions(), Scalar::F64);

@@ -1,5 +1,5 @@
-//! Every field of a header is checked before it is used. For each there is a header that lies in it, with every hash made to
-//! fit; what follows from a lie is found wrong at the first thing that doesn't agree with it.
+//! Every field of a header is checked before it is used. For each there is a header that lies in it, with every hash
+//! made to fit; what follows from a lie is found wrong at the first thing that doesn't agree with it.
 
 use spharm_store::{DegreeFile, FactorFile, Scalar, StoreError};
 

@@ -12,9 +12,9 @@
 //!
 //! Last, the axes are stretched to the extents of an adult's cerebrum.
 //!
-//! The constants were chosen by eye, so that pictures look like gyri and sulci, and by measurement over the icosphere of
-//! 40,962 vertices: 1.4 % of variant 0's triangles face its middle, and fits to it (least squares, NumPy) have
-//! msd 7.7e-4 at degree 10 (about 3 mm off), 1.2e-5 at degree 60 and 7.4e-7 at degree 100 (0.1 mm).
+//! The constants were chosen by eye, so that pictures look like gyri and sulci, and by measurement over the icosphere
+//! of 40,962 vertices: 1.4 % of variant 0's triangles face its middle, and fits to it (least squares, NumPy) have msd
+//! 7.7e-4 at degree 10 (about 3 mm off), 1.2e-5 at degree 60 and 7.4e-7 at degree 100 (0.1 mm).
 
 use super::icosphere;
 use super::random::SplitMix64;
@@ -116,7 +116,8 @@ impl Folding {
     }
 }
 
-/// Returns the bytes that [`cortex`] takes, both meshes included: 48 a vertex for the surface beside what the sphere takes.
+/// Returns the bytes that [`cortex`] takes, both meshes included: 48 a vertex for the surface beside what the sphere
+/// takes.
 ///
 /// # Panics
 ///

@@ -35,8 +35,8 @@ pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
     [10 * quarter + 2, 20 * quarter]
 }
 
-/// Returns the bytes that [`icosphere`] takes, the mesh included: 48 a vertex for it, 12 for that of one subdivision fewer, and
-/// up to 26 for the table of that one's edges.
+/// Returns the bytes that [`icosphere`] takes, the mesh included: 48 a vertex for it, 12 for that of one subdivision
+/// fewer, and up to 26 for the table of that one's edges.
 ///
 /// # Panics
 ///

@@ -1,9 +1,9 @@
 //! Surfaces of a study: subjects of two groups that differ by a bump of known place and height, in any pose.
 //!
-//! A subject is an elongated body, some 40 mm long: `r(u) = 1 + sum a_k cos(k . u + p_k)` over the unit sphere with waves
-//! that differ from subject to subject, stretched along its axes, bent, and moved by a random rotation and translation. In
-//! the second group the surface is moved outwards by `bump exp(-angle^2 / (2 width^2))` about one place. The mesh has no
-//! sphere: an icosphere's triangles, which the pose has nothing to do with.
+//! A subject is an elongated body, some 40 mm long: `r(u) = 1 + sum a_k cos(k . u + p_k)` over the unit sphere with
+//! waves that differ from subject to subject, stretched along its axes, bent, and moved by a random rotation and
+//! translation. In the second group the surface is moved outwards by `bump exp(-angle^2 / (2 width^2))` about one
+//! place. The mesh has no sphere: an icosphere's triangles, which the pose has nothing to do with.
 
 use super::icosphere;
 use super::random::SplitMix64;

@@ -18,8 +18,8 @@ pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
     }
 }
 
-/// Checks that there are vertices and triangles, that positions are finite, and that triangles name vertices that exist, as
-/// is done with every mesh that is read or written. Messages name `path`, or "the surface".
+/// Checks that there are vertices and triangles, that positions are finite, and that triangles name vertices that
+/// exist, as is done with every mesh that is read or written. Messages name `path`, or "the surface".
 ///
 /// # Errors
 ///

@@ -104,8 +104,8 @@ fn count(cursor: &mut Cursor<'_>, what: &str) -> Result<u64, Flaw> {
     u64::try_from(n).map_err(|_| Flaw::new(format!("a number of {what}"), n.to_string()))
 }
 
-/// Writes a triangle surface, with the comment and the footer it came with; the volume's geometry of a GIfTI file makes a
-/// footer too.
+/// Writes a triangle surface, with the comment and the footer it came with; the volume's geometry of a GIfTI file makes
+/// a footer too.
 pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&SURFACE_MAGIC)?;
     let stamp = mesh.meta.freesurfer_stamp.as_deref().unwrap_or("created by spharm");

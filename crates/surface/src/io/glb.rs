@@ -1,7 +1,8 @@
 //! Binary glTF 2.0 (`.glb`), for viewers: positions, normals, triangles, and a colour and a value at each vertex.
 //!
-//! A header, a chunk of JSON, a chunk of bytes. Positions are the mesh's own, in its unit, though glTF's unit is the metre and
-//! its y axis points up. Colours are linear in glTF, and are converted from sRGB. A value is the attribute `_NAME`.
+//! A header, a chunk of JSON, a chunk of bytes. Positions are the mesh's own, in its unit, though glTF's unit is the
+//! metre and its y axis points up. Colours are linear in glTF, and are converted from sRGB. A value is the attribute
+//! `_NAME`.
 //!
 //! Source: Khronos Group, glTF 2.0 specification, sections 3 and 4.
 

@@ -1,7 +1,7 @@
 //! Temporary files that killed processes left behind.
 //!
-//! A writer holds a lock on its temporary file. One whose lock is free belongs to nobody; where the file system has no locks, one
-//! to which nobody has written for a day.
+//! A writer holds a lock on its temporary file. One whose lock is free belongs to nobody; where the file system has no
+//! locks, one to which nobody has written for a day.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -36,7 +36,8 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     }
 }
 
-/// Removes the temporary files of a folder that no process is writing any more, and returns which. What can't be removed stays.
+/// Removes the temporary files of a folder that no process is writing any more, and returns which. What can't be
+/// removed stays.
 ///
 /// # Errors
 ///
@@ -50,7 +51,8 @@ pub fn remove_leftovers(folder: impl AsRef<Path>) -> io::Result<Vec<PathBuf>> {
         if !name.starts_with(PREFIX) || !name.ends_with(SUFFIX) || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
             continue;
         }
-        // It may have been finished since it was listed. The lock is held while it is removed, so that who has only just made it sees.
+        // It may have been finished since it was listed. The lock is held while it is removed, so that who has only
+        // just made it sees.
         let Ok(file) = File::open(entry.path()) else { continue };
         let abandoned = match file.try_lock() {
             Ok(()) => true,

@@ -55,8 +55,8 @@ pub(super) fn is_gzip(bytes: &[u8]) -> bool {
 /// Bytes that are inflated at a time.
 const PIECE: usize = 1 << 20;
 
-/// Inflates a gzipped file. What goes beyond [`most_expanded`] is taken for a bomb, and what is free is asked for before each
-/// time that more memory is taken.
+/// Inflates a gzipped file. What goes beyond [`most_expanded`] is taken for a bomb, and what is free is asked for
+/// before each time that more memory is taken.
 pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Flaw> {
     let limit = most_expanded(bytes.len() as u64);
     let mut decoder = flate2::read::MultiGzDecoder::new(bytes).take(limit);

@@ -6,12 +6,12 @@ use std::path::Path;
 
 use super::load::is_gzip;
 
-/// Returns about the most bytes that reading a mesh, a signal or a model takes, what is returned included; 0 for what isn't a
-/// regular file.
+/// Returns about the most bytes that reading a mesh, a signal or a model takes, what is returned included; 0 for what
+/// isn't a regular file.
 ///
-/// A file of F bytes is read whole, and holds a mesh of less than 2 F bytes in memory: 24 a vertex and 12 a triangle. GIfTI has
-/// compressed data in base64, a few times smaller than what they hold. Of a gzipped file its last four bytes tell the size. What
-/// holds far more than its size says is found when it is decoded.
+/// A file of F bytes is read whole, and holds a mesh of less than 2 F bytes in memory: 24 a vertex and 12 a triangle.
+/// GIfTI has compressed data in base64, a few times smaller than what they hold. Of a gzipped file its last four bytes
+/// tell the size. What holds far more than its size says is found when it is decoded.
 ///
 /// Measured on an icosphere of 655,362 vertices: PLY 2.3 F, OBJ, OFF and VTK 1.4 F, STL 2.1 F, GIfTI 6.5 F.
 #[must_use]

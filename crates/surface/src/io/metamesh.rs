@@ -1,7 +1,8 @@
 //! MetaMesh (`.meta`): the surfaces and parameterisations of SPHARM-PDM, written by ITK as text.
 //!
-//! Lines `Key = value`; after `Points =` a line `ID x y z` a point, after `Cells =` a line `ID a b c` a cell, whose corners are
-//! points' numbers. A surface and its parameterisation are a pair of files with the same points in the same order.
+//! Lines `Key = value`; after `Points =` a line `ID x y z` a point, after `Cells =` a line `ID a b c` a cell, whose
+//! corners are points' numbers. A surface and its parameterisation are a pair of files with the same points in the same
+//! order.
 //!
 //! Source: ITK's MetaIO, `metaMesh.cxx`.
 

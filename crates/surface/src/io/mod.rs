@@ -16,11 +16,12 @@
 //!
 //! Landmarks have formats of their own, see [`landmarks`].
 //!
-//! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of them, [`check_output`] the check of an output's name.
+//! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of them, [`check_output`] the check of an output's
+//! name.
 //!
-//! A count in a header is compared with the bytes of the file before memory is allocated for it. A file is read whole: what
-//! it holds takes a few times its bytes in memory at most. What compressed ones expand to is held against [`most_expanded`]
-//! and the memory that is free, before and while they are decoded.
+//! A count in a header is compared with the bytes of the file before memory is allocated for it. A file is read whole:
+//! what it holds takes a few times its bytes in memory at most. What compressed ones expand to is held against
+//! [`most_expanded`] and the memory that is free, before and while they are decoded.
 
 mod atomic;
 mod bytes;
@@ -89,9 +90,10 @@ pub struct WriteOptions {
 ///
 /// [`Io`](SurfaceError::Io), [`NotAFile`](SurfaceError::NotAFile), [`NotAMesh`](SurfaceError::NotAMesh),
 /// [`VolumeInput`](SurfaceError::VolumeInput), [`UnknownFormat`](SurfaceError::UnknownFormat),
-/// [`Malformed`](SurfaceError::Malformed), [`Unsupported`](SurfaceError::Unsupported); for contents that make no surface
-/// [`Empty`](SurfaceError::Empty), [`NonFinite`](SurfaceError::NonFinite),
-/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`TooLarge`](SurfaceError::TooLarge). Whether the surface is closed is checked by [`Topology`](crate::topology::Topology).
+/// [`Malformed`](SurfaceError::Malformed), [`Unsupported`](SurfaceError::Unsupported); for contents that make no
+/// surface [`Empty`](SurfaceError::Empty), [`NonFinite`](SurfaceError::NonFinite),
+/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`TooLarge`](SurfaceError::TooLarge). Whether the surface is
+/// closed is checked by [`Topology`](crate::topology::Topology).
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
     let path = path.as_ref();
     match read_input(path)? {
@@ -213,8 +215,8 @@ pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOpti
     write_signal_of(path, signal, None, options)
 }
 
-/// Writes values on the vertices of a structure, such as `CortexLeft`, which GIfTI keeps as `AnatomicalStructurePrimary` and
-/// other formats don't; Workbench asks for it. See [`write_signal`].
+/// Writes values on the vertices of a structure, such as `CortexLeft`, which GIfTI keeps as
+/// `AnatomicalStructurePrimary` and other formats don't; Workbench asks for it. See [`write_signal`].
 ///
 /// # Errors
 ///

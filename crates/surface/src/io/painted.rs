@@ -15,8 +15,8 @@ pub const PAINTED: &[&str] = &[".ply", ".glb", ".vtk", ".shape.gii", ".func.gii"
 ///
 /// # Errors
 ///
-/// As [`write_mesh`](super::write_mesh()); also where the name doesn't end in `.ply`, an attribute's length isn't the number of
-/// vertices or its name isn't one word.
+/// As [`write_mesh`](super::write_mesh()); also where the name doesn't end in `.ply`, an attribute's length isn't the
+/// number of vertices or its name isn't one word.
 pub fn write_ply(
     path: impl AsRef<Path>,
     mesh: &Mesh,
@@ -35,8 +35,8 @@ pub fn write_ply(
 }
 
 /// Writes what a viewer of the name's format shows of a value at each vertex: `.ply` and `.glb` the mesh with value and
-/// colour, `.vtk` the mesh with the value as `POINT_DATA`, `.shape.gii` and `.func.gii` the values alone, which are shown
-/// over a surface of the same vertices.
+/// colour, `.vtk` the mesh with the value as `POINT_DATA`, `.shape.gii` and `.func.gii` the values alone, which are
+/// shown over a surface of the same vertices.
 ///
 /// # Errors
 ///

@@ -27,8 +27,8 @@ pub struct FormatSpec {
     pub precision: Precision,
     /// Whether the order of the vertices is kept. Where it isn't, a surface and its sphere no longer correspond.
     pub keeps_order: bool,
-    /// Whether names that begin with a hemisphere, `lh.` or `rh.`, and have no other format's ending ask for it. Its own
-    /// endings are words that say little of a file's format.
+    /// Whether names that begin with a hemisphere, `lh.` or `rh.`, and have no other format's ending ask for it. Its
+    /// own endings are words that say little of a file's format.
     pub hemisphere_prefix: bool,
     /// Values that a vertex may have at most.
     pub most_channels: usize,

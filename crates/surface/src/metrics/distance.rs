@@ -14,13 +14,13 @@
 //!
 //! d is 1-Lipschitz, and no point of a small triangle is further from its centroid than 2/3 of its longest edge. So the
 //! true Hausdorff distance is at least the one found and at most 2/3 of the longest such edge (`spacing`) above it,
-//! which is [`SurfaceDistance::bound`]. Mean and root mean square are within the same bound, in practice far closer: the
-//! midpoint rule's error is of second order where d is smooth.
+//! which is [`SurfaceDistance::bound`]. Mean and root mean square are within the same bound, in practice far closer:
+//! the midpoint rule's error is of second order where d is smooth.
 //!
 //! # Cost
 //!
-//! O((n + samples) log n) time: two surfaces of 80,000 triangles, 200,000 points and 40,962 vertices on each, take 0.5 s
-//! on two cores. Memory is linear, about 200 bytes a triangle and 60 a point.
+//! O((n + samples) log n) time: two surfaces of 80,000 triangles, 200,000 points and 40,962 vertices on each, take 0.5
+//! s on two cores. Memory is linear, about 200 bytes a triangle and 60 a point.
 //!
 //! After Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces", Computer Graphics Forum 17
 //! (1998), with a grid in place of random points.
@@ -162,9 +162,9 @@ impl SurfaceDistance {
 
 /// Returns the bytes that [`surface_distance`] of these surfaces takes beside them.
 ///
-/// A tree over one of them, 250 a triangle while it is built; how each triangle is cut, 120 a triangle; 136 a point, vertices
-/// included: its place, twice while places are collected, its distance, and distance and area of it, twice while they are
-/// sorted. The points are counted as they will be made.
+/// A tree over one of them, 250 a triangle while it is built; how each triangle is cut, 120 a triangle; 136 a point,
+/// vertices included: its place, twice while places are collected, its distance, and distance and area of it, twice
+/// while they are sorted. The points are counted as they will be made.
 ///
 /// # Panics
 ///

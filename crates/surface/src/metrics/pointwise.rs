@@ -65,8 +65,8 @@ pub fn distances_to_surface(
     nearest_distances(&tree, points, none, monitor)
 }
 
-/// Returns the bytes that [`distances_to_surface`] takes for a surface of so many triangles and so many points: the tree, 250 a
-/// triangle while it is built, and a distance a point.
+/// Returns the bytes that [`distances_to_surface`] takes for a surface of so many triangles and so many points: the
+/// tree, 250 a triangle while it is built, and a distance a point.
 #[must_use]
 pub fn distances_to_surface_bytes(faces: usize, points: usize) -> u64 {
     250 * faces as u64 + 8 * points as u64
@@ -82,8 +82,9 @@ pub(super) fn nearest_distances(
     /// Points between which the monitor is asked. One in the middle of a sphere is as near to all of its triangles, and
     /// takes milliseconds.
     const CHUNK: usize = 16;
-    /// Points that are looked for one after another, each from the triangle that is nearest to the one before: most follow
-    /// their neighbours. Where triangles are as near but for rounding, the order of points can change a last digit.
+    /// Points that are looked for one after another, each from the triangle that is nearest to the one before: most
+    /// follow their neighbours. Where triangles are as near but for rounding, the order of points can change a last
+    /// digit.
     const RUN: usize = 16 * CHUNK;
     monitor.begin(Stage::counted("distance", "points"), points.len() as u64);
     let mut distances = vec![0.0; points.len()];

@@ -21,8 +21,8 @@ pub struct Distances {
     pub msd_raw: f64,
     /// Maximal squared distance, in squared units of the coordinates (mm^2).
     pub xsd_raw: f64,
-    /// Root of `msd_raw`, in units of the coordinates (mm): also where the square leaves the range of f64, and `msd_raw` is at
-    /// its end.
+    /// Root of `msd_raw`, in units of the coordinates (mm): also where the square leaves the range of f64, and
+    /// `msd_raw` is at its end.
     pub rms_raw: f64,
     /// Root of `xsd_raw`, likewise.
     pub max_raw: f64,
@@ -73,8 +73,8 @@ pub fn squared_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> 
 ///
 /// # Errors
 ///
-/// [`TopologyDiffers`](SurfaceError::TopologyDiffers) or [`LengthMismatch`](SurfaceError::LengthMismatch) where the meshes
-/// don't have the same triangles over the same number of vertices, [`FlatBox`](SurfaceError::FlatBox).
+/// [`TopologyDiffers`](SurfaceError::TopologyDiffers) or [`LengthMismatch`](SurfaceError::LengthMismatch) where the
+/// meshes don't have the same triangles over the same number of vertices, [`FlatBox`](SurfaceError::FlatBox).
 pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, SurfaceError> {
     if original.faces.len() != reconstruction.faces.len() {
         return Err(SurfaceError::LengthMismatch {
@@ -107,7 +107,8 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
     })
 }
 
-/// Mean, maximum and its place. A NaN anywhere makes both NaN, so that a broken reconstruction isn't taken for a good one.
+/// Mean, maximum and its place. A NaN anywhere makes both NaN, so that a broken reconstruction isn't taken for a good
+/// one.
 fn summarise(squared: &[f64], scale: f64) -> Distances {
     let msd_raw = squared.iter().sum::<f64>() / squared.len() as f64;
     let mut worst = (0, f64::NEG_INFINITY);

@@ -1,10 +1,10 @@
 //! Rotations that lie close to every other one.
 //!
 //! The 60 rotations of an icosahedron are, as quaternions, the vertices of the 600-cell (J. Conway and D. Smith, "On
-//! Quaternions and Octonions", 2003, chapter 3): none is farther than 44.5 degrees from one of them. Around each the same
-//! small turns fill its cell, at the points of a body-centred lattice of rotation vectors: together 3,900 rotations, none
-//! farther than 14 degrees from one. Among them are the half turns about three axes, and the cyclic exchanges of these; the
-//! other rotations of a cube, by which principal axes are brought to each other, go with them.
+//! Quaternions and Octonions", 2003, chapter 3): none is farther than 44.5 degrees from one of them. Around each the
+//! same small turns fill its cell, at the points of a body-centred lattice of rotation vectors: together 3,900
+//! rotations, none farther than 14 degrees from one. Among them are the half turns about three axes, and the cyclic
+//! exchanges of these; the other rotations of a cube, by which principal axes are brought to each other, go with them.
 
 use crate::geometry::dot;
 use crate::matrix3::{Matrix3, angle_between, exponential, of_quaternion, product};

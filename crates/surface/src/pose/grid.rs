@@ -1,9 +1,9 @@
 //! Which piece of a surface is nearest, nearly, at once: a table over a box of cells.
 //!
-//! Thousands of rotations are looked at before one is improved, and a search in a tree takes 0.15 us. The table has, for
-//! every cell, the point nearest to its middle; what lies outside the box is moved onto it. The point isn't always the
-//! nearest to what lies elsewhere in the cell, but distances are to the disk that it stands for, so that a neighbour does.
-//! 32,768 cells in the box of the principal axes: 64 KiB.
+//! Thousands of rotations are looked at before one is improved, and a search in a tree takes 0.15 us. The table has,
+//! for every cell, the point nearest to its middle; what lies outside the box is moved onto it. The point isn't always
+//! the nearest to what lies elsewhere in the cell, but distances are to the disk that it stands for, so that a
+//! neighbour does. 32,768 cells in the box of the principal axes: 64 KiB.
 
 use super::level::Level;
 use crate::geometry::{Vec3, add, scale, sub};

@@ -5,9 +5,9 @@
 //! with two poses that are nearly as good takes the one in which it is nearer to the others. This is repeated until no
 //! pose changes: two ends of a nearly symmetric body may differ by little, which only others in the right pose show. At
 //! last each moves to all of the others, or to [`OTHERS`] of them, at once: with no mean surface between them, which
-//! would have no member's shape, the distances of the pairs decrease, as in a generalised Procrustes analysis (J. Gower,
-//! Psychometrika 40, 1975) with nearest points for places. They are weighted so that a part that only some members have
-//! doesn't turn them. The group lies where the typical one lies.
+//! would have no member's shape, the distances of the pairs decrease, as in a generalised Procrustes analysis (J.
+//! Gower, Psychometrika 40, 1975) with nearest points for places. They are weighted so that a part that only some
+//! members have doesn't turn them. The group lies where the typical one lies.
 
 use std::fmt;
 
@@ -119,8 +119,8 @@ impl fmt::Display for GroupPoseWarning {
     }
 }
 
-/// A member's mirror image is named where it is nearer to the others by this factor: of bodies that are their own mirror
-/// images it is nearer by up to 0.97, and hippocampi of the other side by 0.82 to 0.89.
+/// A member's mirror image is named where it is nearer to the others by this factor: of bodies that are their own
+/// mirror images it is nearer by up to 0.97, and hippocampi of the other side by 0.82 to 0.89.
 const NEARER_MIRRORED: f64 = 0.94;
 /// Steps of a mirror image to the others.
 const MIRRORED_STEPS: usize = 3;
@@ -259,7 +259,8 @@ impl Group<'_> {
         found.iter().map(|distance| distance.min(most).powi(2)).sum::<f64>() / found.len() as f64
     }
 
-    /// The pose of each, where two are nearly as good the one that is nearer to the others; and where even they don't tell.
+    /// The pose of each, where two are nearly as good the one that is nearer to the others; and where even they don't
+    /// tell.
     fn decided(&self, poses: &[Pose]) -> Result<(Vec<Similarity>, Vec<GroupPoseWarning>), Interrupted> {
         let close = |pose: &Pose| pose.other.filter(|_| pose.second < CLOSE * pose.distance);
         let mut motions: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
@@ -313,8 +314,8 @@ impl Group<'_> {
         others.map(|other| (self.surfaces[other].view(Density::Some), motions[other])).collect()
     }
 
-    /// Members whose mirror images are nearer to the others: reflected at the planes of the group's principal axes, and at its
-    /// centre.
+    /// Members whose mirror images are nearer to the others: reflected at the planes of the group's principal axes, and
+    /// at its centre.
     fn mirrored(
         &self,
         motions: &[Similarity],

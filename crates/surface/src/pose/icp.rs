@@ -7,10 +7,10 @@
 //! sum_pairs (n . (x - q))^2 + tangential |x - q|^2
 //! ```
 //!
-//! by one step of Gauss and Newton: to planes (Y. Chen and G. Medioni, Image and Vision Computing 10, 1992), along which
-//! surfaces slide freely, and a little to points (P. Besl and N. McKay, IEEE TPAMI 14, 1992), which determines what planes
-//! leave open, as on a ball. Pairs beyond the quantile `1 - trimmed` of all distances are left out of a round (D. Chetverikov
-//! et al., Image and Vision Computing 23, 2005).
+//! by one step of Gauss and Newton: to planes (Y. Chen and G. Medioni, Image and Vision Computing 10, 1992), along
+//! which surfaces slide freely, and a little to points (P. Besl and N. McKay, IEEE TPAMI 14, 1992), which determines
+//! what planes leave open, as on a ball. Pairs beyond the quantile `1 - trimmed` of all distances are left out of a
+//! round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
 //!
 //! A pair's distance is that to a disk: each point stands for a piece of the surface that reaches
 //! its radius along its tangent plane. So 256 points measure distances far below their spacing.
@@ -84,9 +84,9 @@ pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rou
 
 /// Returns the motion after one step to several surfaces at once, each of which lies where its own motion brings it.
 ///
-/// Pairs have Cauchy's weights `1 / (1 + d^2 / (1.5 m)^2)`, m the median of their distances d (P. Holland and R. Welsch,
-/// "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977): a bump that some
-/// surfaces have doesn't turn them against the others.
+/// Pairs have Cauchy's weights `1 / (1 + d^2 / (1.5 m)^2)`, m the median of their distances d (P. Holland and R.
+/// Welsch, "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977): a
+/// bump that some surfaces have doesn't turn them against the others.
 pub(super) fn step_to_all(
     moving: View<'_>,
     fixed: &[(View<'_>, Similarity)],
@@ -118,7 +118,8 @@ pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, t
     (pairs.iter().map(|pair| pair.square).sum::<f64>() / pairs.len().max(1) as f64).sqrt()
 }
 
-/// Returns the mean distance both ways after a motion: to look at many, without the trouble of leaving out the farthest.
+/// Returns the mean distance both ways after a motion: to look at many, without the trouble of leaving out the
+/// farthest.
 pub(super) fn mean_distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity) -> f64 {
     let back = motion.inverse();
     let there = moving.asking.points.iter().map(|p| {

@@ -1,17 +1,18 @@
 //! The motion that brings one surface onto another, by the surfaces alone.
 //!
-//! A pose that is decided by distances at equal directions depends on how each surface was mapped to the sphere. Here nothing
-//! but the surfaces counts, whatever their topology and triangles. With d the distance of a point from the other surface,
+//! A pose that is decided by distances at equal directions depends on how each surface was mapped to the sphere. Here
+//! nothing but the surfaces counts, whatever their topology and triangles. With d the distance of a point from the
+//! other surface,
 //!
 //! ```text
 //! distance^2 = mean of the least 1 - trimmed of { d(x_i, B)^2, d(y_j, A)^2 },   x_i on A, y_j on B
 //! ```
 //!
-//! over points even in area is least at the pose that is looked for. It has many local minima, so the search starts from a
-//! covering of all rotations, laid out by both surfaces' principal axes, so that the outcome doesn't depend on the pose that a
-//! surface comes in. All 3,900 are looked at by 256 points of each surface; the best 32, which differ by 15 degrees or
-//! more, are improved by nearest points both ways, the best 6 of their ends on 1,024 points, and 2 on 4,096. A part of the area that has no counterpart, such as a process that
-//! is cut off, is left out by `trimmed`.
+//! over points even in area is least at the pose that is looked for. It has many local minima, so the search starts
+//! from a covering of all rotations, laid out by both surfaces' principal axes, so that the outcome doesn't depend on
+//! the pose that a surface comes in. All 3,900 are looked at by 256 points of each surface; the best 32, which differ
+//! by 15 degrees or more, are improved by nearest points both ways, the best 6 of their ends on 1,024 points, and 2 on
+//! 4,096. A part of the area that has no counterpart, such as a process that is cut off, is left out by `trimmed`.
 //!
 //! Symmetric and nearly symmetric surfaces have several equally good poses: [`Pose::second`] is the distance of the
 //! second best.
@@ -63,8 +64,8 @@ pub struct Pose {
     /// Root mean square distance of the surfaces after it, both ways, of all points but the trimmed ones, in the fixed
     /// surface's unit.
     pub distance: f64,
-    /// The same after the best motion whose rotation is another by more than [`DISTINCT`]; infinite where every start came
-    /// to the same end.
+    /// The same after the best motion whose rotation is another by more than [`DISTINCT`]; infinite where every start
+    /// came to the same end.
     pub second: f64,
     /// That motion.
     pub other: Option<Similarity>,
@@ -93,8 +94,8 @@ struct Stage {
     go_on: usize,
 }
 
-/// Candidates farther than the best by this factor don't go on: few points don't tell nearer ones apart, of which a square rod has
-/// eight.
+/// Candidates farther than the best by this factor don't go on: few points don't tell nearer ones apart, of which a
+/// square rod has eight.
 const CANDIDATE: f64 = 1.5;
 /// Trimmed distances within this factor count as equal; untrimmed ones decide between them.
 const EQUAL: f64 = 1.03;
@@ -240,7 +241,8 @@ fn staged(
     Ok(distinct(found.into_iter().collect::<Result<Vec<_>, _>>()?, stage.candidates))
 }
 
-/// Motions that are nearly as good as the best, `least` of them or more, in the order of their distances by the points of a density.
+/// Motions that are nearly as good as the best, `least` of them or more, in the order of their distances by the points
+/// of a density.
 fn measured(
     moving: &PoseSurface,
     fixed: &PoseSurface,

@@ -24,7 +24,8 @@ pub struct PoseSurface {
     pub lengths: Vec3,
     /// Its area, in the square of its unit.
     pub area: f64,
-    /// The volume that its triangles enclose with the centre, in the cube of its unit; below zero of one that is inside out.
+    /// The volume that its triangles enclose with the centre, in the cube of its unit; below zero of one that is inside
+    /// out.
     pub volume: f64,
 }
 

@@ -167,8 +167,8 @@ fn a_group_comes_together_and_strangers_are_named() {
     assert_eq!(far, [5], "{found:?}");
     assert!(found.distances[..5].iter().all(|d| *d < 0.3), "{found:?}");
     assert!(found.template < 5);
-    // All lumps are brought to the same place by what moved them and what brought them back, but for the 6 % of 6 by which
-    // they differ.
+    // All lumps are brought to the same place by what moved them and what brought them back, but for the 6 % of 6 by
+    // which they differ.
     let [first, second] = [0, 3].map(|n| moved[n].then(&found.similarities[n]));
     let off = sub(first.apply([9.0, 0.0, 0.0]), second.apply([9.0, 0.0, 0.0]));
     assert!(dot(off, off).sqrt() < 0.36, "{off:?}");
@@ -180,8 +180,8 @@ fn a_group_comes_together_and_strangers_are_named() {
 #[test]
 fn a_bump_that_half_of_a_group_has_turns_no_one() {
     let ball = icosphere(4);
-    // Nearly round across its length, so that little keeps it from turning, wider at one end and bent, so that no half turn
-    // brings it to itself.
+    // Nearly round across its length, so that little keeps it from turning, wider at one end and bent, so that no half
+    // turn brings it to itself.
     let body = |v: &Vec3, height: f64| {
         let bump = 1.0 + height * (12.0 * (dot(*v, [0.48, 0.64, 0.6]) - 1.0)).exp();
         [(1.0 + 0.2 * v[0]) * 12.0 * v[0], bump * 7.0 * v[1], bump * 6.0 * v[2] + 2.0 * v[0] * v[0]]

@@ -72,8 +72,8 @@ impl Cut {
     }
 }
 
-/// How near a triangle comes to the sphere's centre where it is so large that its samples are further apart on the sphere than
-/// on itself; 1 for others.
+/// How near a triangle comes to the sphere's centre where it is so large that its samples are further apart on the
+/// sphere than on itself; 1 for others.
 fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
     /// Of triangles with edges of about 50 degrees.
     const LARGE: f64 = 0.9;
@@ -88,8 +88,8 @@ fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
 /// The nodes of Gauss's rule of two points on -1 to 1 are at plus and minus 1 / sqrt 3.
 const GAUSS: f64 = 0.577_350_269_189_625_8;
 
-/// Nodes and weights of Gauss's rule of two points for the weight s on `from..to`: a layer's width grows from the apex. The
-/// nodes are the roots of `s^2 + b s + c`, orthogonal to 1 and s; a weight is half of the layer's part of the area.
+/// Nodes and weights of Gauss's rule of two points for the weight s on `from..to`: a layer's width grows from the apex.
+/// The nodes are the roots of `s^2 + b s + c`, orthogonal to 1 and s; a weight is half of the layer's part of the area.
 fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
     // About the layer's middle, where moments don't cancel: s = middle + half u, with weight (middle + half u) du.
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));

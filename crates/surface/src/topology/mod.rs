@@ -94,7 +94,8 @@ impl Topology {
         }
     }
 
-    /// Returns whether this is one closed, orientable, consistently wound surface of genus zero with no vertex left over.
+    /// Returns whether this is one closed, orientable, consistently wound surface of genus zero with no vertex left
+    /// over.
     #[must_use]
     pub fn is_sphere(&self) -> bool {
         self.genus() == Some(0) && self.unreferenced_vertices == 0

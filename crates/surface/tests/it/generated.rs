@@ -1,5 +1,5 @@
-//! Made-up surfaces are the ones that they were: by what defines them, and by the places of some of their vertices, which
-//! examples, tests and figures of the documentation stand on. Between machines the last bits may differ.
+//! Made-up surfaces are the ones that they were: by what defines them, and by the places of some of their vertices,
+//! which examples, tests and figures of the documentation stand on. Between machines the last bits may differ.
 
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, Study, Torus, cortex, double_torus, torus};
@@ -76,7 +76,8 @@ fn surfaces_are_the_ones_that_they_were() {
     assert_eq!([double_torus(32).vertices.len(), double_torus(32).faces.len()], [986, 1976]);
 }
 
-/// Without the bump the groups differ by their waves and poses alone; with it by the volume under a bump of that height.
+/// Without the bump the groups differ by their waves and poses alone; with it by the volume under a bump of that
+/// height.
 #[test]
 fn a_studys_second_group_has_a_bump() {
     let volume = |bump, second| signed_volume(&Study { subdivisions: 4, seed: 3, bump }.subject(4, second));

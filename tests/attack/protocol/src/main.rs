@@ -1,4 +1,5 @@
-//! Checks the model in all its variants, and that each break of the protocol is noticed. The last line is a JSON object.
+//! Checks the model in all its variants, and that each break of the protocol is noticed. The last line is a JSON
+//! object.
 
 mod model;
 

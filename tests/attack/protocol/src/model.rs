@@ -1,8 +1,8 @@
-//! The steps of `store-format.md`, "Writing", for one file: two builders, a `gc` that never ends, a reader, and at any moment
-//! a kill or a power cut.
+//! The steps of `store-format.md`, "Writing", for one file: two builders, a `gc` that never ends, a reader, and at any
+//! moment a kill or a power cut.
 //!
-//! A power cut is harsher than a journal: each name that wasn't brought to disk may be there or not, on its own, and so may
-//! the contents of each file.
+//! A power cut is harsher than a journal: each name that wasn't brought to disk may be there or not, on its own, and so
+//! may the contents of each file.
 
 use stateright::{Model, Property};
 

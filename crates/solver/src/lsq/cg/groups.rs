@@ -1,8 +1,8 @@
 //! Columns in groups of a few at a time.
 //!
-//! Where products take a few columns at a time anyhow, each group is iterated to its own end. Its arrays stay in a thread's
-//! cache from one step to the next, threads wait for each other once, and a group that has converged takes no more products. In
-//! a run from x = 0 a group's iterates are those that it has without the others, bit for bit.
+//! Where products take a few columns at a time anyhow, each group is iterated to its own end. Its arrays stay in a
+//! thread's cache from one step to the next, threads wait for each other once, and a group that has converged takes no
+//! more products. In a run from x = 0 a group's iterates are those that it has without the others, bit for bit.
 
 use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;
@@ -15,8 +15,8 @@ use crate::lsq::problem::Problem;
 use crate::lsq::progress::Progress;
 
 impl Cg {
-    /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps). Where the first of them make too little progress
-    /// the others are left as they are.
+    /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps). Where the first of them make too little
+    /// progress the others are left as they are.
     ///
     /// The monitor gets the steps of a group when it has ended.
     pub(super) fn steps_of_groups(

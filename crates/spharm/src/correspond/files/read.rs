@@ -111,8 +111,8 @@ impl GroupFiles {
         (0..taken).map(of).collect()
     }
 
-    /// Reads some of the members, named by their places in [`names`](Self::names), as a group of their own. Its report has the
-    /// members' figures; warnings stay the texts that the files have.
+    /// Reads some of the members, named by their places in [`names`](Self::names), as a group of their own. Its report
+    /// has the members' figures; warnings stay the texts that the files have.
     ///
     /// # Errors
     ///

@@ -16,13 +16,13 @@ use crate::correspond::{Group, GroupTemplate, MemberReport, NewMember};
 use crate::model::{signed, versions};
 
 impl Group {
-    /// Writes the group into a folder, which is made; `origins` are those of the members, in their order. Nothing is left of
-    /// what can't be written whole.
+    /// Writes the group into a folder, which is made; `origins` are those of the members, in their order. Nothing is
+    /// left of what can't be written whole.
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] for names that can't be those of files, or are there twice; [`Error::Model`] and [`Error::Surface`]
-    /// for files that exist, unless `overwrite`, or can't be written.
+    /// [`Error::Setting`] for names that can't be those of files, or are there twice; [`Error::Model`] and
+    /// [`Error::Surface`] for files that exist, unless `overwrite`, or can't be written.
     pub fn write(&self, folder: &Path, origins: &[MemberOrigin], overwrite: bool) -> Result<(), Error> {
         let names: Vec<&str> = origins.iter().map(|origin| origin.name.as_str()).collect();
         check_names(&names, self.models.len())?;

@@ -61,7 +61,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     }
 }
 
-/// Writes text, version 3.0, which every VTK reads, with every digit; `scalar` are the name and the values of one at each vertex.
+/// Writes text, version 3.0, which every VTK reads, with every digit; `scalar` are the name and the values of one at
+/// each vertex.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, scalar: Option<(&str, &[f64])>) -> io::Result<()> {
     writeln!(out, "# vtk DataFile Version 3.0\nsurface by spharm\nASCII\nDATASET POLYDATA")?;
     writeln!(out, "POINTS {} double", mesh.vertices.len())?;
