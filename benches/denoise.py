@@ -85,7 +85,7 @@ def main():
                 for target in ("vertices", "surface"):
                     found = {}
                     for option in ((), ("--denoise",)):
-                        command = [spharm, "fit", "--sphere", data / sphere, "--surface", noisy, "--target", target]
+                        command = [spharm, "fit", "--sphere", data / sphere, "--surface", noisy, "--objective", target]
                         command += ["--max-degree", str(degree), "--no-surface-distance", "--json", "-q", "--force"]
                         command += [*option, "-o", model]
                         report = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)

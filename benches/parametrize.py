@@ -99,7 +99,7 @@ def run(*command):
 def least_squares(folder, surface, sphere, degree):
     """msd of the least squares at the vertices, and the Hausdorff distance at four times as many, at volume 1."""
     report, model, dense, back = (folder / name for name in ["fit.json", "model.spharm.npz", "four.obj", "back.ply"])
-    run("fit", "--sphere", sphere, "--surface", surface, "--target", "vertices", "--max-degree", degree, "-o", model,
+    run("fit", "--sphere", sphere, "--surface", surface, "--objective", "vertices", "--max-degree", degree, "-o", model,
         "--report", report, "--force", "-q")
     densify(sphere, dense, 1, True)
     run("reconstruct", "--model", model, "--sphere", dense, "--double", "-o", back, "--force", "-q")

@@ -97,7 +97,7 @@ fn a_body_meets_every_line_of_its_reference() {
     let results: Value = serde_json::from_slice(&std::fs::read(results).unwrap()).unwrap();
     meets_reference("body", (&sphere, &surface), &results, &[1, 40, 150], &[5, 10, 20]);
     let expected = &results["results"]["least-squares L=20"];
-    for method in [&["--method", "nlsf"][..], &["--method", "lsq", "--target", "vertices", "--strict"]] {
+    for method in [&["--method", "nlsf"][..], &["--method", "lsq", "--objective", "vertices", "--strict"]] {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("store");
         build(&store, &sphere, 20);

@@ -67,8 +67,8 @@ fn a_model_of_a_bare_mesh_is_held_between_its_vertices() {
         let msd = |distances: &Value| distances["msd_raw"].as_f64().expect("a number");
         (msd(&found["passes"][0]), msd(&found["between"]))
     };
-    let (at, between) = with(&["--target", "vertices", "--smoothness", "0"]);
-    let (held_at, held_between) = with(&["--target", "vertices"]);
+    let (at, between) = with(&["--objective", "vertices", "--smoothness", "0"]);
+    let (held_at, held_between) = with(&["--objective", "vertices"]);
     assert!(held_at < 1.5 * at, "{held_at:e} {at:e}");
     assert!(held_between < 0.1 * between, "{held_between:e} {between:e}");
     // As a surface it is as near between the vertices as at them.
@@ -87,7 +87,7 @@ fn a_wild_model_is_warned_of_and_a_smooth_one_on_large_triangles_is_not() {
         fit.arg("--surface").arg(&input).args([
             "--max-degree",
             degree,
-            "--target",
+            "--objective",
             "vertices",
             "--smoothness",
             "0",

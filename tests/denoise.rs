@@ -1,7 +1,7 @@
 //! Noise removed within fits, through the library and the program.
 
 use ndarray::Array2;
-use spharm::{Error, FitParams, FitTo, FitWarning, Kind, Model, Signal, Smoothness, SolverError, Sphere, fit};
+use spharm::{Error, FitParams, FitWarning, Kind, Model, Objective, Signal, Smoothness, SolverError, Sphere, fit};
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, SplitMix64, cortex};
 use spharm_surface::io::{WriteOptions, write_mesh};
@@ -21,7 +21,7 @@ fn normal(random: &mut SplitMix64) -> f64 {
 fn surfaces(sigma: f64) -> (Mesh, Mesh, Sphere) {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
-    let plain = fit(&sphere, &surface, &FitParams { target: FitTo::Vertices, ..FitParams::lsq(14) }).unwrap();
+    let plain = fit(&sphere, &surface, &FitParams { objective: Objective::Vertices, ..FitParams::lsq(14) }).unwrap();
     let clean = Model::new(sphere.clone(), plain, Kind::Surface).reconstruct(&sphere, 14).unwrap();
     let mut random = SplitMix64::new(3);
     let mut noisy = clean.clone();
@@ -44,23 +44,23 @@ fn noise_is_removed_from_vertices_and_from_surfaces() {
     };
     let sigma = 0.02 * size;
     let (clean, noisy, sphere) = surfaces(sigma);
-    for target in [FitTo::Vertices, FitTo::Surface] {
-        let params = FitParams { target, surface_distance: false, threads: Some(1), ..FitParams::lsq(DEGREE) };
+    for objective in [Objective::Vertices, Objective::Surface] {
+        let params = FitParams { objective, surface_distance: false, threads: Some(1), ..FitParams::lsq(DEGREE) };
         let denoise = FitParams { denoise: true, ..params.clone() };
         let plain = error(&clean, &sphere, fit(&sphere, &noisy, &params).unwrap());
         let found = fit(&sphere, &noisy, &denoise).unwrap();
         let removed = &found.report.denoise[..];
         assert_eq!(removed.len(), 1, "the coordinates share their noise");
         let noise = &removed[0].noise;
-        assert!((noise.sigma / sigma - 1.0).abs() < 0.03, "{target:?}: {} of {sigma}", noise.sigma);
+        assert!((noise.sigma / sigma - 1.0).abs() < 0.03, "{objective:?}: {} of {sigma}", noise.sigma);
         assert!(noise.gain.len() == DEGREE + 1 && noise.gain[0] == 1.0 && noise.gain[DEGREE] < 0.2);
         assert!(noise.gain.windows(2).all(|pair| pair[0] >= pair[1] && pair[1] >= 0.0));
         assert!(noise.degrees_of_freedom < 0.6 * 625.0, "{}", noise.degrees_of_freedom);
         assert!(found.report.warnings.is_empty(), "{:?}", found.report.warnings);
         let again = fit(&sphere, &noisy, &FitParams { threads: Some(3), ..denoise }).unwrap();
-        assert_eq!(again.coefficients, found.coefficients, "{target:?}: the same bits for any number of threads");
+        assert_eq!(again.coefficients, found.coefficients, "{objective:?}: the same bits for any number of threads");
         let denoised = error(&clean, &sphere, found);
-        assert!(denoised < 0.6 * plain, "{target:?}: {denoised:e} {plain:e}");
+        assert!(denoised < 0.6 * plain, "{objective:?}: {denoised:e} {plain:e}");
     }
 }
 
@@ -95,10 +95,10 @@ fn detail_beyond_the_degree_is_warned_of() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
     let params = FitParams { denoise: true, surface_distance: false, ..FitParams::lsq(8) };
-    for target in [FitTo::Vertices, FitTo::Surface] {
-        let found = fit(&sphere, &surface, &FitParams { target, ..params.clone() }).unwrap();
+    for objective in [Objective::Vertices, Objective::Surface] {
+        let found = fit(&sphere, &surface, &FitParams { objective, ..params.clone() }).unwrap();
         let warned = found.report.warnings.iter().any(|warning| matches!(warning, FitWarning::Detail { .. }));
-        assert!(warned, "{target:?}: {:?}", found.report.denoise);
+        assert!(warned, "{objective:?}: {:?}", found.report.denoise);
     }
 }
 
@@ -116,8 +116,8 @@ fn what_does_not_go_with_it_is_refused() {
         assert!(matches!(refused, Error::Setting { what: "denoise", .. }), "{refused}");
     }
     // 2,562 vertices leave no residual beside 2,601 coefficients.
-    for target in [FitTo::Vertices, FitTo::Surface] {
-        let refused = fit(&sphere, &noisy, &FitParams { target, max_degree: 50, ..denoise.clone() }).unwrap_err();
+    for objective in [Objective::Vertices, Objective::Surface] {
+        let refused = fit(&sphere, &noisy, &FitParams { objective, max_degree: 50, ..denoise.clone() }).unwrap_err();
         let few = matches!(refused, Error::Solver(SolverError::NoResidual { rows: 2562, columns: 2601 }));
         assert!(few, "{refused}");
     }

@@ -20,7 +20,7 @@ pub(crate) const DEGREE: [&str; 2] = ["--max-degree", "12"];
 /// `fit` of the vertices of a file of the study, without a store, to `m.npz`.
 pub(crate) fn lsq(study: &Study, arguments: &[&str]) -> Command {
     let mut command = fit_alone(study, arguments);
-    command.args(["--target", "vertices"]);
+    command.args(["--objective", "vertices"]);
     command
 }
 
@@ -100,7 +100,7 @@ fn meets_reference(name: &str) {
     let folder = tempfile::tempdir().unwrap();
     let mut fit = tool("fit");
     fit.arg("--sphere").arg(sphere).arg("--surface").arg(surface).arg("-o").arg(folder.path());
-    let report = report_of(fit.args(["-q", "--json", "--target", "vertices", "--max-degree", "100", "--strict"]));
+    let report = report_of(fit.args(["-q", "--json", "--objective", "vertices", "--max-degree", "100", "--strict"]));
     for (measure, tolerance) in [("msd", 1e-6), ("xsd", 1e-4)] {
         let found = report["surfaces"][0]["passes"][0][measure].as_f64().unwrap();
         meets(found, expected[measure].as_f64().unwrap(), tolerance, &format!("{name}, {measure}"));

@@ -242,7 +242,10 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     succeed(&mut generate);
     let model = folder.path().join("m.npz");
     let mut fit = tool("fit");
-    fit.args(["--max-degree", "8", "--target", "vertices", "-q", "--surface"]).arg(&mesh).arg("--sphere").arg(&sphere);
+    fit.args(["--max-degree", "8", "--objective", "vertices", "-q", "--surface"])
+        .arg(&mesh)
+        .arg("--sphere")
+        .arg(&sphere);
     succeed(fit.arg("-o").arg(&model));
     let out = folder.path().join("out.ply");
     let verb = |verb: &str, more: &[&str], memory: &str| {

@@ -70,10 +70,10 @@ fn a_surface_of_any_size_gets_the_digits_of_one_of_size_one() {
     let store = ["--store", "store"];
     let methods: [&[&str]; 9] = [
         &[],
-        &["--target", "vertices"],
-        &["--target", "vertices", "--stderr"],
+        &["--objective", "vertices"],
+        &["--objective", "vertices", "--stderr"],
         &["--smoothness", "0.01"],
-        &["--target", "vertices", "--smoothness", "auto"],
+        &["--objective", "vertices", "--smoothness", "auto"],
         &["--denoise"],
         &["--method", "quadrature"],
         &["--method", "irf", "--granularity", "9", "--passes", "2"],
@@ -135,7 +135,7 @@ fn weights_count_by_what_they_are_to_each_other() {
     weights("most.csv", 1020);
     let store = ["--store", "store", "--method"];
     let methods: [&[&str]; 4] =
-        [&[], &["--target", "vertices", "--stderr"], &["--denoise"], &[&store[..], &["irf"][..]].concat()];
+        [&[], &["--objective", "vertices", "--stderr"], &["--denoise"], &[&store[..], &["irf"][..]].concat()];
     for arguments in methods {
         let with = |weights: &str| {
             let arguments = [arguments, &["--weights", weights]].concat();
@@ -248,7 +248,7 @@ fn degrees_far_above_what_vertices_determine_are_fitted_or_refused() {
         command.args(["--max-degree", degree, "--json", "--force", "-q"]).args(arguments);
         command
     };
-    let refused = fail(&mut fit("300", &["--target", "vertices", "--smoothness", "auto"]));
+    let refused = fail(&mut fit("300", &["--objective", "vertices", "--smoothness", "auto"]));
     assert!(refused.contains("4 for 90601"), "{refused}");
     // Samples of its large triangles are as dense on the sphere as those of small ones.
     let report: Value = serde_json::from_str(&succeed(&mut fit("60", &[]))).expect("JSON");

@@ -89,13 +89,13 @@ fn another_size_of_the_voxels_is_another_setting() {
     assert!(error.contains("voxel-size 3,3,3, not the file's"), "{error}");
     let scale = |model: Model| model.coefficients.values()[[1, 1]].abs();
     let large = scale(site.model(name));
-    succeed(&mut site.fit("ball.nii", &["--update", "--target", "vertices"]));
+    succeed(&mut site.fit("ball.nii", &["--update", "--objective", "vertices"]));
     assert!((scale(site.model(name)) * 3.0 / large - 1.0).abs() < 0.05);
-    nothing_to_do(site.fit("ball.nii", &["--update", "--target", "vertices"]));
+    nothing_to_do(site.fit("ball.nii", &["--update", "--objective", "vertices"]));
 
     // Of an earlier version.
     site.forget(name);
-    succeed(&mut site.fit("ball.nii", &[skip, "--target", "vertices"]));
+    succeed(&mut site.fit("ball.nii", &[skip, "--objective", "vertices"]));
     let error = text(&finish(site.fit("ball.nii", &[skip]).args(size)));
     assert!(error.contains("voxel-size the file's, not 3,3,3"), "{error}");
 }

@@ -2,7 +2,9 @@
 
 use ndarray::Array2;
 use serde_json::Value;
-use spharm::{Error, FitParams, FitTo, Kind, Model, Preconditioner, Signal, Smoothness, Sphere, Target, fit, fit_many};
+use spharm::{
+    Error, FitParams, Kind, Model, Objective, Preconditioner, Signal, Smoothness, Sphere, Target, fit, fit_many,
+};
 use spharm_monitor::Silent;
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
@@ -87,7 +89,7 @@ fn a_fit_minimises_the_integral_over_the_sphere() {
     // What is left is the midpoint rule's error, of second order in a 24th of an edge.
     assert!(off < 2e-4 * largest, "{off:e} of {largest:e}");
     // The vertices' least squares is another one.
-    let vertices = fit(&sphere, &surface, &FitParams { target: FitTo::Vertices, ..FitParams::lsq(6) }).unwrap();
+    let vertices = fit(&sphere, &surface, &FitParams { objective: Objective::Vertices, ..FitParams::lsq(6) }).unwrap();
     assert!((vertices.coefficients.values() - &expected).iter().any(|x| x.abs() > 1e-2 * largest));
 }
 
@@ -109,10 +111,10 @@ fn signals_are_of_the_vertices_unless_asked_for() {
     let sphere = Sphere::icosphere(2);
     let values: Vec<f64> = sphere.directions.as_slice().iter().map(|p| (3.0 * p[0]).sin() + p[1] * p[2]).collect();
     let signal = Signal::new(values, 162, 1);
-    let with = |target| fit(&sphere, &signal, &FitParams { target, ..FitParams::lsq(6) }).unwrap();
-    let (default, vertices, surface) = (with(FitTo::Default), with(FitTo::Vertices), with(FitTo::Surface));
+    let with = |objective| fit(&sphere, &signal, &FitParams { objective, ..FitParams::lsq(6) }).unwrap();
+    let (default, vertices, surface) = (with(Objective::Default), with(Objective::Vertices), with(Objective::Surface));
     assert_eq!(default.coefficients, vertices.coefficients);
-    assert_eq!(surface.report.settings.target, FitTo::Surface);
+    assert_eq!(surface.report.settings.objective, Objective::Surface);
     let off =
         (surface.coefficients.values() - vertices.coefficients.values()).iter().fold(0.0f64, |m, x| m.max(x.abs()));
     assert!(1e-4 < off && off < 0.2, "linear on triangles is another function: {off}");
@@ -123,10 +125,10 @@ fn signals_are_of_the_vertices_unless_asked_for() {
 fn settings_of_the_vertices_are_refused_for_surfaces() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
-    let target = |params: FitParams| fit(&sphere, &surface, &params).unwrap().report.settings.target;
+    let objective = |params: FitParams| fit(&sphere, &surface, &params).unwrap().report.settings.objective;
     let lsq = FitParams::lsq(6);
-    assert_eq!(target(lsq.clone()), FitTo::Surface);
-    assert_eq!(target(FitParams { preconditioner: Preconditioner::Density, ..lsq.clone() }), FitTo::Surface);
+    assert_eq!(objective(lsq.clone()), Objective::Surface);
+    assert_eq!(objective(FitParams { preconditioner: Preconditioner::Density, ..lsq.clone() }), Objective::Surface);
     let signal = Signal::new(vec![0.5; 642], 642, 1);
     for params in [
         FitParams { hold_out: Some(0.1), ..lsq.clone() },
@@ -136,12 +138,12 @@ fn settings_of_the_vertices_are_refused_for_surfaces() {
         let error = fit(&sphere, &surface, &params).unwrap_err();
         assert!(matches!(error, Error::OfVertices { .. }), "{error}");
         assert!(matches!(spharm::check_mapping(642, &params), Err(Error::OfVertices { .. })), "before it is mapped");
-        assert_eq!(target(FitParams { target: FitTo::Vertices, ..params.clone() }), FitTo::Vertices);
-        assert_eq!(fit(&sphere, &signal, &params).unwrap().report.settings.target, FitTo::Vertices);
+        assert_eq!(objective(FitParams { objective: Objective::Vertices, ..params.clone() }), Objective::Vertices);
+        assert_eq!(fit(&sphere, &signal, &params).unwrap().report.settings.objective, Objective::Vertices);
     }
     let bare = Sphere::from_directions(sphere.directions.clone());
     let without = fit(&bare, &surface, &lsq).unwrap().report;
-    assert_eq!((without.settings.target, without.surface_distance), (FitTo::Vertices, None));
+    assert_eq!((without.settings.objective, without.surface_distance), (Objective::Vertices, None));
 }
 
 /// Surfaces and signals of one call are fitted as each of them alone would be.
@@ -204,11 +206,11 @@ fn a_model_says_what_was_fitted_and_another_target_is_another_model() {
         "{distance}"
     );
     let model = Model::read(study.path("m.npz")).unwrap();
-    assert_eq!(model.provenance.settings.unwrap().target.as_deref(), Some("surface"));
+    assert_eq!(model.provenance.settings.unwrap().objective.as_deref(), Some("surface"));
     succeed(&mut fit(&["--skip-existing"]));
-    succeed(&mut fit(&["--skip-existing", "--target", "surface"]));
-    let refused = fail(&mut fit(&["--skip-existing", "--target", "vertices"]));
-    assert!(refused.contains("target surface, not vertices"), "{refused}");
+    succeed(&mut fit(&["--skip-existing", "--objective", "surface"]));
+    let refused = fail(&mut fit(&["--skip-existing", "--objective", "vertices"]));
+    assert!(refused.contains("objective surface, not vertices"), "{refused}");
     let quick: Value = report_of(&mut fit(&["--force", "--no-surface-distance", "--json"]));
     assert!(quick["surfaces"][0]["surface_distance"].is_null());
 }

@@ -1,7 +1,7 @@
 //! Weights of 0: values there are never read, by any method, and the same model is found whatever they are.
 
 use spharm::generate::icosphere;
-use spharm::{Error, FitParams, FitTo, FitWarning, Mesh, Signal, Smoothness, Sphere, Weights, fit};
+use spharm::{Error, FitParams, FitWarning, Mesh, Objective, Signal, Smoothness, Sphere, Weights, fit};
 
 use crate::common::{fail, succeed, tool};
 use crate::pipeline::Study;
@@ -45,7 +45,7 @@ fn values_of_weight_zero_are_never_read() {
     let bad = sphere.directions.as_slice().iter().filter(|v| is_bad(**v)).count();
     assert!((15..40).contains(&bad), "{bad}");
     let lsq = FitParams { weights: weights(&sphere, 0.0), ..FitParams::lsq(4) };
-    let vertices = FitParams { target: FitTo::Vertices, ..lsq.clone() };
+    let vertices = FitParams { objective: Objective::Vertices, ..lsq.clone() };
     for (name, params) in [
         ("surface", lsq.clone()),
         ("denoised", FitParams { denoise: true, ..lsq.clone() }),
@@ -94,9 +94,9 @@ fn values_of_weight_zero_are_never_read() {
 fn weights_fade_to_zero_without_a_jump() {
     let (surface, sphere) = ellipsoid();
     let surface = spoilt(&surface, &sphere, 100.0);
-    for target in [FitTo::Surface, FitTo::Vertices] {
+    for objective in [Objective::Surface, Objective::Vertices] {
         let of = |weight: f64| {
-            let params = FitParams { target, weights: weights(&sphere, weight), ..FitParams::lsq(4) };
+            let params = FitParams { objective, weights: weights(&sphere, weight), ..FitParams::lsq(4) };
             fit(&sphere, &surface, &params).unwrap().coefficients.values().to_owned()
         };
         let none = of(0.0);
@@ -119,7 +119,7 @@ fn weights_that_leave_no_triangle_are_refused() {
     let params = FitParams { weights: Weights::Values { name: "few".to_owned(), values }, ..FitParams::lsq(2) };
     let error = fit(&sphere, &surface, &params).unwrap_err();
     assert!(matches!(error, Error::NoTriangle { .. }) && error.to_string().starts_with("few: "), "{error}");
-    let params = FitParams { target: FitTo::Vertices, ..params };
+    let params = FitParams { objective: Objective::Vertices, ..params };
     assert!(fit(&sphere, &surface, &params).is_ok());
 }
 
@@ -135,7 +135,7 @@ fn without_store(study: &Study, surface: &str, arguments: &[&str]) -> std::proce
 fn standard_errors_by_areas_are_warned_of() {
     let (surface, sphere) = ellipsoid();
     for (weights, warned) in [(Weights::Area, true), (Weights::Uniform, false)] {
-        let params = FitParams { target: FitTo::Vertices, standard_errors: true, weights, ..FitParams::lsq(4) };
+        let params = FitParams { objective: Objective::Vertices, standard_errors: true, weights, ..FitParams::lsq(4) };
         let warnings = fit(&sphere, &surface, &params).unwrap().report.warnings;
         assert_eq!(warnings.contains(&FitWarning::AreaErrors), warned, "{warnings:?}");
     }

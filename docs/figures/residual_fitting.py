@@ -10,7 +10,7 @@ import spharm_rs as sp
 surface, degree = body(), 20
 figure, axes = plt.subplots(1, 2, figsize=(8.6, 3.6), sharey=True, layout="constrained")
 for cell, (name, sphere) in zip(axes, {"icosphere": sp.icosphere(4), "map by cald": sp.parametrize(surface).sphere}.items()):
-    best = sp.fit(surface, sphere, degree, target="vertices").report["msd"]
+    best = sp.fit(surface, sphere, degree, objective="vertices").report["msd"]
     with tempfile.TemporaryDirectory() as folder:
         store = sp.Store(folder)
         store.build(sphere, degree)

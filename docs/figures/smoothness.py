@@ -10,7 +10,7 @@ import spharm_rs as sp
 warnings.simplefilter("ignore", sp.SpharmWarning)
 surface = body(3)
 mapped = sp.parametrize(surface, area=0.25, degree=21)
-models = {f"smoothness {s}": sp.fit(mapped, max_degree=21, target="vertices", smoothness=s) for s in (0, None, "auto")}
+models = {f"smoothness {s}": sp.fit(mapped, max_degree=21, objective="vertices", smoothness=s) for s in (0, None, "auto")}
 names = ["smoothness=0", "the default", 'smoothness="auto"']
 panels(
     [surface, *(model.surface(5) for model in models.values())],

@@ -24,7 +24,7 @@ def _settings(
     max_degree: int,
     vertices: int,
     *,
-    target: str | None = None,
+    objective: str | None = None,
     weights: str | ArrayLike = "uniform",
     smoothness: float | str | None = None,
     denoise: bool = False,
@@ -53,7 +53,7 @@ def _settings(
         "method": str(method or ("irf" if store is not None else "lsq")),
         "passes": _arrays.whole("passes", (16 if accelerate else 1) if passes is None else passes, 1),
         "granularity": _arrays.whole("granularity", granularity, 1),
-        "target": None if target is None else str(target),
+        "objective": None if objective is None else str(objective),
         "surface_distance": bool(surface_distance),
         "start_degree": _arrays.whole("start_degree", start_degree),
         "accelerate": bool(accelerate),
@@ -88,7 +88,7 @@ def fit(
     max_degree: int = 20,
     *,
     cut_handles: bool = False,
-    target: str | None = None,
+    objective: str | None = None,
     weights: str | ArrayLike = "uniform",
     smoothness: float | str | None = None,
     denoise: bool = False,
@@ -123,10 +123,10 @@ def fit(
         Highest degree L, inclusive.
     cut_handles : bool
         Without a sphere: cut a surface that has handles, as `parametrize` does.
-    target : {"surface", "vertices"}, optional
+    objective : {"surface", "vertices"}, optional
         What is fitted: all triangles of the surface, each part weighted by its share of the sphere, or its vertices alone, as
         in the paper. By default the surface if there is one over triangles; the vertices of signals and over a store.
-        ``hold_out``, ``stderr`` and ``smoothness="auto"`` are of the vertices: a surface needs ``target="vertices"`` for them.
+        ``hold_out``, ``stderr`` and ``smoothness="auto"`` are of the vertices: a surface needs ``objective="vertices"`` for them.
     weights : {"uniform", "area"} or array_like of float, (n,)
         Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
         be NaN; a fit of the surface leaves out the triangles that they are corners of.
@@ -221,7 +221,7 @@ def fit(
     settings = _settings(
         max_degree,
         len(values),
-        target=target,
+        objective=objective,
         weights=weights,
         smoothness=smoothness,
         denoise=denoise,

@@ -85,7 +85,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             self.sphere_,
             self.max_degree,
             # A row is its coefficients' values at the vertices, and comes back as it was.
-            target="vertices",
+            objective="vertices",
             surface_distance=False,
             smoothness=self.smoothness,
             weights=self.weights,

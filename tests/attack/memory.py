@@ -83,8 +83,8 @@ def make_inputs(program, folder):
     for variant in range(8):
         spharm("generate", "--subdivisions", "4", "--variant", str(variant), "--surface", "v.ply", "--force", "-q")
         fit = ["--sphere", "s4.ply", "--surface", "v.ply", "--max-degree", "12", "-o", f"group/v{variant}.npz", "-q"]
-        spharm("fit", *fit, "--target", "vertices")
-    spharm("fit", "--sphere", "s6.ply", "--surface", "g6.ply", "--max-degree", "40", "--target", "vertices", "-o", "m.npz", "-q")
+        spharm("fit", *fit, "--objective", "vertices")
+    spharm("fit", "--sphere", "s6.ply", "--surface", "g6.ply", "--max-degree", "40", "--objective", "vertices", "-o", "m.npz", "-q")
     spharm("shape", "pca", "group", "-o", "g.shape-model.npz", "-q")
     spharm("shape", "compress", "m.npz", "--tolerance", "1e-3", "-o", "m.sphz", "-q")
     spharm("shape", "test", "--a", *(f"group/v{k}.npz" for k in range(4)), "--b", *(f"group/v{k}.npz" for k in range(4, 8)),
@@ -143,7 +143,7 @@ def cases():
     yield "fit", [*fit, "--surface", "g6.ply", "--max-degree", "10"]
     yield "fit", [*fit, "--surface", "g8.ply", "--max-degree", "10"]
     yield from (("fit", [*over, "--max-degree", n]) for n in ("10", "100", "1000"))
-    yield from (("fit", [*over, "--target", "vertices", "--max-degree", n]) for n in ("10", "100"))
+    yield from (("fit", [*over, "--objective", "vertices", "--max-degree", n]) for n in ("10", "100"))
     yield from (("fit quadrature", [*fit, "--sphere", "s4.ply", "--surface", "g4.ply", "--method", "quadrature", "--max-degree", n])
                 for n in ("20", "200", "2000"))
     yield "fit irf", [*fit, "--sphere", "s4.ply", "--surface", "g4.ply", "--store", "basis", "--max-degree", "20"]

@@ -19,7 +19,7 @@ from .conftest import Study
 
 def test_the_least_squares_solution_is_numpys(study: Study) -> None:
     surface, sphere = study
-    model = sp.fit(surface, sphere, 8, target="vertices")
+    model = sp.fit(surface, sphere, 8, objective="vertices")
     basis = sp.Transform(sphere.vertices, 8).synthesis(np.eye(81))
     expected = np.linalg.lstsq(basis, surface.vertices, rcond=None)[0]
     assert np.allclose(model.coefficients, expected, atol=1e-8 * np.abs(expected).max())
@@ -34,12 +34,12 @@ def test_a_surface_is_fitted_between_its_vertices(study: Study) -> None:
     assert 0 < distance["rms"] < distance["percentile95"] < distance["hausdorff"]
     compared = sp.compare(surface, model.surface(6), surface_distance=True).surface
     assert compared is not None and compared["rms"] == pytest.approx(distance["rms_raw"], rel=0.1)
-    vertices = sp.fit(surface, sphere, 20, target="vertices")
+    vertices = sp.fit(surface, sphere, 20, objective="vertices")
     assert "surface_distance" not in vertices.report and vertices.report["msd"] < model.report["msd"]
     assert "surface_distance" not in sp.fit(surface, sphere, 20, surface_distance=False).report
-    assert model.provenance["target"] == "surface"
-    for wrong in ({"target": "points"}, {"target": "surface", "hold_out": 0.1}):
-        with pytest.raises(ValueError, match="target surface|surface or vertices"):
+    assert model.provenance["objective"] == "surface"
+    for wrong in ({"objective": "points"}, {"objective": "surface", "hold_out": 0.1}):
+        with pytest.raises(ValueError, match="objective surface|surface or vertices"):
             sp.fit(surface, sphere, 8, **wrong)
 
 
@@ -73,18 +73,18 @@ def test_weights_smoothness_and_errors_are_given(study: Study) -> None:
     assert np.array_equal(by_area, sp.fit(surface, sphere, 8, weights="area").coefficients)
     ones = sp.fit(surface, sphere, 8, weights=np.ones(len(surface.vertices), np.float32)).coefficients
     assert np.allclose(ones, sp.fit(surface, sphere, 8).coefficients, atol=1e-9)
-    smooth = sp.fit(surface, sphere, 8, target="vertices", smoothness=1.0, stderr=True, hold_out=0.1)
+    smooth = sp.fit(surface, sphere, 8, objective="vertices", smoothness=1.0, stderr=True, hold_out=0.1)
     assert smooth.report["smoothness"] == 1.0 and smooth.report["held_out"]["held_out"]["msd"] > 0
     assert smooth.standard_errors is not None and smooth.standard_errors.shape == (81, 3)
-    assert sp.fit(surface, sphere, 8, target="vertices", smoothness="auto").report["smoothness"] > 0
+    assert sp.fit(surface, sphere, 8, objective="vertices", smoothness="auto").report["smoothness"] > 0
 
 
 def test_noise_is_removed(study: Study) -> None:
     surface, sphere = study
-    clean = sp.fit(surface, sphere, 8, target="vertices").evaluate()
+    clean = sp.fit(surface, sphere, 8, objective="vertices").evaluate()
     noisy = clean + np.random.default_rng(0).normal(0, 1.0, clean.shape)
-    for target in ("vertices", "surface"):
-        models = [sp.fit(noisy, sphere, 14, target=target, denoise=denoise) for denoise in (False, True)]
+    for objective in ("vertices", "surface"):
+        models = [sp.fit(noisy, sphere, 14, objective=objective, denoise=denoise) for denoise in (False, True)]
         removed = models[1].report["denoise"][0]
         assert removed["sigma"] == pytest.approx(1.0, rel=0.1) and len(removed["gain"]) == 15
         errors = [((model.evaluate() - clean) ** 2).mean() for model in models]
@@ -98,11 +98,11 @@ def test_values_of_weight_zero_are_never_read(study: Study) -> None:
     surface, sphere = study[:2]
     weights = np.where(sphere.vertices[:, 2] > 0.9 * sphere.vertices.max(), 0.0, 1.0)
     assert 0 < (weights == 0).sum() < 600
-    for target in ("surface", "vertices"):
-        right = sp.fit(surface, sphere, 8, target=target, weights=weights)
+    for objective in ("surface", "vertices"):
+        right = sp.fit(surface, sphere, 8, objective=objective, weights=weights)
         for value in (1e3, np.nan, -np.inf):
             wild = np.where(weights[:, None] == 0, value, surface.vertices)
-            found = sp.fit(wild, sphere, 8, target=target, weights=weights)
+            found = sp.fit(wild, sphere, 8, objective=objective, weights=weights)
             assert np.array_equal(found.coefficients, right.coefficients) and found.report["msd"] == right.report["msd"]
     with pytest.raises(ValueError, match="NaN at vertex"):
         sp.fit(np.where(weights[:, None] == 0, np.nan, surface.vertices), sphere, 8)
@@ -117,8 +117,8 @@ def test_a_setting_of_the_vertices_is_refused_for_surfaces(study: Study) -> None
         for over in (sphere, None):
             with pytest.raises(ValueError, match="needs a fit of the vertices"):
                 sp.fit(surface, over, max_degree=6, **setting)
-        assert sp.fit(surface, sphere, 6, target="vertices", **setting).provenance["target"] == "vertices"
-    assert sp.fit(surface, sphere, 6, preconditioner="density").provenance["target"] == "surface"
+        assert sp.fit(surface, sphere, 6, objective="vertices", **setting).provenance["objective"] == "vertices"
+    assert sp.fit(surface, sphere, 6, preconditioner="density").provenance["objective"] == "surface"
 
 
 def test_many_are_fitted_as_each(study: Study) -> None:
@@ -137,12 +137,12 @@ def test_what_may_be_wrong_is_warned_of(study: Study) -> None:
     surface, sphere = study
     few = sp.example_surface(1)
     with pytest.warns(sp.Oscillation), pytest.warns(sp.NotDetermined):
-        model = sp.fit(*few, 10, target="vertices", smoothness=0)
+        model = sp.fit(*few, 10, objective="vertices", smoothness=0)
     assert model.report["warnings"]
     with pytest.warns(sp.NotConverged):
-        sp.fit(surface, sphere, 20, target="vertices", max_iterations=1, preconditioner="none")
+        sp.fit(surface, sphere, 20, objective="vertices", max_iterations=1, preconditioner="none")
     with pytest.raises(sp.SpharmError, match="optimality"):
-        sp.fit(surface, sphere, 20, target="vertices", max_iterations=1, preconditioner="none", strict=True)
+        sp.fit(surface, sphere, 20, objective="vertices", max_iterations=1, preconditioner="none", strict=True)
 
 
 def test_a_model_goes_to_a_file_and_back(study: Study, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use spharm::{FitTo, Preconditioner, Smoothness, defaults};
+use spharm::{Objective, Preconditioner, Smoothness, defaults};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
 use spharm_cli::surfaces::{Labels, VoxelSize};
@@ -134,9 +134,9 @@ pub(super) struct MethodArgs {
     ///
     /// surface: all of its triangles, by samples as dense as the degree needs, each weighted by its share of the
     /// sphere. vertices: the vertices alone, as in the paper; the default for signals and with --store. --hold-out,
-    /// --stderr and --smoothness auto are of the vertices: with a mesh they need --target vertices.
-    #[arg(long, value_name = "surface|vertices")]
-    pub(super) target: Option<FitTo>,
+    /// --stderr and --smoothness auto are of the vertices: with a mesh they need --objective vertices.
+    #[arg(long, value_name = "surface|vertices", alias = "target")]
+    pub(super) objective: Option<Objective>,
     /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]
     ///
     /// Of meshes without a sphere: as parametrize's, but what is allowed is used as far as this model gains by it. 0 is
@@ -161,7 +161,7 @@ pub(super) struct MethodArgs {
     /// Smoothness penalty (lsq) [default: 0]
     ///
     /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances, whose weights sum to the number of vertices; auto
-    /// chooses it for each surface by generalised cross-validation. With --target vertices and without --sphere the
+    /// chooses it for each surface by generalised cross-validation. With --objective vertices and without --sphere the
     /// default is a hundredth of the weight of the vertices at the highest degree, which keeps the model from
     /// oscillating between them.
     #[arg(long, value_name = "LAMBDA|auto")]

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use clap::ValueEnum;
-use spharm::{FitParams, FitTo, Method, Preconditioner, Weights, defaults};
+use spharm::{FitParams, Method, Objective, Preconditioner, Weights, defaults};
 use spharm_cli::Usage;
 use spharm_cli::values::Dtype;
 
@@ -18,7 +18,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     let params = FitParams {
         max_degree: cli.method.max_degree,
         method,
-        target: cli.method.target.unwrap_or_default(),
+        objective: cli.method.objective.unwrap_or_default(),
         area: cli.method.area,
         smoothness: cli.method.smoothness.unwrap_or_default(),
         denoise: cli.method.denoise,
@@ -40,9 +40,9 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         memory: cli.resources.memory.map(|size| size.0),
         threads: Some(cli.resources.threads.count()),
     };
-    if let (FitTo::Surface, Some(setting)) = (params.target, params.first_vertex_only_setting()) {
+    if let (Objective::Surface, Some(setting)) = (params.objective, params.first_vertex_only_setting()) {
         let flag = if setting == "standard_errors" { "stderr".to_owned() } else { setting.replace('_', "-") };
-        let text = format!("--{flag} is of the vertices and doesn't go with --target surface");
+        let text = format!("--{flag} is of the vertices and doesn't go with --objective surface");
         return Err(Usage::conflict(text).into());
     }
     params.check()?;
@@ -76,7 +76,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (args.granularity.is_some() && method != Irf, "--granularity", ""),
         (args.passes.is_some_and(|p| p > 1) && !repeated, "--passes", "; several passes of sirf are mirf"),
         (args.accelerate && !repeated, "--accelerate", "; use --method irf or mirf"),
-        (args.target == Some(FitTo::Surface) && method != Lsq, "--target surface", "; use --method lsq"),
+        (args.objective == Some(Objective::Surface) && method != Lsq, "--objective surface", "; use --method lsq"),
         (args.smoothness.is_some() && method != Lsq, "--smoothness", "; use --method lsq"),
         (args.denoise && method != Lsq, "--denoise", "; use --method lsq"),
         (cli.output.stderr && method != Lsq, "--stderr", "; use --method lsq"),

@@ -135,8 +135,8 @@ pub struct Settings {
     pub method: String,
     /// What was fitted: `surface`, `vertices`, or `samples` that moments are of; unknown in models of version 0.1,
     /// which are of the vertices.
-    #[serde(default)]
-    pub target: Option<String>,
+    #[serde(default, alias = "target")]
+    pub objective: Option<String>,
     /// Area distortion that was allowed to the map of a mesh without a sphere, where it was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub area: Option<f64>,
@@ -292,7 +292,7 @@ mod tests {
             sphere: Some("lh.sphere.reg".to_owned()),
             settings: Some(Settings {
                 method: "lsq".to_owned(),
-                target: Some("surface".to_owned()),
+                objective: Some("surface".to_owned()),
                 area: None,
                 passes: 1,
                 granularity: None,

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use spharm::parametrize::{Input, parametrize_with};
 use spharm::solver::lsq::LsqWarning;
 use spharm::{
-    BatchReport, Error, Fit, FitParams, FitTo, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor,
+    BatchReport, Error, Fit, FitParams, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor, Objective,
     Signal, Smoothness, Sphere, Target, Weights,
 };
 
@@ -31,7 +31,7 @@ pub(crate) struct Settings<'py> {
     granularity: usize,
     start_degree: usize,
     accelerate: bool,
-    target: Option<String>,
+    objective: Option<String>,
     surface_distance: bool,
     smoothness: Option<String>,
     denoise: bool,
@@ -92,7 +92,7 @@ impl Settings<'_> {
         };
         Ok(FitParams {
             method,
-            target: self.target.as_deref().map_or(Ok(FitTo::Default), |text| parsed("target", text))?,
+            objective: self.objective.as_deref().map_or(Ok(Objective::Default), |text| parsed("objective", text))?,
             surface_distance: self.surface_distance,
             weights,
             smoothness: self

@@ -19,7 +19,7 @@ pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
     if let Some(set) = &made.settings {
         let positive = |value: usize| (value > 0).then(|| value.to_string());
         add("Method", Some(set.method.clone()));
-        add("Fitted to", set.target.clone());
+        add("Fitted to", set.objective.clone());
         add("Passes", positive(set.passes));
         add("Granularity", set.granularity.map(|value| value.to_string()));
         add("Start degree", set.start_degree.map(|value| value.to_string()));

@@ -111,9 +111,9 @@ mod error;
 pub mod factor;
 pub mod files;
 pub mod fit;
-mod fit_to;
 pub mod machine;
 pub mod model;
+mod objective;
 mod origin;
 pub mod parametrize;
 pub mod params;
@@ -127,8 +127,8 @@ pub use fit::{
     Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_mapping, check_memory, fit, fit_each, fit_many,
     fit_moments, fit_with,
 };
-pub use fit_to::FitTo;
 pub use model::versions;
+pub use objective::Objective;
 pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, Denoised, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;

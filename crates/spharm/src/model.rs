@@ -61,7 +61,7 @@ impl From<Fit> for Fitted {
             versions: Some(versions()),
             settings: Some(Settings {
                 method: settings.method.name().to_owned(),
-                target: Some(settings.target.name().to_owned()),
+                objective: Some(settings.objective.name().to_owned()),
                 area: settings.area,
                 passes: settings.method.passes(),
                 granularity: settings.method.granularity(),

@@ -10,7 +10,7 @@ use spharm_surface::io::read_signal;
 
 use crate::machine::available_memory;
 use crate::parametrize::CaldParams;
-use crate::{Error, FitTo, defaults};
+use crate::{Error, Objective, defaults};
 
 /// How the coefficients are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -240,9 +240,9 @@ impl FromStr for Preconditioner {
 /// How to fit.
 ///
 /// ```
-/// use spharm::{FitParams, FitTo, Smoothness};
+/// use spharm::{FitParams, Objective, Smoothness};
 ///
-/// let target = FitTo::Vertices;
+/// let objective = Objective::Vertices;
 /// let params = FitParams { target, smoothness: Smoothness::Auto, hold_out: Some(0.1), ..FitParams::lsq(60) };
 /// assert_eq!(params.max_degree, 60);
 /// ```
@@ -253,7 +253,7 @@ pub struct FitParams {
     /// How the coefficients are found.
     pub method: Method,
     /// Whether meshes are fitted as surfaces or at their vertices; for [`Method::Lsq`].
-    pub target: FitTo,
+    pub objective: Objective,
     /// Allowed area distortion, from 0 to 1, of the map of a mesh that comes without a sphere, see
     /// [`CaldParams::area`](crate::parametrize::CaldParams::area); by default 0.8, as far as the fit gains by it.
     pub area: Option<f64>,
@@ -296,7 +296,7 @@ impl FitParams {
         Self {
             max_degree,
             method: Method::Lsq,
-            target: FitTo::Default,
+            objective: Objective::Default,
             area: None,
             smoothness: Smoothness::Default,
             denoise: false,
@@ -370,13 +370,13 @@ impl FitParams {
             (self.smoothness != Smoothness::Default, "smoothness"),
             (self.standard_errors, "standard_errors"),
             (self.preconditioner != Preconditioner::Auto, "preconditioner"),
-            (self.target == FitTo::Surface, "target surface"),
+            (self.objective == Objective::Surface, "objective surface"),
         ];
         if let (true, Some((_, what))) = (self.method != Method::Lsq, for_lsq_only.iter().find(|(given, _)| *given)) {
             return refuse(what, "the method lsq", name.to_owned());
         }
-        if let (FitTo::Surface, Some(what)) = (self.target, self.first_vertex_only_setting()) {
-            return refuse(what, "a fit of the vertices", "target surface".to_owned());
+        if let (Objective::Surface, Some(what)) = (self.objective, self.first_vertex_only_setting()) {
+            return refuse(what, "a fit of the vertices", "objective surface".to_owned());
         }
         if self.method == Method::Quadrature && (self.weights != Weights::Uniform || self.hold_out.is_some()) {
             return refuse("weights and hold_out", "a least-squares method", name.to_owned());

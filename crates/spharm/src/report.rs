@@ -72,8 +72,8 @@ pub struct Denoised {
 pub struct Settings {
     /// The method and its settings.
     pub method: crate::Method,
-    /// What was fitted: [`Surface`](crate::FitTo::Surface) or [`Vertices`](crate::FitTo::Vertices).
-    pub target: crate::FitTo,
+    /// What was fitted: [`Surface`](crate::Objective::Surface) or [`Vertices`](crate::Objective::Vertices).
+    pub objective: crate::Objective,
     /// Area distortion that was allowed to the map of a mesh without a sphere, where it was given.
     pub area: Option<f64>,
     /// How the penalty was chosen: `default`, `fixed`, `auto` or `denoise`.

@@ -8,7 +8,7 @@ use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Sphere;
 
 use crate::files::{ModelFiles, Preparation, Replace};
-use crate::{FitParams, FitTo, Method, Smoothness};
+use crate::{FitParams, Method, Objective, Smoothness};
 
 /// What to do with outputs that exist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -313,9 +313,10 @@ impl Request<'_> {
         let method = &params.method;
         check("method", text(|s| s.method.clone()), method.name().to_owned());
         let triangles = self.sphere.is_none_or(|sphere| !sphere.faces.is_empty());
-        let target = if params.fits_surface(model.kind(), triangles) { FitTo::Surface } else { FitTo::Vertices };
-        let recorded_target = recorded.and_then(|settings| settings.target.clone());
-        check("target", recorded_target.unwrap_or("vertices".to_owned()), target.name().to_owned());
+        let objective =
+            if params.fits_surface(model.kind(), triangles) { Objective::Surface } else { Objective::Vertices };
+        let recorded_objective = recorded.and_then(|settings| settings.objective.clone());
+        check("objective", recorded_objective.unwrap_or("vertices".to_owned()), objective.name().to_owned());
         if self.sphere.is_none() {
             let area = |area: Option<f64>| area.map_or("the usual".to_owned(), |area| area.to_string());
             check("area", area(recorded.and_then(|settings| settings.area)), area(params.area));

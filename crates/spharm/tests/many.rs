@@ -139,7 +139,7 @@ fn a_fit_that_does_not_converge_is_named_alone() {
     let params = FitParams {
         strict: true,
         max_iterations: 1,
-        target: spharm::FitTo::Vertices,
+        objective: spharm::Objective::Vertices,
         preconditioner: spharm::Preconditioner::None,
         ..params()
     };

@@ -17,7 +17,7 @@ KINDS = ("flip", "EIO", "short")
 READERS = (
     ("fit over a store", "fit --store disk/store --sphere in/sphere.ply --surface in/a.ply --max-degree 4 -o out/m.npz --threads 1",
      "store/*/A_*", True),
-    ("fit over a factor", "fit --store disk/store --sphere in/sphere.ply --surface in/a.ply --max-degree 3 --method lsq --target vertices "
+    ("fit over a factor", "fit --store disk/store --sphere in/sphere.ply --surface in/a.ply --max-degree 3 --method lsq --objective vertices "
      "-o out/m.npz --threads 1", "store/*/factor_*", True),
     ("store verify", "store verify disk/store", "store/*/*_*", True),
     ("fit", "fit --sphere disk/sphere.ply --surface disk/a.ply --max-degree 4 -o out/m.npz --threads 1", "*a.ply", False),

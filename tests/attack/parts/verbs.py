@@ -43,7 +43,7 @@ def verbs():
     build = "basis-build --sphere in/sphere.ply --store out/store --max-degree 6 --threads 1 -q"
     return [
         Verb("fit", "fit --sphere in/sphere.ply --surface in/a.ply --max-degree 8 -o out/a.npz --report out/a.json "
-             "--coefficients-csv --target vertices --stderr --threads 1"),
+             "--coefficients-csv --objective vertices --stderr --threads 1"),
         Verb("fit, no sphere", "fit --surface in/a.ply --max-degree 4 -o out/a.npz --threads 1"),
         Verb("fit --manifest", "fit --manifest in/list.tsv --sphere in/sphere.ply --max-degree 4 -o out/models "
              "--status out/log.status.tsv --threads 1"),

@@ -19,7 +19,7 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
         )),
         Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
         Error::Limit { .. } => Some("--threads N sets their number".to_owned()),
-        Error::OfVertices { .. } => Some("give --target vertices".to_owned()),
+        Error::OfVertices { .. } => Some("give --objective vertices".to_owned()),
         Error::NotConverged(_) => Some("without --strict that is a warning".to_owned()),
         _ => None,
     }
@@ -43,7 +43,7 @@ pub(super) fn of_refusal(refusal: &Refusal) -> String {
 pub fn of_oscillation(params: &FitParams) -> String {
     let smoother = match (params.method, params.smoothness) {
         (Method::Lsq, Smoothness::Auto) => "",
-        (Method::Lsq, _) => "--target vertices --smoothness auto, ",
+        (Method::Lsq, _) => "--objective vertices --smoothness auto, ",
         _ => "--method lsq, ",
     };
     format!("use {smoother}a lower --max-degree, or a sphere with larger cells for large triangles")

@@ -17,7 +17,7 @@ use super::job::Job;
 use super::range::{Exponents, distances_of_mixed, into_range, restore, restore_batch};
 use crate::assess::{Distances, ModelSurface, ReadSurface, SurfaceDistances, scale_of};
 use crate::report::{BatchReport, Denoised, FitReport, Seconds, Settings};
-use crate::{Error, Fit, FitTo, FitWarning};
+use crate::{Error, Fit, FitWarning, Objective};
 
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
 type Done<'a, T, E> = &'a (dyn Fn(usize, Result<Fit, E>) -> Result<T, E> + Sync);
@@ -366,7 +366,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         warnings,
         settings: Settings {
             method: job.params.method,
-            target: if job.fits_surface(target.kind) { FitTo::Surface } else { FitTo::Vertices },
+            objective: if job.fits_surface(target.kind) { Objective::Surface } else { Objective::Vertices },
             area: job.params.area,
             penalty: job.params.penalty_name(),
             weights: job.params.weights.name().to_owned(),

@@ -247,7 +247,7 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
         versions: Some(crate::versions()),
         settings: Some(Settings {
             method: params.method.name().to_owned(),
-            target: Some("samples".to_owned()),
+            objective: Some("samples".to_owned()),
             area: None,
             passes: params.method.passes(),
             granularity: None,

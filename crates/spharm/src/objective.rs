@@ -8,7 +8,7 @@ use crate::{Error, FitParams, Method, Smoothness};
 
 /// What of a mesh the full least squares fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum FitTo {
+pub enum Objective {
     /// The surface, for meshes over a sphere with triangles; the vertices for signals and for fits over a store.
     #[default]
     Default,
@@ -19,7 +19,7 @@ pub enum FitTo {
     Vertices,
 }
 
-impl FitTo {
+impl Objective {
     /// Returns its name in lower case, as models record it.
     pub fn name(&self) -> &'static str {
         match self {
@@ -30,7 +30,7 @@ impl FitTo {
     }
 }
 
-impl FromStr for FitTo {
+impl FromStr for Objective {
     type Err = String;
 
     /// Parses `surface` and `vertices`.
@@ -46,9 +46,9 @@ impl FromStr for FitTo {
 impl FitParams {
     /// Returns whether a target of this kind is fitted as a surface, over a sphere with triangles or without.
     pub fn fits_surface(&self, kind: Kind, triangles: bool) -> bool {
-        match (self.method, self.target) {
-            (Method::Lsq, FitTo::Surface) => true,
-            (Method::Lsq, FitTo::Default) => kind == Kind::Surface && triangles && self.store.is_none(),
+        match (self.method, self.objective) {
+            (Method::Lsq, Objective::Surface) => true,
+            (Method::Lsq, Objective::Default) => kind == Kind::Surface && triangles && self.store.is_none(),
             _ => false,
         }
     }
