@@ -1,14 +1,14 @@
 //! Sums over weighted samples that a least-squares fit needs, accumulated chunk by chunk.
 //!
 //! For samples at directions `x_i` with weights `w_i` and values `f_i` these are the moments `s_{lm} = sum_i w_i
-//! S_{lm}(x_i)` to degree 2L, from which [`gram`](crate::gram) has `A^T W A`, the right-hand sides `A^T W f` to degree
-//! L, and a few numbers. They add up over parts of the data, and none is as large as the data.
+//! S_{lm}(x_i)` to degree 2L, from which [`gram`](crate::gram) has `A^T W A`, the right-hand sides `A^T W f` to degree L,
+//! and a few numbers. They add up over parts of the data, and none is as large as the data.
 //!
-//! A sample costs what spreading it costs: w and w f go to the oversampled grids of two [adjoint
-//! syntheses](crate::Transform::adjoint_synthesis), of degree 2L and of degree L, which are turned into coefficients
-//! once, at the end. The second grid is every second point of the first in either direction, so that samples are placed
-//! and sorted once for both. Samples are gathered in *blocks* that fit a cache, each sorted by strips of the grids;
-//! when enough of them have come, all samples of a strip are spread together.
+//! A sample costs what spreading it costs: w and w f go to the oversampled grids of two
+//! [adjoint syntheses](crate::Transform::adjoint_synthesis), of degree 2L and of degree L, which are turned into
+//! coefficients once, at the end. The second grid is every second point of the first in either direction, so that samples are
+//! placed and sorted once for both. Samples are gathered in *blocks* that fit a cache, each sorted by strips of the
+//! grids; when enough of them have come, all samples of a strip are spread together.
 //!
 //! Memory: the grids, `4 M^2 + c M^2` bytes for M points around and c channels, with M from 2.4 to 5.6 times 2L, and
 //! up to 8 million samples of `32 + 8 c` bytes; at the end spectra of some `16 L M` bytes. At L = 1,000 that is some

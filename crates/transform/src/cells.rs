@@ -1,9 +1,9 @@
 //! The cells of the grid that directions are in.
 //!
-//! Rows are colatitudes, columns azimuths; both are angles `atan2(y, x)` on a grid of a multiple of 8 points around. An
-//! angle is measured from the nearest multiple of `pi / 4`, which is a whole number of cells: its rounding error is
-//! then that of an angle of at most `pi / 8`, a sixteenth of that of an angle near 2 pi, which matters at high degrees.
-//! Eight directions at a time: the library's `atan` takes one, and is called.
+//! Rows are colatitudes, columns azimuths; both are angles `atan2(y, x)` on a grid of a multiple of 8 points around. An angle is
+//! measured from the nearest multiple of `pi / 4`, which is a whole number of cells: its rounding error is then that of an angle
+//! of at most `pi / 8`, a sixteenth of that of an angle near 2 pi, which matters at high degrees. Eight directions at a time:
+//! the library's `atan` takes one, and is called.
 
 use std::f64::consts::TAU;
 
@@ -19,8 +19,8 @@ const LANES: usize = 8;
 /// `tan(pi / 8)`.
 const TAN_EIGHTH: f64 = 0.414_213_562_373_095_03;
 
-/// `(atan(t) / t - 1) / t^2` as a polynomial in `t^2` on `[0, tan(pi / 8)^2]`, by falling power: interpolation at
-/// Chebyshev nodes in 60 digits. With it atan has a relative error of 5e-18 before rounding.
+/// `(atan(t) / t - 1) / t^2` as a polynomial in `t^2` on `[0, tan(pi / 8)^2]`, by falling power: interpolation at Chebyshev
+/// nodes in 60 digits. With it atan has a relative error of 5e-18 before rounding.
 const ATAN: [f64; 11] = [
     -0.019175404711104935,
     0.03923044778479309,

@@ -1,7 +1,7 @@
 //! The Legendre recurrence over pairs of degrees: one value for two degrees.
 //!
-//! For `z` not near zero the functions of odd `k = l - m` are z times polynomials in `z^2`, and each of even k is a sum
-//! of two neighbours of these. With the values r and alpha of [`legendre`](crate::legendre), `A_k = alpha_{m+k}`,
+//! For `z` not near zero the functions of odd `k = l - m` are z times polynomials in `z^2`, and each of even k is a sum of two
+//! neighbours of these. With the values r and alpha of [`legendre`](crate::legendre), `A_k = alpha_{m+k}`,
 //!
 //! ```text
 //! r_{m+2j+1} = z sigma_j t_j,   r_{m+2j} = (sigma_j t_j + sigma_{j-1} t_{j-1}) / A_{2j+1},   t_0 = r_m
@@ -16,25 +16,24 @@
 //! sum_k x_k r_{m+k} = sum_j t_j sigma_j (x_{2j} / A_{2j+1} + x_{2j+2} / A_{2j+3})  +  z sum_j t_j sigma_j x_{2j+1}
 //! ```
 //!
-//! A value costs two fused products for two degrees, where r costs a product and a fused one for each: of one channel's
-//! Legendre sums a quarter is saved. K. Ishioka, "A new recurrence formula for efficient computation of spherical
-//! harmonic transform", J. Meteorol. Soc. Japan 96 (2018).
+//! A value costs two fused products for two degrees, where r costs a product and a fused one for each: of one channel's Legendre
+//! sums a quarter is saved. K. Ishioka, "A new recurrence formula for efficient computation of spherical harmonic transform", J.
+//! Meteorol. Soc. Japan 96 (2018).
 //!
-//! Next to the equator the two neighbours nearly cancel, and rounding errors grow by `1 / z` as they do by `1 / sin
-//! theta` next to the poles: rings there take one degree at a time.
+//! Next to the equator the two neighbours nearly cancel, and rounding errors grow by `1 / z` as they do by `1 / sin theta` next to
+//! the poles: rings there take one degree at a time.
 
 use rayon::prelude::*;
 
-/// Degree from which on pairs of degrees pay: mixing coefficients takes as long as some ten rings, and so does a zone
-/// of its own.
+/// Degree from which on pairs of degrees pay: mixing coefficients takes as long as some ten rings, and so does a zone of its own.
 const PAIRS_FROM: usize = 256;
 /// Rings with a cosine of the colatitude below this, and some of each degree, are next to the equator: pairs of degrees
 /// lose a digit there, and at high degrees more.
 const EQUATORIAL_COSINE: f64 = 0.05;
 const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
 
-/// The number of rings, with these cosines of the colatitude from the pole to the equator, that come before those next
-/// to the equator; none where the degree is too low.
+/// The number of rings, with these cosines of the colatitude from the pole to the equator, that come before those next to the equator;
+/// none where the degree is too low.
 pub(crate) fn end(max_degree: usize, cosines: &[f64]) -> usize {
     let least = EQUATORIAL_COSINE + EQUATORIAL_COSINE_PER_DEGREE * max_degree as f64;
     if max_degree < PAIRS_FROM { 0 } else { cosines.partition_point(|z| *z >= least) }
@@ -65,8 +64,8 @@ impl DegreePairs {
         &self.orders[m].steps
     }
 
-    /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): for each channel, cosine
-    /// and sine of even degrees and then those of odd ones.
+    /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): for each channel, cosine and sine of even
+    /// degrees and then those of odd ones.
     pub(crate) fn mix(&self, m: usize, x: &[f64], columns: usize, mixed: &mut Vec<f64>) {
         let Order { mixing, .. } = &self.orders[m];
         mixed.clear();
@@ -102,8 +101,8 @@ impl DegreePairs {
     }
 }
 
-/// With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`: a and b are rounded from that but for the last
-/// bit, as their errors add up from step to step.
+/// With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`: a and b are rounded from that but for the last bit, as their
+/// errors add up from step to step.
 fn order(m: usize, alpha: &[f64]) -> Order {
     let count = alpha.len().div_ceil(2);
     let mut order = Order { steps: Vec::with_capacity(count), mixing: Vec::with_capacity(count) };
@@ -206,8 +205,7 @@ mod tests {
         pairs.steps(m).iter().map(step).collect()
     }
 
-    /// Each function by mixing its unit coefficient, beside double-double: the largest error relative to the largest
-    /// value.
+    /// Each function by mixing its unit coefficient, beside double-double: the largest error relative to the largest value.
     fn off(max_degree: usize, m: usize, theta: f64) -> f64 {
         let Problem { alpha, scale, pairs } = problem(max_degree, m);
         let expected = exact(max_degree, m, theta, &scale);

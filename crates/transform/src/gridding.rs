@@ -72,12 +72,11 @@ impl Gridding {
     }
 }
 
-/// Estimated nanoseconds of one thread for spreading a direction's values to a grid in the cache, among `density`
-/// directions that are sorted together for each point of it; the constants were measured.
+/// Estimated nanoseconds of one thread for spreading a direction's values to a grid in the cache, among `density` directions
+/// that are sorted together for each point of it; the constants were measured.
 pub(crate) fn point_cost(width: usize, channels: usize, density: f64) -> f64 {
     let lanes = width.next_multiple_of(4) as f64 / 8.0;
-    // Kernels of a cell's directions lie over the same grid points where their width is even, else over any of four
-    // places.
+    // Kernels of a cell's directions lie over the same grid points where their width is even, else over any of four places.
     let density = if width.is_multiple_of(2) { density } else { density / 4.0 };
     // Places that have directions, for each of these; what is summed there in registers goes to the grid once.
     let places = if density > 0.0 { -(-density).exp_m1() / density } else { 1.0 };

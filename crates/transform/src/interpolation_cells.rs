@@ -1,9 +1,9 @@
 //! Products of kernel values with the grid for points that share cells.
 //!
-//! The kernels of points in one cell lie over the same grid points, where their width is even. Spreading sums their
-//! values in registers, and adds the sums to the grid once: a point costs its products, at the rate of a matrix
-//! product's kernel, in place of reading and writing `w^2` values across cache lines. Interpolation reads the grid once
-//! for several points. One channel at a time.
+//! The kernels of points in one cell lie over the same grid points, where their width is even. Spreading sums their values in
+//! registers, and adds the sums to the grid once: a point costs its products, at the rate of a matrix product's kernel, in
+//! place of reading and writing `w^2` values across cache lines. Interpolation reads the grid once for several points. One
+//! channel at a time.
 
 use std::ops::Range;
 
@@ -47,8 +47,7 @@ pub(crate) fn spread_cells(
     }
 }
 
-/// Kernels for a padded width, which narrower ones use as well: sums of `$rows` by `$across` grid values fit the
-/// registers of AVX-512.
+/// Kernels for a padded width, which narrower ones use as well: sums of `$rows` by `$across` grid values fit the registers of AVX-512.
 macro_rules! kernels_for {
     ($interpolate:ident, $spread:ident, $lanes:literal, $rows:literal, $across:literal) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
@@ -98,8 +97,7 @@ macro_rules! kernels_for {
 kernels_for!(interpolate_cells_12, spread_cells_12, 12, 12, 4);
 kernels_for!(interpolate_cells_16, spread_cells_16, 16, 16, 8);
 
-/// The place of the first value under a point's kernel, of the first channel, in a grid whose first row is row
-/// `first_row`.
+/// The place of the first value under a point's kernel, of the first channel, in a grid whose first row is row `first_row`.
 #[inline(always)]
 fn start(layout: Layout, first_row: usize, batch: &Batch, point: usize) -> usize {
     let [row, column] = batch.corner(point);
@@ -116,8 +114,8 @@ fn end_of_cell(batch: &Batch, point: usize, count: usize) -> usize {
     end
 }
 
-/// Values of all channels at P points of one cell, `values` (points, channels) row-major from the first of them on,
-/// from the grid from the first value under their kernels on.
+/// Values of all channels at P points of one cell, `values` (points, channels) row-major from the first of them on, from the
+/// grid from the first value under their kernels on.
 #[inline(always)]
 fn gather<const W: usize, const P: usize, const FMA: bool>(
     layout: Layout,
@@ -151,8 +149,8 @@ fn gather<const W: usize, const P: usize, const FMA: bool>(
     }
 }
 
-/// Adds values of all channels at points of one cell, `values` (points of the batch, channels) row-major, to the grid
-/// from the first value under their kernels on: R rows and L columns of their sums at a time.
+/// Adds values of all channels at points of one cell, `values` (points of the batch, channels) row-major, to the grid from the
+/// first value under their kernels on: R rows and L columns of their sums at a time.
 #[inline(always)]
 fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
     layout: Layout,
@@ -199,8 +197,8 @@ fn sums<const R: usize, const L: usize, const FMA: bool>(
         for column in &mut columns {
             *column *= value;
         }
-        // Rows inside: the optimiser unrolls them, and makes vectors of columns. The other way round it makes vectors
-        // of rows, which takes eight times as long.
+        // Rows inside: the optimiser unrolls them, and makes vectors of columns. The other way round it makes vectors of rows,
+        // which takes eight times as long.
         for i in 0..L {
             for r in 0..R {
                 sums[r][i] = fused::<FMA>(weights[r], columns[i], sums[r][i]);

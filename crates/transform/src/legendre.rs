@@ -15,8 +15,8 @@
 //! The work is cut into blocks of rings and chunks of degrees: the values of r go to a [table](crate::ring_table) that
 //! stays in the L1 cache and serves all channels. A value costs two fused products, and one more for the cosine and one
 //! for the sine of each channel: with three channels 8 fused products in 4 cycles for eight rings, of which six are the
-//! sums. From degree 256 on one value serves a [pair of degrees](crate::degree_pairs) on most rings, at half of that.
-//! Next to the equator degrees are taken one by one, next to the poles in [double-double](crate::polar_rings).
+//! sums. From degree 256 on one value serves a [pair of degrees](crate::degree_pairs) on most rings, at half of that. Next to
+//! the equator degrees are taken one by one, next to the poles in [double-double](crate::polar_rings).
 //!
 //! Near the poles, where `u` is so small that all `P_{l,m}` of an order are negligible, rings are skipped
 //! (`first_ring`).
@@ -162,9 +162,8 @@ impl Legendre {
         self.order(m).1
     }
 
-    /// Writes the coefficients of order m of `channels` columns as [`synthesis`](Self::synthesis) takes them,
-    /// multiplied by [`scale`](Self::scale) and a factor: x is (L + 1 - m, 2 c) row-major, cosine and sine of each
-    /// channel. Sines of order 0 are 0.
+    /// Writes the coefficients of order m of `channels` columns as [`synthesis`](Self::synthesis) takes them, multiplied by
+    /// [`scale`](Self::scale) and a factor: x is (L + 1 - m, 2 c) row-major, cosine and sine of each channel. Sines of order 0 are 0.
     pub(crate) fn scaled(&self, m: usize, factor: f64, from: SomeColumns<'_>, channels: usize, x: &mut [f64]) {
         let SomeColumns { values, all, first } = from;
         for ((x, scale), l) in x.chunks_exact_mut(2 * channels).zip(self.scale(m)).zip(m..) {
@@ -356,8 +355,7 @@ enum Zone {
 pub(crate) struct Work {
     polar: PolarState,
     table: RingTable,
-    /// Mixed coefficients of an order, (pairs of degrees, 2 columns): for each channel those of even degrees and those
-    /// of odd ones.
+    /// Mixed coefficients of an order, (pairs of degrees, 2 columns): for each channel those of even degrees and those of odd ones.
     mixed: Vec<f64>,
 }
 

@@ -21,8 +21,8 @@
 //! # Range
 //!
 //! L up to half of what a [`Transform`](crate::Transform) takes. Weights may be negative. Errors are a few eps times
-//! `sum |w|`: on samplings whose normal matrix has a large condition the directions of small eigenvalues lose digits,
-//! as they would with the matrix itself.
+//! `sum |w|`: on samplings whose normal matrix has a large condition the directions of small eigenvalues lose digits, as
+//! they would with the matrix itself.
 //!
 //! On the circle this is the Toeplitz matrix of H. G. Feichtinger, K. Gröchenig and T. Strohmer, "Efficient numerical
 //! methods in non-uniform sampling theory", Numer. Math. 69 (1995), multiplied by Fourier transforms.
@@ -72,8 +72,8 @@ impl MomentOperator {
     /// Channels that a product takes at a time: these share Legendre functions and stay in a cache together.
     pub const CHANNELS: usize = ring_grid::CHANNELS;
 
-    /// Makes the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L +
-    /// 1)^2` values in canonical order.
+    /// Makes the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2`
+    /// values in canonical order.
     ///
     /// # Errors
     ///
@@ -115,8 +115,7 @@ impl MomentOperator {
         basis_size(self.max_degree())
     }
 
-    /// Returns a bound on the largest eigenvalue in size: the largest `|S(g)|`, as `A_g^T diag(q_g) A_g` is the
-    /// identity.
+    /// Returns a bound on the largest eigenvalue in size: the largest `|S(g)|`, as `A_g^T diag(q_g) A_g` is the identity.
     pub fn norm(&self) -> f64 {
         self.norm
     }

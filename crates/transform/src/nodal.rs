@@ -1,25 +1,24 @@
 //! Sums over samples that are linear in values at nodes, as those of a surface are in its vertices.
 //!
-//! A sample of a triangle has the value `f_i = sum_k lambda_ik X_{v_ik}` of its three corners. The right-hand sides of
-//! a least squares are then linear in X, too:
+//! A sample of a triangle has the value `f_i = sum_k lambda_ik X_{v_ik}` of its three corners. The right-hand sides of a least
+//! squares are then linear in X, too:
 //!
 //! ```text
 //! A^T W f = sum_v X_v h_v,   h_v = sum_i w_i lambda_iv S(x_i)
 //! ```
 //!
-//! On the oversampled grid of an [adjoint synthesis](crate::Transform::adjoint_synthesis) `h_v` is a *patch*: the
-//! kernels of the samples around a node, added up, over a few grid points more than one kernel has. With three samples
-//! a triangle a node has 18 kernels and one patch, so that spreading values at nodes takes a quarter of the products
-//! that spreading samples takes, and the samples' values are never made. Patches don't depend on the values:
-//! [`NodalSums::keep`] makes them once for many surfaces over one sphere. Without that they are made where they are
-//! added, and forgotten. The bits are the same either way, and depend neither on other channels nor on the number of
-//! threads.
+//! On the oversampled grid of an [adjoint synthesis](crate::Transform::adjoint_synthesis) `h_v` is a *patch*: the kernels of
+//! the samples around a node, added up, over a few grid points more than one kernel has. With three samples a triangle a node
+//! has 18 kernels and one patch, so that spreading values at nodes takes a quarter of the products that spreading samples takes,
+//! and the samples' values are never made. Patches don't depend on the values: [`NodalSums::keep`] makes them once for many
+//! surfaces over one sphere. Without that they are made where they are added, and forgotten. The bits are the same
+//! either way, and depend neither on other channels nor on the number of threads.
 //!
 //! # Cost
 //!
 //! For a channel a fused product for each value of a patch: some 400 for a node whose triangles are smaller than the
-//! kernel. Patches have `3 w^2` products for each sample. Memory: 48 bytes a sample and 120 a triangle, 8 bytes for
-//! each value of a patch that is kept, and a grid.
+//! kernel. Patches have `3 w^2` products for each sample. Memory: 48 bytes a sample and 120 a triangle, 8 bytes for each value
+//! of a patch that is kept, and a grid.
 
 mod incidence;
 mod kernels;
@@ -43,8 +42,8 @@ use crate::{Accumulator, FINEST, SampleSums, Transform, TransformError, Transfor
 /// Pieces of patches that are made at a time where they aren't kept.
 const TOGETHER: usize = 128;
 
-/// Channels that are transformed at a time: with more of them caches don't hold the grid, with fewer the patches are
-/// read more often.
+/// Channels that are transformed at a time: with more of them caches don't hold the grid, with fewer the patches are read more
+/// often.
 const CHANNELS: usize = 32;
 
 /// Elements whose squares are summed at a time.
@@ -72,8 +71,7 @@ pub struct NodalSums {
 }
 
 impl NodalSumsBuilder {
-    /// Starts sums for fits to degree L = `max_degree` of values at so many nodes, over about so many triangles and
-    /// samples.
+    /// Starts sums for fits to degree L = `max_degree` of values at so many nodes, over about so many triangles and samples.
     ///
     /// # Errors
     ///
@@ -122,8 +120,8 @@ impl NodalSumsBuilder {
 }
 
 impl NodalSums {
-    /// Returns the most bytes that so many samples on so many triangles take, the making of them and of sums for c =
-    /// `channels` channels among them; without patches that are kept.
+    /// Returns the most bytes that so many samples on so many triangles take, the making of them and of sums for c = `channels`
+    /// channels among them; without patches that are kept.
     #[must_use]
     pub fn bytes(max_degree: usize, nodes: usize, triangles: usize, samples: usize, channels: usize) -> usize {
         // Places and shares; triangles, and those of each node; where these and the patches of nodes begin.
@@ -169,8 +167,7 @@ impl NodalSums {
         Ok(SampleSums { right_sides, squares: self.squares(values, channels), ..self.plain.clone() })
     }
 
-    /// Writes the grid of the patches of all nodes times some of their values, the layout's channels from channel
-    /// `first` on.
+    /// Writes the grid of the patches of all nodes times some of their values, the layout's channels from channel `first` on.
     fn spread(&self, layout: Layout, first: usize, values: &[f64], channels: usize, grid: &mut [f64]) {
         let strips = grid.par_chunks_mut(ROWS * layout.row()).enumerate().with_max_len(1);
         strips.for_each_init(Patches::default, |scratch, (strip, grid)| {

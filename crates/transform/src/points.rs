@@ -20,12 +20,11 @@ const PLACED: usize = 256;
 
 /// The directions' positions on the grid, sorted. A *place* is an index in sorted order.
 ///
-/// Sorted by strips of rows, in a strip by tiles of columns, and in a tile by cells, so that directions in one cell
-/// follow each other; where cells outnumber the directions these are left as they come.
+/// Sorted by strips of rows, in a strip by tiles of columns, and in a tile by cells, so that directions in one cell follow
+/// each other; where cells outnumber the directions these are left as they come.
 #[derive(Debug)]
 pub(crate) struct Points {
-    /// The place of each direction, once it is asked for. Threads write to each other's neighbourhood: a relaxed store
-    /// is a plain one.
+    /// The place of each direction, once it is asked for. Threads write to each other's neighbourhood: a relaxed store is a plain one.
     ranks: OnceLock<Vec<AtomicU32>>,
     /// The direction at each place.
     order: Vec<u32>,
@@ -76,8 +75,7 @@ impl Points {
         self.order.len()
     }
 
-    /// Bytes held for a number of directions; `new` takes those of the longest strip of each thread beside it, at most
-    /// twice that.
+    /// Bytes held for a number of directions; `new` takes those of the longest strip of each thread beside it, at most twice that.
     pub(crate) const fn bytes(directions: usize) -> usize {
         directions * (2 * 4 + 8 + 16)
     }
@@ -125,11 +123,11 @@ impl<'a> Slots<'a> {
     }
 }
 
-/// Places directions on the grid and writes them to the slots sorted by strips, stably: returns the first place of each
-/// strip, with their number at the end.
+/// Places directions on the grid and writes them to the slots sorted by strips, stably: returns the first place of each strip,
+/// with their number at the end.
 ///
-/// A counting sort of runs of directions at once, each of which has slots of its own in every strip: they are placed
-/// twice, the first time their rows alone, which takes less than keeping what is found.
+/// A counting sort of runs of directions at once, each of which has slots of its own in every strip: they are placed twice, the
+/// first time their rows alone, which takes less than keeping what is found.
 fn by_strips(directions: &[[f64; 3]], grid: usize, strip_rows: usize, mut slots: Slots<'_>) -> Vec<usize> {
     let buckets = (grid / 2 + 1).div_ceil(strip_rows);
     let run = directions.len().div_ceil(RUNS).max(LEAST_RUN);
@@ -175,9 +173,9 @@ pub(crate) struct CellSorter {
 }
 
 impl CellSorter {
-    /// Calls `put` with each of `count` points and its place in their strip, which has these rows of a grid: by tiles
-    /// of columns, and in a tile by cells where the points are many for that, those of two by two cells together. The
-    /// sort is stable.
+    /// Calls `put` with each of `count` points and its place in their strip, which has these rows of a grid: by tiles of
+    /// columns, and in a tile by cells where the points are many for that, those of two by two cells together. The sort is
+    /// stable.
     pub(crate) fn sort<P>(
         &mut self,
         grid: usize,

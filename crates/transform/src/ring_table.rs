@@ -1,9 +1,8 @@
 //! A table of Legendre values on a block of rings, for a chunk of degrees of one order.
 //!
-//! The values are those of the recurrence `r_l = alpha_l z r_{l-1} - r_{l-2}` (see [`legendre`](crate::legendre)), or
-//! those of [pairs of degrees](crate::degree_pairs). The table is 16 kB, so that it stays in the L1 cache while all
-//! channels are multiplied with it. Degrees follow each other from chunk to chunk: the table keeps the last two values
-//! of each ring.
+//! The values are those of the recurrence `r_l = alpha_l z r_{l-1} - r_{l-2}` (see [`legendre`](crate::legendre)), or those of
+//! [pairs of degrees](crate::degree_pairs). The table is 16 kB, so that it stays in the L1 cache while all channels are
+//! multiplied with it. Degrees follow each other from chunk to chunk: the table keeps the last two values of each ring.
 
 use multiversion::{multiversion, target::target_cfg_f};
 use spharm_harmonics::rings::SEED;
@@ -62,8 +61,7 @@ impl RingTable {
         fill(z, alpha, self);
     }
 
-    /// Computes the next `steps.len()` [pairs of degrees](crate::degree_pairs) on rings with these squares of the
-    /// cosine.
+    /// Computes the next `steps.len()` [pairs of degrees](crate::degree_pairs) on rings with these squares of the cosine.
     pub(crate) fn advance_pairs(&mut self, squares: &[f64], steps: &[[f64; 2]]) {
         fill_pairs(squares, steps, self);
     }

@@ -1,7 +1,7 @@
 //! Samples from the order of the directions to that of the places, and back.
 //!
-//! Directions come in any order, so that each value is read from somewhere else: what counts is how many of these reads
-//! are under way at once, and that a row's lines are read once for all groups of channels.
+//! Directions come in any order, so that each value is read from somewhere else: what counts is how many of these reads are under
+//! way at once, and that a row's lines are read once for all groups of channels.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -17,8 +17,8 @@ pub(crate) struct Columns {
     pub(crate) count: usize,
 }
 
-/// Fills the rows of each group, (places, channels of a group), of a run of places: `fill` gives the values of a
-/// direction from a channel on.
+/// Fills the rows of each group, (places, channels of a group), of a run of places: `fill` gives the values of a direction from a
+/// channel on.
 pub(crate) fn sort(
     order: &[u32],
     columns: Columns,
@@ -57,8 +57,8 @@ fn sort_rows<const C: usize>(
     }
 }
 
-/// Writes the columns of a run of directions, rows of `channels` values, from groups in sorted order, (groups, `length`
-/// / channels of a group, channels of a group).
+/// Writes the columns of a run of directions, rows of `channels` values, from groups in sorted order, (groups, `length` / channels
+/// of a group, channels of a group).
 pub(crate) fn unsort(
     ranks: &[AtomicU32],
     columns: Columns,

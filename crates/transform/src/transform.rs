@@ -28,8 +28,8 @@ use crate::{TransformError, TransformParams};
 
 /// Samples that a task sorts.
 const RUN: usize = 1 << 12;
-/// Bytes of samples of several groups of channels that are sorted together: rows of many channels are so long that
-/// sorting one group after the other reads as many lines of the cache for each as for all of them.
+/// Bytes of samples of several groups of channels that are sorted together: rows of many channels are so long that sorting one
+/// group after the other reads as many lines of the cache for each as for all of them.
 const SORTED: usize = 16 << 20;
 
 /// A plan for transforms between coefficients to one degree and samples at one list of directions.
@@ -188,8 +188,8 @@ impl Transform {
         }))
     }
 
-    /// Sums over weighted samples, `A^T diag(w) [1 f]`: returns (K, 1 + c), first the sums of the weights alone, for
-    /// samples f, (n, c), and weights w, (n), all one where there are none.
+    /// Sums over weighted samples, `A^T diag(w) [1 f]`: returns (K, 1 + c), first the sums of the weights alone, for samples
+    /// f, (n, c), and weights w, (n), all one where there are none.
     ///
     /// Faster than an adjoint synthesis for either: each direction's kernel is evaluated once.
     ///
@@ -242,8 +242,8 @@ impl Transform {
         coefficients
     }
 
-    /// Adjoint synthesis of samples that `spread` adds to a grid: for a range of columns it writes the grid, in this
-    /// layout and with its margins, whatever that held before.
+    /// Adjoint synthesis of samples that `spread` adds to a grid: for a range of columns it writes the grid, in this layout and
+    /// with its margins, whatever that held before.
     pub(crate) fn adjoint_of_grid(
         &self,
         channels: usize,
@@ -326,8 +326,8 @@ impl Transform {
         block.clone().step_by(count.max(1)).map(move |first| first..first + count)
     }
 
-    /// Calls `work` for blocks of channels: up to `together` whole groups, and in the end what is less than a group.
-    /// Its working memory has the parts that `uses` names: samples of all groups of the block, the rest of one group.
+    /// Calls `work` for blocks of channels: up to `together` whole groups, and in the end what is less than a group. Its working
+    /// memory has the parts that `uses` names: samples of all groups of the block, the rest of one group.
     fn grouped(
         &self,
         channels: usize,

@@ -63,8 +63,8 @@ impl Workspace {
     }
 }
 
-/// Gives an array a length; what it holds is overwritten by whoever uses it. A longer one is made by all threads, as
-/// new pages take longer than anything else that is done with them.
+/// Gives an array a length; what it holds is overwritten by whoever uses it. A longer one is made by all threads, as new pages take
+/// longer than anything else that is done with them.
 fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize) {
     if length > values.capacity() {
         // Nothing of the old one is copied.

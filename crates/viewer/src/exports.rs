@@ -1,9 +1,9 @@
 //! The C functions that the page's script calls.
 //!
-//! There is one [`View`]. `set_*` makes room for an array and returns where the script puts it; `plan`, `evaluate`,
-//! `refer` and `measure` return 1 when they are done and 0 when they refuse; the rest return where a result begins,
-//! until the next call. A pointer is an offset into the module's memory, which the script reads and writes itself:
-//! nothing here dereferences one.
+//! There is one [`View`]. `set_*` makes room for an array and returns where the script puts it; `plan`, `evaluate`, `refer`
+//! and `measure` return 1 when they are done and 0 when they refuse; the rest return where a result begins, until the next
+//! call. A pointer is an offset into the module's memory, which the script reads and writes itself: nothing here
+//! dereferences one.
 #![expect(
     unsafe_code,
     reason = "a name that is exported unmangled is unsafe to state, as names might clash; these don't"

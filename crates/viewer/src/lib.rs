@@ -1,8 +1,8 @@
 //! Models evaluated in a browser.
 //!
-//! This is what the pages of `spharm report` have as WebAssembly: a [`View`] holds one model's coefficients, directions
-//! and triangles, and evaluates the surface to any degree, with its normals and its distances from a reference surface.
-//! On `wasm32` the module `exports` makes it a library of C functions; elsewhere there is the type alone, for tests.
+//! This is what the pages of `spharm report` have as WebAssembly: a [`View`] holds one model's coefficients, directions and
+//! triangles, and evaluates the surface to any degree, with its normals and its distances from a reference surface. On
+//! `wasm32` the module `exports` makes it a library of C functions; elsewhere there is the type alone, for tests.
 //!
 //! `./run report-assets` builds it into `crates/report/assets`.
 //!

@@ -1,7 +1,7 @@
 //! Normals at the vertices of a mesh.
 
-/// Returns the unit normals at vertices, (n, 3) row-major: the sum of the triangles' normals, weighted by their areas,
-/// so that they point outwards where triangles are counter-clockwise seen from outside. Zero where that sum is.
+/// Returns the unit normals at vertices, (n, 3) row-major: the sum of the triangles' normals, weighted by their areas, so that
+/// they point outwards where triangles are counter-clockwise seen from outside. Zero where that sum is.
 ///
 /// Triangles, (m, 3), must name vertices that are there.
 #[must_use]

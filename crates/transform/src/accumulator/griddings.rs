@@ -5,8 +5,8 @@ use crate::grid::Layout;
 use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
 use crate::kernel::{Kernel, MAX_WIDTH};
 
-/// Samples that are held before they are spread: one for so many points of the grids, over all of which spreading goes,
-/// within these bounds.
+/// Samples that are held before they are spread: one for so many points of the grids, over all of which spreading goes, within
+/// these bounds.
 const POINTS_A_SAMPLE: usize = 8;
 const FEWEST_HELD: usize = 1 << 16;
 const MOST_HELD: usize = 1 << 23;

@@ -14,8 +14,7 @@ use crate::interpolation_batch::spread_batch;
 use crate::kernel::Kernel;
 use crate::points::CellSorter;
 
-/// Marks where the samples of all blocks are, and adds them to the grids, in an order that doesn't depend on the number
-/// of threads.
+/// Marks where the samples of all blocks are, and adds them to the grids, in an order that doesn't depend on the number of threads.
 pub(super) fn spread(
     griddings: &Griddings,
     channels: usize,

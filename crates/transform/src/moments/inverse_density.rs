@@ -1,17 +1,16 @@
 //! An approximate inverse of the normal operator: division by the density of the samples.
 //!
-//! `A^T diag(w) A` multiplies by the density S of the weights and projects to degrees up to L. Where S varies on a
-//! larger scale than functions of degree L do, the inverse divides by it. S itself is rough at the scale of degree L on
-//! any sampling without order; what the operator sees of it is S smoothed at that scale, `S~ = sum exp(-(c l / L)^2 /
-//! 2) s_{lm} S_{lm}`. With a floor under S~ and quadrature weights q,
+//! `A^T diag(w) A` multiplies by the density S of the weights and projects to degrees up to L. Where S varies on a larger scale
+//! than functions of degree L do, the inverse divides by it. S itself is rough at the scale of degree L on any sampling without
+//! order; what the operator sees of it is S smoothed at that scale, `S~ = sum exp(-(c l / L)^2 / 2) s_{lm} S_{lm}`. With a
+//! floor under S~ and quadrature weights q,
 //!
 //! ```text
 //! M = A_g^T diag(q_g / S~(g)) A_g
 //! ```
 //!
-//! is symmetric and positive definite, and a preconditioner needn't be exact: M has a grid of 5/4 L rings in place of
-//! 2L, which takes some half of the time of a product with the operator. Iterations of conjugate gradients to 1e-10,
-//! without and with M:
+//! is symmetric and positive definite, and a preconditioner needn't be exact: M has a grid of 5/4 L rings in place of 2L, which
+//! takes some half of the time of a product with the operator. Iterations of conjugate gradients to 1e-10, without and with M:
 //!
 //! | samples | without | with |
 //! |---|--:|--:|
@@ -38,8 +37,8 @@ use crate::TransformError;
 const SMOOTHING: f64 = 1.2;
 /// Least density, relative to the mean.
 const FLOOR: f64 = 0.05;
-/// Standard deviation of the smoothed density, relative to its mean, from which on fewer iterations pay for what an
-/// application of the inverse takes: random samples have it at 11 to a coefficient.
+/// Standard deviation of the smoothed density, relative to its mean, from which on fewer iterations pay for what an application of the
+/// inverse takes: random samples have it at 11 to a coefficient.
 const UNEVEN: f64 = 0.25;
 /// Standard deviation below which the sampling is even: random samples have it at 70 to a coefficient.
 const EVEN: f64 = 0.1;
@@ -47,8 +46,8 @@ const EVEN: f64 = 0.1;
 const SPARSE: f64 = 0.3;
 /// The largest share of the sphere whose density may be below the floor.
 const GAPS: f64 = 0.02;
-/// The same scale, c, where the density is smoothed to find large gaps: those of a radius of some 15 / L. Functions
-/// within such a gap aren't determined in the end, and what iterations make of them depends on the preconditioner.
+/// The same scale, c, where the density is smoothed to find large gaps: those of a radius of some 15 / L. Functions within such
+/// a gap aren't determined in the end, and what iterations make of them depends on the preconditioner.
 const GAP_SMOOTHING: f64 = 6.0;
 
 /// An approximate inverse of the normal operator of an uneven sampling, from the moments of its weights.
@@ -60,9 +59,8 @@ pub struct InverseDensity {
 }
 
 impl InverseDensity {
-    /// Makes the inverse to degree L = `max_degree` from moments to degree 2L, as
-    /// [`MomentOperator`](super::MomentOperator) takes them; `None` where it isn't worth it, as the sampling is even,
-    /// or where the sampling has large gaps.
+    /// Makes the inverse to degree L = `max_degree` from moments to degree 2L, as [`MomentOperator`](super::MomentOperator) takes them;
+    /// `None` where it isn't worth it, as the sampling is even, or where the sampling has large gaps.
     ///
     /// # Errors
     ///
@@ -96,8 +94,8 @@ impl InverseDensity {
         Ok(Some(Self { on_grid: OnGrid::new(grid, density), condition }))
     }
 
-    /// Returns the most bytes that an operator and its inverse take together, while either is made or with the working
-    /// memory of calls with so many channels on `threads` threads.
+    /// Returns the most bytes that an operator and its inverse take together, while either is made or with the working memory of calls
+    /// with so many channels on `threads` threads.
     pub const fn bytes_with_operator(max_degree: usize, channels: usize, threads: usize) -> usize {
         let operator = MomentOperator::sizes(max_degree, channels, threads);
         let rings = (Size::Coarse.last_pair(max_degree) + 1).next_multiple_of(8);

@@ -1,14 +1,13 @@
-//! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an
-//! [`InverseDensity`](super::InverseDensity): coefficients to rings, a product at the grid's points, and rings to
-//! coefficients.
+//! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an [`InverseDensity`](super::InverseDensity):
+//! coefficients to rings, a product at the grid's points, and rings to coefficients.
 //!
 //! Rings come in pairs, a northern one and its mirror: the sums over even and over odd `l - m` that
 //! [`Legendre`] gives are their sum and difference. Both are real, so one complex Fourier transform serves a pair: the
 //! northern ring is the real part and the southern one the imaginary part.
 //!
-//! On a ring next to a pole orders above some `m(theta)` are negligible. A product of functions of orders up to a, b
-//! and a with one needs `2 a + b + 1` points to be integrated exactly, so such a ring has fewer points than the
-//! equator: over the sphere a third less. Where it needn't be exact rings and points may be fewer.
+//! On a ring next to a pole orders above some `m(theta)` are negligible. A product of functions of orders up to a, b and
+//! a with one needs `2 a + b + 1` points to be integrated exactly, so such a ring has fewer points than the equator:
+//! over the sphere a third less. Where it needn't be exact rings and points may be fewer.
 
 use std::sync::Arc;
 
@@ -47,8 +46,8 @@ pub(super) struct RingGrid {
 pub(super) enum Size {
     /// Products of two functions of degree L and one of degree 2L are integrated exactly.
     Exact,
-    /// 5/4 of the rings and points that functions of degree L have digits on: a product with a function is near to the
-    /// exact one, at some half of the cost.
+    /// 5/4 of the rings and points that functions of degree L have digits on: a product with a function is near to the exact
+    /// one, at some half of the cost.
     Coarse,
 }
 
@@ -148,8 +147,8 @@ impl RingGrid {
         self.pairs.iter().map(|pair| pair.points).sum()
     }
 
-    /// The function S with the moments s to degree 2L, each times the factor of its degree, at the points: northern
-    /// rings as real and southern ones as imaginary parts.
+    /// The function S with the moments s to degree 2L, each times the factor of its degree, at the points: northern rings as real
+    /// and southern ones as imaginary parts.
     pub(super) fn function(&self, twice: &Legendre, moments: &[f64], factors: Option<&[f64]>) -> Vec<Complex64> {
         let mut values = vec![Complex64::default(); self.points()];
         let (degree, rings) = (2 * self.max_degree, twice.rings());
@@ -182,8 +181,8 @@ impl RingGrid {
         values
     }
 
-    /// Calls `change` with the quadrature weights and the values of each point and its mirror; zero is the weight of a
-    /// mirror that counts already.
+    /// Calls `change` with the quadrature weights and the values of each point and its mirror; zero is the weight of a mirror that
+    /// counts already.
     pub(super) fn weigh(&self, values: &mut [Complex64], change: impl Fn([f64; 2], &mut Complex64) + Sync) {
         self.of_pairs(values).into_par_iter().enumerate().for_each(|(j, points)| {
             let weight = self.gauss.weights[j] * std::f64::consts::TAU / points.len() as f64;

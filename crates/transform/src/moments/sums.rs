@@ -24,8 +24,8 @@ pub struct SampleSums {
 }
 
 impl SampleSums {
-    /// Computes the sums of samples `values`, (n, c), at `directions`, with weights (n), all one where there are none;
-    /// to the relative accuracy of a [`Transform`].
+    /// Computes the sums of samples `values`, (n, c), at `directions`, with weights (n), all one where there are none; to
+    /// the relative accuracy of a [`Transform`].
     ///
     /// One pass: samples are sorted and kernels evaluated once for moments and right-hand sides.
     ///

@@ -250,8 +250,8 @@ impl Incidence {
         }
     }
 
-    /// Adds the kernels of a node's samples to the rows of a piece: from row `first_row` of a strip on, which are at
-    /// `places` among the values.
+    /// Adds the kernels of a node's samples to the rows of a piece: from row `first_row` of a strip on, which are at `places`
+    /// among the values.
     fn add_kernels(
         &self,
         piece: Piece,

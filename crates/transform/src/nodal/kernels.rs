@@ -40,8 +40,7 @@ impl Kernels {
     }
 }
 
-/// Adds so many kernels to the rows of a piece, from row `first_row` of the strip on, which are at `places` among the
-/// values.
+/// Adds so many kernels to the rows of a piece, from row `first_row` of the strip on, which are at `places` among the values.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn add_kernels(
     kernels: &Kernels,

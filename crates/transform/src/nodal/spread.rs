@@ -6,8 +6,8 @@ use super::patches::{COLUMNS, Patches};
 use crate::grid::Layout;
 use crate::lanes::{fused, load};
 
-/// Adds each patch times the values of its node, of which those of the layout's channels are the first of every
-/// `stride` values, to the rows of a strip.
+/// Adds each patch times the values of its node, of which those of the layout's channels are the first of every `stride` values,
+/// to the rows of a strip.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, values: &[f64], stride: usize) {
     for tile in &patches.tiles {

@@ -41,8 +41,7 @@ fn a_density_that_varies_slowly_is_inverted() {
     assert!(off(&found, &x) < 2e-3, "{:e}", off(&found, &x));
 }
 
-/// The extreme eigenvalues of M N bound how many iterations it takes. By powers of M N and of what is left of the
-/// largest.
+/// The extreme eigenvalues of M N bound how many iterations it takes. By powers of M N and of what is left of the largest.
 fn spread(operator: impl Fn(&Array2<f64>) -> Array2<f64>, size: usize) -> f64 {
     let largest = |of: &dyn Fn(&Array2<f64>) -> Array2<f64>| {
         let mut x = numbers(3, size, 1);
