@@ -243,7 +243,7 @@ impl FromStr for Preconditioner {
 /// use spharm::{FitParams, Objective, Smoothness};
 ///
 /// let objective = Objective::Vertices;
-/// let params = FitParams { target, smoothness: Smoothness::Auto, hold_out: Some(0.1), ..FitParams::lsq(60) };
+/// let params = FitParams { objective, smoothness: Smoothness::Auto, hold_out: Some(0.1), ..FitParams::lsq(60) };
 /// assert_eq!(params.max_degree, 60);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
