@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use spharm::Model;
-use spharm::files::steps_of;
+use spharm::fit_mesh::steps_of;
 
 use crate::common::{finish, succeed, text, tool};
 use crate::volumes::write_volume;

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use spharm::files::{MadeOf, ModelFiles, Preparation, Replace};
+use spharm::Preparation;
+use spharm::files::{MadeOf, ModelFiles, Replace};
 use spharm::rerun::{Decision, IfExists, Request};
 use spharm::{FileRecord, FitParams, Model, Sphere, fit};
 use spharm_surface::generate::{Cortex, cortex};

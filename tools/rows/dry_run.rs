@@ -7,9 +7,9 @@ use anyhow::{Result, anyhow, bail};
 use serde_json::{Value, json};
 use spharm::cohort::Row;
 use spharm::files::ModelFiles;
-use spharm::parametrize::{Input, volume::is_volume};
+use spharm::parametrize::volume::is_volume;
 use spharm::rerun::IfExists;
-use spharm::{Monitor, Sphere, SurfaceError, check_mapping, check_memory};
+use spharm::{Monitor, Sphere, SurfaceError, check_memory, check_surface};
 use spharm_cli::exit::{is_interrupted, line_with_advice};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
@@ -174,10 +174,7 @@ impl Look<'_> {
                 if group.sphere.is_none() && !is_volume(&row.surface) && self.own < READ {
                     self.own += 1;
                     let found = lock(&self.work.reader).read(&row.surface, None, monitor)?;
-                    if let Input::Mesh(mesh) | Input::Fixed(mesh, _) = &found {
-                        check_memory(mesh, &params)?;
-                        check_mapping(mesh.vertices.len(), &params)?;
-                    }
+                    check_surface(&found, &params)?;
                 }
                 Ok(false)
             };

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Serialize;
-use spharm::FitReport;
 use spharm::assess::SurfaceDistances;
 use spharm::cohort::Row;
 use spharm::parametrize::HandlesReport;
 use spharm::parametrize::volume::Repair;
+use spharm::{FitReport, MappedSurface};
 
 use super::item::{Item, id};
 
@@ -51,6 +51,18 @@ pub(super) struct Mapped {
     pub(super) handles: Option<HandlesReport>,
     #[serde(flatten)]
     pub(super) report: spharm::parametrize::Report,
+}
+
+impl Mapped {
+    pub(super) fn new(sphere: PathBuf, surface: &MappedSurface) -> Self {
+        Self {
+            sphere,
+            repair: surface.repair,
+            mesh_repair: surface.mesh_repair.map(|repair| repair.counts().into_iter().collect()),
+            handles: surface.handles.clone(),
+            report: surface.parametrized.map.report.clone(),
+        }
+    }
 }
 
 impl Fitted {

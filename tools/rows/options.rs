@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde_json::{Map, Value};
 use spharm::cohort::Row;
-use spharm::files::Preparation;
 use spharm::rerun::IfExists;
-use spharm::{FitParams, Sphere, Target};
+use spharm::{FitParams, Preparation, Sphere, Target};
 use spharm_cli::surfaces::{SurfaceReader, VoxelSize};
 use spharm_cli::threads::Threads;
 

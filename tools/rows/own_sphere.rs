@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use spharm::cohort::Row;
 use spharm::files::{MadeOf, Mapped as Found};
 use spharm::parametrize::Input;
-use spharm::{Error, FitParams, Monitor, Target};
+use spharm::{FitParams, Monitor};
 
 use super::fitted::{Fitted, Mapped};
 use super::groups::Group;
@@ -39,27 +39,14 @@ impl Work<'_> {
         let params = self.params(row)?;
         let Some(item) = self.decide(number, None, &params)? else { return Ok(None) };
         let found = self.map(row, &item, &params, monitor)?;
-        let report = found.parametrized.map.report.clone();
-        let (repair, handles) = (found.repair, found.handles.clone());
-        let mesh_repair = found.mesh_repair.map(|repair| repair.counts().into_iter().collect());
-        totals.parametrize += report.seconds;
-        let mapped = Mapped { sphere: item.files.sphere(), repair, mesh_repair, handles, report };
+        let mapped = Mapped::new(item.files.sphere(), &found.surface);
+        totals.parametrize += mapped.report.seconds;
         let fit_and_write = || -> Result<Fitted> {
-            let sphere = &found.parametrized.sphere;
-            let target = Target::from_mesh(&found.parametrized.map.surface, sphere)?;
-            let read = |_| Ok::<_, Error>(target.clone());
-            let (mut fits, report) = spharm::fit_many(sphere, 1, &read, &params, &|_, fit| Ok(fit), monitor)?;
+            let (fit, report) = found.surface.fit(&params, monitor)?;
             totals.add(report, self.rows.rows.len() <= LISTED);
-            let fit = fits.pop().context("a surface that was read has been fitted")?;
-            let made_of = MadeOf {
-                preparation: self.options.preparation(false, item.record.label),
-                repair: found.repair.as_ref(),
-                mesh_repair: found.mesh_repair.as_ref(),
-                handles: found.handles.as_ref(),
-                steps: found.steps,
-                ..MadeOf::default()
-            };
-            self.write((row, &item), sphere, fit, made_of, &params, Some(mapped))
+            let preparation = self.options.preparation(false, item.record.label);
+            let made_of = MadeOf { preparation, surface: Some(&found.surface), ..MadeOf::default() };
+            self.write((row, &item), &found.surface.parametrized.sphere, fit, made_of, &params, Some(mapped))
         };
         let fitted = fit_and_write();
         if fitted.is_err() {
@@ -81,7 +68,7 @@ impl Work<'_> {
         let reuse = self.options.if_exists.keeps();
         let found = item.files.map(&surface, &item.record, params, reuse, item.replace, monitor);
         let found = found.with_context(|| input.to_string())?;
-        let (report, path) = (&found.parametrized.map.report, item.files.sphere());
+        let (report, path) = (&found.surface.parametrized.map.report, item.files.sphere());
         let (path, seconds, area) = (path.display(), report.seconds, report.quality.area_rms);
         console.note(match (found.written.is_empty(), report.method) {
             (true, _) => format!("{path}: the sphere that an earlier call made of {input} is used again"),
@@ -92,7 +79,7 @@ impl Work<'_> {
             }
         });
         report.warnings.iter().for_each(|warning| console.warn(warning));
-        if let Some(steps) = found.steps {
+        if let Some(steps) = found.surface.steps {
             lock(&self.steps).push((item.record.to_string(), steps));
         }
         report.notes.iter().for_each(|note| console.note(note));

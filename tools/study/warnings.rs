@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::Value;
 use spharm::Model;
-use spharm::files::steps_of;
+use spharm::fit_mesh::steps_of;
 use spharm::parametrize::volume::{VoxelSteps, steps_of_labels};
 use spharm::shape::{outliers, rmsd};
 use spharm_cli::inputs::{MOST_OWN, read_text};

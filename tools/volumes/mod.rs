@@ -7,12 +7,13 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use spharm::files::{MadeOf, ModelFiles, Preparation, Replace, steps_of};
+use spharm::files::{MadeOf, ModelFiles, Replace};
+use spharm::fit_mesh::steps_of;
 use spharm::parametrize::Input;
 use spharm::parametrize::volume::{LabelVolume, VolumeParams, is_volume, steps_of_labels};
 use spharm::rerun::{Decision, IfExists, Refusal, Request};
 use spharm::shape::{MeasureParams, descriptors, measure};
-use spharm::{FileRecord, FitParams, Monitor, Target, fit_with};
+use spharm::{FileRecord, FitParams, Monitor, Preparation};
 use spharm_cli::exit;
 use spharm_cli::inputs::{expand_lists, read_text};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -278,15 +279,10 @@ impl Call<'_> {
         input.changes(handles).iter().for_each(|change| console.note(format!("{record}: {change}")));
         let found = files.map(&input, record, &self.params, false, replace, self.monitor).with_context(named)?;
         let fitted = || -> Result<f64> {
-            let parametrized = &found.parametrized;
-            let target = Target::from_mesh(&parametrized.map.surface, &parametrized.sphere)?;
-            let fit = fit_with(&parametrized.sphere, &target, &self.params, self.monitor)?;
-            let repair = found.repair.as_ref();
-            let handles = found.handles.as_ref();
-            let preparation = self.preparation(record.label);
-            let steps = found.steps;
-            let made_of = MadeOf { input: Some(record), preparation, repair, handles, steps, ..MadeOf::default() };
-            files.write(&parametrized.sphere, &fit, &made_of, false, replace)?;
+            let (fit, _) = found.surface.fit(&self.params, self.monitor)?;
+            let (preparation, surface) = (self.preparation(record.label), Some(&found.surface));
+            let made_of = MadeOf { input: Some(record), preparation, surface, ..MadeOf::default() };
+            files.write(&found.surface.parametrized.sphere, &fit, &made_of, false, replace)?;
             console.note(format!("{record}: {}", files.model.display()));
             Ok(fit.report.passes.last().map_or(f64::NAN, |distances| distances.rms()))
         };

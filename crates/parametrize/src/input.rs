@@ -101,6 +101,16 @@ impl Input {
         }
     }
 
+    /// Returns the surface as a mesh; none of a label whose handles weren't cut.
+    #[must_use]
+    pub fn mesh(&self) -> Option<&Mesh> {
+        match self {
+            Self::Mesh(mesh) | Self::Fixed(mesh, _) => Some(mesh),
+            Self::Cut(cut, _) => Some(&cut.surface),
+            Self::Label(_) => None,
+        }
+    }
+
     /// Returns the surface that was cut, if it was.
     #[must_use]
     pub fn cut(&self) -> Option<&CutSurface> {

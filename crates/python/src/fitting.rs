@@ -8,11 +8,11 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
-use spharm::parametrize::{Input, parametrize_with};
+use spharm::parametrize::Input;
 use spharm::solver::lsq::LsqWarning;
 use spharm::{
-    BatchReport, Error, Fit, FitParams, FitWarning, Kind, ManyReport, Mesh, Method, Model as Inner, Monitor, Objective,
-    Signal, Smoothness, Sphere, Target, Weights,
+    BatchReport, Error, Fit, FitParams, FitWarning, Kind, ManyReport, Mesh, MeshFit, Method, Model as Inner, Monitor,
+    Objective, Preparation, Signal, Smoothness, Sphere, Target, Weights,
 };
 
 use crate::arrays::{Faces, Positions, SeamIn, SphereArrays, mesh};
@@ -147,47 +147,39 @@ pub(crate) fn fit<'py>(
     };
     let triangles = faces.map(|faces| crate::arrays::rows("faces", faces.as_array())).transpose()?;
     let view = values.as_array();
-    let (sphere, fit, report, map, handles) = run(py, settings.threads, progress.as_ref(), |monitor| {
-        let (sphere, target, map, handles) = match given {
-            Given::Sphere(sphere) => {
-                let sphere = sphere.check()?;
-                let target = target(view, triangles.as_deref(), surface, &sphere)?;
-                refuse_doubtful(&sphere, &params)?;
-                (sphere, target, None, None)
-            }
-            Given::Bare(mesh) => {
-                params.check()?;
-                spharm::check_memory(&mesh, &params)?;
-                spharm::check_mapping(mesh.vertices.len(), &params)?;
-                let mesh = Input::Mesh(mesh);
-                let mesh = if cut_handles { mesh.without_handles(monitor)? } else { mesh };
-                if let Some(cut) = mesh.cut() {
-                    // What fills the ends of handles counts, too.
-                    spharm::check_memory(&cut.surface, &params)?;
-                    spharm::check_mapping(cut.surface.vertices.len(), &params)?;
-                }
-                let mut found = parametrize_with(&mesh, &params.map(), monitor)?;
-                if let Some(cut) = mesh.cut() {
-                    found.sphere.seam.clone_from(&cut.seam);
-                }
-                let target = Target::from_mesh(&found.map.surface, &found.sphere)?;
-                (found.sphere, target, Some(found.map.report), mesh.handles().map(|handles| json!(handles)))
-            }
-        };
-        let read = |_: usize| Ok::<_, Error>(target.clone());
-        let (mut fits, report) = spharm::fit_many(&sphere, 1, &read, &params, &|_, fit| Ok(fit), monitor)?;
-        let fit = fits.pop().ok_or(Failure::Panic)?;
-        Ok((sphere, fit, report, map, handles))
+    let fits = run(py, settings.threads, progress.as_ref(), |monitor| match given {
+        Given::Sphere(sphere) => {
+            let sphere = sphere.check()?;
+            let target = target(view, triangles.as_deref(), surface, &sphere)?;
+            refuse_doubtful(&sphere, &params)?;
+            let read = |_: usize| Ok::<_, Error>(target.clone());
+            let (mut fits, many) = spharm::fit_many(&sphere, 1, &read, &params, &|_, fit| Ok(fit), monitor)?;
+            Ok(Fits::OnSphere(sphere, fits.pop().ok_or(Failure::Panic)?, many))
+        }
+        Given::Bare(mesh) => {
+            let preparation = Preparation { cut_handles, ..Preparation::default() };
+            Ok(Fits::OfMesh(Box::new(spharm::fit_mesh_with(Input::Mesh(mesh), preparation, &params, monitor)?)))
+        }
     })?;
-    let mut map = map.map(|map| json!(map));
-    if let (Some(Value::Object(map)), Some(handles)) = (&mut map, &handles) {
-        map.insert("handles".to_owned(), handles.clone());
-    }
-    let mut found = fitted(py, sphere, fit, &report, map, surface);
-    if let Some(Value::Object(handles)) = handles {
-        found.0.inner.provenance.handles = Some(handles);
-    }
+    let found = match fits {
+        Fits::OnSphere(sphere, fit, many) => fitted(py, sphere, fit, &many, None, surface),
+        Fits::OfMesh(found) => {
+            let MeshFit { surface: mapped, fit, many } = *found;
+            let mut map = json!(mapped.parametrized.map.report);
+            if let (Some(map), Some(handles)) = (map.as_object_mut(), &mapped.handles) {
+                map.insert("handles".to_owned(), json!(handles));
+            }
+            let mut found = fitted(py, mapped.parametrized.sphere.clone(), fit, &many, Some(map), surface);
+            mapped.record(&mut found.0.inner.provenance);
+            found
+        }
+    };
     Ok(found)
+}
+
+enum Fits {
+    OnSphere(Sphere, Fit, ManyReport),
+    OfMesh(Box<MeshFit>),
 }
 
 enum Given {

@@ -6,17 +6,16 @@ use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 use ndarray_npy::WriteNpyExt;
+use spharm_model::FileRecord;
 use spharm_model::csv::write_complex_csv;
-use spharm_model::{FileRecord, Model, Provenance};
 use spharm_monitor::Monitor;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
-use spharm_surface::repair::MeshRepair;
 use spharm_surface::{Sphere, SurfaceError};
 
+use crate::fit_mesh::{MappedSurface, Preparation};
 use crate::origin::Origin;
-use crate::parametrize::volume::{Repair, VoxelSteps};
-use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with, with_sphere};
-use crate::{Error, Fit, FitParams, check_mapping, check_memory};
+use crate::parametrize::{Input, with_sphere};
+use crate::{Error, Fit, FitParams, check_memory};
 
 /// Which files that exist are replaced.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -126,72 +125,44 @@ impl ModelFiles {
         monitor: &dyn Monitor,
     ) -> Result<Mapped, Error> {
         let path = self.sphere();
-        let settings = params.map();
-        let origin = Origin::new(record, &settings, input.handles().is_some());
-        let named = |found: Parametrized| {
-            let sphere = Sphere { path: Some(path.clone()), ..found.sphere };
-            Parametrized { sphere, ..found }
+        let origin = Origin::new(record, &params.map(), input.handles().is_some());
+        let named = |mut surface: MappedSurface| {
+            surface.parametrized.sphere.path = Some(path.clone());
+            surface
         };
-        let mesh = match input {
-            Input::Mesh(mesh) | Input::Fixed(mesh, _) => Some(mesh),
-            Input::Cut(cut, _) => Some(&cut.surface),
-            Input::Label(_) => None,
-        };
-        let (handles, mesh_repair) = (input.handles().cloned(), input.mesh_repair().copied());
-        let fits = mesh.map_or(Ok(()), |mesh| check_memory(mesh, params));
-        if let Some(mesh) = mesh {
+        // The sphere of a label may be of voxels of another size.
+        if let Some(mesh) = input.mesh().filter(|_| reuse && record.label.is_none()) {
             let left_over = || {
                 let sphere =
                     read_mesh(&path).ok().filter(|sphere| Origin::of(&sphere.meta).as_ref() == Some(&origin))?;
                 with_sphere(mesh, &sphere).ok()
             };
-            // That of a label may be of voxels of another size.
-            if let Some(found) = if reuse && record.label.is_none() { left_over() } else { None } {
-                fits?;
-                return Ok(Mapped {
-                    parametrized: named(found),
-                    repair: None,
-                    mesh_repair,
-                    handles,
-                    steps: None,
-                    written: Vec::new(),
-                });
+            if let Some(found) = left_over() {
+                check_memory(mesh, params)?;
+                let surface = named(MappedSurface::of(input, found, params));
+                return Ok(Mapped { surface, written: Vec::new() });
             }
         }
-        // The figure that is named is enough for both.
-        match (fits, check_mapping(Source::from(input).vertices(), params)) {
-            (Err(Error::Memory { budget, needed }), Err(Error::Memory { needed: mapping, .. })) => {
-                return Err(Error::Memory { budget, needed: needed.max(mapping) });
-            }
-            (fits, maps) => fits.and(maps)?,
-        }
-        let mut found = parametrize_with(input, &settings, monitor)?;
-        origin.write_to(&mut found.map.sphere.meta);
-        if let Some(cut) = input.cut() {
-            cut.mark(&mut found.map.sphere);
-            found.sphere.seam.clone_from(&cut.seam);
-        }
+        let mut surface = MappedSurface::new(input, params, monitor)?;
+        origin.write_to(&mut surface.parametrized.map.sphere.meta);
         make_folder_of(&path)?;
         // Mapping takes a while, in which another process may have written its sphere.
         let overwrite = replace == Replace::ALL || (replace.beside && self.has_sphere_of(record));
         let options = WriteOptions { overwrite, double: true };
-        let surface = match input {
+        let changed = match input {
             Input::Label(_) => Some(self.surface()),
             Input::Cut(..) => Some(self.cut_surface()),
             Input::Fixed(..) => Some(self.fixed_surface()),
             Input::Mesh(_) => None,
         };
-        let repair = input.label().and_then(|label| label.repair);
         // A label's surface with its handles is in no other file.
         let whole = input.cut().and(input.label()).map(|label| label.quads.triangles(|_| false));
-        let steps = input.label().and_then(|label| label.steps(params.max_degree));
-        let mut mapped =
-            Mapped { parametrized: named(found), repair, mesh_repair, handles, steps, written: Vec::new() };
+        let mut mapped = Mapped { surface: named(surface), written: Vec::new() };
         // The surface last: where it is, the sphere says what they were made of.
-        let map = &mapped.parametrized.map;
+        let map = &mapped.surface.parametrized.map;
         let whole = whole.iter().map(|whole| (self.surface(), whole));
-        let meshes = std::iter::once((path, &map.sphere)).chain(whole).chain(surface.map(|path| (path, &map.surface)));
-        for (path, mesh) in meshes {
+        let changed = changed.map(|path| (path, &map.surface));
+        for (path, mesh) in std::iter::once((path, &map.sphere)).chain(whole).chain(changed) {
             if let Err(error) = write_mesh(&path, mesh, &options) {
                 mapped.remove();
                 return Err(error.into());
@@ -215,7 +186,6 @@ impl ModelFiles {
         csv: bool,
         replace: Replace,
     ) -> Result<(), Error> {
-        let kind = fit.report.settings.kind;
         make_folder_of(&self.model)?;
         // What is beside a model that another process has written meanwhile belongs to that one.
         if !replace.model && self.model.exists() {
@@ -227,23 +197,15 @@ impl ModelFiles {
         if let Some(errors) = &fit.standard_errors {
             self.write_standard_errors(errors, replace.beside)?;
         }
-        let mut model = Model::new(sphere.clone(), fit.clone(), kind);
-        model.provenance.id = made_of.id.map(str::to_owned);
-        model.provenance.input = made_of.input.cloned();
-        model.provenance.region = made_of.region.cloned();
-        let Preparation { voxel_size, fix, cut_handles } = made_of.preparation;
+        let mut model = fit.clone().into_model(sphere.clone());
         let provenance = &mut model.provenance;
+        provenance.id = made_of.id.map(str::to_owned);
+        provenance.input = made_of.input.cloned();
+        provenance.region = made_of.region.cloned();
+        let Preparation { voxel_size, fix, cut_handles } = made_of.preparation;
         (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (voxel_size, fix, cut_handles);
-        model.provenance.repair =
-            made_of.repair.and_then(|repair| serde_json::to_value(repair).ok()?.as_object().cloned());
-        if let Some(repair) = made_of.mesh_repair {
-            let counts = repair.counts().map(|(name, count)| (name.to_owned(), count.into()));
-            model.provenance.repair = Some(counts.into_iter().collect());
-        }
-        model.provenance.handles =
-            made_of.handles.and_then(|handles| serde_json::to_value(handles).ok()?.as_object().cloned());
-        if let Some(steps) = made_of.steps {
-            model.provenance.other.insert(VOXEL_STEPS.to_owned(), serde_json::to_value(steps).unwrap_or_default());
+        if let Some(surface) = made_of.surface {
+            surface.record(provenance);
         }
         Ok(model.write_with(&self.model, replace.model)?)
     }
@@ -258,38 +220,6 @@ impl ModelFiles {
     }
 }
 
-/// What is to be done to a surface without a sphere before it is mapped to one; of surfaces over spheres, nothing.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Preparation {
-    /// Of a volume, the size of its voxels along x, y and z, in mm, in place of what its file says.
-    pub voxel_size: Option<[f64; 3]>,
-    /// Whether labels and meshes are repaired.
-    pub fix: bool,
-    /// Whether handles are cut.
-    pub cut_handles: bool,
-}
-
-impl Preparation {
-    /// Returns what of it concerns a surface: nothing with a sphere, and of meshes, which have no label, no voxels.
-    #[must_use]
-    pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
-        match (on_sphere, label) {
-            (true, _) => Self::default(),
-            (false, None) => Self { voxel_size: None, ..self },
-            (false, Some(_)) => self,
-        }
-    }
-}
-
-/// The field of a model's provenance with the [`VoxelSteps`] that it follows.
-const VOXEL_STEPS: &str = "voxel_steps";
-
-/// Returns the voxels' steps that a model follows, as it records them.
-#[must_use]
-pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
-    serde_json::from_value(provenance.other.get(VOXEL_STEPS)?.clone()).ok()
-}
-
 /// What a model was made of, for it to record.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MadeOf<'a> {
@@ -301,29 +231,15 @@ pub struct MadeOf<'a> {
     pub region: Option<&'a FileRecord>,
     /// What was to be done to the surface before the fit.
     pub preparation: Preparation,
-    /// What was changed in the volume's label.
-    pub repair: Option<&'a Repair>,
-    /// What was mended in the mesh.
-    pub mesh_repair: Option<&'a MeshRepair>,
-    /// What was cut, where the surface had handles.
-    pub handles: Option<&'a HandlesReport>,
-    /// The voxels' steps, if the model follows them.
-    pub steps: Option<VoxelSteps>,
+    /// The surface as it was mapped, if it came without a sphere.
+    pub surface: Option<&'a MappedSurface>,
 }
 
-/// A surface's map to a sphere of its own.
+/// A surface mapped to a sphere of its own, and the files that were written of it.
 #[derive(Debug, Clone)]
 pub struct Mapped {
     /// The map.
-    pub parametrized: Parametrized,
-    /// What was changed in the volume's label.
-    pub repair: Option<Repair>,
-    /// What was mended in the mesh.
-    pub mesh_repair: Option<MeshRepair>,
-    /// What was cut, where the surface had handles.
-    pub handles: Option<HandlesReport>,
-    /// The voxels' steps, if a model of the fit's degree follows them.
-    pub steps: Option<VoxelSteps>,
+    pub surface: MappedSurface,
     /// The files that were written: the sphere, and the surface where it isn't the input's; none where a sphere was
     /// there.
     pub written: Vec<PathBuf>,

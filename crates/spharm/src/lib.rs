@@ -12,10 +12,7 @@
 //! # write_mesh("bunny.ply", &cortex(&Cortex { subdivisions: 4, variant: 0 }).0)?;
 //!
 //! let surface = read_mesh("bunny.ply")?;
-//! let sphere = parametrize(&surface, &CaldParams::for_degree(20))?.sphere;
-//! let fit = fit(&sphere, &surface, &FitParams::lsq(20))?;
-//! println!("msd {:.2e}, off-vertex {:.2e}", fit.report.msd, fit.report.off_vertex);
-//! let model = Model::new(sphere, fit, Kind::Surface);
+//! let model = Model::from(fit_mesh(&surface, &FitParams::lsq(20))?);
 //! model.write("bunny.spharm.npz")?;
 //! write_mesh("bunny20.ply", &model.reconstruct(&Sphere::icosphere(5), 20)?)?;
 //! # assert!(model.provenance.parametrized);
@@ -27,8 +24,8 @@
 //!
 //! # The way of the data
 //!
-//! 1. [`io::read_mesh`] reads a closed surface, and [`parametrize`](mod@parametrize) maps it to a [`Sphere`] one to
-//!    one. Surfaces of a study that have a common sphere come with it: [`read_sphere`], [`Target`].
+//! 1. [`io::read_mesh`] reads a closed surface, and [`fit_mesh()`] maps it to a [`Sphere`] one to one, see
+//!    [`parametrize`](mod@parametrize), and fits it there. Surfaces of a study that have a common sphere come with it: [`read_sphere`], [`Target`].
 //! 2. [`fit()`] finds the coefficients: by default the full least squares. [`fit_many`] streams any number of surfaces
 //!    over one sphere through bounded memory. A [`Method`] over a basis store reads it from disk instead of
 //!    transforming.
@@ -53,6 +50,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`mod@fit`] | [`fit()`], [`fit_many`], [`fit_each`]: coefficients of one target, or of many in bounded memory |
+//! | [`mod@fit_mesh`] | [`fit_mesh()`]: from a surface without a sphere to its model |
 //! | [`params`] | [`FitParams`]: degree, method, smoothness, weights, store, memory, threads |
 //! | [`report`] | what a fit reports |
 //! | [`assess`] | distances at the vertices, between them, at vertices held out |
@@ -86,7 +84,7 @@
 //! use spharm::generate::{Cortex, cortex};
 //! use spharm::metrics::compare;
 //! use spharm::store::{BuildParams, build};
-//! use spharm::{FitParams, Kind, Model, Silent, Sphere, fit};
+//! use spharm::{FitParams, Silent, Sphere, fit};
 //!
 //! let folder = tempfile::tempdir()?;
 //! let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
@@ -94,7 +92,7 @@
 //! let params = BuildParams { max_degree: 10, ..BuildParams::default() };
 //! build(folder.path(), &sphere.directions, &params, &Silent)?;
 //! let fit = fit(&sphere, &surface, &FitParams::irf(10, folder.path()))?;
-//! let model = Model::new(sphere.clone(), fit, Kind::Surface);
+//! let model = fit.into_model(sphere.clone());
 //! assert!(compare(&surface, &model.reconstruct(&sphere, 10)?)?.msd < 1e-2);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -111,6 +109,7 @@ mod error;
 pub mod factor;
 pub mod files;
 pub mod fit;
+pub mod fit_mesh;
 pub mod machine;
 pub mod model;
 mod objective;
@@ -127,6 +126,7 @@ pub use fit::{
     Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_mapping, check_memory, fit, fit_each, fit_many,
     fit_moments, fit_with,
 };
+pub use fit_mesh::{MappedSurface, MeshFit, Preparation, check_surface, fit_mesh, fit_mesh_with};
 pub use model::versions;
 pub use objective::Objective;
 pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};

@@ -5,7 +5,7 @@ use spharm_harmonics::Coefficients;
 use spharm_model::Model;
 pub use spharm_model::{CONVENTION, Distances, Fitted, Provenance, Settings, Versions};
 use spharm_store::format::VERSION as STORE_FORMAT;
-use spharm_surface::Kind;
+use spharm_surface::{Kind, Sphere};
 
 use crate::{Fit, FitReport, FitWarning, Method};
 
@@ -49,6 +49,15 @@ pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, trans
         _ => drop(provenance.other.insert(TRANSFORM.to_owned(), Value::Array(vec![transform]))),
     }
     model
+}
+
+impl Fit {
+    /// Returns the model of a surface or a signal over the sphere that it was fitted over.
+    #[must_use]
+    pub fn into_model(self, sphere: Sphere) -> Model {
+        let kind = self.report.settings.kind;
+        Model::new(sphere, self, kind)
+    }
 }
 
 impl From<Fit> for Fitted {

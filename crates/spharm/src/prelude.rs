@@ -3,7 +3,9 @@
 use std::path::Path;
 
 pub use crate::parametrize::{CaldParams, parametrize};
-pub use crate::{Error, Fit, FitParams, Kind, Mesh, Method, Model, Signal, Smoothness, Sphere, Weights, fit};
+pub use crate::{
+    Error, Fit, FitParams, Kind, Mesh, MeshFit, Method, Model, Signal, Smoothness, Sphere, Weights, fit, fit_mesh,
+};
 pub use spharm_surface::io::{read_mesh, read_signal};
 pub use spharm_surface::{read_sphere, read_target};
 

@@ -7,7 +7,8 @@ use spharm_model::{FileRecord, Model, Provenance, Settings};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Sphere;
 
-use crate::files::{ModelFiles, Preparation, Replace};
+use crate::files::{ModelFiles, Replace};
+use crate::fit_mesh::Preparation;
 use crate::{FitParams, Method, Objective, Smoothness};
 
 /// What to do with outputs that exist.

@@ -29,8 +29,8 @@ pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
     }
 }
 
-/// Checks that the memory suffices to map a surface of so many vertices to a sphere, as
-/// [`ModelFiles::map`](crate::files::ModelFiles::map) does, and that the settings can be had for its fit.
+/// Checks that memory suffices to map a surface of `vertices` vertices to a sphere, as
+/// [`fit_mesh`](crate::fit_mesh()) does, and that the settings are available for its fit.
 ///
 /// # Errors
 ///

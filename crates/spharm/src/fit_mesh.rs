@@ -1,0 +1,202 @@
+//! From a surface without a sphere to its model, in memory: prepare, check, map, fit.
+//!
+//! The program, volumes, studies and the Python package make these calls, so that the coefficients are the same.
+
+use spharm_model::{Model, Provenance};
+use spharm_monitor::{Monitor, Silent};
+use spharm_surface::repair::MeshRepair;
+use spharm_surface::{Mesh, Target};
+
+use crate::parametrize::volume::{Repair, VoxelSteps};
+use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with};
+use crate::{Error, Fit, FitParams, ManyReport, check_mapping, check_memory, fit_many};
+
+/// Changes to a surface without a sphere before it is mapped to one; a surface over a sphere has none.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Preparation {
+    /// Size of a volume's voxels along x, y and z, in mm, in place of the size in its file.
+    pub voxel_size: Option<[f64; 3]>,
+    /// Whether labels and meshes are repaired.
+    pub fix: bool,
+    /// Whether handles are cut.
+    pub cut_handles: bool,
+}
+
+impl Preparation {
+    /// Returns the changes that concern a surface: none with a sphere, and no voxel size for a mesh, which has no label.
+    #[must_use]
+    pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
+        match (on_sphere, label) {
+            (true, _) => Self::default(),
+            (false, None) => Self { voxel_size: None, ..self },
+            (false, Some(_)) => self,
+        }
+    }
+
+    /// Repairs a mesh and cuts its handles, if that is asked for. A label's surface is repaired when it is made.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Parametrize`] for handles that can't be cut.
+    pub fn apply(self, surface: Input, monitor: &dyn Monitor) -> Result<Input, Error> {
+        let surface = if self.fix { surface.mended() } else { surface };
+        Ok(if self.cut_handles { surface.without_handles(monitor)? } else { surface })
+    }
+}
+
+/// A surface mapped to a sphere of its own, and the changes made to it before.
+#[derive(Debug, Clone)]
+pub struct MappedSurface {
+    /// The map.
+    pub parametrized: Parametrized,
+    /// Repair of a volume's label.
+    pub repair: Option<Repair>,
+    /// Repair of a mesh.
+    pub mesh_repair: Option<MeshRepair>,
+    /// Handles that were cut.
+    pub handles: Option<HandlesReport>,
+    /// The voxels' steps, if a model of the fit's degree follows them.
+    pub steps: Option<VoxelSteps>,
+}
+
+impl MappedSurface {
+    /// Maps a surface to a sphere of its own, after checking that memory suffices for mapping and fitting it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Memory`] with the memory that suffices for both, [`Error::OfVertices`], [`Error::Parametrize`].
+    pub fn new(surface: &Input, params: &FitParams, monitor: &dyn Monitor) -> Result<Self, Error> {
+        check_surface(surface, params)?;
+        let mut parametrized = parametrize_with(surface, &params.map(), monitor)?;
+        if let Some(cut) = surface.cut() {
+            cut.mark(&mut parametrized.map.sphere);
+            parametrized.sphere.seam.clone_from(&cut.seam);
+        }
+        Ok(Self::of(surface, parametrized, params))
+    }
+
+    /// Returns a surface with a map that was made of it earlier.
+    #[must_use]
+    pub fn of(surface: &Input, parametrized: Parametrized, params: &FitParams) -> Self {
+        Self {
+            parametrized,
+            repair: surface.label().and_then(|label| label.repair),
+            mesh_repair: surface.mesh_repair().copied(),
+            handles: surface.handles().cloned(),
+            steps: surface.label().and_then(|label| label.steps(params.max_degree)),
+        }
+    }
+
+    /// Fits the surface over its sphere.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`fit()`](crate::fit()).
+    #[expect(clippy::missing_panics_doc, reason = "the one target has been handed over, or there was an error")]
+    pub fn fit(&self, params: &FitParams, monitor: &dyn Monitor) -> Result<(Fit, ManyReport), Error> {
+        let sphere = &self.parametrized.sphere;
+        let target = Target::from_mesh(&self.parametrized.map.surface, sphere)?;
+        let read = |_| Ok::<_, Error>(target.clone());
+        let (mut fits, report) = fit_many(sphere, 1, &read, params, &|_, fit| Ok(fit), monitor)?;
+        Ok((fits.pop().expect("a target that was read has been fitted, or there was an error"), report))
+    }
+
+    /// Records repairs, cuts and the voxels' steps in a model's provenance.
+    pub fn record(&self, provenance: &mut Provenance) {
+        let object = |value: Result<serde_json::Value, _>| value.ok()?.as_object().cloned();
+        provenance.repair = self.repair.and_then(|repair| object(serde_json::to_value(repair)));
+        if let Some(repair) = self.mesh_repair {
+            let counts = repair.counts().map(|(name, count)| (name.to_owned(), count.into()));
+            provenance.repair = Some(counts.into_iter().collect());
+        }
+        provenance.handles = self.handles.as_ref().and_then(|handles| object(serde_json::to_value(handles)));
+        if let Some(steps) = self.steps {
+            provenance.other.insert(VOXEL_STEPS.to_owned(), serde_json::to_value(steps).unwrap_or_default());
+        }
+    }
+}
+
+/// The field of a model's provenance with its [`VoxelSteps`].
+const VOXEL_STEPS: &str = "voxel_steps";
+
+/// Returns the voxels' steps that a model follows, as recorded in its provenance.
+#[must_use]
+pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
+    serde_json::from_value(provenance.other.get(VOXEL_STEPS)?.clone()).ok()
+}
+
+/// Checks, before any work, that memory suffices to map a surface to a sphere and to fit it there. The memory named by
+/// the error suffices for both.
+///
+/// # Errors
+///
+/// [`Error::Memory`], [`Error::OfVertices`].
+pub fn check_surface(surface: &Input, params: &FitParams) -> Result<(), Error> {
+    let fits = surface.mesh().map_or(Ok(()), |mesh| check_memory(mesh, params));
+    match (fits, check_mapping(Source::from(surface).vertices(), params)) {
+        (Err(Error::Memory { budget, needed }), Err(Error::Memory { needed: mapping, .. })) => {
+            Err(Error::Memory { budget, needed: needed.max(mapping) })
+        }
+        (fits, maps) => fits.and(maps),
+    }
+}
+
+/// The model of a surface that came without a sphere.
+#[derive(Debug, Clone)]
+pub struct MeshFit {
+    /// The surface, its sphere, and the changes made to it.
+    pub surface: MappedSurface,
+    /// The coefficients, and how they were found.
+    pub fit: Fit,
+    /// Sampling scheme, solver reports and wall time of the fit.
+    pub many: ManyReport,
+}
+
+impl From<MeshFit> for Model {
+    fn from(fit: MeshFit) -> Self {
+        let mut model = fit.fit.into_model(fit.surface.parametrized.sphere.clone());
+        fit.surface.record(&mut model.provenance);
+        model
+    }
+}
+
+/// Maps a closed surface of genus zero to a sphere of its own, and fits it there.
+///
+/// ```
+/// use spharm::generate::{Cortex, cortex};
+/// use spharm::{FitParams, Model, fit_mesh};
+///
+/// let (surface, _) = cortex(&Cortex { subdivisions: 3, variant: 0 });
+/// let fit = fit_mesh(&surface, &FitParams::lsq(10))?;
+/// let model = Model::from(fit);
+/// assert_eq!(model.coefficients.values().dim(), (121, 3));
+/// # Ok::<(), spharm::Error>(())
+/// ```
+///
+/// # Errors
+///
+/// [`Error::Memory`] before any work, [`Error::Parametrize`] with what keeps the surface from being mapped, and those of
+/// [`fit()`](crate::fit()).
+pub fn fit_mesh(surface: &Mesh, params: &FitParams) -> Result<MeshFit, Error> {
+    fit_mesh_with(Input::Mesh(surface.clone()), Preparation::default(), params, &Silent)
+}
+
+/// As [`fit_mesh`], after repairing the surface and cutting its handles if `preparation` says so, with progress and
+/// cancellation. The surface may also be a label's.
+///
+/// # Errors
+///
+/// Those of [`fit_mesh`]; [`Error::is_interrupted`] if the monitor stopped it.
+pub fn fit_mesh_with(
+    surface: Input,
+    preparation: Preparation,
+    params: &FitParams,
+    monitor: &dyn Monitor,
+) -> Result<MeshFit, Error> {
+    params.check()?;
+    check_surface(&surface, params)?;
+    let surface = preparation.apply(surface, monitor)?;
+    let surface = MappedSurface::new(&surface, params, monitor)?;
+    let (fit, many) = surface.fit(params, monitor)?;
+    Ok(MeshFit { surface, fit, many })
+}
