@@ -5,9 +5,9 @@ use std::process::Command;
 
 use serde_json::Value;
 use spharm::Preparation;
-use spharm::files::{MadeOf, ModelFiles, Replace};
-use spharm::rerun::{Decision, IfExists, Request};
 use spharm::{FileRecord, FitParams, Model, Sphere, fit};
+use spharm_cohort::files::{MadeOf, ModelFiles, Replace};
+use spharm_cohort::rerun::{Decision, IfExists, Request};
 use spharm_surface::generate::{Cortex, cortex};
 use spharm_surface::io::{read_mesh, write_mesh};
 

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use serde_json::Value;
-use spharm_cli::surfaces::{Labels, SurfaceReader};
+use spharm::Preparation;
+use spharm_cli::surfaces::{Labels, surfaces};
+use spharm_cohort::reader::SurfaceReader;
 use spharm_model::Model;
 use spharm_monitor::Silent;
 use spharm_surface::generate::{icosphere, subdivide};
@@ -132,8 +134,9 @@ fn a_volume_is_read_once_for_its_labels_and_their_surfaces() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cells.nii");
     write_volume(&path, |at| u8::from(ball(at)));
-    let mut reader = SurfaceReader::new(false, false, None);
-    let found = reader.surfaces(std::slice::from_ref(&path), Some(Labels::All), true, &Silent).unwrap();
+    let mut reader = SurfaceReader::new(Preparation::default());
+    let paths = std::slice::from_ref(&path);
+    let found = surfaces(&mut reader, paths, Some(Labels::All), None, true, &Silent).unwrap();
     assert_eq!(found, [(path.clone(), Some(1))]);
     std::fs::remove_file(&path).unwrap();
     reader.read(&path, Some(1), &Silent).unwrap();

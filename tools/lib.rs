@@ -32,11 +32,11 @@ use std::ffi::OsString;
 use std::path::Path;
 
 use clap::{ArgMatches, Args, Command, CommandFactory, FromArgMatches, Parser, Subcommand};
-use spharm::cohort::Manifest;
 use spharm_cli::Common;
 use spharm_cli::exit;
 use spharm_cli::machine::available_memory;
 use spharm_cli::printable::one_line;
+use spharm_cohort::Manifest;
 use spharm_surface::io::ask_for_free_memory;
 
 /// Spherical-harmonic (SPHARM) models of surfaces, from meshes to coefficients and back
@@ -113,7 +113,7 @@ fn parse_command(arguments: &[String]) -> anyhow::Result<()> {
 }
 
 /// Looks at what a command `fit` would do with the rows of a manifest.
-fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows::Preview> {
+fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows::Previewed> {
     match Parsed::of(arguments).map_err(told)?.spharm.verb {
         Verb::Fit(cli) => fit::preview(&cli, manifest),
         _ => anyhow::bail!("expected the verb fit"),

@@ -16,6 +16,7 @@ orthonormal harmonics without the Condon-Shortley phase, row ``l**2 + l + m``. `
 
 from . import _load, convert, errors  # noqa: F401  (first, for the kernels)
 from . import shape
+from ._cohort import CohortFit, CohortFits, fit_cohort
 from ._compare import Distances, compare
 from ._core import __version__
 from ._fit import fit, fit_many, solve
@@ -47,6 +48,8 @@ from .errors import (
 )
 
 __all__ = [
+    "CohortFit",
+    "CohortFits",
     "Distances",
     "Landmarks",
     "MemoryBudgetError",
@@ -70,6 +73,7 @@ __all__ = [
     "errors",
     "example_surface",
     "fit",
+    "fit_cohort",
     "fit_many",
     "icosphere",
     "labels",

@@ -26,6 +26,7 @@ __all__ = [
     "compare",
     "example_surface",
     "fit",
+    "CohortRun",
     "fit_many",
     "icosphere",
     "labels",
@@ -174,6 +175,29 @@ class Moments:
     @property
     def scheme(self) -> str | None: ...
     def fit(self, settings: dict[str, Any], progress: _Progress | None = None) -> _Fitted: ...
+
+@final
+class CohortRun:
+    def __new__(
+        cls,
+        table: str | None,
+        rows: list[tuple[Any, ...]] | None,
+        *,
+        output: str | None,
+        sphere: str | None,
+        mask: str | None,
+        shard: str | None,
+        status: str | None,
+        exists: str,
+        keep_going: bool,
+        fix: bool,
+        cut_handles: bool,
+        voxel_size: Sequence[float] | None,
+        settings: dict[str, Any],
+    ) -> CohortRun: ...
+    def __len__(self) -> int: ...
+    def next(self) -> tuple[tuple[int, str, str, str, str | None, str | None, float | None] | None, list[str]]: ...
+    def stop(self) -> None: ...
 
 @final
 class Transform:

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use spharm::cohort::Shard;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
+use spharm_cohort::Shard;
 
 /// Fit the cortices of a BIDS dataset, as a BIDS app does
 ///

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use ndarray::Array3;
 use spharm::Model;
-use spharm::cohort::Merged;
 use spharm_cli::output::{counted, print_line};
 use spharm_cli::paths::model_name;
 use spharm_cli::paths::shown;
+use spharm_cohort::Merged;
 use spharm_model::arrays::{Entry, write_arrays};
 
 use super::args::{Cli, Hemi, Surface};

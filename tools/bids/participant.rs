@@ -1,15 +1,19 @@
 //! The participant level: models, and what is derived from each.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use serde_json::json;
-use spharm::cohort::{Entry, Merged, State, StatusFile};
 use spharm::shape::descriptors;
-use spharm::{Model, Sphere};
+use spharm::{FitParams, Model, Sphere};
 use spharm_cli::console::Console;
+use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, print_line};
 use spharm_cli::paths::shown;
+use spharm_cohort::rerun::IfExists;
+use spharm_cohort::run::{Cohort, RunParams, concerns_all};
+use spharm_cohort::{Entry, Manifest, Merged, State, StatusFile};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_signal_of};
 use spharm_surface::metrics::vertex_distances;
 use spharm_surface::{Hemisphere, Signal};
@@ -17,11 +21,12 @@ use spharm_surface::{Hemisphere, Signal};
 use super::args::{Cli, Hemi};
 use super::dataset::{prepare, text};
 use super::discover::{Dataset, Found, discover};
-use crate::rows::{concerns_all, icosphere_within};
+use crate::rows::{self, Options, icosphere_within};
 
 /// Fits the surfaces of the subjects and writes their derivatives.
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
-    let console = cli.common.console();
+    let (started, monitor) = (Instant::now(), ConsoleMonitor::new(cli.common.console()));
+    let console = monitor.console();
     // Before the fits, which take long.
     let budget = cli.memory.budget(cli.threads.count());
     let sphere = icosphere_within(budget, "bids --icosphere ", cli.icosphere, cli.max_degree)?;
@@ -32,14 +37,13 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     prepare(&cli.output, &cli.dataset, &subjects)?;
     check_earlier(cli, &found)?;
     let Logs { manifest, status } = Logs::new(cli, &found)?;
-    let mut arguments: Vec<String> = ["fit", "--manifest", &shown(&manifest), "--output", &shown(&cli.output)]
-        .into_iter()
-        .chain(["--max-degree", &cli.max_degree.to_string(), "--keep-going", "--update"])
-        .chain(["--status", &shown(&status)])
-        .map(str::to_owned)
-        .collect();
-    arguments.extend(cli.shard.iter().flat_map(|shard| ["--shard".to_owned(), shard.to_string()]));
-    let fitted = spharm(&super::command(cli, arguments));
+    let cohort =
+        Cohort::of_manifest(Manifest::read(&manifest)?, Some(cli.output.clone()), cli.shard.unwrap_or_default());
+    let memory = cli.memory.memory.map(|size| size.0);
+    let params = FitParams { memory, threads: Some(cli.threads.count()), ..FitParams::lsq(cli.max_degree) };
+    let mut params = RunParams::new(params);
+    (params.if_exists, params.status) = (IfExists::Update, Some(status.clone()));
+    let fitted = rows::run(&cohort, &Options::new(params, cli.threads), &monitor, started);
     let noted = || -> Result<Merged> {
         if !missing.is_empty() {
             // For the group level, which sees the tables alone.
@@ -56,7 +60,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         Err(error) => return fitted.and(Err(error)),
     };
     let failed = found.iter().filter(|found| is(&merged, found, &[State::Failed])).count();
-    let ends = |error: &anyhow::Error| spharm_cli::exit::is_interrupted(error) || concerns_all(error);
+    let ends = |error: &anyhow::Error| spharm_cli::exit::is_interrupted(error) || concerns_all(error.as_ref());
     if failed == 0 || fitted.as_ref().is_err_and(ends) {
         fitted?;
     }
@@ -69,7 +73,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         pool.install(|| derive(cli, found, &sphere)).with_context(|| found.id())?;
     }
     if !cli.no_pages {
-        pages(cli, &done, &console, spharm)?;
+        pages(cli, &done, console, spharm)?;
     }
     print_line(&format!(
         "{}: {} of {}",

@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
-use spharm::files::ModelFiles;
 use spharm::{FileRecord, FitParams, Method, Moments, MomentsFit, fit_moments};
 use spharm_cli::Usage;
 use spharm_cli::machine::memory;
@@ -13,6 +12,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
 use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, print_json, table, write_json};
 use spharm_cli::paths::shown;
+use spharm_cohort::files::ModelFiles;
 use spharm_model::csv::write_complex_csv;
 use spharm_surface::io::write_new;
 

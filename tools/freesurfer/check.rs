@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail};
-use spharm::cohort::Row;
 use spharm::io::read_mesh;
-use spharm::{Kind, Sphere, Target, read_target};
+use spharm::{Error, Kind, Sphere, Target, read_target};
+use spharm_cohort::Row;
+use spharm_cohort::run::RunError;
 use spharm_surface::SurfaceError;
 use spharm_surface::geometry::{cross, dot};
 
@@ -20,7 +20,7 @@ const SURFACES: [&str; 4] = ["white", "pial", "smoothwm", "orig"];
 /// A sphere keeps the side of its surface that is outside. A mirrored one, as another hemisphere's is, turns it inside
 /// out: the volumes that the triangles enclose on the two have different signs. Values say nothing of that: the
 /// hemisphere's own surface does, and is held against the sphere in their place.
-pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> Result<Target> {
+pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunError>) -> Result<Target, RunError> {
     match target {
         Ok(target) if !sphere.faces.is_empty() => {
             let own = if target.kind == Kind::Surface { None } else { of_values(&row.surface, sphere)? };
@@ -30,11 +30,11 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> 
             };
             let of_surface = volume(positions.as_chunks::<3>().0, &sphere.faces);
             if of_surface * volume(sphere.directions.as_slice(), &sphere.faces) < 0.0 {
-                bail!(
+                return Err(RunError::Check(format!(
                     "{}: {} turns it inside out, as the sphere of the other hemisphere does; expected that of this one",
                     row.surface.display(),
                     sphere.name().display()
-                );
+                )));
             }
             Ok(target)
         }
@@ -47,7 +47,9 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> 
             match other.filter(|path| read_mesh(path).is_ok_and(|mesh| mesh.vertices.len() == vertices)) {
                 Some(path) => {
                     let (sphere, path) = (sphere.name().display(), path.display());
-                    Err(anyhow!("{error}; {sphere} has the {vertices} vertices of {path}: is it of that hemisphere?"))
+                    Err(RunError::Check(format!(
+                        "{error}; {sphere} has the {vertices} vertices of {path}: is it of that hemisphere?"
+                    )))
                 }
                 None => Err(error),
             }
@@ -56,9 +58,9 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target>) -> 
 }
 
 /// Whether a target was refused because it is of another sphere, in place of being broken.
-fn is_of_another(error: &anyhow::Error) -> bool {
+fn is_of_another(error: &RunError) -> bool {
     use SurfaceError::{OtherTriangles, VertexCount};
-    error.chain().any(|cause| matches!(cause.downcast_ref(), Some(VertexCount { .. } | OtherTriangles { .. })))
+    matches!(error, RunError::Fit(Error::Surface(VertexCount { .. } | OtherTriangles { .. })))
 }
 
 /// The surface that values are on, of their hemisphere, where there is one that can be read.
@@ -66,7 +68,7 @@ fn is_of_another(error: &anyhow::Error) -> bool {
 /// # Errors
 ///
 /// When the sphere isn't that of the surface, so that it isn't that of the values either.
-fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>> {
+fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError> {
     let Some((hemi, _)) = other_hemisphere(path) else { return Ok(None) };
     let mut refused = None;
     for name in SURFACES {
@@ -79,11 +81,11 @@ fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>> {
         // Its triangles may be the same in another order; else this says how they differ.
         match read_target(&surface, sphere) {
             Ok(target) => return Ok(Some(target.values)),
-            Err(error) => refused = refused.or(Some(anyhow::Error::from(error))),
+            Err(error) => refused = refused.or(Some(RunError::from(error))),
         }
     }
     match refused {
-        Some(error) => Err(error).with_context(|| format!("{}: the sphere is not of its surface", path.display())),
+        Some(error) => Err(error.of(format_args!("{}: the sphere is not of its surface", path.display()))),
         None => Ok(None),
     }
 }

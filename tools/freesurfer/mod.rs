@@ -9,16 +9,18 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, json};
 use spharm::FitParams;
-use spharm::cohort::{Row, check_id};
-use spharm::rerun::IfExists;
 use spharm_cli::console::Console;
 use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, first_of};
+use spharm_cohort::evaluate::Evaluate;
+use spharm_cohort::rerun::IfExists;
+use spharm_cohort::run::{Cohort, RunParams};
+use spharm_cohort::{Row, check_id};
 
 pub(crate) use self::args::Cli;
 use self::args::Hemi;
-use crate::rows::{self, CohortArgs, Evaluate, Options, Rows, icosphere_within};
+use crate::rows::{self, CohortArgs, Options, icosphere_within};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
@@ -28,9 +30,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let rows = rows_of(cli, &subjects, monitor.console());
     monitor.console().note(format!("{}, {}", counted(subjects.len(), "subject"), counted(rows.len(), "row")));
     let shard = cli.cohort.shard.unwrap_or_default();
-    let rows =
-        Rows { rows: shard.of(&rows).cloned().collect(), folder: cli.output.clone(), sphere: None, check_first: false };
-    rows::run(rows, &options(cli, &left_out)?, &monitor, started)
+    let cohort = Cohort::new(shard.of(&rows).cloned().collect(), cli.output.clone());
+    rows::run(&cohort, &options(cli, &left_out)?, &monitor, started)
 }
 
 fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
@@ -40,34 +41,28 @@ fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
         ("left_out", json!(left_out)),
         ("sphere", json!(null)),
     ];
+    let mut run = RunParams::new(FitParams {
+        smoothness: cli.smoothness.unwrap_or_default(),
+        strict: cli.strict,
+        surface_distance: !cli.no_surface_distance,
+        memory: cli.memory.map(|size| size.0),
+        threads: Some(cli.threads.count()),
+        ..FitParams::lsq(cli.max_degree)
+    });
+    run.if_exists = match (cli.force, cli.skip_existing) {
+        (true, _) => IfExists::Replace,
+        (_, true) => IfExists::Skip,
+        _ => IfExists::Refuse,
+    };
+    run.check = Some(Box::new(check::hemisphere));
+    run.evaluate = cli.evaluate_on.map(|n| evaluate(cli, n)).transpose()?;
+    // One subject never stops another.
+    let cohort = CohortArgs { keep_going: true, ..cli.cohort.clone() };
     Ok(Options {
-        params: FitParams {
-            smoothness: cli.smoothness.unwrap_or_default(),
-            strict: cli.strict,
-            surface_distance: !cli.no_surface_distance,
-            memory: cli.memory.map(|size| size.0),
-            threads: Some(cli.threads.count()),
-            ..FitParams::lsq(cli.max_degree)
-        },
-        // One subject never stops another.
-        cohort: CohortArgs { keep_going: true, ..cli.cohort.clone() },
-        fix: false,
-        voxel_size: None,
-        mask: None,
-        cut_handles: false,
-        coefficients_csv: false,
-        if_exists: match (cli.force, cli.skip_existing) {
-            (true, _) => IfExists::Replace,
-            (_, true) => IfExists::Skip,
-            _ => IfExists::Refuse,
-        },
         report: cli.report.clone(),
         json: cli.json,
-        threads: cli.threads,
         about: about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect::<Map<_, _>>(),
-        aligned_later: false,
-        check: Some(Box::new(check::hemisphere)),
-        evaluate: cli.evaluate_on.map(|n| evaluate(cli, n)).transpose()?,
+        ..Options::new(run, cli.threads).with(&cohort)
     })
 }
 

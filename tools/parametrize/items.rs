@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use spharm_cli::inputs::stem;
 use spharm_cli::output::{OutputFile, check_files, check_outputs};
-use spharm_cli::surfaces::{Labels, SurfaceReader};
+use spharm_cli::surfaces::{Labels, surfaces};
+use spharm_cohort::reader::SurfaceReader;
 use spharm_parametrize::volume::is_volume;
 use spharm_surface::io::Output;
 
@@ -48,7 +49,7 @@ pub(super) fn items(cli: &Cli, reader: &mut SurfaceReader, monitor: &dyn spharm:
             single(cli, input, None)?;
         }
     }
-    let inputs = reader.surfaces(&cli.surface, cli.label, true, monitor)?;
+    let inputs = surfaces(reader, &cli.surface, cli.label, cli.voxel_size, true, monitor)?;
     inputs.iter().try_for_each(|(input, _)| check(cli, input))?;
     let items = match &inputs[..] {
         [(input, label)] if file && *input == cli.surface[0] => vec![single(cli, input, *label)?],

@@ -5,11 +5,12 @@ mod items;
 mod output;
 
 use anyhow::{Context, Result};
+use spharm::Preparation;
 use spharm_cli::inputs::expand_lists;
 use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{is_stdout, prepare, print, print_json, write_json};
-use spharm_cli::surfaces::SurfaceReader;
+use spharm_cohort::reader::SurfaceReader;
 use spharm_parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, Sampling, Source,
     StretchParams,
@@ -26,7 +27,8 @@ use self::output::{Written, described};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let monitor = ConsoleMonitor::new(console);
-    let mut reader = SurfaceReader::new(cli.fix, cli.cut_handles, cli.voxel_size);
+    let voxel_size = cli.voxel_size.map(|size| size.0);
+    let mut reader = SurfaceReader::new(Preparation { voxel_size, fix: cli.fix, cut_handles: cli.cut_handles });
     let budget = cli.memory.budget(cli.threads.count());
     for input in expand_lists(&cli.surface)? {
         budget.check_inputs("parametrize", [input.as_path()])?;

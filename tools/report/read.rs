@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
-use spharm::files::ModelFiles;
 use spharm::parametrize::volume::is_volume;
 use spharm::shape::pca::file::ShapeModel;
 use spharm_cli::console::Console;
 use spharm_cli::inputs::{expand_lists, read_text, stem};
 use spharm_cli::output::counted;
 use spharm_cli::paths::{expand, model_name, shown};
+use spharm_cohort::files::ModelFiles;
 use spharm_model::{FileRecord, Model};
 use spharm_report::{Maps, Shown, Table};
 use spharm_surface::Mesh;

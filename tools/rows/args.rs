@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use spharm::cohort::Shard;
+use spharm_cohort::Shard;
 
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Cohorts")]

@@ -1,16 +1,12 @@
 //! A fitted surface, as the report and the table show it.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Serialize;
+use spharm::FitReport;
 use spharm::assess::SurfaceDistances;
-use spharm::cohort::Row;
-use spharm::parametrize::HandlesReport;
-use spharm::parametrize::volume::Repair;
-use spharm::{FitReport, MappedSurface};
-
-use super::item::{Item, id};
+use spharm_cohort::Row;
+use spharm_cohort::run::{Mapping, RowFit};
 
 /// A fitted surface, as the report shows it.
 #[derive(Debug, Serialize)]
@@ -31,56 +27,21 @@ pub(super) struct Fitted {
     pub(super) unread: Option<usize>,
     /// Without a sphere: the one that was made, and how.
     #[serde(skip_serializing_if = "Option::is_none")]
-    parametrization: Option<Mapped>,
-}
-
-/// The sphere that a surface was mapped to.
-#[derive(Debug, Clone, Serialize)]
-pub(super) struct Mapped {
-    /// The file.
-    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
-    pub(super) sphere: PathBuf,
-    /// What was changed in the label, if anything.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) repair: Option<Repair>,
-    /// What was mended in a mesh, if anything.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) mesh_repair: Option<BTreeMap<&'static str, usize>>,
-    /// What was cut, if anything.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) handles: Option<HandlesReport>,
-    #[serde(flatten)]
-    pub(super) report: spharm::parametrize::Report,
-}
-
-impl Mapped {
-    pub(super) fn new(sphere: PathBuf, surface: &MappedSurface) -> Self {
-        Self {
-            sphere,
-            repair: surface.repair,
-            mesh_repair: surface.mesh_repair.map(|repair| repair.counts().into_iter().collect()),
-            handles: surface.handles.clone(),
-            report: surface.parametrized.map.report.clone(),
-        }
-    }
+    parametrization: Option<Mapping>,
 }
 
 impl Fitted {
-    pub(super) fn new(row: &Row, item: &Item, report: FitReport, parametrization: Option<Mapped>) -> Self {
+    pub(super) fn new(row: &Row, fit: &RowFit) -> Self {
         Self {
-            id: id(row).map(str::to_owned),
-            name: item.files.name(),
+            // Only a table's rows have ids of their own.
+            id: (row.line > 0).then(|| row.id.clone()),
+            name: fit.files.name(),
             input: row.surface.clone(),
-            output: item.files.model.clone(),
-            report,
-            unread: None,
-            parametrization,
+            output: fit.files.model.clone(),
+            report: fit.report.clone(),
+            unread: (fit.left_out > 0).then_some(fit.left_out),
+            parametrization: fit.mapped.clone(),
         }
-    }
-
-    /// Mean and maximal squared distance at the vertices, bounding box scaled to volume 1.
-    pub(super) fn distances(&self) -> (Option<f64>, Option<f64>) {
-        self.report.passes.last().map_or((None, None), |last| (last.msd, last.xsd))
     }
 
     /// The surface's row of the table.

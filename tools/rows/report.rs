@@ -2,46 +2,17 @@
 
 use anyhow::Result;
 use serde_json::{Map, Value, json};
-use spharm::cohort::State;
-use spharm::{BatchReport, ManyReport, Seconds};
 use spharm_cli::machine::memory;
 use spharm_cli::output::{counted, is_stdout, print, print_json, table, write_json};
+use spharm_cohort::State;
 
+use super::console::Summary;
 use super::fitted::{Columns, number};
-use super::ledger::Outcome;
 use super::options::Options;
 
-/// Wall time of a call, and what its groups of rows reported. Of many rows the batches are left out.
-#[derive(Default)]
-pub(super) struct Totals {
-    pub(super) seconds: Seconds,
-    pub(super) parametrize: f64,
-    /// Groups that were fitted.
-    groups: usize,
-    scheme: Option<String>,
-    dtype: Option<&'static str>,
-    batches: Vec<BatchReport>,
-}
-
-impl Totals {
-    pub(super) fn add(&mut self, report: ManyReport, listed: bool) {
-        let (sum, more) = (&mut self.seconds, report.seconds);
-        sum.read += more.read;
-        sum.plan += more.plan;
-        sum.solve += more.solve;
-        sum.write += more.write;
-        self.groups += 1;
-        self.scheme = Some(report.scheme.to_string()).filter(|_| self.groups == 1);
-        self.dtype = self.dtype.or(Some(report.scalar.name()));
-        if listed {
-            self.batches.extend(report.batches);
-        }
-    }
-}
-
 /// Returns the report of a call.
-pub(super) fn report(options: &Options, outcome: &Outcome, totals: &Totals, total: f64) -> Value {
-    let method = &options.params.method;
+pub(super) fn report(options: &Options, summary: &Summary, total: f64) -> Value {
+    let method = &options.run.fit.method;
     let mut report = Map::new();
     let mut set = |name: &str, value: Value| drop(report.insert(name.to_owned(), value));
     set("versions", json!(spharm::versions()));
@@ -50,33 +21,34 @@ pub(super) fn report(options: &Options, outcome: &Outcome, totals: &Totals, tota
     // Of the sphere that all surfaces share.
     set(
         "scheme_key",
-        json!(totals.scheme.as_ref().filter(|_| options.about.get("sphere").is_some_and(|s| !s.is_null()))),
+        json!(summary.scheme.as_ref().filter(|_| options.about.get("sphere").is_some_and(|s| !s.is_null()))),
     );
-    set("dtype", json!(totals.dtype));
+    set("dtype", json!(summary.dtype));
     set("granularity", json!(method.granularity()));
     set("start_degree", json!(method.start_degree()));
     set("openblas", json!(spharm_solver::blas::version()));
-    let rows: usize = outcome.counts.iter().map(|(_, count)| count).sum();
-    let counts = outcome.counts.iter().map(|(state, count)| (state.name().to_owned(), json!(count)));
+    let rows: usize = summary.counts.iter().map(|(_, count)| count).sum();
+    let counts = summary.counts.iter().map(|(state, count)| (state.name().to_owned(), json!(count)));
     set("rows", Value::Object([("all".to_owned(), json!(rows))].into_iter().chain(counts).collect()));
-    match &outcome.fitted {
+    match &summary.fitted {
         Some(fitted) => {
             set("surfaces", json!(fitted));
-            set("skipped", json!(outcome.skipped));
-            set("batches", json!(totals.batches));
+            set("skipped", json!(summary.skipped));
+            set("batches", json!(summary.batches));
         }
         None => {
-            set("msd", outcome.distances[0].clone());
-            set("xsd", outcome.distances[1].clone());
-            set("worst", json!(outcome.worst));
+            let [msd, xsd] = summary.distances();
+            set("msd", msd);
+            set("xsd", xsd);
+            set("worst", json!(summary.worst));
         }
     }
-    set("failed", json!(outcome.failed));
-    let seconds = &totals.seconds;
+    set("failed", json!(summary.failed));
+    let seconds = &summary.seconds;
     set(
         "seconds",
         json!({
-            "read": seconds.read, "parametrize": totals.parametrize, "plan": seconds.plan, "solve": seconds.solve,
+            "read": seconds.read, "parametrize": summary.parametrize, "plan": seconds.plan, "solve": seconds.solve,
             "write": seconds.write, "total": total,
         }),
     );
@@ -91,19 +63,19 @@ pub(super) fn write(options: &Options, report: &Value) -> Result<()> {
 }
 
 /// Prints the report, or the table.
-pub(super) fn show(options: &Options, report: &Value, outcome: &Outcome, total: f64) -> Result<()> {
+pub(super) fn show(options: &Options, report: &Value, summary: &Summary, total: f64) -> Result<()> {
     if options.report.as_deref().is_some_and(is_stdout) {
         return Ok(());
     }
     if options.json {
         return print_json(report);
     }
-    let done = outcome.count(State::Done);
-    let nothing = outcome.counts.iter().all(|(state, count)| *state == State::Skipped || *count == 0);
+    let done = summary.count(State::Done);
+    let nothing = summary.counts.iter().all(|(state, count)| *state == State::Skipped || *count == 0);
     if nothing {
         return print("nothing to do: every output exists");
     }
-    match &outcome.fitted {
+    match &summary.fitted {
         Some(fitted) if fitted.is_empty() => print(&format!("no model\n{total:.2} s")),
         Some(fitted) => {
             let columns = Columns::of(fitted);
@@ -113,10 +85,10 @@ pub(super) fn show(options: &Options, report: &Value, outcome: &Outcome, total: 
         }
         None => {
             let mut rows = vec![["farthest off", "msd", "xsd", "file"].map(str::to_owned).to_vec()];
-            rows.extend(outcome.worst.iter().map(|of| {
+            rows.extend(summary.worst.iter().map(|of| {
                 vec![of.id.clone(), number(Some(of.msd)), number(Some(of.xsd)), of.output.display().to_string()]
             }));
-            let others = outcome.counts.iter().filter(|(state, count)| *state != State::Done && *count > 0);
+            let others = summary.counts.iter().filter(|(state, count)| *state != State::Done && *count > 0);
             let others: String = others.map(|(state, count)| format!(", {count} {state}")).collect();
             let units = "msd, xsd: at the vertices, bounding box scaled to volume 1";
             print(&format!("{}{others}\n{}\n{units}\n{total:.2} s", counted(done, "model"), table(&rows)))

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use serde_json::{Value, json};
-use spharm::cohort::guarded;
 use spharm_cli::Usage;
 use spharm_cli::machine::memory;
 use spharm_cli::output::{
     OutputFile, check_files, check_outputs, is_stdout, prepare, print, print_json, table, write_json,
 };
 use spharm_cli::paths::{model_file_name, with_ending};
+use spharm_cohort::guarded;
 use spharm_surface::io::{to_write_mesh, write_new};
 
 use super::args::{Models, ReportArgs};

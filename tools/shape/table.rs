@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use spharm::cohort::Manifest;
 use spharm::shape::stats::Column;
 use spharm_cli::inputs::read_text;
+use spharm_cohort::Manifest;
 
 /// A table with a header.
 pub(super) struct Table {

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
-use spharm::cohort::{CohortError, Entry, Manifest, Merged, State};
 use spharm_cli::console::Console;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print, print_json, print_line, table};
+use spharm_cohort::{CohortError, Entry, Manifest, Merged, State};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use spharm::cohort::Shard;
 use spharm_cli::Common;
 use spharm_cli::help::{self, METHOD, OUTPUT, RESOURCES};
 use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
+use spharm_cohort::Shard;
 
 /// Run a study: fit, make subjects correspond, average, test, and make a page of it
 ///

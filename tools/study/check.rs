@@ -111,7 +111,7 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
 fn cells<'a>(plan: &'a Plan, column: &str) -> Result<Vec<&'a str>> {
     let at = plan.manifest.columns.iter().position(|name| name == column);
     let at = at.with_context(|| format!("{}: no column {column:?}", plan.table.display()))?;
-    let cell = |row: &'a spharm::cohort::Row| {
+    let cell = |row: &'a spharm_cohort::Row| {
         let cell = row.extra.get(at).map_or("", |cell| cell.trim());
         if cell.is_empty() || is_missing(cell) {
             let found = if cell.is_empty() { "nothing".to_owned() } else { format!("{cell:?}") };

@@ -20,10 +20,11 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use spharm::cohort::{Manifest, Merged, State};
 use spharm_cli::console::Console;
 use spharm_cli::output::{counted, print, print_line, table};
 use spharm_cli::paths::utf8;
+use spharm_cohort::run::concerns_all;
+use spharm_cohort::{Manifest, Merged, State};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
@@ -31,7 +32,6 @@ use self::args::Command;
 use self::config::Method;
 use self::plan::Plan;
 use self::stage::Stage;
-use crate::rows::concerns_all;
 
 /// Fewest subjects that a group is of.
 const LEAST: usize = 3;
@@ -39,7 +39,7 @@ const LEAST: usize = 3;
 const SHOWN: usize = 20;
 
 /// Looks at what the fits of these subjects would do.
-type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Preview>;
+type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Previewed>;
 
 /// Runs the verb; `spharm` runs another one, `parse` only looks at its arguments, and `preview` at what its fits would
 /// do.
@@ -173,7 +173,7 @@ impl Call<'_> {
         self.console.note(format!("\n{}", stage.command()));
         let ran = (self.spharm)(&self.arguments(&stage));
         // Where the fits have ended for a reason of their own, such as a full disk, that is the one to show.
-        if ran.as_ref().is_err_and(concerns_all) {
+        if ran.as_ref().is_err_and(|error| concerns_all(error.as_ref())) {
             ran?;
             return Ok(Vec::new());
         }

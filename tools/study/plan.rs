@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm::cohort::{Manifest, Merged, Row, State};
+use spharm_cohort::{Manifest, Merged, Row, State};
 use spharm_surface::io::write_new;
 
 use super::config::{Method, Study};

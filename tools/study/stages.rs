@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spharm::cohort::Shard;
+use spharm_cohort::Shard;
 
 use super::config::{Method, Test};
 use super::plan::{PLAIN, Plan, Subject, text};

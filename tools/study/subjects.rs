@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm::cohort::Manifest;
+use spharm_cohort::Manifest;
 
 use super::config::Subjects;
 use crate::shape::correspond::surfaces::With;

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use spharm::Model;
-use spharm::cohort::{Merged, Row, check_id};
-use spharm::files::ModelFiles;
 use spharm_cli::inputs::MOST_OWN;
+use spharm_cohort::files::ModelFiles;
+use spharm_cohort::{Merged, Row, check_id};
 use spharm_surface::io::{remove_leftovers, write_new};
 
 use super::plan::{PLAIN, Plan};

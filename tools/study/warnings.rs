@@ -11,10 +11,10 @@ use spharm::fit_mesh::steps_of;
 use spharm::parametrize::volume::{VoxelSteps, steps_of_labels};
 use spharm::shape::{outliers, rmsd};
 use spharm_cli::inputs::{MOST_OWN, read_text};
+use spharm_cohort::equal::{EqualSets, same_inputs};
 
 use super::plan::{Plan, Subject};
 use crate::report;
-use crate::rows::equal::{EqualSets, same_inputs};
 
 /// Reads what the stages before the page have made, and returns the warnings, those of single subjects first.
 pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {

@@ -5,26 +5,25 @@ mod table;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
-use spharm::files::{MadeOf, ModelFiles, Replace};
 use spharm::fit_mesh::steps_of;
-use spharm::parametrize::Input;
-use spharm::parametrize::volume::{LabelVolume, VolumeParams, is_volume, steps_of_labels};
-use spharm::rerun::{Decision, IfExists, Refusal, Request};
+use spharm::parametrize::volume::{LabelVolume, is_volume, steps_of_labels};
 use spharm::shape::{MeasureParams, descriptors, measure};
-use spharm::{FileRecord, FitParams, Monitor, Preparation};
+use spharm::{FileRecord, FitParams, Model, Monitor, Preparation};
 use spharm_cli::exit;
 use spharm_cli::inputs::{expand_lists, read_text};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_cli::surfaces::Labels;
-use spharm_model::Model;
+use spharm_cohort::equal::Inputs;
+use spharm_cohort::rerun::IfExists;
+use spharm_cohort::run::{self, Cohort, Event, Observer, Outcome as RowOutcome, RunError, RunParams};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
 use self::table::{Outcome, Row};
-use crate::rows::equal::Inputs;
 
 /// Relative change of the area that ends its quadrature: far below what voxels tell.
 const AREA: f64 = 1e-5;
@@ -48,34 +47,43 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let memory = cli.memory.map(|size| size.0);
     let params = FitParams { memory, threads: Some(cli.threads.count()), ..FitParams::lsq(cli.max_degree) };
     params.check()?;
-    let (rows, names, inputs) = (Vec::new(), HashSet::new(), Inputs::default());
-    let mut call = Call { cli, params, monitor: &monitor, rows, refused: 0, names, inputs };
+    let mut params = RunParams::new(params);
+    let voxel_size = cli.voxel_size.map(|size| size.0);
+    params.preparation = Preparation { voxel_size, fix: cli.fix, cut_handles: cli.cut_handles };
+    params.if_exists = match (cli.force, cli.skip_existing) {
+        (true, _) => IfExists::Replace,
+        (_, true) => IfExists::Skip,
+        _ => IfExists::Refuse,
+    };
+    let found = Mutex::default();
+    let mut call = Call { cli, params, monitor: &monitor, found, names: HashSet::new(), inputs: Inputs::default() };
     let pool = cli.threads.pool()?;
     let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
     prepare(&table)?;
-    let text = table::lines(&call.rows, cli.max_degree);
+    let Found { rows, refused } = call.found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let text = table::lines(&rows, cli.max_degree);
     let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text));
-    if call.refused > 0 && table.is_file() {
+    if refused > 0 && table.is_file() {
         bail!(
             "{}: {} fitted otherwise, and the table stays as it was; give --force, or another --output",
             table.display(),
-            counted_were(call.refused)
+            counted_were(refused)
         );
     }
     write_new(&table, replaced, |out| out.write_all(text.as_bytes()))?;
-    let steps = call.rows.iter().filter_map(|row| match &row.outcome {
+    let steps = rows.iter().filter_map(|row| match &row.outcome {
         Outcome::Model(model) => Some((row.label.map_or(String::new(), |label| label.to_string()), model.steps?)),
         Outcome::Failed(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
     doubts.for_each(|warning| monitor.console().warn(warning));
-    let failed = call.rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
-    let models = call.rows.len() - failed;
+    let failed = rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
+    let models = rows.len() - failed;
     print_line(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
     // What interrupted it, after the table of what is finished.
     done?;
     if failed > 0 {
-        bail!("{}: {failed} of {} failed, see column error", table.display(), counted(call.rows.len(), "row"));
+        bail!("{}: {failed} of {} failed, see column error", table.display(), counted(rows.len(), "row"));
     }
     Ok(())
 }
@@ -138,154 +146,156 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
 /// A call of `volumes`.
 struct Call<'a> {
     cli: &'a Cli,
-    params: FitParams,
+    params: RunParams,
     monitor: &'a ConsoleMonitor,
-    rows: Vec<Row>,
-    /// Models that are there and were made with other settings or of another input.
-    refused: usize,
-    /// Models of this call, which two labels mustn't share.
+    found: Mutex<Found>,
+    /// Models of this call, each of which belongs to one label.
     names: HashSet<PathBuf>,
     /// The labels that were looked at.
     inputs: Inputs,
 }
 
+/// The table's rows so far.
+#[derive(Default)]
+struct Found {
+    rows: Vec<Row>,
+    /// Number of models that exist and were made with other settings or of another input.
+    refused: usize,
+}
+
+/// The labels of a volume, as an observer of their run.
+struct OfVolume<'a> {
+    call: &'a Call<'a>,
+    /// A row for each of the run's, without its outcome.
+    rows: Vec<Row>,
+}
+
 impl Call<'_> {
     /// Makes the models of a volume's labels. Only an interruption is an error.
     fn volume(&mut self, path: &Path) -> Result<()> {
-        let voxel_size = self.cli.voxel_size.map(|size| size.0);
-        let read = LabelVolume::read_with(path, voxel_size, self.monitor).map_err(anyhow::Error::from);
-        let read = read.and_then(|volume| Ok((FileRecord::of(path)?, volume)));
+        let read = LabelVolume::read_with(path, self.params.preparation.voxel_size, self.monitor);
+        let read = read.map_err(anyhow::Error::from).and_then(|volume| Ok((FileRecord::of(path)?, volume)));
+        let file = path.display().to_string();
+        let row = |label, outcome| Row { file: file.clone(), label, voxels: None, border: None, outcome };
         let (record, volume) = match read {
             Ok(found) => found,
-            Err(error) => return self.push(path, None, None, Err(error)),
+            Err(error) => return self.failed(row(None, Outcome::default()), &error),
         };
         let there = volume.labels();
         let every = self.cli.label.contains(&Labels::All);
         let one = |label: &Labels| if let Labels::One(label) = label { Some(*label) } else { None };
-        let wanted =
+        let mut wanted: Vec<i64> =
             if every { there.keys().copied().collect() } else { self.cli.label.iter().filter_map(one).collect() };
-        let mut wanted: Vec<i64> = wanted;
         let mut seen = HashSet::new();
         wanted.retain(|label| seen.insert(*label));
         if wanted.is_empty() {
-            return self.push(path, None, None, Err(anyhow!("{}: no label but 0", path.display())));
+            return self.failed(row(None, Outcome::default()), &anyhow!("{file}: no label but 0"));
         }
+        let (mut fits, mut rows) = (Vec::new(), Vec::new());
         for label in wanted {
-            self.monitor.check()?;
             let record = FileRecord { label: Some(label), ..record.clone() };
+            let row = Row {
+                voxels: there.get(&label).copied(),
+                // Nothing is known of a label that is missing.
+                border: there.contains_key(&label).then(|| volume.touches_border(label)),
+                ..row(Some(label), Outcome::default())
+            };
             self.inputs.add(&record, None, record.to_string());
-            let found = self.label(path, &volume, record);
-            self.push(path, Some(&volume), Some(label), found)?;
+            let named = [(path.to_owned(), Some(label))];
+            let named = self.cli.name_template.outputs(&named, &self.cli.output, ".spharm.npz")?;
+            let model = named.into_iter().next().unwrap_or_default();
+            if self.names.insert(model.clone()) {
+                let (id, output) = (record.to_string(), Some(model));
+                fits.push(spharm_cohort::Row {
+                    id,
+                    surface: path.to_owned(),
+                    label: Some(label),
+                    output,
+                    ..Default::default()
+                });
+                rows.push(row);
+            } else {
+                let model = model.display();
+                let text = anyhow!("{record}: {model} is another label's model; give --name-template");
+                self.failed(row, &text)?;
+            }
         }
+        self.params.keep_volume(volume);
+        let observer = OfVolume { call: self, rows };
+        let cohort = Cohort::new(fits, PathBuf::new());
+        match run::run(&cohort, &self.params, &observer, self.monitor) {
+            // Each volume's disk may be full; its rows say so.
+            Err(error) if !error.is_interrupted() => Ok(()),
+            done => Ok(done?),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Found> {
+        self.found.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a row without a model; an interruption is passed on.
+    fn failed(&self, row: Row, error: &anyhow::Error) -> Result<()> {
+        self.monitor.check()?;
+        let text = exit::line_with_advice(error.as_ref());
+        self.monitor.console().warn(&text);
+        self.lock().rows.push(Row { outcome: Outcome::Failed(text), ..row });
         Ok(())
     }
 
-    /// Adds a row; an interruption is handed on.
-    fn push(
-        &mut self,
-        path: &Path,
-        volume: Option<&LabelVolume>,
-        label: Option<i64>,
-        found: Result<table::Model>,
-    ) -> Result<()> {
+    /// The table's figures of a model.
+    fn model(&self, path: &Path, name: &str, fitted: Option<f64>) -> Result<table::Model> {
+        let model = Model::read(path)?;
+        let recorded = || model.provenance.distances.as_ref().map(|distances| distances.rms());
+        let measures = MeasureParams { tolerance: AREA, most_rings: None };
+        Ok(table::Model {
+            file: path.display().to_string(),
+            kept: fitted.is_none(),
+            repair: table::repair(&model.provenance),
+            steps: steps_of(&model.provenance),
+            measures: measure(&model.coefficients, &measures, self.monitor).with_context(|| name.to_owned())?,
+            residual: fitted.or_else(recorded),
+            descriptors: descriptors(&model.coefficients).with_context(|| name.to_owned())?,
+        })
+    }
+}
+
+impl Observer for OfVolume<'_> {
+    fn event(&self, event: &Event<'_>) {
+        let console = self.call.monitor.console();
+        let (number, row, entry, outcome) = match event {
+            Event::Finished { number, row, entry, outcome } => (*number, row, entry, outcome),
+            Event::Warning(text) => return console.note(text),
+            _ => return,
+        };
+        let model = Path::new(&entry.output);
+        let of = |fitted: Option<f64>| self.call.model(model, &row.id, fitted);
+        let found = match outcome {
+            RowOutcome::Done(fit) => {
+                console.note(format!("{}: {}", row.id, model.display()));
+                of(Some(fit.report.passes.last().map_or(f64::NAN, |distances| distances.rms())))
+            }
+            RowOutcome::Skipped { .. } => of(None),
+            RowOutcome::Failed(error) => {
+                let refused = self.call.cli.skip_existing && matches!(error, RunError::Output(_));
+                self.call.lock().refused += usize::from(refused);
+                Err(anyhow!("{}", entry.error))
+            }
+            RowOutcome::Interrupted => return,
+        };
         let outcome = match found {
             Ok(model) => Outcome::Model(Box::new(model)),
-            Err(error) if exit::is_interrupted(&error) => return Err(error),
+            Err(error) if exit::is_interrupted(&error) => return,
             Err(error) => {
-                self.refused += usize::from(self.cli.skip_existing && error.is::<Refusal>());
-                let text = exit::line_with_advice(&error);
-                self.monitor.console().warn(&text);
+                let text = exit::line_with_advice(error.as_ref());
+                console.warn(&text);
                 Outcome::Failed(text)
             }
         };
-        let here = volume.zip(label);
-        self.rows.push(Row {
-            file: path.display().to_string(),
-            label,
-            voxels: here.and_then(|(volume, label)| volume.labels().get(&label).copied()),
-            // Of a label that isn't there nothing is known.
-            border: here
-                .filter(|(volume, label)| volume.labels().contains_key(label))
-                .map(|(volume, label)| volume.touches_border(label)),
-            outcome,
-        });
-        Ok(())
+        self.call.lock().rows.push(Row { outcome, ..self.rows[number].clone() });
     }
 
-    fn label(&mut self, path: &Path, volume: &LabelVolume, record: FileRecord) -> Result<table::Model> {
-        let label = record.label;
-        let named = self.cli.name_template.outputs(&[(path.to_owned(), label)], &self.cli.output, ".spharm.npz")?;
-        let model = named.into_iter().next().unwrap_or_default();
-        if !self.names.insert(model.clone()) {
-            bail!("{record}: {} is another label's model; give --name-template", model.display());
-        }
-        let files = ModelFiles { model };
-        let if_exists = match (self.cli.force, self.cli.skip_existing) {
-            (true, _) => IfExists::Replace,
-            (_, true) => IfExists::Skip,
-            _ => IfExists::Refuse,
-        };
-        // A label without handles has no cut surface, and is finished all the same.
-        let cut = (self.cli.cut_handles && !if_exists.keeps()).then(|| files.cut_surface());
-        let beside: Vec<PathBuf> = [files.sphere(), files.surface()].into_iter().chain(cut).collect();
-        let (params, output) = (&self.params, files.model.as_path());
-        let preparation = self.preparation(record.label);
-        let request = Request {
-            id: None,
-            input: &record,
-            region: None,
-            sphere: None,
-            params,
-            preparation,
-            output,
-            beside: &beside,
-            if_exists,
-        };
-        let (kept, residual) = match request.decide()? {
-            Decision::Skip => (true, None),
-            Decision::Fit { replace, .. } => (false, Some(self.fit(volume, &record, &files, replace)?)),
-        };
-        let model = Model::read(&files.model)?;
-        let recorded = || model.provenance.distances.as_ref().map(|distances| distances.rms());
-        let named = || record.to_string();
-        let measures = MeasureParams { tolerance: AREA, most_rings: None };
-        Ok(table::Model {
-            file: files.model.display().to_string(),
-            kept,
-            repair: table::repair(&model.provenance),
-            steps: steps_of(&model.provenance),
-            measures: measure(&model.coefficients, &measures, self.monitor).with_context(named)?,
-            residual: residual.or_else(recorded),
-            descriptors: descriptors(&model.coefficients).with_context(named)?,
-        })
-    }
-
-    /// What is done to a label before its fit.
-    fn preparation(&self, label: Option<i64>) -> Preparation {
-        let voxel_size = self.cli.voxel_size.map(|size| size.0);
-        Preparation { voxel_size, fix: self.cli.fix, cut_handles: self.cli.cut_handles }.of(false, label)
-    }
-
-    /// Maps and fits a label, and returns the root mean square distance at the vertices.
-    fn fit(&self, volume: &LabelVolume, record: &FileRecord, files: &ModelFiles, replace: Replace) -> Result<f64> {
-        let console = self.monitor.console();
-        let handles = self.cli.cut_handles;
-        let params = VolumeParams { label: record.label, fix: self.cli.fix, handles };
-        let named = || record.to_string();
-        let mut input = Input::Label(volume.surface(&params, self.monitor)?);
-        if handles {
-            input = input.without_handles(self.monitor).with_context(named)?;
-        }
-        input.changes(handles).iter().for_each(|change| console.note(format!("{record}: {change}")));
-        let found = files.map(&input, record, &self.params, false, replace, self.monitor).with_context(named)?;
-        let fitted = || -> Result<f64> {
-            let (fit, _) = found.surface.fit(&self.params, self.monitor)?;
-            let (preparation, surface) = (self.preparation(record.label), Some(&found.surface));
-            let made_of = MadeOf { input: Some(record), preparation, surface, ..MadeOf::default() };
-            files.write(&found.surface.parametrized.sphere, &fit, &made_of, false, replace)?;
-            console.note(format!("{record}: {}", files.model.display()));
-            Ok(fit.report.passes.last().map_or(f64::NAN, |distances| distances.rms()))
-        };
-        fitted().inspect_err(|_| found.remove()).with_context(named)
+    fn line(&self, error: &RunError) -> String {
+        exit::line_with_advice(error)
     }
 }

@@ -2,12 +2,13 @@
 
 use std::collections::HashSet;
 
-use spharm::cohort::guarded;
 use spharm::model::Provenance;
 use spharm::parametrize::volume::VoxelSteps;
 use spharm::shape::{Descriptors, Measures};
+use spharm_cohort::guarded;
 
 /// A label, or a volume that couldn't be read.
+#[derive(Clone)]
 pub(super) struct Row {
     pub(super) file: String,
     pub(super) label: Option<i64>,
@@ -17,7 +18,8 @@ pub(super) struct Row {
     pub(super) outcome: Outcome,
 }
 
-/// What became of it.
+/// Outcome of a label.
+#[derive(Clone)]
 pub(super) enum Outcome {
     /// Fitted now, or by an earlier call.
     Model(Box<Model>),
@@ -25,7 +27,14 @@ pub(super) enum Outcome {
     Failed(String),
 }
 
-/// What the table has of a model.
+impl Default for Outcome {
+    fn default() -> Self {
+        Self::Failed(String::new())
+    }
+}
+
+/// The table's figures of a model.
+#[derive(Clone)]
 pub(super) struct Model {
     pub(super) file: String,
     /// Whether an earlier call made it.

@@ -17,8 +17,8 @@ use spharm_surface::SurfaceError;
 pub use fit::of_oscillation;
 
 /// What the user can do, of the first error in the chain for which there is something.
-pub fn advice(error: &anyhow::Error) -> Option<String> {
-    error.chain().find_map(|cause| {
+pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
+    std::iter::successors(Some(error), |&error| error.source()).find_map(|cause| {
         let surface = cause.downcast_ref().and_then(of_surface);
         let store = || cause.downcast_ref().and_then(of_store);
         let solver = || cause.downcast_ref().and_then(of_solver);
@@ -33,6 +33,7 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
         let model = || cause.downcast_ref().and_then(of_model);
         let shape = || cause.downcast_ref().and_then(of_shape);
         let refusal = || cause.downcast_ref().map(fit::of_refusal);
+        let run = || cause.downcast_ref().and_then(fit::of_run);
         surface
             .or_else(store)
             .or_else(solver)
@@ -42,6 +43,7 @@ pub fn advice(error: &anyhow::Error) -> Option<String> {
             .or_else(moments)
             .or_else(shape)
             .or_else(refusal)
+            .or_else(run)
     })
 }
 
@@ -206,7 +208,7 @@ mod tests {
     fn advice_is_found_beneath_the_context() {
         let error = SurfaceError::OutputExists { path: "x.ply".into() };
         let error = Err::<(), _>(error).context("while writing").unwrap_err();
-        assert!(advice(&error).is_some_and(|advice| advice.contains("--force")));
-        assert_eq!(advice(&anyhow::anyhow!("no flag mends this")), None);
+        assert!(advice(error.as_ref()).is_some_and(|advice| advice.contains("--force")));
+        assert_eq!(advice(anyhow::anyhow!("no flag mends this").as_ref()), None);
     }
 }

@@ -1,5 +1,6 @@
 //! Exit codes and signals: 0 success, 1 failure, 2 wrong usage, 75 interrupted.
 
+use std::error::Error;
 use std::io::Write;
 use std::panic::AssertUnwindSafe;
 use std::path::Path;
@@ -72,7 +73,7 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
     if let Some(usage) = error.downcast_ref::<Usage>() {
         return wrong_usage(&usage.of(command()), false);
     }
-    say(Kind::Error, line_with_advice(&error));
+    say(Kind::Error, line_with_advice(error.as_ref()));
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
 }
 
@@ -120,15 +121,16 @@ fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
 }
 
 /// Returns an error in one line, as the program shows it: the chain's messages, with what to do.
-pub fn line_with_advice(error: &anyhow::Error) -> String {
+pub fn line_with_advice(error: &(dyn Error + 'static)) -> String {
     let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
     printable::one_line(&format!("{}{advice}", chained(error))).into_owned()
 }
 
 /// Joins the error chain, skipping repeated messages, and names of files that the next message begins with.
-fn chained(error: &anyhow::Error) -> String {
+fn chained(error: &(dyn Error + 'static)) -> String {
     let mut parts: Vec<String> = Vec::new();
-    for text in error.chain().map(ToString::to_string) {
+    let causes = std::iter::successors(Some(error), |&error| error.source());
+    for text in causes.map(ToString::to_string) {
         if parts.iter().any(|part| part.contains(&text)) {
             continue;
         }
@@ -194,7 +196,7 @@ mod tests {
             let (root, contexts) = chain.split_last().expect("a message");
             let error =
                 contexts.iter().rev().fold(anyhow::anyhow!("{root}"), |error, text| error.context(text.to_string()));
-            chained(&error)
+            chained(error.as_ref())
         };
         assert_eq!(line(&["x.nii", "x.nii: expected one label"]), "x.nii: expected one label");
         assert_eq!(line(&["x.ply", "not closed"]), "x.ply: not closed");

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Serializer;
 
-use spharm::files::ModelFiles;
+use spharm_cohort::files::ModelFiles;
 
 use crate::inputs::{expand_lists, file_stem};
 

@@ -1,9 +1,9 @@
-//! Lists of surfaces to fit, their shards, and tables of what became of each.
+//! Cohorts: lists of surfaces to fit, the runner that fits them, and tables of outcomes.
 //!
-//! A cohort is thousands of surfaces that are fitted by many processes, some of which are killed. What is to be done is
-//! one table, a [`Manifest`] with a row for each surface; a process takes the rows of its [`Shard`]. What has been done
-//! is another table for each process, a [`StatusFile`], to which a line is appended when a row is finished, so that a
-//! kill loses nothing. [`Merged`] puts those together.
+//! A cohort is thousands of surfaces that are fitted by many processes, some of which are killed. A [`Manifest`] is a
+//! table with a row for each surface; a process fits the rows of its [`Shard`] by [`run()`](run::run). Each process has
+//! a table of outcomes, a [`StatusFile`], to which a line is appended when a row is finished, so that a kill loses
+//! nothing. [`Merged`] joins those tables.
 //!
 //! ```
 //! use spharm_cohort::{Entry, Manifest, Merged, Shard, State, StatusFile};
@@ -30,18 +30,31 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`Manifest`], [`Row`] | what is to be done |
+//! | [`Manifest`], [`Row`] | the surfaces to fit |
 //! | [`Shard`] | the rows of one process |
-//! | [`StatusFile`], [`Entry`], [`State`] | what one process has done, a line at a time |
-//! | [`Merged`] | what all of them have done |
+//! | [`StatusFile`], [`Entry`], [`State`] | outcomes of one process, a line at a time |
+//! | [`Merged`] | outcomes of all processes |
+//! | [`mod@run`] | [`run()`](run::run): fits all rows, in memory that doesn't grow with their number |
+//! | [`files`] | the files of a model |
+//! | [`rerun`] | what to do about outputs that exist |
+//! | [`reader`] | meshes, and labels of volumes |
+//! | [`equal`] | inputs that occur twice |
+//! | [`evaluate`] | models evaluated on one sphere |
 //! | `table` | TSV and CSV with the numbers of lines |
 
 #![forbid(unsafe_code)]
 
+pub mod equal;
 mod error;
+pub mod evaluate;
+pub mod files;
 mod formulas;
 mod manifest;
 mod merge;
+mod origin;
+pub mod reader;
+pub mod rerun;
+pub mod run;
 mod shard;
 mod status;
 mod table;

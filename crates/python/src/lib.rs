@@ -17,6 +17,7 @@
 //! | `correspondences` | groups made to correspond; poses of, and a template registered to, one surface |
 //! | `corresponding` | such a group: its members, files, points carried, new members |
 //! | `sources` | surfaces as they come from Python |
+//! | `cohorts` | fits of many surfaces from files, as they are finished |
 //! | `groups` | groups of models to one degree, and their mean |
 //! | `poses` | rotations, and surfaces brought together |
 //! | `modes` | modes of variation |
@@ -28,6 +29,7 @@
 //! | `moments` | sums over samples, from which fits are made |
 
 mod arrays;
+mod cohorts;
 mod correspondences;
 mod corresponding;
 mod errors;
@@ -67,6 +69,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<moments::Moments>()?;
     module.add_class::<transforms::Transform>()?;
     module.add_class::<modes::Modes>()?;
+    module.add_class::<cohorts::CohortRun>()?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit_many, module)?)?;

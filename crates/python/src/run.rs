@@ -22,7 +22,7 @@ const WAKE: Duration = Duration::from_millis(20);
 /// Time that work has to stop before an exception goes on without it.
 const GRACE: Duration = Duration::from_millis(100);
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -193,5 +193,54 @@ fn wait<T: Send>(
             (None, pending) => stop = pending,
         }
         watch.cancel.store(stop.is_some(), Ordering::Relaxed);
+    }
+}
+
+/// Work on a thread of its own, whose messages Python takes one by one. It is stopped when this is dropped.
+pub(crate) struct Started(Arc<Watch>);
+
+impl Started {
+    /// Starts work on a pool of `threads` threads.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`pool`].
+    pub(crate) fn new(threads: Option<usize>, work: impl FnOnce(&dyn Monitor) + Send + 'static) -> PyResult<Self> {
+        let (pool, watch) = (pool(threads)?, Arc::new(Watch::default()));
+        let monitor = Arc::clone(&watch);
+        let work = move |monitor: &dyn Monitor| {
+            work(monitor);
+            Ok(())
+        };
+        std::thread::spawn(move || drop(guarded(&pool, &monitor, work)));
+        Ok(Self(watch))
+    }
+
+    /// Waits for a message without holding the interpreter; `None` once the work has ended.
+    ///
+    /// # Errors
+    ///
+    /// A signal's, which stops the work.
+    pub(crate) fn wait<T: Send>(&self, py: Python<'_>, receive: &Mutex<Receiver<T>>) -> PyResult<Option<T>> {
+        loop {
+            // Stages are for callbacks, of which there is none here.
+            lock(&self.0.stages).clear();
+            match py.detach(|| lock(receive).recv_timeout(WAKE)) {
+                Ok(message) => return Ok(Some(message)),
+                Err(RecvTimeoutError::Disconnected) => return Ok(None),
+                Err(RecvTimeoutError::Timeout) => py.check_signals().inspect_err(|_| self.stop())?,
+            }
+        }
+    }
+
+    /// Stops the work as soon as it can be stopped.
+    pub(crate) fn stop(&self) {
+        self.0.cancel.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        self.stop();
     }
 }

@@ -25,7 +25,8 @@
 //! # The way of the data
 //!
 //! 1. [`io::read_mesh`] reads a closed surface, and [`fit_mesh()`] maps it to a [`Sphere`] one to one, see
-//!    [`parametrize`](mod@parametrize), and fits it there. Surfaces of a study that have a common sphere come with it: [`read_sphere`], [`Target`].
+//!    [`parametrize`](mod@parametrize), and fits it there. Surfaces of a study that have a common sphere come with it:
+//!    [`read_sphere`], [`Target`].
 //! 2. [`fit()`] finds the coefficients: by default the full least squares. [`fit_many`] streams any number of surfaces
 //!    over one sphere through bounded memory. A [`Method`] over a basis store reads it from disk instead of
 //!    transforming.
@@ -56,8 +57,6 @@
 //! | [`assess`] | distances at the vertices, between them, at vertices held out |
 //! | [`warning`] | [`FitWarning`]: what may be wrong with a fit |
 //! | [`defaults`] | the numbers behind the defaults |
-//! | [`files`] | the files of a fit |
-//! | [`rerun`] | what becomes of outputs that exist |
 //! | [`factor`] | the factor of the normal equations, kept in a store |
 //! | [`mod@correspond`] | a group of surfaces over one template's sphere, so that places correspond |
 //! | [`machine`] | memory and limits of this process |
@@ -73,7 +72,6 @@
 //! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
 //! | [`register`] | `spharm-register` | a template mesh moved onto surfaces of subjects |
 //! | [`shape`] | `spharm-shape` | shape analysis on models: geometry, smoothing, descriptors, retrieval, levels, compression |
-//! | [`cohort`] | `spharm-cohort` | manifests, shards, status files |
 //! | [`moments`] | `spharm-moments` | moments of tables of samples, beyond memory and machine |
 //! | [`transform`] | `spharm-transform` | fast synthesis and its adjoint |
 //! | [`harmonics`] | `spharm-harmonics` | the harmonics, [`Directions`], [`Coefficients`] |
@@ -107,18 +105,15 @@ pub mod correspond;
 pub mod defaults;
 mod error;
 pub mod factor;
-pub mod files;
 pub mod fit;
 pub mod fit_mesh;
 pub mod machine;
 pub mod model;
 mod objective;
-mod origin;
 pub mod parametrize;
 pub mod params;
 pub mod prelude;
 pub mod report;
-pub mod rerun;
 pub mod warning;
 
 pub use error::Error;
@@ -133,7 +128,6 @@ pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
 pub use report::{BatchReport, Denoised, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
 
-pub use spharm_cohort as cohort;
 pub use spharm_harmonics as harmonics;
 pub use spharm_moments as moments;
 pub use spharm_register as register;

@@ -11,7 +11,6 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::{Value, json};
-use spharm::cohort::Shard;
 use spharm::correspond::{
     CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, Resume, Signals, correspond,
 };
@@ -24,6 +23,7 @@ use spharm_cli::names::NameTemplate;
 use spharm_cli::output::{OutputFile, check_outputs, write_json};
 use spharm_cli::paths::shown;
 use spharm_cli::surfaces::VoxelSize;
+use spharm_cohort::Shard;
 
 use self::surfaces::{Surface, With, find_signals, of_table, plan, read, surfaces};
 use super::args::{ReportArgs, Resources};

@@ -6,7 +6,6 @@ use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 use serde::Deserialize;
-use spharm::cohort::{Manifest, Row};
 use spharm::correspond::CorrespondParams;
 use spharm::parametrize::volume::{LabelVolume, is_volume};
 use spharm::{Error, FileRecord, Kind, Mesh, Model, Silent, Sphere};
@@ -15,6 +14,7 @@ use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::paths::model_name;
 use spharm_cli::threads::Threads;
+use spharm_cohort::{Manifest, Row};
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::{bytes_to_read, read_mesh, read_signal};
 

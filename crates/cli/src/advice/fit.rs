@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use spharm::rerun::Refusal;
 use spharm::{Error, FitParams, Method, Smoothness};
+use spharm_cohort::rerun::Refusal;
+use spharm_cohort::run::RunError;
 
 use crate::names::NameTemplate;
 use crate::size::Size;
@@ -19,7 +20,6 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
         )),
         Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
         Error::Limit { .. } => Some("--threads N sets their number".to_owned()),
-        Error::OfVertices { .. } => Some("give --objective vertices".to_owned()),
         Error::NotConverged(_) => Some("without --strict that is a warning".to_owned()),
         _ => None,
     }
@@ -37,6 +37,11 @@ pub(super) fn of_refusal(refusal: &Refusal) -> String {
         Refusal::Exists { .. } => "choose another --output, or give --force or --skip-existing".to_owned(),
         _ => "choose another --output, or give --force to replace it".to_owned(),
     }
+}
+
+/// What to do about an error of a row.
+pub(super) fn of_run(error: &RunError) -> Option<String> {
+    matches!(error, RunError::AreaOfLabel { .. }).then(|| "leave --area out".to_owned())
 }
 
 /// Returns what to do about a model that oscillates between the vertices.

@@ -130,7 +130,8 @@ impl FitParams {
     }
 
     /// Returns how the penalty is chosen, as models record it: `denoise`, or that of the smoothness.
-    pub(crate) fn penalty_name(&self) -> &'static str {
+    #[must_use]
+    pub fn penalty_name(&self) -> &'static str {
         if self.denoise { "denoise" } else { self.smoothness.name() }
     }
 }

@@ -1,4 +1,4 @@
-//! The files of a fit: the model, and beside it what else was asked for.
+//! The files of a fit: the model, and those beside it.
 
 use std::ffi::OsString;
 use std::io;
@@ -6,16 +6,14 @@ use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 use ndarray_npy::WriteNpyExt;
-use spharm_model::FileRecord;
+use spharm::io::{WriteOptions, read_mesh, write_mesh, write_new};
+use spharm::parametrize::{Input, with_sphere};
+use spharm::{
+    Error, FileRecord, Fit, FitParams, MappedSurface, Monitor, Preparation, Sphere, SurfaceError, check_memory,
+};
 use spharm_model::csv::write_complex_csv;
-use spharm_monitor::Monitor;
-use spharm_surface::io::{WriteOptions, read_mesh, write_mesh, write_new};
-use spharm_surface::{Sphere, SurfaceError};
 
-use crate::fit_mesh::{MappedSurface, Preparation};
 use crate::origin::Origin;
-use crate::parametrize::{Input, with_sphere};
-use crate::{Error, Fit, FitParams, check_memory};
 
 /// Which files that exist are replaced.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -100,7 +98,15 @@ impl ModelFiles {
         self.beside(".fixed.surf.gii")
     }
 
-    /// Returns whether the sphere beside the model is there and was made of this input.
+    /// Returns all files that may belong to the model, itself the first.
+    #[must_use]
+    pub fn all(&self) -> [PathBuf; 7] {
+        let model = self.model.clone();
+        let [csv, errors, sphere] = [self.csv(), self.standard_errors(), self.sphere()];
+        [model, csv, errors, sphere, self.surface(), self.cut_surface(), self.fixed_surface()]
+    }
+
+    /// Returns whether the sphere beside the model exists and was made of this input.
     #[must_use]
     pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
         let origin = read_mesh(self.sphere()).ok().and_then(|sphere| Origin::of(&sphere.meta));
@@ -255,7 +261,7 @@ impl Mapped {
     }
 }
 
-fn make_folder_of(file: &Path) -> Result<(), Error> {
+pub(crate) fn make_folder_of(file: &Path) -> Result<(), Error> {
     let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) else { return Ok(()) };
     std::fs::create_dir_all(folder)
         .map_err(|cause| Error::Surface(SurfaceError::Io { path: folder.to_owned(), action: "create", cause }))

@@ -3,10 +3,9 @@
 use std::fmt;
 
 use spharm::{Level, Monitor};
-use spharm_cli::monitor::ConsoleMonitor;
 
-/// Within a progress that counts rows: stages aren't shown, and what is worth knowing of one group is a detail of many.
-pub(super) struct Quiet<'a>(pub(super) &'a ConsoleMonitor);
+/// Hides the stages of a group where the progress counts rows, and makes its notes details.
+pub(super) struct Quiet<'a>(pub(super) &'a dyn Monitor);
 
 impl Monitor for Quiet<'_> {
     fn note(&self, level: Level, text: fmt::Arguments<'_>) {

@@ -3,13 +3,11 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use spharm_model::{FileRecord, Model, Provenance, Settings};
-use spharm_store::{Scalar, SchemeKey};
-use spharm_surface::Sphere;
+use spharm::model::{Provenance, Settings};
+use spharm::store::{Scalar, SchemeKey};
+use spharm::{FileRecord, FitParams, Method, Model, Objective, Preparation, Smoothness, Sphere};
 
 use crate::files::{ModelFiles, Replace};
-use crate::fit_mesh::Preparation;
-use crate::{FitParams, Method, Objective, Smoothness};
 
 /// What to do with outputs that exist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,7 +4,8 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use spharm::FileRecord;
-use spharm::cohort::Row;
+
+use crate::Row;
 
 /// Rows that are fitted over one sphere with the same weights.
 pub(super) struct Group {

@@ -1,17 +1,30 @@
-//! Vertices that aren't read: those that a mask leaves out, and those of signals without a value, have the weight 0;
-//! those outside of a row's region get values that are continued from its edge.
+//! Weights, masks and missing values: vertices that a mask leaves out, and vertices of signals without a value, have
+//! the weight 0; those outside a row's region get values continued from its edge.
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
 use rayon::prelude::*;
-use spharm::cohort::Row;
 use spharm::parametrize::fill_in;
-use spharm::{Fit, FitParams, Kind, Method, Model, Monitor, Sphere, Target, Weights};
+use spharm::{Fit, FitParams, Kind, Method, Model, Monitor, Sphere, SurfaceError, Target, Weights};
 use spharm_surface::io::{is_named_signal, read_mask, read_signal_with_gaps};
 
+use super::error::RunError;
+use crate::Row;
+
+/// Returns the settings with a row's own weights, if it has any.
+pub(super) fn weighted(params: &FitParams, row: &Row) -> Result<FitParams, RunError> {
+    let weights = match row.weights.as_deref().map(|path| (path, path.to_str())) {
+        None => return Ok(params.clone()),
+        Some((_, Some("uniform"))) => Weights::Uniform,
+        Some((_, Some("area"))) => Weights::Area,
+        Some((path, _)) if !path.exists() => return Err(RunError::NoWeights { path: path.to_owned() }),
+        Some((path, _)) => Weights::read(path)?,
+    };
+    Ok(FitParams { weights, ..params.clone() })
+}
+
 /// Weights with those of the vertices at zero that a mask has at 0.
-pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights> {
+pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights, SurfaceError> {
     let path = mask.display();
     let mask = read_mask(mask, sphere.directions.len())?;
     let name = match weights {
@@ -41,12 +54,17 @@ pub(super) struct Part {
     /// Settings with the weights of these rows.
     pub(super) params: FitParams,
     /// Number of vertices that aren't read.
-    pub(super) unread: usize,
+    pub(super) left_out: usize,
 }
 
 /// Sorts the rows with these numbers by the vertices that have no value, of signals that are fitted by least squares
 /// without a store. Other methods refuse values that aren't there.
-pub(super) fn parts(rows: &[Row], numbers: &[usize], sphere: &Sphere, params: &FitParams) -> Result<Vec<Part>> {
+pub(super) fn parts(
+    rows: &[Row],
+    numbers: &[usize],
+    sphere: &Sphere,
+    params: &FitParams,
+) -> Result<Vec<Part>, RunError> {
     let gaps_of = |number: usize| match (params.method, &params.store) {
         (Method::Lsq, None) => gaps(&rows[number], sphere.directions.len()),
         _ => Vec::new(),
@@ -66,20 +84,25 @@ pub(super) fn parts(rows: &[Row], numbers: &[usize], sphere: &Sphere, params: &F
                 FitParams { weights: without(&params.weights, sphere, name, |vertex| gaps[vertex]), ..params.clone() }
             }
         };
-        let unread = match &params.weights {
+        let left_out = match &params.weights {
             Weights::Values { values, .. } => values.iter().filter(|weight| **weight == 0.0).count(),
             _ => 0,
         };
-        if unread == sphere.directions.len() {
-            bail!("{}: no vertex is left to read", rows[numbers[0]].surface.display());
+        if left_out == sphere.directions.len() {
+            return Err(RunError::NothingToRead { path: rows[numbers[0]].surface.clone() });
         }
-        Ok(Part { rows: numbers, params, unread })
+        Ok(Part { rows: numbers, params, left_out })
     };
     parts.into_iter().map(part).collect()
 }
 
 /// Continues a signal's values from the edge of a region, a mask or a label, over the vertices outside of it.
-pub(super) fn continue_from(region: &Path, target: &mut Target, sphere: &Sphere, monitor: &dyn Monitor) -> Result<()> {
+pub(super) fn continue_from(
+    region: &Path,
+    target: &mut Target,
+    sphere: &Sphere,
+    monitor: &dyn Monitor,
+) -> Result<(), RunError> {
     let channels = target.channels.max(1);
     let mut known = read_mask(region, sphere.directions.len())?;
     // Inside the region they aren't filled in: NaN has weight 0, see `gaps`, and anything else is refused by the fit.
@@ -99,7 +122,7 @@ pub(super) fn continue_from(region: &Path, target: &mut Target, sphere: &Sphere,
 
 /// Returns a warning if a model leaves the range of what was read where nothing was: by more than the width of that
 /// range.
-pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere) -> Result<Option<String>> {
+pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere) -> Result<Option<String>, RunError> {
     let Weights::Values { values: weights, .. } = &params.weights else { return Ok(None) };
     let model = Model::without_sphere(fit.coefficients.clone(), Kind::Signal);
     let found = model.reconstruct_signal(sphere, fit.coefficients.max_degree())?;
@@ -116,7 +139,7 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
             return Ok(Some(format!(
                 "{name}: where no vertex is read the model runs from {least:.4} to {most:.4}, and elsewhere from {low:.4} to \
                  {high:.4}: it isn't determined there, and means, modes and maps of whole models show that; lower the \
-                 degree, or set --smoothness"
+                 degree, or set a smoothness"
             )));
         }
     }

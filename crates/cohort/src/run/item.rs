@@ -1,19 +1,18 @@
-//! One surface to fit, the outputs that belong to it, and what becomes of those that exist.
+//! One surface to fit, its outputs, and what to do about those that exist.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
-use spharm::cohort::Row;
-use spharm::files::{ModelFiles, Replace};
-use spharm::rerun::{Decision, Request};
 use spharm::{FileRecord, FitParams, Silent, Sphere};
-use spharm_cli::console::Console;
-use spharm_cli::output::check_not_inputs;
 
-use super::options::Options;
+use super::error::RunError;
+use super::event::{Event, Observer};
+use super::params::RunParams;
+use crate::Row;
+use crate::files::{ModelFiles, Replace};
+use crate::rerun::{Decision, Request};
 
 /// One surface to fit and where its model goes.
-pub(crate) struct Item {
+pub(super) struct Item {
     pub(super) files: ModelFiles,
     /// What the input is, for the model to record.
     pub(super) record: FileRecord,
@@ -32,9 +31,9 @@ impl Item {
         record: FileRecord,
         sphere: Option<&Sphere>,
         params: &FitParams,
-        options: &Options,
-        console: &Console,
-    ) -> Result<Option<Self>> {
+        options: &RunParams,
+        observer: &dyn Observer,
+    ) -> Result<Option<Self>, RunError> {
         let files = ModelFiles { model };
         let beside = [
             options.coefficients_csv.then(|| files.csv()),
@@ -43,16 +42,19 @@ impl Item {
             record.label.map(|_| files.surface()),
             options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
             // A surface without handles has none, and is finished all the same.
-            (options.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
+            (options.preparation.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
             // Nor does a mesh in which there was nothing to mend.
-            (options.fix && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),
+            (options.preparation.fix && record.label.is_none() && !options.if_exists.keeps())
+                .then(|| files.fixed_surface()),
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
         // Its inputs stay, whatever is replaced.
         let inputs =
             [Some(&row.surface), row.sphere.as_ref(), row.weights.as_ref(), row.region.as_ref(), options.mask.as_ref()];
-        let outputs = std::iter::once(&files.model).chain(&beside).map(PathBuf::as_path);
-        check_not_inputs(inputs.into_iter().flatten().map(PathBuf::as_path), outputs)?;
+        let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+        if let Some(path) = std::iter::once(&files.model).chain(&beside).find(|output| is_input(output, &inputs)) {
+            return Err(RunError::OutputIsInput { path: path.clone() });
+        }
         let region = row.region.as_deref().map(FileRecord::of).transpose()?;
         let request = Request {
             id: id(row),
@@ -60,19 +62,20 @@ impl Item {
             region: region.as_ref(),
             sphere,
             params,
-            preparation: options.preparation(sphere.is_some(), record.label),
+            preparation: options.preparation.of(sphere.is_some(), record.label),
             output: &files.model,
             beside: &beside,
             if_exists: options.if_exists,
         };
         // Read only where its model was made without what is asked for now.
         let read = || options.reader().read(&row.surface, record.label, &Silent);
-        let is_sound = || read().is_ok_and(|input| input.changes(options.cut_handles).is_empty());
+        let is_sound = || read().is_ok_and(|input| input.changes(options.preparation.cut_handles).is_empty());
         match request.decide_by(&is_sound)? {
             Decision::Skip => Ok(None),
             Decision::Fit { replace, replaces } => {
                 if let Some(other) = replaces {
-                    console.warn(format!("{}: replaces the model of {other}", files.model.display()));
+                    let text = format!("{}: replaces the model of {other}", files.model.display());
+                    observer.event(&Event::Warning(&text));
                 }
                 Ok(Some(Self { files, record, region, replace }))
             }
@@ -83,4 +86,22 @@ impl Item {
 /// The id that a model records: that of a row of a table.
 pub(super) fn id(row: &Row) -> Option<&str> {
     (row.line > 0).then_some(row.id.as_str())
+}
+
+/// Returns whether an output is one of the inputs, however their paths are written, links included.
+fn is_input(output: &Path, inputs: &[&Path]) -> bool {
+    // An output that doesn't exist is no input, and most don't.
+    file_id(output).is_some_and(|id| inputs.iter().any(|input| file_id(input).as_ref() == Some(&id)))
+}
+
+/// Device and inode of a regular file.
+#[cfg(unix)]
+fn file_id(path: &Path) -> Option<(u64, u64)> {
+    use std::os::unix::fs::MetadataExt;
+    std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|found| (found.dev(), found.ino()))
+}
+
+#[cfg(not(unix))]
+fn file_id(path: &Path) -> Option<PathBuf> {
+    path.canonicalize().ok().filter(|path| path.is_file())
 }

@@ -2,34 +2,20 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
-use spharm::files::ModelFiles;
-use spharm::generate::{icosphere_bytes, icosphere_counts};
 use spharm::io::WriteOptions;
-use spharm::{Fit, Kind, Model, Sphere};
-use spharm_cli::memory::Budget;
-use spharm_cli::output::prepare;
+use spharm::{Error, Fit, Kind, Sphere};
 use spharm_surface::Hemisphere;
 use spharm_surface::io::{write_mesh, write_signal_of};
 
-/// The icosphere on which models to a degree are evaluated, where there is memory for that; `option` is what asks for
-/// it, up to the number.
-pub(crate) fn icosphere_within(budget: Budget, option: &str, subdivisions: u32, degree: usize) -> Result<Sphere> {
-    let needed = |subdivisions: u32| {
-        let [vertices, faces] = icosphere_counts(subdivisions);
-        icosphere_bytes(subdivisions).max(Model::bytes_to_evaluate(vertices, faces, 3, degree))
-    };
-    let (verb, setting) = option.split_once(' ').unwrap_or_default();
-    let fewer = (0..subdivisions).rev().map(|fewer| (format!("{setting}{fewer}"), needed(fewer)));
-    budget.check_or(format_args!("{verb} {setting}{subdivisions}"), needed(subdivisions), fewer)?;
-    Ok(Sphere::icosphere(subdivisions))
-}
+use crate::files::{ModelFiles, make_folder_of};
 
 /// A sphere on which every model is evaluated.
-pub(crate) struct Evaluate {
-    pub(crate) sphere: Sphere,
-    /// What the files are called after the models: `ico6`.
-    pub(crate) name: String,
+#[derive(Debug, Clone)]
+pub struct Evaluate {
+    /// The sphere.
+    pub sphere: Sphere,
+    /// Its name in the names of files: `ico6`.
+    pub name: String,
 }
 
 impl Evaluate {
@@ -40,20 +26,20 @@ impl Evaluate {
     }
 
     /// The file, before it is known what it holds: the one that is there, or a surface's.
-    pub(super) fn file(&self, files: &ModelFiles) -> PathBuf {
+    pub(crate) fn file(&self, files: &ModelFiles) -> PathBuf {
         let signal = self.path(files, Kind::Signal);
         if signal.exists() { signal } else { self.path(files, Kind::Surface) }
     }
 
     /// Writes a fit's values on the sphere.
-    pub(super) fn write(&self, files: &ModelFiles, sphere: &Sphere, fit: &Fit, overwrite: bool) -> Result<()> {
+    pub(crate) fn write(&self, files: &ModelFiles, sphere: &Sphere, fit: &Fit, overwrite: bool) -> Result<(), Error> {
         let kind = fit.report.settings.kind;
-        let model = Model::new(sphere.clone(), fit.clone(), kind);
+        let model = fit.clone().into_model(sphere.clone());
         let (path, degree) = (self.path(files, kind), model.coefficients.max_degree());
         let options = WriteOptions { overwrite, double: false };
         let cortex =
             Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref()).map(Hemisphere::cortex);
-        prepare(&path)?;
+        make_folder_of(&path)?;
         match kind {
             Kind::Surface => {
                 let mut mesh = model.reconstruct(&self.sphere, degree)?;

@@ -1,15 +1,15 @@
-//! Inputs that are there twice, under whatever names.
+//! Inputs that occur twice, under whatever names.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use spharm::FileRecord;
-use spharm::cohort::Row;
-use spharm_cli::output::first_of;
 
-/// Names by what they stand for, to find those that stand for the same.
+use crate::Row;
+
+/// Names by key, to find those with equal keys.
 #[derive(Debug)]
-pub(crate) struct EqualSets<Key>(BTreeMap<Key, Vec<String>>);
+pub struct EqualSets<Key>(BTreeMap<Key, Vec<String>>);
 
 impl<Key> Default for EqualSets<Key> {
     fn default() -> Self {
@@ -19,12 +19,12 @@ impl<Key> Default for EqualSets<Key> {
 
 impl<Key: Ord> EqualSets<Key> {
     /// Adds a name.
-    pub(crate) fn add(&mut self, key: Key, name: String) {
+    pub fn add(&mut self, key: Key, name: String) {
         self.0.entry(key).or_default().push(name);
     }
 
     /// Returns the names of each set of two or more, sorted.
-    pub(crate) fn sets(&self) -> Vec<Vec<&str>> {
+    pub fn sets(&self) -> Vec<Vec<&str>> {
         let several = self.0.values().filter(|names| names.len() > 1);
         let mut sets: Vec<Vec<&str>> = several.map(|names| names.iter().map(String::as_str).collect()).collect();
         sets.iter_mut().for_each(|names| names.sort_unstable());
@@ -33,34 +33,37 @@ impl<Key: Ord> EqualSets<Key> {
     }
 }
 
-/// What a model is made of: contents, label and weights. A copied subject has a sphere of another path.
+/// Input of a model: contents, label and weights. A copied subject has a sphere of another path.
 type Made = (String, Option<i64>, Option<PathBuf>);
 
 /// The inputs of a call, by their contents.
 #[derive(Debug, Default)]
-pub(crate) struct Inputs(EqualSets<Made>);
+pub struct Inputs(EqualSets<Made>);
 
 impl Inputs {
     /// Adds a row with its file's record.
-    pub(crate) fn add_row(&mut self, row: &Row, record: &FileRecord) {
+    pub fn add_row(&mut self, row: &Row, record: &FileRecord) {
         self.add(record, row.weights.clone(), row.id.clone());
     }
 
     /// Adds an input by a name.
-    pub(crate) fn add(&mut self, record: &FileRecord, weights: Option<PathBuf>, name: String) {
+    pub fn add(&mut self, record: &FileRecord, weights: Option<PathBuf>, name: String) {
         self.0.add((record.blake3.clone(), record.label, weights), name);
     }
 
     /// Returns a warning for each set of inputs that are equal.
-    pub(crate) fn warnings(&self) -> Vec<String> {
+    pub fn warnings(&self) -> Vec<String> {
         self.0.sets().iter().map(|names| same_inputs(names)).collect()
     }
 }
 
 /// The warning of inputs that are equal, by their names.
-pub(crate) fn same_inputs(names: &[&str]) -> String {
+pub fn same_inputs(names: &[&str]) -> String {
     const NAMED: usize = 12;
-    let named = first_of(names.iter().copied(), NAMED);
+    let mut named = names.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+    if let Some(more) = names.len().checked_sub(NAMED).filter(|more| *more > 0) {
+        named += &format!(" and {more} more");
+    }
     format!("{named}: their inputs are equal, to the last byte; is one of them another subject's?")
 }
 

@@ -2,10 +2,9 @@
 //!
 //! A sphere of the same triangles may be that of another subject, or be made for another degree.
 
-use spharm_model::FileRecord;
+use spharm::FileRecord;
+use spharm::parametrize::CaldParams;
 use spharm_surface::Meta;
-
-use crate::parametrize::CaldParams;
 
 const INPUT: &str = "SpharmInput";
 const LABEL: &str = "SpharmLabel";
@@ -23,7 +22,7 @@ pub(crate) struct Origin {
 }
 
 impl Origin {
-    /// Returns the origin of the map that [`parametrize_with`](crate::parametrize::parametrize_with) makes of an input
+    /// Returns the origin of the map that [`parametrize_with`](spharm::parametrize::parametrize_with) makes of an input
     /// with these settings, with its handles cut or as it is.
     pub(crate) fn new(input: &FileRecord, params: &CaldParams, cut: bool) -> Self {
         let CaldParams { area, degree, steps, seed } = params;

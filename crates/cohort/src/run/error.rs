@@ -1,0 +1,159 @@
+//! Why a row has no model, or why a run ended.
+
+use std::fmt::Display;
+use std::io::ErrorKind;
+use std::path::PathBuf;
+
+use spharm::parametrize::ParametrizeError;
+use spharm::{Error, Interrupted, ModelError, SurfaceError};
+
+use crate::CohortError;
+use crate::rerun::Refusal;
+
+/// Errors of a row, or of all rows.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RunError {
+    /// A surface that can't be read, mapped or fitted, or a model that can't be written.
+    #[error("{0}")]
+    Fit(#[from] Error),
+    /// A table that can't be read, or a status file that can't be written.
+    #[error("{0}")]
+    Table(#[from] CohortError),
+    /// An output that exists.
+    #[error("{0}")]
+    Output(#[from] Refusal),
+    /// An output with the name of an input.
+    #[error("{}: the input; choose another name for the output", .path.display())]
+    OutputIsInput {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A label of a mesh, or of a surface over a sphere.
+    #[error("{}: a label is for volumes without a sphere (.nii, .mgz, .nrrd, .tif, .npy)", .path.display())]
+    LabelOfMesh {
+        /// The surface's file.
+        path: PathBuf,
+    },
+    /// A share of equal areas in the map of a label's surface.
+    #[error("{input}: area is for meshes; the quadrangles around a label are mapped with equal areas")]
+    AreaOfLabel {
+        /// The volume and its label.
+        input: String,
+    },
+    /// Weights that name no file.
+    #[error("column weights: expected uniform, area or a file, found {}, which isn't there", .path.display())]
+    NoWeights {
+        /// The cell of the table.
+        path: PathBuf,
+    },
+    /// A mask, or missing values, that leave no vertex.
+    #[error("{}: no vertex is left to read", .path.display())]
+    NothingToRead {
+        /// The surface's file.
+        path: PathBuf,
+    },
+    /// A warning, where these are refused.
+    #[error("{0}")]
+    Strict(String),
+    /// A file that is missing.
+    #[error("{}: no such file", .path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The verdict of a caller's check.
+    #[error("{0}")]
+    Check(String),
+    /// An error and what it is of.
+    #[error("{context}")]
+    Of {
+        /// The row, or its file.
+        context: String,
+        /// The error.
+        source: Box<RunError>,
+    },
+}
+
+impl RunError {
+    /// Says what an error is of.
+    #[must_use]
+    pub fn of(self, context: impl Display) -> Self {
+        Self::Of { context: context.to_string(), source: Box::new(self) }
+    }
+
+    /// Returns whether the run was asked to stop, and did.
+    #[must_use]
+    pub fn is_interrupted(&self) -> bool {
+        match self {
+            Self::Fit(error) => error.is_interrupted(),
+            Self::Of { source, .. } => source.is_interrupted(),
+            _ => false,
+        }
+    }
+
+    /// Returns whether every other row would fail for the same reason: there is no room for models, or no permission to
+    /// write them.
+    #[must_use]
+    pub fn concerns_all(&self) -> bool {
+        concerns_all(self)
+    }
+
+    /// Returns the messages of the error and its sources as one line, without repetitions.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let mut parts: Vec<String> = Vec::new();
+        let mut cause: Option<&dyn std::error::Error> = Some(self);
+        while let Some(error) = cause {
+            let text = error.to_string();
+            if !parts.iter().any(|part| part.contains(&text)) {
+                if parts.last().is_some_and(|last| text.starts_with(&format!("{last}: "))) {
+                    parts.pop();
+                }
+                parts.push(text);
+            }
+            cause = error.source();
+        }
+        parts.join(": ").replace(char::is_control, " ")
+    }
+}
+
+impl From<SurfaceError> for RunError {
+    fn from(error: SurfaceError) -> Self {
+        Self::Fit(error.into())
+    }
+}
+
+impl From<ParametrizeError> for RunError {
+    fn from(error: ParametrizeError) -> Self {
+        Self::Fit(error.into())
+    }
+}
+
+impl From<ModelError> for RunError {
+    fn from(error: ModelError) -> Self {
+        Self::Fit(error.into())
+    }
+}
+
+impl From<Interrupted> for RunError {
+    fn from(error: Interrupted) -> Self {
+        Self::Fit(error.into())
+    }
+}
+
+/// Returns whether an error, or one of its sources, says that there is no room for files, or no permission to write
+/// them.
+#[must_use]
+pub fn concerns_all(error: &(dyn std::error::Error + 'static)) -> bool {
+    use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    // None of these is an error of reading.
+    let kind = |cause: &(dyn std::error::Error + 'static)| match (cause.downcast_ref(), cause.downcast_ref()) {
+        (Some(SurfaceError::Io { cause, .. }), _) => Some(cause.kind()),
+        (_, Some(Error::Model(ModelError::Surface(SurfaceError::Io { cause, .. })))) => Some(cause.kind()),
+        _ => cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind),
+    };
+    std::iter::successors(Some(error), |&error| error.source())
+        .filter_map(kind)
+        .any(|kind| matches!(kind, StorageFull | QuotaExceeded | ReadOnlyFilesystem | FileTooLarge))
+}

@@ -1,0 +1,99 @@
+//! Outcomes of rows, as they become known: the table of outcomes, and the rows under way.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::Instant;
+
+use super::error::RunError;
+use super::event::{Event, Observer, Outcome, RowFit};
+use super::params::Cohort;
+use super::sync::lock;
+use crate::{CohortError, Entry, Row, State, StatusFile};
+
+/// Outcomes of the rows of a run.
+pub(super) struct Ledger<'a> {
+    pub(super) observer: &'a dyn Observer,
+    inner: Mutex<Inner>,
+}
+
+struct Inner {
+    status: Option<StatusFile>,
+    /// Rows that are being worked on, and since when.
+    under_way: BTreeMap<usize, Instant>,
+    finished: Vec<bool>,
+}
+
+impl<'a> Ledger<'a> {
+    pub(super) fn new(observer: &'a dyn Observer, rows: usize, status: Option<&Path>) -> Result<Self, CohortError> {
+        let status = status.map(StatusFile::open).transpose()?;
+        let inner = Inner { status, under_way: BTreeMap::new(), finished: vec![false; rows] };
+        Ok(Self { observer, inner: Mutex::new(inner) })
+    }
+
+    /// Notes that a row is being worked on.
+    pub(super) fn start(&self, number: usize, row: &Row) {
+        lock(&self.inner).under_way.insert(number, Instant::now());
+        self.observer.event(&Event::Started { row });
+    }
+
+    /// Notes that a row's model was made.
+    pub(super) fn done(&self, number: usize, row: &Row, fit: RowFit) -> Result<(), CohortError> {
+        let (msd, xsd) = fit.report.passes.last().map_or((None, None), |last| (last.msd, last.xsd));
+        let entry = Entry { msd, xsd, ..Entry::new(&row.id, State::Done) };
+        let model = fit.files.model.clone();
+        self.finish(number, row, entry, &model, Outcome::Done(fit))
+    }
+
+    /// Notes that a row's model exists.
+    pub(super) fn skipped(
+        &self,
+        number: usize,
+        row: &Row,
+        label: Option<i64>,
+        model: &Path,
+    ) -> Result<(), CohortError> {
+        self.finish(number, row, Entry::new(&row.id, State::Skipped), model, Outcome::Skipped { label })
+    }
+
+    /// Notes that a row can't be fitted.
+    pub(super) fn failed(&self, number: usize, row: &Row, model: &Path, error: &RunError) -> Result<(), CohortError> {
+        let entry = Entry { error: self.observer.line(error), ..Entry::new(&row.id, State::Failed) };
+        self.finish(number, row, entry, model, Outcome::Failed(error))
+    }
+
+    /// Notes that the rows under way won't be finished.
+    pub(super) fn interrupted(&self, cohort: &Cohort) -> Result<(), CohortError> {
+        let numbers: Vec<usize> = lock(&self.inner).under_way.keys().copied().collect();
+        for number in numbers {
+            let row = &cohort.rows[number];
+            let entry = Entry::new(&row.id, State::Interrupted);
+            self.finish(number, row, entry, &row.model(&cohort.folder), Outcome::Interrupted)?;
+        }
+        Ok(())
+    }
+
+    /// Returns whether a row's outcome is known.
+    pub(super) fn is_finished(&self, number: usize) -> bool {
+        lock(&self.inner).finished[number]
+    }
+
+    fn finish(
+        &self,
+        number: usize,
+        row: &Row,
+        entry: Entry,
+        model: &Path,
+        outcome: Outcome<'_>,
+    ) -> Result<(), CohortError> {
+        let mut inner = lock(&self.inner);
+        let started = inner.under_way.remove(&number);
+        let output = model.to_string_lossy().into_owned();
+        let entry = Entry { seconds: started.map(|started| started.elapsed().as_secs_f64()), output, ..entry };
+        inner.finished[number] = true;
+        let written = inner.status.as_mut().map_or(Ok(()), |status| status.append(&entry));
+        drop(inner);
+        self.observer.event(&Event::Finished { number, row, entry: &entry, outcome });
+        written
+    }
+}

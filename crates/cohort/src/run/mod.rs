@@ -1,0 +1,96 @@
+//! Runs many fits, a surface each: groups by sphere, masks, resumption, failures, outputs, the table of outcomes.
+//!
+//! Rows are grouped by sphere, and a group is streamed through [`fit_each`](spharm::fit_each): a row's file is read and
+//! its outputs are checked when its turn comes, so that memory doesn't grow with the number of rows. A row's models,
+//! spheres and status are the same whatever other rows there are.
+//!
+//! | module | contents |
+//! |---|---|
+//! | `params` | [`Cohort`], [`RunParams`]: rows and settings |
+//! | `event` | [`Observer`], [`Event`]: progress by row |
+//! | `groups` | rows that share a sphere |
+//! | `item` | what to do about outputs that exist |
+//! | `work` | one row after another: read, fit, write |
+//! | `own_sphere` | surfaces without a sphere |
+//! | `mask` | weights, and vertices that aren't read |
+//! | `ledger` | outcomes |
+//! | `preview` | what a run would do |
+
+mod error;
+mod event;
+mod groups;
+mod item;
+mod ledger;
+mod mask;
+mod own_sphere;
+mod params;
+mod preview;
+mod quiet;
+mod sync;
+mod work;
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use spharm::Monitor;
+use spharm::io::remove_leftovers;
+use spharm::parametrize::volume::steps_of_labels;
+
+pub use error::{RunError, concerns_all};
+pub use event::{Event, Mapping, Observer, Outcome, RowFit, Unobserved};
+pub use params::{Check, Cohort, RunParams};
+pub use preview::{Preview, PreviewedSphere, preview};
+
+use crate::rerun::IfExists;
+use ledger::Ledger;
+use sync::lock;
+use work::Work;
+
+/// Fits all rows of a cohort, writes their models and tells an observer of each.
+///
+/// A row that fails doesn't change the others. It is reported as [`Event::Finished`], and ends the run unless
+/// [`RunParams::keep_going`] is set or it concerns all rows, see [`RunError::concerns_all`].
+///
+/// ```
+/// use spharm_cohort::run::{Cohort, RunParams, Unobserved, run};
+/// use spharm_cohort::{Manifest, Row};
+/// use spharm::generate::{Cortex, cortex};
+/// use spharm::prelude::write_mesh;
+/// use spharm::{FitParams, Model, Silent};
+///
+/// let folder = tempfile::tempdir()?;
+/// let surface = folder.path().join("a.ply");
+/// write_mesh(&surface, &cortex(&Cortex { subdivisions: 2, variant: 0 }).0)?;
+/// let rows = vec![Row { id: "a".to_owned(), surface, ..Row::default() }];
+/// run(&Cohort::new(rows, folder.path()), &RunParams::new(FitParams::lsq(4)), &Unobserved, &Silent)?;
+/// assert_eq!(Model::read(folder.path().join("a.spharm.npz"))?.coefficients.max_degree(), 4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+///
+/// [`RunError`]: the first row that failed where that ends the run, a table of outcomes that can't be written, an
+/// interruption.
+pub fn run(
+    cohort: &Cohort,
+    params: &RunParams,
+    observer: &dyn Observer,
+    monitor: &dyn Monitor,
+) -> Result<(), RunError> {
+    if params.if_exists != IfExists::Refuse {
+        // Leftovers of killed processes beside the models; those that can't be removed do no harm.
+        let models = cohort.rows.iter().map(|row| row.model(&cohort.folder));
+        let folders: BTreeSet<PathBuf> = models.filter_map(|model| model.parent().map(Path::to_owned)).collect();
+        folders.iter().filter(|folder| folder.is_dir()).for_each(|folder| drop(remove_leftovers(folder)));
+    }
+    let ledger = Ledger::new(observer, cohort.rows.len(), params.status.as_deref())?;
+    let work = Work::new(cohort, params, monitor, &ledger);
+    let result = work.all();
+    if result.is_err() {
+        // The error that ended the run is the one to report.
+        let _ = ledger.interrupted(cohort);
+    }
+    let doubts = lock(&work.inputs).warnings().into_iter().chain(steps_of_labels(&lock(&work.steps)));
+    doubts.for_each(|warning| observer.event(&Event::CohortWarning(&warning)));
+    result
+}

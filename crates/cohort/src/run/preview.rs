@@ -1,0 +1,200 @@
+//! What a run would do: rows, models that exist, spheres, memory; and which rows would fail, as far as that is known
+//! beforehand.
+
+use std::path::{Path, PathBuf};
+
+use spharm::parametrize::volume::is_volume;
+use spharm::{Monitor, Sphere, SurfaceError, check_memory, check_surface};
+use spharm_surface::io::declared_vertices;
+
+use super::error::RunError;
+use super::event::Observer;
+use super::groups::{Group, groups};
+use super::ledger::Ledger;
+use super::params::{Cohort, RunParams};
+use super::sync::lock;
+use super::work::Work;
+use crate::Row;
+use crate::files::ModelFiles;
+use crate::rerun::IfExists;
+
+/// Spheres, and surfaces without one, that are read where nothing is there yet: for their sizes.
+const READ: usize = 3;
+
+/// What a run would do.
+#[derive(Debug)]
+#[non_exhaustive]
+pub struct Preview {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of models that exist.
+    pub exist: usize,
+    /// Number of models that exist and would be kept.
+    pub kept: usize,
+    /// Number of rows whose surface's file is missing.
+    pub missing: usize,
+    /// Number of spheres that rows share.
+    pub spheres: usize,
+    /// The spheres that were read.
+    pub first_spheres: Vec<PreviewedSphere>,
+    /// Number of surfaces that would be mapped to spheres of their own.
+    pub mapped: usize,
+    /// Numbers of the rows that would fail, and why.
+    pub failed: Vec<(usize, RunError)>,
+}
+
+/// A sphere that a preview has read.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct PreviewedSphere {
+    /// The file.
+    pub path: PathBuf,
+    /// Number of rows over it.
+    pub rows: usize,
+    /// Number of its vertices.
+    pub vertices: usize,
+}
+
+/// Returns what [`run`](super::run) would do: looks at all models that exist, at a few spheres, and whether surfaces
+/// exist.
+///
+/// # Errors
+///
+/// [`RunError::is_interrupted`].
+pub fn preview(
+    cohort: &Cohort,
+    params: &RunParams,
+    observer: &dyn Observer,
+    monitor: &dyn Monitor,
+) -> Result<Preview, RunError> {
+    let all = cohort.rows.len();
+    let numbers: Vec<usize> = (0..all).collect();
+    let groups = groups(&cohort.rows, &numbers);
+    let ledger = Ledger::new(observer, all, None)?;
+    let work = Work::new(cohort, params, monitor, &ledger);
+    let mut look = Look { work: &work, spheres: Vec::new(), own: 0, kept: 0, failed: Vec::new() };
+    for group in &groups {
+        monitor.check()?;
+        look.at_group(group)?;
+    }
+    let Look { spheres: first_spheres, kept, failed, .. } = look;
+    Ok(Preview {
+        rows: all,
+        exist: cohort.rows.iter().filter(|row| row.model(&cohort.folder).exists()).count(),
+        kept,
+        missing: cohort.rows.iter().filter(|row| !row.surface.exists()).count(),
+        spheres: groups.iter().filter(|group| group.sphere.is_some()).count(),
+        first_spheres,
+        mapped: groups.iter().filter(|group| group.sphere.is_none()).map(|group| group.rows.len()).sum(),
+        failed,
+    })
+}
+
+/// The rows and spheres that have been looked at.
+struct Look<'a> {
+    work: &'a Work<'a>,
+    spheres: Vec<PreviewedSphere>,
+    /// Surfaces without a sphere that were read.
+    own: usize,
+    kept: usize,
+    failed: Vec<(usize, RunError)>,
+}
+
+impl Look<'_> {
+    /// Looks at the rows of a sphere; only an interruption is an error.
+    fn at_group(&mut self, group: &Group) -> Result<(), RunError> {
+        let before = self.failed.len();
+        let Err(error) = self.at_sphere(group) else { return Ok(()) };
+        if error.is_interrupted() {
+            return Err(error);
+        }
+        // None of its rows can be fitted; they would all say the same.
+        self.failed.truncate(before);
+        let error = match &group.sphere {
+            Some(path) if self.work.params.keep_going => error.of(path.display()),
+            _ => error,
+        };
+        let line = self.work.ledger.observer.line(&error);
+        self.failed.extend(group.rows.iter().map(|&number| (number, RunError::Strict(line.clone()))));
+        Ok(())
+    }
+
+    fn at_sphere(&mut self, group: &Group) -> Result<(), RunError> {
+        let Work { cohort, monitor, .. } = *self.work;
+        let any_there = group.rows.iter().any(|&number| self.any_output(number));
+        let read;
+        let sphere = match (&group.sphere, &cohort.sphere) {
+            (Some(_), Some(sphere)) => Some(sphere),
+            (Some(path), None) if any_there || self.spheres.len() < READ => {
+                read = self.work.sphere(path)?;
+                Some(&read)
+            }
+            (Some(path), None) => {
+                check_exists(path)?;
+                None
+            }
+            (None, _) => None,
+        };
+        let params = self.work.masked(self.work.weighted(&cohort.rows[group.rows[0]])?, sphere)?;
+        if let (Some(path), Some(sphere)) = (&group.sphere, sphere) {
+            check_memory(&sphere.to_mesh(), &params)?;
+            let (rows, vertices) = (group.rows.len(), sphere.directions.len());
+            self.spheres.push(PreviewedSphere { path: path.clone(), rows, vertices });
+        }
+        for &number in &group.rows {
+            monitor.check()?;
+            let row = &cohort.rows[number];
+            let mut look = || -> Result<bool, RunError> {
+                check_exists(&row.surface)?;
+                row.region.as_deref().map_or(Ok(()), check_exists)?;
+                self.check_vertices(row, sphere)?;
+                if self.any_output(number) && self.work.decide(number, sphere, &params)?.is_none() {
+                    return Ok(true);
+                }
+                if group.sphere.is_none() && !is_volume(&row.surface) && self.own < READ {
+                    self.own += 1;
+                    check_surface(&lock(&self.work.reader).read(&row.surface, None, monitor)?, &params)?;
+                }
+                Ok(false)
+            };
+            match look() {
+                Ok(kept) => self.kept += usize::from(kept),
+                Err(error) if error.is_interrupted() => return Err(error),
+                Err(error) => self.failed.push((number, error)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Compares the numbers of vertices of a surface and its sphere, if the heads of the files have them.
+    fn check_vertices(&self, row: &Row, sphere: Option<&Sphere>) -> Result<(), RunError> {
+        let Some(found) = declared_vertices(&row.surface)? else { return Ok(()) };
+        let of_sphere = match (sphere, &row.sphere) {
+            (Some(sphere), _) => Some(sphere.directions.len() as u64),
+            (None, Some(path)) => declared_vertices(path)?,
+            (None, None) => None,
+        };
+        match of_sphere.filter(|expected| *expected != found) {
+            None => Ok(()),
+            Some(expected) => {
+                let (path, sphere) = (row.surface.clone(), row.sphere.clone());
+                let (expected, found) = (expected as usize, found as usize);
+                Err(SurfaceError::VertexCount { path, sphere, expected, found }.into())
+            }
+        }
+    }
+
+    /// Whether any file of a row's model exists, so that a decision is needed.
+    fn any_output(&self, number: usize) -> bool {
+        let Work { cohort, params, .. } = *self.work;
+        if params.if_exists == IfExists::Replace {
+            return false;
+        }
+        let files = ModelFiles { model: cohort.rows[number].model(&cohort.folder) };
+        files.all().iter().any(|path| path.exists())
+    }
+}
+
+fn check_exists(path: &Path) -> Result<(), RunError> {
+    if path.exists() { Ok(()) } else { Err(RunError::Missing { path: path.to_owned() }) }
+}

@@ -1,0 +1,361 @@
+//! One row after another: read, fit, write.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use spharm::parametrize::volume::{VoxelSteps, is_volume};
+use spharm::{Error, FileRecord, Fit, FitParams, Kind, Monitor, Sphere, Stage, Target, fit_each, read_sphere};
+use spharm_surface::SphereWarning;
+
+use super::error::RunError;
+use super::event::{Event, RowFit};
+use super::groups::{Group, groups};
+use super::item::{Item, id};
+use super::ledger::Ledger;
+use super::mask;
+use super::params::{Cohort, RunParams};
+use super::quiet::Quiet;
+use super::sync::lock;
+use crate::Row;
+use crate::equal::Inputs;
+use crate::files::MadeOf;
+use crate::reader::SurfaceReader;
+
+/// Rows under way.
+pub(super) struct Work<'a> {
+    pub(super) cohort: &'a Cohort,
+    pub(super) params: &'a RunParams,
+    pub(super) monitor: &'a dyn Monitor,
+    pub(super) ledger: &'a Ledger<'a>,
+    pub(super) reader: Mutex<SurfaceReader>,
+    /// Decisions about rows that aren't finished.
+    items: Mutex<HashMap<usize, Item>>,
+    /// Labels whose models follow the voxels' steps, by their names.
+    pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
+    /// The inputs that have been checked.
+    pub(super) inputs: Mutex<Inputs>,
+    /// The file that was hashed last: a volume has many labels.
+    record: Mutex<Option<(PathBuf, FileRecord)>>,
+}
+
+/// Why a target of a group has no fit.
+enum NoFit {
+    /// Its model exists.
+    Skip,
+    /// The row can't be fitted.
+    Row(RunError),
+    /// No row of the group can be fitted.
+    Group(RunError),
+    /// The run ends.
+    Stop(RunError),
+}
+
+impl From<Error> for NoFit {
+    fn from(error: Error) -> Self {
+        match error {
+            error if error.is_interrupted() => Self::Stop(error.into()),
+            Error::Surface(_) | Error::NotConverged(_) => Self::Row(error.into()),
+            error => Self::Group(error.into()),
+        }
+    }
+}
+
+impl<'a> Work<'a> {
+    pub(super) fn new(
+        cohort: &'a Cohort,
+        params: &'a RunParams,
+        monitor: &'a dyn Monitor,
+        ledger: &'a Ledger<'a>,
+    ) -> Self {
+        let (reader, items, record) = (Mutex::new(params.reader()), Mutex::default(), Mutex::default());
+        let (steps, inputs) = (Mutex::default(), Mutex::default());
+        Self { cohort, params, monitor, ledger, reader, items, steps, inputs, record }
+    }
+
+    /// Fits all rows.
+    pub(super) fn all(&self) -> Result<(), RunError> {
+        let mut left: Vec<usize> = (0..self.cohort.rows.len()).collect();
+        if self.cohort.check_first {
+            left = self.check(left)?;
+        }
+        let groups = groups(&self.cohort.rows, &left);
+        let own = groups.iter().filter(|group| group.sphere.is_none()).map(|group| group.rows.len()).sum::<usize>();
+        if own > 1 {
+            self.ledger.observer.event(&Event::OwnSpheres(own));
+        }
+        let quiet = Quiet(self.monitor);
+        let many = groups.len() > 1;
+        if many {
+            self.monitor.begin(Stage::counted("fit", "surfaces"), left.len() as u64);
+        }
+        let inner: &dyn Monitor = if many { &quiet } else { self.monitor };
+        for group in groups {
+            self.monitor.check()?;
+            match &group.sphere {
+                Some(path) => self.on_sphere(path, &group, inner)?,
+                None => self.on_their_own(&group, inner)?,
+            }
+            if many {
+                self.monitor.step(group.rows.len() as u64);
+            }
+        }
+        if many {
+            self.monitor.end();
+        }
+        Ok(())
+    }
+
+    /// Decides what to do about every row, before any work; returns those that are to be fitted.
+    fn check(&self, numbers: Vec<usize>) -> Result<Vec<usize>, RunError> {
+        let mut left = Vec::new();
+        let sphere = self.cohort.sphere.as_ref();
+        let params = self.masked(self.params.fit.clone(), sphere)?;
+        for number in numbers {
+            match self.decide(number, sphere, &params) {
+                Ok(Some(item)) => {
+                    lock(&self.items).insert(number, item);
+                    left.push(number);
+                }
+                Ok(None) => {}
+                Err(error) => self.failed(number, error)?,
+            }
+        }
+        Ok(left)
+    }
+
+    /// Decides what to do about a row; `None` if its model exists, which is noted.
+    pub(super) fn decide(
+        &self,
+        number: usize,
+        sphere: Option<&Sphere>,
+        params: &FitParams,
+    ) -> Result<Option<Item>, RunError> {
+        if let Some(item) = lock(&self.items).remove(&number) {
+            return Ok(Some(item));
+        }
+        let row = &self.cohort.rows[number];
+        let label = self.label(row, sphere.is_some())?;
+        let record = FileRecord { label, ..self.record_of(&row.surface)? };
+        lock(&self.inputs).add_row(row, &record);
+        let model = row.model(&self.cohort.folder);
+        let item = Item::decide(row, model.clone(), record, sphere, params, self.params, self.ledger.observer)?;
+        if item.is_none() {
+            self.ledger.skipped(number, row, label, &model)?;
+        }
+        Ok(item)
+    }
+
+    /// The label that a row's surface is made of; none of a mesh.
+    fn label(&self, row: &Row, on_sphere: bool) -> Result<Option<i64>, RunError> {
+        let volume = is_volume(&row.surface) && !on_sphere;
+        match row.label {
+            Some(label) if self.cohort.check_first => Ok(Some(label)),
+            Some(_) if !volume => Err(RunError::LabelOfMesh { path: row.surface.clone() }),
+            label if volume => {
+                let mut reader = lock(&self.reader);
+                Ok(Some(reader.volume(&row.surface, &Quiet(self.monitor))?.choose(label)?))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn record_of(&self, path: &Path) -> Result<FileRecord, RunError> {
+        if !is_volume(path) {
+            return Ok(FileRecord::of(path)?);
+        }
+        let mut known = lock(&self.record);
+        match &*known {
+            Some((last, record)) if last == path => Ok(record.clone()),
+            _ => Ok(known.insert((path.to_owned(), FileRecord::of(path)?)).1.clone()),
+        }
+    }
+
+    /// The settings with a row's own weights.
+    pub(super) fn weighted(&self, row: &Row) -> Result<FitParams, RunError> {
+        // A run that goes on names each row with its outcome.
+        mask::weighted(&self.params.fit, row)
+            .map_err(|error| if self.params.keep_going { error } else { error.of(&row.id) })
+    }
+
+    /// The settings with the weights that the mask leaves.
+    pub(super) fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams, RunError> {
+        match (&self.params.mask, sphere) {
+            (Some(path), Some(sphere)) => {
+                Ok(FitParams { weights: mask::masked(&params.weights, path, sphere)?, ..params })
+            }
+            _ => Ok(params),
+        }
+    }
+
+    /// Reads a sphere, and reports or refuses what is doubtful about it.
+    pub(super) fn sphere(&self, path: &Path) -> Result<Sphere, RunError> {
+        let sphere = read_sphere(path)?;
+        for warning in &sphere.warnings {
+            let text = format!("{}: {warning}", path.display());
+            // An open sphere is reported for the surface on it.
+            if self.params.fit.strict && matches!(warning, SphereWarning::RadiusSpread { .. }) {
+                return Err(RunError::Strict(text));
+            }
+            self.ledger.observer.event(&Event::Warning(&text));
+        }
+        Ok(sphere)
+    }
+
+    /// Fits a group over its sphere.
+    fn on_sphere(&self, path: &Path, group: &Group, monitor: &dyn Monitor) -> Result<(), RunError> {
+        let prepare = || -> Result<(Option<Sphere>, FitParams), RunError> {
+            let own = if self.cohort.sphere.is_some() { None } else { Some(self.sphere(path)?) };
+            let params = self.weighted(&self.cohort.rows[group.rows[0]])?;
+            let params = self.masked(params, own.as_ref().or(self.cohort.sphere.as_ref()))?;
+            Ok((own, params))
+        };
+        let fitted = prepare().map_err(NoFit::Group).and_then(|(sphere, params)| {
+            let Some(sphere) = sphere.as_ref().or(self.cohort.sphere.as_ref()) else { return Ok(()) };
+            for part in mask::parts(&self.cohort.rows, &group.rows, sphere, &params).map_err(NoFit::Group)? {
+                self.note_left_out(&part, sphere);
+                let read = |place: usize| self.read(part.rows[place], sphere, &params);
+                let done = |place: usize, fit: Result<Fit, NoFit>| {
+                    self.hand_over(part.rows[place], fit, sphere, &params, &part)
+                };
+                let (_, report) = fit_each(sphere, part.rows.len(), &read, &part.params, &done, monitor)?;
+                self.ledger.observer.event(&Event::Fitted(&report));
+            }
+            Ok(())
+        });
+        match fitted {
+            Ok(()) | Err(NoFit::Skip) => Ok(()),
+            Err(NoFit::Stop(error)) => Err(error),
+            Err(NoFit::Row(error) | NoFit::Group(error)) if !self.params.keep_going => Err(error),
+            Err(NoFit::Row(error) | NoFit::Group(error)) => {
+                let name = path.display().to_string();
+                let error = error.of(&name);
+                for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
+                    let row = &self.cohort.rows[number];
+                    let model = row.model(&self.cohort.folder);
+                    // The row's own sphere, whose contents are the same.
+                    match row.sphere.as_ref().filter(|own| *own != path) {
+                        Some(own) => {
+                            let line = self.ledger.observer.line(&error).replace(&name, &own.display().to_string());
+                            self.ledger.failed(number, row, &model, &RunError::Strict(line))?;
+                        }
+                        None => self.ledger.failed(number, row, &model, &error)?,
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn note_left_out(&self, part: &mask::Part, sphere: &Sphere) {
+        for &number in part.rows.iter().filter(|_| part.left_out > 0) {
+            let (row, all) = (&self.cohort.rows[number], sphere.directions.len());
+            self.ledger.observer.event(&Event::LeftOut { row, vertices: part.left_out, all });
+        }
+    }
+
+    /// Reads a row's target.
+    fn read(&self, number: usize, sphere: &Sphere, params: &FitParams) -> Result<Target, NoFit> {
+        let row = &self.cohort.rows[number];
+        self.ledger.start(number, row);
+        let item = self.decide(number, Some(sphere), params).map_err(NoFit::Row)?.ok_or(NoFit::Skip)?;
+        let own = own_name(row, sphere);
+        let sphere = own.as_ref().unwrap_or(sphere);
+        let target = spharm::read_target_with_gaps(&row.surface, sphere).map_err(RunError::from);
+        let target = match &self.params.check {
+            Some(check) => check(row, sphere, target),
+            None => target,
+        };
+        let mut target = target.map_err(NoFit::Row)?;
+        if let Some(region) = row.region.as_ref().filter(|_| target.kind == Kind::Signal) {
+            mask::continue_from(region, &mut target, sphere, self.monitor).map_err(NoFit::Row)?;
+        }
+        for warning in &target.warnings {
+            let text = format!("{}: {warning}", row.surface.display());
+            if params.strict {
+                return Err(NoFit::Row(RunError::Strict(text)));
+            }
+            self.ledger.observer.event(&Event::RowWarning(&text));
+        }
+        lock(&self.items).insert(number, item);
+        Ok(target)
+    }
+
+    fn hand_over(
+        &self,
+        number: usize,
+        fit: Result<Fit, NoFit>,
+        sphere: &Sphere,
+        params: &FitParams,
+        part: &mask::Part,
+    ) -> Result<(), NoFit> {
+        let row = &self.cohort.rows[number];
+        let outcome = match fit {
+            Ok(mut fit) => {
+                // Those that were asked for: gaps of the row itself are no setting.
+                fit.report.settings.weights = params.weights.name().to_owned();
+                fit.report.settings.weights_hash = params.weights.hash();
+                let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
+                if part.left_out > 0 {
+                    let name = row.surface.display().to_string();
+                    let warning = mask::runaway(&name, &fit, &part.params, sphere).map_err(NoFit::Stop)?;
+                    warning.iter().for_each(|warning| self.ledger.observer.event(&Event::RowWarning(warning)));
+                }
+                let own = own_name(row, sphere);
+                self.write((row, &item), own.as_ref().unwrap_or(sphere), fit, MadeOf::default(), params)
+            }
+            Err(NoFit::Skip) => return Ok(()),
+            Err(NoFit::Row(error)) => Err(error),
+            Err(other) => return Err(other),
+        };
+        match outcome {
+            Ok(fitted) => {
+                let fitted = RowFit { left_out: part.left_out, ..fitted };
+                self.ledger.done(number, row, fitted).map_err(|error| NoFit::Stop(error.into()))
+            }
+            Err(error) => {
+                lock(&self.items).remove(&number);
+                self.failed(number, error).map_err(NoFit::Stop)
+            }
+        }
+    }
+
+    /// Notes that a row failed; returns the error itself if it ends the run.
+    pub(super) fn failed(&self, number: usize, error: RunError) -> Result<(), RunError> {
+        if error.is_interrupted() {
+            return Err(error);
+        }
+        let row = &self.cohort.rows[number];
+        let noted = self.ledger.failed(number, row, &row.model(&self.cohort.folder), &error);
+        // The reason why there is no model is the one to report, also if it couldn't be noted.
+        if !self.params.keep_going || error.concerns_all() {
+            return Err(error);
+        }
+        Ok(noted?)
+    }
+
+    pub(super) fn write(
+        &self,
+        (row, item): (&Row, &Item),
+        sphere: &Sphere,
+        fit: Fit,
+        made_of: MadeOf<'_>,
+        params: &FitParams,
+    ) -> Result<RowFit, RunError> {
+        for warning in &fit.report.warnings {
+            self.ledger.observer.event(&Event::FitWarning { row, warning, params });
+        }
+        let made_of = MadeOf { id: id(row), input: Some(&item.record), region: item.region.as_ref(), ..made_of };
+        if let Some(evaluate) = &self.params.evaluate {
+            evaluate.write(&item.files, sphere, &fit, item.replace.beside)?;
+        }
+        item.files.write(sphere, &fit, &made_of, self.params.coefficients_csv, item.replace)?;
+        Ok(RowFit { files: item.files.clone(), report: fit.report, left_out: 0, mapped: None })
+    }
+}
+
+/// The sphere under the row's own name, if another row's of the same contents was read.
+fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
+    let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
+    own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() })
+}

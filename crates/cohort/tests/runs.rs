@@ -1,0 +1,111 @@
+//! Runs from Rust: events, failures, resumption.
+
+use std::path::Path;
+use std::sync::Mutex;
+
+use spharm::generate::{Cortex, cortex};
+use spharm::io::{WriteOptions, write_mesh};
+use spharm::{FitParams, Model, Silent, fit_mesh};
+use spharm_cohort::rerun::IfExists;
+use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunParams, preview, run};
+use spharm_cohort::{Merged, Row, State};
+
+/// The outcomes of rows, in the order in which they are reported.
+#[derive(Default)]
+struct Outcomes(Mutex<Vec<(String, State, bool)>>);
+
+impl Observer for Outcomes {
+    fn event(&self, event: &Event<'_>) {
+        if let Event::Finished { entry, outcome, .. } = event {
+            let mapped = matches!(outcome, Outcome::Done(fit) if fit.mapped.is_some());
+            self.0.lock().unwrap().push((entry.id.clone(), entry.state, mapped));
+        }
+    }
+}
+
+impl Outcomes {
+    fn take(&self) -> Vec<(String, State, bool)> {
+        std::mem::take(&mut self.0.lock().unwrap())
+    }
+}
+
+/// Two surfaces, and a row between them whose file is missing.
+fn rows(folder: &Path) -> Vec<Row> {
+    let row = |(name, variant): (&str, Option<u64>)| {
+        let surface = folder.join(format!("{name}.ply"));
+        if let Some(variant) = variant {
+            let mesh = cortex(&Cortex { subdivisions: 2, variant }).0;
+            write_mesh(&surface, &mesh, &WriteOptions { double: true, ..WriteOptions::default() }).unwrap();
+        }
+        Row { id: name.to_owned(), surface, ..Row::default() }
+    };
+    [("a", Some(0)), ("gone", None), ("b", Some(1))].map(row).to_vec()
+}
+
+#[test]
+fn rows_after_a_failure_are_fitted_and_a_second_run_keeps_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let (status, outcomes) = (folder.path().join("status.tsv"), Outcomes::default());
+    let cohort = Cohort::new(rows(folder.path()), folder.path());
+    let mut params = RunParams::new(FitParams::lsq(4));
+    params.status = Some(status.clone());
+    run(&cohort, &params, &outcomes, &Silent).unwrap();
+    let expected = [("a", State::Done, true), ("gone", State::Failed, false), ("b", State::Done, true)];
+    assert_eq!(outcomes.take(), expected.map(|(id, state, mapped)| (id.to_owned(), state, mapped)));
+    let merged = Merged::read([&status]).unwrap();
+    assert!(merged.entry("gone").unwrap().error.contains("gone.ply"));
+    assert!(merged.entry("a").unwrap().msd.unwrap() > 0.0);
+
+    params.if_exists = IfExists::Skip;
+    let found = preview(&cohort, &params, &outcomes, &Silent).unwrap();
+    assert_eq!((found.rows, found.exist, found.kept, found.missing), (3, 2, 2, 1));
+    assert_eq!(found.failed.iter().map(|(number, _)| *number).collect::<Vec<_>>(), [1]);
+    outcomes.take();
+    run(&cohort, &params, &outcomes, &Silent).unwrap();
+    let states: Vec<State> = outcomes.take().into_iter().map(|(_, state, _)| state).collect();
+    assert_eq!(states, [State::Skipped, State::Failed, State::Skipped]);
+}
+
+#[test]
+fn a_failure_ends_a_run_that_does_not_keep_going() {
+    let folder = tempfile::tempdir().unwrap();
+    let (cohort, outcomes) = (Cohort::new(rows(folder.path()), folder.path()), Outcomes::default());
+    let mut params = RunParams::new(FitParams::lsq(4));
+    params.keep_going = false;
+    let error = run(&cohort, &params, &outcomes, &Silent).unwrap_err();
+    assert!(error.line().contains("gone.ply") && !error.is_interrupted() && !error.concerns_all(), "{error}");
+    assert_eq!(outcomes.take().len(), 2);
+    assert!(!folder.path().join("b.spharm.npz").exists());
+}
+
+#[test]
+fn a_row_has_the_coefficients_of_its_surface_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let cohort = Cohort::new(rows(folder.path()), folder.path().join("models"));
+    run(&cohort, &RunParams::new(FitParams::lsq(4)), &Outcomes::default(), &Silent).unwrap();
+    let found = Model::read(folder.path().join("models/b.spharm.npz")).unwrap();
+    let alone = fit_mesh(&spharm::io::read_mesh(folder.path().join("b.ply")).unwrap(), &FitParams::lsq(4)).unwrap();
+    assert_eq!(found.coefficients, alone.fit.coefficients);
+}
+
+#[test]
+fn an_interrupted_run_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let (cohort, stop) = (Cohort::new(rows(folder.path()), folder.path()), std::sync::atomic::AtomicBool::new(true));
+    let error = run(&cohort, &RunParams::new(FitParams::lsq(4)), &Outcomes::default(), &stop).unwrap_err();
+    assert!(error.is_interrupted());
+}
+
+#[test]
+fn an_output_with_the_name_of_an_input_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rows = rows(folder.path());
+    let model = folder.path().join("a.npz");
+    std::fs::rename(&rows[0].surface, &model).unwrap();
+    (rows[0].surface, rows[0].output) = (model.clone(), Some(model.clone()));
+    let before = std::fs::read(&model).unwrap();
+    let mut params = RunParams::new(FitParams::lsq(4));
+    params.if_exists = IfExists::Replace;
+    run(&Cohort::new(rows, folder.path()), &params, &Outcomes::default(), &Silent).unwrap();
+    assert_eq!(std::fs::read(&model).unwrap(), before);
+}

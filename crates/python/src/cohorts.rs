@@ -1,0 +1,188 @@
+//! Fits of cohorts, whose results are handed over as they come.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::json;
+use spharm::{FitParams, Preparation, SurfaceError};
+use spharm_cohort::rerun::IfExists;
+use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunError, RunParams, run};
+use spharm_cohort::{CohortError, Entry, Manifest, Row, Shard, check_id};
+
+use crate::errors::{Failure, exception};
+use crate::fitting::Settings;
+use crate::run::{Started, lock};
+
+/// A finished row as it goes to Python: number, id, state, the model's file, error, report as JSON, seconds.
+type Finished = (usize, String, &'static str, String, Option<String>, Option<String>, Option<f64>);
+
+/// A message of the run's thread.
+enum Message {
+    Finished(Finished),
+    Warning(String),
+    End(Result<(), Failure>),
+}
+
+/// Rows of a cohort given as arrays: id, surface, sphere, weights, output, label.
+type RowGiven = (String, PathBuf, Option<PathBuf>, Option<PathBuf>, Option<PathBuf>, Option<i64>);
+
+/// A run under way. Dropping it stops the run.
+#[pyclass(frozen)]
+pub(crate) struct CohortRun {
+    receive: Mutex<Receiver<Message>>,
+    started: Started,
+    rows: usize,
+}
+
+/// Sends events to the thread that iterates.
+struct Sending(Mutex<Sender<Message>>);
+
+impl Observer for Sending {
+    fn event(&self, event: &Event<'_>) {
+        let message = match event {
+            Event::Finished { number, entry, outcome, .. } => Message::Finished(finished(*number, entry, outcome)),
+            Event::FitWarning { row, warning, .. } => Message::Warning(format!("{}: {warning}", row.id)),
+            Event::RowWarning(text) | Event::Warning(text) | Event::CohortWarning(text) => {
+                Message::Warning((*text).to_owned())
+            }
+            _ => return,
+        };
+        // Nobody may be left to receive.
+        drop(lock(&self.0).send(message));
+    }
+}
+
+fn finished(number: usize, entry: &Entry, outcome: &Outcome<'_>) -> Finished {
+    let report = match outcome {
+        Outcome::Done(fit) => {
+            let mut report = json!(fit.report);
+            if let Some(report) = report.as_object_mut() {
+                report.insert("msd".to_owned(), json!(fit.report.msd));
+                report.insert("xsd".to_owned(), json!(fit.report.xsd));
+                report.insert("parametrization".to_owned(), json!(fit.mapped));
+            }
+            Some(report.to_string())
+        }
+        _ => None,
+    };
+    let error = (!entry.error.is_empty()).then(|| entry.error.clone());
+    (number, entry.id.clone(), entry.state.name(), entry.output.clone(), error, report, entry.seconds)
+}
+
+/// The exception of a run's error.
+fn failure(error: RunError) -> Failure {
+    match error {
+        RunError::Fit(error) => Failure::from(error),
+        RunError::Table(CohortError::Io { path, action, source: cause }) => {
+            Failure::from(SurfaceError::Io { path, action, cause })
+        }
+        RunError::Of { context, source } => match *source {
+            RunError::Fit(error) => Failure::Member { name: context, error: Box::new(error) },
+            source => Failure::Argument(format!("{context}: {}", source.line())),
+        },
+        error => Failure::Argument(error.line()),
+    }
+}
+
+#[pymethods]
+impl CohortRun {
+    /// Starts fitting the rows of a table, or those that are given.
+    #[new]
+    #[pyo3(signature = (
+        table, rows, *, output, sphere, mask, shard, status, exists, keep_going, fix, cut_handles, voxel_size, settings
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+    fn new(
+        py: Python<'_>,
+        table: Option<PathBuf>,
+        rows: Option<Vec<RowGiven>>,
+        output: Option<PathBuf>,
+        sphere: Option<PathBuf>,
+        mask: Option<PathBuf>,
+        shard: Option<String>,
+        status: Option<PathBuf>,
+        exists: &str,
+        keep_going: bool,
+        fix: bool,
+        cut_handles: bool,
+        voxel_size: Option<[f64; 3]>,
+        settings: Settings<'_>,
+    ) -> PyResult<Self> {
+        let refused = |error: RunError| exception(py, failure(error));
+        let shard = shard.map_or(Ok(Shard::default()), |shard| shard.parse::<Shard>());
+        let shard = shard.map_err(|error| refused(error.into()))?;
+        let cohort = match (table, rows) {
+            (Some(table), _) => {
+                let manifest = Manifest::read(table).map_err(|error| refused(error.into()))?;
+                Cohort::of_manifest(manifest, output, shard)
+            }
+            (None, rows) => {
+                for (id, ..) in rows.iter().flatten() {
+                    check_id(id)
+                        .map_err(|expected| PyValueError::new_err(format!("table: id {id:?}: expected {expected}")))?;
+                }
+                let row = |(id, surface, sphere, weights, output, label): RowGiven| Row {
+                    id,
+                    surface,
+                    sphere,
+                    weights,
+                    output,
+                    label,
+                    ..Row::default()
+                };
+                let rows: Vec<Row> = rows.unwrap_or_default().into_iter().map(row).collect();
+                Cohort::new(shard.of(&rows).cloned().collect(), output.unwrap_or_default())
+            }
+        };
+        let cohort = cohort.with_sphere(sphere);
+        let fit = FitParams { threads: settings.threads, ..settings.params()? };
+        fit.check().map_err(|error| exception(py, error.into()))?;
+        let mut params = RunParams::new(fit);
+        params.preparation = Preparation { voxel_size, fix, cut_handles };
+        (params.mask, params.status, params.keep_going) = (mask, status, keep_going);
+        params.if_exists = match exists {
+            "refuse" => IfExists::Refuse,
+            "skip" => IfExists::Skip,
+            "update" => IfExists::Update,
+            "replace" => IfExists::Replace,
+            found => {
+                let expected = "expected refuse, skip, update or replace";
+                return Err(PyValueError::new_err(format!("exists: {expected}; found {found}")));
+            }
+        };
+        let (send, receive) = channel();
+        let rows = cohort.rows.len();
+        let started = Started::new(settings.threads, move |monitor| {
+            let sending = Sending(Mutex::new(send.clone()));
+            let done = run(&cohort, &params, &sending, monitor).map_err(failure);
+            drop(send.send(Message::End(done)));
+        })?;
+        Ok(Self { receive: Mutex::new(receive), started, rows })
+    }
+
+    fn __len__(&self) -> usize {
+        self.rows
+    }
+
+    /// Waits for the next finished row, and returns it with the warnings before it; `None` at the end.
+    fn next(&self, py: Python<'_>) -> PyResult<(Option<Finished>, Vec<String>)> {
+        let mut warnings = Vec::new();
+        loop {
+            let message = self.started.wait(py, &self.receive)?;
+            match message {
+                Some(Message::Finished(row)) => return Ok((Some(row), warnings)),
+                Some(Message::Warning(text)) => warnings.push(text),
+                Some(Message::End(Err(failure))) => return Err(exception(py, failure)),
+                Some(Message::End(Ok(()))) | None => return Ok((None, warnings)),
+            }
+        }
+    }
+
+    /// Stops the run as soon as it can.
+    fn stop(&self) {
+        self.started.stop();
+    }
+}

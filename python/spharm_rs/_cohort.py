@@ -1,0 +1,272 @@
+"""Fits of cohorts: many surfaces from files, with outcomes as they come."""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings as _warnings
+from dataclasses import dataclass
+from pathlib import Path as _Path
+from typing import Any, Iterable, Iterator, Literal, Mapping
+
+from . import _arrays, _core, errors
+from ._fit import _settings
+from ._model import Model
+from ._progress import Progress, callback
+from ._store import Store
+from ._surface import Path
+
+#: Columns of a table of surfaces.
+_COLUMNS = ("id", "surface", "sphere", "weights", "output", "label")
+
+
+@dataclass(frozen=True)
+class CohortFit:
+    """Outcome of a row of a cohort.
+
+    Attributes
+    ----------
+    id : str
+        The row's id.
+    state : {"done", "skipped", "failed", "interrupted"}
+        Whether its model was made, existed, couldn't be made, or wasn't finished.
+    path : pathlib.Path
+        The model's file.
+    error : str, optional
+        Why it failed.
+    report : dict, optional
+        Of a model that was made: as `Model.report`.
+    seconds : float, optional
+        Time from reading the surface to having written its model; rows that are fitted together share it.
+    """
+
+    id: str
+    state: str
+    path: _Path
+    error: str | None
+    report: dict[str, Any] | None
+    seconds: float | None
+
+    @property
+    def model(self) -> Model:
+        """The model, read from its file.
+
+        Raises
+        ------
+        SpharmError
+            If the row has none.
+        """
+        if self.state not in ("done", "skipped"):
+            raise errors.SpharmError(f"{self.id}: has no model: {self.error or self.state}")
+        return Model.load(self.path)
+
+
+class CohortFits:
+    """Outcomes of a cohort's rows, in the order in which they are finished: an iterator of `CohortFit`.
+
+    ``len`` is the number of rows. Closing it, or leaving its ``with`` block, stops the fits that are under way.
+    """
+
+    def __init__(self, run: Any, progress: Any) -> None:
+        self._run, self._progress, self._done = run, progress, 0
+
+    def __len__(self) -> int:
+        return len(self._run)
+
+    def __iter__(self) -> Iterator[CohortFit]:
+        return self
+
+    def __next__(self) -> CohortFit:
+        found, texts = self._run.next()
+        for text in texts:
+            _warnings.warn(text, errors.SpharmWarning, stacklevel=2)
+        if found is None:
+            raise StopIteration
+        _, row, state, path, error, report, seconds = found
+        self._done += 1
+        if self._progress is not None:
+            self._progress("fit", self._done, len(self))
+        return CohortFit(row, state, _Path(path), error, None if report is None else json.loads(report), seconds)
+
+    def close(self) -> None:
+        """Stops the fits that are under way."""
+        self._run.stop()
+
+    def __enter__(self) -> CohortFits:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"CohortFits({self._done} of {len(self)} rows)"
+
+
+def fit_cohort(
+    table: Path | Iterable[Mapping[str, Any]],
+    output: Path | None = None,
+    max_degree: int = 20,
+    *,
+    sphere: Path | None = None,
+    mask: Path | None = None,
+    on_error: Literal["raise", "collect"] = "raise",
+    exists: Literal["refuse", "skip", "update", "replace"] = "refuse",
+    shard: str | None = None,
+    status: Path | None = None,
+    fix: bool = False,
+    cut_handles: bool = False,
+    voxel_size: Iterable[float] | None = None,
+    objective: str | None = None,
+    weights: str = "uniform",
+    smoothness: float | str | None = None,
+    denoise: bool = False,
+    stderr: bool = False,
+    hold_out: float | None = None,
+    surface_distance: bool = True,
+    method: str | None = None,
+    store: Path | Store | None = None,
+    passes: int | None = None,
+    granularity: int = 100,
+    start_degree: int = 0,
+    accelerate: bool = False,
+    tolerance: float = 1e-10,
+    max_iterations: int = 3000,
+    preconditioner: str = "auto",
+    strict: bool = False,
+    dtype: str | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> CohortFits:
+    """Fits many surfaces from files and writes their models, as ``spharm fit --manifest`` does.
+
+    Rows that share a sphere are fitted together, in memory that doesn't grow with their number. Work begins at once, on threads
+    of its own; outcomes are taken from the iterator.
+
+    Parameters
+    ----------
+    table : path, or iterable of mappings, or pandas.DataFrame
+        A table with the columns ``id`` and ``surface``, and perhaps ``sphere``, ``weights``, ``output`` and ``label``: a file
+        (tab-separated, or with commas if its name ends in .csv), whose paths are relative to it, or its rows.
+    output : path, optional
+        The folder of the models; by default that of the table's file, or the current one. A model is named by ``output`` or by
+        the id.
+    max_degree : int
+        Highest degree L, inclusive.
+    sphere : path, optional
+        The sphere of rows that have none of their own. Without one a surface is mapped to a sphere of its own, which is written
+        beside its model.
+    mask : path, optional
+        A mask of the spheres' vertices: those with 0 aren't read.
+    on_error : {"raise", "collect"}
+        End at the first row that fails, with its exception; or go on, with the reason in its `CohortFit.error`.
+    exists : {"refuse", "skip", "update", "replace"}
+        Models that exist: refuse them; keep those of the same input and settings and refuse others; keep those and replace
+        others; replace all.
+    shard : str, optional
+        Part of the rows, such as ``"0/10"``, the first of ten; or ``"slurm"``.
+    status : path, optional
+        A table to append the outcome of each row to, which ``spharm status`` reads.
+    fix, cut_handles : bool
+        Repair meshes and labels of volumes; cut handles.
+    voxel_size : three floats, optional
+        Size of volumes' voxels along x, y and z, in mm, in place of what their files say.
+    objective, weights, smoothness, denoise, stderr, hold_out, surface_distance, method, store, passes, granularity
+        As of `fit`; weights are named, or files in the table's column.
+    start_degree, accelerate, tolerance, max_iterations, preconditioner, strict, dtype, memory, threads
+        As of `fit`.
+    progress : bool or callable, optional
+        As of `fit`: called for each outcome that is taken.
+
+    Returns
+    -------
+    CohortFits
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, spharm_rs as sp
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> for seed in range(3):
+    ...     sp.example_surface(3, seed)[0].save(folder / f"s{seed}.ply")
+    >>> rows = [{"id": f"s{seed}", "surface": folder / f"s{seed}.ply"} for seed in range(3)]
+    >>> [(row.id, row.state, row.model.max_degree) for row in sp.fit_cohort(rows, folder, 8)]
+    [('s0', 'done', 8), ('s1', 'done', 8), ('s2', 'done', 8)]
+    """
+    if on_error not in ("raise", "collect"):
+        raise ValueError(f"on_error: expected 'raise' or 'collect', found {on_error!r}")
+    if not isinstance(weights, str):
+        raise ValueError("weights: expected 'uniform' or 'area'; arrays of vertices belong to `fit`, files to the table")
+    settings = _settings(
+        max_degree,
+        0,
+        objective=objective,
+        weights=weights,
+        smoothness=smoothness,
+        denoise=denoise,
+        stderr=stderr,
+        hold_out=hold_out,
+        surface_distance=surface_distance,
+        method=method,
+        store=store,
+        passes=passes,
+        granularity=granularity,
+        start_degree=start_degree,
+        accelerate=accelerate,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        preconditioner=preconditioner,
+        strict=strict,
+        dtype=dtype,
+        memory=memory,
+        threads=threads,
+    )
+    path = os.fspath(table) if isinstance(table, (str, os.PathLike)) else None
+    sizes = None if voxel_size is None else [float(size) for size in voxel_size]
+    if sizes is not None and (len(sizes) != 3 or not all(0 < size < float("inf") for size in sizes)):
+        raise ValueError(f"voxel_size: expected three positive numbers, found {sizes}")
+    run = _core.CohortRun(
+        path,
+        None if path is not None else _rows(table),
+        output=_path(output),
+        sphere=_path(sphere),
+        mask=_path(mask),
+        shard=None if shard is None else str(shard),
+        status=_path(status),
+        exists=str(exists),
+        keep_going=on_error == "collect",
+        fix=bool(fix),
+        cut_handles=bool(cut_handles),
+        voxel_size=sizes,
+        settings=settings,
+    )
+    return CohortFits(run, callback(progress))
+
+
+def _path(path: Path | None) -> str | None:
+    return None if path is None else os.fspath(path)
+
+
+def _rows(table: Any) -> list[tuple[Any, ...]]:
+    """Returns the cells of each row, in the order of `_COLUMNS`."""
+    if hasattr(table, "to_dict") and hasattr(table, "columns"):
+        table = table.to_dict("records")
+    rows, ids = [], set()
+    for number, row in enumerate(table):
+        if not isinstance(row, Mapping):
+            raise ValueError(f"table: expected mappings with the columns id and surface, found {type(row).__name__}")
+        cells = [row.get(column) for column in _COLUMNS]
+        # pandas has NaN for cells without a value.
+        cells = [None if cell is None or cell != cell or cell == "" else cell for cell in cells]
+        for column, cell in zip(("id", "surface"), cells):
+            if cell is None:
+                raise ValueError(f"table: row {number} has no {column}")
+        name = str(cells[0])
+        if name in ids:
+            raise ValueError(f"table: row {number}: id {name!r} occurs twice")
+        ids.add(name)
+        label = cells[5]
+        # pandas makes floats of a column in which cells are missing.
+        label = int(label) if isinstance(label, float) and label.is_integer() else label
+        label = None if label is None else _arrays.whole("label", label, -(2**62))
+        rows.append((name, *(None if cell is None else os.fspath(cell) for cell in cells[1:5]), label))
+    return rows

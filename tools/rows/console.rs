@@ -1,0 +1,282 @@
+//! Events of a run: on the console, as JSON lines, and summed up for the report.
+//!
+//! Of more rows than [`LISTED`] only counts and the worst are kept, so that memory doesn't grow with their number.
+
+use std::collections::{BTreeMap, HashSet};
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use serde::Serialize;
+use serde_json::json;
+use spharm::parametrize::Report;
+use spharm::{BatchReport, FitWarning, ManyReport, Seconds};
+use spharm_cli::advice;
+use spharm_cli::console::Console;
+use spharm_cli::exit::line_with_advice;
+use spharm_cli::paths::shown;
+use spharm_cohort::run::{Event, Observer, Outcome, RowFit, RunError};
+use spharm_cohort::{Entry, Row, State};
+
+use super::fitted::Fitted;
+use super::options::Options;
+
+/// Most rows that report and table list one by one.
+pub(super) const LISTED: usize = 200;
+/// Most failures that the report names.
+const NAMED: usize = 100;
+/// Most failures, and warnings of rows, that are printed.
+const PRINTED: usize = 20;
+/// Number of the worst rows that are shown.
+const WORST: usize = 5;
+
+/// Rows of a call, as an observer of their run.
+pub(crate) struct Rows<'a> {
+    console: &'a Console,
+    /// Number of rows.
+    rows: usize,
+    /// Whether failures are left to the call's own error.
+    alone: bool,
+    /// Whether a later step aligns models that don't correspond.
+    aligned_later: bool,
+    summary: Mutex<Summary>,
+}
+
+/// What the report shows of the rows.
+#[derive(Default)]
+pub(super) struct Summary {
+    /// Rows by state, in the order of [`State::ALL`].
+    pub(super) counts: Vec<(State, usize)>,
+    /// Each fitted row, in the order of the rows; none if there are many.
+    pub(super) fitted: Option<Vec<Fitted>>,
+    pub(super) skipped: Vec<Skipped>,
+    pub(super) failed: Vec<Failed>,
+    pub(super) worst: Vec<Distance>,
+    msd: Sum,
+    xsd: Sum,
+    /// Wall time by stage.
+    pub(super) seconds: Seconds,
+    /// Wall time of mapping.
+    pub(super) parametrize: f64,
+    /// Number of groups that were fitted.
+    groups: usize,
+    pub(super) scheme: Option<String>,
+    pub(super) dtype: Option<&'static str>,
+    pub(super) batches: Vec<BatchReport>,
+    numbered: Vec<(usize, Fitted)>,
+    states: BTreeMap<State, usize>,
+    printed: HashSet<String>,
+    failures: usize,
+}
+
+/// A surface whose model exists.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Skipped {
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
+    input: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    label: Option<i64>,
+    output: String,
+}
+
+/// A surface that can't be fitted.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Failed {
+    pub(super) id: String,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
+    input: PathBuf,
+    error: String,
+}
+
+/// Distance of a model from its surface.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Distance {
+    pub(super) id: String,
+    pub(super) msd: f64,
+    pub(super) xsd: f64,
+    #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
+    pub(super) output: PathBuf,
+}
+
+/// Mean and maximum of values.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    sum: f64,
+    count: usize,
+    most: f64,
+}
+
+impl Sum {
+    fn add(&mut self, value: f64) {
+        if value.is_finite() {
+            (self.sum, self.count, self.most) = (self.sum + value, self.count + 1, self.most.max(value));
+        }
+    }
+
+    fn report(self) -> serde_json::Value {
+        json!({ "mean": (self.count > 0).then(|| self.sum / self.count as f64), "max": (self.count > 0).then_some(self.most) })
+    }
+}
+
+impl Summary {
+    pub(super) fn count(&self, state: State) -> usize {
+        self.states.get(&state).copied().unwrap_or(0)
+    }
+
+    /// msd and xsd of all.
+    pub(super) fn distances(&self) -> [serde_json::Value; 2] {
+        [self.msd.report(), self.xsd.report()]
+    }
+
+    fn add_group(&mut self, report: &ManyReport, listed: bool) {
+        let (sum, more) = (&mut self.seconds, report.seconds);
+        sum.read += more.read;
+        sum.plan += more.plan;
+        sum.solve += more.solve;
+        sum.write += more.write;
+        self.groups += 1;
+        self.scheme = Some(report.scheme.to_string()).filter(|_| self.groups == 1);
+        self.dtype = self.dtype.or(Some(report.scalar.name()));
+        if listed {
+            self.batches.extend(report.batches.iter().cloned());
+        }
+    }
+
+    fn add_fit(&mut self, number: usize, row: &Row, fit: &RowFit, listed: bool) {
+        self.parametrize += fit.mapped.as_ref().map_or(0.0, |mapped| mapped.report.seconds);
+        let (msd, xsd) = fit.report.passes.last().map_or((None, None), |last| (last.msd, last.xsd));
+        self.msd.add(msd.unwrap_or(f64::NAN));
+        self.xsd.add(xsd.unwrap_or(f64::NAN));
+        if let (Some(msd), Some(xsd)) = (msd, xsd) {
+            self.worst.push(Distance { id: row.id.clone(), msd, xsd, output: fit.files.model.clone() });
+            self.worst.sort_by(|a, b| b.xsd.total_cmp(&a.xsd).then_with(|| a.id.cmp(&b.id)));
+            self.worst.truncate(WORST);
+        }
+        if listed {
+            self.numbered.push((number, Fitted::new(row, fit)));
+        }
+    }
+}
+
+impl<'a> Rows<'a> {
+    pub(crate) fn new(console: &'a Console, rows: usize, options: &Options) -> Self {
+        let (alone, aligned_later) = (!options.run.keep_going, options.aligned_later);
+        Self { console, rows, alone, aligned_later, summary: Mutex::default() }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Summary> {
+        self.summary.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the sums; `read` are the seconds before the run.
+    pub(super) fn summary(&self, read: f64) -> Summary {
+        let mut summary = std::mem::take(&mut *self.lock());
+        summary.seconds.read += read;
+        summary.numbered.sort_unstable_by_key(|(number, _)| *number);
+        let fitted = std::mem::take(&mut summary.numbered).into_iter().map(|(_, fitted)| fitted).collect();
+        summary.fitted = (self.rows <= LISTED).then_some(fitted);
+        summary.counts = State::ALL.map(|state| (state, summary.count(state))).to_vec();
+        summary
+    }
+
+    /// Prints a warning once, and not too many of them.
+    fn warn_once(&self, warning: String) {
+        let mut summary = self.lock();
+        let count = summary.printed.len();
+        if count > PRINTED || !summary.printed.insert(warning.clone()) {
+            return;
+        }
+        drop(summary);
+        if count == PRINTED {
+            self.console.warn("further warnings aren't shown");
+        } else {
+            self.console.warn(warning);
+        }
+    }
+
+    fn mapped(&self, row: &Row, sphere: &std::path::Path, report: &Report, reused: bool) {
+        let (input, path) = (row.surface.display(), sphere.display());
+        self.console.note(match reused {
+            true => format!("{path}: the sphere that an earlier call made of {input} is used again"),
+            false => {
+                let (by, seconds, area) = (&report.method, report.seconds, report.quality.area_rms);
+                format!(
+                    "{input}: no --sphere; mapped by {by} in {seconds:.1} s, log area ratio {area:.3} rms, to {path}"
+                )
+            }
+        });
+    }
+
+    fn finished(&self, number: usize, row: &Row, entry: &Entry, outcome: &Outcome<'_>) {
+        let (listed, mut failures) = (self.rows <= LISTED, 0);
+        let mut summary = self.lock();
+        *summary.states.entry(entry.state).or_default() += 1;
+        match outcome {
+            Outcome::Done(fit) => summary.add_fit(number, row, fit, listed),
+            Outcome::Skipped { label } if listed => {
+                let (input, label, output) = (row.surface.clone(), *label, entry.output.clone());
+                summary.skipped.push(Skipped { input, label, output });
+            }
+            Outcome::Failed(_) => {
+                failures = summary.failures;
+                summary.failures += 1;
+                if summary.failed.len() < NAMED {
+                    let (id, input, error) = (row.id.clone(), row.surface.clone(), entry.error.clone());
+                    summary.failed.push(Failed { id, input, error });
+                }
+            }
+            _ => {}
+        }
+        drop(summary);
+        self.console.event(|| {
+            let Entry { id, state, msd, xsd, seconds, error, output } = entry;
+            let error = (!error.is_empty()).then_some(error);
+            json!({
+                "event": state.name(), "id": id, "msd": msd, "xsd": xsd, "seconds": seconds, "error": error, "output": output,
+            })
+        });
+        match (outcome, failures) {
+            (Outcome::Failed(_), _) if self.alone => {}
+            (Outcome::Failed(_), 0..PRINTED) => self.console.warn(format!("{}: {}", row.id, entry.error)),
+            (Outcome::Failed(_), PRINTED) => {
+                self.console.warn("further failures are in the table of --status and in the report alone");
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Observer for Rows<'_> {
+    fn event(&self, event: &Event<'_>) {
+        let console = self.console;
+        match event {
+            Event::OwnSpheres(_) if self.aligned_later => {}
+            Event::OwnSpheres(_) => console.note(
+                "each surface gets a sphere of its own, turned arbitrarily: coefficients of different models don't \
+                 correspond; for that give a common --sphere",
+            ),
+            Event::Started { row } => {
+                console.event(|| json!({ "event": "start", "id": row.id, "surface": shown(&row.surface) }));
+            }
+            Event::Mapped { row, sphere, report, reused } => self.mapped(row, sphere, report, *reused),
+            Event::LeftOut { row, vertices, all } if self.rows <= LISTED => {
+                console.note(format!("{}: {vertices} of {all} vertices aren't read", row.surface.display()));
+            }
+            Event::FitWarning { row, warning, params } => self.warn_once(match warning {
+                FitWarning::Oscillation { .. } => {
+                    format!("{}: {warning}; {}", row.surface.display(), advice::of_oscillation(params))
+                }
+                warning => warning.to_string(),
+            }),
+            Event::Finished { number, row, entry, outcome } => self.finished(*number, row, entry, outcome),
+            Event::Fitted(report) => self.lock().add_group(report, self.rows <= LISTED),
+            Event::RowWarning(text) => self.warn_once((*text).to_owned()),
+            Event::Warning(text) | Event::CohortWarning(text) => console.warn(text),
+            Event::Note(text) => console.note(text),
+            _ => {}
+        }
+    }
+
+    fn line(&self, error: &RunError) -> String {
+        line_with_advice(error)
+    }
+}
