@@ -133,8 +133,7 @@ pub(super) struct MethodArgs {
     /// What is fitted (lsq) [default: a mesh's surface]
     ///
     /// surface: all of its triangles, by samples as dense as the degree needs, each weighted by its share of the
-    /// sphere. vertices: the vertices alone, as in the paper; the default for signals and with --store. --hold-out,
-    /// --stderr and --smoothness auto are of the vertices: with a mesh they need --objective vertices.
+    /// sphere. vertices: the vertices alone, as in the paper; the default for signals, and the only one with --store.
     #[arg(long, value_name = "surface|vertices", alias = "target")]
     pub(super) objective: Option<Objective>,
     /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]

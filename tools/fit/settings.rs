@@ -40,11 +40,6 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         memory: cli.resources.memory.map(|size| size.0),
         threads: Some(cli.resources.threads.count()),
     };
-    if let (Objective::Surface, Some(setting)) = (params.objective, params.first_vertex_only_setting()) {
-        let flag = if setting == "standard_errors" { "stderr".to_owned() } else { setting.replace('_', "-") };
-        let text = format!("--{flag} is of the vertices and doesn't go with --objective surface");
-        return Err(Usage::conflict(text).into());
-    }
     params.check()?;
     Ok(params)
 }
@@ -68,6 +63,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     let repeated = matches!(method, Irf | Mirf);
     let by_factor = cli.solver.preconditioner != Preconditioner::Auto;
     let weighted = cli.input.weights != "uniform" || args.hold_out.is_some();
+    let of_surface_in_store = args.objective == Some(Objective::Surface) && cli.input.store.is_some();
     let of_basis = cli.solver.dtype.is_some() || cli.solver.verify;
     let lone_degrees =
         cli.solver.low_degrees.is_some() && !matches!(cli.solver.preconditioner, Preconditioner::LowDegrees(_));
@@ -77,6 +73,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (args.passes.is_some_and(|p| p > 1) && !repeated, "--passes", "; several passes of sirf are mirf"),
         (args.accelerate && !repeated, "--accelerate", "; use --method irf or mirf"),
         (args.objective == Some(Objective::Surface) && method != Lsq, "--objective surface", "; use --method lsq"),
+        (of_surface_in_store, "--objective surface", " over a --store, whose basis and factor are of the vertices"),
         (args.smoothness.is_some() && method != Lsq, "--smoothness", "; use --method lsq"),
         (args.denoise && method != Lsq, "--denoise", "; use --method lsq"),
         (cli.output.stderr && method != Lsq, "--stderr", "; use --method lsq"),

@@ -120,12 +120,6 @@ pub enum Error {
         /// Its weight.
         found: f64,
     },
-    /// A setting that only fits of the vertices have, for a target that is fitted as a surface.
-    #[error("{setting}: needs a fit of the vertices; a mesh with triangles is fitted as a surface")]
-    OfVertices {
-        /// The setting.
-        setting: &'static str,
-    },
     /// Weights that leave out every triangle of a surface.
     #[error("{name}: expected a triangle whose corners all have weights above 0, found none")]
     NoTriangle {

@@ -16,6 +16,7 @@ mod shared;
 mod surface;
 mod surface_plan;
 mod surface_sums;
+mod vertex_noise;
 
 pub use check::{check_mapping, check_memory};
 pub use from_moments::{MomentsFit, MomentsReport, fit_moments};

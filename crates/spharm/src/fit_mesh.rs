@@ -23,7 +23,8 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// Returns the changes that concern a surface: none with a sphere, and no voxel size for a mesh, which has no label.
+    /// Returns the changes that concern a surface: none with a sphere, and no voxel size for a mesh, which has no
+    /// label.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
@@ -64,7 +65,7 @@ impl MappedSurface {
     ///
     /// # Errors
     ///
-    /// [`Error::Memory`] with the memory that suffices for both, [`Error::OfVertices`], [`Error::Parametrize`].
+    /// [`Error::Memory`] with the memory that suffices for both, [`Error::Parametrize`].
     pub fn new(surface: &Input, params: &FitParams, monitor: &dyn Monitor) -> Result<Self, Error> {
         check_surface(surface, params)?;
         let mut parametrized = parametrize_with(surface, &params.map(), monitor)?;
@@ -130,7 +131,7 @@ pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
 ///
 /// # Errors
 ///
-/// [`Error::Memory`], [`Error::OfVertices`].
+/// [`Error::Memory`].
 pub fn check_surface(surface: &Input, params: &FitParams) -> Result<(), Error> {
     let fits = surface.mesh().map_or(Ok(()), |mesh| check_memory(mesh, params));
     match (fits, check_mapping(Source::from(surface).vertices(), params)) {

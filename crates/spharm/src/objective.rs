@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use spharm_surface::Kind;
 
-use crate::{Error, FitParams, Method, Smoothness};
+use crate::{FitParams, Method};
 
 /// What of a mesh the full least squares fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -51,30 +51,5 @@ impl FitParams {
             (Method::Lsq, Objective::Default) => kind == Kind::Surface && triangles && self.store.is_none(),
             _ => false,
         }
-    }
-
-    /// Checks that no setting asks a fit of the surface for results that only fits of the vertices have. A target of
-    /// this kind is fitted over a sphere with triangles or without.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OfVertices`] with the first such setting.
-    pub fn check_target(&self, kind: Kind, triangles: bool) -> Result<(), Error> {
-        match self.first_vertex_only_setting().filter(|_| self.fits_surface(kind, triangles)) {
-            Some(setting) => Err(Error::OfVertices { setting }),
-            None => Ok(()),
-        }
-    }
-
-    /// Returns the first setting, if any, that requires a fit of the vertices: the name of its field, and its value if
-    /// other values don't.
-    pub fn first_vertex_only_setting(&self) -> Option<&'static str> {
-        let settings = [
-            (self.store.is_some(), "store"),
-            (self.hold_out.is_some(), "hold_out"),
-            (self.standard_errors, "standard_errors"),
-            (self.smoothness == Smoothness::Auto, "smoothness auto"),
-        ];
-        settings.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
     }
 }

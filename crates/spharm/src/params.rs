@@ -375,8 +375,8 @@ impl FitParams {
         if let (true, Some((_, what))) = (self.method != Method::Lsq, for_lsq_only.iter().find(|(given, _)| *given)) {
             return refuse(what, "the method lsq", name.to_owned());
         }
-        if let (Objective::Surface, Some(what)) = (self.objective, self.first_vertex_only_setting()) {
-            return refuse(what, "a fit of the vertices", "objective surface".to_owned());
+        if self.objective == Objective::Surface && self.store.is_some() {
+            return refuse("store", "a fit of the vertices", "objective surface".to_owned());
         }
         if self.method == Method::Quadrature && (self.weights != Weights::Uniform || self.hold_out.is_some()) {
             return refuse("weights and hold_out", "a least-squares method", name.to_owned());

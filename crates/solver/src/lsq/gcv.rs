@@ -150,17 +150,62 @@ impl Validated for MomentProblem {
 }
 
 fn search(problem: &dyn Validated, adjoint: Array2<f64>, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
-    let max_degree = problem.max_degree();
-    let even = problem.weight() / (4.0 * std::f64::consts::PI);
+    let probes = probes(problem.max_degree());
+    let terms = |smoothness: f64| terms(problem, &adjoint, &probes, smoothness, &OnlyCancel(monitor));
+    choose_smoothness_by(problem.max_degree(), problem.weight(), terms, monitor)
+}
+
+/// The terms of GCV at one smoothness.
+#[derive(Debug, Clone, Copy)]
+pub struct GcvTerms {
+    /// Sum of the squares of the residual.
+    pub square: f64,
+    /// Trace of the hat matrix.
+    pub trace: f64,
+    /// Number of data, n.
+    pub rows: f64,
+}
+
+impl GcvTerms {
+    fn score(self) -> f64 {
+        let Self { square, trace, rows } = self;
+        // More coefficients than data leave nothing to validate with unless the penalty is felt.
+        let left = rows - trace.clamp(0.0, rows);
+        if left > 1e-3 * rows { rows * square / (left * left) } else { f64::INFINITY }
+    }
+}
+
+/// Chooses lambda by the terms of GCV that `terms` computes for each value: for fits whose hat matrix isn't the one
+/// above. `weight` is the sum of the weights, on which the range of the search depends.
+///
+/// The monitor gets one stage, `smoothness`, in values of lambda.
+///
+/// # Errors
+///
+/// Those of `terms`.
+pub fn choose_smoothness_by<E>(
+    max_degree: usize,
+    weight: f64,
+    mut terms: impl FnMut(f64) -> Result<GcvTerms, E>,
+    monitor: &dyn Monitor,
+) -> Result<Gcv, E> {
+    let even = weight / (4.0 * std::f64::consts::PI);
     let top = ((max_degree * (max_degree + 1)) as f64).max(2.0).powi(2);
-    // From a penalty that nothing notices, of 1e-6 of the highest degree's diagonal, to one that holds degree 2 down.
+    // From a penalty too small to be felt, of 1e-6 of the highest degree's diagonal, to one that holds degree 2 down.
     let (low, high) = ((1e-6 * even / top).ln(), (even / 36.0).ln());
-    let mut search = Search { problem, adjoint, monitor, tried: Vec::new(), probes: probes(max_degree) };
     monitor.begin(Stage::counted("smoothness", "values"), (COARSE + FINE) as u64);
+    let mut tried = Vec::new();
+    let mut gcv = |logarithm: f64| -> Result<f64, E> {
+        let smoothness = logarithm.exp();
+        let found = terms(smoothness)?;
+        tried.push([smoothness, found.score(), found.trace.clamp(0.0, found.rows)]);
+        monitor.step(1);
+        Ok(found.score())
+    };
     let step = (high - low) / (COARSE - 1) as f64;
     let mut best = (0, f64::INFINITY);
     for i in 0..COARSE {
-        let value = search.gcv((low + step * i as f64).exp())?;
+        let value = gcv(low + step * i as f64)?;
         if value < best.1 {
             best = (i, value);
         }
@@ -170,56 +215,44 @@ fn search(problem: &dyn Validated, adjoint: Array2<f64>, monitor: &dyn Monitor) 
     let (mut a, mut b) = ((centre - step).max(low), (centre + step).min(high));
     let golden = (5f64.sqrt() - 1.0) / 2.0;
     let (mut c, mut d) = (b - golden * (b - a), a + golden * (b - a));
-    let (mut at_c, mut at_d) = (search.gcv(c.exp())?, search.gcv(d.exp())?);
+    let (mut at_c, mut at_d) = (gcv(c)?, gcv(d)?);
     for _ in 0..FINE - 2 {
         if at_c < at_d {
             (b, d, at_d) = (d, c, at_c);
             c = b - golden * (b - a);
-            at_c = search.gcv(c.exp())?;
+            at_c = gcv(c)?;
         } else {
             (a, c, at_c) = (c, d, at_d);
             d = a + golden * (b - a);
-            at_d = search.gcv(d.exp())?;
+            at_d = gcv(d)?;
         }
     }
     monitor.end();
-    let least = search.tried.iter().min_by(|x, y| x[1].total_cmp(&y[1])).map_or(0.0, |tried| tried[0]);
-    Ok(Gcv { smoothness: least, tried: search.tried, at_the_end })
+    let least = tried.iter().min_by(|x, y| x[1].total_cmp(&y[1])).map_or(0.0, |tried| tried[0]);
+    Ok(Gcv { smoothness: least, tried, at_the_end })
 }
 
-struct Search<'a> {
-    problem: &'a dyn Validated,
-    /// `A^T W f`, the same for every lambda.
-    adjoint: Array2<f64>,
-    monitor: &'a dyn Monitor,
-    tried: Vec<[f64; 3]>,
-    probes: Array2<f64>,
-}
-
-impl Search<'_> {
-    fn gcv(&mut self, lambda: f64) -> Result<f64, SolverError> {
-        let (max_degree, c) = (self.problem.max_degree(), self.adjoint.ncols());
-        let penalty = smoothness_penalty(max_degree, lambda);
-        let roots: Vec<f64> = penalty.iter().map(|p| p.sqrt()).collect();
-        let mut probes = self.probes.clone();
-        scale_rows(&mut probes, &roots);
-        let mut right = Array2::zeros((self.adjoint.nrows(), c + PROBES));
-        right.slice_mut(s![.., ..c]).assign(&self.adjoint);
-        right.slice_mut(s![.., c..]).assign(&probes);
-        let mut cg = Cg::from_right_sides(right);
-        self.problem.run(&mut cg, &penalty, &OnlyCancel(self.monitor))?;
-        let square = self.problem.square(cg.x.slice(s![.., ..c]))?;
-        let solved = cg.x.slice(s![.., c..]);
-        let lost = (&probes * &solved).sum() / PROBES as f64;
-        let n = self.problem.rows() as f64;
-        let trace = (basis_size(max_degree) as f64 - lost).clamp(0.0, n);
-        // More coefficients than samples leave nothing to validate with unless the penalty counts.
-        let left = n - trace;
-        let value = if left > 1e-3 * n { n * square / (left * left) } else { f64::INFINITY };
-        self.tried.push([lambda, value, trace]);
-        self.monitor.step(1);
-        Ok(value)
-    }
+/// The terms for a problem with the right-hand sides `adjoint`, (K, c).
+fn terms(
+    problem: &dyn Validated,
+    adjoint: &Array2<f64>,
+    probes: &Array2<f64>,
+    smoothness: f64,
+    monitor: &dyn Monitor,
+) -> Result<GcvTerms, SolverError> {
+    let (max_degree, c) = (problem.max_degree(), adjoint.ncols());
+    let penalty = smoothness_penalty(max_degree, smoothness);
+    let roots: Vec<f64> = penalty.iter().map(|p| p.sqrt()).collect();
+    let mut probes = probes.clone();
+    scale_rows(&mut probes, &roots);
+    let mut right = Array2::zeros((adjoint.nrows(), c + PROBES));
+    right.slice_mut(s![.., ..c]).assign(adjoint);
+    right.slice_mut(s![.., c..]).assign(&probes);
+    let mut cg = Cg::from_right_sides(right);
+    problem.run(&mut cg, &penalty, monitor)?;
+    let square = problem.square(cg.x.slice(s![.., ..c]))?;
+    let lost = (&probes * &cg.x.slice(s![.., c..])).sum() / PROBES as f64;
+    Ok(GcvTerms { square, trace: basis_size(max_degree) as f64 - lost, rows: problem.rows() as f64 })
 }
 
 /// Signs, (K, PROBES), from a counter.

@@ -260,7 +260,6 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         let one = |number: usize| -> Found<E> {
             let checked = |mut target: Target| -> Result<(Target, Exponents), E> {
                 check(&target, sphere)?;
-                job.params.check_target(target.kind, !sphere.faces.is_empty())?;
                 hide(&mut target, unread)?;
                 let exponents = into_range(&mut target);
                 Ok((target, exponents))

@@ -1,4 +1,4 @@
-//! Checks, before any work, that memory suffices for mapping and fitting a surface, and that settings are of surfaces.
+//! Checks, before any work, that memory suffices for mapping and fitting a surface.
 
 use spharm_surface::{Kind, Mesh};
 
@@ -30,13 +30,12 @@ pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
 }
 
 /// Checks that memory suffices to map a surface of `vertices` vertices to a sphere, as
-/// [`fit_mesh`](crate::fit_mesh()) does, and that the settings are available for its fit.
+/// [`fit_mesh`](crate::fit_mesh()) does.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the least that works, [`Error::OfVertices`].
+/// [`Error::Memory`] with the least that works.
 pub fn check_mapping(vertices: usize, params: &FitParams) -> Result<(), Error> {
-    params.check_target(Kind::Surface, true)?;
     let method = MapMethod::Auto(params.map());
     let mapping = usize::try_from(method.bytes(vertices)).unwrap_or(usize::MAX);
     let (budget, needed) = (params.memory_budget(), mapping.saturating_add(held(0, 0, 0, 0, 0)));

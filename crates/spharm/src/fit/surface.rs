@@ -39,7 +39,9 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         channels,
         denoise: job.params.denoise,
     };
-    let most = (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1));
+    // A smoothness is chosen for each.
+    let most = if job.params.smoothness == Smoothness::Auto { channels } else { defaults::MOST_COLUMNS };
+    let most = (most / channels).clamp(1, count.max(1));
     let plan = SurfacePlan::new(sizes, job.memory, most)?;
     let mut sums = SurfaceSums::new(job)?;
     let plan = sums.by_nodes(plan, most, count > 1, &Within(monitor))?;
@@ -77,8 +79,8 @@ fn places(job: &Job<'_>) -> Result<Directions, Error> {
 }
 
 /// What fits of surfaces over one sphere share.
-struct Fitter<'a> {
-    params: &'a FitParams,
+pub(super) struct Fitter<'a> {
+    pub(super) params: &'a FitParams,
     sums: SurfaceSums<'a>,
     /// At the vertices, where msd and xsd are taken, and after them at the centres of some triangles.
     evaluation: Transform,
@@ -89,7 +91,7 @@ struct Fitter<'a> {
     surface: ReadSurface,
     /// Vertices whose values aren't read, (n).
     unread: Option<Vec<bool>>,
-    solver: LsqParams,
+    pub(super) solver: LsqParams,
 }
 
 impl<'a> Fitter<'a> {
@@ -136,17 +138,36 @@ impl<'a> Fitter<'a> {
         let started = Instant::now();
         let targets: Vec<(Range<usize>, ArrayView2<'_, f64>)> = batch.targets().collect();
         let problem = self.problem(&targets, &within)?;
+        let mut solver = self.solver.clone();
+        let mut gcv = None;
+        if self.params.smoothness == Smoothness::Auto
+            && let Some((_, target)) = targets.first()
+        {
+            let found = self.choose_smoothness(*target, monitor)?;
+            solver.smoothness = found.smoothness;
+            gcv = Some(found);
+        }
         // Each to its own optimality, so that a surface's model doesn't depend on what else is in its batch.
-        let fits = solve_moments_of_groups(&problem, &batch.groups, &self.solver, &within)?;
+        let fits = solve_moments_of_groups(&problem, &batch.groups, &solver, &within)?;
         let mut coefficients = Array2::zeros((basis_size(self.params.max_degree), batch.columns()));
         let mut reports = Vec::new();
         for (fit, group) in fits.into_iter().zip(&batch.groups) {
             set_columns(&mut coefficients, group, fit.coefficients.values().view());
             reports.push(fit.report);
         }
+        let mut standard_errors = self.params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
         let mut denoised = Vec::new();
         if let Some(denoiser) = denoiser {
-            denoised = self.denoise(denoiser, batch, &problem, &mut coefficients, &mut reports, &within)?;
+            let results = (&mut coefficients, &mut standard_errors);
+            denoised = self.denoise(denoiser, batch, &problem, results, &mut reports, &within)?;
+        } else if let Some(errors) = &mut standard_errors {
+            // Noise is fitted as the targets were, once for all of them.
+            let mut residual = Array2::zeros((self.vertices(), batch.columns()));
+            for (group, target) in &targets {
+                let (of_target, _) = self.residual(*target, coefficients.slice(s![.., group.clone()]))?;
+                residual.slice_mut(s![.., group.clone()]).assign(&of_target);
+            }
+            *errors = self.standard_errors(&solver, &residual, monitor)?;
         }
         let warnings_of = |report: &LsqReport| FitWarning::of_lsq(report, self.params.tolerance, None);
         let apart: Vec<Apart> = reports
@@ -165,13 +186,13 @@ impl<'a> Fitter<'a> {
         Ok(Solved {
             coefficients,
             sweeps: vec![(false, residuals)],
-            standard_errors: None,
+            standard_errors,
             denoised,
             surface_distances,
             warnings: Vec::new(),
             apart,
             at_centres,
-            report: BatchReport::LeastSquares { report, gcv: None },
+            report: BatchReport::LeastSquares { report, gcv },
         })
     }
 
@@ -226,13 +247,14 @@ impl<'a> Fitter<'a> {
         Ok((coefficients, residual))
     }
 
-    /// Replaces the plain fits of a batch by penalised ones; returns what was removed.
+    /// Replaces the plain fits of a batch by penalised ones, with their standard errors if there are any; returns the
+    /// noise that was removed.
     fn denoise(
         &self,
         (denoiser, job): (&Denoiser, &Job<'_>),
         batch: &Batch,
         problem: &MomentProblem,
-        coefficients: &mut Array2<f64>,
+        (coefficients, standard_errors): (&mut Array2<f64>, &mut Option<Array2<f64>>),
         reports: &mut [LsqReport],
         monitor: &dyn Monitor,
     ) -> Result<Vec<Vec<Denoised>>, Error> {
@@ -247,6 +269,11 @@ impl<'a> Fitter<'a> {
                 let params = LsqParams { penalty: Some(found.penalty.clone()), ..self.solver.clone() };
                 let fit = solve_moments(&problem.of_columns(part.clone()), &params, false, monitor)?;
                 set_columns(coefficients, &part, fit.coefficients.values().view());
+                if let Some(errors) = standard_errors.as_mut() {
+                    let target = target.slice(s![.., of_group.clone()]);
+                    let (residual, _) = self.residual(target, coefficients.slice(s![.., part.clone()]))?;
+                    set_columns(errors, &part, self.standard_errors(&params, &residual, monitor)?.view());
+                }
                 merge(report, fit.report);
                 of_target.push(denoiser.assess(job, target.slice(s![.., of_group]), found, monitor)?);
             }
@@ -255,8 +282,28 @@ impl<'a> Fitter<'a> {
         Ok(denoised)
     }
 
+    /// Returns the number of vertices.
+    pub(super) fn vertices(&self) -> usize {
+        self.sums.vertices()
+    }
+
+    /// Returns the weights of the vertices, (n), if there are any.
+    pub(super) fn weights(&self) -> Option<&[f64]> {
+        self.sums.weights()
+    }
+
+    /// Returns the number of columns of models that are evaluated together.
+    pub(super) fn evaluated(&self) -> usize {
+        self.evaluated
+    }
+
+    /// Evaluates models with these coefficients, (K, c), at the vertices and the centres of some triangles after them.
+    pub(super) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
+        Ok(self.evaluation.synthesis(coefficients)?)
+    }
+
     /// The problem of targets with their columns.
-    fn problem(
+    pub(super) fn problem(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
         monitor: &dyn Monitor,

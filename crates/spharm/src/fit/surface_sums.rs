@@ -70,6 +70,16 @@ impl<'a> SurfaceSums<'a> {
         })
     }
 
+    /// Returns the number of vertices.
+    pub(crate) fn vertices(&self) -> usize {
+        self.sphere.directions.len()
+    }
+
+    /// Returns the weights of the vertices, (n), if there are any.
+    pub(crate) fn weights(&self) -> Option<&[f64]> {
+        self.weights.as_deref()
+    }
+
     /// Number of samples.
     pub(crate) fn samples(&self) -> usize {
         self.sampling.samples(0..self.sphere.faces.len())

@@ -1,0 +1,129 @@
+//! Influence of noise on a fit of a surface: the smoothness by cross-validation, and standard errors.
+//!
+//! The data of a surface are its vertices; samples between them are interpolated and tell nothing new. So noise is that
+//! of the vertices, independent and of equal variance: with S the interpolation to the samples, the fit of values y is
+//! `x = N^-1 A^T W S y`, and its model at the vertices `H y = A_v x`.
+//!
+//! ```text
+//! GCV(lambda) = n |y - H y|^2 / (n - tr H)^2,   sd(x_k)^2 = sigma^2 (N^-1 A^T W S S^T W A N^-1)_kk
+//! sigma^2 = |y - H y|^2 / (n - tr H)
+//! ```
+//!
+//! `tr H` and the diagonal are estimated by fits of independent signs z at the vertices: `E z^T H z = tr H`, and the
+//! mean of `x_k^2` is the k-th entry of the diagonal (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). With 256 fits
+//! standard errors are within 4.4 % (one standard deviation).
+
+use ndarray::{Array1, Array2, ArrayView2, Axis, Zip, s};
+use spharm_harmonics::basis_size;
+use spharm_monitor::{Monitor, OnlyCancel, Stage};
+use spharm_solver::lsq::{Gcv, GcvTerms, choose_smoothness_by, solve_moments};
+use spharm_solver::{LsqParams, SolverError};
+use spharm_surface::generate::SplitMix64;
+
+use super::shared::check_auto;
+use super::surface::Fitter;
+use crate::Error;
+
+/// Fits of noise for the trace of a smoothness: the same for each, so that GCV is a smooth function of it.
+const PROBES_FOR_GCV: usize = 3;
+/// Fits of noise for standard errors.
+const PROBES_FOR_ERRORS: usize = 256;
+/// Most fits of noise at a time.
+const PROBES_AT_A_TIME: usize = 16;
+/// Optimality of fits that GCV compares.
+const TOLERANCE_OF_GCV: f64 = 1e-7;
+
+impl Fitter<'_> {
+    /// Chooses the smoothness of a target, (n, c), by generalised cross-validation at the vertices.
+    pub(super) fn choose_smoothness(&self, target: ArrayView2<'_, f64>, monitor: &dyn Monitor) -> Result<Gcv, Error> {
+        let (vertices, columns) = (self.vertices_with_weight(), target.ncols());
+        check_auto(vertices, self.params.max_degree)?;
+        let probes = self.signs(PROBES_FOR_GCV, &mut SplitMix64::new(0));
+        let all = columns + PROBES_FOR_GCV;
+        let problem = self.problem(&[(0..columns, target), (columns..all, probes.view())], monitor)?;
+        let terms = |smoothness: f64| -> Result<GcvTerms, Error> {
+            let params = LsqParams { smoothness, tolerance: TOLERANCE_OF_GCV, ..self.solver.clone() };
+            let fit = solve_moments(&problem, &params, false, &OnlyCancel(monitor))?;
+            let model = self.at_vertices(fit.coefficients.values().view(), target.nrows())?;
+            let residual = &target - &model.slice(s![.., ..columns]);
+            Ok(GcvTerms {
+                square: self.squares(&residual).sum(),
+                trace: (&probes * &model.slice(s![.., columns..])).sum() / PROBES_FOR_GCV as f64,
+                rows: vertices as f64,
+            })
+        };
+        choose_smoothness_by(self.params.max_degree, problem.weight(), terms, monitor)
+    }
+
+    /// Returns the standard errors of coefficients, (K, c), from the residual at the vertices, (n, c), of a fit with
+    /// the settings `solver`.
+    pub(super) fn standard_errors(
+        &self,
+        solver: &LsqParams,
+        residual: &Array2<f64>,
+        monitor: &dyn Monitor,
+    ) -> Result<Array2<f64>, Error> {
+        let (vertices, functions) = (self.vertices_with_weight(), basis_size(self.params.max_degree));
+        let (mut variances, mut trace, mut random) = (Array1::zeros(functions), 0.0, SplitMix64::new(1));
+        monitor.begin(Stage::counted("standard errors", "fits"), PROBES_FOR_ERRORS as u64);
+        for _ in 0..PROBES_FOR_ERRORS / PROBES_AT_A_TIME {
+            let signs = self.signs(PROBES_AT_A_TIME, &mut random);
+            let problem = self.problem(&[(0..PROBES_AT_A_TIME, signs.view())], &OnlyCancel(monitor))?;
+            let fit = solve_moments(&problem, solver, false, &OnlyCancel(monitor))?;
+            let coefficients = fit.coefficients.values();
+            let model = self.at_vertices(coefficients.view(), signs.nrows())?;
+            trace += (&signs * &model).sum() / PROBES_FOR_ERRORS as f64;
+            variances += &(coefficients.map(|x| x * x).sum_axis(Axis(1)) / PROBES_FOR_ERRORS as f64);
+            monitor.step(PROBES_AT_A_TIME as u64);
+        }
+        monitor.end();
+        let freedom = vertices as f64 - trace;
+        // Probes leave some of a percent of the trace uncertain.
+        if vertices <= functions && solver.smoothness == 0.0 && solver.penalty.is_none() || freedom < 1.0 {
+            return Err(SolverError::Underdetermined { rows: vertices, columns: functions }.into());
+        }
+        let sigma = self.squares(residual).map(|square| (square / freedom).sqrt());
+        Ok(Array2::from_shape_fn((functions, sigma.len()), |(k, c)| sigma[c] * variances[k].sqrt()))
+    }
+
+    /// Independent signs at the vertices, (n, columns); 0 at those that aren't fitted.
+    fn signs(&self, columns: usize, random: &mut SplitMix64) -> Array2<f64> {
+        let mut signs =
+            Array2::from_shape_simple_fn((self.vertices(), columns), || (random.between(-1.0, 1.0)).signum());
+        if let Some(weights) = self.weights() {
+            Zip::from(signs.rows_mut()).and(weights).for_each(|mut row, weight| {
+                if *weight == 0.0 {
+                    row.fill(0.0);
+                }
+            });
+        }
+        signs
+    }
+
+    /// Sums of the squares of each column of a residual, (n, c), at the vertices that are fitted.
+    fn squares(&self, residual: &Array2<f64>) -> Array1<f64> {
+        let mut squares = Array1::zeros(residual.ncols());
+        for (vertex, row) in residual.rows().into_iter().enumerate() {
+            if self.weights().is_none_or(|weights| weights[vertex] > 0.0) {
+                squares += &row.map(|r| r * r);
+            }
+        }
+        squares
+    }
+
+    /// Evaluates models at the first `rows` places, the vertices, as many columns at a time as were planned for.
+    fn at_vertices(&self, coefficients: ArrayView2<'_, f64>, rows: usize) -> Result<Array2<f64>, Error> {
+        let mut all = Array2::zeros((rows, coefficients.ncols()));
+        for (mut values, columns) in all
+            .axis_chunks_iter_mut(Axis(1), self.evaluated())
+            .zip(coefficients.axis_chunks_iter(Axis(1), self.evaluated()))
+        {
+            values.assign(&self.evaluate(columns)?.slice(s![..rows, ..]));
+        }
+        Ok(all)
+    }
+
+    fn vertices_with_weight(&self) -> usize {
+        self.weights().map_or(self.vertices(), |weights| weights.iter().filter(|weight| **weight > 0.0).count())
+    }
+}
