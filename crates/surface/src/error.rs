@@ -5,45 +5,45 @@ use std::path::PathBuf;
 
 use spharm_harmonics::HarmonicsError;
 
-/// What can go wrong when a surface is read, checked, compared, drawn or written.
+/// Errors of reading, checking, comparing, drawing and writing surfaces.
 ///
-/// Each message is one line: the file, what was expected, what was found, what to do. What was made in memory goes by
-/// "the surface" or "the sphere" in place of its path.
+/// Each message is one line: the file, what was expected, what was found, what to do. Surfaces made in memory are
+/// called "the surface" or "the sphere" instead of by a path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SurfaceError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{}: cannot {action}: {cause}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried, as a verb: "open", "write".
+        /// The attempted action, as a verb: "open", "write".
         action: &'static str,
         /// The system's error.
         cause: io::Error,
     },
 
-    /// A directory, FIFO or device where a file is wanted.
+    /// A directory, FIFO or device instead of a file.
     #[error("{}: expected a regular file, found {found}: give a file's path", path.display())]
     NotAFile {
         /// The path.
         path: PathBuf,
-        /// What stands there.
+        /// What the path is.
         found: &'static str,
     },
 
-    /// Neither the name nor the first bytes are those of a known format.
+    /// Neither the name nor the first bytes match a known format.
     #[error("{}: unknown format ({found}): expected {expected}", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
-        /// The names and formats that are supported.
+        /// The supported names and formats.
         expected: String,
         /// The first bytes, or the extension.
         found: String,
     },
 
-    /// A surface that has to keep the order of its vertices, and a format that doesn't keep it.
+    /// A surface whose vertex order must be kept, and a format that doesn't keep it.
     #[error(
         "{}: {format} doesn't keep the order of the vertices, by which a surface and its sphere correspond: \
          write .surf.gii, .ply or .obj",
@@ -52,11 +52,11 @@ pub enum SurfaceError {
     LosesOrder {
         /// The file.
         path: PathBuf,
-        /// The format that its name asks for.
+        /// The format implied by its name.
         format: &'static str,
     },
 
-    /// A volume or an image where a surface or values on vertices are wanted.
+    /// A volume or an image instead of a surface or values on vertices.
     #[error("{}: expected a surface or values on vertices, found a volume ({format})", path.display())]
     VolumeInput {
         /// The file.
@@ -75,13 +75,13 @@ pub enum SurfaceError {
         path: PathBuf,
         /// The format it was read as.
         format: &'static str,
-        /// What the format asks for, and where.
+        /// The format's requirement, and its position in the file.
         expected: String,
-        /// What was there.
+        /// What the file contains there.
         found: String,
     },
 
-    /// A part of the format that is not read here.
+    /// A part of the format that isn't supported.
     #[error("{}: {format} with {found} is not supported: {remedy}", path.display())]
     Unsupported {
         /// The file.
@@ -90,16 +90,16 @@ pub enum SurfaceError {
         format: &'static str,
         /// The part in question.
         found: String,
-        /// How to get around it.
+        /// How to avoid the part in question.
         remedy: &'static str,
     },
 
-    /// What the file holds takes more memory than is free.
+    /// The file's contents need more memory than is free.
     #[error("{}: what it holds takes {room}; give the program more, or make the file smaller", path.display())]
     NoRoom {
         /// The file.
         path: PathBuf,
-        /// What is needed, and what is there.
+        /// Bytes needed and bytes free.
         room: crate::room::NoRoom,
     },
 
@@ -114,7 +114,7 @@ pub enum SurfaceError {
         path: PathBuf,
         /// Vertices of the signal.
         vertices: usize,
-        /// Values at each vertex.
+        /// Values per vertex.
         channels: usize,
     },
 
@@ -157,7 +157,7 @@ pub enum SurfaceError {
         value: f64,
     },
 
-    /// A triangle names a vertex that isn't there.
+    /// A triangle's index is out of range.
     #[error(
         "{}: triangle {face} names vertex {index} (both counted from 0), expected an index below {vertices}: \
          the file is damaged or its parts belong to different surfaces",
@@ -166,28 +166,28 @@ pub enum SurfaceError {
     IndexOutOfRange {
         /// The file.
         path: PathBuf,
-        /// The triangle, counted from 0, polygons having been split.
+        /// The triangle, counted from 0 after polygons are split.
         face: usize,
         /// The index it holds, counted from 0.
         index: u32,
-        /// How many vertices there are.
+        /// Number of vertices.
         vertices: usize,
     },
 
-    /// More elements than this crate counts.
+    /// More elements than this crate supports.
     #[error("{}: found {found} {what}, expected at most {limit}: simplify the surface", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
         /// "vertices" or "triangles".
         what: &'static str,
-        /// How many.
+        /// Number found.
         found: usize,
-        /// The most that are supported.
+        /// Largest supported number.
         limit: usize,
     },
 
-    /// The output is there already.
+    /// The output already exists.
     #[error("{}: the file exists", path.display())]
     OutputExists {
         /// The file.
@@ -207,18 +207,18 @@ pub enum SurfaceError {
         vertex: usize,
         /// The value.
         value: f64,
-        /// Which option or format holds it.
+        /// The option or format that can hold the number.
         remedy: &'static str,
     },
 
     /// Two arrays that must go together have different lengths.
     #[error("{what}: expected {expected}, found {found}: both must come from the same surface")]
     LengthMismatch {
-        /// What was counted.
+        /// The elements counted.
         what: &'static str,
-        /// The count that goes with the other array.
+        /// The number required by the other array.
         expected: usize,
-        /// The count found.
+        /// The number found.
         found: usize,
     },
 
@@ -232,11 +232,11 @@ pub enum SurfaceError {
         face: usize,
         /// The triangle of the first surface.
         expected: [u32; 3],
-        /// The triangle of the second.
+        /// The triangle of the second surface.
         found: [u32; 3],
     },
 
-    /// A bounding box without volume gives no scale.
+    /// A bounding box without volume, which defines no scale.
     #[error(
         "the surface's bounding box is {x} x {y} x {z}: expected three finite lengths above 0, \
          else no scale makes its volume 1; give a surface that isn't flat"
@@ -250,37 +250,37 @@ pub enum SurfaceError {
         z: f64,
     },
 
-    /// A sphere's triangles leave directions out.
+    /// A sphere's triangles don't cover all directions.
     #[error(
         "{missed} of {directions} directions (first: {first}, counted from 0) meet none of the sphere's triangles, \
          {flipped} of which are flipped: give a closed sphere around the origin whose triangles don't overlap"
     )]
     NotCovered {
-        /// How many directions meet no triangle.
+        /// Number of directions that meet no triangle.
         missed: usize,
-        /// Of how many.
+        /// Number of all directions.
         directions: usize,
-        /// The first of them.
+        /// The first direction that meets none.
         first: usize,
-        /// How many of the sphere's triangles are flipped or without area.
+        /// Number of the sphere's triangles that are flipped or without area.
         flipped: usize,
     },
 
-    /// A vertex of a sphere has no direction.
+    /// A sphere's vertex has no direction.
     #[error("{}: {cause}", path.display())]
     NoDirection {
         /// The sphere's file.
         path: PathBuf,
-        /// Which vertex, and why.
+        /// The vertex, and the reason.
         cause: HarmonicsError,
     },
 
-    /// A table of directions that hasn't two columns.
+    /// A table of directions that doesn't have two columns.
     #[error("{}: expected two columns, theta and phi in radians, found {columns}", path.display())]
     NotAngles {
         /// The table.
         path: PathBuf,
-        /// How many columns it has.
+        /// Number of columns.
         columns: usize,
     },
 
@@ -313,7 +313,7 @@ pub enum SurfaceError {
     SeveralTurns {
         /// The sphere's file.
         path: PathBuf,
-        /// How many times.
+        /// Number of turns.
         turns: u64,
     },
 
@@ -322,7 +322,7 @@ pub enum SurfaceError {
     VertexCount {
         /// The surface's or the signal's file.
         path: PathBuf,
-        /// The sphere's file, if it was read from one.
+        /// The sphere's file, if it has one.
         sphere: Option<PathBuf>,
         /// The sphere's number of vertices.
         expected: usize,
@@ -330,14 +330,14 @@ pub enum SurfaceError {
         found: usize,
     },
 
-    /// A mask that leaves out every vertex.
+    /// A mask that excludes every vertex.
     #[error("{}: no vertex is left to read: the mask leaves out all of them", path.display())]
     NothingKept {
         /// The mask's file.
         path: PathBuf,
     },
 
-    /// A surface whose triangles aren't the sphere's.
+    /// A surface whose triangles differ from the sphere's.
     #[error(
         "{}: its triangles are not those of {} ({differ} differ); the vertices must correspond",
         path.display(), named(sphere.as_ref())
@@ -345,18 +345,18 @@ pub enum SurfaceError {
     OtherTriangles {
         /// The surface's file.
         path: PathBuf,
-        /// The sphere's file, if it was read from one.
+        /// The sphere's file, if it has one.
         sphere: Option<PathBuf>,
-        /// How many triangles one of the two has and the other hasn't.
+        /// Number of triangles in only one of the two.
         differ: usize,
     },
 
-    /// A sphere's record of where its surface was cut doesn't fit the sphere.
+    /// A sphere's seam is inconsistent with the sphere.
     #[error("{}: its record of the seams, where the surface was cut, doesn't fit it: {found}; map the surface again", path.display())]
     Seam {
         /// The sphere's file.
         path: PathBuf,
-        /// What doesn't fit.
+        /// The inconsistency.
         found: String,
     },
 
@@ -364,19 +364,19 @@ pub enum SurfaceError {
     #[error("interrupted")]
     Interrupted(#[from] spharm_monitor::Interrupted),
 
-    /// An argument that makes no sense.
+    /// An invalid argument.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
         /// Which argument.
         what: &'static str,
         /// Accepted values.
         expected: &'static str,
-        /// What it was.
+        /// The value given.
         found: String,
     },
 }
 
-/// A sphere as it is named within a sentence.
+/// Names a sphere within a sentence.
 fn named(sphere: Option<&PathBuf>) -> String {
     sphere.map_or("the sphere".to_owned(), |path| format!("the sphere {}", path.display()))
 }

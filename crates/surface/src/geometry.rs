@@ -1,4 +1,4 @@
-//! Three-vectors, and what triangles cover of the unit sphere.
+//! Three-vectors, and areas of triangles on the unit sphere.
 
 /// A point or a vector in space.
 pub type Vec3 = [f64; 3];
@@ -33,7 +33,7 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Returns the vector scaled to length 1; 0 where its length is 0 or not finite.
+/// Returns the vector scaled to length 1; 0 if its length is 0 or not finite.
 #[must_use]
 pub fn unit(a: Vec3) -> Vec3 {
     let length = dot(a, a).sqrt();
@@ -60,19 +60,19 @@ pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// Returns the signed area of a triangle on the unit sphere, in steradians: positive where its corners are
+/// Returns the signed area of a triangle on the unit sphere, in steradians: positive if its corners are
 /// counter-clockwise seen from outside (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8).
 ///
-/// The corners are unit vectors. The determinant is taken over edges, `a . ((b - a) x (c - a))`: over the corners
-/// themselves it would lose all its digits in triangles with edges of 1e-8 rad.
+/// The corners are unit vectors. The determinant is computed from edges, `a . ((b - a) x (c - a))`: computed from the
+/// corners themselves it would lose all its digits in triangles with edges of 1e-8 rad.
 #[must_use]
 pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
     let volume = dot(a, face_normal([a, b, c]));
     2.0 * volume.atan2(1.0 + dot(a, b) + dot(b, c) + dot(c, a))
 }
 
-/// Returns the orientation of a triangle seen from the origin, exactly for the numbers as they are: positive where it
-/// is counter-clockwise seen from outside, 0 where its plane holds the origin (J. Shewchuk, Discrete Comput. Geom. 18,
+/// Returns the orientation of a triangle seen from the origin, exact for the given coordinates: positive if it is
+/// counter-clockwise seen from outside, 0 if its plane contains the origin (J. Shewchuk, Discrete Comput. Geom. 18,
 /// 1997).
 #[must_use]
 pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
@@ -81,11 +81,11 @@ pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
 }
 
 /// Returns how many times a closed mesh of unit vectors goes around the origin: 1 for a sphere wound outwards, -1 for
-/// one wound inwards, 0 where the origin lies outside.
+/// one wound inwards, 0 if the origin lies outside.
 ///
 /// # Panics
 ///
-/// When a triangle names a vertex that isn't there.
+/// When a triangle's index is out of range.
 #[must_use]
 pub fn winding_number(directions: &[Vec3], faces: &[[u32; 3]]) -> f64 {
     let covered: f64 = faces.iter().map(|face| solid_angle(face.map(|v| directions[v as usize]))).sum();

@@ -1,4 +1,4 @@
-//! Left or right.
+//! Left and right hemisphere.
 
 use std::fmt;
 use std::path::Path;
@@ -13,14 +13,14 @@ pub enum Hemisphere {
 }
 
 impl Hemisphere {
-    /// Returns the hemisphere of a file: the one that its metadata name (GIfTI's `AnatomicalStructurePrimary`, such as
-    /// `CortexLeft`), or else that of its name (`lh.pial`, `sub-01_hemi-L_white.surf.gii`); `None` where neither does.
+    /// Returns the hemisphere of a file: from its metadata (GIfTI's `AnatomicalStructurePrimary`, such as
+    /// `CortexLeft`), or else from its name (`lh.pial`, `sub-01_hemi-L_white.surf.gii`); `None` if neither tells.
     #[must_use]
     pub fn of(anatomical_structure: Option<&str>, path: Option<&Path>) -> Option<Self> {
         anatomical_structure.and_then(Self::of_structure).or_else(|| Self::of_name(path?))
     }
 
-    /// Returns the hemisphere's cortex as GIfTI's `AnatomicalStructurePrimary` has it.
+    /// Returns the hemisphere's cortex as a value of GIfTI's `AnatomicalStructurePrimary`.
     #[must_use]
     pub fn cortex(self) -> &'static str {
         match self {
@@ -39,7 +39,7 @@ impl Hemisphere {
 
     fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
-        // A hemisphere is a part of its own of a BIDS name.
+        // In a BIDS name the hemisphere is an entity of its own.
         let part = |wanted: &str| name.split(['_', '.']).any(|part| part == wanted);
         if name.starts_with("lh.") || part("hemi-L") {
             Some(Self::Left)

@@ -1,7 +1,7 @@
 //! Triangle meshes and signals on them: files, topology, distances, synthetic surfaces.
 //!
-//! This crate reads and writes all surface files. It doesn't trust them: sizes are checked before memory is allocated,
-//! and outputs appear complete or not at all.
+//! This crate reads and writes all surface files. It doesn't trust their contents: sizes are checked before memory is
+//! allocated, and an output file either appears complete or not at all.
 //!
 //! # Conventions
 //!
@@ -16,14 +16,14 @@
 //! | module | contents |
 //! |---|---|
 //! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), which writes every output; [`check_output`](io::check_output); [`landmarks`](io::landmarks) |
-//! | [`topology`] | checks that a mesh is a closed surface of genus zero, and the reasons where it isn't |
+//! | [`topology`] | checks that a mesh is a closed surface of genus zero, with reasons if it isn't |
 //! | [`generate`] | icospheres, and folded surfaces with known parameterisation |
 //! | [`metrics`] | bounding-box scale, msd, xsd, distance between surfaces with different triangles, colour map |
-//! | [`nearest`], [`Place`] | the nearest point of a mesh; a place within a triangle |
-//! | [`repair`] | welding, and dropping what belongs to no closed surface |
+//! | [`nearest`], [`Place`] | the nearest point of a mesh; a point within a triangle |
+//! | [`repair`] | welds vertices, and drops triangles and vertices that belong to no closed surface |
 //! | [`npy`] | headers of NumPy's arrays |
 //! | [`Sphere`], [`Target`] | the sphere of a fit; the surface or signal fitted over it; both checked |
-//! | [`Seam`] | how a surface that was cut belongs to the one that it was cut from |
+//! | [`Seam`] | relation of a surface that was cut open to the original |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`locator`] | the triangle of a sphere that a direction meets, and interpolation there |
 //! | [`samples`] | samples of a sphere's triangles, for least squares over the whole surface |

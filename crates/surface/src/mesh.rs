@@ -1,4 +1,4 @@
-//! Triangle meshes and the values that sit on their vertices.
+//! Triangle meshes and values on their vertices.
 
 /// A triangle mesh.
 ///
@@ -42,7 +42,7 @@ impl Mesh {
 /// Metadata of a mesh's file, kept from reading to writing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meta {
-    /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`: Workbench asks for it.
+    /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`; Workbench requires it.
     pub anatomical_structure_primary: Option<String>,
     /// GIfTI metadata of the file as a whole: (name, value).
     pub file_metadata: Vec<(String, String)>,
@@ -75,7 +75,7 @@ pub struct Signal {
     pub values: Vec<f64>,
     /// Number of vertices.
     pub vertices: usize,
-    /// Values at each vertex.
+    /// Number of values per vertex.
     pub channels: usize,
 }
 

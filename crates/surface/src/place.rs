@@ -1,21 +1,21 @@
-//! A place within a triangle of a mesh, whatever its vertices are.
+//! A point within a triangle of a mesh, independent of the vertices' positions.
 
 use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// A place within a triangle: the same one on all meshes of these triangles.
+/// A point within a triangle, given by weights, so that it corresponds on all meshes with these triangles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// The triangle's corners.
     pub corners: [u32; 3],
-    /// Shares of the corners, which sum to 1.
+    /// Weights of the corners, which sum to 1.
     pub shares: [f64; 3],
 }
 
 impl Place {
-    /// Returns the places of a mesh that are nearest to points; None where a point isn't finite or the mesh has no
-    /// triangle.
+    /// Returns the places on a mesh that are nearest to the given points; `None` if a point isn't finite or the mesh
+    /// has no triangles.
     #[must_use]
     pub fn nearest(mesh: &Mesh, points: &[Vec3]) -> Option<Vec<Self>> {
         let tree = TriangleTree::new(mesh);
@@ -26,20 +26,20 @@ impl Place {
         points.iter().map(of).collect()
     }
 
-    /// Returns where the place is, with a mesh's vertices.
+    /// Returns the position of the place for the given vertices of a mesh.
     #[must_use]
     pub fn of(&self, vertices: &[Vec3]) -> Vec3 {
         let [a, b, c] = self.corners.map(|v| vertices[v as usize]);
         std::array::from_fn(|k| self.shares[0] * a[k] + self.shares[1] * b[k] + self.shares[2] * c[k])
     }
 
-    /// Whether all corners are among a number of vertices.
+    /// Whether all corners are below a number of vertices.
     #[must_use]
     pub fn is_within(&self, vertices: usize) -> bool {
         self.corners.iter().all(|v| (*v as usize) < vertices)
     }
 
-    /// Returns the same combination of the rows of a matrix, (vertices, width), row-major.
+    /// Returns the same weighted combination of the rows of a matrix, (vertices, width), row-major.
     #[must_use]
     pub fn row(&self, rows: &[f64], width: usize) -> Vec<f64> {
         let own = |k: usize| {

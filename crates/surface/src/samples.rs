@@ -1,29 +1,30 @@
-//! Samples of all points of a sphere's triangles, for least squares over a surface in place of over its vertices.
+//! Samples over all points of a sphere's triangles, for least squares over a surface rather than over its vertices.
 //!
-//! A mesh over a sphere is a function on it: linear on each triangle, from the triangle on the sphere (projected from
-//! the centre) to that of the surface. An integral over the sphere of a function that a model of degree L can be
-//! compared with is a sum over samples that are no further apart than the model resolves, pi / L, each weighted by its
-//! solid angle:
+//! A mesh over a sphere is a function on that sphere: linear on each triangle, mapping the triangle on the sphere
+//! (projected from the centre) to that of the surface. Take a function on the sphere that a model of degree L can be
+//! compared with. Its integral is a sum over samples that are no further apart than the model's resolution, pi / L,
+//! each weighted by its solid angle:
 //!
 //! ```text
 //! integral f(u) du  =  sum_t sum_i  w_ti f(u_ti),   u = p / |p|,   w = share det(a, b, c) / (2 |p|^3)
 //! ```
 //!
-//! with p the sample's place on the flat triangle (a, b, c) on the sphere and `share` its part of that triangle's area.
+//! where p is the sample's position on the flat triangle (a, b, c) on the sphere and `share` its part of that
+//! triangle's area.
 //!
-//! # Places
+//! # Positions of the samples
 //!
-//! A triangle whose edges are below the spacing has the three points of the symmetric rule that is exact for
-//! polynomials of degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section 4.3): a
-//! distance to a surface that is linear there is squared exactly. A larger one is cut parallel to its shortest edge
-//! into layers that are no thicker than the spacing, measured along its sides, and each layer into cells that are no
-//! wider. A cell has 2 x 2 points of Gauss's rule, across and down with the cell's width as weight, which is exact for
-//! degree 3. Triangles that come near the sphere's centre, whose points lie further apart on the sphere than on
-//! themselves, have smaller cells. Slivers get a single row of cells, where a grid of similar triangles would spend the
-//! square of it.
+//! A triangle with edges shorter than the spacing has the three points of the symmetric rule that is exact for
+//! polynomials of degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section 4.3):
+//! the squared distance to a surface that is linear there is integrated exactly. A larger triangle is cut parallel to
+//! its shortest edge into layers that are no thicker than the spacing, measured along its sides, and each layer into
+//! cells that are no wider. A cell has 2 x 2 points of Gauss's rule, across and down with the cell's width as weight,
+//! which is exact for degree 3. Triangles that come near the sphere's centre have smaller cells, since their points lie
+//! further apart on the sphere than on the triangle. Slivers get a single row of n cells, where a grid of similar
+//! triangles would need n^2.
 //!
-//! With a spacing of 3 / L the points are about as dense as midpoints 1.5 / L apart would be, and the fit is that of
-//! twice as many to a thousandth: docs/algorithms/least-squares.md has what was measured.
+//! With a spacing of 3 / L the points are about as dense as midpoints 1.5 / L apart would be, and the fit agrees to a
+//! thousandth with that of twice as many points: docs/algorithms/least-squares.md gives the measurements.
 
 mod cut;
 
@@ -37,33 +38,33 @@ use self::cut::Cut;
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, cross, dot, scale};
 
-/// Size of the cells for models of degree L, times L: docs/algorithms/least-squares.md has what it leaves.
+/// Size of the cells for models of degree L, times L; docs/algorithms/least-squares.md gives the resulting error.
 const CELLS_OF_DEGREE: f64 = 3.0;
 
-/// Triangles that a task takes at a time.
+/// Triangles per task.
 const RUN: usize = 1024;
 
-/// How each triangle of a sphere is cut. The samples themselves are made for as many triangles at a time as memory
-/// allows.
+/// The division of each triangle of a sphere into cells. The samples themselves are made for as many triangles at a
+/// time as memory allows.
 #[derive(Debug, Clone)]
 pub struct SphereSampling {
     cuts: Vec<Cut>,
-    /// The number of each triangle's first sample, and that of all samples.
+    /// Number of samples before each triangle, and the total number of samples at the end.
     first: Vec<usize>,
 }
 
 /// Samples of some of a sphere's triangles.
 #[derive(Debug, Clone)]
 pub struct SphereSamples {
-    /// Their directions, (samples, 3).
+    /// Directions of the samples, (samples, 3).
     pub directions: Directions,
-    /// The solid angle that each stands for, in steradians, (samples). Those of a sphere that is covered once sum to 4
-    /// pi, to the accuracy that the spacing allows for.
+    /// Solid angle of each sample, in steradians, (samples). On a sphere that is covered once they sum to 4 pi, to the
+    /// accuracy that the spacing allows.
     pub weights: Vec<f64>,
 }
 
 impl SphereSampling {
-    /// Plans samples that are as dense as models of a degree need, in cells of 3 / L.
+    /// Plans samples as dense as models of degree L (`max_degree`) need, in cells of 3 / L.
     ///
     /// # Errors
     ///
@@ -77,7 +78,7 @@ impl SphereSampling {
     ///
     /// # Errors
     ///
-    /// [`Argument`](SurfaceError::Argument) where there are no triangles, or one names a vertex that isn't there.
+    /// [`Argument`](SurfaceError::Argument) if there are no triangles, or if a triangle's index is out of range.
     pub fn new(directions: &Directions, faces: &[[u32; 3]], spacing: f64) -> Result<Self, SurfaceError> {
         let unit = directions.as_slice();
         let wrong = |found| {
@@ -106,18 +107,19 @@ impl SphereSampling {
         self.cuts.len()
     }
 
-    /// Returns the number of samples of some of the triangles.
+    /// Returns the number of samples of a range of triangles.
     #[must_use]
     pub fn samples(&self, triangles: Range<usize>) -> usize {
         self.first[triangles.end] - self.first[triangles.start]
     }
 
-    /// Returns the numbers of each triangle's samples, triangle after triangle.
+    /// Returns the range of samples of each triangle, in the order of the triangles.
     pub fn of_triangles(&self) -> impl Iterator<Item = Range<usize>> {
         self.first.windows(2).map(|pair| pair[0]..pair[1])
     }
 
-    /// Returns runs of triangles that have at most so many samples together, or one triangle with more.
+    /// Returns consecutive ranges of triangles with at most `most` samples in each, or a single triangle if it has
+    /// more.
     #[must_use]
     pub fn runs(&self, most: usize) -> Vec<Range<usize>> {
         let (mut runs, mut start) = (Vec::new(), 0);
@@ -130,12 +132,12 @@ impl SphereSampling {
         runs
     }
 
-    /// Returns the samples of some of the triangles, over the directions that they were planned for. Triangles that
-    /// face inwards count like the others.
+    /// Returns the samples of a range of triangles, over the directions that they were planned for. Triangles that face
+    /// inwards are treated like the others.
     ///
     /// # Errors
     ///
-    /// [`NoDirection`](SurfaceError::NoDirection) where there are none.
+    /// [`NoDirection`](SurfaceError::NoDirection) if the range has no samples.
     pub fn at(&self, directions: &Directions, triangles: Range<usize>) -> Result<SphereSamples, SurfaceError> {
         let unit = directions.as_slice();
         let samples = self.samples(triangles.clone());
@@ -149,7 +151,7 @@ impl SphereSampling {
                     let Some(out) = out.next() else { return };
                     let p = add(scale(a, u), add(scale(b, v), scale(c, w)));
                     let radius = dot(p, p).sqrt();
-                    // A triangle through the centre has no directions, and no solid angle of its own either.
+                    // A triangle through the centre has no well-defined directions there, and no solid angle either.
                     *out =
                         if radius > 1e-9 { (p, 0.5 * share * volume / (radius * radius * radius)) } else { (a, 0.0) };
                 });
@@ -161,11 +163,11 @@ impl SphereSampling {
         Ok(SphereSamples { directions, weights })
     }
 
-    /// Returns values on the vertices, (n, c), at the samples of some of the triangles, (samples, c): linear on each.
+    /// Interpolates values on the vertices, (n, c), linearly at the samples of a range of triangles: (samples, c).
     ///
     /// # Panics
     ///
-    /// If there are fewer rows than a triangle names.
+    /// If there are fewer rows than the triangles' indices require.
     #[must_use]
     pub fn interpolate(&self, values: ArrayView2<'_, f64>, triangles: Range<usize>) -> Array2<f64> {
         let mut samples = Array2::zeros((self.samples(triangles.clone()), values.ncols()));
@@ -173,12 +175,13 @@ impl SphereSampling {
         samples
     }
 
-    /// Writes what [`interpolate`](Self::interpolate) returns to `samples`, (samples, c), which may be some of an
-    /// array's columns.
+    /// Writes the values that [`interpolate`](Self::interpolate) returns to `samples`, (samples, c), which may be some
+    /// of an array's columns.
     ///
     /// # Panics
     ///
-    /// If there are fewer rows of `values` than a triangle names, or fewer of `samples` than there are samples.
+    /// If there are fewer rows of `values` than the triangles' indices require, or fewer rows of `samples` than
+    /// samples.
     pub fn interpolate_to(
         &self,
         values: ArrayView2<'_, f64>,
@@ -199,8 +202,8 @@ impl SphereSampling {
         });
     }
 
-    /// Returns the corners of each sample's triangle, and what each of them counts in what is linear there; for samples
-    /// of some of the triangles.
+    /// Returns the corners of each sample's triangle and their barycentric weights at the sample, for a range of
+    /// triangles.
     #[must_use]
     pub fn corners(&self, triangles: Range<usize>) -> (Vec<[u32; 3]>, Vec<[f64; 3]>) {
         let samples = self.samples(triangles.clone());
@@ -214,7 +217,7 @@ impl SphereSampling {
         (corners, shares)
     }
 
-    /// Runs of triangles, each with its samples' rows of an array.
+    /// Returns runs of triangles, each with the rows of an array that belong to its samples.
     fn parts<'a, T, D: Dimension>(
         &'a self,
         triangles: Range<usize>,

@@ -1,44 +1,46 @@
-//! How a surface that was cut belongs to the one that it was cut from.
+//! Relation of a surface that was cut open to the original.
 //!
-//! A surface with handles has no map to the sphere; cut open along loops, with both sides of each filled, it has. The
-//! cut surface has the given one's n vertices in their order, then copies of those on the seams, then the fillings'
-//! vertices; and the given F triangles in their order, over copies on one side of each seam, then the fillings'
-//! triangles. So n, F and the vertices that were copied are all that it takes to go back.
+//! A surface with handles can't be mapped to the sphere; once it is cut open along loops, with both sides of each loop
+//! filled, it can. The vertices of the cut surface are the n given ones in their order, then copies of those on the
+//! seams, then the vertices of the fillings. Its triangles are the F given ones in their order, over copies on one side
+//! of each seam, then the triangles of the fillings. So n, F and the list of copied vertices suffice to recover the
+//! original.
 //!
-//! A GIfTI file of the sphere keeps that in its metadata, `SpharmCutFrom` (n and F) and `SpharmSeam` (the vertices that
-//! were copied); a model has arrays for it.
+//! The sphere's GIfTI file stores these in its metadata, `SpharmCutFrom` (n and F) and `SpharmSeam` (the vertices that
+//! were copied); a model has arrays for them.
 
 use crate::mesh::{Mesh, Meta};
 
 const CUT_FROM: &str = "SpharmCutFrom";
 const COPIES: &str = "SpharmSeam";
 
-/// What of a cut surface belongs to the one that it was cut from.
+/// The parts of a cut surface that belong to the original.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seam {
     /// Vertices of the given surface, n.
     pub vertices: usize,
     /// Triangles of the given surface, F.
     pub faces: usize,
-    /// Vertex n + i of the cut surface is a copy of vertex `copies[i]`, below n. The vertices after these are filling.
+    /// Vertex n + i of the cut surface is a copy of vertex `copies[i]`, below n. The vertices after these belong to
+    /// fillings.
     pub copies: Vec<u32>,
 }
 
-/// A surface put together again.
+/// A surface that was reassembled.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Welded {
     /// The surface, with the given vertices and triangles.
     pub mesh: Mesh,
-    /// The largest distance between two of the places that a vertex on the seams had before, in the surface's unit.
+    /// Largest distance between two positions of a seam vertex before they were merged, in the surface's unit.
     pub gap: f64,
 }
 
 impl Seam {
-    /// Returns the seam if it fits a cut surface of so many vertices and triangles.
+    /// Returns the seam if it is consistent with a cut surface of `vertices` vertices and `faces` triangles.
     ///
     /// # Errors
     ///
-    /// What doesn't fit.
+    /// A description of the inconsistency.
     pub fn checked(self, vertices: usize, faces: usize) -> Result<Self, String> {
         if self.vertices.checked_add(self.copies.len()).is_none_or(|known| known > vertices) {
             let copies = self.copies.len();
@@ -53,12 +55,12 @@ impl Seam {
         }
     }
 
-    /// Puts a cut surface together again: leaves the fillings out, and gives each vertex that has copies the mean of
-    /// their places.
+    /// Reassembles a cut surface: drops the fillings, and moves each vertex that has copies to the mean of their
+    /// positions.
     ///
     /// # Errors
     ///
-    /// What doesn't fit the surface, as [`checked`](Self::checked); or the triangle of the given surface over a vertex
+    /// A description of the inconsistency, as in [`checked`](Self::checked), or the given triangle that uses a vertex
     /// of a filling.
     pub fn weld(&self, cut: &Mesh) -> Result<Welded, String> {
         let Self { vertices, faces, copies } = self.clone().checked(cut.vertices.len(), cut.faces.len())?;
@@ -89,7 +91,7 @@ impl Seam {
         Ok(Welded { mesh: Mesh { vertices: welded, faces: faces?, meta: cut.meta.clone() }, gap: gap.sqrt() })
     }
 
-    /// Returns what a file's metadata say; `None` where they don't, or not in numbers.
+    /// Parses a file's metadata; `None` if the entries are missing or aren't numbers.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let value = |name: &str| meta.file_metadata.iter().find(|(found, _)| found == name).map(|(_, value)| value);
@@ -98,7 +100,7 @@ impl Seam {
         Some(Self { vertices: vertices.parse().ok()?, faces: faces.parse().ok()?, copies: copies.ok()? })
     }
 
-    /// Writes it to the metadata of the cut surface's sphere, in place of what they said.
+    /// Writes the seam to the metadata of the cut surface's sphere, replacing any earlier entries.
     pub fn write_to(&self, meta: &mut Meta) {
         meta.file_metadata.retain(|(name, _)| ![CUT_FROM, COPIES].contains(&name.as_str()));
         let copies: Vec<String> = self.copies.iter().map(u32::to_string).collect();

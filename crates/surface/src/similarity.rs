@@ -9,11 +9,11 @@ use crate::mesh::Mesh;
 /// A similarity of space: `x -> scale Q x + translation`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Similarity {
-    /// Q, by rows: a rotation, or a reflection where one was asked for.
+    /// Q, by rows: a rotation, or a reflection if one was requested.
     pub orthogonal: Matrix3,
-    /// The factor, above zero.
+    /// Scale factor, above zero.
     pub scale: f64,
-    /// What is added, in the surface's unit.
+    /// Translation, in the surface's unit.
     pub translation: Vec3,
 }
 
@@ -24,13 +24,13 @@ impl Default for Similarity {
 }
 
 impl Similarity {
-    /// Returns the similarity that rotates.
+    /// Returns the similarity that only rotates.
     #[must_use]
     pub fn rotation(rotation: impl Into<Matrix3>) -> Self {
         Self { orthogonal: rotation.into(), ..Self::default() }
     }
 
-    /// Whether it mirrors.
+    /// Whether it contains a reflection.
     #[must_use]
     pub fn mirrors(&self) -> bool {
         determinant(&self.orthogonal) < 0.0
@@ -43,7 +43,7 @@ impl Similarity {
         std::array::from_fn(|i| scale * (q[i][0] * x[0] + q[i][1] * x[1] + q[i][2] * x[2]) + translation[i])
     }
 
-    /// Returns the similarity that brings back: `x -> Q^T (x - translation) / scale`.
+    /// Returns the inverse similarity: `x -> Q^T (x - translation) / scale`.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let (orthogonal, factor) = (transposed(&self.orthogonal), 1.0 / self.scale);
@@ -51,7 +51,7 @@ impl Similarity {
         Self { orthogonal, scale: factor, translation }
     }
 
-    /// Returns the similarity that does this one first and `next` after it.
+    /// Returns the similarity that applies this one first and then `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self {
@@ -61,8 +61,9 @@ impl Similarity {
         }
     }
 
-    /// Returns a mesh with its vertices moved. Triangles of one that is mirrored are wound the other way, so that its
-    /// outside stays outside. Its place in a volume, which is that of another surface then, is left out where it moves.
+    /// Returns a mesh with its vertices moved. If the similarity is a reflection, the triangles are wound the other
+    /// way, so that they still face outwards. Unless it is the identity, metadata of the mesh's position in a volume
+    /// are dropped, since they no longer hold.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
         let mut moved = mesh.with_vertices(mesh.vertices.iter().map(|v| self.apply(*v)).collect());

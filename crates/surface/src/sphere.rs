@@ -13,22 +13,22 @@ use crate::mesh::Mesh;
 use crate::seam::Seam;
 use crate::topology::Topology;
 
-/// The directions of a sampling scheme, with triangles where it was a mesh.
+/// The directions of a sampling scheme, with triangles if it was read from a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sphere {
-    /// The file it was read from; none for one made in memory.
+    /// File it was read from; `None` if it was made in memory.
     pub path: Option<PathBuf>,
     /// Unit vectors, (n, 3).
     pub directions: Directions,
-    /// Triangles over `directions`; none when it was a list of angles.
+    /// Triangles over `directions`; empty if it was a list of angles.
     pub faces: Vec<[u32; 3]>,
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
     pub anatomical_structure: Option<String>,
-    /// Of a surface that was cut open where it had handles: what belongs to the surface as it was.
+    /// For a surface that was cut open at its handles: relation to the original surface.
     pub seam: Option<Seam>,
-    /// Whether it was made from one surface by parametrisation. A fit over it is then smoothed a little by default.
+    /// Whether it was made from one surface by parametrisation. If so, a fit over it is smoothed slightly by default.
     pub parametrized: bool,
-    /// What may be wrong with it, for the caller to show or to refuse.
+    /// Possible problems, for the caller to show or to refuse.
     pub warnings: Vec<SphereWarning>,
 }
 
@@ -50,13 +50,13 @@ pub enum SphereWarning {
     Inwards,
     /// Directions that repeat an earlier one, bit for bit.
     RepeatedDirections {
-        /// How many.
+        /// Number of repeated directions.
         count: usize,
     },
 }
 
 impl SphereWarning {
-    /// Spread of the radii, `(max - min) / max`, above which there is a warning.
+    /// Spread of the radii, `(max - min) / max`, above which a warning is given.
     pub const RADIUS_SPREAD: f64 = 0.01;
 }
 
@@ -111,16 +111,16 @@ impl Sphere {
     ///
     /// # Errors
     ///
-    /// [`NoDirection`](SurfaceError::NoDirection) for a vertex at the origin or not finite,
-    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`Seam`](SurfaceError::Seam), and for a closed mesh that
-    /// doesn't go around the origin once [`OriginOutside`](SurfaceError::OriginOutside) or
+    /// [`NoDirection`](SurfaceError::NoDirection) for a vertex at the origin or not finite;
+    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange); [`Seam`](SurfaceError::Seam); and, for a closed mesh that
+    /// doesn't go around the origin exactly once, [`OriginOutside`](SurfaceError::OriginOutside) or
     /// [`SeveralTurns`](SurfaceError::SeveralTurns).
     pub fn from_mesh(mesh: &Mesh) -> Result<Self, SurfaceError> {
         Self::check(mesh, Path::new("the sphere"))
     }
 
-    /// Returns each vertex's share of the sphere's area, in steradians: a third of each of its triangles'. They sum to
-    /// 4 pi, and are all zero without triangles.
+    /// Returns each vertex's share of the sphere's area, in steradians: a third of the area of each of its triangles.
+    /// The shares sum to 4 pi; without triangles they are all zero.
     #[must_use]
     pub fn areas(&self) -> Vec<f64> {
         let unit = self.directions.as_slice();
@@ -140,7 +140,7 @@ impl Sphere {
         mesh
     }
 
-    /// Returns the name that messages give it: its path, or "the sphere".
+    /// Returns the name used in messages: its path, or "the sphere".
     #[must_use]
     pub fn name(&self) -> &Path {
         self.path.as_deref().unwrap_or(Path::new("the sphere"))
@@ -189,7 +189,7 @@ impl Sphere {
 }
 
 /// Reads a sphere: a mesh of any supported format and any radius, centred at the origin, or a table (`.csv`, `.tsv`,
-/// also gzipped) of colatitude and azimuth in radians, a row a direction.
+/// also gzipped) of colatitude and azimuth in radians, one direction per row.
 ///
 /// # Errors
 ///
@@ -212,7 +212,7 @@ fn read_angles(path: &Path) -> Result<Directions, SurfaceError> {
         return Err(SurfaceError::NotAngles { path: path.to_owned(), columns: signal.channels });
     }
     let angles: Vec<[f64; 2]> = signal.values.as_chunks().0.to_vec();
-    // Rounding in whatever wrote the table may pass pi.
+    // Rounding in the program that wrote the table may exceed pi.
     let allowed = -1e-9..=std::f64::consts::PI + 1e-9;
     if let Some((row, [found, _])) = angles.iter().enumerate().find(|(_, [theta, _])| !allowed.contains(theta)) {
         return Err(SurfaceError::Colatitude { path: path.to_owned(), row, found: *found });

@@ -3,7 +3,7 @@
 use crate::geometry::{Vec3, cross, dot, sub, unit};
 use crate::mesh::Mesh;
 
-/// Points on a mesh, each of which stands for an equal share of its area.
+/// Points on a mesh that each represent an equal share of its area.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SpreadPoints {
     /// The points, (n).
@@ -12,15 +12,15 @@ pub struct SpreadPoints {
     pub normals: Vec<Vec3>,
     /// Their triangles, (n), counted from 0.
     pub triangles: Vec<u32>,
-    /// Weights of the triangles' corners, (n), of sum 1.
+    /// Weights of the triangles' corners, (n), which sum to 1.
     pub barycentric: Vec<[f64; 3]>,
 }
 
 impl SpreadPoints {
     /// Places `count` points: one in each of `count` runs of triangles that have equal shares of the area, in the order
     /// of the triangles. Within a triangle they follow the sequence R2 of M. Roberts, "The unreasonable effectiveness
-    /// of quasirandom sequences" (2018), from its term `seed`, so that the outcome is the same in every run. A mesh
-    /// without area has none.
+    /// of quasirandom sequences" (2018), starting at term `seed`, so that every run gives the same points. A mesh
+    /// without area gets none.
     #[must_use]
     pub fn new(mesh: &Mesh, count: usize, seed: usize) -> Self {
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
@@ -57,11 +57,11 @@ impl SpreadPoints {
         }
     }
 
-    /// Returns the same places of the same triangles after vertices have moved.
+    /// Returns the same points of the same triangles after vertices have moved.
     ///
     /// # Panics
     ///
-    /// When the mesh has fewer triangles or vertices than the one that the points were placed on.
+    /// When the mesh has fewer triangles or vertices than the original mesh.
     #[must_use]
     pub fn moved(&self, mesh: &Mesh) -> Self {
         let corners = |triangle: &u32| mesh.faces[*triangle as usize].map(|v| mesh.vertices[v as usize]);
@@ -79,7 +79,7 @@ impl SpreadPoints {
     }
 }
 
-/// The cross product of two edges: twice the area long.
+/// Returns the cross product of two edges; its length is twice the area.
 fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     cross(sub(b, a), sub(c, a))
 }
@@ -87,13 +87,13 @@ fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
 /// The reciprocals of the plastic number and of its square.
 const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
 
-/// Where a point lies in the area, in shares: within its own, by a golden-section sequence that keeps strides of one
-/// pattern of triangles from falling on the same places.
+/// Returns the position of a point in the area, in shares. Within its own share it follows a golden-section sequence,
+/// so that sampling a repeating pattern of triangles doesn't always hit the same positions.
 fn place(index: usize, seed: usize) -> f64 {
     index as f64 + (0.5 + 0.618_033_988_749_894_9 * (index + seed) as f64).fract()
 }
 
-/// Weights of the second and third corner of a triangle.
+/// Returns the weights of the second and third corner of a triangle.
 fn in_triangle(term: usize) -> (f64, f64) {
     let [s, t] = R2.map(|step| (0.5 + step * term as f64).fract());
     if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) }

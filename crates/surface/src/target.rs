@@ -1,4 +1,4 @@
-//! What is fitted over a sphere: a surface or a signal, checked against it before any work starts.
+//! The surface or signal that is fitted over a sphere, checked against the sphere before any work starts.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -13,31 +13,31 @@ use crate::topology::{Topology, different_triangles};
 /// A function of c channels on the vertices of a [`Sphere`].
 #[derive(Debug, Clone)]
 pub struct Target {
-    /// The file it was read from; none for one made in memory.
+    /// File it was read from; `None` if it was made in memory.
     pub path: Option<PathBuf>,
-    /// Values, (n, c) row-major: positions, or signals. Finite, but at vertices that a fit doesn't read.
+    /// Values, (n, c) row-major: positions, or signals. Finite, except at vertices that a fit doesn't read.
     pub values: Vec<f64>,
     /// Number of channels, c: 3 for a surface.
     pub channels: usize,
     /// Whether the channels are x, y and z.
     pub kind: Kind,
-    /// What the file said beside the values; nothing for a signal.
+    /// The file's metadata; empty for a signal.
     pub meta: Meta,
-    /// What may be wrong with it, for the caller to show or to refuse.
+    /// Possible problems, for the caller to show or to refuse.
     pub warnings: Vec<TargetWarning>,
 }
 
-/// Something about a target that allows a fit, since the least squares is defined all the same, but may be a mistake.
+/// Something about a target that allows a fit, since the least-squares problem is still defined, but may be a mistake.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TargetWarning {
-    /// The surface isn't a closed one of genus zero.
+    /// The surface isn't a closed surface of genus zero.
     NotClosed(Topology),
-    /// The sphere is of the other hemisphere, by the files' metadata or names.
+    /// The sphere belongs to the other hemisphere, judging by the files' metadata or names.
     OtherHemisphere {
         /// The target's hemisphere.
         target: Hemisphere,
-        /// The sphere's.
+        /// The sphere's hemisphere.
         sphere: Hemisphere,
     },
 }
@@ -56,13 +56,13 @@ impl fmt::Display for TargetWarning {
 }
 
 impl Target {
-    /// Returns a surface as a target. Its vertices correspond to the sphere's, one to one and in their order.
+    /// Returns a surface as a target. Its vertices correspond to the sphere's one to one, in the same order.
     ///
     /// # Errors
     ///
     /// [`NonFinite`](SurfaceError::NonFinite), [`IndexOutOfRange`](SurfaceError::IndexOutOfRange),
-    /// [`VertexCount`](SurfaceError::VertexCount), and [`OtherTriangles`](SurfaceError::OtherTriangles) where the
-    /// sphere has triangles and the surface's are not the same.
+    /// [`VertexCount`](SurfaceError::VertexCount), and [`OtherTriangles`](SurfaceError::OtherTriangles) if the sphere
+    /// has triangles and the surface's differ from them.
     pub fn from_mesh(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let name = Path::new("the surface");
         crate::io::check_mesh(name, mesh)?;
@@ -80,33 +80,33 @@ impl Target {
         Self::of_signal(signal, sphere, None)
     }
 
-    /// As [`from_mesh`](Self::from_mesh), for positions some of which aren't finite: at vertices of weight 0, which a
-    /// fit doesn't read.
+    /// Same as [`from_mesh`](Self::from_mesh), but allows positions that aren't finite. These have weight 0 and aren't
+    /// read by a fit.
     ///
     /// # Errors
     ///
-    /// Those of [`from_mesh`](Self::from_mesh), but for [`NonFinite`](SurfaceError::NonFinite).
+    /// Those of [`from_mesh`](Self::from_mesh), except [`NonFinite`](SurfaceError::NonFinite).
     pub fn from_mesh_with_gaps(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
         mesh_with_gaps(Path::new("the surface"), mesh)?;
         Self::of_mesh(mesh.clone(), sphere, None)
     }
 
-    /// As [`from_signal`](Self::from_signal), for values some of which aren't finite: at vertices of weight 0, which a
-    /// fit doesn't read.
+    /// Same as [`from_signal`](Self::from_signal), but allows values that aren't finite. These have weight 0 and aren't
+    /// read by a fit.
     ///
     /// # Errors
     ///
-    /// Those of [`from_signal`](Self::from_signal), but for [`NonFinite`](SurfaceError::NonFinite).
+    /// Those of [`from_signal`](Self::from_signal), except [`NonFinite`](SurfaceError::NonFinite).
     pub fn from_signal_with_gaps(signal: Signal, sphere: &Sphere) -> Result<Self, SurfaceError> {
         signal_with_gaps(Path::new("the signal"), &signal)?;
         Self::of_signal(signal, sphere, None)
     }
 
-    /// Checks that values are finite at the vertices that `unread`, (n), doesn't mark.
+    /// Checks that values are finite at all vertices that `unread`, (n), doesn't mark.
     ///
     /// # Errors
     ///
-    /// [`NonFinite`](SurfaceError::NonFinite) with the first that isn't.
+    /// [`NonFinite`](SurfaceError::NonFinite) for the first value that isn't.
     pub fn check_finite(&self, unread: Option<&[bool]>) -> Result<(), SurfaceError> {
         let channels = self.channels.max(1);
         let is_read = |vertex: usize| unread.is_none_or(|unread| !unread.get(vertex).copied().unwrap_or(false));
@@ -175,11 +175,11 @@ pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, Su
     target_of(read_input(path)?, path, sphere)
 }
 
-/// As [`read_target`], for values some of which aren't finite: at vertices of weight 0, which a fit doesn't read.
+/// Same as [`read_target`], but allows values that aren't finite. These have weight 0 and aren't read by a fit.
 ///
 /// # Errors
 ///
-/// Those of [`read_target`], but for [`NonFinite`](SurfaceError::NonFinite).
+/// Those of [`read_target`], except [`NonFinite`](SurfaceError::NonFinite).
 pub fn read_target_with_gaps(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
     target_of(read_input_with_gaps(path)?, path, sphere)

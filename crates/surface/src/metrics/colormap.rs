@@ -1,7 +1,7 @@
 //! Colours for values.
 
-/// Matplotlib's viridis (van der Walt and Smith, CC0) at sixteenths: dark blue for 0, yellow for 1, its lightness even
-/// and legible to the colour-blind.
+/// Matplotlib's viridis (van der Walt and Smith, CC0) at sixteenths: dark blue for 0, yellow for 1, with evenly
+/// increasing lightness, and legible to the colour-blind.
 const VIRIDIS: [[u8; 3]; 17] = [
     [68, 1, 84],
     [72, 24, 106],
@@ -37,7 +37,8 @@ pub fn viridis(value: f64) -> [u8; 3] {
     })
 }
 
-/// Returns [`viridis`] over `low..=high` for each value; where these are equal, all have the colour of the low end.
+/// Returns [`viridis`] over `low..=high` for each value; if the two are equal, all values get the colour of the low
+/// end.
 #[must_use]
 pub fn colors(values: &[f64], low: f64, high: f64) -> Vec<[u8; 3]> {
     let span = if high > low { high - low } else { f64::INFINITY };

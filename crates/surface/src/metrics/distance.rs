@@ -1,29 +1,29 @@
-//! Distance between two surfaces with any triangles.
+//! Distance between two surfaces whose triangles may differ.
 //!
 //! A reconstruction may be exact at its vertices and oscillate between them, and different meshes have no corresponding
-//! vertices. So points are spread over both surfaces and the distance d from each to the other surface
-//! (not to its nearest vertex) is taken.
+//! vertices. So points are spread over both surfaces, and the distance d is measured from each point to the other
+//! surface (not to its nearest vertex).
 //!
 //! # Sample points
 //!
 //! Each triangle is cut into n^2 congruent smaller ones with edges of about one length; their centroids are the points
 //! and their areas the weights, so that mean and root mean square are midpoint rules of the integrals over the surface.
-//! The vertices count for the largest distance, where peaks are. Nothing is random.
+//! For the largest distance the vertices, where peaks are, are included too. Nothing is random.
 //!
 //! # Error bound
 //!
 //! d is 1-Lipschitz, and no point of a small triangle is further from its centroid than 2/3 of its longest edge. So the
-//! true Hausdorff distance is at least the one found and at most 2/3 of the longest such edge (`spacing`) above it,
-//! which is [`SurfaceDistance::bound`]. Mean and root mean square are within the same bound, in practice far closer:
-//! the midpoint rule's error is of second order where d is smooth.
+//! true Hausdorff distance is at least the computed one, and exceeds it by at most 2/3 of the longest such edge
+//! (`spacing`); this limit is [`SurfaceDistance::bound`]. Mean and root mean square are within the same bound, in
+//! practice far closer: the midpoint rule's error is of second order where d is smooth.
 //!
 //! # Cost
 //!
-//! O((n + samples) log n) time: two surfaces of 80,000 triangles, 200,000 points and 40,962 vertices on each, take 0.5
-//! s on two cores. Memory is linear, about 200 bytes a triangle and 60 a point.
+//! O((n + samples) log n) time: two surfaces of 80,000 triangles, with 200,000 points and 40,962 vertices on each, take
+//! 0.5 s on two cores. Memory is linear, about 200 bytes per triangle and 60 per point.
 //!
 //! After Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces", Computer Graphics Forum 17
-//! (1998), with a grid in place of random points.
+//! (1998), with a grid instead of random points.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
@@ -39,8 +39,9 @@ use crate::range::{scaled_meshes, times};
 /// Sampling density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfaceDistanceParams {
-    /// About how many points on each surface, beside its vertices. Each triangle gets at least one; long thin ones get
-    /// more than their share, all in all up to eight times as many, beyond which `spacing` grows.
+    /// Approximate number of points on each surface, in addition to its vertices. Each triangle gets at least one. Long
+    /// thin triangles get more than their share; the total is at most eight times `samples`, beyond which `spacing`
+    /// grows.
     pub samples: usize,
 }
 
@@ -58,52 +59,53 @@ pub struct Directed {
     pub mean: f64,
     /// Root of the mean square over the area.
     pub rms: f64,
-    /// 95 % of the area is nearer than this.
+    /// 95th percentile over the area.
     pub percentile95: f64,
-    /// Largest, over points and vertices.
+    /// Largest distance, over points and vertices.
     pub max: f64,
-    /// The point where it is the largest.
+    /// Point of the largest distance.
     pub worst: [f64; 3],
-    /// Points, vertices left out.
+    /// Number of points, without vertices.
     pub samples: usize,
     /// The longest edge of the small triangles.
     pub spacing: f64,
 }
 
-/// Symmetric distance of two surfaces, in the coordinates' unit (mm). Divided by `scale` it belongs to a bounding box
+/// Symmetric distance of two surfaces, in the coordinates' unit (mm). Divided by `scale`, it refers to a bounding box
 /// of volume 1, as msd and xsd do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct SurfaceDistance {
     /// Mean over the area of both surfaces.
     pub mean: f64,
-    /// Root of the mean square over the area of both.
+    /// Root of the mean square over the area of both surfaces.
     pub rms: f64,
-    /// 95 % of the area of both is nearer to the other surface than this.
+    /// 95th percentile over the area of both surfaces.
     pub percentile95: f64,
-    /// Hausdorff distance: the larger of the two largest.
+    /// Hausdorff distance: the larger of the two directed maxima.
     pub hausdorff: f64,
     /// From the first surface to the second.
     pub forward: Directed,
     /// From the second surface to the first.
     pub backward: Directed,
-    /// By how much the true Hausdorff distance may exceed `hausdorff`, at most.
+    /// Most by which the true Hausdorff distance may exceed `hausdorff`.
     pub bound: f64,
     /// The first surface's [`bounding_box_scale`].
     pub scale: f64,
 }
 
-/// Mean, root mean square, 95th percentile and Hausdorff distance of two surfaces of any topology. The same but for
-/// `scale`, `forward` and `backward` when they are swapped.
+/// Returns mean, root mean square, 95th percentile and Hausdorff distance of two surfaces of any topology. Swapping the
+/// surfaces changes only `scale`, `forward` and `backward`.
 ///
 /// # Errors
 ///
-/// A surface without area or with a coordinate that isn't finite ([`Argument`](SurfaceError::Argument)); a first one
-/// whose bounding box has no volume. [`Interrupted`](SurfaceError::Interrupted).
+/// [`Argument`](SurfaceError::Argument) for a surface without area or with a coordinate that isn't finite, and
+/// [`FlatBox`](SurfaceError::FlatBox) if the first one's bounding box has no volume.
+/// [`Interrupted`](SurfaceError::Interrupted).
 ///
 /// # Panics
 ///
-/// When a triangle names a vertex that isn't there.
+/// When a triangle's index is out of range.
 pub fn surface_distance(
     first: &Mesh,
     second: &Mesh,
@@ -118,7 +120,7 @@ pub fn surface_distance(
     let back = Samples::towards(second, &TriangleTree::new(first), params, monitor)?;
     let (forward, backward) = (there.summary(), back.summary());
     let area = there.area + back.area;
-    // A sum of two doesn't depend on their order.
+    // A sum of two terms doesn't depend on their order.
     let mean = (there.area * forward.mean + back.area * backward.mean) / area;
     let square = (there.area * forward.rms * forward.rms + back.area * backward.rms * backward.rms) / area;
     let bound = forward.spacing.max(backward.spacing) * (2.0 / 3.0);
@@ -143,7 +145,7 @@ impl Directed {
 }
 
 impl SurfaceDistance {
-    /// Returns the distance of surfaces that are 2^exponent times as large.
+    /// Returns the distance of surfaces scaled by 2^exponent.
     #[must_use]
     pub fn times(self, exponent: i32) -> Self {
         let by = |length: f64| times(length, exponent);
@@ -160,15 +162,15 @@ impl SurfaceDistance {
     }
 }
 
-/// Returns the bytes that [`surface_distance`] of these surfaces takes beside them.
+/// Returns the bytes that [`surface_distance`] needs in addition to the surfaces.
 ///
-/// A tree over one of them, 250 a triangle while it is built; how each triangle is cut, 120 a triangle; 136 a point,
-/// vertices included: its place, twice while places are collected, its distance, and distance and area of it, twice
-/// while they are sorted. The points are counted as they will be made.
+/// They consist of a tree over one surface, 250 per triangle while it is built; the division of each triangle, 120 per
+/// triangle; and 136 per point, vertices included: its position, twice while positions are collected, its distance, and
+/// the pair of distance and area, twice while pairs are sorted. The number of points is computed exactly.
 ///
 /// # Panics
 ///
-/// When a triangle names a vertex that isn't there.
+/// When a triangle's index is out of range.
 #[must_use]
 pub fn surface_distance_bytes(first: &Mesh, second: &Mesh, params: &SurfaceDistanceParams) -> u64 {
     const BYTES_PER_TRIANGLE: u64 = 370;
@@ -181,7 +183,7 @@ pub fn surface_distance_bytes(first: &Mesh, second: &Mesh, params: &SurfaceDista
     triangles * BYTES_PER_TRIANGLE + points.saturating_mul(BYTES_PER_POINT)
 }
 
-/// The points of one surface, with their distances to the other.
+/// The points of one surface, with their distances to the other surface.
 struct Samples {
     /// (distance, area).
     weighted: Vec<(f64, f64)>,
@@ -209,7 +211,7 @@ impl Samples {
         if !(grid.area > 0.0 && grid.area.is_finite()) {
             return Err(wrong(format!("{} triangles of area {}", mesh.faces.len(), grid.area)));
         }
-        // In the mesh's order, so that sums don't depend on the threads.
+        // In the mesh's order, so that sums don't depend on the number of threads.
         let pieces = grid.triangles.par_iter().flat_map_iter(|&(corners, n)| centroids(corners, n));
         let mut points: Vec<Vec3> = pieces.collect();
         points.extend_from_slice(&mesh.vertices);
@@ -242,7 +244,7 @@ impl Samples {
     }
 }
 
-/// Into how many pieces each triangle is cut.
+/// The number of pieces that each triangle is cut into.
 struct Grid {
     /// Corners, and the number of pieces along an edge.
     triangles: Vec<([Vec3; 3], u32)>,
@@ -267,12 +269,12 @@ impl Grid {
         let edges: Vec<f64> = mesh.faces.iter().map(longest).collect();
         let area: f64 = areas.iter().sum();
         let wanted = wanted.max(1);
-        // The edge of an equilateral triangle of that area's share.
+        // Edge of an equilateral triangle with one point's share of the area.
         let mut step = (4.0 / 3.0_f64.sqrt() * area / wanted as f64).sqrt();
         let pieces = |edge: f64, step: f64| (edge / step).round().clamp(1.0, 4096.0) as u32;
         let count = |step: f64| edges.iter().map(|&e| u64::from(pieces(e, step)).pow(2)).sum::<u64>();
         let most = (wanted.max(mesh.faces.len()) as u64).saturating_mul(8);
-        // Slivers have long edges and next to no area; `is_normal` ends this for surfaces without any.
+        // Slivers have long edges and next to no area; `is_normal` ends the loop for surfaces without any area.
         while step.is_normal() && count(step) > most {
             step *= std::f64::consts::SQRT_2;
         }
@@ -283,7 +285,7 @@ impl Grid {
     }
 }
 
-/// The centroids of a triangle's n^2 congruent pieces.
+/// Returns the centroids of a triangle's n^2 congruent pieces.
 fn centroids([a, b, c]: [Vec3; 3], n: u32) -> impl Iterator<Item = Vec3> {
     let (u, v) = (scale(sub(b, a), 1.0 / f64::from(n)), scale(sub(c, a), 1.0 / f64::from(n)));
     let at = move |s: f64, t: f64| add(a, add(scale(u, s), scale(v, t)));
@@ -297,9 +299,9 @@ fn centroids([a, b, c]: [Vec3; 3], n: u32) -> impl Iterator<Item = Vec3> {
     })
 }
 
-/// The smallest value that at least a fraction `part` of the weight doesn't exceed.
+/// Returns the smallest value that at least a fraction `part` of the weight doesn't exceed.
 fn percentile(mut weighted: Vec<(f64, f64)>, part: f64) -> f64 {
-    // Ties sorted by weight as well, so that the order in which they came doesn't matter.
+    // Ties are sorted by weight as well, so that the original order doesn't matter.
     weighted.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let wanted = part * weighted.iter().map(|(_, w)| w).sum::<f64>();
     let mut below = 0.0;

@@ -1,4 +1,4 @@
-//! A distance for each vertex of a reconstruction, to be shown in colour.
+//! The distance at each vertex of a reconstruction, to be shown in colour.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -11,18 +11,19 @@ use crate::nearest::TriangleTree;
 use crate::range::{exponent, scale_all, scaled_points};
 use crate::topology::different_triangles;
 
-/// Returns whether two meshes have as many vertices and the same triangles, so that their vertices correspond.
+/// Returns whether two meshes have the same number of vertices and the same triangles, so that their vertices
+/// correspond.
 #[must_use]
 pub fn correspond(a: &Mesh, b: &Mesh) -> bool {
     a.vertices.len() == b.vertices.len() && different_triangles(&a.faces, &b.faces) == 0
 }
 
-/// Returns the distance of each vertex of a reconstruction from the original's vertex of the same number, in the
+/// Returns the distance of each vertex of a reconstruction from the original's vertex with the same index, in the
 /// coordinates' unit.
 ///
 /// # Errors
 ///
-/// [`LengthMismatch`](SurfaceError::LengthMismatch) where the numbers of vertices differ.
+/// [`LengthMismatch`](SurfaceError::LengthMismatch) if the numbers of vertices differ.
 pub fn vertex_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> Result<Vec<f64>, SurfaceError> {
     let exponent = exponent(original.iter().chain(reconstruction).flatten().copied());
     if exponent == 0 {
@@ -43,7 +44,7 @@ pub fn vertex_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> R
 ///
 /// # Panics
 ///
-/// When a triangle names a vertex that isn't there.
+/// When a triangle's index is out of range.
 pub fn distances_to_surface(
     surface: &Mesh,
     points: &[[f64; 3]],
@@ -65,26 +66,26 @@ pub fn distances_to_surface(
     nearest_distances(&tree, points, none, monitor)
 }
 
-/// Returns the bytes that [`distances_to_surface`] takes for a surface of so many triangles and so many points: the
-/// tree, 250 a triangle while it is built, and a distance a point.
+/// Returns the bytes that [`distances_to_surface`] needs for a surface with `faces` triangles and `points` points: 250
+/// per triangle for the tree while it is built, and a distance per point.
 #[must_use]
 pub fn distances_to_surface_bytes(faces: usize, points: usize) -> u64 {
     250 * faces as u64 + 8 * points as u64
 }
 
-/// The distance of each point from the nearest triangle; the error of `none` for a point that is near to none.
+/// Returns the distance of each point from the nearest triangle, or the error `none` for a point without one.
 pub(super) fn nearest_distances(
     tree: &TriangleTree,
     points: &[Vec3],
     none: impl Fn(Vec3) -> SurfaceError + Sync,
     monitor: &dyn Monitor,
 ) -> Result<Vec<f64>, SurfaceError> {
-    /// Points between which the monitor is asked. One in the middle of a sphere is as near to all of its triangles, and
-    /// takes milliseconds.
+    /// Number of points between checks of the monitor. A point in the middle of a sphere is equally near to all of its
+    /// triangles, and takes milliseconds.
     const CHUNK: usize = 16;
-    /// Points that are looked for one after another, each from the triangle that is nearest to the one before: most
-    /// follow their neighbours. Where triangles are as near but for rounding, the order of points can change a last
-    /// digit.
+    /// Points that are searched one after another, each starting from the triangle nearest to the previous point, since
+    /// most points follow their neighbours. If triangles are equally near except for rounding, the order of points can
+    /// change the last digit.
     const RUN: usize = 16 * CHUNK;
     monitor.begin(Stage::counted("distance", "points"), points.len() as u64);
     let mut distances = vec![0.0; points.len()];

@@ -8,39 +8,39 @@ use crate::topology::different_triangles;
 
 /// Distances between a surface and its reconstruction, vertex by vertex.
 ///
-/// `msd` and `xsd` are Shen and Chung's (3DPVT 2006, section 4.2): mean and maximum of the squared distances once the
-/// surface is scaled so that its axis-aligned bounding box has volume 1.
+/// `msd` and `xsd` are those of Shen and Chung (3DPVT 2006, section 4.2): mean and maximum of the squared distances
+/// once the surface is scaled so that its axis-aligned bounding box has volume 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Distances {
-    /// Mean squared distance, bounding-box volume 1.
+    /// Mean squared distance, with bounding-box volume 1.
     pub msd: f64,
-    /// Maximal squared distance, bounding-box volume 1.
+    /// Maximal squared distance, with bounding-box volume 1.
     pub xsd: f64,
     /// Mean squared distance, in squared units of the coordinates (mm^2).
     pub msd_raw: f64,
     /// Maximal squared distance, in squared units of the coordinates (mm^2).
     pub xsd_raw: f64,
-    /// Root of `msd_raw`, in units of the coordinates (mm): also where the square leaves the range of f64, and
-    /// `msd_raw` is at its end.
+    /// Root of `msd_raw`, in units of the coordinates (mm). It is valid even if the square leaves the range of f64 and
+    /// `msd_raw` is clamped to the end of that range.
     pub rms_raw: f64,
     /// Root of `xsd_raw`, likewise.
     pub max_raw: f64,
-    /// The vertex where the maximum is.
+    /// Vertex of the maximum.
     pub worst_vertex: usize,
     /// The original's [`bounding_box_scale`], in units of the coordinates.
     pub scale: f64,
 }
 
-/// Returns (dx dy dz)^(1/3) of the axis-aligned bounding box: coordinates divided by it have a box of volume 1.
+/// Returns (dx dy dz)^(1/3) of the axis-aligned bounding box. Dividing the coordinates by it gives a box of volume 1.
 ///
 /// # Errors
 ///
-/// [`FlatBox`](SurfaceError::FlatBox) where the box has no volume, or none that is finite.
+/// [`FlatBox`](SurfaceError::FlatBox) if the box's volume is zero or not finite.
 pub fn bounding_box_scale(vertices: &[[f64; 3]]) -> Result<f64, SurfaceError> {
     let (low, high) = bounds(vertices.iter().copied());
     let [x, y, z] = sub(high, low);
-    // Roots first: the product of three extents may leave the range of f64 where the scale doesn't.
+    // Roots first: the product of three extents may leave the range of f64 even if the scale doesn't.
     let scale = x.cbrt() * y.cbrt() * z.cbrt();
     if [x, y, z].iter().all(|&d| d > 0.0) && scale.is_finite() && scale > 0.0 {
         Ok(scale)
@@ -53,7 +53,7 @@ pub fn bounding_box_scale(vertices: &[[f64; 3]]) -> Result<f64, SurfaceError> {
 ///
 /// # Errors
 ///
-/// [`LengthMismatch`](SurfaceError::LengthMismatch) where the numbers of vertices differ.
+/// [`LengthMismatch`](SurfaceError::LengthMismatch) if the numbers of vertices differ.
 pub fn squared_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> Result<Vec<f64>, SurfaceError> {
     if original.len() != reconstruction.len() {
         return Err(SurfaceError::LengthMismatch {
@@ -73,8 +73,8 @@ pub fn squared_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> 
 ///
 /// # Errors
 ///
-/// [`TopologyDiffers`](SurfaceError::TopologyDiffers) or [`LengthMismatch`](SurfaceError::LengthMismatch) where the
-/// meshes don't have the same triangles over the same number of vertices, [`FlatBox`](SurfaceError::FlatBox).
+/// [`TopologyDiffers`](SurfaceError::TopologyDiffers) or [`LengthMismatch`](SurfaceError::LengthMismatch) if the meshes
+/// don't have the same triangles over the same number of vertices, [`FlatBox`](SurfaceError::FlatBox).
 pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, SurfaceError> {
     if original.faces.len() != reconstruction.faces.len() {
         return Err(SurfaceError::LengthMismatch {
@@ -107,8 +107,8 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
     })
 }
 
-/// Mean, maximum and its place. A NaN anywhere makes both NaN, so that a broken reconstruction isn't taken for a good
-/// one.
+/// Returns the mean, the maximum and its vertex. A NaN anywhere makes both NaN, so that a broken reconstruction doesn't
+/// pass for a good one.
 fn summarise(squared: &[f64], scale: f64) -> Distances {
     let msd_raw = squared.iter().sum::<f64>() / squared.len() as f64;
     let mut worst = (0, f64::NEG_INFINITY);

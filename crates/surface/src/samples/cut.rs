@@ -1,8 +1,8 @@
-//! How a triangle is cut into cells, and the samples of each; the parent module says why.
+//! Cuts a triangle into cells and places the samples in each; the parent module gives the reasons.
 
 use crate::geometry::{Vec3, add, dot, sub};
 
-/// A triangle, and into how many layers it is cut.
+/// A triangle, and the number of layers it is cut into.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cut {
     /// The vertex opposite the shortest edge, and the ends of that edge.
@@ -29,13 +29,13 @@ impl Cut {
         }
     }
 
-    /// Cells of a layer.
+    /// Returns the number of cells in a layer.
     fn cells(&self, layer: u32) -> u32 {
         let middle = (f64::from(layer) + 0.5) / f64::from(self.layers);
         (middle * self.width).ceil().max(1.0) as u32
     }
 
-    /// Whether it has the three points of small triangles.
+    /// Whether the triangle is small enough for the three-point rule.
     fn is_small(&self) -> bool {
         self.layers == 1 && self.width <= 1.0
     }
@@ -47,7 +47,8 @@ impl Cut {
         (0..self.layers).map(|layer| 4 * self.cells(layer) as usize).sum()
     }
 
-    /// Each sample's barycentric coordinates, for `corners`, and its part of the flat triangle's area.
+    /// Passes on each sample's barycentric coordinates, in the order of `corners`, and its share of the flat triangle's
+    /// area.
     pub(super) fn for_each(&self, mut take: impl FnMut(Vec3, f64)) {
         if self.is_small() {
             let (near, far) = (2.0 / 3.0, 1.0 / 6.0);
@@ -72,10 +73,10 @@ impl Cut {
     }
 }
 
-/// How near a triangle comes to the sphere's centre where it is so large that its samples are further apart on the
-/// sphere than on itself; 1 for others.
+/// Returns the smallest distance from the sphere's centre, over a few points of the triangle, if the triangle is so
+/// large that its samples are further apart on the sphere than on itself; 1 for others.
 fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
-    /// Of triangles with edges of about 50 degrees.
+    /// The distance for triangles with edges of about 50 degrees.
     const LARGE: f64 = 0.9;
     let mean = |points: &[Vec3]| {
         let sum = points.iter().fold([0.0; 3], |sum, p| add(sum, *p));
@@ -85,13 +86,15 @@ fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
     if depth < LARGE { depth.max(0.1) } else { 1.0 }
 }
 
-/// The nodes of Gauss's rule of two points on -1 to 1 are at plus and minus 1 / sqrt 3.
+/// The nodes of Gauss's two-point rule on -1 to 1 are plus and minus 1 / sqrt 3.
 const GAUSS: f64 = 0.577_350_269_189_625_8;
 
-/// Nodes and weights of Gauss's rule of two points for the weight s on `from..to`: a layer's width grows from the apex.
-/// The nodes are the roots of `s^2 + b s + c`, orthogonal to 1 and s; a weight is half of the layer's part of the area.
+/// Returns nodes and weights of Gauss's two-point rule for the weight s on `from..to`, since a layer's width grows from
+/// the apex. The nodes are the roots of `s^2 + b s + c`, orthogonal to 1 and s; a weight is half of the layer's share
+/// of the area.
 fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
-    // About the layer's middle, where moments don't cancel: s = middle + half u, with weight (middle + half u) du.
+    // Taken about the layer's middle, where moments don't cancel: s = middle + half u, with weight (middle + half u)
+    // du.
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let (m0, m1, m2, m3) = (2.0 * middle, 2.0 * half / 3.0, 2.0 * middle / 3.0, 2.0 * half / 5.0);
     let det = m0 * m2 - m1 * m1;
@@ -99,7 +102,7 @@ fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
     let root = (0.25 * b * b - c).sqrt();
     let (first, second) = (-0.5 * b - root, -0.5 * b + root);
     let of_second = (m1 - first * m0) / (second - first);
-    // A triangle's area is the integral of 2 s ds over 0 to 1, half of it for each of the points across.
+    // A triangle's area is the integral of 2 s ds over 0 to 1; each of the two points across gets half of it.
     let part = |weight: f64| half * weight;
     [(middle + half * first, part(m0 - of_second)), (middle + half * second, part(of_second))]
 }

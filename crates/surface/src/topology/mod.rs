@@ -1,12 +1,12 @@
-//! Checks that a mesh is a closed surface of genus zero, with the reasons where it isn't.
+//! Checks that a mesh is a closed surface of genus zero, and gives reasons if it isn't.
 //!
 //! SPHARM describes surfaces that a sphere can be mapped onto one to one. [`Topology::of`] counts everything that could
 //! prevent that; [`Topology::problems`] describes it in sentences.
 //!
-//! Two passes, O(vertices + faces) and a sort of coordinates: half-edges go into one bucket per smaller vertex
-//! (a counting sort), where the few that meet an edge lie together, and corners that share an edge are joined
-//! (union-find), which shows vertices where two fans of triangles touch. 40,962 vertices take 9 ms and 10.5 million
-//! 4.7 s on one core of a small server, the mesh and its working memory 1.3 GB.
+//! It takes two passes, O(vertices + faces), and a sort of coordinates. Half-edges go into one bucket per smaller
+//! vertex (a counting sort), which puts those that share an edge next to each other. Corners that share an edge are
+//! joined (union-find), which reveals vertices where two fans of triangles touch. 40,962 vertices take 9 ms; 10.5
+//! million take 4.7 s on one core of a small server, and 1.3 GB for the mesh and the working memory.
 
 mod edges;
 mod union_find;
@@ -19,7 +19,7 @@ pub use union_find::UnionFind;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Topology {
-    /// Vertices, used by a triangle or not.
+    /// Vertices, whether or not a triangle uses them.
     pub vertices: usize,
     /// Edges, each counted once. Degenerate faces have none.
     pub edges: usize,
@@ -29,30 +29,30 @@ pub struct Topology {
     pub boundary_edges: usize,
     /// Edges of more than two triangles.
     pub non_manifold_edges: usize,
-    /// Vertices whose triangles make more than one fan, as where two cones touch.
+    /// Vertices whose triangles form more than one fan, as where two cones touch.
     pub non_manifold_vertices: usize,
-    /// Edges whose two triangles run along them the same way: one is turned inside out against the other.
+    /// Edges whose two triangles run along them in the same direction: one triangle is reversed relative to the other.
     pub inconsistent_edges: usize,
-    /// Pieces that share no vertex. Unreferenced vertices don't count.
+    /// Pieces that share no vertex. Unreferenced vertices aren't counted.
     pub components: usize,
-    /// Vertices of no triangle.
+    /// Vertices that no triangle uses.
     pub unreferenced_vertices: usize,
-    /// Triangles whose three vertices an earlier triangle has, in whatever order.
+    /// Triangles with the same three vertices as an earlier triangle, in any order.
     pub duplicate_faces: usize,
-    /// Triangles that name a vertex twice.
+    /// Triangles that use a vertex twice.
     pub degenerate_faces: usize,
-    /// Vertices at the very place of another one. Allowed; seams and unwelded corners show up here.
+    /// Vertices at exactly the same position as another one. They are allowed; seams and unwelded corners show up here.
     pub duplicate_vertices: usize,
     /// Referenced vertices - edges + non-degenerate faces.
     pub euler_characteristic: i64,
 }
 
 impl Topology {
-    /// Counts everything. A mesh that this crate has read never panics.
+    /// Counts everything. Meshes that this crate has read never cause a panic.
     ///
     /// # Panics
     ///
-    /// When a triangle names a vertex that isn't there.
+    /// When a triangle's index is out of range.
     #[must_use]
     pub fn of(mesh: &Mesh) -> Self {
         let vertices = mesh.vertices.len();
@@ -94,8 +94,8 @@ impl Topology {
         }
     }
 
-    /// Returns whether this is one closed, orientable, consistently wound surface of genus zero with no vertex left
-    /// over.
+    /// Returns whether this is one closed, orientable, consistently wound surface of genus zero without unreferenced
+    /// vertices.
     #[must_use]
     pub fn is_sphere(&self) -> bool {
         self.genus() == Some(0) && self.unreferenced_vertices == 0
@@ -116,7 +116,7 @@ impl Topology {
         closed.then_some((2 - self.euler_characteristic) / 2)
     }
 
-    /// Returns the reasons why the mesh isn't a closed surface of genus zero, a sentence each; empty when it is.
+    /// Returns the reasons why the mesh isn't a closed surface of genus zero, one sentence each; empty if it is.
     #[must_use]
     pub fn problems(&self) -> Vec<String> {
         let counted = |n: usize, one: &str, many: &str| match n {
@@ -173,7 +173,7 @@ impl Topology {
     }
 }
 
-/// Returns how many triangles are in only one of two lists, whatever their order, first corner and winding.
+/// Returns the number of triangles that are in only one of two lists, regardless of order, first corner and winding.
 #[must_use]
 pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
     let sorted = |faces: &[[u32; 3]]| {
@@ -194,15 +194,15 @@ pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
     differ + (a.len() - i) + (b.len() - j)
 }
 
-/// Returns the volume inside a closed surface, in cubed units of the coordinates: positive when its
-/// triangles wind counter-clockwise seen from outside.
+/// Returns the volume inside a closed surface, in cubed units of the coordinates: positive if its triangles wind
+/// counter-clockwise seen from outside.
 ///
 /// # Panics
 ///
-/// When a triangle names a vertex that isn't there.
+/// When a triangle's index is out of range.
 #[must_use]
 pub fn signed_volume(mesh: &Mesh) -> f64 {
-    // About a point near the surface, so that a head far from the origin loses no digits.
+    // Computed about a point near the surface, so that a head far from the origin loses no digits.
     let origin = mesh.vertices.first().copied().unwrap_or_default();
     let six_volumes: f64 = mesh
         .faces
@@ -219,7 +219,7 @@ pub fn signed_volume(mesh: &Mesh) -> f64 {
 ///
 /// # Panics
 ///
-/// When a triangle names a vertex that isn't there.
+/// When a triangle's index is out of range.
 #[must_use]
 pub fn area(mesh: &Mesh) -> f64 {
     let normals = mesh.faces.iter().map(|face| face_normal(face.map(|v| mesh.vertices[v as usize])));
@@ -240,10 +240,10 @@ fn is_degenerate([a, b, c]: [u32; 3]) -> bool {
     a == b || b == c || c == a
 }
 
-/// Vertices beyond the first at each place. -0 and +0 are one place.
+/// Returns the number of vertices beyond the first at each position. -0 and +0 are equal.
 fn duplicate_vertices(vertices: &[[f64; 3]]) -> usize {
     let bits = |v: &[f64; 3]| v.map(|x| (x + 0.0).to_bits());
-    // Sorting short keys, then looking closer at those that agree, beats sorting coordinates.
+    // Sorting short keys, and comparing coordinates only if the keys agree, is faster than sorting coordinates.
     let mut keys: Vec<(u64, u32)> =
         vertices.iter().zip(0..).map(|(v, i)| (bits(v).iter().fold(0, |hash, &x| mix(hash ^ x)), i)).collect();
     keys.sort_unstable();

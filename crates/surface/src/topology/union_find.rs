@@ -1,6 +1,6 @@
 //! Disjoint sets over 0..n.
 
-/// Tarjan's forest, with path halving and union by index; near-linear in practice, 4 bytes an element.
+/// Tarjan's forest, with path halving and union by index; near-linear in practice, 4 bytes per element.
 #[derive(Debug)]
 pub struct UnionFind {
     parent: Vec<u32>,
@@ -14,13 +14,13 @@ impl UnionFind {
         Self { parent: (0..n as u32).collect(), sets: n }
     }
 
-    /// Returns how many sets there are.
+    /// Returns the number of sets.
     #[must_use]
     pub fn sets(&self) -> usize {
         self.sets
     }
 
-    /// Returns the element that stands for the set of `x`.
+    /// Returns the element that represents the set of `x`.
     ///
     /// # Panics
     ///
@@ -37,7 +37,7 @@ impl UnionFind {
         }
     }
 
-    /// Makes one set of those of `a` and `b`.
+    /// Merges the sets of `a` and `b`.
     ///
     /// # Panics
     ///
