@@ -28,7 +28,7 @@ pub enum SurfaceError {
     NotAFile {
         /// The path.
         path: PathBuf,
-        /// What the path is.
+        /// Kind of the object at the path.
         found: &'static str,
     },
 

@@ -1,32 +1,33 @@
 //! Finds the triangle of a sphere that a direction meets, and interpolates values there.
 //!
-//! A surface over its sphere is a function on the sphere, known at the sphere's vertices. [`SphereLocator`] gives it
-//! everywhere: the triangle with corners a, b, c that the ray along a direction d meets, and the point's weights there,
+//! A surface over its sphere is a function on the sphere, known at the sphere's vertices. [`SphereLocator`] evaluates
+//! it everywhere: it finds the triangle with corners a, b, c that the ray along a direction d meets, and the weights of
+//! the point of intersection,
 //!
 //! > w_a : w_b : w_c = det(d, b, c) : det(a, d, c) : det(a, b, d),  w_a + w_b + w_c = 1,
 //!
-//! which are the barycentric coordinates, within the flat triangle, of the point of the ray (a gnomonic projection). In
-//! a vertex they are 1, 0, 0 to the last bit.
+//! which are its barycentric coordinates within the flat triangle (a gnomonic projection). At a vertex they are 1, 0, 0
+//! to the last bit.
 //!
 //! # Robustness
 //!
-//! Whether d is inside is decided by the signs of the three determinants, exact for the numbers given (Shewchuk's
-//! adaptive predicate, crate `robust`). So the triangles of a sphere without flips leave no gap at edges and vertices
-//! that a direction could fall through; on an edge the triangle with the smaller index is taken. Triangles that are
-//! flipped or without area are left out; where others cover what they would have, nothing is missed. A direction that
-//! no triangle covers, as where a sphere has a hole, goes to the nearest triangle if it is off by at most
-//! [`TOLERANCE`], else it is not found.
+//! Whether d is inside is decided by the signs of the three determinants, which are exact for the given numbers
+//! (Shewchuk's adaptive predicate, crate `robust`). So a sphere without flipped triangles has no gap at edges or
+//! vertices that a direction could fall through; on an edge the triangle with the smaller index is returned. Triangles
+//! that are flipped or without area are left out; if other triangles cover their part of the sphere, nothing is missed.
+//! A direction that no triangle covers, as in a hole of the sphere, is assigned to the nearest triangle if it is
+//! outside by at most [`TOLERANCE`]; otherwise it isn't found.
 //!
 //! # Cost
 //!
-//! A bounding-volume hierarchy (parry3d's) holds a box around each *spherical* triangle, so d itself, a point of the
-//! unit sphere, is looked up. It follows the triangles' density, however uneven a parameterisation is. A flat triangle
-//! with longest edge e bulges from its plane by at most 1 - sqrt(1 - e^2 / 3) on the sphere, which is how much larger
-//! than the corners' its box is.
+//! A bounding-volume hierarchy (parry3d's) holds a box around each *spherical* triangle, so the point looked up is d
+//! itself, a point of the unit sphere. The hierarchy adapts to the triangles' density, however uneven a
+//! parameterisation is. A flat triangle with longest edge e bulges from its plane by at most 1 - sqrt(1 - e^2 / 3) on
+//! the sphere; its box is larger than that of its corners by this much.
 //!
-//! Slivers that share a pole nearly all lie in each other's boxes, and such boxes bulge far. Where a sphere is made of
-//! slivers, as those of fans are, each flat triangle has a box in its own direction, and those that the way from the
-//! origin to d meets are looked at (`sliver_tree.rs`).
+//! If slivers share a pole, each lies in the boxes of nearly all others, and such boxes bulge far. So for a sphere made
+//! of slivers, such as those of fans, each flat triangle has a box in its own orientation, and all triangles whose
+//! boxes meet the segment from the origin to d are tested (`sliver_tree.rs`).
 
 use ndarray::{Array2, ArrayView2, Axis};
 use parry3d_f64::bounding_volume::Aabb;
@@ -40,7 +41,7 @@ use crate::geometry::{Vec3, bounds, cross, dot, orientation, sub};
 use crate::mesh::Mesh;
 use crate::sliver_tree::{SliverTree, is_of_slivers};
 
-/// How far outside of all triangles a direction may be, in radians.
+/// Largest distance of a direction from all triangles, in radians, at which it still counts as covered.
 pub const TOLERANCE: f64 = 1e-9;
 
 /// The point where a direction meets a sphere's triangles.
@@ -48,27 +49,27 @@ pub const TOLERANCE: f64 = 1e-9;
 pub struct Place {
     /// The triangle, counted from 0.
     pub triangle: u32,
-    /// Weights of its corners, in its order: at least 0, of sum 1.
+    /// Weights of its corners, in the order of its corners: nonnegative, with sum 1.
     pub barycentric: [f64; 3],
 }
 
 /// A search tree over a sphere's triangles.
 pub struct SphereLocator {
     tree: Tree,
-    /// Unit vectors, counter-clockwise seen from outside but for flipped triangles.
+    /// Unit vectors, counter-clockwise seen from outside except in flipped triangles.
     corners: Vec<[Vec3; 3]>,
-    /// Whether the sphere's own order is clockwise: corners 1 and 2 have changed places in `corners`.
+    /// Whether the sphere's own order is clockwise. If so, corners 1 and 2 are swapped in `corners`.
     inward: bool,
     faces: Vec<[u32; 3]>,
     vertices: usize,
     flipped: usize,
 }
 
-/// The boxes of triangles.
+/// Bounding boxes of triangles.
 enum Tree {
-    /// Along the axes, around spherical triangles.
+    /// Axis-aligned boxes around spherical triangles.
     Boxes(Bvh),
-    /// In the direction of slivers, around flat ones.
+    /// Boxes around flat triangles, in the orientation of slivers.
     Slivers(SliverTree),
 }
 
@@ -77,8 +78,8 @@ impl SphereLocator {
     ///
     /// # Errors
     ///
-    /// [`Argument`](SurfaceError::Argument) for a mesh without triangles, a vertex at the origin or not finite, or a
-    /// triangle that names a vertex that isn't there.
+    /// [`Argument`](SurfaceError::Argument) for a mesh without triangles, a vertex at the origin or not finite, or an
+    /// index out of range.
     pub fn new(sphere: &Mesh) -> Result<Self, SurfaceError> {
         let wrong = |found: String| SurfaceError::Argument {
             what: "sphere to interpolate over",
@@ -97,7 +98,7 @@ impl SphereLocator {
         let mut corners: Vec<[Vec3; 3]> = sphere.faces.iter().map(|face| face.map(corner)).collect();
         let positive = |corners: &[[Vec3; 3]]| corners.iter().filter(|c| orientation(**c) > 0.0).count();
         let mut upright = positive(&corners);
-        // Wound inward: what follows sees it wound outward, and `locate` puts the weights back in the sphere's order.
+        // Wound inwards: treated as wound outwards from here on; `locate` restores the sphere's order of the weights.
         let inward = 2 * upright < corners.len();
         if inward {
             corners.iter_mut().for_each(|c| c.swap(1, 2));
@@ -113,7 +114,8 @@ impl SphereLocator {
         Ok(Self { tree, corners, inward, faces: sphere.faces.clone(), vertices, flipped })
     }
 
-    /// Returns how many triangles are wound against the others or have no area: 0 for a one-to-one parameterisation.
+    /// Returns the number of triangles that are wound against the others or have no area: 0 for a one-to-one
+    /// parameterisation.
     #[must_use]
     pub fn flipped(&self) -> usize {
         self.flipped
@@ -125,17 +127,17 @@ impl SphereLocator {
         self.vertices
     }
 
-    /// Returns the vertices whose values the weights of a [`Place`] belong to.
+    /// Returns the vertices that the weights of a [`Place`] belong to.
     ///
     /// # Panics
     ///
-    /// When the place is not of this sphere.
+    /// When the place belongs to another sphere.
     #[must_use]
     pub fn corners(&self, place: &Place) -> [u32; 3] {
         self.faces[place.triangle as usize]
     }
 
-    /// Returns the triangle that a unit vector meets; `None` where there is none.
+    /// Returns the triangle that a unit vector meets; `None` if it meets none.
     #[must_use]
     pub fn locate(&self, direction: [f64; 3]) -> Option<Place> {
         let mut inside: Option<u32> = None;
@@ -156,7 +158,7 @@ impl SphereLocator {
     ///
     /// # Errors
     ///
-    /// [`NotCovered`](SurfaceError::NotCovered), with how many directions no triangle covers.
+    /// [`NotCovered`](SurfaceError::NotCovered), with the number of directions that no triangle covers.
     pub fn locate_all(&self, directions: &[[f64; 3]]) -> Result<Vec<Place>, SurfaceError> {
         let found: Vec<Option<Place>> = directions.par_iter().with_min_len(256).map(|&d| self.locate(d)).collect();
         let missed = found.iter().filter(|place| place.is_none()).count();
@@ -167,12 +169,12 @@ impl SphereLocator {
         Err(SurfaceError::NotCovered { missed, directions: directions.len(), first, flipped: self.flipped })
     }
 
-    /// Interpolates values on the sphere's vertices, (n, c), at unit vectors: (m, c).
+    /// Interpolates values on the sphere's vertices, (n, c), at unit vectors; returns (m, c).
     ///
     /// # Errors
     ///
-    /// As [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) where n isn't the number
-    /// of vertices.
+    /// As [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) if n isn't the number of
+    /// vertices.
     pub fn interpolate(
         &self,
         values: ArrayView2<'_, f64>,
@@ -189,7 +191,7 @@ impl SphereLocator {
         let mut result = Array2::zeros((places.len(), values.ncols()));
         result.axis_iter_mut(Axis(0)).into_par_iter().zip(&places).with_min_len(256).for_each(|(mut row, place)| {
             for (vertex, weight) in self.corners(place).into_iter().zip(place.barycentric) {
-                // 0 times what isn't finite would spoil a value that is there exactly.
+                // 0 times a value that isn't finite would make an exact result NaN.
                 if weight != 0.0 {
                     row.scaled_add(weight, &values.row(vertex as usize));
                 }
@@ -198,7 +200,7 @@ impl SphereLocator {
         Ok(result)
     }
 
-    /// Visits the triangles that a direction may meet, or come within `slack` of.
+    /// Visits the triangles that a direction may meet, or whose distance from it may be below `slack`.
     fn each_near(&self, direction: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
         match &self.tree {
             Tree::Boxes(tree) => {
@@ -211,11 +213,11 @@ impl SphereLocator {
         }
     }
 
-    /// Of the triangles within [`TOLERANCE`], the one that a direction is least outside of.
+    /// Returns the triangle within [`TOLERANCE`] that a direction is least outside of.
     fn nearest(&self, direction: Vec3) -> Option<u32> {
         let outside = |t: u32| {
             let [a, b, c] = self.corners[t as usize];
-            // Sine of the angle between d and the plane of an edge, beyond it.
+            // Sine of the angle by which d lies beyond the plane of an edge.
             let beyond = |u: Vec3, v: Vec3| {
                 let normal = cross(u, v);
                 -dot(normal, direction) / dot(normal, normal).sqrt()
@@ -243,17 +245,17 @@ fn contains(corners: &[Vec3; 3], d: Vec3) -> bool {
         && orientation(*corners) > 0.0
 }
 
-/// The gnomonic weights; `None` where they don't exist, for a triangle without area.
+/// Returns the gnomonic weights; `None` for a triangle without area, which has none.
 fn weights([a, b, c]: &[Vec3; 3], d: Vec3) -> Option<[f64; 3]> {
     let [a, b, c] = [a, b, c].map(|&corner| sub(corner, d));
-    // Relative to d, the determinants are 0 exactly where d is a corner, and lose no digits in small triangles. Signs
-    // are decided: what rounding makes negative is 0.
+    // Relative to d, the determinants are 0 exactly if d is a corner, and lose no digits in small triangles. The signs
+    // are already decided, so values that are negative by rounding are set to 0.
     let sizes = [(b, c), (c, a), (a, b)].map(|(u, v)| dot(cross(u, v), d).max(0.0));
     let sum: f64 = sizes.iter().sum();
     (sum > 0.0).then(|| sizes.map(|size| size / sum))
 }
 
-/// A box that holds the part of the unit sphere above a triangle.
+/// Returns a box around the part of the unit sphere above a triangle.
 fn spherical_box(corners: &[Vec3; 3]) -> Aabb {
     let [a, b, c] = *corners;
     let square = |u: Vec3, v: Vec3| dot(sub(u, v), sub(u, v));

@@ -1,8 +1,8 @@
-//! 3 x 3 matrices, and rotations as such.
+//! 3 x 3 matrices, including rotations.
 
 use crate::geometry::{Vec3, dot};
 
-/// A matrix by rows.
+/// A matrix, stored by rows.
 pub type Matrix3 = [[f64; 3]; 3];
 
 /// The identity.
@@ -33,7 +33,7 @@ pub fn times(a: &Matrix3, x: Vec3) -> Vec3 {
     a.map(|row| row[0] * x[0] + row[1] * x[1] + row[2] * x[2])
 }
 
-/// Returns the rotation of a unit quaternion (w, x, y, z).
+/// Returns the rotation that a unit quaternion (w, x, y, z) represents.
 #[must_use]
 pub fn of_quaternion([w, x, y, z]: [f64; 4]) -> Matrix3 {
     [
@@ -43,7 +43,7 @@ pub fn of_quaternion([w, x, y, z]: [f64; 4]) -> Matrix3 {
     ]
 }
 
-/// Returns the rotation about a vector by its length, radians.
+/// Returns the rotation about a vector by its length, in radians.
 #[must_use]
 pub fn exponential(turn: Vec3) -> Matrix3 {
     let angle = dot(turn, turn).sqrt();
@@ -54,9 +54,9 @@ pub fn exponential(turn: Vec3) -> Matrix3 {
     of_quaternion(q.map(|v| v / length))
 }
 
-/// Returns the angle of the rotation that leads from one orthogonal matrix to another of the same determinant, radians.
+/// Returns the angle of the rotation from one orthogonal matrix to another of the same determinant, in radians.
 ///
-/// By the chord, `|a - b| = 2 sqrt(2) sin(angle / 2)`, which keeps its digits near 0.
+/// Computed from the chord, `|a - b| = 2 sqrt(2) sin(angle / 2)`, which keeps its digits near 0.
 #[must_use]
 pub fn angle_between(a: &Matrix3, b: &Matrix3) -> f64 {
     let square: f64 = a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b) * (a - b)).sum();

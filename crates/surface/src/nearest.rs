@@ -1,8 +1,8 @@
 //! The nearest point of a triangle mesh.
 //!
-//! A bounding-volume hierarchy over the triangles (parry3d's), searched best first: the answer is the minimum over all
-//! triangles, O(log n) of them looked at; by boxes that are turned into the triangles' direction where these are
-//! slivers. About 160 bytes a triangle, 310 of slivers.
+//! A bounding-volume hierarchy over the triangles (parry3d's), searched best first. The result is the minimum over all
+//! triangles, of which O(log n) are visited. For slivers the boxes are rotated to the triangles' orientation. It needs
+//! about 160 bytes per triangle, 310 for slivers.
 
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector;
@@ -26,11 +26,11 @@ pub struct TriangleTree {
 pub struct Nearest {
     /// The triangle, counted from 0.
     pub triangle: u32,
-    /// Weights of the triangle's corners, in its order: at least 0, of sum 1.
+    /// Weights of the triangle's corners, in the order of its corners: nonnegative, with sum 1.
     pub barycentric: [f64; 3],
     /// The nearest point.
     pub point: [f64; 3],
-    /// Distance to it, in the coordinates' unit.
+    /// Distance to that point, in the coordinates' unit.
     pub distance: f64,
 }
 
@@ -39,7 +39,7 @@ impl TriangleTree {
     ///
     /// # Panics
     ///
-    /// When a triangle names a vertex that isn't there.
+    /// When a triangle's index is out of range.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Self {
         let triangles: Vec<[Vec3; 3]> = mesh.faces.iter().map(|face| face.map(|v| mesh.vertices[v as usize])).collect();
@@ -48,8 +48,8 @@ impl TriangleTree {
         Self { tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes), triangles, slivers }
     }
 
-    /// Returns the point of the mesh that is nearest to `point`; `None` for a mesh without a triangle, or a point that
-    /// isn't finite.
+    /// Returns the point of the mesh that is nearest to `point`; `None` if the mesh has no triangles or the point isn't
+    /// finite.
     #[must_use]
     pub fn nearest(&self, point: [f64; 3]) -> Option<Nearest> {
         if let Some(slivers) = &self.slivers {
@@ -63,8 +63,8 @@ impl TriangleTree {
         Some(self.on_triangle(triangle, point))
     }
 
-    /// Returns the distance from `point` to the mesh, and the triangle that is nearest; `None` as
-    /// [`nearest`](Self::nearest) does. Fast where a triangle near to the nearest one is known.
+    /// Returns the nearest triangle and the distance of `point` from it; `None` in the same cases as
+    /// [`nearest`](Self::nearest). It is fast if `near`, a triangle close to the nearest one, is given.
     pub(crate) fn distance(&self, point: Vec3, near: Option<u32>) -> Option<(u32, f64)> {
         if self.slivers.is_some() {
             return self.nearest(point).map(|found| (found.triangle, found.distance));
@@ -75,7 +75,7 @@ impl TriangleTree {
         better.or(known).map(|(triangle, square)| (triangle, square.sqrt()))
     }
 
-    /// The triangle that is nearest, and the square of its distance; `None` where none is below `most`.
+    /// Returns the nearest triangle and the square of its distance; `None` if no square is below `most`.
     fn search(&self, point: Vec3, most: f64) -> Option<(u32, f64)> {
         let p = Vector::from(point);
         if !p.is_finite() {
@@ -89,7 +89,7 @@ impl TriangleTree {
         found.filter(|(_, square)| square.is_finite())
     }
 
-    /// The square of the distance to a triangle.
+    /// Returns the square of the distance to a triangle.
     fn square(&self, triangle: u32, point: Vector) -> f64 {
         let found = self.triangle(triangle).project_local_point(point, false);
         (found.point - point).length_squared()

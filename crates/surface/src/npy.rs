@@ -1,8 +1,8 @@
-//! Headers of NumPy's array files (`.npy`), versions 1 to 3: the one parser of them, for every reader.
+//! Headers of NumPy's array files (`.npy`), versions 1 to 3: a single parser, shared by all readers.
 //!
-//! Magic, version, length of the header, the header, the values. The header is the text of a Python dictionary of
-//! exactly three keys, and this is the whole grammar of it that is read, blanks and line breaks between the tokens
-//! aside:
+//! A file consists of the magic, the version, the length of the header, the header, and the values. The header is the
+//! text of a Python dictionary with exactly three keys. The parser accepts only the following grammar, plus blanks and
+//! line breaks between the tokens:
 //!
 //! ```text
 //! header = "{" entry ("," entry)* [","] "}"                 each key once
@@ -13,56 +13,57 @@
 //! type   = a string of "<", ">", "|" or "=", a letter and a number of bytes (of characters for "U")
 //! ```
 //!
-//! A string is in either quotes and has no escapes. Nothing in it nests, so that no input makes the parser recurse;
-//! nothing is allocated for what a number says. Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
+//! A string is in either kind of quotes and has no escapes. The grammar doesn't nest, so no input makes the parser
+//! recurse, and nothing is allocated based on a number in the header. Source: NumPy Enhancement Proposal 1, and
+//! `numpy.lib.format`.
 
 use std::io::{self, Read};
 
-/// What such a file begins with.
+/// First bytes of a `.npy` file.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
 /// NumPy's own limit is 10,000 characters.
 const LONGEST: usize = 1 << 16;
 /// NumPy's own limit.
 const MOST_AXES: usize = 64;
 
-/// What an array's header says.
+/// Contents of an array's header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Kind of the values, as NumPy has it: `f`, `i`, `u`, `c`, `b`, `U`; `V` of an array with fields.
+    /// Kind of the values, in NumPy's notation: `f`, `i`, `u`, `c`, `b`, `U`; `V` for an array with fields.
     pub kind: char,
-    /// Bytes of a value.
+    /// Bytes per value.
     pub size: usize,
-    /// Whether the least significant byte comes first.
+    /// Whether the values are little-endian.
     pub little: bool,
-    /// Whether the first index runs fastest.
+    /// Whether the first index varies fastest.
     pub fortran: bool,
     /// Lengths of the axes.
     pub shape: Vec<usize>,
-    /// Fields of a value, one after another; none of a plain array.
+    /// Fields of a value, in order; empty for a plain array.
     pub fields: Vec<Field>,
-    /// The file's byte at which the values begin.
+    /// File offset of the values, in bytes.
     pub start: u64,
 }
 
 /// A field of the values of a structured array.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its name.
+    /// Name of the field.
     pub name: String,
-    /// As of a [`Header`].
+    /// Kind, as in [`Header`].
     pub kind: char,
-    /// As of a [`Header`].
+    /// Bytes, as in [`Header`].
     pub size: usize,
-    /// As of a [`Header`].
+    /// Byte order, as in [`Header`].
     pub little: bool,
 }
 
 impl Header {
-    /// Reads a header, and leaves the input where the values begin.
+    /// Reads a header, and leaves the input at the first value.
     ///
     /// # Errors
     ///
-    /// Those of `input`; [`InvalidData`](io::ErrorKind::InvalidData) for anything but such a header.
+    /// Those of `input`; [`InvalidData`](io::ErrorKind::InvalidData) for anything except such a header.
     pub fn read(input: &mut dyn Read) -> io::Result<Self> {
         let invalid = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
         let mut begin = [0; 8];
@@ -91,13 +92,13 @@ impl Header {
         Ok(Self { start: (before + length) as u64, ..header })
     }
 
-    /// Returns the number of values; `None` where there are more than can be.
+    /// Returns the number of values; `None` on overflow.
     #[must_use]
     pub fn count(&self) -> Option<u64> {
         self.shape.iter().try_fold(1_u64, |product, &n| product.checked_mul(n as u64))
     }
 
-    /// Returns the bytes of all values; `None` where there are more than can be.
+    /// Returns the bytes of all values; `None` on overflow.
     #[must_use]
     pub fn bytes(&self) -> Option<u64> {
         self.count()?.checked_mul(self.size as u64)
@@ -120,14 +121,15 @@ impl Type {
         let kind = rest.chars().next().filter(char::is_ascii_alphabetic)?;
         let digits = rest.get(1..).filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))?;
         let size: usize = digits.parse().ok()?;
-        // Characters have four bytes. Texts may have none; of other values there would be any number in no bytes.
+        // A character has four bytes. Strings may be empty; any other value of size 0 would allow any number of values
+        // in no bytes.
         let size = if kind == 'U' { size.checked_mul(4)? } else { Some(size).filter(|&size| size > 0)? };
         let little = if order == '=' { cfg!(target_endian = "little") } else { order != '>' };
         Some(Self { kind, size, little })
     }
 }
 
-/// The text of a header, and what of it hasn't been read.
+/// The text of a header, and the part not yet parsed.
 struct Parser<'a> {
     text: &'a str,
     rest: &'a str,
@@ -203,7 +205,7 @@ impl<'a> Parser<'a> {
         if shape.len() <= MOST_AXES { Ok(shape) } else { Err(format!("more than {MOST_AXES} axes")) }
     }
 
-    /// Items with commas between them, up to what closes them.
+    /// Parses items separated by commas, up to the closing token.
     fn items<T>(
         &mut self,
         close: &'static str,
@@ -226,7 +228,7 @@ impl<'a> Parser<'a> {
         let number = self.rest.get(..digits).and_then(|digits| digits.parse().ok());
         let number = number.ok_or_else(|| self.expected("a length of an axis"))?;
         self.rest = self.rest.get(digits..).unwrap_or_default();
-        // Python 2's long numbers.
+        // Suffix of Python 2's long integers.
         self.rest = self.rest.strip_prefix('L').unwrap_or(self.rest);
         Ok(number)
     }
@@ -264,7 +266,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// A text from outside, short and printable.
+/// Returns text from a file, shortened and made printable.
 fn shown(text: &str) -> String {
     const MOST: usize = 32;
     let more = if text.chars().nth(MOST).is_some() { "..." } else { "" };

@@ -1,8 +1,8 @@
-//! Mends what a scan or an export leaves in a mesh: corners that aren't welded, triangles that are there twice, loose
-//! vertices and pieces, small holes.
+//! Repairs common defects of scanned or exported meshes: corners that aren't welded, repeated triangles, unreferenced
+//! vertices, loose pieces and small holes.
 //!
-//! Nothing is moved, and no triangle is turned: where triangles wind against each other or edges have more than two of
-//! them, [`Topology`](crate::topology::Topology) still says so.
+//! No vertex is moved and no triangle is reversed: triangles wound against each other and edges of more than two
+//! triangles remain, and [`Topology`](crate::topology::Topology) still reports them.
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
@@ -11,26 +11,26 @@ use std::fmt;
 use crate::mesh::Mesh;
 use crate::topology::UnionFind;
 
-/// Most edges around a hole that is filled.
+/// Largest number of edges around a hole that is filled.
 pub const LARGEST_HOLE: usize = 32;
 
-/// What was changed, in this order.
+/// The changes made, in this order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct MeshRepair {
-    /// Vertices that lay exactly on others and were made one with them.
+    /// Vertices merged with others at exactly the same position.
     pub welded: usize,
-    /// Triangles dropped that named a vertex twice.
+    /// Triangles dropped because they used a vertex twice.
     pub degenerate: usize,
-    /// Triangles dropped that had the vertices of an earlier one.
+    /// Triangles dropped because they had the vertices of an earlier one.
     pub repeated: usize,
-    /// Pieces dropped, all but the one with the most triangles.
+    /// Pieces dropped: all except the one with the most triangles.
     pub pieces: usize,
     /// Holes filled, of at most [`LARGEST_HOLE`] edges.
     pub holes: usize,
-    /// Triangles added in them.
+    /// Triangles added to fill the holes.
     pub filled: usize,
-    /// Vertices dropped that no triangle named, after all this.
+    /// Vertices dropped because no triangle used them after all other changes.
     pub unused: usize,
 }
 
@@ -82,8 +82,8 @@ impl fmt::Display for MeshRepair {
     }
 }
 
-/// Mends a mesh, whose triangles name vertices that are there, and says what was changed. Vertices that stay keep their
-/// order; those of filled holes come last.
+/// Repairs a mesh, whose triangles must have valid indices, and returns it with the changes made. The remaining
+/// vertices keep their order; those of filled holes come last.
 #[must_use]
 pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
@@ -104,12 +104,12 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     fill_holes(&mut vertices, &mut faces, &mut found);
     let welded = found.welded;
     let (vertices, unused) = compact(&vertices, &mut faces);
-    // A welded vertex is one that no triangle names any more.
+    // Welded vertices are among those that no triangle uses any more.
     found.unused = unused.saturating_sub(welded);
     (Mesh { vertices, faces, meta: mesh.meta.clone() }, found)
 }
 
-/// The triangles, each corner the first vertex at its place. -0 and +0 are one place.
+/// Returns the triangles, with each corner replaced by the first vertex at the same position. -0 and +0 are equal.
 fn weld(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.vertices.len());
     let mut place = Vec::with_capacity(mesh.vertices.len());
@@ -121,7 +121,7 @@ fn weld(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     mesh.faces.iter().map(|face| face.map(|v| place.get(v as usize).copied().unwrap_or(v))).collect()
 }
 
-/// Keeps the triangles of the piece that has the most, the first of equal ones; returns how many pieces were dropped.
+/// Keeps the triangles of the piece that has the most, the first in case of ties; returns the number of pieces dropped.
 fn keep_largest(vertices: usize, faces: &mut Vec<[u32; 3]>) -> usize {
     let mut pieces = UnionFind::new(vertices);
     for &[a, b, c] in faces.iter() {
@@ -137,11 +137,11 @@ fn keep_largest(vertices: usize, faces: &mut Vec<[u32; 3]>) -> usize {
     sizes.len().saturating_sub(1)
 }
 
-/// Fills loops of edges that have one triangle: three of them by a triangle, four by two, more by a fan around their
-/// middle.
+/// Fills loops of edges that have one triangle: loops of three edges by one triangle, of four by two, longer ones by a
+/// fan around their middle.
 fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
-    // The rim runs against the triangles. Rims that meet in a vertex are told apart by being as short as can be.
+    // The rim runs against the triangles. Rims that meet at a vertex are separated by taking the shortest ones.
     let mut open: Vec<(u32, u32)> =
         edges.iter().filter(|&&(a, b)| !edges.contains(&(b, a))).map(|&(a, b)| (b, a)).collect();
     open.sort_unstable();
@@ -166,7 +166,7 @@ fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &m
                     let [p, q] = [p, q].map(|v| vertices.get(v as usize).copied().unwrap_or_default());
                     (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>()
                 };
-                // An edge that is there already can't be the diagonal.
+                // An existing edge can't be the diagonal.
                 let taken = |p: u32, q: u32| edges.contains(&(p, q)) || edges.contains(&(q, p));
                 let along = if taken(a, c) || (!taken(b, d) && length(b, d) < length(a, c)) {
                     [[b, c, d], [b, d, a]]
@@ -190,7 +190,7 @@ fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &m
     }
 }
 
-/// The shortest rim that begins with an edge; none where it is longer than that of a small hole.
+/// Returns the shortest rim that begins with an edge; `None` if it is longer than that of a small hole.
 fn rim(from: u32, to: u32, next: &HashMap<u32, Vec<u32>>) -> Option<Vec<u32>> {
     let mut before = HashMap::from([(to, from)]);
     let mut front = vec![to];
@@ -217,7 +217,7 @@ fn rim(from: u32, to: u32, next: &HashMap<u32, Vec<u32>>) -> Option<Vec<u32>> {
     None
 }
 
-/// The vertices that triangles name, and how many there are beside.
+/// Returns the vertices that triangles use, and the number of the others.
 fn compact(vertices: &[[f64; 3]], faces: &mut [[u32; 3]]) -> (Vec<[f64; 3]>, usize) {
     let mut used = vec![false; vertices.len()];
     for &corner in faces.as_flattened() {

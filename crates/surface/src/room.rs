@@ -1,30 +1,30 @@
-//! Room in memory for what files hold, asked for before it is taken.
+//! Checks that memory suffices for the contents of files before it is allocated.
 //!
-//! A file says how much it holds, and a compressed one may hold a thousand times its size. Readers hold both against
-//! two bounds before they allocate, and again while they decode: what is free, if the program has said how to find out,
-//! and [`most_expanded`], beyond which no honest file of numbers swells.
+//! A file states the size of its contents, and the contents of a compressed file may be a thousand times its size.
+//! Readers check that size against two bounds before they allocate, and again while they decode: the free memory, if
+//! the program has provided a way to query it, and [`most_expanded`], which no genuine file of numbers exceeds.
 
 use std::fmt;
 use std::sync::OnceLock;
 
-/// Returns the bytes of memory that are free.
+/// The function that returns the bytes of free memory.
 static FREE: OnceLock<fn() -> usize> = OnceLock::new();
 
-/// Less than this is taken without asking.
+/// Amounts below this are allocated without a check.
 const SMALL: u64 = 4 << 20;
 
-/// Tells the readers of this process how to ask for the bytes of memory that are free. The first call counts; without
-/// one, nothing is known to be scarce.
+/// Sets the function by which the readers of this process query the bytes of free memory. Only the first call has an
+/// effect; without one, memory is assumed to suffice.
 pub fn ask_for_free_memory(free: fn() -> usize) {
-    // A second call says the same: it is the program's, at its start.
+    // A second call passes the same function: the program calls this at its start.
     let _ = FREE.set(free);
 }
 
-/// Checks that bytes of memory are free.
+/// Checks that this many bytes of memory are free.
 ///
 /// # Errors
 ///
-/// [`NoRoom`] where they aren't.
+/// [`NoRoom`] if they aren't.
 pub fn check_room(needed: u64) -> Result<(), NoRoom> {
     if needed < SMALL {
         return Ok(());
@@ -35,17 +35,17 @@ pub fn check_room(needed: u64) -> Result<(), NoRoom> {
     }
 }
 
-/// Most bytes that compressed ones may stand for: numbers of surfaces and text compress two- to tenfold, constants up
-/// to a thousandfold, of which there aren't many.
+/// Returns the largest plausible size of the contents of `compressed` bytes: numbers of surfaces and text compress two-
+/// to tenfold, constants up to a thousandfold, but files contain few of those.
 #[must_use]
 pub fn most_expanded(compressed: u64) -> u64 {
     compressed.saturating_mul(256).saturating_add(64 << 20)
 }
 
-/// Memory that isn't there. As text: what is needed and what is free, for the end of a sentence.
+/// Insufficient memory. Its text gives the bytes needed and free, for the end of a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct NoRoom {
-    /// Bytes that would be taken.
+    /// Bytes needed.
     pub needed: u64,
     /// Bytes that are free.
     pub free: u64,
@@ -57,7 +57,7 @@ impl fmt::Display for NoRoom {
     }
 }
 
-/// A size as people read it.
+/// A size in human-readable form.
 pub(crate) struct Bytes(pub(crate) u64);
 
 impl fmt::Display for Bytes {

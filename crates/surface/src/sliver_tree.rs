@@ -1,13 +1,14 @@
-//! The nearest point of a mesh of slivers, and what a ray meets of them.
+//! Nearest points and ray queries for a mesh of slivers.
 //!
-//! Boxes along the axes are as large as long thin triangles are long, and those that share a pole nearly all contain
-//! each other: a search tree of them looks at a good part of all triangles for each point. Boxes that are turned into
-//! the direction of the triangles in them are as thin as these. A point at distance r from the pole of a fan of radius
-//! 1 is in 1 / r of the leaves' boxes; over the area that is two of them, for any number of triangles.
+//! Axis-aligned boxes of long thin triangles are as large as the triangles are long, and those of triangles that share
+//! a pole nearly all contain each other, so a search tree of such boxes visits a good part of all triangles for each
+//! point. Boxes rotated to the orientation of their triangles are as thin as these. In a fan of radius 1, a point at
+//! distance r from the pole lies in the boxes of 1 / r leaves: two on average over the area, for any number of
+//! triangles.
 //!
-//! Each node has the box of its triangles in the frame of one of them (longest edge, normal), or along the axes where
-//! that is smaller (S. Gottschalk, M. Lin and D. Manocha, "OBBTree: a hierarchical structure for rapid interference
-//! detection", SIGGRAPH 1996, with a triangle's frame in place of a covariance). O(n log n) to build; 150 bytes a
+//! Each node has the box of its triangles in the frame of one of them (longest edge, normal), or the axis-aligned box
+//! if that is smaller (S. Gottschalk, M. Lin and D. Manocha, "OBBTree: a hierarchical structure for rapid interference
+//! detection", SIGGRAPH 1996, with a triangle's frame instead of a covariance). O(n log n) to build; 150 bytes per
 //! triangle.
 
 use std::cmp::Ordering;
@@ -15,17 +16,17 @@ use std::collections::BinaryHeap;
 
 use crate::geometry::{Vec3, cross, dot, sub};
 
-/// Triangles of a leaf.
+/// Most triangles in a leaf.
 const LEAF: usize = 2;
 
-/// The square of the longest edges over the area, of all triangles, from which on a mesh is one of slivers: 2.3 for
-/// equilateral triangles, about 10 for meshes as they are.
+/// Threshold above which a mesh counts as one of slivers, for the sum of squared longest edges over the sum of areas:
+/// 2.3 for equilateral triangles, about 10 for typical meshes.
 const THIN: f64 = 100.0;
 
 /// A search tree over triangles.
 pub(crate) struct SliverTree {
     nodes: Vec<Node>,
-    /// Numbers of triangles; those of a node are next to each other.
+    /// Indices of triangles; those of a node are contiguous.
     order: Vec<u32>,
 }
 
@@ -33,25 +34,25 @@ struct Node {
     centre: Vec3,
     axes: [Vec3; 3],
     half: Vec3,
-    /// First and last, exclusive, of `order`.
+    /// Start and end (exclusive) in `order`.
     triangles: [u32; 2],
-    /// The other child; the one comes next. 0 for a leaf.
+    /// Index of the second child; the first child follows this node. 0 for a leaf.
     other: u32,
 }
 
 impl Node {
-    /// The square of a distance that no triangle in it is nearer than.
+    /// Returns a lower bound of the squared distance from a point to the node's triangles.
     fn bound(&self, point: Vec3) -> f64 {
         let off = sub(point, self.centre);
         (0..3).map(|k| (dot(self.axes[k], off).abs() - self.half[k]).max(0.0).powi(2)).sum()
     }
 }
 
-/// Rounding errors of points and boxes within the unit sphere, with some to spare.
+/// Bound of rounding errors of points and boxes within the unit sphere, with a margin.
 const ROUNDING: f64 = 1e-14;
 
 impl Node {
-    /// Whether a part of the way from the origin to `end`, at most 1 long, comes within `slack` of the box.
+    /// Whether the segment from the origin to `end`, at most 1 long, comes within `slack` of the box.
     fn is_on_the_way(&self, end: Vec3, slack: f64) -> bool {
         let slack = slack + ROUNDING;
         let (mut first, mut last) = (0.0_f64, 1.0_f64);
@@ -68,12 +69,12 @@ impl Node {
             first = first.max(enters.min(leaves));
             last = last.min(enters.max(leaves));
         }
-        // The way ends on a corner where a direction is a vertex.
+        // If the direction is a vertex, the segment ends on a corner.
         first <= last + ROUNDING
     }
 }
 
-/// A node to be looked at. The least bound comes first, then the least number.
+/// A node still to be visited, ordered by the smallest bound, then by the smallest index.
 #[derive(PartialEq)]
 struct Entry {
     bound: f64,
@@ -105,14 +106,14 @@ fn longest([a, b, c]: [Vec3; 3]) -> Vec3 {
     edges.into_iter().fold(edges[0], |most, edge| if dot(edge, edge) > dot(most, most) { edge } else { most })
 }
 
-/// Whether boxes along the axes don't tell these triangles apart.
+/// Whether axis-aligned boxes would fail to separate these triangles.
 pub(crate) fn is_of_slivers(triangles: &[[Vec3; 3]]) -> bool {
     let squares: f64 = triangles.iter().map(|&t| dot(longest(t), longest(t))).sum();
     let area: f64 = triangles.iter().map(|[a, b, c]| 0.5 * length(cross(sub(*b, *a), sub(*c, *a)))).sum();
     squares.is_finite() && squares > THIN * area
 }
 
-/// A triangle's frame: longest edge, across, normal. Where it has no area, the axes.
+/// Returns a triangle's frame: longest edge, across, normal; or the coordinate axes if it has no area.
 fn frame(triangle: [Vec3; 3]) -> [Vec3; 3] {
     let [a, b, c] = triangle;
     let (edge, normal) = (longest(triangle), cross(sub(b, a), sub(c, a)));
@@ -121,7 +122,7 @@ fn frame(triangle: [Vec3; 3]) -> [Vec3; 3] {
         return ALONG;
     }
     let edge = edge.map(|x| x / l);
-    // The normal of a sliver has lost digits, and isn't across its edge to the last one.
+    // The normal of a sliver has lost digits, so it isn't exactly perpendicular to the edge.
     let across = cross(normal.map(|x| x / m), edge);
     let n = length(across);
     if n.is_nan() || n <= 0.5 {
@@ -132,7 +133,7 @@ fn frame(triangle: [Vec3; 3]) -> [Vec3; 3] {
 }
 
 impl SliverTree {
-    /// Builds the tree; the triangles' coordinates are finite.
+    /// Builds the tree; the triangles' coordinates must be finite.
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let mut tree = Self { nodes: Vec::new(), order: (0..triangles.len() as u32).collect() };
         if !triangles.is_empty() {
@@ -143,8 +144,8 @@ impl SliverTree {
         tree
     }
 
-    /// Adds the node of `order[first..end]` and those beneath it. They are halved, so there are as many levels as the
-    /// number of triangles has digits.
+    /// Adds the node of `order[first..end]` and its descendants. Each range is halved, so the depth is log2 of the
+    /// number of triangles.
     fn build(&mut self, triangles: &[[Vec3; 3]], centroids: &[Vec3], first: usize, end: usize) {
         let part = &mut self.order[first..end];
         let (low, high) = crate::geometry::bounds(part.iter().map(|&t| centroids[t as usize]));
@@ -157,7 +158,7 @@ impl SliverTree {
         let corners = || part.iter().flat_map(|&t| triangles[t as usize]);
         let box_in = |axes: [Vec3; 3]| {
             let (low, high) = crate::geometry::bounds(corners().map(|p| axes.map(|axis| dot(axis, p))));
-            // By a few roundings larger.
+            // Enlarged by a few roundings.
             let half: Vec3 = std::array::from_fn(|k| {
                 0.5 * (high[k] - low[k]) + 8.0 * f64::EPSILON * high[k].abs().max(low[k].abs())
             });
@@ -177,11 +178,11 @@ impl SliverTree {
         }
     }
 
-    /// Returns the triangle for which `distance` is the least, with what else it returns; `None` where there is none.
-    /// `distance` isn't below the distance from the point to the triangle.
+    /// Returns the triangle with the smallest `distance`, and the other value that `distance` returns for it; `None` if
+    /// there are no triangles. `distance` must not be below the distance from the point to the triangle.
     pub(crate) fn nearest<T>(&self, point: Vec3, mut distance: impl FnMut(u32) -> (f64, T)) -> Option<(u32, (f64, T))> {
         let mut best: Option<(u32, (f64, T))> = None;
-        // Best first: all triangles of a fan's far side are as far off, that is as far as the pole.
+        // Best first, since all triangles on a fan's far side are equally far off: as far as the pole.
         let mut left = BinaryHeap::with_capacity(64);
         if let Some(root) = self.nodes.first() {
             left.push(Entry { bound: root.bound(point), node: 0 });
@@ -205,10 +206,10 @@ impl SliverTree {
         best.filter(|(_, (distance, _))| distance.is_finite())
     }
 
-    /// Visits the triangles whose boxes come within `slack` of the way from the origin to `end`, all of which lie
-    /// within the unit sphere; in an unspecified order.
+    /// Visits the triangles whose boxes come within `slack` of the segment from the origin to `end`, in an unspecified
+    /// order. Everything must lie within the unit sphere.
     pub(crate) fn along(&self, end: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
-        // As many levels as numbers of triangles have digits.
+        // The depth is at most log2 of the largest number of triangles.
         let mut left = Vec::with_capacity(34);
         if !self.nodes.is_empty() {
             left.push(0);

@@ -1,9 +1,9 @@
-//! Where a surface lies in the volume it was made from, as FreeSurfer says it.
+//! Position of a surface in the volume it was made from, as FreeSurfer records it.
 //!
-//! FreeSurfer's surfaces have coordinates about the centre of their volume; the volume's size, axes and centre
-//! (`c_ras`), which lead to scanner coordinates, follow the triangles of its own format, as text, and are metadata
-//! named `VolGeom...` in GIfTI files. Both say the same, so that a surface that is read from one and written to the
-//! other keeps it.
+//! FreeSurfer's surfaces have coordinates about the centre of their volume. The volume's size, axes and centre
+//! (`c_ras`), which are needed to convert them to scanner coordinates, are stored as text after the triangles in
+//! FreeSurfer's own format, and as metadata named `VolGeom...` in GIfTI files. Both hold the same information, so a
+//! surface that is read from one and written to the other keeps it.
 //!
 //! Source: FreeSurfer's `writeVolGeom` (utils/transform.cpp) and `MRISwriteGIFTI` (utils/gifti.cpp).
 
@@ -12,11 +12,11 @@ use crate::mesh::Meta;
 /// Size, axes and centre of a volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VolumeGeometry {
-    /// The volume's file, if it is known.
+    /// The volume's file, if known.
     pub filename: Option<String>,
-    /// Voxels along the three axes.
+    /// Number of voxels along the three axes.
     pub size: [u32; 3],
-    /// Size of a voxel along the three axes, mm.
+    /// Size of a voxel along the three axes, in mm.
     pub voxel_size: [f64; 3],
     /// Directions of the three axes, then the centre (`c_ras`) in mm, in scanner coordinates: right, anterior,
     /// superior.
@@ -25,21 +25,21 @@ pub struct VolumeGeometry {
 
 /// Keys of the three axes and the centre in a FreeSurfer footer.
 const ROWS: [&str; 4] = ["xras", "yras", "zras", "cras"];
-/// The same in names of GIfTI metadata, each followed by one of [`DIRECTIONS`].
+/// The same as names of GIfTI metadata, each followed by one of [`DIRECTIONS`].
 const GIFTI_ROWS: [&str; 4] = ["VolGeomX_", "VolGeomY_", "VolGeomZ_", "VolGeomC_"];
 const DIRECTIONS: [&str; 3] = ["R", "A", "S"];
 const GIFTI_SIZES: [&str; 3] = ["VolGeomWidth", "VolGeomHeight", "VolGeomDepth"];
 const GIFTI_VOXELS: [&str; 3] = ["VolGeomXsize", "VolGeomYsize", "VolGeomZsize"];
 
 impl VolumeGeometry {
-    /// Returns the geometry that a file's metadata hold: a FreeSurfer footer's, or else that of GIfTI metadata.
+    /// Returns the geometry in a file's metadata: from a FreeSurfer footer, or else from GIfTI metadata.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let footer = meta.freesurfer_footer.as_deref().and_then(Self::of_footer);
         footer.or_else(|| Self::of_metadata(&meta.surface_metadata)).or_else(|| Self::of_metadata(&meta.file_metadata))
     }
 
-    /// Parses the text in a FreeSurfer footer; `None` where there is none, or it says that it isn't valid.
+    /// Parses the text in a FreeSurfer footer; `None` if it is missing or marked as invalid.
     fn of_footer(footer: &[u8]) -> Option<Self> {
         let start = footer.windows(5).position(|w| w == b"valid")?;
         let text = String::from_utf8_lossy(&footer[start..]);
@@ -80,7 +80,7 @@ impl VolumeGeometry {
         })
     }
 
-    /// Returns it as GIfTI metadata of the point set.
+    /// Returns the geometry as GIfTI metadata of the point set.
     #[must_use]
     pub fn to_metadata(&self) -> Vec<(String, String)> {
         let sizes = GIFTI_SIZES.iter().zip(self.size).map(|(name, n)| ((*name).to_owned(), n.to_string()));
@@ -91,10 +91,11 @@ impl VolumeGeometry {
         sizes.chain(voxels).chain(rows).collect()
     }
 
-    /// Returns it as what follows a FreeSurfer surface's triangles.
+    /// Returns the geometry as the footer that follows a FreeSurfer surface's triangles.
     #[must_use]
     pub fn to_footer(&self) -> Vec<u8> {
-        /// Whether the coordinates are scanner coordinates, which they aren't, and the geometry itself.
+        /// Tag for "coordinates are scanner coordinates", with value 0 (they aren't), and the tag of the geometry
+        /// itself.
         const TAGS: [i32; 3] = [2, 0, 20];
         let mut footer: Vec<u8> = TAGS.iter().flat_map(|tag| tag.to_be_bytes()).collect();
         let triple = |row: [f64; 3]| row.map(|x| format!("{x:.15e}")).join(" ");
@@ -110,7 +111,7 @@ impl VolumeGeometry {
     }
 }
 
-/// Three numbers with blanks between them.
+/// Parses three numbers separated by blanks.
 fn numbers<T: std::str::FromStr>(text: &str) -> Option<[T; 3]> {
     let numbers: Vec<T> = text.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
     numbers.try_into().ok()

@@ -1,10 +1,11 @@
-//! Rotations that lie close to every other one.
+//! A set of rotations that covers all rotations: each has one of the set nearby.
 //!
 //! The 60 rotations of an icosahedron are, as quaternions, the vertices of the 600-cell (J. Conway and D. Smith, "On
-//! Quaternions and Octonions", 2003, chapter 3): none is farther than 44.5 degrees from one of them. Around each the
-//! same small turns fill its cell, at the points of a body-centred lattice of rotation vectors: together 3,900
-//! rotations, none farther than 14 degrees from one. Among them are the half turns about three axes, and the cyclic
-//! exchanges of these; the other rotations of a cube, by which principal axes are brought to each other, go with them.
+//! Quaternions and Octonions", 2003, chapter 3): every rotation is within 44.5 degrees of one of them. The cell around
+//! each is filled with the same small turns, at the points of a body-centred lattice of rotation vectors. Together
+//! these are 3,900 rotations, and every rotation is within 14 degrees of one of them. They include the half turns about
+//! the three axes and the cyclic permutations of the axes; the other rotations of a cube, which map principal axes onto
+//! each other, are added.
 
 use crate::geometry::dot;
 use crate::matrix3::{Matrix3, angle_between, exponential, of_quaternion, product};
@@ -12,10 +13,10 @@ use crate::matrix3::{Matrix3, angle_between, exponential, of_quaternion, product
 /// Half of the golden ratio, and half of its inverse.
 const GOLDEN: [f64; 2] = [0.809_016_994_374_947_4, 0.309_016_994_374_947_4];
 
-/// Side of the lattice's cubes, radians.
+/// Side of the lattice's cubes, in radians.
 const SIDE: f64 = 0.33;
 
-/// Returns the covering, the rotations of a cube first.
+/// Returns the covering, with the rotations of a cube first.
 pub(super) fn covering() -> Vec<Matrix3> {
     let group = group();
     let (cube, icosahedron) = group.split_at(CUBE);
@@ -26,7 +27,8 @@ pub(super) fn covering() -> Vec<Matrix3> {
     for point in lattice.flat_map(|p| [p.map(f64::from), p.map(|v| f64::from(v) + 0.5)]) {
         let turn = exponential(point.map(|v| SIDE * v));
         let angle = dot(point, point).sqrt() * SIDE;
-        // The turn lies in the cell of the identity, which is the only rotation that is there already.
+        // The turn lies in the cell of the identity. The identity itself is the only rotation of that cell that is
+        // already in the list.
         let own = icosahedron.iter().skip(1).all(|other| angle_between(other, &turn) >= angle);
         if angle > 0.0 && angle < std::f64::consts::FRAC_PI_4 && own {
             all.extend(icosahedron.iter().map(|rotation| product(rotation, &turn)));
@@ -35,18 +37,18 @@ pub(super) fn covering() -> Vec<Matrix3> {
     all
 }
 
-/// Rotations of a cube, and those of them that are of an icosahedron, too.
+/// Number of rotations of a cube, and of those that are also rotations of an icosahedron.
 const CUBE: usize = 24;
 const SHARED: usize = 12;
 
-/// The rotations of both: of the cube the half turns first.
+/// Returns the rotations of both solids, with the half turns of the cube first.
 fn group() -> Vec<Matrix3> {
     let mut quaternions: Vec<[f64; 4]> = Vec::with_capacity(72);
     for k in 0..4 {
         quaternions.push(std::array::from_fn(|i| if i == k { 1.0 } else { 0.0 }));
     }
     let sign = |bits: usize, k: usize| if bits >> k & 1 == 1 { -1.0 } else { 1.0 };
-    // A quaternion and its opposite are the same rotation: one sign is kept.
+    // A quaternion and its negative are the same rotation: one sign is kept.
     for bits in 0..8 {
         quaternions.push(std::array::from_fn(|i| if i == 0 { 0.5 } else { 0.5 * sign(bits, i - 1) }));
     }
@@ -71,7 +73,7 @@ fn group() -> Vec<Matrix3> {
     quaternions.into_iter().map(of_quaternion).collect()
 }
 
-/// The even permutations of four things.
+/// Returns the even permutations of four elements.
 fn even_permutations() -> impl Iterator<Item = [usize; 4]> {
     let all = (0..256).map(|n| [n >> 6 & 3, n >> 4 & 3, n >> 2 & 3, n & 3]);
     all.filter(|order: &[usize; 4]| {

@@ -1,21 +1,21 @@
-//! Which piece of a surface is nearest, nearly, at once: a table over a box of cells.
+//! Fast approximate search for the nearest piece of a surface: a table over a box of cells.
 //!
-//! Thousands of rotations are looked at before one is improved, and a search in a tree takes 0.15 us. The table has,
-//! for every cell, the point nearest to its middle; what lies outside the box is moved onto it. The point isn't always
-//! the nearest to what lies elsewhere in the cell, but distances are to the disk that it stands for, so that a
-//! neighbour does. 32,768 cells in the box of the principal axes: 64 KiB.
+//! Thousands of rotations are evaluated before one is improved, and a search in a tree takes 0.15 us. For every cell,
+//! the table holds the point nearest to the cell's middle; positions outside the box are moved onto it. That point
+//! isn't always the nearest one to other positions in the cell, but since distances are measured to the disk that the
+//! point represents, a neighbour will do. There are 32,768 cells in the box of the principal axes: 64 KiB.
 
 use super::level::Level;
 use crate::geometry::{Vec3, add, scale, sub};
 use crate::matrix3::{Matrix3, times, transposed};
 
-/// Cells of a table, about.
+/// Approximate number of cells in a table.
 const CELLS: f64 = 32_768.0;
-/// Cells around the surface's own box.
+/// Number of cells of margin around the surface's own box.
 const MARGIN: f64 = 4.0;
 
 pub(super) struct Grid {
-    /// From places to cells: `cells x + origin`.
+    /// Map from positions to cells: `cells x + origin`.
     cells: Matrix3,
     origin: Vec3,
     counts: [usize; 3],
@@ -23,12 +23,12 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Makes the table of a level of at most 65,536 points. Rows of `axes` are those of a rotation.
+    /// Makes the table of a level of at most 65,536 points. The rows of `axes` are those of a rotation.
     pub(super) fn new(level: &Level, axes: &Matrix3) -> Self {
         let (low, high) = crate::geometry::bounds(level.points.iter().map(|p| times(axes, *p)));
         let sides = sub(high, low);
         let volume = |side: f64| sides.iter().map(|s| s / side + 2.0 * MARGIN).product::<f64>();
-        // Cells whose number in the box and its margin is what the table has room for, by halving.
+        // Bisection for the cell size at which the box and its margin fill the table.
         let longest = sides.iter().fold(0.0_f64, |most, s| most.max(*s));
         let (mut small, mut large) = (1e-6 * longest, longest);
         for _ in 0..50 {
@@ -48,7 +48,7 @@ impl Grid {
         Self { cells, origin, counts, nearest }
     }
 
-    /// The index of a point that is nearest to `p`, or next to it.
+    /// Returns the index of the point nearest to `p`, or of a neighbour of it.
     pub(super) fn nearest(&self, p: Vec3) -> usize {
         let at = add(times(&self.cells, p), self.origin);
         let cell = |k: usize| (at[k].max(0.0) as usize).min(self.counts[k] - 1);

@@ -1,13 +1,14 @@
-//! A group of surfaces brought together.
+//! Alignment of a group of surfaces.
 //!
-//! All come to the most typical of them first: the one whose size and spread along the principal axes have the least
-//! distance from the others', and then, if another one is nearer to all in the poses that are found, to that. A surface
-//! with two poses that are nearly as good takes the one in which it is nearer to the others. This is repeated until no
-//! pose changes: two ends of a nearly symmetric body may differ by little, which only others in the right pose show. At
-//! last each moves to all of the others, or to [`OTHERS`] of them, at once: with no mean surface between them, which
-//! would have no member's shape, the distances of the pairs decrease, as in a generalised Procrustes analysis (J.
-//! Gower, Psychometrika 40, 1975) with nearest points for places. They are weighted so that a part that only some
-//! members have doesn't turn them. The group lies where the typical one lies.
+//! All members are first brought to the most typical one: the one whose size and spread along the principal axes have
+//! the least distance from the others'. If another member is nearer to all in the resulting poses, all are then brought
+//! to that one. A surface with two nearly equally good poses takes the one in which it is nearer to the others. This is
+//! repeated until no pose changes: the two ends of a nearly symmetric body may differ by little, which shows only
+//! against others in the right pose. Finally each member moves to all of the others, or to [`OTHERS`] of them, at once.
+//! Without a mean surface between them, which would have no member's shape, the distances of the pairs decrease, as in
+//! a generalised Procrustes analysis (J. Gower, Psychometrika 40, 1975) with nearest points in place of corresponding
+//! ones. They are weighted so that a part that only some members have doesn't turn them. The group keeps the position
+//! of the typical member.
 
 use std::fmt;
 
@@ -21,35 +22,36 @@ use crate::kabsch::kabsch;
 use crate::matrix3::{product, times, transposed};
 use crate::similarity::Similarity;
 
-/// Others that a member moves to at once, at most: every n-th one after it.
+/// Most other members that a member moves to at once: every n-th one after it.
 pub const OTHERS: usize = 8;
-/// Rounds in which all move to each other.
+/// Rounds in which all members move to each other.
 const ROUNDS: usize = 5;
-/// Share of the trimmed area that is left out of these rounds. Where members differ most, as at the tips of processes,
-/// they are not therefore outlying: landmarks of a vertebra lie at 1.25 of what a motion of the landmarks leaves with
-/// all of it left out, and at 1.14 with this.
+/// Share of the trimmed area that is left out of these rounds. Parts where members differ most, such as the tips of
+/// processes, aren't necessarily outliers. For landmarks of a vertebra, the residual is 1.25 times that of a fit to the
+/// landmarks themselves if all of the trimmed area is left out, and 1.14 times with this share.
 const OUTLYING: f64 = 0.25;
-/// Poses whose distances differ by a factor less than this are compared by the others.
+/// If the distances of two poses differ by a factor less than this, they are compared by distances to the other
+/// members.
 const CLOSE: f64 = 1.5;
-/// Others that two poses are compared by, at most.
+/// Most other members used to compare two poses.
 const JUDGES: usize = 32;
-/// Most times that all members are asked for the better one of two poses.
+/// Most sweeps in which each member chooses the better of two poses.
 const SWEEPS: usize = 10;
-/// A pose is in doubt where the next one is within this factor.
+/// A pose is doubtful if the distance of the next one is within this factor.
 pub const DOUBTFUL: f64 = 1.1;
-/// A member is of another kind where it is farther from the others than the median of the members by this factor.
+/// A member is an outlier (of another kind) if its distance from the others exceeds the members' median by this factor.
 pub const OF_ANOTHER_KIND: f64 = 3.0;
 
-/// A group in one pose.
+/// The poses of a group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupPoses {
-    /// From each surface's own frame to the group's.
+    /// Maps from each surface's own frame to the group's.
     pub similarities: Vec<Similarity>,
-    /// The most typical surface, counted from 0, whose pose the group has.
+    /// The most typical surface, counted from 0, whose position the group keeps.
     pub template: usize,
-    /// The median of the distances of each from the others, which are those of [`Pose::distance`], in the group's unit.
+    /// Median of each member's distances from the others, as defined by [`Pose::distance`], in the group's unit.
     pub distances: Vec<f64>,
-    /// Members to look at.
+    /// Members to check.
     pub warnings: Vec<GroupPoseWarning>,
 }
 
@@ -61,12 +63,12 @@ pub enum GroupPoseWarning {
     Doubtful {
         /// The member, counted from 0.
         member: usize,
-        /// Its distance from the others.
+        /// Its distance from the others in the chosen pose.
         distance: f64,
-        /// The same in the other pose.
+        /// Its distance from the others in the other pose.
         second: f64,
     },
-    /// It is much farther from the others than they are from each other, as a surface of another kind or unit is.
+    /// It is much farther from the others than they are from each other, such as a surface of another kind or unit.
     Far {
         /// The member, counted from 0.
         member: usize,
@@ -75,13 +77,13 @@ pub enum GroupPoseWarning {
         /// The median over the members.
         median: f64,
     },
-    /// Its mirror image is nearer to the others, where mirror images weren't asked for.
+    /// Its mirror image is nearer to the others, and mirror images weren't requested.
     Mirrored {
         /// The member, counted from 0.
         member: usize,
         /// Its distance from the others.
         distance: f64,
-        /// The same of its mirror image.
+        /// The distance of its mirror image.
         mirrored: f64,
     },
 }
@@ -95,7 +97,7 @@ impl GroupPoseWarning {
         }
     }
 
-    /// Returns the text without the member's number.
+    /// Returns the message without the member's number.
     #[must_use]
     pub fn of_member(&self) -> String {
         match self {
@@ -119,14 +121,15 @@ impl fmt::Display for GroupPoseWarning {
     }
 }
 
-/// A member's mirror image is named where it is nearer to the others by this factor: of bodies that are their own
-/// mirror images it is nearer by up to 0.97, and hippocampi of the other side by 0.82 to 0.89.
+/// A member is reported as mirrored if its mirror image's distance to the others is below this fraction of its own. The
+/// fraction is as low as 0.97 for bodies that are their own mirror images, and 0.82 to 0.89 for hippocampi of the other
+/// side.
 const NEARER_MIRRORED: f64 = 0.94;
-/// Steps of a mirror image to the others.
+/// Number of steps by which a mirror image is fitted to the others.
 const MIRRORED_STEPS: usize = 3;
 
-/// Brings surfaces together, see the module for how. Some 30 ms of two threads for each. With `scale` all get the
-/// geometric mean of their sizes.
+/// Aligns a group of surfaces as described in the module. Takes about 30 ms per surface on two threads. With `scale`,
+/// all members are scaled to the geometric mean of their sizes.
 ///
 /// # Errors
 ///
@@ -152,11 +155,11 @@ pub fn group_poses(
         poses = group.to(template)?;
     }
     let (mut motions, doubts) = group.decided(&poses)?;
-    // Strangers don't pull.
+    // Outliers don't affect the others.
     let as_decided = group.distances(&motions);
     let usual = OF_ANOTHER_KIND * median(as_decided.clone());
     let alike: Vec<bool> = as_decided.iter().map(|distance| *distance <= usual).collect();
-    // Of two, one has come to the other.
+    // Of two members, one has already been brought to the other.
     for _ in 0..if count > 2 { ROUNDS } else { 0 } {
         motions = group.closer(&motions, &alike)?;
         let back = motions[template].inverse();
@@ -178,7 +181,7 @@ pub fn group_poses(
     if !params.mirror {
         others.extend(group.mirrored(&motions, template, &distances)?);
     }
-    // No pose of a stranger is right.
+    // An outlier has no right pose, so no other warning about it is given.
     others.retain(|warning| !far.contains(&warning.member()));
     let named = far.iter().map(|&member| GroupPoseWarning::Far { member, distance: distances[member], median });
     let warnings = named.chain(others).collect();
@@ -193,7 +196,7 @@ struct Group<'a> {
 }
 
 impl Group<'_> {
-    /// The member whose size and lengths along its axes are the most usual.
+    /// Returns the member with the most typical size and lengths along its axes.
     fn typical(&self) -> usize {
         let described: Vec<[f64; 3]> = self.surfaces.iter().map(|surface| surface.lengths).collect();
         let from_all = |a: &[f64; 3]| described.iter().map(|b| dot(sub(*a, *b), sub(*a, *b)).sqrt()).sum::<f64>();
@@ -201,7 +204,7 @@ impl Group<'_> {
         least(&sums)
     }
 
-    /// All members' poses on one of them.
+    /// Returns the poses of all members on one of them.
     fn to(&self, template: usize) -> Result<Vec<Pose>, Interrupted> {
         let one = |member: usize| -> Result<Pose, Interrupted> {
             let found = if member == template {
@@ -216,12 +219,12 @@ impl Group<'_> {
         found.into_iter().collect()
     }
 
-    /// The member that is nearest to others in these poses.
+    /// Returns the member that is nearest to the others in these poses.
     fn nearest(&self, motions: &[Similarity]) -> usize {
         least(&self.distances(motions))
     }
 
-    /// Other members of a member, `most` or fewer, evenly over the list.
+    /// Returns other members, at most `most`, spaced evenly over the list.
     fn others(&self, member: usize, most: usize) -> impl Iterator<Item = usize> {
         let count = self.surfaces.len();
         let taken = most.min(count - 1);
@@ -233,7 +236,8 @@ impl Group<'_> {
         (0..motions.len()).into_par_iter().map(of).collect()
     }
 
-    /// The median distance of a member in a pose from the others in theirs: a stranger among them doesn't count.
+    /// Returns the median distance of a member in a pose from the others in theirs; the median ignores an outlier among
+    /// them.
     fn distance_of(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
         let view = self.surfaces[member].view(Density::Some);
         let others: Vec<usize> = self.others(member, OTHERS).collect();
@@ -244,9 +248,9 @@ impl Group<'_> {
         median(others.par_iter().map(distance).collect())
     }
 
-    /// The mean square distance of a member in a pose from others in theirs, with nothing trimmed: the part where two
-    /// ends of a body differ may be as small as the trimmed share. Distances count up to twice their median, for
-    /// surfaces of other kinds.
+    /// Returns the mean square distance of a member in a pose from others in theirs. Nothing is trimmed, since the part
+    /// in which two ends of a body differ may be as small as the trimmed share. Distances are capped at twice their
+    /// median, to limit the effect of surfaces of other kinds.
     fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
         let moving = &self.surfaces[member];
         let distance = |other: &usize| {
@@ -259,8 +263,8 @@ impl Group<'_> {
         found.iter().map(|distance| distance.min(most).powi(2)).sum::<f64>() / found.len() as f64
     }
 
-    /// The pose of each, where two are nearly as good the one that is nearer to the others; and where even they don't
-    /// tell.
+    /// Chooses a pose for each member: of two nearly equally good ones, the one that is nearer to the others. Also
+    /// returns a warning for each member that even this doesn't decide.
     fn decided(&self, poses: &[Pose]) -> Result<(Vec<Similarity>, Vec<GroupPoseWarning>), Interrupted> {
         let close = |pose: &Pose| pose.other.filter(|_| pose.second < CLOSE * pose.distance);
         let mut motions: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
@@ -290,7 +294,7 @@ impl Group<'_> {
         Ok((motions, doubts))
     }
 
-    /// One step of a member in a pose to others.
+    /// Returns a member's pose after one step to others.
     fn step(&self, member: usize, motion: &Similarity, others: &[(View<'_>, Similarity)]) -> Similarity {
         let rounds = icp::Rounds {
             most: 1,
@@ -303,7 +307,7 @@ impl Group<'_> {
         icp::step_to_all(self.surfaces[member].view(Density::Some), others, motion, &rounds)
     }
 
-    /// Others of a member as it sees them.
+    /// Returns the views and poses of the others that a member is compared with.
     fn seen(
         &self,
         member: usize,
@@ -314,8 +318,8 @@ impl Group<'_> {
         others.map(|other| (self.surfaces[other].view(Density::Some), motions[other])).collect()
     }
 
-    /// Members whose mirror images are nearer to the others: reflected at the planes of the group's principal axes, and
-    /// at its centre.
+    /// Returns warnings for members whose mirror images are nearer to the others. They are reflected in the planes of
+    /// the group's principal axes, and in its centre.
     fn mirrored(
         &self,
         motions: &[Similarity],
@@ -348,7 +352,7 @@ impl Group<'_> {
         Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// One step of each member to the others that are `alike`.
+    /// Moves each member one step to the others that are `alike`.
     fn closer(&self, motions: &[Similarity], alike: &[bool]) -> Result<Vec<Similarity>, Interrupted> {
         let one = |member: usize| -> Result<Similarity, Interrupted> {
             self.monitor.check()?;
@@ -359,12 +363,12 @@ impl Group<'_> {
     }
 }
 
-/// The index of the least number, the first of equal ones.
+/// Returns the index of the smallest number, the first in case of ties.
 fn least(numbers: &[f64]) -> usize {
     (1..numbers.len()).fold(0, |least, i| if numbers[i] < numbers[least] { i } else { least })
 }
 
-/// The middle of some numbers, the upper one of two; there is at least one.
+/// Returns the median of one or more numbers, the upper one of two middle ones.
 fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers[numbers.len() / 2]

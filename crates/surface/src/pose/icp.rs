@@ -1,57 +1,58 @@
-//! One motion improved by nearest points, both ways.
+//! Improvement of one motion by nearest points, in both directions.
 //!
-//! With x = scale Q p + t of a point p of the moving surface, q its partner on the fixed one and n the normal there (or
-//! that of p, turned, where q looked for the nearest p), a round minimises over small motions
+//! Let x = scale Q p + t for a point p of the moving surface, q its partner on the fixed one, and n the normal at q (or
+//! that of p, rotated, if p was found as the point nearest to q). A round minimises over small motions
 //!
 //! ```text
 //! sum_pairs (n . (x - q))^2 + tangential |x - q|^2
 //! ```
 //!
-//! by one step of Gauss and Newton: to planes (Y. Chen and G. Medioni, Image and Vision Computing 10, 1992), along
-//! which surfaces slide freely, and a little to points (P. Besl and N. McKay, IEEE TPAMI 14, 1992), which determines
-//! what planes leave open, as on a ball. Pairs beyond the quantile `1 - trimmed` of all distances are left out of a
-//! round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
+//! by one Gauss-Newton step. The first term is point-to-plane (Y. Chen and G. Medioni, Image and Vision Computing 10,
+//! 1992), which lets surfaces slide freely along each other. The second, with a small weight, is point-to-point (P.
+//! Besl and N. McKay, IEEE TPAMI 14, 1992), which determines what planes leave open, as on a ball. Pairs beyond the
+//! quantile `1 - trimmed` of all distances are left out of a round (D. Chetverikov et al., Image and Vision Computing
+//! 23, 2005).
 //!
-//! A pair's distance is that to a disk: each point stands for a piece of the surface that reaches
-//! its radius along its tangent plane. So 256 points measure distances far below their spacing.
+//! A pair's distance is measured to a disk: each point represents a piece of the surface that extends along its tangent
+//! plane by its radius. So 256 points measure distances far below their spacing.
 //!
-//! A round costs 2 n searches in trees of n points, some 0.15 us each, and 200 flops a pair.
+//! A round costs 2 n searches in trees of n points, about 0.15 us each, and 200 flops per pair.
 
 use super::surface::View;
 use crate::geometry::{Vec3, add, cross, dot, scale, sub};
 use crate::matrix3::{Matrix3, exponential, times};
 use crate::similarity::Similarity;
 
-/// The largest turn of one step, radians: beyond, a step is no longer small.
+/// The largest turn of one step, in radians; beyond it a step is no longer small.
 const LARGEST_TURN: f64 = 0.6;
 
-/// The distance at which a pair counts half in a step to several surfaces, in medians.
+/// The distance at which a pair has half its weight in a step to several surfaces, in units of the median.
 const HALF: f64 = 1.5;
 
-/// What rounds are done with.
+/// Settings of the rounds.
 #[derive(Clone, Copy)]
 pub(super) struct Rounds {
-    /// Rounds at most.
+    /// Most rounds.
     pub(super) most: usize,
-    /// A motion of points that is small enough to end, in the unit of the surfaces.
+    /// Motion of the points below which the rounds end, in the unit of the surfaces.
     pub(super) rest: f64,
-    /// Share of the sum of squared distances that a round lowers it by at least, or is the last.
+    /// Relative decrease of the sum of squared distances below which a round is the last.
     pub(super) gain: f64,
-    /// Share of the pairs that is left out.
+    /// Share of the pairs that are left out.
     pub(super) trimmed: f64,
-    /// Weight of points beside planes.
+    /// Weight of point-to-point terms relative to point-to-plane terms.
     pub(super) tangential: f64,
     /// Whether the scale is free.
     pub(super) scale: bool,
 }
 
-/// A pair of points as they lie after a motion.
+/// A pair of points in their positions after a motion.
 struct Pair {
     /// The moving surface's point.
     place: Vec3,
-    /// From the fixed surface's point to it.
+    /// Vector from the fixed surface's point to it.
     off: Vec3,
-    /// The unit normal of the one that was found.
+    /// The unit normal at the point that was found as the nearest.
     normal: Vec3,
     /// The square of the distance.
     square: f64,
@@ -82,11 +83,11 @@ pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rou
     motion
 }
 
-/// Returns the motion after one step to several surfaces at once, each of which lies where its own motion brings it.
+/// Returns the motion after one step to several surfaces at once, each in the pose given by its own motion.
 ///
-/// Pairs have Cauchy's weights `1 / (1 + d^2 / (1.5 m)^2)`, m the median of their distances d (P. Holland and R.
-/// Welsch, "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977): a
-/// bump that some surfaces have doesn't turn them against the others.
+/// Pairs have Cauchy's weights `1 / (1 + d^2 / (1.5 m)^2)`, where m is the median of their distances d (P. Holland and
+/// R. Welsch, "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977), so
+/// that a bump on some of the surfaces doesn't turn them relative to the others.
 pub(super) fn step_to_all(
     moving: View<'_>,
     fixed: &[(View<'_>, Similarity)],
@@ -110,7 +111,7 @@ pub(super) fn step_to_all(
     equations.step(rounds.scale).map_or(*motion, |(step, _)| motion.then(&step))
 }
 
-/// Returns the root mean square distance both ways after a motion, of all but the share `trimmed` of the pairs.
+/// Returns the root mean square distance in both directions after a motion, over all pairs except the share `trimmed`.
 pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, trimmed: f64) -> f64 {
     let mut pairs = Vec::new();
     gather(moving, fixed, motion, &mut pairs);
@@ -118,8 +119,8 @@ pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, t
     (pairs.iter().map(|pair| pair.square).sum::<f64>() / pairs.len().max(1) as f64).sqrt()
 }
 
-/// Returns the mean distance both ways after a motion: to look at many, without the trouble of leaving out the
-/// farthest.
+/// Returns the mean distance in both directions after a motion. For evaluating many motions, it skips the cost of
+/// leaving out the farthest pairs.
 pub(super) fn mean_distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity) -> f64 {
     let back = motion.inverse();
     let there = moving.asking.points.iter().map(|p| {
@@ -137,7 +138,7 @@ pub(super) fn mean_distance(moving: View<'_>, fixed: View<'_>, motion: &Similari
     (there.sum::<f64>() + here.sum::<f64>()) / (moving.asking.points.len() + fixed.asking.points.len()) as f64
 }
 
-/// Pairs of every point of either surface with the nearest one of the other.
+/// Pairs every point of either surface with the nearest one of the other.
 fn gather(moving: View<'_>, fixed: View<'_>, motion: &Similarity, pairs: &mut Vec<Pair>) {
     pairs.clear();
     for p in &moving.asking.points {
@@ -161,7 +162,7 @@ fn pair(place: Vec3, other: Vec3, normal: Vec3, radius: f64) -> Pair {
     Pair { place, off, normal, square: across * across + beyond * beyond }
 }
 
-/// Leaves out the farthest pairs, in place; those that stay keep their order.
+/// Removes the farthest pairs, in place; the others keep their order.
 fn trim(pairs: &mut Vec<Pair>, trimmed: f64) {
     let keep = ((1.0 - trimmed) * pairs.len() as f64).ceil() as usize;
     if keep == 0 || keep >= pairs.len() {
@@ -172,23 +173,23 @@ fn trim(pairs: &mut Vec<Pair>, trimmed: f64) {
     pairs.retain(|pair| pair.square <= limit);
 }
 
-/// The median of the squared distances, 0 without pairs.
+/// Returns the median of the squared distances, 0 without pairs.
 fn median_square(pairs: &[Pair]) -> f64 {
     let mut squares: Vec<f64> = pairs.iter().map(|pair| pair.square).collect();
     let half = squares.len() / 2;
     if squares.is_empty() { 0.0 } else { *squares.select_nth_unstable_by(half, f64::total_cmp).1 }
 }
 
-/// Unknowns: a turn, a translation, the logarithm of a factor; about a centre.
+/// Unknowns: a turn, a translation and the logarithm of a scale factor, about a centre.
 const UNKNOWNS: usize = 7;
 
-/// The normal equations of a step: those of the planes, and sums that those of the points are made of.
+/// The normal equations of a step: those of the planes, and the sums from which those of the points are made.
 struct Equations {
     centre: Vec3,
     matrix: [[f64; UNKNOWNS]; UNKNOWNS],
     right: [f64; UNKNOWNS],
-    /// The weighted sums of a a^T, off, a x off and a . off over pairs, a the arm from the centre, which is that of the
-    /// places, so that the sum of a is zero.
+    /// The weighted sums of a a^T, off, a x off and a . off over pairs, where a is the arm from the centre. The centre
+    /// is the weighted mean of the positions, so that the sum of a is zero.
     arms: Matrix3,
     offs: Vec3,
     turns: Vec3,
@@ -198,7 +199,7 @@ struct Equations {
 }
 
 impl Equations {
-    /// The equations of pairs with weights of at least 0.
+    /// Returns the equations of pairs with nonnegative weights.
     fn of(pairs: &[Pair], weight: impl Fn(&Pair) -> f64) -> Self {
         let (mut sum, mut total) = ([0.0; 3], 0.0);
         for pair in pairs {
@@ -213,7 +214,7 @@ impl Equations {
         equations
     }
 
-    /// Adds a pair. Lower triangles are filled.
+    /// Adds a pair. Only lower triangles are filled.
     fn add(&mut self, Pair { place, off, normal, .. }: &Pair, weight: f64) {
         let arm = sub(*place, self.centre);
         let turn = cross(arm, *normal);
@@ -235,7 +236,7 @@ impl Equations {
         self.growth += dot(arm, weighted_off);
     }
 
-    /// Adds the points to the planes, with a weight. A point is three planes, whose normals are the axes.
+    /// Adds the point-to-point terms with a weight. A point is equivalent to three planes, whose normals are the axes.
     fn with_points(mut self, weight: f64) -> Self {
         let square = self.spread();
         for i in 0..3 {
@@ -252,13 +253,13 @@ impl Equations {
         self
     }
 
-    /// The sum of squared distances from the centre.
+    /// Returns the sum of squared distances from the centre.
     fn spread(&self) -> f64 {
         self.arms[0][0] + self.arms[1][1] + self.arms[2][2]
     }
 
-    /// The motion of the least sum of squares, and how far it moves points, root mean square or more; `None` where it
-    /// isn't determined or not finite.
+    /// Returns the motion that minimises the sum of squares, and an upper bound of the root mean square by which it
+    /// moves points; `None` if the motion isn't determined or isn't finite.
     fn step(&self, with_scale: bool) -> Option<(Similarity, f64)> {
         let unknowns = if with_scale { UNKNOWNS } else { UNKNOWNS - 1 };
         let x = solved(&self.matrix, &self.right, unknowns)?;
@@ -277,7 +278,7 @@ impl Equations {
     }
 }
 
-/// Solves the leading equations by Cholesky's factors of the lower triangle.
+/// Solves the leading equations by Cholesky factorisation of the lower triangle.
 fn solved(matrix: &[[f64; UNKNOWNS]; UNKNOWNS], right: &[f64; UNKNOWNS], unknowns: usize) -> Option<[f64; UNKNOWNS]> {
     let mut l = *matrix;
     for j in 0..unknowns {
@@ -287,7 +288,7 @@ fn solved(matrix: &[[f64; UNKNOWNS]; UNKNOWNS], right: &[f64; UNKNOWNS], unknown
                 l[i][j] -= l[i][k] * l[j][k];
             }
         }
-        // Below rounding of what was subtracted nothing is determined.
+        // A pivot below the rounding error of what was subtracted determines nothing.
         if l[j][j].is_nan() || l[j][j] <= 1e-13 * diagonal {
             return None;
         }

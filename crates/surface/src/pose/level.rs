@@ -1,14 +1,14 @@
-//! Points that each stand for a disk of their share of a surface, and the nearest of them.
+//! Points that each represent a disk of a surface's area, and the search for the nearest one.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use crate::geometry::Vec3;
 
-/// Points that each stand for a disk of their share of the area.
+/// Points that each represent a disk, which is the point's share of the area.
 pub(super) struct Level {
     pub(super) points: Vec<Vec3>,
     pub(super) normals: Vec<Vec3>,
-    /// How far from its point a piece of the surface reaches, along itself.
+    /// Radius of the disk that a point represents, along the surface.
     pub(super) radius: f64,
     tree: ImmutableKdTree<f64, 3>,
 }
@@ -20,7 +20,7 @@ impl Level {
         Some(Self { points, normals, radius, tree })
     }
 
-    /// The index of the point nearest to `p`, which is finite.
+    /// Returns the index of the point nearest to `p`, which must be finite.
     pub(super) fn nearest(&self, p: Vec3) -> usize {
         self.tree.query(&p).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize
     }

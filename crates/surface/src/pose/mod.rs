@@ -1,23 +1,24 @@
-//! The motion that brings one surface onto another, by the surfaces alone.
+//! The motion that brings one surface onto another, determined from the surfaces alone.
 //!
-//! A pose that is decided by distances at equal directions depends on how each surface was mapped to the sphere. Here
-//! nothing but the surfaces counts, whatever their topology and triangles. With d the distance of a point from the
-//! other surface,
+//! A pose that is based on distances at equal directions depends on how each surface was mapped to the sphere. Here
+//! only the surfaces matter, with any topology and triangles. With d the distance of a point from the other surface,
+//! the pose minimises
 //!
 //! ```text
 //! distance^2 = mean of the least 1 - trimmed of { d(x_i, B)^2, d(y_j, A)^2 },   x_i on A, y_j on B
 //! ```
 //!
-//! over points even in area is least at the pose that is looked for. It has many local minima, so the search starts
-//! from a covering of all rotations, laid out by both surfaces' principal axes, so that the outcome doesn't depend on
-//! the pose that a surface comes in. All 3,900 are looked at by 256 points of each surface; the best 32, which differ
-//! by 15 degrees or more, are improved by nearest points both ways, the best 6 of their ends on 1,024 points, and 2 on
-//! 4,096. A part of the area that has no counterpart, such as a process that is cut off, is left out by `trimmed`.
+//! over points that are spread evenly over the area. This has many local minima, so the search starts from a covering
+//! of all rotations, defined relative to both surfaces' principal axes, so that the result doesn't depend on a
+//! surface's initial pose. All 3,900 are evaluated with 256 points of each surface. The best 32, which differ by 15
+//! degrees or more, are improved by nearest points in both directions, then the best 6 of the results on 1,024 points,
+//! and the best 2 on 4,096. `trimmed` leaves out a part of the area that has no counterpart, such as a process that is
+//! cut off.
 //!
 //! Symmetric and nearly symmetric surfaces have several equally good poses: [`Pose::second`] is the distance of the
 //! second best.
 //!
-//! The same bits come out for any number of threads.
+//! The result is bit-identical for any number of threads.
 
 mod covering;
 mod grid;
@@ -39,14 +40,14 @@ use crate::kabsch::kabsch;
 use crate::matrix3::{Matrix3, angle_between, product, times, transposed};
 use crate::similarity::Similarity;
 
-/// What a pose may be.
+/// Settings of a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseParams {
     /// Whether the moving surface is scaled to the fixed one's size; `false` by default.
     pub scale: bool,
     /// Whether mirror images are matched too; `false` by default.
     pub mirror: bool,
-    /// Share of the points that may lie anywhere, from 0 to less than 1; 0.1 by default.
+    /// Share of the points to leave out as outliers, from 0 to less than 1; 0.1 by default.
     pub trimmed: f64,
 }
 
@@ -56,54 +57,54 @@ impl Default for PoseParams {
     }
 }
 
-/// How a surface comes onto another.
+/// The best pose of a surface on another, and the second best.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// The motion.
     pub similarity: Similarity,
-    /// Root mean square distance of the surfaces after it, both ways, of all points but the trimmed ones, in the fixed
-    /// surface's unit.
+    /// Root mean square distance of the surfaces after the motion, in both directions, over all points except the
+    /// trimmed ones, in the fixed surface's unit.
     pub distance: f64,
-    /// The same after the best motion whose rotation is another by more than [`DISTINCT`]; infinite where every start
-    /// came to the same end.
+    /// The distance after the best motion whose rotation differs by more than [`DISTINCT`]; infinite if all starts led
+    /// to the same optimum.
     pub second: f64,
-    /// That motion.
+    /// The motion that belongs to `second`.
     pub other: Option<Similarity>,
 }
 
-/// Rotations that differ by less, in radians, are the same optimum: 15 degrees.
+/// Rotations that differ by less than this angle, in radians, are the same optimum: 15 degrees.
 pub const DISTINCT: f64 = 0.261_799_387_799_149_4;
 
-/// Rotations of the covering that are improved, of those that bring the surfaces nearest as they are.
+/// Number of the covering's rotations that are improved: those that bring the surfaces nearest before any improvement.
 const STARTS: usize = 32;
 
-/// Relative decrease of the sum of squared distances below which a round is the last, however far surfaces still slide.
+/// Relative decrease of the sum of squared distances below which a round is the last, even if surfaces still slide.
 const GAIN: f64 = 2e-3;
 
-/// How starts become ends: points, rounds, and how many go on.
+/// A stage of the search: points, rounds, and the number of results that go on to the next stage.
 struct Stage {
     density: Density,
     rounds: usize,
     tangential: f64,
-    /// Rest relative to the fixed surface's size.
+    /// Motion below which the rounds end, relative to the fixed surface's size.
     rest: f64,
-    /// Ends that are candidates for the next stage.
+    /// Number of results that are candidates for the next stage.
     candidates: usize,
-    /// Those that go on, of the candidates measured by the points of the next stage; and the one whose distance is the
-    /// least where nothing is trimmed.
+    /// Number of candidates that go on, the best as measured with the points of the next stage. Of the others, the one
+    /// with the least untrimmed distance goes on too.
     go_on: usize,
 }
 
-/// Candidates farther than the best by this factor don't go on: few points don't tell nearer ones apart, of which a
-/// square rod has eight.
+/// Candidates whose distance exceeds the best by this factor don't go on. Few points can't distinguish nearer ones, of
+/// which a square rod has eight.
 const CANDIDATE: f64 = 1.5;
-/// Trimmed distances within this factor count as equal; untrimmed ones decide between them.
+/// Trimmed distances within this factor are treated as equal; untrimmed ones decide between them.
 const EQUAL: f64 = 1.03;
-/// Rounds in which surfaces of one size come nearer, by few points.
+/// Rounds with few points in which surfaces scaled to the same size are brought nearer.
 const SETTLING: usize = 4;
 
-// Distances between points stop surfaces from sliding: at a weight of 0.03, a third of nearly round bodies didn't
-// converge.
+// The point-to-point terms (`tangential`) stop surfaces from sliding: at a weight of 0.03, a third of nearly round
+// bodies didn't converge.
 const STAGES: [Stage; 3] = [
     Stage { density: Density::Few, rounds: 12, tangential: 0.2, rest: 1e-3, candidates: 24, go_on: 6 },
     Stage { density: Density::Some, rounds: 10, tangential: 2e-3, rest: 1e-4, candidates: 4, go_on: 2 },
@@ -123,7 +124,7 @@ impl Stage {
     }
 }
 
-/// Finds the motion that brings `moving` onto `fixed`, see the [module](self). Some 30 ms of two threads.
+/// Finds the motion that brings `moving` onto `fixed`, see the [module](self). Takes about 30 ms on two threads.
 ///
 /// # Errors
 ///
@@ -157,8 +158,8 @@ pub fn pose(
     })
 }
 
-/// Motions in the order of their untrimmed distances: two poses may differ in a part as small as the trimmed share,
-/// such as the knob at one end of a rod.
+/// Sorts motions by their untrimmed distances: two poses may differ in a part as small as the trimmed share, such as
+/// the knob at one end of a rod.
 fn in_whole_order(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -174,8 +175,8 @@ fn in_whole_order(
     ranked.into_iter().map(|(end, _)| end).collect()
 }
 
-/// Untrimmed distance, as the surfaces are or scaled to one size, whichever is less: a larger body hides bumps of a
-/// smaller one, and a body that is cut off must not be scaled up.
+/// Returns the untrimmed distance, at the given sizes or with both scaled to the same size, whichever is less: a larger
+/// body hides bumps of a smaller one, and a body that is cut off must not be scaled up.
 fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density, motion: &Similarity) -> f64 {
     let (a, b) = (moving.view(density), fixed.view(density));
     let [as_it_is, of_one_size] =
@@ -183,7 +184,7 @@ fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density, motion: &S
     as_it_is.min(of_one_size)
 }
 
-/// A motion that also scales one surface to the size of the other, and brings it nearer.
+/// Returns a motion that also scales one surface to the size of the other, improved by a few rounds.
 fn of_size(motion: &Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Similarity {
     let size = fixed.size() / moving.size();
     let translation = sub(motion.apply(moving.centre), scale(times(&motion.orthogonal, moving.centre), size));
@@ -199,7 +200,7 @@ fn of_size(motion: &Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Si
     icp::improved(moving.view(Density::Few), fixed.view(Density::Few), start, &rounds)
 }
 
-/// Returns the local optimum that a motion leads to, and its distance, as [`Pose`] has them.
+/// Returns the local optimum that a motion leads to, and its distance, as defined in [`Pose`].
 #[must_use]
 pub fn improved(
     moving: &PoseSurface,
@@ -214,14 +215,14 @@ pub fn improved(
     (motion, distance(moving, fixed, &motion, params.trimmed))
 }
 
-/// Returns the root mean square distance of two surfaces after a motion, both ways, without the farthest share
-/// `trimmed` of the points, in the fixed one's unit. Some 2 ms.
+/// Returns the root mean square distance of two surfaces after a motion, in both directions, without the farthest share
+/// `trimmed` of the points, in the fixed surface's unit. Takes about 2 ms.
 #[must_use]
 pub fn distance(moving: &PoseSurface, fixed: &PoseSurface, motion: &Similarity, trimmed: f64) -> f64 {
     icp::distance(moving.view(Density::All), fixed.view(Density::All), motion, trimmed)
 }
 
-/// Improves motions, and returns the best distinct ones, the best first.
+/// Improves motions, and returns the best distinct ones, best first.
 fn staged(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -241,8 +242,8 @@ fn staged(
     Ok(distinct(found.into_iter().collect::<Result<Vec<_>, _>>()?, stage.candidates))
 }
 
-/// Motions that are nearly as good as the best, `least` of them or more, in the order of their distances by the points
-/// of a density.
+/// Returns the motions that are nearly as good as the best, at least `least` of them, sorted by their distances as
+/// measured with the points of `density`.
 fn measured(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -264,7 +265,7 @@ fn measured(
     Ok(found)
 }
 
-/// The best of some motions that are different optima, the best first.
+/// Returns the best motions that are different optima, best first.
 fn distinct(mut found: Vec<(Similarity, f64)>, most: usize) -> Vec<(Similarity, f64)> {
     found.sort_by(|a, b| a.1.total_cmp(&b.1));
     let mut distinct: Vec<(Similarity, f64)> = Vec::with_capacity(most);
@@ -284,7 +285,7 @@ fn differ(a: &Similarity, b: &Similarity) -> bool {
     a.mirrors() != b.mirrors() || angle_between(&a.orthogonal, &b.orthogonal) > DISTINCT
 }
 
-/// The best of the covering's rotations, laid out from axes to axes, centre onto centre.
+/// Returns the best of the covering's rotations, defined from axes to axes, with centres aligned.
 fn starts(
     moving: &PoseSurface,
     fixed: &PoseSurface,

@@ -1,4 +1,4 @@
-//! A surface as points that each stand for a piece of it, at three densities.
+//! A surface represented by points that each stand for a piece of it, at three densities.
 
 use super::grid::Grid;
 use super::level::Level;
@@ -8,28 +8,27 @@ use crate::matrix3::{Matrix3, determinant, transposed};
 use crate::mesh::Mesh;
 use crate::spread::SpreadPoints;
 
-/// Points at each density. The first decides which starts are worth more, the last where the motion ends.
+/// Number of points at each density. The first is used to rank starts, the last determines the final motion.
 const DENSITIES: [usize; 3] = [256, 1024, 4096];
 
-/// What poses need of a surface, made once: points on it, search trees, axes. About 0.5 MB.
+/// A surface prepared for pose searches: points on it, search trees, axes. About 0.5 MB.
 pub struct PoseSurface {
     pub(super) levels: [Level; 3],
-    /// Of the second density.
+    /// Table of the second density's points.
     pub(super) grid: Grid,
     /// The mean of the surface's points, in its unit.
     pub centre: Vec3,
-    /// The principal axes of its area, longest first, as rows of a rotation.
+    /// Principal axes of its area, longest first, as rows of a rotation.
     pub axes: Matrix3,
     /// Root mean square distances of its area from the centre along the axes.
     pub lengths: Vec3,
     /// Its area, in the square of its unit.
     pub area: f64,
-    /// The volume that its triangles enclose with the centre, in the cube of its unit; below zero of one that is inside
-    /// out.
+    /// The volume that its triangles enclose with the centre, in the cube of its unit; negative if it is inside out.
     pub volume: f64,
 }
 
-/// How closely a surface is looked at: by 256 points and a table, by 1,024, by 4,096.
+/// Number of points used for a surface: 256 and a table, 1,024, or 4,096.
 #[derive(Clone, Copy)]
 pub(super) enum Density {
     Few,
@@ -37,7 +36,8 @@ pub(super) enum Density {
     All,
 }
 
-/// Points that look for the other surface, and pieces that they find of this one.
+/// A surface in one step of the search: the points that search the other surface, and the pieces that the other's
+/// points find.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub(super) asking: &'a Level,
@@ -46,21 +46,21 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
-    /// The piece nearest to `p`, nearly so by a table.
+    /// Returns the piece nearest to `p`, approximately if a table is used.
     pub(super) fn nearest(&self, p: Vec3) -> usize {
         self.grid.map_or_else(|| self.pieces.nearest(p), |grid| grid.nearest(p))
     }
 }
 
 impl PoseSurface {
-    /// Spreads points over a mesh of any topology, by triangles of any order. `None` for a mesh without area, or whose
-    /// coordinates or their squares aren't finite.
+    /// Spreads points over a mesh of any topology, with triangles in any order. `None` for a mesh without area, or if
+    /// its coordinates or their squares aren't finite.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Option<Self> {
         let [few, some, all] = DENSITIES;
         let spread = SpreadPoints::new(mesh, all, 0);
         let SpreadPoints { points, normals, .. } = spread;
-        // Rounding may leave the last point out.
+        // Rounding may lose the last point.
         if points.len() + 1 < all {
             return None;
         }
@@ -93,7 +93,7 @@ impl PoseSurface {
         Some(Self { levels, grid, centre, axes, lengths: found.values.map(f64::sqrt), area, volume })
     }
 
-    /// The surface as one step of the search sees it.
+    /// Returns the surface as one step of the search uses it.
     pub(super) fn view(&self, density: Density) -> View<'_> {
         match density {
             Density::Few => View { asking: &self.levels[0], pieces: &self.levels[1], grid: Some(&self.grid) },
@@ -102,22 +102,22 @@ impl PoseSurface {
         }
     }
 
-    /// A length that stands for the surface's size: the square root of its area.
+    /// Returns a measure of the surface's size: the square root of its area.
     #[must_use]
     pub fn size(&self) -> f64 {
         self.area.sqrt()
     }
 
-    /// Returns the points of the finest density and their normals, which are even in area.
+    /// Returns the points of the finest density, spread evenly over the area, and their normals.
     #[must_use]
     pub fn points(&self) -> (&[Vec3], &[Vec3]) {
         (&self.levels[2].points, &self.levels[2].normals)
     }
 }
 
-/// Indices of `count` points that are as even as all of them: space is halved, along the longest side of the box, into
-/// cells of equal numbers of points, and each gives the point next to its middle. Every n-th point would be even only
-/// where triangles follow each other along the surface.
+/// Returns the indices of `count` points that are as evenly spread as all of them. Space is halved, along the longest
+/// side of the box, into cells of equal numbers of points, and the point nearest to the middle of each cell is taken.
+/// Taking every n-th point would be even only if consecutive triangles were neighbours on the surface.
 fn thinned(points: &[Vec3], count: usize) -> Vec<usize> {
     let mut indices: Vec<usize> = (0..points.len()).collect();
     let mut chosen = Vec::with_capacity(count);

@@ -1,10 +1,10 @@
-//! Edges and the triangles that meet in them.
+//! Edges and the triangles that share them.
 
 use super::is_degenerate;
 use super::union_find::UnionFind;
 use crate::mesh::Mesh;
 
-/// What [`count`] finds.
+/// Result of [`count`].
 #[derive(Debug, Default)]
 pub(super) struct EdgeCounts {
     pub(super) edges: usize,
@@ -19,14 +19,14 @@ fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
 }
 
-/// Items (x, y, h) of a list, put into one bucket per x: bucket x is `items[starts[x]..starts[x + 1]]`.
+/// Items (x, y, h) of a list, sorted into one bucket per x: bucket x is `items[starts[x]..starts[x + 1]]`.
 struct Buckets {
     starts: Vec<u32>,
     items: Vec<(u32, u32)>,
 }
 
 impl Buckets {
-    /// A counting sort of (bucket, item) pairs, which `list` must produce twice alike.
+    /// Sorts (bucket, item) pairs by counting; `list` must produce the same pairs twice.
     fn new<I: Iterator<Item = (u32, (u32, u32))>>(buckets: usize, list: impl Fn() -> I) -> Self {
         let mut starts = vec![0_u32; buckets + 1];
         for (bucket, _) in list() {
@@ -47,7 +47,7 @@ impl Buckets {
         Self { starts, items }
     }
 
-    /// Each bucket in turn, sorted.
+    /// Passes each bucket, sorted, to `f`.
     fn for_each_sorted(mut self, mut f: impl FnMut(u32, &[(u32, u32)])) {
         for (bucket, range) in self.starts.windows(2).enumerate() {
             let items = &mut self.items[range[0] as usize..range[1] as usize];
@@ -57,7 +57,7 @@ impl Buckets {
     }
 }
 
-/// Counts edges, and vertices whose triangles make more than one fan. Degenerate faces are left out.
+/// Counts edges, and vertices whose triangles form more than one fan. Degenerate faces are left out.
 pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
     let faces = &mesh.faces;
     let vertices = mesh.vertices.len();
@@ -78,7 +78,7 @@ pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
                 [(_, g), (_, h)] => counts.inconsistent += usize::from(start(*g) == start(*h)),
                 _ => counts.non_manifold += 1,
             }
-            // The corners of an edge's triangles at either of its ends belong to one fan.
+            // At either end of an edge, the corners of its triangles belong to the same fan.
             let ends = |h: u32| {
                 if start(h) == low { (h, next(h)) } else { (next(h), h) }
             };
@@ -90,7 +90,7 @@ pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
         }
     });
 
-    // A vertex with corners in two sets has two fans. 0 stands for none seen, so sets are numbered from 1.
+    // A vertex with corners in two sets has two fans. 0 means none seen yet, so sets are numbered from 1.
     let mut fan = vec![0_u32; vertices];
     let mut several = vec![false; vertices];
     for (face, f) in faces.iter().zip(0_u32..) {
@@ -111,7 +111,7 @@ pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
     counts
 }
 
-/// Triangles beyond the first with the same three vertices, in whatever order.
+/// Returns the number of triangles beyond the first with the same three vertices, in any order.
 pub(super) fn duplicate_faces(mesh: &Mesh) -> usize {
     let sorted = || {
         mesh.faces.iter().map(|&face| {
