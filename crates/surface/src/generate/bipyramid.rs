@@ -1,12 +1,12 @@
-//! Two poles of any number of triangles.
+//! Double pyramids with any number of triangles.
 
 use std::f64::consts::TAU;
 
 use crate::mesh::Mesh;
 
-/// Returns a double pyramid over a regular polygon of `sides` vertices, wound outward: these first, on the unit circle
-/// of the xy-plane, then the poles (0, 0, 1) and (0, 0, -1), of `sides` triangles each. As in spheres by latitude and
-/// longitude and in turned parts, all triangles are slivers where the sides are many.
+/// Returns a double pyramid over a regular polygon of `sides` vertices, wound outwards. The polygon's vertices come
+/// first, on the unit circle of the xy-plane, then the poles (0, 0, 1) and (0, 0, -1), each with `sides` triangles.
+/// With many sides all triangles are slivers, as in spheres by latitude and longitude and in turned parts.
 #[must_use]
 pub fn bipyramid(sides: u32) -> Mesh {
     let round = |k: u32| f64::from(k) * TAU / f64::from(sides);

@@ -1,20 +1,21 @@
 //! A folded, brain-like closed surface whose parameterisation over the sphere is known exactly.
 //!
-//! Vertex i is the image of vertex i of the icosphere under a smooth one-to-one map of space, made of two parts:
+//! Vertex i is the image of vertex i of the icosphere under a smooth one-to-one map of space, in two parts:
 //!
-//! 1. *Folds.* A point of the sphere moves along its radius to 1 - d / (1 + (w / s)^2), where w is a sum of plane
-//!    waves cos(k_j . x + p_j) of nearly one wavelength. Where w vanishes, along winding lines about half a wavelength
-//!    apart, lies a furrow of depth d; between them, broad ridges. A radius that is a positive function on the sphere
-//!    gives an embedded surface.
-//! 2. *Shears* x -> x + a sin(k . x + p) e with e square to k, from long waves to short ones. Each is a smooth map of
-//!    space with a smooth inverse (the same with -a) and the volume unchanged, so the surface stays embedded. They make
-//!    the furrows lean, until walls overhang and the surface is no longer star-shaped about any point.
+//! 1. *Folds.* A point of the sphere moves along its radius to 1 - d / (1 + (w / s)^2), where w is a sum of plane waves
+//!    cos(k_j . x + p_j) of nearly one wavelength. The zeros of w, winding lines about half a wavelength apart, become
+//!    furrows of depth d; between them are broad ridges. A radius that is a positive function on the sphere gives an
+//!    embedded surface.
+//! 2. *Shears* x -> x + a sin(k . x + p) e with e perpendicular to k, from long waves to short ones. Each is a smooth
+//!    map
+//!    of space with a smooth inverse (the same with -a) that preserves volume, so the surface stays embedded. They tilt
+//!    the furrows until walls overhang and the surface is no longer star-shaped about any point.
 //!
-//! Last, the axes are stretched to the extents of an adult's cerebrum.
+//! Finally the axes are stretched to the extents of an adult's cerebrum.
 //!
 //! The constants were chosen by eye, so that pictures look like gyri and sulci, and by measurement over the icosphere
 //! of 40,962 vertices: 1.4 % of variant 0's triangles face its middle, and fits to it (least squares, NumPy) have msd
-//! 7.7e-4 at degree 10 (about 3 mm off), 1.2e-5 at degree 60 and 7.4e-7 at degree 100 (0.1 mm).
+//! 7.7e-4 at degree 10 (errors of about 3 mm), 1.2e-5 at degree 60 and 7.4e-7 at degree 100 (0.1 mm).
 
 use super::icosphere;
 use super::random::SplitMix64;
@@ -24,10 +25,10 @@ use crate::mesh::{Mesh, Meta};
 /// Parameters of a folded surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cortex {
-    /// Of the icosahedron, see [`icosphere`]; 6 gives 40,962 vertices.
+    /// Subdivisions of the icosahedron, see [`icosphere`]; 6 gives 40,962 vertices.
     pub subdivisions: u32,
-    /// Numbers the subjects of a study: they share the course of the main folds and differ in detail, vertices lying
-    /// some mm apart.
+    /// Index of a subject of the study. Subjects share the course of the main folds and differ in detail; corresponding
+    /// vertices are some mm apart.
     pub variant: u64,
 }
 
@@ -37,7 +38,7 @@ impl Default for Cortex {
     }
 }
 
-/// Left to right, back to front, bottom to top (RAS), in mm.
+/// Extents from left to right, back to front and bottom to top (RAS), in mm.
 const EXTENT: Vec3 = [110.0, 140.0, 90.0];
 
 /// One plane wave: wave vector and phase.
@@ -52,13 +53,13 @@ impl Wave {
     }
 }
 
-/// One shear: the wave, and the displacement at its crest, square to the wave vector.
+/// One shear: the wave, and the displacement at its crest, perpendicular to the wave vector.
 struct Shear {
     wave: Wave,
     crest: Vec3,
 }
 
-/// The whole map of the unit sphere into space.
+/// The complete map of the unit sphere into space.
 struct Folding {
     waves: Vec<Wave>,
     shears: Vec<Shear>,
@@ -71,12 +72,12 @@ const WAVE_NUMBERS: (f64, f64) = (13.0, 16.0);
 const DEPTH: f64 = 0.2;
 /// s, in standard deviations of w.
 const WIDTH: f64 = 0.75;
-/// Wave number, amplitude and number of the shears, in the order in which they act.
+/// Wave number, amplitude and number of the shears, in the order in which they are applied.
 const SHEARS: [(f64, f64, usize); 2] = [(2.0, 0.06, 4), (9.0, 0.026, 10)];
 
 impl Folding {
     fn new(variant: u64) -> Self {
-        // The study's own numbers, then the subject's deviations from them.
+        // The study's random numbers, then the subject's deviations from them.
         let mut study = SplitMix64::new(0x5350_4841_524d);
         let mut subject = SplitMix64::new(variant.wrapping_mul(0x2545_f491_4f6c_dd1d));
         let mut deviation = |size: f64| {
@@ -106,7 +107,7 @@ impl Folding {
 
     fn apply(&self, direction: Vec3) -> Vec3 {
         let sum: f64 = self.waves.iter().map(|wave| wave.argument(direction).cos()).sum();
-        // Variance 1, whatever the number of waves.
+        // Scaled to variance 1 for any number of waves.
         let w = sum * (2.0 / WAVES as f64).sqrt();
         let furrow = 1.0 / (1.0 + (w / WIDTH).powi(2));
         let radius = 1.0 - DEPTH * furrow;
@@ -116,8 +117,8 @@ impl Folding {
     }
 }
 
-/// Returns the bytes that [`cortex`] takes, both meshes included: 48 a vertex for the surface beside what the sphere
-/// takes.
+/// Returns the bytes that [`cortex`] needs, including both meshes: those of the sphere, and 48 per vertex for the
+/// surface.
 ///
 /// # Panics
 ///
@@ -129,7 +130,8 @@ pub fn cortex_bytes(subdivisions: u32) -> u64 {
 
 /// Returns a folded surface in mm (RAS) and the unit sphere that parameterises it, with the same triangles.
 ///
-/// The same on one machine every time; between machines the last bits may differ with the C library's sine.
+/// The result is the same every time on one machine; between machines the last bits may differ with the C library's
+/// sine.
 ///
 /// # Panics
 ///

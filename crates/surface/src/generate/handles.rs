@@ -15,7 +15,8 @@ pub struct Torus {
     pub tube: f64,
     /// Height of the bumps, as a share of the tube's radius.
     pub bumps: f64,
-    /// Vertices around the tube, at least 3; those along it are as far apart, halfway between inside and outside.
+    /// Number of vertices around the tube, at least 3. The vertices along it have the same spacing, halfway between
+    /// inside and outside.
     pub around: u32,
 }
 
@@ -58,8 +59,8 @@ pub fn torus(parameters: &Torus) -> Mesh {
 
 /// Returns a smooth surface of genus 2, about 2.2 long, wound outwards: ((x^2 + y^2)^2 - x^2 + y^2)^2 + z^2 = 0.02.
 ///
-/// `cells` is the number of grid cells along x from -1.2 to 1.2, at least 32. Each cell that the surface passes gets a
-/// vertex, which then moves onto the surface (surface nets, S. Gibson, MICCAI 1998).
+/// `cells` is the number of grid cells along x from -1.2 to 1.2, at least 32. Each cell that the surface passes through
+/// gets a vertex, which then moves onto the surface (surface nets, S. Gibson, MICCAI 1998).
 ///
 /// # Panics
 ///
@@ -69,7 +70,7 @@ pub fn double_torus(cells: u32) -> Mesh {
     assert!(cells >= 32, "a double torus takes 32 cells, found {cells}");
     const LEVEL: f64 = 0.02;
     let step = 2.4 / f64::from(cells);
-    // Where the surface is flat, between its holes, it lies midway between grid points, so that no cell is ambiguous.
+    // In the flat part between its holes, the surface lies midway between grid points, so that no cell is ambiguous.
     let thickness = 2.0 * LEVEL.sqrt();
     let flat = (thickness / step).round();
     let steps = [step, step, thickness / flat];
@@ -81,7 +82,7 @@ pub fn double_torus(cells: u32) -> Mesh {
     })
 }
 
-/// The surface net of a function that is negative inside, over a grid of so many points.
+/// Returns the surface net of a function that is negative inside, over a grid of `counts` points.
 fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -> Mesh {
     let point = |i: [usize; 3]| -> Vec3 { std::array::from_fn(|axis| corner[axis] + steps[axis] * i[axis] as f64) };
     let number = |[x, y, z]: [usize; 3]| (z * counts[1] + y) * counts[0] + x;
@@ -106,7 +107,7 @@ fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -
             if j[axis] == counts[axis] || i[u] == 0 || i[v] == 0 || inside[number(i)] == inside[number(j)] {
                 continue;
             }
-            // The four cells around the edge, counter-clockwise seen from its end.
+            // The four cells around the edge, counter-clockwise as seen from its end.
             let cell = |du: usize, dv: usize| {
                 let mut cell = i;
                 (cell[u], cell[v]) = (cell[u] - du, cell[v] - dv);
@@ -124,7 +125,7 @@ fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -
     mesh
 }
 
-/// Moves vertices to the mean of their neighbours and back onto the surface, by Newton's steps along the gradient.
+/// Moves vertices to the mean of their neighbours and back onto the surface, by Newton steps along the gradient.
 fn relax(mesh: &mut Mesh, step: f64, f: impl Fn(Vec3) -> f64) {
     let gradient = |p: Vec3| -> Vec3 {
         let h = 1e-4 * step;

@@ -7,12 +7,13 @@ use super::subdivide::split;
 
 /// Returns the icosahedron with each triangle split in four `subdivisions` times, its vertices on the unit sphere.
 ///
-/// It has 10 * 4^s + 2 vertices and 20 * 4^s triangles, wound outward; s = 6 gives 40,962, s = 7 163,842. The order is
-/// fixed: the first 10 * 4^k + 2 vertices are those of the k-fold subdivision, as in FreeSurfer's icospheres.
+/// It has 10 * 4^s + 2 vertices and 20 * 4^s triangles, wound outwards; s = 6 gives 40,962 vertices, s = 7 gives
+/// 163,842. The order is fixed: the first 10 * 4^k + 2 vertices are those of the k-fold subdivision, as in FreeSurfer's
+/// icospheres.
 ///
 /// # Panics
 ///
-/// Above 14 subdivisions, whose half-edges would no longer be counted by 32 bits.
+/// Above 14 subdivisions, where the number of half-edges exceeds 32 bits.
 #[must_use]
 pub fn icosphere(subdivisions: u32) -> Mesh {
     assert!(subdivisions <= 14, "{subdivisions} subdivisions of an icosahedron, at most 14");
@@ -27,7 +28,7 @@ pub fn icosphere(subdivisions: u32) -> Mesh {
 ///
 /// # Panics
 ///
-/// Above 29 subdivisions, whose vertices 64 bits don't count.
+/// Above 29 subdivisions, where the number of vertices exceeds 64 bits.
 #[must_use]
 pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
     assert!(subdivisions <= 29, "{subdivisions} subdivisions of an icosahedron");
@@ -35,8 +36,8 @@ pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
     [10 * quarter + 2, 20 * quarter]
 }
 
-/// Returns the bytes that [`icosphere`] takes, the mesh included: 48 a vertex for it, 12 for that of one subdivision
-/// fewer, and up to 26 for the table of that one's edges.
+/// Returns the bytes that [`icosphere`] needs, including the mesh: 48 per vertex for the mesh, 12 for the mesh of one
+/// subdivision less, and up to 26 for the table of that mesh's edges.
 ///
 /// # Panics
 ///
@@ -46,7 +47,7 @@ pub fn icosphere_bytes(subdivisions: u32) -> u64 {
     86 * icosphere_counts(subdivisions)[0]
 }
 
-/// A pole, a ring of five, another turned by a tenth, the other pole.
+/// Returns the icosahedron: a pole, a ring of five vertices, a ring rotated by a tenth of a turn, and the other pole.
 fn icosahedron() -> Mesh {
     let z = 1.0 / 5.0_f64.sqrt();
     let r = 2.0 * z;

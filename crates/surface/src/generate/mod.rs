@@ -1,5 +1,5 @@
-//! Icospheres, double pyramids, folded closed surfaces with known parameterisation, surfaces with handles, groups that
-//! differ in a known way or whose correspondence is known, and subdivision.
+//! Generates icospheres, double pyramids, folded closed surfaces with known parameterisation, surfaces with handles,
+//! groups with a known difference or known correspondence, and subdivisions.
 
 mod bipyramid;
 mod cortex;

@@ -1,8 +1,8 @@
-//! Deterministic random numbers, the same on every machine and in every version.
+//! Deterministic random numbers, identical on every machine and in every version.
 
 use crate::geometry::{Vec3, cross, unit};
 
-/// Steele, Lea and Flood's splitmix64 (OOPSLA 2014): enough for shapes, and three lines.
+/// Steele, Lea and Flood's splitmix64 (OOPSLA 2014): good enough for shapes, in three lines.
 #[derive(Debug, Clone)]
 pub struct SplitMix64(u64);
 
@@ -26,7 +26,7 @@ impl SplitMix64 {
         low + (high - low) * unit
     }
 
-    /// Uniform over the unit sphere (Archimedes: height and azimuth are independent and uniform).
+    /// Returns a direction, uniform over the unit sphere (Archimedes: height and azimuth are independent and uniform).
     pub(super) fn direction(&mut self) -> Vec3 {
         let z = self.between(-1.0, 1.0);
         let phi = self.between(0.0, std::f64::consts::TAU);
@@ -34,11 +34,11 @@ impl SplitMix64 {
         [r * phi.cos(), r * phi.sin(), z]
     }
 
-    /// A unit vector square to `k`, in a random direction.
+    /// Returns a unit vector perpendicular to `k`, in a random direction.
     pub(super) fn square_to(&mut self, k: Vec3) -> Vec3 {
         loop {
             let e = cross(k, self.direction());
-            // All but parallel to k: nearly certain at the first try.
+            // Any vector not parallel to k will do; the first try nearly always is one.
             if e.iter().map(|x| x * x).sum::<f64>() > 1e-6 * k.iter().map(|x| x * x).sum::<f64>() {
                 return unit(e);
             }

@@ -1,9 +1,9 @@
-//! Surfaces of a study: subjects of two groups that differ by a bump of known place and height, in any pose.
+//! Surfaces of a study: subjects of two groups that differ by a bump of known position and height, in any pose.
 //!
-//! A subject is an elongated body, some 40 mm long: `r(u) = 1 + sum a_k cos(k . u + p_k)` over the unit sphere with
+//! A subject is an elongated body, about 40 mm long: `r(u) = 1 + sum a_k cos(k . u + p_k)` over the unit sphere, with
 //! waves that differ from subject to subject, stretched along its axes, bent, and moved by a random rotation and
 //! translation. In the second group the surface is moved outwards by `bump exp(-angle^2 / (2 width^2))` about one
-//! place. The mesh has no sphere: an icosphere's triangles, which the pose has nothing to do with.
+//! position. The mesh has no sphere of its own; its triangles are those of an icosphere, independent of the pose.
 
 use super::icosphere;
 use super::random::SplitMix64;
@@ -13,7 +13,7 @@ use crate::mesh::Mesh;
 /// Parameters of a study.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Study {
-    /// Of the icosahedron, see [`icosphere`]; 4 gives 2,562 vertices.
+    /// Subdivisions of the icosahedron, see [`icosphere`]; 4 gives 2,562 vertices.
     pub subdivisions: u32,
     /// Seed of the study.
     pub seed: u64,
@@ -27,27 +27,27 @@ impl Default for Study {
     }
 }
 
-/// Half axes, in mm: distinct, so that each pose is a different one.
+/// Half axes, in mm. They differ, so that the pose is unique.
 const AXES: Vec3 = [20.0, 11.0, 8.0];
 /// Relative size of the waves in which subjects differ.
 const VARIATION: f64 = 0.012;
-/// Waves of a subject.
+/// Number of waves per subject.
 const WAVES: usize = 12;
-/// How far the ends are bent, in mm.
+/// Displacement of the ends by bending, in mm.
 const BEND: f64 = 5.0;
-/// Width of the bump, in radians of the sphere.
+/// Width of the bump, in radians on the sphere.
 const WIDTH: f64 = 0.35;
-/// The bump's place.
+/// The bump's direction on the sphere.
 const PLACE: Vec3 = [0.48, 0.64, 0.6];
 /// The largest translation, in mm.
 const SHIFT: f64 = 50.0;
 
 impl Study {
-    /// Returns subject `index` of the first group, or of the second where `second`, with outward winding. The same
+    /// Returns subject `index` of the first group, or of the second if `second` is set, wound outwards. The same
     /// arguments give the same bits.
     pub fn subject(&self, index: u64, second: bool) -> Mesh {
         let sphere = icosphere(self.subdivisions);
-        // Streams of the seeds of subjects don't meet.
+        // The random sequences of different subjects don't overlap.
         let mut random =
             SplitMix64::new(self.seed.wrapping_mul(0x1_0000_0001).wrapping_add(2 * index + u64::from(second)));
         let waves: Vec<(Vec3, f64, f64)> = (0..WAVES)
@@ -76,7 +76,7 @@ impl Study {
     }
 }
 
-/// A random rotation, uniform over all of them, by rows.
+/// Returns a rotation, by rows, drawn uniformly from all rotations.
 fn rotation(random: &mut SplitMix64) -> [Vec3; 3] {
     let third = random.direction();
     let first = random.square_to(third);

@@ -1,4 +1,4 @@
-//! Triangles split in four at the midpoints of their edges.
+//! Splits triangles in four at the midpoints of their edges.
 
 use std::collections::HashMap;
 
@@ -7,21 +7,21 @@ use crate::mesh::Mesh;
 
 /// Splits each triangle in four at the midpoints of its edges, which leaves the surface unchanged.
 ///
-/// The first vertices are those of `mesh`, in their order; a midpoint for each edge follows, in the order in which the
-/// triangles come upon them. That order depends on the triangles alone, so a surface and its sphere still correspond
-/// vertex for vertex when the one has been through this function and the other through [`subdivide_sphere`].
+/// The vertices of `mesh` come first, in their order, followed by a midpoint for each edge, in the order in which the
+/// triangles first use the edges. That order depends on the triangles alone, so a surface and its sphere still
+/// correspond vertex by vertex if one has passed through this function and the other through [`subdivide_sphere`].
 ///
-/// A closed surface of genus zero with n vertices comes to 4 n - 6 of them.
+/// A closed surface of genus zero with n vertices gets 4 n - 6 vertices.
 ///
 /// # Panics
 ///
-/// When a triangle names a vertex that isn't there, or there are more vertices than 32 bits count.
+/// When a triangle's index is out of range, or the number of vertices exceeds 32 bits.
 #[must_use]
 pub fn subdivide(mesh: &Mesh) -> Mesh {
     split(mesh, |a, b| scale(add(a, b), 0.5))
 }
 
-/// [`subdivide`] for the sphere that a surface is parameterised by: vertices and midpoints are brought to length 1.
+/// Splits the sphere that parameterises a surface as [`subdivide`] does, and scales vertices and midpoints to length 1.
 ///
 /// # Panics
 ///
@@ -32,7 +32,7 @@ pub fn subdivide_sphere(sphere: &Mesh) -> Mesh {
     split(&unit_sphere, |a, b| unit(add(a, b)))
 }
 
-/// Each triangle in four, with new vertices where `middle` puts them between the ends of an edge.
+/// Splits each triangle in four; `middle` gives the new vertex between the ends of an edge.
 pub(super) fn split(mesh: &Mesh, middle: impl Fn(Vec3, Vec3) -> Vec3) -> Mesh {
     let edges = mesh.faces.len() * 3 / 2;
     let mut vertices = mesh.vertices.clone();

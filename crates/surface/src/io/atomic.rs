@@ -1,8 +1,9 @@
 //! Atomic writing: a file appears complete or not at all.
 //!
-//! A temporary file in the same directory is written, flushed and synchronised, then takes the final name in one step,
-//! and the directory is synchronised. A crash or a full disk leaves at most a hidden temporary file; nobody ever reads
-//! half a file under the final name. This is the store's rule too (see the design's "Publishing").
+//! A temporary file in the same directory is written, flushed and synchronised, then renamed to the final name in one
+//! step, and the directory is synchronised. A crash or a full disk leaves at most a hidden temporary file; an
+//! incomplete file is never visible under the final name. The store follows the same rule (see the design's
+//! "Publishing").
 
 use std::fs;
 use std::io::{self, BufWriter, Write};
@@ -13,17 +14,17 @@ use spharm_files::other_kind;
 use super::leftovers;
 use crate::error::SurfaceError;
 
-/// Writes a file through `f`, whole or not at all.
+/// Writes a file through `f`, completely or not at all.
 ///
-/// Without `overwrite` an existing file stays as it is, even one that appears while `f` runs; with it, the old file
-/// serves readers until the new one stands, which gets its permissions. A symbolic link is followed, and its target
-/// replaced; one that leads nowhere is replaced itself. Directories, pipes and devices are never replaced. New files
-/// have the permissions that the umask leaves.
+/// Without `overwrite` an existing file is left as it is, even one that appears while `f` runs. With it, the old file
+/// remains readable until the new one is complete, and the new file gets its permissions. A symbolic link is followed
+/// and its target replaced; a dangling link is replaced itself. Directories, pipes and devices are never replaced. New
+/// files have the default permissions under the umask.
 ///
 /// # Errors
 ///
-/// [`OutputExists`](SurfaceError::OutputExists), [`NotAFile`](SurfaceError::NotAFile), or
-/// [`Io`](SurfaceError::Io) with the error of `f` or of the system; the target is then as it was before.
+/// [`OutputExists`](SurfaceError::OutputExists), [`NotAFile`](SurfaceError::NotAFile), or [`Io`](SurfaceError::Io) with
+/// the error of `f` or of the system; the target is then unchanged.
 pub fn write_new(
     path: impl AsRef<Path>,
     overwrite: bool,
@@ -35,7 +36,7 @@ pub fn write_new(
     if path.file_name().is_none() {
         return Err(SurfaceError::NotAFile { path: path.to_owned(), found: "a directory" });
     }
-    // Checked before `f` does its work; `persist_noclobber` below checks again without a race.
+    // Checked before `f` runs; `persist_noclobber` below checks again without a race.
     let mut mode = None;
     let target = match fs::metadata(path) {
         Ok(found) if !found.is_file() => {
@@ -60,7 +61,7 @@ pub fn write_new(
 
     let temporary = leftovers::create(&directory).map_err(io("create"))?;
     if let Some(mode) = mode {
-        // What was private stays so, also while it is being written.
+        // A private file stays private, even while its replacement is being written.
         temporary.as_file().set_permissions(mode).map_err(io("create"))?;
     }
 
@@ -79,8 +80,8 @@ pub fn write_new(
     sync_directory(&directory).map_err(io("synchronise the directory of"))
 }
 
-/// Makes the new name outlast a crash, where the file system can: some network ones refuse to synchronise a directory,
-/// and on Windows there is no such thing as an open directory.
+/// Makes the new name survive a crash, if the file system supports it: some network file systems refuse to synchronise
+/// a directory, and Windows can't open one.
 fn sync_directory(directory: &Path) -> io::Result<()> {
     if cfg!(not(unix)) {
         return Ok(());

@@ -9,7 +9,7 @@ pub(super) enum Endian {
     Big,
 }
 
-/// The unread rest of a file.
+/// The part of a file not yet read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cursor<'a> {
     rest: &'a [u8],
@@ -41,7 +41,7 @@ impl<'a> Cursor<'a> {
         self.rest
     }
 
-    /// The next `n` bytes.
+    /// Returns the next `n` bytes.
     pub(super) fn take(&mut self, n: usize) -> Result<&'a [u8], Flaw> {
         let Some((head, tail)) = self.rest.split_at_checked(n) else {
             return Err(Flaw::new(
@@ -54,14 +54,15 @@ impl<'a> Cursor<'a> {
         Ok(head)
     }
 
-    /// The next `n` bytes as an array.
+    /// Returns the next `n` bytes as an array.
     pub(super) fn array<const N: usize>(&mut self) -> Result<[u8; N], Flaw> {
         let mut array = [0; N];
         array.copy_from_slice(self.take(N)?);
         Ok(array)
     }
 
-    /// The bytes up to the next newline, which is consumed and not returned; the rest where there is none.
+    /// Returns the bytes up to the next newline, which is consumed but not returned; without a newline, all remaining
+    /// bytes.
     pub(super) fn line(&mut self) -> Option<&'a [u8]> {
         if self.rest.is_empty() {
             return None;
@@ -76,14 +77,14 @@ impl<'a> Cursor<'a> {
         Some(line.strip_suffix(b"\r").unwrap_or(line))
     }
 
-    /// Past blanks and newlines.
+    /// Skips blanks and newlines.
     pub(super) fn skip_whitespace(&mut self) {
         let n = self.rest.iter().take_while(|b| b.is_ascii_whitespace()).count();
         self.rest = self.rest.get(n..).unwrap_or_default();
         self.at += n;
     }
 
-    /// The next run of bytes that aren't white space; empty at the end.
+    /// Returns the next run of bytes that aren't white space; empty at the end.
     pub(super) fn token(&mut self) -> &'a [u8] {
         self.skip_whitespace();
         let n = self.rest.iter().take_while(|b| !b.is_ascii_whitespace()).count();

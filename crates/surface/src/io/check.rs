@@ -1,4 +1,4 @@
-//! Checks of every surface and signal that is read or written.
+//! Checks applied to every surface and signal that is read or written.
 
 use std::path::Path;
 
@@ -18,8 +18,8 @@ pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
     }
 }
 
-/// Checks that there are vertices and triangles, that positions are finite, and that triangles name vertices that
-/// exist, as is done with every mesh that is read or written. Messages name `path`, or "the surface".
+/// Checks that there are vertices and triangles, that positions are finite and that indices are in range, as for every
+/// mesh that is read or written. Messages use `path` as the name, for example "the surface".
 ///
 /// # Errors
 ///
@@ -35,7 +35,7 @@ pub fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     Ok(())
 }
 
-/// As [`mesh`], but for positions that aren't finite.
+/// Same as [`mesh`], but allows positions that aren't finite.
 pub(crate) fn mesh_with_gaps(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
     for (count, limit, one, many) in
@@ -51,7 +51,7 @@ pub(crate) fn mesh_with_gaps(path: &Path, mesh: &Mesh) -> Result<(), SurfaceErro
     indices(path, mesh)
 }
 
-/// Triangles name vertices that are there.
+/// Checks that triangles' indices are in range.
 pub(crate) fn indices(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     let vertices = mesh.vertices.len();
     for (face, corners) in mesh.faces.iter().enumerate() {
@@ -62,7 +62,7 @@ pub(crate) fn indices(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     Ok(())
 }
 
-/// Not empty, finite.
+/// Checks that a signal isn't empty and is finite.
 pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     signal_with_gaps(path, signal)?;
     match signal.values.iter().position(|x| !x.is_finite()) {
@@ -75,7 +75,7 @@ pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     }
 }
 
-/// As [`signal`], but for values that aren't finite.
+/// Same as [`signal`], but allows values that aren't finite.
 pub(crate) fn signal_with_gaps(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     if signal.values.is_empty() {
         return Err(SurfaceError::Empty { path: path.to_owned(), what: "value" });
@@ -90,13 +90,13 @@ pub(crate) fn signal_with_gaps(path: &Path, signal: &Signal) -> Result<(), Surfa
     Ok(())
 }
 
-/// Whether rounding to 32 bits keeps the numbers finite. Rounding itself is expected of these formats.
+/// Checks that rounding to 32 bits keeps the numbers finite. The rounding itself is expected of these formats.
 pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: &FormatSpec) -> Result<(), SurfaceError> {
     let values = vertices.as_flattened();
     fits(path, values, 3, format)
 }
 
-/// As [`fits_f32`], for a signal.
+/// Same as [`fits_f32`], for a signal.
 pub(super) fn values_fit_f32(path: &Path, signal: &Signal, format: &FormatSpec) -> Result<(), SurfaceError> {
     fits(path, &signal.values, signal.channels, format)
 }

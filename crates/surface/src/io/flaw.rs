@@ -1,18 +1,18 @@
-//! Errors of parsers, which don't know the file's name.
+//! Errors of parsers, which don't know the file's path.
 
 use std::path::Path;
 
 use crate::error::SurfaceError;
 use crate::room::{NoRoom, check_room};
 
-/// An error of a parser. [`Flaw::at`] adds the file's name.
+/// An error of a parser. [`Flaw::at`] adds the file's path.
 #[derive(Debug)]
 pub(super) enum Flaw {
-    /// The bytes break the format's rules.
+    /// The bytes violate the format.
     Malformed { expected: String, found: String },
-    /// The bytes follow them, and this reader doesn't.
+    /// The bytes conform to the format, but this reader doesn't support them.
     Unsupported { found: String, remedy: &'static str },
-    /// What they hold takes more memory than there is.
+    /// The contents need more memory than is free.
     NoRoom(NoRoom),
 }
 
@@ -45,7 +45,8 @@ impl Flaw {
     }
 }
 
-/// What other crates say quotes the file; a terminal should get neither its newlines nor its escape sequences.
+/// Removes newlines and escape sequences from another crate's message, which may quote the file, so that none reach a
+/// terminal.
 fn one_line(text: &str) -> String {
     const MOST: usize = 160;
     let mut line: String = text.chars().take(MOST).flat_map(printable).collect();
@@ -61,7 +62,7 @@ fn printable(c: char) -> impl Iterator<Item = char> {
     escaped.into_iter().flatten().chain(plain)
 }
 
-/// A short, printable rendering of bytes from outside, for an error of one line.
+/// Returns a short, printable rendering of bytes from a file, for a one-line error message.
 pub(super) fn shown(bytes: &[u8]) -> String {
     const MOST: usize = 32;
     let head = bytes.get(..MOST).unwrap_or(bytes);
@@ -69,9 +70,9 @@ pub(super) fn shown(bytes: &[u8]) -> String {
     format!("\"{}\"{more}", head.escape_ascii())
 }
 
-/// A count from a header, held against what is left of the file, so that it may be allocated for.
+/// Checks a count from a header against the number of bytes left in the file, so that memory may be allocated for it.
 ///
-/// `least` is the fewest bytes one item takes in the file; in memory none takes less than a number of 64 bits.
+/// `least` is the smallest size of an item in the file; in memory no item is smaller than a 64-bit number.
 pub(super) fn bounded(count: u64, least: usize, remaining: usize, what: &str) -> Result<usize, Flaw> {
     match usize::try_from(count) {
         Ok(n) if n.checked_mul(least).is_some_and(|bytes| bytes <= remaining) => {

@@ -1,6 +1,6 @@
-//! The table of formats, and which of them a file is in: by its name, or else by its first bytes.
+//! The table of formats, and detection of a file's format: by its name, or else by its first bytes.
 //!
-//! A new format is a file beside this one and a row here.
+//! To add a format, add a file to this folder and a row to this table.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, vt
 use crate::error::SurfaceError;
 use crate::mesh::Input;
 
-/// Every format that is read or written.
+/// All formats that are read or written.
 pub static FORMATS: &[FormatSpec] = &[
     FormatSpec {
         name: "a GIfTI file",
@@ -55,7 +55,8 @@ pub static FORMATS: &[FormatSpec] = &[
         keeps_order: true,
         hemisphere_prefix: true,
         most_channels: 1,
-        // Also the magic of FreeSurfer's old surfaces of quadrangles; the reader tells them apart by their length.
+        // This is also the magic of FreeSurfer's old quadrangle surfaces; the reader distinguishes them by their
+        // length.
         magic: |bytes| bytes.starts_with(b"\xff\xff\xff"),
         read: |bytes| freesurfer::read_curv(bytes).map(Input::Signal),
         write_mesh: None,
@@ -183,28 +184,28 @@ pub static FORMATS: &[FormatSpec] = &[
     },
 ];
 
-/// What an output has to hold.
+/// The contents of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output<'a> {
     /// A surface.
     Mesh,
-    /// A surface whose vertices have to keep their order: one that a sphere belongs to, or a sphere.
+    /// A surface whose vertices must keep their order: a sphere, or a surface that belongs to one.
     OrderedMesh,
     /// Values on vertices.
     Signal,
     /// A surface or values on vertices, whichever it turns out to be.
     Either,
-    /// Anything whose format is fixed: these are the endings, in lower case.
+    /// An output of a fixed format, given by its endings in lower case.
     Ending(&'a [&'a str]),
 }
 
-/// Checks, before any work, that a name asks for a format that can hold an output.
+/// Checks, before any work, that an output's name implies a format that can hold it.
 ///
-/// Writing functions check it themselves; programs call it for all their outputs first.
+/// Writing functions make this check themselves; programs make it for all their outputs first.
 ///
 /// # Errors
 ///
-/// [`UnknownFormat`](SurfaceError::UnknownFormat) for an ending of no such format,
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) if the ending belongs to no such format,
 /// [`LosesOrder`](SurfaceError::LosesOrder) for an [`Output::OrderedMesh`] in a format such as STL.
 pub fn check_output(path: impl AsRef<Path>, output: Output<'_>) -> Result<(), SurfaceError> {
     let path = path.as_ref();
@@ -223,25 +224,25 @@ pub fn check_output(path: impl AsRef<Path>, output: Output<'_>) -> Result<(), Su
     }
 }
 
-/// Returns the format that a surface's output name asks for.
+/// Returns the format that a surface's output name implies.
 ///
 /// # Errors
 ///
-/// [`UnknownFormat`](SurfaceError::UnknownFormat) for a name that asks for none that holds surfaces.
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) if the name implies no format for surfaces.
 pub fn to_write_mesh(path: &Path) -> Result<&'static FormatSpec, SurfaceError> {
     to_write(path, |format| format.write_mesh.is_some())
 }
 
-/// Returns the format that a signal's output name asks for.
+/// Returns the format that a signal's output name implies.
 ///
 /// # Errors
 ///
-/// [`UnknownFormat`](SurfaceError::UnknownFormat) for a name that asks for none that holds signals.
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) if the name implies no format for signals.
 pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError> {
     to_write(path, |format| format.write_signal.is_some())
 }
 
-/// Returns whether a file has the name of values on vertices, and not that of a surface.
+/// Returns whether a file's name is that of values on vertices, and not that of a surface.
 #[must_use]
 pub fn is_named_signal(path: &Path) -> bool {
     let name = name_without_gz(path);
@@ -257,7 +258,7 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
     let name = name_without_gz(path);
     let holding = || FORMATS.iter().filter(|format| holds(format));
     let by_ending = || holding().find(|format| has_ending(format, &name));
-    // `lh.pial.csv` is a table, which holds no surface, and not a FreeSurfer file.
+    // `lh.pial.csv` is a table, which can't hold a surface, and not a FreeSurfer file.
     let prefixed = ["lh.", "rh."].iter().any(|prefix| name.starts_with(prefix)) && by_proper_ending(&name).is_none();
     let by_prefix = || holding().find(|format| prefixed && format.hemisphere_prefix);
     by_ending().or_else(by_prefix).ok_or_else(|| {
@@ -268,8 +269,8 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
     })
 }
 
-/// Returns the format of a file that is there: by its ending, unless that is one of FreeSurfer's, which say little, or
-/// else by its first bytes.
+/// Returns the format of an existing file: by its ending, unless the ending is one of FreeSurfer's, which don't
+/// determine the format, or else by its first bytes.
 pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, SurfaceError> {
     let by_magic = || FORMATS.iter().find(|format| (format.magic)(bytes));
     by_proper_ending(&name_without_gz(path)).or_else(by_magic).ok_or_else(|| {
@@ -287,7 +288,7 @@ pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, 
     })
 }
 
-/// Formats whose endings are theirs alone.
+/// Returns the formats whose endings identify them.
 fn proper() -> impl Iterator<Item = &'static FormatSpec> {
     FORMATS.iter().filter(|format| !format.hemisphere_prefix)
 }
@@ -309,13 +310,13 @@ fn lower_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-/// A file's name in lower case, without the ending of gzip.
+/// Returns a file's name in lower case, without the ending of gzip.
 pub(crate) fn name_without_gz(path: &Path) -> String {
     let name = lower_name(path);
     name.strip_suffix(".gz").unwrap_or(&name).to_owned()
 }
 
-/// Whether a file as a whole is to be gzipped.
+/// Whether the entire file is to be gzipped.
 pub(super) fn is_gzipped(path: &Path) -> bool {
     let name = lower_name(path);
     [".gz", ".mgz"].iter().any(|ending| name.ends_with(ending))

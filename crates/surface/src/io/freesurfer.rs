@@ -1,10 +1,11 @@
 //! FreeSurfer's binary triangle surfaces (`lh.pial`) and new-format curv files (`lh.thickness`). All big-endian.
 //!
-//! A surface: magic FF FF FE, a line of comment, mostly an empty line, the counts of vertices and triangles (i32),
-//! positions (f32), triangles (i32), and then whatever the program added: the geometry of the volume, whose `c_ras`
-//! is the position of the origin. That footer is kept byte for byte. Curv: magic FF FF FF, three counts, values (f32).
+//! A surface consists of the magic FF FF FE, a comment line, usually an empty line, the numbers of vertices and
+//! triangles (i32), positions (f32), triangles (i32), and then a footer that depends on the program: the geometry of
+//! the volume, whose `c_ras` is the position of the origin. The footer is kept byte for byte. A curv file consists of
+//! the magic FF FF FF, three counts, and values (f32).
 //!
-//! neuroformats reads both too; it drops the footer and allocates what the header says, so it isn't used.
+//! neuroformats reads both too, but drops the footer and allocates memory as the header says, so it isn't used.
 
 use std::io::{self, Write};
 
@@ -41,7 +42,7 @@ pub(super) fn read_surface(bytes: &[u8]) -> Result<Mesh, Flaw> {
     for _ in 0..faces {
         let mut triangle = [0; 3];
         for i in &mut triangle {
-            // A negative index becomes one beyond any vertex, and is refused with the others.
+            // A negative index becomes one beyond all vertices, and is rejected with the others.
             *i = cursor.i32(Endian::Big)?.cast_unsigned();
         }
         triangles.push(triangle);
@@ -76,7 +77,7 @@ pub(super) fn read_curv(bytes: &[u8]) -> Result<Signal, Flaw> {
     Ok(Signal { values, vertices: vertices as usize, channels: channels as usize })
 }
 
-/// The number of vertices that the head of a surface or of a curv file says, if it is one.
+/// Returns the number of vertices in the header of a surface or a curv file; `None` for other files.
 pub(super) fn declared(head: &[u8]) -> Option<u64> {
     let mut cursor = Cursor::new(head);
     let magic: [u8; 3] = cursor.array().ok()?;
@@ -104,12 +105,12 @@ fn count(cursor: &mut Cursor<'_>, what: &str) -> Result<u64, Flaw> {
     u64::try_from(n).map_err(|_| Flaw::new(format!("a number of {what}"), n.to_string()))
 }
 
-/// Writes a triangle surface, with the comment and the footer it came with; the volume's geometry of a GIfTI file makes
-/// a footer too.
+/// Writes a triangle surface with its original comment and footer. A GIfTI file's volume geometry is written as a
+/// footer too.
 pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&SURFACE_MAGIC)?;
     let stamp = mesh.meta.freesurfer_stamp.as_deref().unwrap_or("created by spharm");
-    // One line: a newline inside would end the header early.
+    // On one line, since a newline inside would end the header early.
     writeln!(out, "{}\n", stamp.replace('\n', " "))?;
     write_i32(out, mesh.vertices.len())?;
     write_i32(out, mesh.faces.len())?;
@@ -125,7 +126,7 @@ pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -
     }
 }
 
-/// Writes a curv file. The triangles' count, which no reader uses, is that of a closed genus-zero surface.
+/// Writes a curv file. The number of triangles, which no reader uses, is that of a closed genus-zero surface.
 pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&CURV_MAGIC)?;
     write_i32(out, signal.vertices)?;

@@ -1,8 +1,8 @@
-//! Binary glTF 2.0 (`.glb`), for viewers: positions, normals, triangles, and a colour and a value at each vertex.
+//! Binary glTF 2.0 (`.glb`), for viewers: positions, normals, triangles, and a colour and a value per vertex.
 //!
-//! A header, a chunk of JSON, a chunk of bytes. Positions are the mesh's own, in its unit, though glTF's unit is the
-//! metre and its y axis points up. Colours are linear in glTF, and are converted from sRGB. A value is the attribute
-//! `_NAME`.
+//! The file has a header, a chunk of JSON and a chunk of bytes. Positions are written unchanged, in the mesh's unit,
+//! although glTF's unit is the metre and its y axis points up. Colours are linear in glTF, and are converted from sRGB.
+//! A value is stored as the attribute `_NAME`.
 //!
 //! Source: Khronos Group, glTF 2.0 specification, sections 3 and 4.
 
@@ -12,20 +12,20 @@ use super::flaw::Flaw;
 use super::ply::PlyAttributes;
 use crate::mesh::Mesh;
 
-/// glTF's numbers for types of components.
+/// glTF's codes for component types.
 const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
-/// And for what a view is used for.
+/// glTF's codes for the use of a buffer view.
 const VERTICES: u32 = 34962;
 const TRIANGLES: u32 = 34963;
 
-/// Refuses to read: scenes of many meshes, placed and compressed in many ways.
+/// Reading is not supported: scenes may have many meshes, placed and compressed in many ways.
 pub(super) fn read(_: &[u8]) -> Result<Mesh, Flaw> {
     Err(Flaw::unsupported("a scene for viewers", "save its mesh as .ply or .obj"))
 }
 
-/// Bytes and the JSON that says what they are.
+/// Bytes, and the JSON that describes them.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,
@@ -34,7 +34,7 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Adds an array and returns the number of its accessor. `more` are further properties.
+    /// Adds an array and returns the index of its accessor. `accessor` holds further properties.
     fn add(&mut self, bytes: impl Iterator<Item = u8>, target: u32, accessor: &str) -> usize {
         let start = self.bytes.len();
         self.bytes.extend(bytes);
@@ -101,14 +101,14 @@ pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, attributes: &PlyAttributes
     out.write_all(&buffer.bytes)
 }
 
-/// A component of sRGB, 0 to 255, as a linear one, 0 to 65535.
+/// Converts an sRGB component, 0 to 255, to a linear one, 0 to 65535.
 fn to_linear(component: u8) -> u16 {
     let x = f64::from(component) / 255.0;
     let linear = if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
     (linear * 65535.0).round() as u16
 }
 
-/// Unit normals at the vertices: of the triangles around each, by their areas.
+/// Returns unit normals at the vertices: means over the triangles around each, weighted by area.
 fn normals(mesh: &Mesh) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0; 3]; mesh.vertices.len()];
     for face in &mesh.faces {

@@ -1,7 +1,7 @@
-//! Temporary files that killed processes left behind.
+//! Temporary files left behind by killed processes.
 //!
-//! A writer holds a lock on its temporary file. One whose lock is free belongs to nobody; where the file system has no
-//! locks, one to which nobody has written for a day.
+//! A writer holds a lock on its temporary file. A temporary file that isn't locked is abandoned; on a file system
+//! without locks, one that hasn't been modified for a day.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -12,7 +12,7 @@ use tempfile::NamedTempFile;
 
 const PREFIX: &str = ".spharm.";
 const SUFFIX: &str = ".tmp";
-/// Where there are no locks, nobody works on one file for this long.
+/// On file systems without locks, a temporary file not modified for this long is abandoned.
 const OLD: Duration = Duration::from_secs(24 * 3600);
 
 /// Creates a temporary file in a folder, and locks it.
@@ -21,14 +21,14 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     builder.prefix(PREFIX).suffix(SUFFIX);
     #[cfg(unix)]
     {
-        // As `File::create` would: temporary files are private by default, results are not.
+        // Permissions as of `File::create`: temporary files are private by default, results are not.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     loop {
         let temporary = builder.tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
-            // Between its creation and the lock somebody took it for a leftover.
+            // Between its creation and the lock, another process removed it as a leftover.
             Ok(()) if !temporary.path().exists() => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
@@ -36,8 +36,8 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     }
 }
 
-/// Removes the temporary files of a folder that no process is writing any more, and returns which. What can't be
-/// removed stays.
+/// Removes the temporary files in a folder that no process is writing any more, and returns their paths. Files that
+/// can't be removed are skipped.
 ///
 /// # Errors
 ///
@@ -51,8 +51,8 @@ pub fn remove_leftovers(folder: impl AsRef<Path>) -> io::Result<Vec<PathBuf>> {
         if !name.starts_with(PREFIX) || !name.ends_with(SUFFIX) || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
             continue;
         }
-        // It may have been finished since it was listed. The lock is held while it is removed, so that who has only
-        // just made it sees.
+        // It may have been completed since it was listed. The lock is held during the removal, so that a process that
+        // has just created it notices.
         let Ok(file) = File::open(entry.path()) else { continue };
         let abandoned = match file.try_lock() {
             Ok(()) => true,

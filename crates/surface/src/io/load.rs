@@ -1,4 +1,4 @@
-//! A file's bytes.
+//! Reads a file's bytes.
 
 use std::fs;
 use std::io::Read;
@@ -10,19 +10,19 @@ use super::flaw::Flaw;
 use crate::error::SurfaceError;
 use crate::room::{Bytes, check_room, most_expanded};
 
-/// Reads a regular file whole. Directories, FIFOs and devices are refused before they are opened, since opening a FIFO
-/// waits for whoever writes it.
+/// Reads an entire regular file. Directories, FIFOs and devices are rejected before they are opened, since opening a
+/// FIFO waits for its writer.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
     let found = regular(path)?;
-    // A sparse file takes no room on a disk.
+    // A sparse file needs no space on disk, so its size may exceed the memory.
     check_room(found.len()).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     let mut bytes = Vec::new();
     open(path).and_then(|mut file| file.read_to_end(&mut bytes)).map_err(io("read"))?;
     Ok(bytes)
 }
 
-/// What is known of a regular file, before it is opened; anything else is refused.
+/// Returns the metadata of a regular file, before it is opened; anything else is an error.
 fn regular(path: &Path) -> Result<fs::Metadata, SurfaceError> {
     let found = fs::metadata(path);
     let found = found.map_err(|cause| SurfaceError::Io { path: path.to_owned(), action: "open", cause })?;
@@ -32,7 +32,7 @@ fn regular(path: &Path) -> Result<fs::Metadata, SurfaceError> {
     }
 }
 
-/// Most bytes of a file's head.
+/// Number of bytes read from the start of a file.
 const HEAD: u64 = 4096;
 
 /// Reads the first bytes of a regular file.
@@ -44,10 +44,10 @@ pub(super) fn head(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     Ok(bytes)
 }
 
-/// The most bytes that one of deflate's output (gzip, zip) can stand for: a bound of the method itself.
+/// Largest number of bytes that one byte of deflate's output (gzip, zip) can expand to: a bound of the method itself.
 pub const MOST_EXPANSION: u64 = 1032;
 
-/// Whether bytes begin as a gzipped file does.
+/// Whether bytes begin like a gzipped file.
 pub(super) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1f, 0x8b])
 }
@@ -55,8 +55,8 @@ pub(super) fn is_gzip(bytes: &[u8]) -> bool {
 /// Bytes that are inflated at a time.
 const PIECE: usize = 1 << 20;
 
-/// Inflates a gzipped file. What goes beyond [`most_expanded`] is taken for a bomb, and what is free is asked for
-/// before each time that more memory is taken.
+/// Inflates a gzipped file. Contents beyond [`most_expanded`] are treated as a decompression bomb, and free memory is
+/// checked before each allocation.
 pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Flaw> {
     let limit = most_expanded(bytes.len() as u64);
     let mut decoder = flate2::read::MultiGzDecoder::new(bytes).take(limit);

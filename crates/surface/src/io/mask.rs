@@ -1,7 +1,7 @@
-//! Masks: which vertices are read.
+//! Masks of the vertices to read.
 //!
-//! Values on vertices, 0 where a vertex is left out; or one of FreeSurfer's labels (`lh.cortex.label`), text: a line of
-//! comment, the number of vertices, and for each its index, position and value.
+//! A mask is a file of values on vertices, 0 for excluded ones, or a FreeSurfer label (`lh.cortex.label`): text with a
+//! comment line, the number of vertices, and for each its index, position and value.
 
 use std::path::Path;
 
@@ -10,16 +10,16 @@ use super::text::{lines, next_number, number, words};
 use super::{load, read_signal};
 use crate::error::SurfaceError;
 
-/// What FreeSurfer's labels begin with.
+/// First bytes of a FreeSurfer label.
 const LABEL: &[u8] = b"#!ascii label";
 
-/// Reads a mask of so many vertices: whether each is read.
+/// Reads a mask of `vertices` vertices; an element is true if the vertex is to be read.
 ///
 /// # Errors
 ///
 /// As [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) for values of another number of vertices;
-/// [`Malformed`](SurfaceError::Malformed) for more than one value a vertex, and for a label of vertices that aren't
-/// there; [`NothingKept`](SurfaceError::NothingKept) if no vertex is read.
+/// [`Malformed`](SurfaceError::Malformed) for more than one value per vertex, and for a label with an index out of
+/// range; [`NothingKept`](SurfaceError::NothingKept) if no vertex is to be read.
 pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, SurfaceError> {
     let path = path.as_ref();
     let mask = if load::head(path)?.starts_with(LABEL) {

@@ -1,4 +1,4 @@
-//! What reading a file takes, from its size alone: for plans that are made before anything is read.
+//! Estimates the memory that reading a file needs from its size alone, for plans made before anything is read.
 
 use std::fs::{File, metadata};
 use std::io::{Read, Seek, SeekFrom};
@@ -6,12 +6,13 @@ use std::path::Path;
 
 use super::load::is_gzip;
 
-/// Returns about the most bytes that reading a mesh, a signal or a model takes, what is returned included; 0 for what
-/// isn't a regular file.
+/// Returns an estimate of the bytes needed to read a mesh, a signal or a model, including the result; 0 for anything
+/// but a regular file.
 ///
-/// A file of F bytes is read whole, and holds a mesh of less than 2 F bytes in memory: 24 a vertex and 12 a triangle.
-/// GIfTI has compressed data in base64, a few times smaller than what they hold. Of a gzipped file its last four bytes
-/// tell the size. What holds far more than its size says is found when it is decoded.
+/// A file of F bytes is read completely, and its mesh takes less than 2 F bytes in memory: 24 per vertex and 12 per
+/// triangle. GIfTI has compressed data in base64, a few times smaller than their contents. The last four bytes of a
+/// gzipped file give its uncompressed size. Contents far larger than a file's size suggests are detected when they are
+/// decoded.
 ///
 /// Measured on an icosphere of 655,362 vertices: PLY 2.3 F, OBJ, OFF and VTK 1.4 F, STL 2.1 F, GIfTI 6.5 F.
 #[must_use]
@@ -27,7 +28,7 @@ pub fn bytes_to_read(path: &Path) -> u64 {
     }
 }
 
-/// The size that a gzipped file gives for its contents, modulo 2^32; `None` for another file.
+/// Returns the uncompressed size recorded in a gzipped file, modulo 2^32; `None` for other files.
 fn inflated(path: &Path, size: u64) -> Option<u64> {
     let mut file = File::open(path).ok()?;
     let (mut magic, mut last) = ([0; 2], [0; 4]);

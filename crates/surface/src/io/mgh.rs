@@ -1,8 +1,8 @@
-//! FreeSurfer's MGH (`.mgh`, and `.mgz`, gzipped) where it holds values on vertices, one frame or several.
+//! FreeSurfer's MGH (`.mgh`, and `.mgz`, gzipped) with values on vertices, in one or more frames.
 //!
-//! All big-endian: version (i32, 1), width, height, depth, frames, type (i32 each), degrees of freedom, 256 bytes of
-//! geometry, from byte 284 on the values, width fastest, frames slowest, then tags. Values on n vertices have the size
-//! n x 1 x 1, or some other order of these. Volumes, of more than one size above 1, are recognised by
+//! Everything is big-endian: version (i32, 1), width, height, depth, frames, type (i32 each), degrees of freedom, 256
+//! bytes of geometry, then from byte 284 on the values, width varying fastest and frames slowest, then tags. Values on
+//! n vertices have the size n x 1 x 1, in any order. Volumes, in which more than one size is above 1, are recognised by
 //! [`volume`](super::volume).
 //!
 //! Source: <https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat>.
@@ -23,7 +23,7 @@ struct Header {
     kind: Kind,
 }
 
-/// Types of values.
+/// Types of the values.
 #[derive(Clone, Copy)]
 enum Kind {
     U8,
@@ -67,22 +67,22 @@ fn header(bytes: &[u8]) -> Result<Header, Flaw> {
     Ok(Header { size, frames, kind })
 }
 
-/// Whether bytes begin as an MGH file does.
+/// Whether bytes begin like an MGH file.
 pub(super) fn is_mgh(bytes: &[u8]) -> bool {
     bytes.len() >= HEADER && header(bytes).is_ok()
 }
 
-/// Whether bytes begin as an MGH file of a volume does.
+/// Whether bytes begin like an MGH file of a volume.
 pub(super) fn is_volume(bytes: &[u8]) -> bool {
     bytes.len() >= HEADER && header(bytes).is_ok_and(|header| header.size.iter().filter(|&&n| n > 1).count() > 1)
 }
 
-/// Reads values on vertices, a channel from each frame.
+/// Reads values on vertices; each frame becomes a channel.
 pub(super) fn read(bytes: &[u8]) -> Result<Signal, Flaw> {
     let Header { size, frames, kind } = header(bytes)?;
     let mut cursor = Cursor::new(bytes);
     cursor.take(HEADER)?;
-    // Each is below 2^31, and all sizes but one are 1.
+    // Each size is below 2^31, and all except one are 1.
     let vertices = size.iter().product::<u64>();
     let count = bounded(vertices.saturating_mul(frames), kind.size(), cursor.remaining(), "values")?;
     let (vertices, channels) = (vertices as usize, frames as usize);
@@ -103,7 +103,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Signal, Flaw> {
     Ok(Signal { values, vertices, channels })
 }
 
-/// Writes values on vertices as n x 1 x 1 floats, a frame for each channel.
+/// Writes values on vertices as n x 1 x 1 floats, one frame per channel.
 pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     const FLOAT: i32 = 3;
     let count = |n: usize| {
@@ -112,7 +112,7 @@ pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io
     for n in [1, count(signal.vertices)?, 1, 1, count(signal.channels)?, FLOAT, 0] {
         out.write_all(&n.to_be_bytes())?;
     }
-    // No geometry: it says whether it is valid, which it isn't, and is zero otherwise.
+    // No geometry: its "valid" flag is zero, like the rest.
     out.write_all(&[0; HEADER - 28])?;
     for channel in 0..signal.channels {
         for &x in signal.values.iter().skip(channel).step_by(signal.channels) {

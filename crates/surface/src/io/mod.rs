@@ -2,7 +2,7 @@
 //!
 //! | format | names | read | written |
 //! |---|---|---|---|
-//! | GIfTI | `.gii`, `.surf.gii`, `.func.gii`, `.shape.gii` | all encodings but external files | GZipBase64Binary |
+//! | GIfTI | `.gii`, `.surf.gii`, `.func.gii`, `.shape.gii` | all encodings except external files | GZipBase64Binary |
 //! | FreeSurfer | `lh.pial`, `rh.curv`, ... | triangle surfaces, new-format curv | the same |
 //! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | the same |
 //! | Wavefront | `.obj` | polygons, negative indices | ASCII |
@@ -16,12 +16,11 @@
 //!
 //! Landmarks have formats of their own, see [`landmarks`].
 //!
-//! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of them, [`check_output`] the check of an output's
-//! name.
+//! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of formats; [`check_output`] checks an output's name.
 //!
-//! A count in a header is compared with the bytes of the file before memory is allocated for it. A file is read whole:
-//! what it holds takes a few times its bytes in memory at most. What compressed ones expand to is held against
-//! [`most_expanded`] and the memory that is free, before and while they are decoded.
+//! A count in a header is compared with the size of the file before memory is allocated for it. A file is read
+//! completely; its contents need at most a few times its bytes in memory. The size of decompressed data is checked
+//! against [`most_expanded`] and the free memory, before and during decoding.
 
 mod atomic;
 mod bytes;
@@ -74,13 +73,13 @@ pub use ply::PlyAttributes;
 use spec::{Context, Writer};
 pub use spec::{FormatSpec, Precision};
 
-/// Options of writing.
+/// Options for writing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// Replace a file that is there. Else its presence is an error.
+    /// Replace an existing file. Otherwise an existing file is an error.
     pub overwrite: bool,
-    /// Write 64-bit positions where the format has a choice (GIfTI, PLY), whose default is 32 bits. Text formats always
-    /// carry every digit; FreeSurfer and STL have no room for more than 32 bits.
+    /// Write 64-bit positions in formats that support both (GIfTI, PLY), whose default is 32 bits. Text formats always
+    /// have every digit; FreeSurfer and STL only support 32 bits.
     pub double: bool,
 }
 
@@ -90,10 +89,10 @@ pub struct WriteOptions {
 ///
 /// [`Io`](SurfaceError::Io), [`NotAFile`](SurfaceError::NotAFile), [`NotAMesh`](SurfaceError::NotAMesh),
 /// [`VolumeInput`](SurfaceError::VolumeInput), [`UnknownFormat`](SurfaceError::UnknownFormat),
-/// [`Malformed`](SurfaceError::Malformed), [`Unsupported`](SurfaceError::Unsupported); for contents that make no
+/// [`Malformed`](SurfaceError::Malformed), [`Unsupported`](SurfaceError::Unsupported); for contents that aren't a valid
 /// surface [`Empty`](SurfaceError::Empty), [`NonFinite`](SurfaceError::NonFinite),
-/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`TooLarge`](SurfaceError::TooLarge). Whether the surface is
-/// closed is checked by [`Topology`](crate::topology::Topology).
+/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`TooLarge`](SurfaceError::TooLarge).
+/// [`Topology`](crate::topology::Topology) checks whether the surface is closed.
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
     let path = path.as_ref();
     match read_input(path)? {
@@ -108,7 +107,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
 ///
 /// # Errors
 ///
-/// As [`read_mesh`], and where the file holds a surface.
+/// As [`read_mesh`], and if the file holds a surface.
 pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
     match read_input(path)? {
@@ -121,7 +120,7 @@ pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     }
 }
 
-/// Reads whatever the file holds, a surface or a signal.
+/// Reads a file that may hold a surface or a signal.
 ///
 /// # Errors
 ///
@@ -143,11 +142,11 @@ pub(crate) fn read_input_with_gaps(path: &Path) -> Result<Input, SurfaceError> {
     Ok(input)
 }
 
-/// Reads values on vertices some of which may be missing, which is NaN.
+/// Reads values on vertices, of which some may be missing, marked by NaN.
 ///
 /// # Errors
 ///
-/// As [`read_signal`], but for NaN.
+/// As [`read_signal`], except for NaN.
 pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
     let Input::Signal(signal) = parse(path)? else { return read_signal(path) };
@@ -156,12 +155,12 @@ pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceEr
     Ok(signal)
 }
 
-/// Returns the number of vertices that a file says in its first bytes: of FreeSurfer's surfaces and curv files. `None`
-/// of other formats, which have to be read.
+/// Returns the number of vertices given in a file's first bytes, for FreeSurfer's surfaces and curv files; `None` for
+/// other formats, which have to be read.
 ///
 /// # Errors
 ///
-/// Those of [`read_input`] for an empty file, and for one that can't be opened.
+/// Those of [`read_input`] for an empty file or one that can't be opened.
 pub fn declared_vertices(path: impl AsRef<Path>) -> Result<Option<u64>, SurfaceError> {
     let path = path.as_ref();
     let head = load::head(path)?;
@@ -171,13 +170,13 @@ pub fn declared_vertices(path: impl AsRef<Path>) -> Result<Option<u64>, SurfaceE
     Ok(freesurfer::declared(&head))
 }
 
-/// Reads a file without looking at the values.
+/// Reads a file without checking the values.
 fn parse(path: &Path) -> Result<Input, SurfaceError> {
     let mut bytes = load::load(path)?;
     if load::is_gzip(&bytes) {
         bytes = load::gunzip(&bytes).map_err(|flaw| flaw.at(path, "a gzipped file"))?;
     }
-    // No format takes less for what it holds, beside the bytes themselves.
+    // In every format the contents need at least as much memory as the file, in addition to the file's bytes.
     check_room(bytes.len() as u64).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     if let Some(format) = volume::kind(&bytes) {
         return Err(SurfaceError::VolumeInput { path: path.to_owned(), format });
@@ -187,14 +186,14 @@ fn parse(path: &Path) -> Result<Input, SurfaceError> {
     Ok(input)
 }
 
-/// Writes a surface in the format its name asks for, whole or not at all.
+/// Writes a surface in the format implied by its name, completely or not at all.
 ///
-/// `lh.*`, `rh.*` and FreeSurfer's own endings (`.pial`, `.white`, `.sphere`, ...) make FreeSurfer files.
+/// Names `lh.*`, `rh.*` and FreeSurfer's own endings (`.pial`, `.white`, `.sphere`, ...) give FreeSurfer files.
 ///
 /// # Errors
 ///
-/// Where the name asks for no format, the file exists and may not be replaced, or writing fails; the target is then
-/// as it was.
+/// If the name implies no format, the file exists and may not be replaced, or writing fails; the target is then
+/// unchanged.
 pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -> Result<(), SurfaceError> {
     let path = path.as_ref();
     let format = to_write_mesh(path)?;
@@ -205,8 +204,8 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -
     write_as(path, options, format.write_mesh, mesh, None)
 }
 
-/// Writes values on vertices in the format the name asks for: `.gii` (float32 unless `double`), `.mgz`, `.csv`, `.tsv`,
-/// or, for one channel, FreeSurfer's curv (`lh.*`, `rh.*`, `.curv`, `.thickness`, ...).
+/// Writes values on vertices in the format implied by the name: `.gii` (float32 unless `double`), `.mgz`, `.csv`,
+/// `.tsv`, or, for one channel, FreeSurfer's curv (`lh.*`, `rh.*`, `.curv`, `.thickness`, ...).
 ///
 /// # Errors
 ///
@@ -215,8 +214,8 @@ pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOpti
     write_signal_of(path, signal, None, options)
 }
 
-/// Writes values on the vertices of a structure, such as `CortexLeft`, which GIfTI keeps as
-/// `AnatomicalStructurePrimary` and other formats don't; Workbench asks for it. See [`write_signal`].
+/// Writes values on the vertices of a structure, such as `CortexLeft`. GIfTI stores it as `AnatomicalStructurePrimary`,
+/// which Workbench requires; other formats don't store it. See [`write_signal`].
 ///
 /// # Errors
 ///
@@ -243,7 +242,7 @@ pub fn write_signal_of(
     write_as(path, options, format.write_signal, signal, structure)
 }
 
-/// Writes by a format's writer, gzipped where the name says so.
+/// Writes with a format's writer, gzipped if the name says so.
 fn write_as<T>(
     path: &Path,
     options: &WriteOptions,

@@ -1,6 +1,7 @@
-//! Wavefront OBJ: `v x y z`, `f a/b/c ...`; everything else (normals, texture, groups, materials) is passed over.
+//! Wavefront OBJ: `v x y z`, `f a/b/c ...`; everything else (normals, texture, groups, materials) is skipped.
 //!
-//! tobj makes a model of each group, with vertices of its own, which loses the file's vertex order and isn't used.
+//! tobj makes a separate model of each group, with its own vertices, which loses the file's vertex order, so it isn't
+//! used.
 
 use std::io::{self, Write};
 
@@ -37,7 +38,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(Mesh::new(vertices, faces))
 }
 
-/// A corner such as `7`, `7/1`, `7//3` or `-1`, counted from 1, or backwards from the last vertex so far.
+/// Parses a corner such as `7`, `7/1`, `7//3` or `-1`, counted from 1, or backwards from the last vertex so far.
 fn index(word: &[u8], vertices_so_far: usize, line_number: usize) -> Result<u32, Flaw> {
     let position = word.split(|&b| b == b'/').next().unwrap_or_default();
     let from_zero = match number::<i64>(position) {

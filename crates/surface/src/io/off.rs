@@ -1,7 +1,7 @@
-//! Geomview's OFF: a word, the counts, a line per vertex, a line per polygon. Colours and normals behind the
-//! positions are passed over.
+//! Geomview's OFF: a keyword, the counts, a line per vertex, a line per polygon. Colours and normals after the
+//! positions are skipped.
 //!
-//! off-rs rounds positions to 32 bits and isn't used.
+//! off-rs rounds positions to 32 bits, so it isn't used.
 
 use std::io::{self, Write};
 
@@ -12,7 +12,7 @@ use crate::mesh::Mesh;
 
 /// Reads text OFF, COFF, NOFF and CNOFF.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
-    // Lines with something on them, comments off.
+    // Nonempty lines without comments.
     let mut lines = lines(bytes)
         .map(|(number, line)| (number, line.split(|&b| b == b'#').next().unwrap_or_default().trim_ascii()))
         .filter(|(_, line)| !line.is_empty());
@@ -42,7 +42,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let vertex_count: u64 = next_number(&mut counts, "the count of vertices", at)?;
     let face_count: u64 = next_number(&mut counts, "the count of polygons", at)?;
 
-    // "0 0 0" and a newline; the last line needs none.
+    // The shortest line is "0 0 0" and a newline, which the last line doesn't need.
     let vertex_count = bounded(vertex_count, 6, bytes.len() + 1, "vertices")?;
     let mut vertices = Vec::with_capacity(vertex_count);
     for _ in 0..vertex_count {
@@ -57,7 +57,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         let mut words = words(line);
         let count: usize = next_number(&mut words, "a count of corners", at)?;
         corners.clear();
-        // Each corner takes a word of the line, so a count too large ends with it.
+        // Each corner needs a word of the line, so a count that is too large fails at the end of the line.
         for _ in 0..count {
             corners.push(next_number(&mut words, "a vertex's index", at)?);
         }

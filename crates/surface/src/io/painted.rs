@@ -1,4 +1,4 @@
-//! Meshes with a value and a colour at each vertex, for viewers.
+//! Meshes with a value and a colour per vertex, for viewers.
 
 use std::path::Path;
 
@@ -8,15 +8,15 @@ use super::{WriteOptions, check, glb, ply, vtk, write_new, write_signal};
 use crate::error::SurfaceError;
 use crate::mesh::{Mesh, Signal};
 
-/// Endings of files that [`write_painted`] writes.
+/// Endings of the files that [`write_painted`] writes.
 pub const PAINTED: &[&str] = &[".ply", ".glb", ".vtk", ".shape.gii", ".func.gii"];
 
-/// Writes a PLY file with a value or a colour at each vertex, for viewers such as MeshLab and CloudCompare.
+/// Writes a PLY file with a value or a colour per vertex, for viewers such as MeshLab and CloudCompare.
 ///
 /// # Errors
 ///
-/// As [`write_mesh`](super::write_mesh()); also where the name doesn't end in `.ply`, an attribute's length isn't the
-/// number of vertices or its name isn't one word.
+/// As [`write_mesh`](super::write_mesh()); also if the name doesn't end in `.ply`, or if an attribute's length isn't
+/// the number of vertices or its name isn't a single word.
 pub fn write_ply(
     path: impl AsRef<Path>,
     mesh: &Mesh,
@@ -34,13 +34,13 @@ pub fn write_ply(
     write_new(path, options.overwrite, |out| ply::write(out, mesh, attributes, options.double))
 }
 
-/// Writes what a viewer of the name's format shows of a value at each vertex: `.ply` and `.glb` the mesh with value and
-/// colour, `.vtk` the mesh with the value as `POINT_DATA`, `.shape.gii` and `.func.gii` the values alone, which are
-/// shown over a surface of the same vertices.
+/// Writes a value per vertex in the form that viewers of the name's format show: `.ply` and `.glb` the mesh with value
+/// and colour, `.vtk` the mesh with the value as `POINT_DATA`, `.shape.gii` and `.func.gii` the values alone, to be
+/// shown over a surface with the same vertices.
 ///
 /// # Errors
 ///
-/// As [`write_ply`]; also for other endings, and where GIfTI is to have values and there are none.
+/// As [`write_ply`]; also for other endings, and for GIfTI if there are no values.
 pub fn write_painted(
     path: impl AsRef<Path>,
     mesh: &Mesh,

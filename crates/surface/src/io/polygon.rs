@@ -1,9 +1,9 @@
-//! Polygons into triangles.
+//! Splits polygons into triangles.
 
-/// Adds the fan of triangles around the polygon's first corner.
+/// Adds the fan of triangles around a polygon's first corner.
 ///
-/// It keeps the winding and adds no vertex; of a polygon that isn't convex it may fold over, which is the geometry's
-/// loss and leaves the topology right. Fewer than three corners are no polygon: `false`.
+/// The fan keeps the winding and adds no vertex. For a polygon that isn't convex it may fold over, which affects the
+/// geometry but not the topology. Returns `false` for fewer than three corners.
 pub(super) fn fan(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> bool {
     let [first, second, rest @ ..] = corners else {
         return false;

@@ -1,16 +1,16 @@
-//! Properties of a format, as the table of formats has them.
+//! Properties of a format, as listed in the table of formats.
 
 use std::io::{self, Write};
 
 use super::flaw::Flaw;
 use crate::mesh::{Input, Mesh, Signal};
 
-/// How many bits of a position or value a format keeps.
+/// Number of bits of a position or value that a format keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
-    /// Every bit, as text.
+    /// All bits, as text.
     Exact,
-    /// 32 bits, or 64 where they are asked for.
+    /// 32 bits, or 64 if requested.
     Choice,
     /// 32 bits.
     Single,
@@ -19,45 +19,46 @@ pub enum Precision {
 /// A file format.
 #[derive(Debug)]
 pub struct FormatSpec {
-    /// Its name as it stands in messages: "a PLY file".
+    /// Name as used in messages: "a PLY file".
     pub name: &'static str,
     /// Endings of its files, in lower case; `.gz` may follow each.
     pub endings: &'static [&'static str],
-    /// What it keeps of a position or a value.
+    /// Precision of a position or a value.
     pub precision: Precision,
-    /// Whether the order of the vertices is kept. Where it isn't, a surface and its sphere no longer correspond.
+    /// Whether the order of the vertices is kept. If it isn't, a surface and its sphere no longer correspond.
     pub keeps_order: bool,
-    /// Whether names that begin with a hemisphere, `lh.` or `rh.`, and have no other format's ending ask for it. Its
-    /// own endings are words that say little of a file's format.
+    /// Whether this format is implied by names that begin with a hemisphere, `lh.` or `rh.`, and don't have another
+    /// format's ending. The format's own endings are common words that don't determine a file's format.
     pub hemisphere_prefix: bool,
-    /// Values that a vertex may have at most.
+    /// Most values per vertex.
     pub most_channels: usize,
-    /// Whether a file that begins with these bytes is in this format. The first format of the table that says so is it.
+    /// Whether bytes at the start of a file match this format. The first matching format of the table is used.
     pub(super) magic: fn(&[u8]) -> bool,
-    /// Reads what a file holds.
+    /// Reads a file's contents.
     pub(super) read: fn(&[u8]) -> Result<Input, Flaw>,
-    /// Writes a surface, if the format holds them.
+    /// Writes a surface, if the format supports surfaces.
     pub(super) write_mesh: Option<Writer<Mesh>>,
-    /// Writes values on vertices, if the format holds them.
+    /// Writes values on vertices, if the format supports them.
     pub(super) write_signal: Option<Writer<Signal>>,
 }
 
 /// Writes contents of one kind in a format.
 pub(super) type Writer<T> = fn(&mut dyn Write, &T, &Context<'_>) -> io::Result<()>;
 
-/// What a writer may want to know beside the contents.
+/// Information for a writer in addition to the contents.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Context<'a> {
-    /// Whether 64 bits were asked for.
+    /// Whether 64 bits were requested.
     pub(super) double: bool,
     /// The file's name in lower case, without `.gz`.
     pub(super) name: &'a str,
-    /// What the vertices are of, as GIfTI's `AnatomicalStructurePrimary` has it, where the contents don't say.
+    /// Structure of the vertices, as a value of GIfTI's `AnatomicalStructurePrimary`, used if the contents don't
+    /// specify it.
     pub(super) structure: Option<&'a str>,
 }
 
 impl FormatSpec {
-    /// Returns whether every bit of an f64 is kept; `double` is whether 64 bits are asked for.
+    /// Returns whether every bit of an f64 is kept; `double` means that 64 bits are requested.
     #[must_use]
     pub fn holds_double(&self, double: bool) -> bool {
         match self.precision {

@@ -1,7 +1,7 @@
-//! STL, text and binary. It has no shared vertices: each triangle carries its corners, and corners with equal
-//! coordinates, to the bit, become one vertex, numbered as they first appear.
+//! STL, text and binary. It has no shared vertices: each triangle stores its corners, and corners with exactly equal
+//! coordinates become one vertex, numbered in the order of first appearance.
 //!
-//! stl_io takes binary files that start with "solid", as many do, for text and isn't used.
+//! stl_io treats binary files that start with "solid", as many do, as text, so it isn't used.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -12,10 +12,10 @@ use super::text::{lines, next_position, words};
 use crate::mesh::Mesh;
 
 const HEADER: usize = 80;
-/// A normal, three corners, two bytes of attributes.
+/// Bytes per triangle: a normal, three corners, two bytes of attributes.
 const TRIANGLE: usize = 50;
 
-/// Reads either kind. A file whose length is what a binary one's must be is binary, whatever its header says.
+/// Reads either kind. A file whose length matches a binary file's is binary, whatever its header says.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let text = bytes.trim_ascii_start().starts_with(b"solid");
     let mut cursor = Cursor::new(bytes);
@@ -48,7 +48,7 @@ fn has_binary_length(bytes: &[u8]) -> bool {
 
 fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut welder = Welder::with_capacity(0);
-    // Corners of the open loop; whether a solid is open.
+    // Number of corners in the open loop, and whether a solid is open.
     let (mut corners, mut open) = (0, false);
     for (at, line) in lines(bytes) {
         let mut words = words(line);
@@ -76,7 +76,7 @@ fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(welder.finish())
 }
 
-/// Gives equal positions one number.
+/// Assigns the same index to equal positions.
 struct Welder {
     numbers: HashMap<[u64; 3], u32>,
     vertices: Vec<[f64; 3]>,
@@ -93,7 +93,7 @@ impl Welder {
     }
 
     fn corner(&mut self, position: [f64; 3]) -> Result<(), Flaw> {
-        // Adding 0 turns -0 into +0, which are one place.
+        // Adding 0 turns -0 into +0, which is the same position.
         let key = position.map(|x| (x + 0.0).to_bits());
         let next = u32::try_from(self.vertices.len()).map_err(|_| Flaw::new("fewer than 2^32 vertices", "more"))?;
         let number = *self.numbers.entry(key).or_insert(next);

@@ -6,9 +6,10 @@ use super::flaw::{Flaw, shown};
 use super::text::{lines, number};
 use crate::mesh::Signal;
 
-/// Reads a table whose cells are parted by `separator`. The first line is taken for names if any cell isn't a number.
+/// Reads a table whose cells are separated by `separator`. The first line is treated as names if any cell isn't a
+/// number.
 pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
-    // A byte-order mark, as spreadsheets write it.
+    // A byte-order mark, as written by spreadsheets.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut values: Vec<f64> = Vec::new();
     let (mut vertices, mut channels) = (0, None);
@@ -30,7 +31,7 @@ pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
             if !first {
                 return Err(Flaw::new(format!("numbers on line {at}"), shown(cell)));
             }
-            // Names, whose count binds the rows too.
+            // Names, whose number fixes the number of columns.
             values.truncate(start);
             channels = Some(line.split(|&b| b == separator).count());
         } else {

@@ -1,23 +1,23 @@
-//! Numbers and lines of the text formats.
+//! Parses numbers and lines of the text formats.
 
 use super::flaw::{Flaw, shown};
 
-/// Lines with their numbers, counted from 1, without line ends.
+/// Returns the lines with their numbers, counted from 1, without line ends.
 pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
     bytes.split(|&b| b == b'\n').enumerate().map(|(i, line)| (i + 1, line.strip_suffix(b"\r").unwrap_or(line)))
 }
 
-/// The words of a line.
+/// Returns the words of a line.
 pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
-/// A number, or `None`. NaN and infinity parse; the checks after reading refuse them with the vertex's number.
+/// Parses a number. NaN and infinity are accepted; checks after reading reject them with the vertex's index.
 pub(super) fn number<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// The next word as a number.
+/// Parses the next word as a number.
 pub(super) fn next_number<'a, T: std::str::FromStr>(
     words: &mut impl Iterator<Item = &'a [u8]>,
     what: &str,
@@ -27,7 +27,7 @@ pub(super) fn next_number<'a, T: std::str::FromStr>(
     number(word).ok_or_else(|| Flaw::new(format!("{what} on line {line}"), shown(word)))
 }
 
-/// The next three words as a position.
+/// Parses the next three words as a position.
 pub(super) fn next_position<'a>(words: &mut impl Iterator<Item = &'a [u8]>, line: usize) -> Result<[f64; 3], Flaw> {
     let mut position = [0.0; 3];
     for x in &mut position {

@@ -1,8 +1,8 @@
-//! Volumes and images that are given where a surface is wanted.
+//! Detects volumes and images given instead of a surface.
 
 use super::mgh;
 
-/// The kind of volume or image that bytes begin as; `None` for anything else.
+/// Returns the kind of volume or image that the first bytes indicate; `None` for anything else.
 pub(super) fn kind(bytes: &[u8]) -> Option<&'static str> {
     let starts = |magic: &[u8]| bytes.starts_with(magic);
     let nifti = |at: usize, magics: [&[u8]; 2]| {

@@ -1,5 +1,5 @@
-//! Groups whose correspondence is known: families of one or two parameters, each member meshed anew, in any pose, with
-//! its parameters and the places that correspond.
+//! Groups with known correspondence: families with one or two parameters. Each member is meshed separately, in any
+//! pose, and comes with its parameters and its corresponding points ("places").
 //!
 //! | family | members | parameters, mm | modes where places correspond |
 //! |---|---|---|--:|
@@ -10,10 +10,10 @@
 //! | [`Rods`](Family::Rods) | flattened rods with a knob at one end | the shaft's length, 20 to 50 | 1 |
 //! | [`Tori`](Family::Tori) | warped rings of one handle | the ring's radius, 17 to 23; the tube's, 5 to 7 | 2 |
 //!
-//! Single parameters are even from member to member, two of them are drawn. But for the sharp bump, no member is the
-//! image of itself under a rotation other than half turns of ellipsoids, so that its places are those of its shape and
-//! not of its mesh. A mesh is an icosphere in a random rotation, or a grid of random size and phase, whose vertices and
-//! triangles are shuffled: two members have neither vertices nor triangles in common.
+//! A single parameter varies evenly from member to member; two parameters are drawn at random. Except for the sharp
+//! bump, no rotation maps a member to itself, other than half turns of ellipsoids, so a member's places are determined
+//! by its shape and not by its mesh. A mesh is an icosphere in a random rotation, or a grid of random size and phase,
+//! with shuffled vertices and triangles: two members have neither vertices nor triangles in common.
 
 mod boxes;
 mod shapes;
@@ -41,11 +41,11 @@ pub enum Family {
 }
 
 impl Family {
-    /// All of them.
+    /// All families.
     pub const ALL: [Self; 6] =
         [Self::MovingBump, Self::SharpBump, Self::GrowingBump, Self::Ellipsoids, Self::Rods, Self::Tori];
 
-    /// Its name, in lower case with hyphens.
+    /// Returns the family's name, in lower case with hyphens.
     pub fn name(self) -> &'static str {
         match self {
             Self::MovingBump => "moving-bump",
@@ -57,7 +57,7 @@ impl Family {
         }
     }
 
-    /// Names of its parameters.
+    /// Returns the names of the family's parameters.
     pub fn parameters(self) -> &'static [&'static str] {
         match self {
             Self::MovingBump | Self::SharpBump => &["place"],
@@ -68,7 +68,7 @@ impl Family {
         }
     }
 
-    /// Ends of its parameters, in mm.
+    /// Returns the ranges of the family's parameters, in mm.
     fn ranges(self) -> &'static [[f64; 2]] {
         match self {
             Self::MovingBump => &[[-7.0, 7.0]],
@@ -84,13 +84,13 @@ impl Family {
 /// A group of a family.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Group {
-    /// What it is of.
+    /// The family that the group belongs to.
     pub family: Family,
     /// Number of members.
     pub members: u64,
-    /// Of poses, meshes and drawn parameters.
+    /// Seed of poses, meshes and random parameters.
     pub seed: u64,
-    /// Of the icosphere that a mesh is made of; a ring has as many vertices or somewhat fewer. 5 are 10,242.
+    /// Subdivisions of the icosphere that a mesh is made from; a ring has at most as many vertices. 5 gives 10,242.
     pub subdivisions: u32,
     /// Whether members stay in the family's own frame.
     pub upright: bool,
@@ -107,9 +107,9 @@ pub struct Member {
     pub rotation: [Vec3; 3],
     /// t, in mm.
     pub translation: Vec3,
-    /// Names of the known places, the same for all members.
+    /// Names of the known places, in the same order for all members.
     pub names: Vec<&'static str>,
-    /// Where they are.
+    /// Positions of the known places.
     pub places: Vec<Vec3>,
 }
 
@@ -120,7 +120,7 @@ const IDENTITY: [Vec3; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 impl Group {
     /// Returns member `index`. The same arguments give the same bits.
     pub fn member(&self, index: u64) -> Member {
-        // Streams of the seeds of members don't meet.
+        // The random sequences of different members don't overlap.
         let mut random = SplitMix64::new(self.seed.wrapping_mul(0x1_0000_0001).wrapping_add(index));
         let ranges = self.family.ranges();
         let parameters: Vec<f64> = ranges
@@ -151,7 +151,7 @@ impl Group {
         Member { mesh, parameters, rotation, translation, names, places }
     }
 
-    /// The point of a direction, in the family's frame; of families that are spheres.
+    /// Returns the point of a direction in the family's frame, for families with the topology of a sphere.
     fn point(&self, parameters: &[f64], u: Vec3) -> Vec3 {
         match self.family {
             Family::MovingBump => boxes::tapered(u, [parameters[0], 0.0], boxes::HEIGHT),
@@ -174,14 +174,14 @@ impl Group {
     }
 }
 
-/// A random rotation, uniform over all of them, by rows.
+/// Returns a rotation, by rows, drawn uniformly from all rotations.
 fn rotation(random: &mut SplitMix64) -> [Vec3; 3] {
     let third = random.direction();
     let first = random.square_to(third);
     [first, cross(third, first), third]
 }
 
-/// Puts vertices and triangles into a random order.
+/// Shuffles vertices and triangles.
 fn shuffle(mesh: &mut Mesh, random: &mut SplitMix64) {
     let mut order = |count: usize| {
         let mut order: Vec<usize> = (0..count).collect();

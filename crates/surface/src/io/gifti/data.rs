@@ -1,4 +1,4 @@
-//! One DataArray's numbers, from any of GIfTI's encodings.
+//! Decodes the numbers of one DataArray from any of GIfTI's encodings.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -13,14 +13,14 @@ use crate::room::{Bytes, check_room};
 
 /// A decoded array.
 ///
-/// Every type GIfTI has (float32, float64, int32, uint8) is exact in an f64, so there is one kind of value.
+/// All of GIfTI's types (float32, float64, int32, uint8) are exact in an f64, so all values are stored as f64.
 #[derive(Debug, Default)]
 pub(super) struct Array {
     /// (rows, columns), row-major.
     pub(super) values: Vec<f64>,
     /// The first dimension.
     pub(super) rows: usize,
-    /// The product of the others.
+    /// The product of the other dimensions.
     pub(super) columns: usize,
 }
 
@@ -43,7 +43,7 @@ impl DataType {
     }
 }
 
-/// What a DataArray's attributes say of its data, as text.
+/// A DataArray's attributes that describe its data, as text.
 #[derive(Debug, Default)]
 pub(super) struct Description {
     pub(super) data_type: String,
@@ -55,7 +55,7 @@ pub(super) struct Description {
     pub(super) dimensions: [Option<String>; 6],
 }
 
-/// Decodes the content of a Data element; `left` is what compressed data may still expand to.
+/// Decodes the content of a Data element; `left` is the number of bytes that compressed data may still expand to.
 pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> Result<Array, Flaw> {
     let data_type = match description.data_type.as_str() {
         "NIFTI_TYPE_FLOAT32" => DataType::Float32,
@@ -77,7 +77,7 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
         }
     };
     let (rows, columns, count) = shape(description)?;
-    // Text takes two bytes a value, and base64 4 for 3.
+    // Text needs at least two bytes per value, and base64 4 for 3.
     let values = match description.encoding.as_str() {
         "ASCII" => {
             // The last value needs no blank after it.
@@ -118,9 +118,9 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
     Ok(Array { values, rows, columns })
 }
 
-/// A count of values that compressed text is said to hold, taken off what may be.
+/// Checks the number of values in compressed text, and subtracts their bytes from `left`.
 fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Result<usize, Flaw> {
-    /// No byte of deflated data stands for more bytes than these.
+    /// Bound of deflate: each compressed byte expands to at most this many.
     const DEFLATED: u64 = 1032;
     let bytes = count.saturating_mul(data_type.size() as u64);
     if bytes / DEFLATED > text as u64 {
@@ -136,7 +136,7 @@ fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Res
             return Err(Flaw::unsupported(found, "write the file again without compression if it is to be trusted"));
         }
     }
-    // The bytes and the numbers made of them are there at once.
+    // The bytes and the numbers decoded from them are in memory at the same time.
     check_room(count.saturating_mul(8).saturating_add(bytes))?;
     usize::try_from(count).map_err(|_| Flaw::new("values that fit in memory", count.to_string()))
 }
@@ -153,7 +153,7 @@ fn endian(description: &Description) -> Result<Endian, Flaw> {
     }
 }
 
-/// Rows, columns and their product.
+/// Returns rows, columns and their product.
 fn shape(description: &Description) -> Result<(usize, usize, u64), Flaw> {
     let dimensionality: usize = number(description.dimensionality.trim().as_bytes())
         .filter(|d| (1..=6).contains(d))
@@ -178,7 +178,7 @@ fn ascii(text: &str, count: usize, data_type: DataType) -> Result<Vec<f64>, Flaw
     let mut values = Vec::with_capacity(count);
     for word in words(text.as_bytes()) {
         let value = match data_type {
-            // Rounded as the type says, lest a text and a binary copy of one surface differ.
+            // Rounded to the declared type, so that a text and a binary copy of one surface are identical.
             DataType::Float32 => number::<f32>(word).map(f64::from),
             DataType::Float64 => number::<f64>(word),
             DataType::Int32 => number::<i32>(word).map(f64::from),
@@ -212,11 +212,11 @@ fn base64(text: &str) -> Result<Vec<u8>, Flaw> {
 
 /// Inflates to exactly `size` bytes.
 fn inflate(packed: &[u8], size: usize) -> Result<Vec<u8>, Flaw> {
-    // Numbers seldom compress more than tenfold; a header that promises more gets its memory as the bytes come.
+    // Numbers seldom compress more than tenfold; if a header claims more, memory is allocated as the bytes arrive.
     let likely = packed.len().saturating_mul(64);
     let mut raw = Vec::with_capacity(size.min(likely).saturating_add(1));
     let limit = size as u64 + 1;
-    // The standard's "GZip" is zlib's wrapper in every program that writes it; a real gzip one costs a line.
+    // The standard's "GZip" is zlib's wrapper in every program that writes it; supporting real gzip takes one line.
     let done = if packed.starts_with(&[0x1f, 0x8b]) {
         flate2::read::GzDecoder::new(packed).take(limit).read_to_end(&mut raw)
     } else {
@@ -248,7 +248,7 @@ fn binary(raw: &[u8], count: usize, data_type: DataType, endian: Endian) -> Resu
     })
 }
 
-/// Column-major values, columns of `rows`, row by row.
+/// Returns column-major values, columns of length `rows`, in row-major order.
 fn transposed(values: &[f64], rows: usize) -> Vec<f64> {
     (0..rows).flat_map(|row| values.iter().skip(row).step_by(rows).copied()).collect()
 }

@@ -1,4 +1,4 @@
-//! Words of the standard that are read and written.
+//! Words of the standard that are read or written.
 
 /// The intent of positions.
 pub(super) const POINTSET: &str = "NIFTI_INTENT_POINTSET";
@@ -8,7 +8,7 @@ pub(super) const TRIANGLE: &str = "NIFTI_INTENT_TRIANGLE";
 pub(super) const SHAPE: &str = "NIFTI_INTENT_SHAPE";
 /// The intent of any other values.
 pub(super) const NONE: &str = "NIFTI_INTENT_NONE";
-/// The name of the metadata that say which structure a surface is of.
+/// Name of the metadata entry for a surface's anatomical structure.
 pub(super) const STRUCTURE: &str = "AnatomicalStructurePrimary";
-/// A coordinate system that isn't known.
+/// An unknown coordinate system.
 pub(super) const UNKNOWN_SPACE: &str = "NIFTI_XFORM_UNKNOWN";

@@ -1,4 +1,4 @@
-//! Writing: GZipBase64Binary, little-endian, row-major, which every reader takes.
+//! Writes GZipBase64Binary, little-endian, row-major, which every reader accepts.
 
 use std::io::{self, Write};
 
@@ -49,7 +49,7 @@ pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, context: &Cont
     writeln!(out, "</GIFTI>")
 }
 
-/// Metadata of the point set, with the volume's geometry where that comes from a FreeSurfer file.
+/// Returns the metadata of the point set, with the volume's geometry if the mesh comes from a FreeSurfer file.
 fn surface_metadata(mesh: &Mesh) -> Vec<(String, String)> {
     let meta = &mesh.meta;
     let mut metadata = Vec::new();
@@ -64,7 +64,7 @@ fn surface_metadata(mesh: &Mesh) -> Vec<(String, String)> {
     metadata
 }
 
-/// Writes a signal, one array for each channel, as Workbench's metric files have it.
+/// Writes a signal with one array per channel, like Workbench's metric files.
 pub(in crate::io) fn write_signal(out: &mut dyn Write, signal: &Signal, context: &Context<'_>) -> io::Result<()> {
     let structure = context.structure.map(|structure| (STRUCTURE.to_owned(), structure.to_owned()));
     open(out, signal.channels, structure.as_slice())?;
@@ -99,7 +99,7 @@ fn write_floats(out: &mut dyn Write, values: impl Iterator<Item = f64>, double: 
 
 fn open(out: &mut dyn Write, arrays: usize, metadata: &[(String, String)]) -> io::Result<()> {
     writeln!(out, r#"<?xml version="1.0" encoding="UTF-8"?>"#)?;
-    // Verbatim as the standard gives it: some readers compare the line.
+    // Verbatim from the standard, since some readers compare the line.
     writeln!(out, r#"<!DOCTYPE GIFTI SYSTEM "http://www.nitrc.org/frs/download.php/115/gifti.dtd">"#)?;
     writeln!(out, r#"<GIFTI Version="1.0" NumberOfDataArrays="{arrays}">"#)?;
     write_metadata(out, metadata)?;
@@ -115,7 +115,7 @@ fn write_metadata(out: &mut dyn Write, metadata: &[(String, String)]) -> io::Res
     writeln!(out, "</MetaData>")
 }
 
-/// Text fit for XML 1.0, which has no way to hold most control characters.
+/// Returns text that is valid in XML 1.0, which can't represent most control characters.
 fn escaped(text: &str) -> String {
     let printable: String =
         text.chars().map(|c| if c.is_control() && !matches!(c, '\t' | '\n' | '\r') { ' ' } else { c }).collect();
@@ -131,7 +131,7 @@ struct Heading<'a> {
 }
 
 impl Heading<'_> {
-    /// The DataArray element, its data given as little-endian bytes by `data`.
+    /// Writes the DataArray element; `data` writes its data as little-endian bytes.
     fn write(&self, out: &mut dyn Write, data: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
         let (intent, data_type) = (self.intent, self.data_type);
         write!(out, r#"<DataArray Intent="{intent}" DataType="{data_type}" ArrayIndexingOrder="RowMajorOrder" "#)?;
@@ -149,7 +149,7 @@ impl Heading<'_> {
             writeln!(out, "<CoordinateSystemTransformMatrix>")?;
             writeln!(out, "<DataSpace>{from}</DataSpace>")?;
             writeln!(out, "<TransformedSpace>{to}</TransformedSpace>")?;
-            // A row a line: nibabel takes the shape of the matrix from them.
+            // One row per line: nibabel infers the shape of the matrix from the lines.
             let rows =
                 system.matrix.chunks(4).map(|row| row.iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(" "));
             writeln!(out, "<MatrixData>{}</MatrixData>", rows.collect::<Vec<_>>().join("\n"))?;

@@ -11,14 +11,14 @@ use super::data::{Array, Description, decode};
 use crate::mesh::CoordinateSystem;
 use crate::room::most_expanded;
 
-/// What a GIfTI file holds.
+/// Contents of a GIfTI file.
 #[derive(Debug, Default)]
 pub(super) struct Document {
     pub(super) metadata: Vec<(String, String)>,
     pub(super) arrays: Vec<DataArray>,
 }
 
-/// One array with what is said about it.
+/// One array with its metadata.
 #[derive(Debug, Default)]
 pub(super) struct DataArray {
     pub(super) intent: String,
@@ -27,10 +27,10 @@ pub(super) struct DataArray {
     pub(super) values: Array,
 }
 
-/// Deeper than any element of the format, so that a document of nothing but opening tags ends early.
+/// Nesting depth beyond any valid document, so that a document of nothing but opening tags is rejected early.
 const DEEPEST: usize = 16;
 
-/// The elements that hold text we keep.
+/// The elements whose text is kept.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Leaf {
     Name,
@@ -45,13 +45,13 @@ enum Leaf {
 #[derive(Default)]
 struct State<'a> {
     document: Document,
-    /// Bytes that all compressed data may still expand to.
+    /// Number of bytes that all compressed data may still expand to.
     left: u64,
     /// Open elements.
     open: Vec<Leaf>,
     /// Whether the root has been seen.
     root: bool,
-    /// The DataArray being read, with its attributes and whether its data came.
+    /// The DataArray being read, with its attributes and whether its data has been read.
     array: Option<(DataArray, Description, bool)>,
     /// The text of the innermost element so far.
     text: Cow<'a, str>,
@@ -59,7 +59,7 @@ struct State<'a> {
     system: Option<CoordinateSystem>,
 }
 
-/// Takes a document apart.
+/// Parses a document.
 pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
     let mut reader = Reader::from_str(text);
     reader.config_mut().expand_empty_elements = true;
@@ -76,7 +76,7 @@ pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
             Event::CData(t) => state.push(t.into_inner()),
             Event::GeneralRef(r) => state.push(resolve(&r)?.into()),
             Event::Eof => break,
-            // `expand_empty_elements` leaves no Empty.
+            // With `expand_empty_elements` no Empty event occurs.
             Event::Empty(_) | Event::Comment(_) | Event::Decl(_) | Event::PI(_) | Event::DocType(_) => {}
         }
     }
@@ -89,7 +89,7 @@ pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
     Ok(state.document)
 }
 
-/// XML's own entities and character references; there are no others without a DTD, which isn't read.
+/// Resolves XML's predefined entities and character references; others would require a DTD, which isn't read.
 fn resolve(reference: &BytesRef<'_>) -> Result<String, Flaw> {
     if let Ok(Some(c)) = reference.resolve_char_ref() {
         return Ok(c.into());
@@ -103,7 +103,7 @@ fn resolve(reference: &BytesRef<'_>) -> Result<String, Flaw> {
 
 impl<'a> State<'a> {
     fn push(&mut self, text: Cow<'a, str>) {
-        // The numbers of a surface arrive as one borrowed piece and stay so.
+        // The numbers of a surface arrive as one borrowed piece, which isn't copied.
         if self.text.is_empty() {
             self.text = text;
         } else {
@@ -186,7 +186,7 @@ impl<'a> State<'a> {
                 b"CoordinateSystemTransformMatrix" => {
                     let system = self.system.take();
                     if let Some((array, ..)) = &mut self.array {
-                        // A file may give several; the first is the one other programs use.
+                        // If a file has several, the first is the one that other programs use.
                         array.coordinate_system = array.coordinate_system.take().or(system);
                     }
                 }

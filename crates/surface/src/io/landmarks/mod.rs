@@ -1,16 +1,16 @@
-//! Landmarks: named points that a person set, in the files that they are kept in.
+//! Landmarks: named points set by a person, and their file formats.
 //!
 //! | format | names | frame |
 //! |---|---|---|
 //! | 3D Slicer's markups | `.mrk.json` | `coordinateSystem` of each list, LPS or RAS |
 //! | 3D Slicer's former fiducials | `.fcsv` | `# CoordinateSystem = `, LPS, RAS, 0 (RAS) or 1 (LPS) |
-//! | a list of `{"id": "A", "coordinates": [x, y, z]}` | `.json` | not said |
-//! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a line of names | not said |
+//! | a list of `{"id": "A", "coordinates": [x, y, z]}` | `.json` | not specified |
+//! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a line of names | not specified |
 //!
-//! Positions are read as stored, as surfaces' are, and in the file's unit; what a file says of its frame comes with
-//! them. Slicer writes landmarks and meshes in LPS, so the two agree as stored. A surface from elsewhere may be in RAS
-//! (GIfTI and FreeSurfer are): [`Landmarks::in_frame`] turns the landmarks, and [`Landmarks::laid_on`] finds out by the
-//! surface itself whether they have to be turned.
+//! Positions are read as stored, like those of surfaces, in the file's unit, together with the frame if the file
+//! specifies it. Slicer writes landmarks and meshes in LPS, so the two agree as stored. A surface from another program
+//! may be in RAS (GIfTI and FreeSurfer are). [`Landmarks::in_frame`] converts the landmarks, and [`Landmarks::laid_on`]
+//! determines from the surface itself whether they have to be converted.
 
 mod json;
 mod placed;
@@ -27,20 +27,20 @@ use super::flaw::{Flaw, shown};
 use crate::error::SurfaceError;
 use crate::geometry::Vec3;
 
-/// Longest file of landmarks that is read; Slicer takes some 600 bytes a landmark.
+/// Largest file of landmarks that is read; Slicer needs about 600 bytes per landmark.
 const MOST_BYTES: u64 = 16 << 20;
 
-/// Anatomical axes that a file's positions go along. Each is the other turned by half a turn about the third axis.
+/// Anatomical axes of a file's positions. The two frames differ by half a turn about the third axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Frame {
-    /// Left, posterior, superior: DICOM's and ITK's, and that of what Slicer writes.
+    /// Left, posterior, superior: used by DICOM and ITK, and in the files that Slicer writes.
     Lps,
-    /// Right, anterior, superior: NIfTI's, GIfTI's and FreeSurfer's.
+    /// Right, anterior, superior: used by NIfTI, GIfTI and FreeSurfer.
     Ras,
 }
 
 impl Frame {
-    /// `LPS` or `RAS`.
+    /// Returns `LPS` or `RAS`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -49,7 +49,7 @@ impl Frame {
         }
     }
 
-    /// The other one.
+    /// Returns the other frame.
     fn other(self) -> Self {
         match self {
             Self::Lps => Self::Ras,
@@ -57,7 +57,7 @@ impl Frame {
         }
     }
 
-    /// By its name, or by the number that Slicer wrote before: 0 is RAS, 1 is LPS.
+    /// Parses a frame's name, or the number that earlier versions of Slicer wrote: 0 is RAS, 1 is LPS.
     #[must_use]
     pub fn named(text: &str) -> Option<Self> {
         match text.trim() {
@@ -68,35 +68,35 @@ impl Frame {
     }
 }
 
-/// The named points of one subject; names are there once, positions are finite.
+/// The named points of one subject. Names are unique, positions are finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmarks {
     /// Names, (n).
     pub names: Vec<String>,
     /// Positions, (n), in the file's unit.
     pub points: Vec<Vec3>,
-    /// The frame of the positions, where the file says it.
+    /// The frame of the positions, if the file specifies it.
     pub frame: Option<Frame>,
 }
 
-/// What the landmarks of several subjects have in common.
+/// The landmarks that several subjects have in common.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matched {
     /// Names that every subject has, in the first one's order, (n).
     pub names: Vec<String>,
     /// Their positions, (subjects) of (n).
     pub points: Vec<Vec<Vec3>>,
-    /// Of each subject, names that it has and some other hasn't, (subjects).
+    /// For each subject, names that it has and at least one other subject lacks, (subjects).
     pub alone: Vec<Vec<String>>,
 }
 
 impl Landmarks {
-    /// Checks that names are there once, and that each has a finite position.
+    /// Returns landmarks after checking that names are unique and positions are finite.
     ///
     /// # Errors
     ///
     /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), with the landmark's
-    /// number in place of a path's line.
+    /// number instead of a line of a file.
     pub fn new(names: Vec<String>, points: Vec<Vec3>, frame: Option<Frame>) -> Result<Self, SurfaceError> {
         if names.len() != points.len() {
             let (expected, found) = (names.len(), points.len());
@@ -110,14 +110,14 @@ impl Landmarks {
         Ok(gathered.landmarks(frame))
     }
 
-    /// Reads a file, whose format its name says.
+    /// Reads a file; its name determines the format.
     ///
     /// # Errors
     ///
-    /// [`UnknownFormat`](SurfaceError::UnknownFormat) by the name; [`Io`](SurfaceError::Io), also for a file of more
-    /// than 16 MiB; [`Empty`](SurfaceError::Empty); [`Malformed`](SurfaceError::Malformed), which names the line or the
-    /// entry, for what isn't the format, for a name that is there twice or empty, and for coordinates that are missing
-    /// or not finite; [`Unsupported`](SurfaceError::Unsupported) for markups in another unit than mm.
+    /// [`UnknownFormat`](SurfaceError::UnknownFormat) for other names; [`Io`](SurfaceError::Io), also for a file of
+    /// more than 16 MiB; [`Empty`](SurfaceError::Empty); [`Malformed`](SurfaceError::Malformed), with the line or the
+    /// entry, for contents in another format, a repeated or empty name, and coordinates that are missing or not finite;
+    /// [`Unsupported`](SurfaceError::Unsupported) for markups in a unit other than mm.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SurfaceError> {
         let path = path.as_ref();
         let format = Format::of(path)?;
@@ -139,9 +139,9 @@ impl Landmarks {
         Ok(found)
     }
 
-    /// Writes a file in the format its name asks for, whole or not at all. Slicer's formats have to have a frame:
-    /// landmarks without one are said to be in LPS, which Slicer takes meshes to be in that don't say theirs, so that
-    /// the two agree.
+    /// Writes a file in the format implied by its name, completely or not at all. Slicer's formats require a frame.
+    /// Landmarks without one are written as LPS, which Slicer also assumes for meshes that don't specify theirs, so
+    /// that the two agree.
     ///
     /// # Errors
     ///
@@ -158,7 +158,7 @@ impl Landmarks {
         write_new(path, overwrite, |out: &mut dyn Write| out.write_all(&bytes))
     }
 
-    /// Returns the landmarks along the axes of `frame`; as they are if the file didn't say theirs.
+    /// Returns the landmarks converted to `frame`; unchanged if their file didn't specify a frame.
     #[must_use]
     pub fn in_frame(&self, frame: Frame) -> Self {
         match self.frame {
@@ -167,14 +167,15 @@ impl Landmarks {
         }
     }
 
-    /// Half a turn about the third axis.
+    /// Returns the landmarks after half a turn about the third axis.
     fn turned(&self) -> Self {
         Self { points: self.points.iter().map(|&[x, y, z]| [-x, -y, z]).collect(), ..self.clone() }
     }
 
     /// Matches the landmarks of subjects by their names.
     ///
-    /// Frames aren't looked at: see [`in_frame`](Self::in_frame). No name may be common to all, which leaves none.
+    /// Frames aren't compared: see [`in_frame`](Self::in_frame). The result may be empty, if no name is common to all
+    /// subjects.
     pub fn matched(subjects: &[Self]) -> Matched {
         let places: Vec<HashMap<&str, usize>> = subjects
             .iter()
@@ -191,7 +192,7 @@ impl Landmarks {
     }
 }
 
-/// A format, by the name of its files.
+/// A format, determined by the file's name.
 #[derive(Clone, Copy)]
 enum Format {
     Markups,
@@ -229,7 +230,7 @@ impl Format {
     }
 }
 
-/// Landmarks while they are read: what each has to be is checked in one place.
+/// Landmarks while they are read. All checks of a landmark are made here.
 #[derive(Default)]
 struct Gathered {
     names: Vec<String>,
@@ -238,7 +239,7 @@ struct Gathered {
 }
 
 impl Gathered {
-    /// Adds a landmark of a place in the file, such as "line 3".
+    /// Adds a landmark read at a position in the file, such as "line 3".
     fn add(&mut self, at: &str, name: &str, point: Vec3) -> Result<(), Flaw> {
         let name = name.trim();
         if name.is_empty() {

@@ -1,28 +1,29 @@
-//! Whether landmarks lie on a surface, and in which of two frames.
+//! Checks whether landmarks lie on a surface, and in which of two frames.
 
 use super::Landmarks;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// How far nearer to the surface landmarks have to be after half a turn than before, to be turned: frames mirror both
-/// of the axes that they differ in, so that landmarks of a scan are a hundred millimetres off in the wrong one.
+/// Factor by which landmarks must be nearer to the surface after half a turn than before, to be converted. The frames
+/// differ by a reflection of two axes, so landmarks of a scan are a hundred millimetres off in the wrong one.
 const NEARER: f64 = 4.0;
 
-/// Landmarks beside a surface.
+/// Landmarks and their distances from a surface.
 #[derive(Debug, Clone)]
 pub struct Placed {
-    /// The landmarks, turned if `turned`.
+    /// The landmarks, converted if `turned`.
     pub landmarks: Landmarks,
-    /// Distance of each from the surface, (n), in its unit.
+    /// Distance of each landmark from the surface, (n), in its unit.
     pub distances: Vec<f64>,
-    /// Whether they were turned from LPS to RAS, or back, as they then are at least four times nearer to the surface in
-    /// the median. To be said: the surface's file and theirs are in different frames.
+    /// Whether they were converted from LPS to RAS, or back, since their median distance from the surface is then at
+    /// least four times smaller. Callers should report it: the surface's file and the landmarks' are in different
+    /// frames.
     pub turned: bool,
 }
 
 impl Landmarks {
-    /// Measures how far landmarks are from their subject's surface, and turns them into the other frame if they lie
-    /// much nearer to it there. Landmarks whose file doesn't say their frame aren't turned.
+    /// Measures the distances of landmarks from their subject's surface, and converts them to the other frame if they
+    /// lie much nearer to it there. Landmarks whose file doesn't specify a frame aren't converted.
     #[must_use]
     pub fn laid_on(&self, surface: &Mesh) -> Placed {
         let tree = TriangleTree::new(surface);

@@ -1,27 +1,27 @@
-//! Landmarks as tables: `name,x,y,z`, and 3D Slicer's former fiducials, whose head is in comments.
+//! Landmarks as tables: `name,x,y,z`, and 3D Slicer's former fiducials, whose header is in comments.
 //!
-//! A cell with the separator or a quote in it stands in quotes, RFC 4180.
+//! A cell that contains the separator or a quote is quoted, RFC 4180.
 
 use super::{Frame, Gathered, Landmarks};
 use crate::geometry::Vec3;
 use crate::io::flaw::{Flaw, shown};
 
-/// What a column of names may be called.
+/// Accepted headings of the column of names.
 const NAMES: [&str; 4] = ["name", "label", "id", "landmark"];
-/// Slicer's columns where the file doesn't say them.
+/// Slicer's columns if the file doesn't specify them.
 const FIDUCIALS: &str = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID";
 
-/// Where a table has what.
+/// Positions of a table's columns.
 struct Columns {
     name: usize,
-    /// Read in place of an empty name.
+    /// Column used if the name is empty.
     id: Option<usize>,
     at: [usize; 3],
-    /// How many there are.
+    /// Number of columns.
     count: usize,
 }
 
-/// A table's lines that aren't empty, each with its number, split into cells.
+/// Returns a table's nonempty lines, split into cells, each with its line number.
 fn rows(text: &str, separator: u8) -> impl Iterator<Item = (usize, Vec<String>)> {
     text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()).map(move |(number, line)| {
         let mut reader = csv::ReaderBuilder::new()
@@ -29,13 +29,14 @@ fn rows(text: &str, separator: u8) -> impl Iterator<Item = (usize, Vec<String>)>
             .delimiter(separator)
             .flexible(true)
             .from_reader(line.as_bytes());
-        // A line is UTF-8 text, and has one record whatever its quotes: nothing can fail.
+        // A line is UTF-8 text and always forms one record, regardless of its quotes, so this can't fail.
         let cells = reader.records().next().and_then(Result::ok).unwrap_or_default();
         (number + 1, cells.iter().map(|cell| cell.trim().to_owned()).collect())
     })
 }
 
-/// Reads `name,x,y,z`. A first line whose last cells aren't numbers names the columns, which may then be in any order.
+/// Reads `name,x,y,z`. A first line with column headings is recognised by a cell `x` and fewer than three numbers; the
+/// columns may then be in any order.
 pub(super) fn read(text: &str, separator: u8) -> Result<Landmarks, Flaw> {
     let mut found = Gathered::default();
     let mut columns = None;
@@ -57,7 +58,7 @@ pub(super) fn read(text: &str, separator: u8) -> Result<Landmarks, Flaw> {
 pub(super) fn read_fiducials(text: &str) -> Result<Landmarks, Flaw> {
     let mut found = Gathered::default();
     let mut columns = header(&FIDUCIALS.split(',').map(str::to_owned).collect::<Vec<_>>(), 1)?;
-    // Files of before Slicer 4.11 don't say it, and are in RAS.
+    // Files from before Slicer 4.11 don't specify a frame, and are in RAS.
     let mut frame = Frame::Ras;
     for (number, line) in text.lines().enumerate().filter(|(_, line)| line.starts_with('#')) {
         let Some((key, value)) = line.trim_start_matches('#').split_once('=') else { continue };
@@ -109,7 +110,7 @@ fn row(found: &mut Gathered, columns: &Columns, cells: &[String], line: usize) -
     found.add(&format!("line {line}"), name, point)
 }
 
-/// A table with a line of names; numbers with every digit.
+/// Returns a table with a line of column names; numbers have every digit.
 pub(super) fn text(landmarks: &Landmarks, separator: u8) -> Vec<u8> {
     let s = char::from(separator);
     let mut text = format!("name{s}x{s}y{s}z\n");
@@ -119,7 +120,7 @@ pub(super) fn text(landmarks: &Landmarks, separator: u8) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Slicer's fiducials of version 4.11.
+/// Returns a file in Slicer's fiducials format of version 4.11.
 pub(super) fn fiducials(landmarks: &Landmarks) -> Vec<u8> {
     let frame = landmarks.frame.unwrap_or(Frame::Lps).name();
     let mut text =
@@ -130,7 +131,7 @@ pub(super) fn fiducials(landmarks: &Landmarks) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// A name as a cell, on one line.
+/// Returns a name as a cell, on one line.
 fn quoted(name: &str, separator: char) -> String {
     let name = name.replace(['\n', '\r'], " ");
     if name.contains([separator, '"', '#']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name }

@@ -1,4 +1,4 @@
-//! The data behind the header.
+//! The data after the header.
 
 use super::super::bytes::Cursor;
 use super::super::flaw::{Flaw, bounded, shown};
@@ -7,7 +7,7 @@ use super::super::text::number;
 use super::header::{Element, Encoding, Header, Kind, Scalar};
 use crate::mesh::Mesh;
 
-/// Reads positions and polygons; steps over everything else.
+/// Reads positions and polygons; skips everything else.
 pub(super) fn read(header: &Header, cursor: Cursor<'_>) -> Result<Mesh, Flaw> {
     let mut values = Values { cursor, encoding: header.encoding };
     let mut mesh = Mesh::default();
@@ -70,7 +70,7 @@ fn faces(element: &Element, values: &mut Values<'_>) -> Result<Vec<[u32; 3]>, Fl
                 Kind::List { count, item } if is_corners(&property.name) => {
                     let n = values.index(count)?;
                     corners.clear();
-                    // Each corner takes bytes, so a count too large ends with the file.
+                    // Each corner needs bytes, so a count that is too large fails at the end of the file.
                     for _ in 0..n {
                         corners.push(values.index(item)?);
                     }
@@ -100,7 +100,7 @@ fn skip(element: &Element, values: &mut Values<'_>) -> Result<(), Flaw> {
     Ok(())
 }
 
-/// The numbers of the body, one after the other; in text, lines matter as little as blanks.
+/// The numbers of the body in sequence; in text, newlines are treated like blanks.
 struct Values<'a> {
     cursor: Cursor<'a>,
     encoding: Encoding,
@@ -132,13 +132,13 @@ impl Values<'_> {
         })
     }
 
-    /// A count or a vertex's index.
+    /// Reads a count or a vertex's index.
     fn index(&mut self, scalar: Scalar) -> Result<u32, Flaw> {
         let Encoding::Binary(e) = self.encoding else {
             let word = self.cursor.token();
             return number(word).ok_or_else(|| Flaw::new("a whole number from 0", shown(word)));
         };
-        // The two types nearly every file uses, without the detour.
+        // A fast path for the two types that nearly all files use.
         match scalar {
             Scalar::U8 => return Ok(self.cursor.u8(e)?.into()),
             Scalar::U32 => return self.cursor.u32(e),

@@ -1,10 +1,10 @@
-//! The header.
+//! Parses the header.
 
 use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::{Flaw, shown};
 use super::super::text::{number, words};
 
-/// How the data are laid out.
+/// Layout of the data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -69,10 +69,10 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// The fewest bytes one of these takes.
+    /// Returns the smallest size of one of these elements, in bytes.
     pub(super) fn least_size(&self, encoding: Encoding) -> usize {
         let sizes = self.properties.iter().map(|p| match (encoding, p.kind) {
-            // A digit and a blank.
+            // At least a digit and a blank.
             (Encoding::Ascii, _) => 2,
             (Encoding::Binary(_), Kind::Scalar(scalar)) => scalar.size(),
             (Encoding::Binary(_), Kind::List { count, .. }) => count.size(),
@@ -87,7 +87,7 @@ pub(super) struct Header {
     pub(super) elements: Vec<Element>,
 }
 
-/// Reads up to and including `end_header`.
+/// Reads the header, including `end_header`.
 pub(super) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Flaw> {
     let magic = cursor.line().unwrap_or_default();
     if magic.trim_ascii() != b"ply" {

@@ -1,7 +1,7 @@
 //! Stanford PLY: a text header that names elements and their properties, then text or binary data.
 //!
-//! `header` parses the header, `body` reads vertices and polygons and steps over the rest. ply-rs-bw keeps a map for
-//! each element and grows without bound on elements that have no properties and isn't used.
+//! `header` parses the header, `body` reads vertices and polygons and skips the rest. ply-rs-bw keeps a map for each
+//! element and grows without bound on elements that have no properties, so it isn't used.
 
 mod body;
 mod header;
@@ -20,12 +20,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     body::read(&header, cursor)
 }
 
-/// What a PLY file shows at each vertex beside its position.
+/// Attributes of each vertex in addition to its position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlyAttributes<'a> {
-    /// A property's name, one word, and its values, one a vertex; written in 32 bits.
+    /// A property's name, a single word, and its values, one per vertex; written in 32 bits.
     pub scalar: Option<(&'a str, &'a [f64])>,
-    /// Red, green, blue at each vertex.
+    /// Red, green, blue for each vertex.
     pub colors: Option<&'a [[u8; 3]]>,
 }
 

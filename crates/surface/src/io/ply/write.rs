@@ -1,11 +1,11 @@
-//! Writing: little-endian binary, which every viewer reads.
+//! Writes little-endian binary, which every viewer reads.
 
 use std::io::{self, Write};
 
 use super::PlyAttributes;
 use crate::mesh::Mesh;
 
-/// Writes a mesh with its attributes, whose lengths have been checked.
+/// Writes a mesh with its attributes, whose lengths must have been checked.
 pub(in crate::io) fn write(
     out: &mut dyn Write,
     mesh: &Mesh,
@@ -25,7 +25,7 @@ pub(in crate::io) fn write(
         writeln!(out, "property uchar red\nproperty uchar green\nproperty uchar blue")?;
     }
     writeln!(out, "element face {}", mesh.faces.len())?;
-    // int, not uint: some viewers know no other.
+    // int rather than uint, since some viewers support only int.
     let index = if mesh.vertices.len() > i32::MAX as usize { "uint" } else { "int" };
     writeln!(out, "property list uchar {index} vertex_indices\nend_header")?;
 

@@ -1,11 +1,11 @@
-//! Numbers, points, cells and fields, in text or big-endian binary.
+//! Reads numbers, points, cells and fields, in text or big-endian binary.
 
 use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::{Flaw, bounded, shown};
 use super::super::polygon::fan;
 use super::super::text::number;
 
-/// VTK's names of types that come up in geometry and fields.
+/// VTK's type names that occur in geometry and fields.
 #[derive(Clone, Copy)]
 enum Type {
     I8,
@@ -29,7 +29,7 @@ impl Type {
             b"unsigned_short" => Self::U16,
             b"int" | b"vtktypeint32" => Self::I32,
             b"unsigned_int" | b"vtktypeuint32" => Self::U32,
-            // As VTK writes them on the systems that matter today.
+            // 64 bits, as VTK writes them on current systems.
             b"long" | b"vtkIdType" | b"vtktypeint64" | b"long_long" => Self::I64,
             b"unsigned_long" | b"vtktypeuint64" => Self::U64,
             b"float" => Self::F32,
@@ -72,7 +72,7 @@ impl Values<'_> {
         }
     }
 
-    /// The fewest bytes that `n` items of a type take, one at a time.
+    /// Returns the smallest size of one item of a type, in bytes.
     fn least(&self, size: usize) -> usize {
         if self.ascii { 2 } else { size }
     }
@@ -108,7 +108,7 @@ impl Values<'_> {
             match kind {
                 Type::I64 => self.cursor.i64(Endian::Big)?,
                 Type::I32 => self.cursor.i32(Endian::Big)?.into(),
-                // Other types never announce indices; their values are small and exact.
+                // Other types are never used for indices; their values are small and exact.
                 other => self.float(other)? as i64,
             }
         };
@@ -143,7 +143,7 @@ impl Values<'_> {
         Ok(faces)
     }
 
-    /// Hands each cell's corners to `cell`.
+    /// Passes each cell's corners to `cell`.
     pub(super) fn cells(&mut self, mut cell: impl FnMut(&[u32]) -> Result<(), Flaw>) -> Result<(), Flaw> {
         let first: u64 = self.header("the number of cells")?;
         let second: u64 = self.header("the size of the cells' list")?;
@@ -175,7 +175,7 @@ impl Values<'_> {
         Ok(())
     }
 
-    /// Version 5: `offsets` numbers, each cell's start and the last one's end, then all corners in a row.
+    /// Version 5: `offsets` numbers, the start of each cell and the end of the last one, then all corners in sequence.
     fn cells_by_offset(
         &mut self,
         offsets: u64,
@@ -216,7 +216,7 @@ impl Values<'_> {
         u32::try_from(i).map_err(|_| Flaw::new("a point's index", i.to_string()))
     }
 
-    /// `FIELD name arrays`, each `name components tuples type` and the data.
+    /// Skips `FIELD name arrays`; each array is `name components tuples type` and the data.
     pub(super) fn skip_field(&mut self) -> Result<(), Flaw> {
         self.cursor.token();
         let arrays: u64 = self.header("the number of a field's arrays")?;

@@ -1,9 +1,9 @@
-//! VTK's legacy format, PolyData with POLYGONS, in text and (big-endian) binary, both ways the versions lay out
-//! polygons: each with its count (to version 4.2), and offsets with connectivity (5.x).
+//! VTK's legacy format, PolyData with POLYGONS, in text and (big-endian) binary, with both layouts of polygons: each
+//! polygon with its count (up to version 4.2), and offsets with connectivity (5.x).
 //!
-//! `cells` reads what stands between the keywords: numbers, points, cells, fields.
+//! `cells` reads the data between the keywords: numbers, points, cells, fields.
 //!
-//! Source: "VTK File Formats", the simple legacy formats. vtkio reads these too; it allocates what headers say.
+//! Source: "VTK File Formats", the simple legacy formats. vtkio reads these too, but allocates memory as headers say.
 
 mod cells;
 
@@ -45,12 +45,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             b"TRIANGLE_STRIPS" => {
                 return Err(Flaw::unsupported("triangle strips", "save it through vtkTriangleFilter"));
             }
-            // Cells that are no surface; laid out as polygons are.
+            // Cells that aren't part of a surface, in the same layout as polygons.
             b"VERTICES" | b"LINES" => {
                 values.cells(|_| Ok(()))?;
             }
             b"FIELD" => values.skip_field()?,
-            // Ends with an empty line.
+            // Metadata, which ends with an empty line.
             b"METADATA" => {
                 values.cursor.line();
                 while values.cursor.line().is_some_and(|line| !line.trim_ascii().is_empty()) {}
@@ -61,8 +61,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     }
 }
 
-/// Writes text, version 3.0, which every VTK reads, with every digit; `scalar` are the name and the values of one at
-/// each vertex.
+/// Writes text, version 3.0, which every version of VTK reads, with every digit; `scalar` holds the name and the values
+/// of an attribute with one value per vertex.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, scalar: Option<(&str, &[f64])>) -> io::Result<()> {
     writeln!(out, "# vtk DataFile Version 3.0\nsurface by spharm\nASCII\nDATASET POLYDATA")?;
     writeln!(out, "POINTS {} double", mesh.vertices.len())?;
