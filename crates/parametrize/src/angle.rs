@@ -1,11 +1,12 @@
-//! The arc tangent, as code that a compiler can run over lanes: no calls, no branches.
+//! The arc tangent in a form that a compiler can vectorise: no calls, no branches.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
-/// tan(pi / 8), from where on the argument is turned by pi / 4.
+/// tan(pi / 8), above which pi / 4 is split off.
 const TURN: f64 = 0.414_213_562_373_095_03;
 
-/// Numerator of (atan(x) / x - 1) / x^2 in x^2, highest power first (S. Moshier, Cephes, `atan.c`), for |x| <= 0.66.
+/// Numerator of (atan(x) / x - 1) / x^2, as a polynomial in x^2, highest power first (S. Moshier, Cephes, `atan.c`),
+/// for |x| <= 0.66.
 const ABOVE: [f64; 5] = [
     -8.750_608_600_031_904e-1,
     -1.615_753_718_733_365e1,
@@ -14,7 +15,7 @@ const ABOVE: [f64; 5] = [
     -6.485_021_904_942_025e1,
 ];
 
-/// Its denominator, but for the leading 1.
+/// Denominator, without the leading 1.
 const BELOW: [f64; 5] = [
     2.485_846_490_142_306_3e1,
     1.650_270_098_316_988_5e2,
@@ -23,7 +24,7 @@ const BELOW: [f64; 5] = [
     1.945_506_571_482_614e2,
 ];
 
-/// atan2(y, x) for y >= 0, to some units of the last place. Both 0 give NaN.
+/// Returns atan2(y, x) for y >= 0, to some units in the last place; NaN if both are 0.
 #[inline(always)]
 pub(crate) fn atan2_upper(y: f64, x: f64) -> f64 {
     let size = x.abs();

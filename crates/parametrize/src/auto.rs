@@ -8,13 +8,13 @@ use crate::error::ParametrizeError;
 use crate::report::{Parametrization, Warning};
 use crate::stretch::{StretchParams, stretch};
 
-/// Maps a closed surface to the sphere by [`cald`](crate::cald()), or by least stretch where cald finds no map that is
-/// one to one; the report then has [`Warning::FellBack`].
+/// Maps a closed surface to the sphere by [`cald`](crate::cald()), or by least stretch if cald finds no one-to-one map;
+/// the report then has [`Warning::FellBack`].
 ///
 /// # Errors
 ///
 /// [`ParametrizeError::BadSurface`], [`ParametrizeError::Argument`] and [`ParametrizeError::Interrupted`] as `cald`;
-/// else the error of the last method tried.
+/// otherwise the error of the last method tried.
 pub fn auto(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrization, ParametrizeError> {
     match cald(surface, params, monitor) {
         Err(first @ (ParametrizeError::NotBijective { .. } | ParametrizeError::NoPlace { .. })) => {

@@ -1,8 +1,8 @@
-//! Long calls into other libraries that can't be interrupted.
+//! Runs long calls to other libraries that can't be interrupted.
 //!
-//! A sparse factorisation of a mesh of 160,000 vertices takes about a second and asks nobody. It runs on a thread of
-//! its own here while the caller asks the monitor; when that wants to stop, the thread is left behind and ends with its
-//! work.
+//! A sparse factorisation for a mesh of 160,000 vertices takes about a second and can't be cancelled. Here it runs on
+//! its own thread while the caller checks the monitor. On cancellation the thread is left behind, and ends when its
+//! work is done.
 
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,11 +10,11 @@ use std::time::Duration;
 
 use spharm_monitor::{Interrupted, Monitor};
 
-/// Time between two questions to the monitor.
+/// Interval between checks of the monitor.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// Runs `work`, on a thread of its own if it is `long`. Returns early, and leaves that thread behind, when the monitor
-/// asks to stop.
+/// Runs `work`, on its own thread if it is `long`. Returns early, and leaves that thread behind, if the monitor asks to
+/// stop.
 pub(crate) fn abandonable<T: Send + 'static>(
     long: bool,
     monitor: &dyn Monitor,
@@ -25,19 +25,19 @@ pub(crate) fn abandonable<T: Send + 'static>(
         return Ok(work());
     }
     let (done, result) = sync_channel(1);
-    // Where no thread can be started, the work is still there for this one.
+    // If no thread can be started, the work can still be done on this one.
     let work = Arc::new(Mutex::new(Some(work)));
     let take = |work: &Mutex<Option<_>>| work.lock().unwrap_or_else(PoisonError::into_inner).take();
     let theirs = Arc::clone(&work);
     let run = move || {
         if let Some(work) = take(&theirs) {
-            // Nobody listens after an interruption.
+            // After an interruption nobody receives the result.
             let _ = done.send(work());
         }
     };
     let Ok(worker) = std::thread::Builder::new().name("factorisation".to_owned()).spawn(run) else {
         let work = take(&work);
-        // The thread that didn't start has taken nothing.
+        // The thread wasn't started, so it hasn't taken the work.
         return work.map_or(Err(Interrupted), |work| Ok(work()));
     };
     loop {

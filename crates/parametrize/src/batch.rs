@@ -1,4 +1,4 @@
-//! Many triangles' energies and derivatives at once, in vector registers.
+//! Evaluates energies and derivatives of many triangles at once, in vector registers.
 
 use multiversion::multiversion;
 
@@ -10,20 +10,21 @@ use crate::local::{INPUTS, NUMBERS, derivatives, value};
 /// Triangles per batch.
 pub(crate) const BATCH: usize = 64;
 
-/// Up to [`BATCH`] triangles, number by number: nine coordinates, three cotangents, the area.
+/// Up to [`BATCH`] triangles, one array per number: nine coordinates, three cotangents, the area.
 pub(crate) struct Batch([[f64; BATCH]; INPUTS]);
 
-/// Results of a batch, number by number.
+/// Results of a batch, one array per number.
 pub(crate) type Numbers = [[f64; BATCH]; NUMBERS];
 
 impl Batch {
-    /// Room for a batch, filled with a sound triangle, so that lanes without one cost no exceptional numbers.
+    /// Returns a batch filled with a regular triangle, so that unused lanes don't produce exceptional numbers, which
+    /// are slow.
     pub(crate) fn new() -> Self {
         let sound = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.5, 0.5, 0.5, 1.0];
         Self(sound.map(|number| [number; BATCH]))
     }
 
-    /// Puts a triangle into a lane.
+    /// Stores a triangle in a lane.
     #[inline(always)]
     pub(crate) fn set(&mut self, lane: usize, corners: [Vec3; 3], shape: &Shape) {
         for (corner, p) in corners.iter().enumerate() {
@@ -37,7 +38,7 @@ impl Batch {
         self.0[12][lane] = shape.area;
     }
 
-    /// The energies of the first `count` triangles.
+    /// Computes the energies of the first `count` triangles.
     pub(crate) fn values(&self, energy: Energy, count: usize, out: &mut [f64; BATCH]) {
         match energy {
             Energy::Balanced { area, shape, bound } => {
@@ -47,7 +48,7 @@ impl Batch {
         }
     }
 
-    /// Values, gradients and Hessians of the first `count` triangles.
+    /// Computes values, gradients and Hessians of the first `count` triangles.
     pub(crate) fn derivatives(&self, energy: Energy, count: usize, out: &mut Numbers) {
         match energy {
             Energy::Balanced { area, shape, bound } => {
@@ -73,7 +74,7 @@ impl Batch {
     }
 }
 
-/// Lanes that are computed together, so that short batches cost less.
+/// Lanes computed together, so that short batches cost less.
 const LANES: usize = 8;
 
 #[inline(always)]

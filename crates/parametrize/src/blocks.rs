@@ -1,34 +1,35 @@
-//! A symmetric matrix of 2 x 2 blocks, one for each pair of neighbours in a triangulation, and how triangles add to it.
+//! A symmetric matrix of 2 x 2 blocks, one for each pair of neighbours in a triangulation, and its assembly from
+//! triangles.
 //!
-//! All of a row is stored, not only what is below the diagonal: rows are independent then, and products with vectors
-//! and sums over triangles run on all cores with the same bits for any number of them.
+//! Rows are stored completely, not only below the diagonal. Rows are then independent, so products with vectors and
+//! sums over triangles run on all cores and give the same bits for any number of them.
 
 use rayon::prelude::*;
 
 use crate::local::NUMBERS;
 
-/// Numbers per triangle that are kept: the gradient and the lower triangle of the Hessian.
+/// Numbers kept per triangle: the gradient and the lower triangle of the Hessian.
 pub(crate) const KEPT: usize = NUMBERS - 1;
 
 /// Rows per task.
 const ROWS: usize = 1024;
 
-/// Where each number goes.
+/// The sparsity pattern: the position of each block.
 pub(crate) struct Pattern {
-    /// Begin of each row in `columns`, one more than rows.
+    /// Start of each row in `columns`; one more entry than rows.
     pub(crate) starts: Vec<u32>,
-    /// The row itself first, then its neighbours, ascending.
+    /// The row's own index first, then its neighbours, ascending.
     pub(crate) columns: Vec<u32>,
-    /// Begin of each row in `corners`, one more than rows.
+    /// Start of each row in `corners`; one more entry than rows.
     around: Vec<u32>,
-    /// The corners at a vertex, each as three times the triangle plus the corner.
+    /// The corners at a vertex, each encoded as three times the triangle plus the corner.
     corners: Vec<u32>,
-    /// For each of them, the places in the row of the triangle's two other corners, in order.
+    /// For each corner, the positions in the row of the triangle's two other corners, in order.
     places: Vec<[u32; 2]>,
 }
 
 impl Pattern {
-    /// The pattern of triangles over vertices 0..n.
+    /// Builds the pattern of triangles over vertices 0..n.
     pub(crate) fn new(n: usize, faces: &[[u32; 3]]) -> Self {
         let mut around = vec![0_u32; n + 1];
         faces.iter().flatten().for_each(|&v| around[v as usize + 1] += 1);
@@ -56,7 +57,7 @@ impl Pattern {
             row.extend(corners.iter().flat_map(|&corner| others(corner)));
             row.sort_unstable();
             row.dedup();
-            // Each is there.
+            // Every neighbour is in the row.
             let place = |w: u32| 1 + row.binary_search(&w).unwrap_or(0) as u32;
             places.extend(corners.iter().map(|&corner| others(corner).map(place)));
             columns.push(v as u32);
@@ -66,22 +67,22 @@ impl Pattern {
         Self { starts, columns, around, corners, places }
     }
 
-    /// Vertices.
+    /// Returns the number of vertices.
     pub(crate) fn rows(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// The blocks of a row.
+    /// Returns the range of a row's blocks.
     pub(crate) fn range(&self, row: usize) -> std::ops::Range<usize> {
         self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
-    /// The vertex itself and its neighbours.
+    /// Returns the vertex itself and its neighbours.
     pub(crate) fn columns_of(&self, v: u32) -> &[u32] {
         &self.columns[self.range(v as usize)]
     }
 
-    /// Adds up triangles' numbers: the gradient (two per vertex) and the blocks, each row by row.
+    /// Sums the triangles' numbers: the gradient (two per vertex) and the blocks, both by rows.
     pub(crate) fn sum(&self, local: &[[f64; KEPT]], gradient: &mut [[f64; 2]], blocks: &mut [[f64; 4]]) {
         let mut tasks = Vec::with_capacity(self.rows().div_ceil(ROWS));
         let mut rest = blocks;

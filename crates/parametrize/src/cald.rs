@@ -1,15 +1,15 @@
 //! Control of area and length distortion (L. Shen and F. Makedon, "Spherical mapping for processing of 3D closed
 //! surfaces", Image and Vision Computing 24, 2006).
 //!
-//! The aim is theirs, equal areas with bounded length distortion, by local and global smoothing from a map that is one
-//! to one. Local smoothing moves single vertices in their stars; global smoothing moves all of them at once. Both
-//! descend the same energy here, area distortion plus a share of shape distortion (`energy.rs`), so neither undoes the
-//! other, and no step may flip a triangle. The share of shape goes down from stage to stage until areas are equal
-//! enough, and no further: what is left of it keeps the map smooth, and a fit over a smooth map needs fewer degrees.
+//! The goal is theirs: equal areas with bounded length distortion, by local and global smoothing from a one-to-one map.
+//! Local smoothing moves single vertices in their stars; global smoothing moves all of them at once. Here both descend
+//! the same energy, area distortion plus a share of shape distortion (`energy.rs`), so neither undoes the other, and no
+//! step may flip a triangle. The share of shape is lowered from stage to stage until areas are equal enough, but no
+//! further: the rest of it keeps the map smooth, and a fit over a smooth map needs fewer degrees.
 //!
-//! What area distortion is allowed beyond that is spent on residual-adaptive areas (`residual_areas.rs`): a higher
-//! sampling density where a model has its residual, in rounds, as long as the error of a fit falls. A fit over such a
-//! map has a fifth to a half less error than over one with the surface's own areas.
+//! If more area distortion is allowed, it is spent on residual-adaptive areas (`residual_areas.rs`): a higher sampling
+//! density where a model's residual is large, in rounds, as long as the error of a fit decreases. The error of a fit
+//! over such a map is a fifth to a half smaller than over one with the surface's own areas.
 
 use std::time::Instant;
 
@@ -24,27 +24,27 @@ use crate::error::ParametrizeError;
 use crate::report::{Note, Parametrization};
 use crate::residual_areas::{adapted, degree_for, residual};
 
-/// The shares of shape distortion in the energy, stage by stage.
+/// Shares of shape distortion in the energy, by stage.
 const STAGES: [f64; 13] = [0.3, 0.212, 0.15, 0.11, 0.08, 0.056, 0.04, 0.028, 0.02, 0.014, 0.01, 0.007, 0.005];
 
-/// Weight of the term that bounds lengths, relative to the share of shape. At ten times this, areas of figures with
-/// arms suffer (homer: 0.15 in place of 0.08).
+/// Weight of the term that bounds lengths, relative to the share of shape. At ten times this weight, areas of figures
+/// with arms suffer (homer: 0.15 instead of 0.08).
 const BOUND: f64 = 0.02;
 
-/// The part of the allowed area distortion that shape may cost.
+/// Share of the allowed area distortion that may be spent on shape.
 const FOR_SHAPE: f64 = 0.75;
 
-/// The area distortion to aim at, relative to the allowed one: the last smoothing moves areas a little.
+/// Targeted area distortion, relative to the allowed one; the last smoothing still changes areas slightly.
 const AIM: f64 = 0.98;
 
-/// The most area distortion that shape may cost: what more of it takes from a fit is more than it gives.
+/// Most area distortion spent on shape: beyond it, a fit loses more than it gains.
 const MOST_FOR_SHAPE: f64 = 0.3;
 
 /// Rounds of adapting the target areas.
 const ROUNDS: usize = 8;
 
-/// By how much a round's areas differ from the last ones, at most, and at least for it to be worth a round: root mean
-/// square of the log of the factors.
+/// Bounds of a round's change of areas relative to the last ones, as the root mean square of the logarithms of the
+/// factors: the largest change, and the smallest one worth a round.
 const STEP: f64 = 0.2;
 const SMALLEST_STEP: f64 = 0.03;
 
@@ -52,22 +52,22 @@ const SMALLEST_STEP: f64 = 0.03;
 /// error of the fit itself.
 const NEGLIGIBLE: f64 = 3e-5;
 
-/// A round is kept if it brings the residual below this share of what it was: a sphere gains nothing by it.
+/// A round is kept if it brings the residual below this share of the previous one; a sphere gains nothing from it.
 const WORTHWHILE: f64 = 0.99;
 
 /// Settings of [`cald`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaldParams {
-    /// Allowed area distortion, as the root mean square of the log area ratio, from 0 to 1: what may be spent on shape
+    /// Allowed area distortion, as the root mean square of the log area ratio, from 0 to 1. It may be spent on shape
     /// and on residual-adaptive areas. 0 for areas as equal as possible; default 0.1.
     pub area: f64,
-    /// Degree of the model whose residual the areas adapt to; below 2 they don't. Default `None`: the degree with half
-    /// as many basis functions as there are vertices, at most 100. A model never gets more functions than two thirds of
-    /// the vertices.
+    /// Degree of the model whose residual the areas adapt to; below 2 they don't adapt. Default `None`: the degree with
+    /// half as many basis functions as there are vertices, at most 100. A model never gets more basis functions than
+    /// two thirds of the number of vertices.
     pub degree: Option<usize>,
     /// Most Newton steps in each stage. Default 30.
     pub steps: usize,
-    /// Seed of the rotation that the sphere starts from; other seeds give other maps of the same quality. Default 0.
+    /// Seed of the sphere's initial rotation; other seeds give other maps of the same quality. Default 0.
     pub seed: u64,
 }
 
@@ -78,23 +78,23 @@ impl Default for CaldParams {
 }
 
 impl CaldParams {
-    /// Settings for a map that only serves a fit of degree `max_degree`: area distortion is allowed (to 0.8) as long as
-    /// the fit over the map gains by it.
+    /// Returns settings for a map that only serves a fit of degree `max_degree`: area distortion is allowed (up to 0.8)
+    /// as long as the fit over the map benefits.
     #[must_use]
     pub fn for_degree(max_degree: usize) -> Self {
         Self { area: 0.8, degree: Some(max_degree), ..Self::default() }
     }
 }
 
-/// Maps a closed surface to the sphere with equal areas, as far as they are allowed to differ, and little length
+/// Maps a closed surface to the sphere with equal areas, to within the allowed distortion, and little length
 /// distortion.
 ///
 /// # Errors
 ///
 /// [`ParametrizeError::BadSurface`] for a mesh that isn't a closed surface of genus zero, or has degenerate triangles;
 /// [`ParametrizeError::Argument`] for an `area` outside of 0 to 1; [`ParametrizeError::NoPlace`] or
-/// [`ParametrizeError::NotBijective`] where 64-bit numbers don't suffice; [`ParametrizeError::Solver`] where the fit
-/// behind the adaptation fails; [`ParametrizeError::Interrupted`].
+/// [`ParametrizeError::NotBijective`] if 64-bit numbers don't suffice; [`ParametrizeError::Solver`] if the fit used for
+/// the adaptation fails; [`ParametrizeError::Interrupted`].
 pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrization, ParametrizeError> {
     if !(0.0..=1.0).contains(&params.area) {
         let found = params.area.to_string();
@@ -122,11 +122,12 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
     Ok(found)
 }
 
-/// Spends area distortion that is left on residual-adaptive areas, as long as the error of a fit falls. Returns the
-/// largest factor by which a target area grew; `None`, and the map as it was, where nothing is left or nothing gained.
+/// Spends the remaining area distortion on residual-adaptive areas, as long as the error of a fit decreases. Returns
+/// the largest factor by which a target area grew; `None`, with the map unchanged, if no distortion remains or nothing
+/// was gained.
 ///
-/// Each round multiplies the areas by what the residual of the last fit asks for. A round that costs more distortion
-/// than is allowed, or gains nothing, is taken back and tried again with smaller factors.
+/// Each round multiplies the areas by factors derived from the residual of the last fit. A round that costs more
+/// distortion than is allowed, or gains nothing, is undone and tried again with smaller factors.
 fn adapt_areas(
     domain: &Domain,
     descent: &mut Descent,
@@ -135,7 +136,7 @@ fn adapt_areas(
     params: &CaldParams,
     monitor: &dyn Monitor,
 ) -> Result<Option<f64>, ParametrizeError> {
-    // Distortions add up as squares, nearly.
+    // Squares of distortions are nearly additive.
     let left = |descent: &Descent| {
         let spent = descent.area_distortion(domain);
         (AIM * params.area * AIM * params.area - spent * spent).max(0.0).sqrt()
@@ -148,7 +149,7 @@ fn adapt_areas(
         return Ok(None);
     }
     let mut kept = descent.map.clone();
-    // Logarithms of the factors on the areas.
+    // Logarithms of the factors applied to the areas.
     let mut factors = vec![0.0; domain.faces.len()];
     let (mut adapts, mut step) = (false, STEP);
     for _ in 0..ROUNDS {

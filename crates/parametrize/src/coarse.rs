@@ -1,17 +1,17 @@
-//! The coarse space of the two-grid preconditioner: a few hundred to ten thousand patches that turn as rigid bodies.
+//! The coarse space of the two-grid preconditioner: a few hundred to ten thousand patches that rotate as rigid bodies.
 //!
-//! What a smoother doesn't see are displacements that hardly change any triangle, and those are rotations of the
-//! sphere, patch by patch, blended into each other. So each coarse unknown is the rotation vector (three numbers) of a
-//! patch: the vertices within `R` edges of its seed. Vertex v moves by
+//! A smoother hardly reduces displacements that barely change any triangle. These are rotations of the sphere, patch by
+//! patch, blended into each other. So each coarse unknown is the rotation vector (three numbers) of a patch: the
+//! vertices within `R` edges of its seed. Vertex v moves by
 //!
 //! ```text
 //! x_v = F_v sum over patches k of phi_k(v) omega_k x p_v,      phi_k(v) ~ 1 - distance(v, seed k) / (R + 1)
 //! ```
 //!
-//! with F_v the frame of its tangent plane and the phi_k(v) scaled to the sum 1, so that the rotations of the whole
-//! sphere are in the space exactly. (It is smoothed aggregation with the rigid modes of elasticity, P. Vanek, J.
-//! Mandel, M. Brezina, Computing 56, 1996, with hats by distance in place of smoothing by the matrix.) Patches depend
-//! on the triangulation alone and are found once; the coarse matrix is P^T H P, factored by faer.
+//! with F_v the frame of its tangent plane and the phi_k(v) scaled to sum to 1, so that the space contains rotations of
+//! the entire sphere exactly. (This is smoothed aggregation with the rigid modes of elasticity, P. Vanek, J. Mandel, M.
+//! Brezina, Computing 56, 1996, with hat functions of the distance instead of smoothing by the matrix.) Patches depend
+//! on the triangulation alone and are computed once; the coarse matrix is P^T H P, factored by faer.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -21,43 +21,43 @@ use crate::geometry::{Vec3, add, dot, scale};
 use crate::local::frame;
 use crate::sparse_cholesky::{Factor, Symbolic};
 
-/// Least distance between seeds, less one; more where there would be too many patches.
+/// Smallest distance between seeds, minus one; larger if there would be too many patches.
 const LEAST_RADIUS: usize = 4;
 
-/// Most patches, nearly: their matrix is factored in each step.
+/// Approximate largest number of patches: their matrix is factored in each step.
 const MOST_PATCHES: usize = 10_000;
 
-/// Vertices of more neighbours have a patch of their own, and others don't reach them: a patch for each few of their
-/// neighbours would have them all, and all patches each other as neighbours.
+/// A vertex with more neighbours than this gets its own patch, and other patches don't extend to it. Otherwise each of
+/// the many patches among its neighbours would contain it, and they would all be neighbours of each other.
 const HUB: usize = 64;
 
-/// Relative shift of the diagonal. A patch of one vertex has nothing to turn about itself.
+/// Relative shift of the diagonal. A patch of one vertex has no effect when it rotates about that vertex.
 const SHIFT: f64 = 1e-9;
 
-/// Where no place in a row is known.
+/// Marks an entry without a known position in a row.
 const NOWHERE: u32 = u32::MAX;
 
 /// Patches of a triangulation, and the analysed pattern of their matrix.
 pub(crate) struct Coarse {
-    /// Begin of each vertex's weights, one more than vertices.
+    /// Start of each vertex's weights; one more entry than vertices.
     starts: Vec<u32>,
-    /// Patch and weight.
+    /// (patch, weight).
     weights: Vec<(u32, f32)>,
-    /// Begin of each patch's vertices, one more than patches.
+    /// Start of each patch's vertices; one more entry than patches.
     members_of: Vec<u32>,
-    /// Vertex and weight.
+    /// (vertex, weight).
     members: Vec<(u32, f32)>,
-    /// Begin of each patch's neighbours in `columns`, one more than patches.
+    /// Start of each patch's neighbours in `columns`; one more entry than patches.
     rows: Vec<u32>,
     columns: Vec<u32>,
     symbolic: Symbolic,
 }
 
 impl Coarse {
-    /// Covers a triangulation with patches. Returns `None` where faer can't analyse, for want of memory.
+    /// Covers a triangulation with patches. Returns `None` if faer runs out of memory in the symbolic analysis.
     pub(crate) fn new(pattern: &Pattern, monitor: &dyn Monitor) -> Result<Option<Self>, Interrupted> {
         let n = pattern.rows();
-        // Seeds with distances above R are about one in R^2.
+        // There is about one seed per R^2 vertices if their distances are above R.
         let radius = LEAST_RADIUS.max((n as f64 / MOST_PATCHES as f64).sqrt().ceil() as usize);
         let found = balls(pattern, radius);
         monitor.check()?;
@@ -107,7 +107,8 @@ impl Coarse {
         Ok(symbolic.map(|symbolic| Self { starts, weights, members_of, members, rows, columns, symbolic }))
     }
 
-    /// The factor of the coarse matrix for a Hessian and the map's [`turns`]; `None` where that isn't definite.
+    /// Returns the factor of the coarse matrix for a Hessian and the map's [`turns`]; `None` if the matrix isn't
+    /// definite.
     pub(crate) fn factor(
         &self,
         pattern: &Pattern,
@@ -131,7 +132,7 @@ impl Coarse {
         self.symbolic.factor(&self.rows, &self.columns, values, monitor)
     }
 
-    /// A row of the coarse matrix. `places` is scratch, and as it was afterwards.
+    /// Computes a row of the coarse matrix. `places` is scratch, restored afterwards.
     fn row(
         &self,
         k: usize,
@@ -192,17 +193,17 @@ impl Coarse {
     }
 }
 
-/// The rows of omega -> (omega x p) in the frame of p: u . (omega x p) = omega . (p x u).
+/// Returns the rows of omega -> (omega x p) in the frame of p: u . (omega x p) = omega . (p x u).
 pub(crate) fn turns(p: Vec3) -> [Vec3; 2] {
     let [u, w] = frame(p);
     [w, scale(u, -1.0)]
 }
 
-/// Balls of a radius, in edges, that cover all vertices, around seeds that are further apart: patch, vertex and weight.
+/// Covers all vertices by balls of a radius, in edges, around seeds that are further apart: (patch, vertex, weight).
 fn balls(pattern: &Pattern, radius: usize) -> Vec<(u32, u32, f32)> {
     let n = pattern.rows();
     let mut found = Vec::with_capacity(3 * n);
-    // The last patch that has reached a vertex.
+    // For each vertex, the last patch that has reached it.
     let mut reached = vec![NOWHERE; n];
     let (mut shell, mut next) = (Vec::new(), Vec::new());
     let mut patch = 0;

@@ -1,12 +1,12 @@
-//! Least angle distortion, and of the Moebius transformations the one with the least area distortion.
+//! Least angle distortion, with the Moebius transformation of least area distortion.
 //!
 //! The energy is the harmonic one of X. Gu et al. (IEEE Trans. Med. Imaging 23, 2004) divided by the area triangle by
-//! triangle (K. Hormann and G. Greiner, MIPS, 2000): the same minimum on a smooth surface, and infinite where a
-//! triangle turns over, which the harmonic energy alone doesn't notice. It doesn't change as the sphere is transformed
-//! by a Moebius transformation; those are a rotation and a boost each, and the boost is chosen so that the mean squared
-//! log area ratio is least. A conformal map makes the end of an arm exponentially small in the arm's length; the map is
-//! taken there by a weight on equal areas that goes down from stage to stage, and it stops where cells would become too
-//! small for 64-bit numbers, which the report says.
+//! triangle (K. Hormann and G. Greiner, MIPS, 2000). It has the same minimum on a smooth surface, and is infinite if a
+//! triangle turns over, which the harmonic energy alone doesn't detect. It is invariant under Moebius transformations
+//! of the sphere. Each of those is a rotation and a boost, and the boost is chosen to minimise the mean squared log
+//! area ratio. A conformal map makes the end of an arm exponentially small in the arm's length. The map approaches that
+//! with a weight on equal areas that is lowered from stage to stage. It stops, with a note in the report, where cells
+//! would become too small for 64-bit numbers.
 
 use std::time::Instant;
 
@@ -22,7 +22,7 @@ use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, dot, orientation, scale, solid_angle, sub, unit};
 use crate::report::{Parametrization, Warning};
 
-/// Weights of equal areas, stage by stage.
+/// Weights of equal areas, by stage.
 const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
 
 /// Final rounds of centring and descent.
@@ -33,7 +33,7 @@ const ROUNDS: usize = 2;
 pub struct ConformalParams {
     /// Most Newton steps in each stage. Default 20.
     pub steps: usize,
-    /// Seed of the rotation that the sphere starts from. Default 0.
+    /// Seed of the sphere's initial rotation. Default 0.
     pub seed: u64,
 }
 
@@ -72,13 +72,14 @@ pub fn conformal(
     Ok(found)
 }
 
-/// The boost of the sphere by c, |c| < 1: what lies towards c spreads, what lies away from it draws together.
+/// Applies the boost of the sphere by c, |c| < 1: areas towards c expand, areas away from it contract.
 fn boost(c: Vec3, x: Vec3) -> Vec3 {
     let d = sub(x, c);
     unit(sub(scale(d, (1.0 - dot(c, c)) / dot(d, d)), c))
 }
 
-/// Mean squared log area ratio after a boost; infinite where it flips a triangle: great circles don't stay such.
+/// Returns the mean squared log area ratio after a boost; infinite if it flips a triangle, which is possible because
+/// great circles don't map to great circles.
 fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     const CHUNK: usize = 4096;
     let moved: Vec<Vec3> = map.par_iter().map(|&x| boost(c, x)).collect();
@@ -101,7 +102,7 @@ fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     sums.iter().sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// Boosts the map to the least area distortion that flips nothing; returns whether that is the least there is.
+/// Applies the boost of least area distortion that flips nothing; returns whether it is the unconstrained optimum.
 fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bool, Interrupted> {
     let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut blocked = false;
@@ -118,7 +119,7 @@ fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bo
             return Ok(false);
         }
         let slope = probes.map(|(a, b)| (a - b) / (2.0 * h));
-        // Curvatures along the axes are enough: the function is close to round.
+        // Curvatures along the axes suffice, since the function is close to isotropic.
         let curvature = probes.map(|(a, b)| ((a + b - 2.0 * here) / (h * h)).max(0.1));
         let mut c = [0, 1, 2].map(|i| -slope[i] / curvature[i]);
         let length = dot(c, c).sqrt();

@@ -17,7 +17,7 @@ impl Density for Balanced {
     #[inline(always)]
     fn at(self, q: f64, r: f64) -> [f64; 6] {
         let s = 1.0 / r;
-        // Of shape x + bound x^3 by x = q / r.
+        // Derivatives of shape x + bound x^3 with respect to x = q / r.
         let x = q * s;
         let slope = self.shape + 3.0 * self.bound * x * x;
         let bend = 6.0 * self.bound * x;

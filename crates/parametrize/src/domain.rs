@@ -1,4 +1,4 @@
-//! The surface in the form that the methods expect: checked, outward, of area 4 pi.
+//! The surface in the form that the methods expect: checked, wound outwards, with area 4 pi.
 
 use spharm_surface::Mesh;
 use spharm_surface::range::{scaled_meshes, times};
@@ -9,13 +9,13 @@ use crate::flaws::Flaws;
 use crate::geometry::{Vec3, area, scale};
 use crate::handles::shortest_loops;
 
-/// Most handles whose loops a message names.
+/// Largest number of handles whose loops are listed in a message.
 const MOST_LOOPS: usize = 5;
 
-/// Most vertices of a mesh whose loops are looked for, for a message alone: a second.
+/// Largest number of vertices of a mesh for which loops are searched only for a message, which takes a second.
 const MOST_VERTICES: usize = 50_000;
 
-/// A closed surface of genus zero without flaws.
+/// A closed surface of genus zero without defects.
 pub(crate) struct Domain {
     /// Positions, scaled so that the triangles' areas sum to 4 pi.
     pub(crate) positions: Vec<Vec3>,
@@ -23,7 +23,7 @@ pub(crate) struct Domain {
     pub(crate) faces: Vec<[u32; 3]>,
     /// Areas of the triangles; they sum to 4 pi.
     pub(crate) areas: Vec<f64>,
-    /// Whether the mesh wound inwards, so that its sphere is to be mirrored.
+    /// Whether the mesh winds inwards, so that its sphere must be mirrored.
     inward: bool,
 }
 
@@ -40,7 +40,7 @@ impl Domain {
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
         let total: f64 = mesh.faces.iter().map(|face| area(corners(face))).sum();
         let factor = (4.0 * std::f64::consts::PI / total).sqrt();
-        // About a point of the surface: far from the origin the digits are worth more elsewhere.
+        // Relative to a point of the surface, so that a surface far from the origin doesn't lose digits.
         let [x, y, z] = mesh.vertices[0];
         let positions: Vec<Vec3> =
             mesh.vertices.iter().map(|&[a, b, c]| scale([a - x, b - y, c - z], factor)).collect();
@@ -50,9 +50,9 @@ impl Domain {
         Ok(Self { positions, faces: mesh.faces.iter().map(turned).collect(), areas, inward })
     }
 
-    /// The sphere of a mesh, from the map of its domain.
+    /// Returns the sphere of a mesh, from the map of its domain.
     ///
-    /// A surface that winds inwards keeps its triangles; so does its sphere then, and the map mirrors neither.
+    /// A surface that winds inwards keeps its triangles, and so does its sphere; the map mirrors neither.
     pub(crate) fn sphere(&self, mesh: &Mesh, unit: Vec<Vec3>) -> Mesh {
         let mut sphere = Mesh::new(unit, mesh.faces.clone());
         sphere.meta.anatomical_structure_primary = mesh.meta.anatomical_structure_primary.clone();
@@ -61,7 +61,7 @@ impl Domain {
     }
 }
 
-/// Refuses meshes that can't be mapped to the sphere one to one, or only by chance. Their coordinates have been divided
+/// Rejects meshes that can't be mapped to the sphere one to one, or only by chance. Their coordinates have been divided
 /// by 2^exponent.
 fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
     let found = Flaws::of(mesh)?;
@@ -78,8 +78,8 @@ fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
     Err(ParametrizeError::BadSurface { problems: problems.join("; "), handles, remedy })
 }
 
-/// How many handles there are, and of a mesh where that is quickly found how long the loops are along which it could be
-/// cut.
+/// Describes the number of handles and, if the mesh is small enough to find them quickly, the lengths of the loops
+/// along which it could be cut.
 fn with_lengths(mesh: &Mesh, handles: usize, clean: bool, exponent: i32) -> String {
     let text = match handles {
         1 => "the surface has a handle (genus 1)".to_owned(),
@@ -94,7 +94,7 @@ fn with_lengths(mesh: &Mesh, handles: usize, clean: bool, exponent: i32) -> Stri
     format!("{text}, which {loops} of length {} would cut", lengths.join(", "))
 }
 
-/// A length, with all of its digits before the point only where they are few.
+/// Returns a length as text, in scientific notation if it is very large or very small.
 fn written(length: f64) -> String {
     if (1e-3..1e9).contains(&length) { format!("{length:.4}") } else { format!("{length:.4e}") }
 }

@@ -1,9 +1,11 @@
-//! Coarse to fine: a map without flips of any closed surface of genus zero (E. Praun and H. Hoppe, SIGGRAPH 2003).
+//! Builds, coarse to fine, a map without flips of any closed surface of genus zero (E. Praun and H. Hoppe, SIGGRAPH
+//! 2003).
 //!
-//! The [`Hierarchy`] is taken down to a tetrahedron, which goes onto the sphere as a regular one. Then the vertices
-//! come back: each into the kernel of its ring, which is never empty, since the vertex it had gone into sees all of it;
-//! then it and its neighbours relax. Each time the mesh has doubled, sweeps and Newton's steps let the whole map
-//! settle, so that large features get their areas while there are few vertices to move.
+//! The [`Hierarchy`] is coarsened to a tetrahedron, which is placed on the sphere as a regular one. Then the vertices
+//! are reinserted, each into the kernel of its ring. The kernel is never empty, since the vertex that it was collapsed
+//! into sees the entire ring. Then the vertex and its neighbours are relaxed. Each time the mesh has doubled, sweeps
+//! and Newton steps optimise the entire map, so that large features get their areas while there are few vertices to
+//! move.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -15,24 +17,24 @@ use crate::hierarchy::Hierarchy;
 use crate::newton::Newton;
 use crate::star::{Classes, Star, relax_all, sweep};
 
-/// How the map is optimised while it grows.
+/// Optimisation settings while the map is built.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Growth {
-    /// The energy that is minimised.
+    /// The energy to minimise.
     pub(crate) energy: Energy,
-    /// Newton's steps at each doubling.
+    /// Newton steps at each doubling.
     pub(crate) steps: usize,
-    /// Seed of the rotation that the sphere starts from.
+    /// Seed of the sphere's initial rotation.
     pub(crate) seed: u64,
 }
 
-/// Newton's steps pay from this many vertices on; below, sweeps settle everything.
+/// Number of vertices from which Newton steps pay off; below, sweeps suffice.
 const NEWTON_FROM: usize = 100;
 
-/// Vertices from which on they come back in groups.
+/// Number of vertices from which vertices are reinserted in groups.
 const GROUPS_FROM: usize = 1000;
 
-/// Vertices between which the monitor is asked.
+/// Number of vertices between checks of the monitor.
 const CHUNK: usize = 64;
 
 /// Maps a closed surface of area 4 pi. Returns the map, the number of Newton steps, and the refined hierarchy.
@@ -74,7 +76,7 @@ pub(crate) fn embed(
     Ok((map, iterations, hierarchy))
 }
 
-/// Puts vertices back one at a time; each and its neighbours relax at once.
+/// Reinserts vertices one at a time, and relaxes each and its neighbours at once.
 fn one_by_one(
     hierarchy: &mut Hierarchy,
     map: &mut [Vec3],
@@ -95,7 +97,8 @@ fn one_by_one(
     Ok(())
 }
 
-/// Puts vertices back that have no triangle in common, together. Only they relax: the sweeps that follow move all.
+/// Reinserts groups of vertices that have no triangle in common. Only these vertices are relaxed; the sweeps that
+/// follow move all.
 fn by_groups(
     hierarchy: &mut Hierarchy,
     map: &mut [Vec3],
@@ -122,7 +125,7 @@ fn by_groups(
     Ok(())
 }
 
-/// Puts a vertex into the kernel of its ring.
+/// Places a vertex in the kernel of its ring.
 fn insert(hierarchy: &Hierarchy, map: &mut [Vec3], v: u32, into: u32, energy: Energy) -> Result<(), ParametrizeError> {
     let ring: Vec<u32> = hierarchy.ring(v).iter().map(|&(w, _)| w).collect();
     let place = Star::of(hierarchy, map, v).place(energy, map[into as usize]);
@@ -136,7 +139,7 @@ fn insert(hierarchy: &Hierarchy, map: &mut [Vec3], v: u32, into: u32, energy: En
     Ok(())
 }
 
-/// Optimises a level of the hierarchy, roughly. Returns the number of Newton steps.
+/// Roughly optimises a level of the hierarchy. Returns the number of Newton steps.
 fn settle(
     hierarchy: &Hierarchy,
     map: &mut [Vec3],
@@ -181,10 +184,11 @@ fn settle(
     Ok(taken)
 }
 
-/// A regular tetrahedron, turned by the seed: triangle 0 1 2 is counter-clockwise seen from outside, 3 lies behind it.
+/// Returns a regular tetrahedron, rotated according to the seed: triangle 0 1 2 is counter-clockwise seen from outside,
+/// and 3 lies behind it.
 fn tetrahedron(seed: u64) -> [Vec3; 4] {
     let corners = [[-1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]];
-    // A unit quaternion from four draws; seed 0 leaves all as it is.
+    // A unit quaternion from four random numbers; seed 0 gives no rotation.
     let mut state = seed;
     let mut draw = || {
         state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);

@@ -1,7 +1,7 @@
 //! The energies that maps minimise.
 //!
-//! A triangle of the surface with area A (all of them sum to 4 pi) goes to a spherical triangle of solid angle W. With
-//! s1 >= s2 the singular values of the linear map between the flat triangles,
+//! A triangle of the surface with area A (the areas sum to 4 pi) maps to a spherical triangle of solid angle W. With s1
+//! >= s2 the singular values of the linear map between the flat triangles,
 //!
 //! ```text
 //! q = (s1^2 + s2^2) / 2 = sum over corners of cot(angle) |opposite edge on the sphere|^2 / (4 A)
@@ -17,22 +17,23 @@
 //! | [`Energy::CONFORMAL`] | q / r | angles are kept (the MIPS of Hormann and Greiner, 2000) |
 //! | [`Energy::STRETCH`] | q / r^2 + e q | L2 stretch is least (Sander et al. 2001) |
 //!
-//! Each goes to infinity as a triangle loses its area, so that a descent that starts from a map without flips stays
-//! one. Cotangents are scale-free, so a triangle of a coarsened mesh can carry more area than it has.
+//! Each goes to infinity as a triangle loses its area, so that a descent from a map without flips stays free of flips.
+//! Cotangents are scale-free, so a triangle of a coarsened mesh can be assigned more area than its own.
 
 use crate::density::Density;
 use crate::geometry::{Vec3, add, norm, sub};
 
-/// Least slack in the triangle inequality, in mean edge lengths. Thinner triangles are taken as a little less thin (N.
-/// Sharp and K. Crane, SGP 2020, intrinsic mollification): their cotangents would drown all others.
+/// Smallest slack in the triangle inequality, in mean edge lengths. Thinner triangles are treated as slightly less thin
+/// (N. Sharp and K. Crane, SGP 2020, intrinsic mollification), since otherwise their cotangents would dominate all
+/// others.
 const SLACK: f64 = 1e-3;
 
-/// A triangle of the surface, reduced to what the energies need.
+/// A triangle of the surface, reduced to the quantities that the energies need.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Shape {
-    /// A, its share of 4 pi.
+    /// A, the triangle's share of 4 pi.
     pub(crate) area: f64,
-    /// Cotangents of the angles at its corners.
+    /// Cotangents of the angles at the corners.
     pub(crate) cotangents: [f64; 3],
 }
 
@@ -41,14 +42,14 @@ impl Shape {
         Self::of_lengths([norm(sub(b, c)), norm(sub(c, a)), norm(sub(a, b))], area)
     }
 
-    /// From the lengths of the edges, each across from its corner.
+    /// Computes the shape from the lengths of the edges, each opposite its corner.
     pub(crate) fn of_lengths(mut l: [f64; 3], area: f64) -> Self {
         let mean = (l[0] + l[1] + l[2]) / 3.0;
         let slack = l[0] + l[1] + l[2] - 2.0 * l[0].max(l[1]).max(l[2]);
         let missing = (SLACK * mean - slack).max(0.0);
         l.iter_mut().for_each(|length| *length += missing);
         let [x, y, z] = l;
-        // Heron's formula, as W. Kahan orders it.
+        // Heron's formula in W. Kahan's stable order.
         let mut s = l;
         s.sort_unstable_by(|p, q| q.total_cmp(p));
         let product = (s[0] + (s[1] + s[2])) * (s[2] - (s[0] - s[1])) * (s[2] + (s[0] - s[1])) * (s[0] + (s[1] - s[2]));
@@ -62,10 +63,10 @@ impl Shape {
     }
 }
 
-/// Least area of a triangle, as a share of the mean: thinner ones are too small to steer anything.
+/// Smallest area assigned to a triangle, as a share of the mean; smaller triangles would have no effect on the map.
 const LEAST_AREA: f64 = 1e-7;
 
-/// The least area that counts of so many triangles.
+/// Returns the smallest area assigned to a triangle, for `triangles` triangles.
 pub(crate) fn least_area(triangles: usize) -> f64 {
     LEAST_AREA * 4.0 * std::f64::consts::PI / triangles as f64
 }
@@ -90,7 +91,7 @@ pub(crate) enum Energy {
     },
     /// q / r^2 + `shrink` q.
     Stretch {
-        /// Weight of the term that keeps parts from growing without bound where there is nothing to stretch.
+        /// Weight of the term that keeps parts of the map from growing without bound when nothing there is stretched.
         shrink: f64,
     },
 }
@@ -124,13 +125,13 @@ impl Energy {
         Self::Balanced { area, shape, bound }
     }
 
-    /// F of an isometry.
+    /// Returns F for an isometry.
     pub(crate) fn least(self) -> f64 {
         with_density!(self, density => density.at(1.0, 1.0)[0])
     }
 }
 
-/// From p on the sphere along a tangent vector, back onto the sphere.
+/// Moves from p on the sphere along a tangent vector, then projects back onto the sphere.
 pub(crate) fn retract(p: Vec3, tangent: Vec3) -> Vec3 {
     crate::geometry::unit(add(p, tangent))
 }

@@ -11,12 +11,12 @@ use spharm_surface::SurfaceError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParametrizeError {
-    /// The mesh is no closed surface of genus zero, or no clean one.
+    /// The mesh isn't a closed surface of genus zero, or has defects.
     #[error("not a closed, clean surface of genus zero: {problems}; {remedy}")]
     BadSurface {
-        /// The problems with their counts, a phrase each, joined by semicolons.
+        /// The problems with their counts, one phrase each, joined by semicolons.
         problems: String,
-        /// Handles of a closed surface, its genus; 0 where it isn't closed.
+        /// Handles of a closed surface, its genus; 0 if it isn't closed.
         handles: usize,
         /// Advice.
         remedy: &'static str,
@@ -30,11 +30,11 @@ pub enum ParametrizeError {
     NotBijective {
         /// The method.
         method: &'static str,
-        /// Triangles turned over.
+        /// Number of flipped triangles.
         flipped: usize,
-        /// Triangles without area.
+        /// Number of triangles without area.
         degenerate: usize,
-        /// All triangles.
+        /// Number of all triangles.
         triangles: usize,
         /// Advice.
         remedy: &'static str,
@@ -50,14 +50,14 @@ pub enum ParametrizeError {
         vertex: usize,
     },
 
-    /// Values that can't be continued from any others.
+    /// Values that can't be filled in from any others.
     #[error("{vertices} vertices have no value, and some of them aren't connected to a vertex with one")]
     Unfilled {
-        /// Vertices without a value.
+        /// Number of vertices without a value.
         vertices: usize,
     },
 
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{}: cannot read: {cause}", path.display())]
     Io {
         /// The file.
@@ -71,22 +71,22 @@ pub enum ParametrizeError {
     NotAVolume {
         /// The file.
         path: PathBuf,
-        /// What it should be or contain.
+        /// What the file should be or contain.
         expected: &'static str,
-        /// What it is or contains.
+        /// What the file is or contains.
         found: String,
     },
 
-    /// A volume whose file doesn't say how large its voxels are.
+    /// A volume whose file doesn't specify the size of its voxels.
     #[error("{}: {format} doesn't say how large its voxels are", path.display())]
     NoVoxelSize {
         /// The file.
         path: PathBuf,
-        /// Its format, with its article.
+        /// Its format, with an article.
         format: &'static str,
     },
 
-    /// A file of the format of a volume that holds a map: values on the vertices of a surface.
+    /// A file in a volume format that holds a map: values on the vertices of a surface.
     #[error("{}: values on {vertices} vertices, no volume of labels", path.display())]
     VertexMap {
         /// The file.
@@ -95,7 +95,7 @@ pub enum ParametrizeError {
         vertices: usize,
     },
 
-    /// The volume doesn't have the label, or has several, of which none was chosen.
+    /// The volume doesn't have the label, or has several and none was chosen.
     #[error(
         "{}: {}; the labels there are: {there}; choose one of them",
         path.display(),
@@ -106,7 +106,7 @@ pub enum ParametrizeError {
         path: PathBuf,
         /// The label that was chosen.
         label: Option<i64>,
-        /// The labels of the volume, with their voxels.
+        /// The labels of the volume, with their numbers of voxels.
         there: String,
     },
 
@@ -121,9 +121,9 @@ pub enum ParametrizeError {
         path: PathBuf,
         /// The label.
         label: i64,
-        /// The problems with their counts, a phrase each, joined by semicolons.
+        /// The problems with their counts, one phrase each, joined by semicolons.
         problems: String,
-        /// How many of them are handles, which can be cut where there is nothing else.
+        /// Number of handles among the problems, which can be cut if there are no other problems.
         handles: usize,
         /// Whether a repair can make it one ball.
         repairable: bool,
@@ -133,7 +133,7 @@ pub enum ParametrizeError {
     #[error(transparent)]
     Surface(SurfaceError),
 
-    /// An error of the fit whose residual areas adapt to.
+    /// An error of the fit whose residual the areas adapt to.
     #[error(transparent)]
     Solver(#[from] spharm_solver::SolverError),
 
@@ -148,7 +148,7 @@ pub enum ParametrizeError {
     #[error("interrupted")]
     Interrupted(#[from] spharm_monitor::Interrupted),
 
-    /// An argument outside of its range.
+    /// An argument out of its range.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
         /// The argument.

@@ -1,30 +1,31 @@
 //! Fills in missing vertex values from the known values around them.
 //!
 //! The continuation is harmonic on the graph of the mesh's edges: each filled value is the mean of its neighbours', so
-//! that it lies between those at the edge, and a model over the whole sphere has something to follow there. (Left
-//! without values, a least-squares model of high degree isn't determined in a hole and swings to any height.)
+//! that it lies between the values at the edge of the gap, and a model over the whole sphere has values to follow
+//! there. (Without values, a least-squares model of high degree isn't determined in a hole and oscillates without
+//! bound.)
 
 use spharm_monitor::Monitor;
 
 use crate::ParametrizeError;
 use crate::sparse_cholesky::Symbolic;
 
-/// Place of a vertex that is known.
+/// Marks a known vertex in the list of unknowns' indices.
 const KNOWN: u32 = u32::MAX;
 
-/// Fills in the values of the vertices that `known`, (n), doesn't mark; `values` are (n, c) row-major, and never read
-/// there.
+/// Fills in the values of the vertices that `known`, (n), doesn't mark. `values` are (n, c) row-major; values at these
+/// vertices are never read.
 ///
-/// Cost: a sparse factorisation of as many unknowns, O(m^1.5) flops.
+/// Cost: a sparse factorisation with m unknowns, one per missing vertex, O(m^1.5) flops.
 ///
 /// # Errors
 ///
-/// [`ParametrizeError::Unfilled`] where no edges lead from known vertices to an unknown one;
+/// [`ParametrizeError::Unfilled`] if an unknown vertex isn't connected by edges to a known one;
 /// [`ParametrizeError::Interrupted`].
 ///
 /// # Panics
 ///
-/// When lengths differ, or a triangle has a vertex that isn't there.
+/// When lengths differ, or a triangle's index is out of range.
 pub fn fill_in(
     values: &mut [f64],
     channels: usize,
@@ -67,7 +68,7 @@ pub fn fill_in(
     Ok(())
 }
 
-/// The neighbours of each unknown vertex, each once.
+/// Returns the neighbours of each unknown vertex, without duplicates.
 fn neighbours(places: &[u32], unknown: usize, faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); unknown];
     for face in faces {
@@ -79,7 +80,7 @@ fn neighbours(places: &[u32], unknown: usize, faces: &[[u32; 3]]) -> Vec<Vec<u32
         }
     }
     for (row, around) in neighbours.iter_mut().enumerate() {
-        // A triangle with a corner twice has its vertex for a neighbour.
+        // A triangle that uses a vertex twice makes it its own neighbour.
         around.retain(|&v| places[v as usize] != row as u32);
         around.sort_unstable();
         around.dedup();
@@ -87,7 +88,7 @@ fn neighbours(places: &[u32], unknown: usize, faces: &[[u32; 3]]) -> Vec<Vec<u32
     neighbours
 }
 
-/// Whether every unknown vertex is joined to a known one.
+/// Whether every unknown vertex is connected to a known one.
 fn reaches_all(neighbours: &[Vec<u32>], places: &[u32]) -> bool {
     let is_edge = |around: &Vec<u32>| around.iter().any(|&v| places[v as usize] == KNOWN);
     let mut reached: Vec<bool> = neighbours.iter().map(is_edge).collect();

@@ -1,4 +1,4 @@
-//! What keeps a mesh from being mapped to the sphere, handles aside.
+//! Reasons, other than handles, why a mesh can't be mapped to the sphere.
 
 use spharm_surface::Mesh;
 use spharm_surface::topology::Topology;
@@ -6,9 +6,9 @@ use spharm_surface::topology::Topology;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, area, norm, sub};
 
-/// What is wrong with a mesh.
+/// Defects of a mesh.
 pub(crate) struct Flaws {
-    /// Phrases, without handles.
+    /// Descriptions of the problems as phrases, without handles.
     pub(crate) problems: Vec<String>,
     /// Advice on them.
     pub(crate) remedy: &'static str,
@@ -16,11 +16,11 @@ pub(crate) struct Flaws {
 }
 
 impl Flaws {
-    /// Looks for flaws of the triangles and of their topology.
+    /// Checks the triangles and their topology.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::BadSurface`] where there are no finite coordinates or vertex numbers to look at.
+    /// [`ParametrizeError::BadSurface`] for coordinates that aren't finite or indices out of range.
     pub(crate) fn of(mesh: &Mesh) -> Result<Self, ParametrizeError> {
         let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
         let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();
@@ -40,8 +40,8 @@ impl Flaws {
         let mut problems = without_handles.problems();
         let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
         let flat = flat.saturating_sub(topology.degenerate_faces);
-        // Two sheets may touch in a vertex, as at the seam of a surface that was cut: only where a triangle is flat by
-        // it is that a flaw. On open meshes the topology reports them itself.
+        // Two sheets may touch in a vertex, as at the seam of a surface that was cut. This is a defect only if a
+        // triangle is flat because of it. On open meshes the topology reports such vertices itself.
         if flat > 0 && topology.duplicate_vertices > 0 && topology.boundary_edges == 0 {
             problems.push(counted(topology.duplicate_vertices, "vertex lies", "vertices lie", "exactly on others"));
         }
@@ -56,13 +56,13 @@ impl Flaws {
         Ok(Self { problems, remedy, genus })
     }
 
-    /// How many handles a mesh has; 0 where it isn't a closed surface.
+    /// Returns the number of handles of a mesh; 0 if it isn't a closed surface.
     pub(crate) fn handles(&self) -> usize {
         self.genus.and_then(|genus| usize::try_from(genus).ok()).unwrap_or(0)
     }
 }
 
-/// "1 vertex has", "2 vertices have", and the rest.
+/// Returns "1 vertex has" or "2 vertices have", followed by `rest`.
 fn counted(count: usize, one: &str, many: &str, rest: &str) -> String {
     format!("{count} {} {rest}", if count == 1 { one } else { many })
 }
@@ -70,6 +70,6 @@ fn counted(count: usize, one: &str, many: &str, rest: &str) -> String {
 /// Whether a triangle has an area that f64 distinguishes from 0.
 fn has_area(corners: [Vec3; 3]) -> bool {
     let longest = (0..3).map(|i| norm(sub(corners[i], corners[(i + 1) % 3]))).fold(0.0, f64::max);
-    // Relative to its own size: a tiny triangle is no flaw, three points in a line are.
+    // Relative to the triangle's own size: a tiny triangle is no defect, three points in a line are.
     area(corners) > 1e-12 * longest * longest
 }

@@ -1,4 +1,4 @@
-//! Three-vectors, as much as is needed here, and what is measured on the sphere.
+//! The three-vector operations needed here, and areas.
 
 pub(crate) use spharm_surface::geometry::{Vec3, add, cross, dot, orientation, scale, solid_angle, sub};
 

@@ -1,18 +1,18 @@
-//! The progressive mesh (H. Hoppe, SIGGRAPH 1996): half-edge collapses from the surface down to a tetrahedron, to be
-//! taken back one at a time.
+//! The progressive mesh (H. Hoppe, SIGGRAPH 1996): half-edge collapses from the surface down to a tetrahedron, which
+//! can be undone one at a time.
 //!
-//! A collapse v -> u takes vertex v away: the two triangles on edge vu vanish, the others around v get u in its place.
-//! It is allowed where u and v have two neighbours in common, which keeps the mesh a sphere; a triangulated sphere of
+//! A collapse v -> u removes vertex v: the two triangles on edge vu vanish, and the others around v get u in its place.
+//! It is allowed if u and v have exactly two common neighbours, which keeps the mesh a sphere. A triangulated sphere of
 //! more than four vertices always has such an edge (E. Steinitz), so the tetrahedron is always reached.
 //!
-//! The order decides how well the coarse meshes are shaped, not what they look like: next goes the vertex whose removal
-//! leaves the smallest and roundest triangles at vertices of low valence. The area around a collapsed vertex is shared
-//! out over the triangles that take its place, so each coarse mesh carries the whole surface's area where it belongs: a
-//! map that equalises areas has the area of an arm before it has the arm.
+//! The order is chosen for well-shaped coarse meshes, not for their similarity to the surface: the next vertex is the
+//! one whose removal leaves the smallest and roundest triangles at vertices of low valence. The area around a collapsed
+//! vertex is distributed over the triangles that replace it, so each coarse mesh carries the entire surface's area in
+//! the right places: a map that equalises areas reserves the area of an arm before the arm exists.
 //!
-//! O(n log n): a heap of vertices by cost, which is looked at again when a vertex comes to the top. Vertices of many
-//! triangles stay until they have fewer: to look at one takes time quadratic in their number, and there always is a
-//! vertex of five or fewer that can go.
+//! O(n log n): a heap of vertices by cost, which is recomputed when a vertex reaches the top. Vertices of many
+//! triangles stay until they have fewer, since computing the cost takes time quadratic in their number; there is always
+//! a vertex of five or fewer triangles that can be removed.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -24,33 +24,33 @@ use crate::energy::{Shape, least_area};
 use crate::geometry::{Vec3, area, dot, sub};
 use crate::hubs::{HUB, Hubs, looked_at};
 
-/// Collapses between which the monitor is asked and given the progress.
+/// Number of collapses between checks of the monitor and reports of progress.
 const CHUNK: u64 = 256;
 
-/// A triangulated sphere that can be coarsened and refined. Vertices and triangles keep their numbers.
+/// A triangulated sphere that can be coarsened and refined. Vertices and triangles keep their indices.
 pub(crate) struct Hierarchy {
     positions: Vec<Vec3>,
-    /// Corners of each triangle; meaningless where the triangle is away.
+    /// Corners of each triangle; meaningless if the triangle is removed.
     pub(crate) faces: Vec<[u32; 3]>,
     /// Area and cotangents of each triangle.
     pub(crate) shapes: Vec<Shape>,
-    /// The triangles around each vertex, in no particular order (but always the same); none where it is away.
+    /// The triangles around each vertex, in no particular order (but always the same); empty if the vertex is removed.
     pub(crate) around: Vec<Vec<u32>>,
     hubs: Hubs,
     collapses: Vec<Collapse>,
-    /// How many vertices there are now.
+    /// Current number of vertices.
     pub(crate) present: usize,
 }
 
-/// What it takes to undo one.
+/// The data needed to undo a collapse.
 pub(crate) struct Collapse {
     vertex: u32,
     into: u32,
-    /// The triangles around the vertex as they were, the two that vanish first.
+    /// The triangles around the vertex before the collapse, the two that vanish first.
     faces: Vec<(u32, [u32; 3], Shape)>,
 }
 
-/// Finite costs, ordered; ties by vertex.
+/// Finite costs in ascending order; ties are ordered by vertex.
 #[derive(PartialEq)]
 struct Entry(f64, u32);
 
@@ -69,7 +69,7 @@ impl Ord for Entry {
 }
 
 impl Hierarchy {
-    /// The finest level: the surface itself, and the area that each triangle is to have on the sphere, 4 pi in all.
+    /// Creates the finest level: the surface itself, with each triangle's target area on the sphere, 4 pi in total.
     pub(crate) fn new(positions: &[Vec3], faces: &[[u32; 3]], areas: &[f64]) -> Self {
         let least = least_area(faces.len());
         let shape = |(face, &area): (&[u32; 3], &f64)| Shape::new(face.map(|v| positions[v as usize]), area.max(least));
@@ -88,10 +88,11 @@ impl Hierarchy {
         }
     }
 
-    /// The neighbours of a vertex in cyclic order, counter-clockwise, and the triangles between each and the next.
+    /// Returns the neighbours of a vertex in cyclic order, counter-clockwise, each with the triangle between it and the
+    /// next.
     pub(crate) fn ring(&self, v: u32) -> Vec<(u32, u32)> {
         let around = &self.around[v as usize];
-        // (from, to, triangle) with the triangle (v, from, to).
+        // (from, to, triangle) for the triangle (v, from, to).
         let spokes: Vec<(u32, u32, u32)> = around
             .iter()
             .map(|&f| {
@@ -128,7 +129,7 @@ impl Hierarchy {
         self.hubs.is_neighbour(v, w).unwrap_or_else(look)
     }
 
-    /// Collapses vertices, a step of the monitor each, down to a tetrahedron. Returns its four vertices, as a triangle
+    /// Collapses vertices down to a tetrahedron, one step of the monitor each. Returns its four vertices, as a triangle
     /// and the apex behind it.
     pub(crate) fn coarsen(&mut self, monitor: &dyn Monitor) -> Result<[u32; 4], Interrupted> {
         let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v)));
@@ -139,7 +140,7 @@ impl Hierarchy {
         let mut unreported = 0;
         while self.present > 4 {
             let Some(Reverse(Entry(queued, v))) = heap.pop() else { break };
-            // Costs grow as neighbours go, so they are looked at again only here.
+            // Costs grow as neighbours are removed, so they are recomputed only here.
             let Some((cost, u)) = self.best(v) else {
                 is_queued[v as usize] = false;
                 continue;
@@ -156,7 +157,7 @@ impl Hierarchy {
                 monitor.step(CHUNK);
                 unreported = 0;
             }
-            // What couldn't go before may now.
+            // Vertices that couldn't be removed before may be removable now.
             for w in ring {
                 if is_queued[w as usize] {
                     continue;
@@ -178,7 +179,7 @@ impl Hierarchy {
         [face[0], face[1], face[2], apex]
     }
 
-    /// The neighbour that a vertex is best collapsed into, and the cost.
+    /// Returns the best neighbour to collapse a vertex into, with the cost.
     fn best(&self, v: u32) -> Option<(f64, u32)> {
         if self.around[v as usize].len() > HUB {
             return None;
@@ -189,7 +190,7 @@ impl Hierarchy {
         let mut best: Option<(f64, u32)> = None;
         for i in 0..k {
             let u = ring[i].0;
-            // Common neighbours other than those beside u on the ring.
+            // Common neighbours other than the two beside u on the ring.
             let beside = [ring[(i + 1) % k].0, ring[(i + k - 1) % k].0];
             if ring.iter().any(|&(w, _)| w != u && !beside.contains(&w) && self.is_neighbour(u, w)) {
                 continue;
@@ -222,7 +223,8 @@ impl Hierarchy {
             || faces[2..].iter().map(|&(f, corners, _)| (f, corners.map(|w| if w == vertex { into } else { w })));
         let flat = |corners: [u32; 3]| corners.map(|w| self.positions[w as usize]);
         let sum: f64 = kept().map(|(_, corners)| area(flat(corners))).sum();
-        // A little for each, or a triangle that happens to be thin in space would get no area on the sphere.
+        // A small share for each, since otherwise a triangle that happens to be thin in space would get no area on the
+        // sphere.
         let even = 0.1 / (faces.len() - 2) as f64;
         let new: Vec<_> = kept()
             .map(|(f, corners)| {
@@ -240,7 +242,7 @@ impl Hierarchy {
         self.present -= 1;
     }
 
-    /// Puts the vertex that went last back, and returns it and the one it had gone into.
+    /// Reinserts the vertex removed last, and returns it and the vertex that it was collapsed into.
     pub(crate) fn refine(&mut self) -> Option<(u32, u32)> {
         let collapse = self.collapses.pop()?;
         Some(self.undo(collapse))
@@ -264,12 +266,12 @@ impl Hierarchy {
         (vertex, into)
     }
 
-    /// Takes out the last `count` collapses, in groups to be put back one after the other, each by
-    /// [`refine_group`](Self::refine_group). Those of a group have no triangle in common, so their vertices aren't
-    /// neighbours.
+    /// Removes the last `count` collapses from the list and returns them in groups, to be undone one after another by
+    /// [`refine_group`](Self::refine_group). The collapses in a group have no triangle in common, so their vertices
+    /// aren't neighbours.
     pub(crate) fn groups(&mut self, count: usize) -> Vec<Vec<Collapse>> {
         let last = self.collapses.split_off(self.collapses.len() - count.min(self.collapses.len()));
-        // The first group in which a triangle may be touched.
+        // For each triangle, the first group that may modify it.
         let mut free = vec![0_u32; self.faces.len()];
         let mut groups: Vec<Vec<Collapse>> = Vec::new();
         for collapse in last.into_iter().rev() {
@@ -284,7 +286,7 @@ impl Hierarchy {
         groups
     }
 
-    /// Puts the vertices of a group back, and returns each with the one it had gone into.
+    /// Reinserts the vertices of a group, and returns each with the vertex that it was collapsed into.
     pub(crate) fn refine_group(&mut self, group: Vec<Collapse>) -> Vec<(u32, u32)> {
         group.into_iter().map(|collapse| self.undo(collapse)).collect()
     }

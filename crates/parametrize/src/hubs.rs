@@ -1,37 +1,37 @@
-//! Vertices of many triangles, in time that doesn't grow with their number.
+//! Operations on vertices of many triangles, in time that doesn't grow with the number of triangles.
 //!
-//! A list of the triangles around a vertex is short, and is looked through. The pole of a fan, of a sphere by latitude
-//! and longitude or of a turned part has as many as there are meridians, and each of them comes and goes: what is in
-//! its list is indexed, so that each takes constant time.
+//! The list of the triangles around a vertex is usually short, and is searched linearly. But the pole of a fan, of a
+//! sphere by latitude and longitude or of a turned part has as many triangles as there are meridians, and each of them
+//! is removed and reinserted. The lists of such vertices are indexed, so that each operation takes constant time.
 
 use std::collections::HashMap;
 
-/// Vertices with more triangles are hubs.
+/// Vertices with more triangles than this are hubs.
 pub(crate) const HUB: usize = 64;
 
-/// Hubs stay hubs down to this number of triangles.
+/// Hubs remain hubs down to this number of triangles.
 const KEPT: usize = HUB / 2;
 
-/// Counts entries of lists that are looked through, for tests.
+/// Counts the entries of lists searched, for tests.
 #[cfg(test)]
 pub(crate) fn looked_at(entries: usize) {
     tests::LOOKED_AT.with(|count| count.set(count.get() + entries));
 }
 
-/// Counts nothing.
+/// Does nothing outside of tests.
 #[cfg(not(test))]
 pub(crate) fn looked_at(_: usize) {}
 
-/// The index of each hub.
+/// An index for each hub.
 #[derive(Default)]
 pub(crate) struct Hubs(HashMap<u32, Hub>);
 
 /// The index of a hub's list.
 #[derive(Default)]
 struct Hub {
-    /// Where each triangle is in the list.
+    /// Position of each triangle in the list.
     places: HashMap<u32, usize>,
-    /// How many triangles it shares with each neighbour.
+    /// Number of triangles shared with each neighbour.
     neighbours: HashMap<u32, u32>,
 }
 
@@ -60,13 +60,13 @@ impl Hub {
 }
 
 impl Hubs {
-    /// Indexes the lists that are long.
+    /// Indexes the long lists.
     pub(crate) fn new(around: &[Vec<u32>], faces: &[[u32; 3]]) -> Self {
         let long = around.iter().zip(0..).filter(|(list, _)| list.len() > HUB);
         Self(long.map(|(list, v)| (v, Hub::new(v, list, faces))).collect())
     }
 
-    /// Adds a triangle to a vertex's list. `faces` has its corners, and those of all in the list.
+    /// Adds a triangle to a vertex's list. `faces` contains its corners, and those of all others in the list.
     pub(crate) fn push(&mut self, vertex: u32, list: &mut Vec<u32>, f: u32, faces: &[[u32; 3]]) {
         list.push(f);
         if let Some(hub) = self.0.get_mut(&vertex) {
@@ -77,7 +77,7 @@ impl Hubs {
         }
     }
 
-    /// Takes a triangle with these corners out of a vertex's list. The order of a short list stays as it is.
+    /// Removes a triangle with these corners from a vertex's list. The order of a short list is kept.
     pub(crate) fn remove(&mut self, vertex: u32, list: &mut Vec<u32>, f: u32, corners: [u32; 3]) {
         let Some(hub) = self.0.get_mut(&vertex) else {
             looked_at(list.len());
@@ -95,7 +95,7 @@ impl Hubs {
         }
     }
 
-    /// Takes note that a triangle of a vertex has another corner in place of one.
+    /// Records that a corner of a vertex's triangle was replaced by another.
     pub(crate) fn rename(&mut self, vertex: u32, from: u32, to: u32) {
         if let Some(hub) = self.0.get_mut(&vertex) {
             hub.leaves(from);
@@ -103,12 +103,12 @@ impl Hubs {
         }
     }
 
-    /// Forgets a vertex that is away.
+    /// Drops the index of a removed vertex.
     pub(crate) fn forget(&mut self, vertex: u32) {
         self.0.remove(&vertex);
     }
 
-    /// Returns whether a hub has a triangle in common with a vertex; `None` where it isn't a hub.
+    /// Returns whether a hub has a triangle in common with a vertex; `None` if it isn't a hub.
     pub(crate) fn is_neighbour(&self, hub: u32, vertex: u32) -> Option<bool> {
         self.0.get(&hub).map(|hub| hub.neighbours.contains_key(&vertex))
     }

@@ -1,4 +1,4 @@
-//! Surfaces from files, and the samplings to put them on.
+//! Surfaces from files, and samplings of the sphere to resample them on.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -19,20 +19,20 @@ use crate::volume::{Repair, VolumeSurface};
 pub enum Input {
     /// A mesh.
     Mesh(Mesh),
-    /// A mesh that isn't the file's: it was mended.
+    /// A mesh that was repaired, and so differs from the file's.
     Fixed(Mesh, MeshRepair),
-    /// A mesh, or the surface around a label, with handles, cut; and what it was.
+    /// A mesh, or the surface around a label, whose handles were cut; and its kind before the cut.
     Cut(CutSurface, Given),
     /// The surface around a label of a volume.
     Label(VolumeSurface),
 }
 
-/// What a surface was before its handles were cut.
+/// The kind of a surface before its handles were cut.
 #[derive(Clone, Debug)]
 pub enum Given {
     /// A mesh.
     Mesh,
-    /// A mesh that was mended.
+    /// A mesh that was repaired.
     Fixed(MeshRepair),
     /// The surface around a label of a volume.
     Label(Box<VolumeSurface>),
@@ -49,7 +49,7 @@ impl<'a> From<&'a Input> for Source<'a> {
 }
 
 impl Input {
-    /// Cuts the handles of a mesh, or of the surface around a label as triangles, if it has any.
+    /// Cuts the handles of a mesh, or of the surface around a label (as triangles), if it has any.
     ///
     /// # Errors
     ///
@@ -76,8 +76,7 @@ impl Input {
         })
     }
 
-    /// Mends a mesh, see [`repair`](spharm_surface::repair), where there is something to mend. A label's surface stays
-    /// as it is.
+    /// Repairs a mesh, see [`repair`](spharm_surface::repair), if necessary. A label's surface is returned unchanged.
     #[must_use]
     pub fn mended(self) -> Self {
         let Self::Mesh(mesh) = &self else { return self };
@@ -85,13 +84,13 @@ impl Input {
         if found.is_any() { Self::Fixed(mended, found) } else { self }
     }
 
-    /// Returns what was mended of a mesh, if anything.
+    /// Returns the repair of a mesh, if any.
     #[must_use]
     pub fn mesh_repair(&self) -> Option<&MeshRepair> {
         if let Self::Fixed(_, repair) | Self::Cut(_, Given::Fixed(repair)) = self { Some(repair) } else { None }
     }
 
-    /// Returns the label that the surface is around, also where its handles were cut.
+    /// Returns the label's surface, whether or not its handles were cut.
     #[must_use]
     pub fn label(&self) -> Option<&VolumeSurface> {
         match self {
@@ -111,14 +110,14 @@ impl Input {
         }
     }
 
-    /// Returns the surface that was cut, if it was.
+    /// Returns the cut surface, if handles were cut.
     #[must_use]
     pub fn cut(&self) -> Option<&CutSurface> {
         if let Self::Cut(cut, _) = self { Some(cut) } else { None }
     }
 
-    /// Returns what was changed of the surface as it was given, to warn of: repairs and cuts, and where handles were
-    /// `to_be_cut` that a repair has removed them.
+    /// Returns descriptions of the changes to the given surface, for warnings: repairs and cuts, and, if handles were
+    /// `to_be_cut`, that a repair has removed them all.
     #[must_use]
     pub fn changes(&self, to_be_cut: bool) -> Vec<String> {
         let repair = self.label().and_then(|label| label.repair.as_ref());
@@ -127,18 +126,18 @@ impl Input {
         repairs.into_iter().flatten().chain(self.handles().map(ToString::to_string)).collect()
     }
 
-    /// Returns what was cut, if anything.
+    /// Returns the report on the cut handles, if any.
     #[must_use]
     pub fn handles(&self) -> Option<&HandlesReport> {
         self.cut().map(|cut| &cut.report)
     }
 }
 
-/// A sampling of the sphere that surfaces are put on by [`resample`](crate::resample()). Parsed from `icosphere:N`, or
-/// the path of a sphere.
+/// A sampling of the sphere for [`resample`](crate::resample()). Parsed from `icosphere:N`, or from the path of a
+/// sphere.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sampling {
-    /// An icosphere of so many subdivisions, 0 to 10.
+    /// An icosphere with this number of subdivisions, 0 to 10.
     Icosphere(u32),
     /// A mesh from a file.
     File(PathBuf),
@@ -157,14 +156,14 @@ impl FromStr for Sampling {
 }
 
 impl Sampling {
-    /// Bytes that a vertex of a sampling takes while a surface is put on it.
+    /// Bytes per vertex of the sampling that resampling a surface needs.
     pub const BYTES_PER_VERTEX: u64 = 700;
 
-    /// Returns about the bytes that putting a surface on this sampling takes: 700 a vertex of it, for the sphere, its
-    /// tree and the resampled meshes. Of a file they are taken from its size.
+    /// Returns an estimate of the bytes needed to resample a surface on this sampling: 700 per vertex of the sampling,
+    /// for the sphere, its tree and the resampled meshes. The number of vertices in a file is estimated from its size.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        /// A sphere's file has 12 bytes a vertex and 24 for its triangles, or more.
+        /// A sphere's file has at least 12 bytes per vertex and 24 for its triangles.
         const FILE: u64 = 36;
         match self {
             Self::Icosphere(subdivisions) => Self::BYTES_PER_VERTEX * icosphere_counts(*subdivisions)[0],
@@ -172,7 +171,7 @@ impl Sampling {
         }
     }
 
-    /// The sphere's mesh.
+    /// Returns the sphere's mesh.
     ///
     /// # Errors
     ///

@@ -1,8 +1,9 @@
-//! Closed surfaces onto the sphere, one to one.
+//! Maps closed surfaces to the sphere, one to one.
 //!
-//! A SPHARM model is as good as the map from the surface to the sphere that it is fitted over: where that map squeezes
-//! a part of the surface, few samples see it and high degrees are wasted on it. This crate makes such maps. Whatever
-//! the method, the result is one to one, by an exact predicate on each spherical triangle, or it is an error.
+//! A SPHARM model is only as good as the map from the surface to the sphere that it is fitted over: where that map
+//! compresses a part of the surface, few samples fall on it and high degrees are wasted there. This crate computes such
+//! maps. With every method, the result is either one to one, as verified by an exact predicate on each spherical
+//! triangle, or an error.
 //!
 //! # Example
 //!
@@ -22,20 +23,20 @@
 //!
 //! - A sphere has its surface's vertices, in their order, and its triangles; vertices lie on the unit sphere to
 //!   rounding.
-//! - Triangles that wind outwards on the surface do on the sphere.
-//! - Areas are compared once the surface is scaled to the area of the sphere, 4 pi.
-//! - The same input and seed give the same bits, whatever the number of threads.
+//! - Triangles that wind outwards on the surface also do on the sphere.
+//! - Areas are compared after the surface is scaled to the area of the sphere, 4 pi.
+//! - The same input and seed give the same bits, for any number of threads.
 //! - Functions that may take longer than a second take a [`Monitor`](spharm_monitor::Monitor) for progress and
 //!   cancellation, as their last parameter.
 //!
 //! # Method
 //!
-//! All methods for meshes begin alike: the surface is collapsed to a tetrahedron, which goes onto the sphere, and
-//! vertices come back inside their kernels (`hierarchy.rs`, `embed.rs`, `star.rs`). From there a method descends its
-//! energy (`energy.rs`) by Newton's steps over the whole mesh (`newton.rs`) and by sweeps over single vertices, and no
-//! step that flips a triangle is taken. So there are never folds to repair, and the result is checked anew. Derivatives
-//! are in closed form (`local.rs`), and linear systems are solved by conjugate gradients over two grids (`pcg.rs`,
-//! `coarse.rs`), so time and memory are linear in the vertices.
+//! All methods for meshes begin in the same way: the surface is collapsed to a tetrahedron, which is placed on the
+//! sphere, and the vertices are reinserted inside their kernels (`hierarchy.rs`, `embed.rs`, `star.rs`). From there a
+//! method descends its energy (`energy.rs`) by Newton steps over the whole mesh (`newton.rs`) and by sweeps over single
+//! vertices, and takes no step that flips a triangle. So there are never folds to repair, and the result is verified
+//! independently. Derivatives are in closed form (`local.rs`), and linear systems are solved by conjugate gradients
+//! over two grids (`pcg.rs`, `coarse.rs`), so time and memory are linear in the number of vertices.
 //!
 //! # Modules and methods
 //!
@@ -48,9 +49,9 @@
 //! | [`deform()`] | an icosphere deformed onto the surface, coarse to fine |
 //! | [`equal_area()`] | equal areas for the surface of a voxel object (Brechbuehler et al. 1995) |
 //! | [`resample()`] | a surface on another sampling of its sphere |
-//! | [`handles`] | surfaces with handles, cut and filled, so that they have genus zero |
+//! | [`handles`] | cuts and fills surfaces with handles, so that they have genus zero |
 //! | [`Method`] | the methods as values |
-//! | [`fill_in()`] | values where there are none, continued from those around |
+//! | [`fill_in()`] | fills in missing values from those around them |
 //! | [`Input`] | a mesh or a label's surface from a file |
 //! | [`volume`] | label volumes: the closed surface around a label, repaired on request |
 //! | [`quality`] | whether a map is one to one, and its distortion of areas, angles and lengths |

@@ -1,7 +1,7 @@
-//! What the methods take of memory, to be planned with.
+//! Estimates of the methods' memory, for planning.
 //!
-//! All of it is linear in the vertices but for the model whose residual areas adapt to: its samples, and the tables of
-//! its transform, go with the square of its degree.
+//! All of it is linear in the number of vertices, except for the model whose residual the areas adapt to: its samples
+//! and the tables of its transform grow with the square of its degree.
 
 use spharm_surface::generate::icosphere_counts;
 
@@ -9,18 +9,18 @@ use crate::cald::CaldParams;
 use crate::method::{Method, Source};
 use crate::residual_areas::degree_for;
 
-/// Of any method: the hierarchy, triangles and their energies, the blocks of Newton's steps and their two grids.
+/// For any method: the hierarchy, triangles and their energies, the blocks of the Newton steps and their two grids.
 /// Measured: cald 2.1 to 2.9 kB for 655,362 to 40,962 vertices, conformal and stretch 2.1 kB.
 const BYTES_PER_VERTEX: u64 = 3000;
 
-/// Samples and transform of a model of degree L, by L^2. Measured: 2.8 to 5.3 kB for L = 100 to 34.
+/// Samples and transform of a model of degree L, per L^2. Measured: 2.8 to 5.3 kB for L = 100 to 34.
 const BYTES_PER_SQUARED_DEGREE: u64 = 5500;
 
-/// Whatever the surface.
+/// Independent of the surface.
 const FIXED: u64 = 4 << 20;
 
 impl Method {
-    /// Returns about the most bytes that mapping a surface of so many vertices takes, what is returned included.
+    /// Returns an estimate of the most bytes needed to map a surface of `vertices` vertices, including the result.
     #[must_use]
     pub fn bytes(&self, vertices: usize) -> u64 {
         let adapting = |params: &CaldParams| {
@@ -33,7 +33,7 @@ impl Method {
             Self::Conformal(_) | Self::Stretch(_) | Self::EqualArea(_) => 0,
             Self::Deform { params, map } => {
                 let subdivisions = params.subdivisions.unwrap_or_else(|| next_icosphere(vertices as u64));
-                // Rings about the vertices, the tree of the surface, and the steps' vectors.
+                // Rings around the vertices, the tree of the surface, and the vectors of the steps.
                 adapting(map) + 2 * FIXED + 1500 * icosphere_counts(subdivisions)[0]
             }
         })
@@ -51,7 +51,7 @@ impl Source<'_> {
     }
 }
 
-/// The subdivisions that deform ends with where none are asked for.
+/// Returns the number of subdivisions that deform ends with by default.
 fn next_icosphere(vertices: u64) -> u32 {
     (0..7).find(|&subdivisions| icosphere_counts(subdivisions)[0] >= vertices).unwrap_or(7)
 }

@@ -1,4 +1,4 @@
-//! The methods as values, for programs and bindings: one variant a method, with its settings.
+//! The methods as values, for programs and bindings: one variant per method, with its settings.
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
@@ -75,7 +75,7 @@ impl Default for Method {
 }
 
 impl Method {
-    /// Maps a surface to the sphere. Methods for meshes take a surface of quadrangles as triangles.
+    /// Maps a surface to the sphere. Methods for meshes treat a surface of quadrangles as triangles.
     ///
     /// # Errors
     ///

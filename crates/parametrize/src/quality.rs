@@ -4,18 +4,18 @@
 //! triangle of its vertices on the sphere, with singular values s1 >= s2. Then, over the triangles t of the surface
 //! with area A(t):
 //!
-//! | figure | formula | of an isometry |
+//! | figure | formula | value for an isometry |
 //! |---|---|---|
 //! | log area ratio | log (solid angle / A) | 0 |
 //! | angle distortion | corner angle on the sphere - on the surface | 0 |
 //! | L2 stretch | sqrt (sum A (1/s1^2 + 1/s2^2) / 2 / sum A) (Sander, Snyder, Gortler, Hoppe, SIGGRAPH 2001) | 1 |
 //! | length distortion | max (s1, 1/s2), the worst case over directions (Shen and Makedon 2006, section 2.2) | 1 |
 //!
-//! # When a map is one to one
+//! # Verifying that a map is one to one
 //!
 //! A continuous map of a closed surface onto the sphere that is a positive local homeomorphism on each triangle is a
-//! branched covering; it is one to one when it covers the sphere once. Each triangle's orientation is found by an exact
-//! predicate from the coordinates as they are; the winding number, an integer, from the sum of solid angles.
+//! branched covering; it is one to one if it covers the sphere once. Each triangle's orientation is determined by an
+//! exact predicate from the given coordinates; the winding number, an integer, from the sum of solid angles.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -24,27 +24,27 @@ use spharm_surface::range::scaled_meshes;
 
 use crate::geometry::{Vec3, area, cross, dot, norm, orientation, solid_angle, sub};
 
-/// Orientation and distortion of a map from a surface to the sphere. Reports have these very names.
+/// Orientation and distortion of a map from a surface to the sphere. Reports use the names of these fields.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Quality {
     /// Number of triangles.
     pub triangles: usize,
-    /// Spherical triangles turned over against the rest, by the exact predicate.
+    /// Spherical triangles reversed relative to the others, by the exact predicate.
     pub flipped: usize,
     /// Spherical triangles without area, by the exact predicate.
     pub degenerate: usize,
-    /// The number of times the sphere is covered: 1, or -1 where triangles wind clockwise seen from outside.
+    /// The number of times the sphere is covered: 1, or -1 if triangles wind clockwise seen from outside.
     pub winding_number: i64,
     /// Root mean square over triangles of the log area ratio.
     pub area_rms: f64,
-    /// The same, each triangle with the weight of its area on the surface.
+    /// The same, with each triangle weighted by its area on the surface.
     pub area_rms_weighted: f64,
     /// 1st percentile over triangles of the log area ratio.
     pub area_p01: f64,
     /// 99th percentile over triangles of the log area ratio.
     pub area_p99: f64,
-    /// Root mean square over corners of the angle distortion, degrees.
+    /// Root mean square over corners of the angle distortion, in degrees.
     pub angle_rms_degrees: f64,
     /// L2 stretch.
     pub stretch: f64,
@@ -68,7 +68,7 @@ impl Quality {
         Self::measure(&surface.vertices, &sphere.vertices, &surface.faces)
     }
 
-    /// Whether every point of the sphere is the image of one point of the surface.
+    /// Returns whether every point of the sphere is the image of exactly one point of the surface.
     #[must_use]
     pub fn is_bijective(&self) -> bool {
         self.flipped == 0 && self.degenerate == 0 && self.winding_number.abs() == 1
@@ -91,7 +91,7 @@ impl Quality {
 
         let count = each.len() as f64;
         let mean = |f: &dyn Fn(&Triangle) -> f64| each.iter().map(f).sum::<f64>() / count;
-        // A flipped triangle has no log; its ratio counts as the least there is.
+        // A flipped triangle has no logarithm; its ratio is set to the smallest positive number.
         let log = |t: &Triangle| (t.solid_angle * outward / t.area).max(f64::MIN_POSITIVE).ln();
         let weight: f64 = each.iter().map(|t| t.area).sum();
         let logs = sorted(each.iter().map(log));
@@ -113,8 +113,8 @@ impl Quality {
     }
 }
 
-/// Log area ratio at each vertex (n): the area of its triangles on the sphere over that on the surface, both scaled to
-/// 4 pi in all. The sphere's vertices are unit vectors. NaN at a vertex without a triangle.
+/// Returns the log area ratio at each vertex (n): the area of its triangles on the sphere over that on the surface,
+/// with both surfaces scaled to 4 pi. The sphere's vertices must be unit vectors. NaN at a vertex without triangles.
 ///
 /// # Panics
 ///
@@ -133,14 +133,14 @@ pub fn log_area_ratios(surface: &Mesh, sphere: &Mesh) -> Vec<f64> {
         sums.iter_mut().for_each(|sum| *sum /= total);
         sums
     };
-    // A sphere that winds inwards has negative angles throughout, and a negative sum.
+    // On a sphere that winds inwards, all angles and their sum are negative.
     let (before, after) = (around(area, &surface.vertices), around(solid_angle, &sphere.vertices));
     after.iter().zip(&before).map(|(after, before)| (after / before).ln()).collect()
 }
 
-/// One triangle's part.
+/// Contribution of one triangle.
 struct Triangle {
-    /// Of the surface, scaled.
+    /// Area on the surface, scaled.
     area: f64,
     solid_angle: f64,
     orientation: f64,
@@ -175,13 +175,13 @@ impl Triangle {
     }
 }
 
-/// Cotangent of the angle at a.
+/// Returns the cotangent of the angle at a.
 fn cotangent(a: Vec3, b: Vec3, c: Vec3) -> f64 {
     let (u, v) = (sub(b, a), sub(c, a));
     dot(u, v) / norm(cross(u, v))
 }
 
-/// The angle at each corner, radians.
+/// Returns the angle at each corner, in radians.
 fn angles([a, b, c]: [Vec3; 3]) -> [f64; 3] {
     [(a, b, c), (b, c, a), (c, a, b)].map(|(at, to, and)| {
         let (u, v) = (sub(to, at), sub(and, at));
@@ -195,7 +195,7 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// The value below which a share of them lies; NaN of none.
+/// Returns the value below which the given share of the values lies; NaN for an empty list.
 fn percentile(sorted: &[f64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     sorted.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)

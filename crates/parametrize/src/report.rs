@@ -1,4 +1,4 @@
-//! What a method returns: the map, and a report on it.
+//! The result of a method: the map, and a report on it.
 
 use std::time::Instant;
 
@@ -13,23 +13,23 @@ use crate::quality::Quality;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Parametrization {
-    /// The surface: the given mesh, or, where the method makes a new one (volumes, [`deform`](crate::deform()),
-    /// [`resample`](crate::resample())), that.
+    /// The surface: the given mesh, or the new one if the method makes one (volumes, [`deform`](crate::deform()),
+    /// [`resample`](crate::resample())).
     pub surface: Mesh,
-    /// The sphere: the surface's triangles over unit vectors, one for each of its vertices, in their order.
+    /// The sphere: the surface's triangles over unit vectors, one per vertex of the surface, in the same order.
     pub sphere: Mesh,
-    /// What the method did, and the quality of the map.
+    /// Report on the method's work and the quality of the map.
     pub report: Report,
-    /// How far a surface on a new sampling is from the given one; `None` where the surface is the given one.
+    /// Distance of a surface on a new sampling from the given one; `None` if the surface is the given one.
     pub resampling: Option<Resampling>,
 }
 
 impl Parametrization {
-    /// A map that was made elsewhere, of a surface and a sphere with the same triangles.
+    /// Returns a map made elsewhere, for a surface and a sphere with the same triangles.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::NotBijective`] where it is not one to one.
+    /// [`ParametrizeError::NotBijective`] if it is not one to one.
     ///
     /// # Panics
     ///
@@ -38,11 +38,11 @@ impl Parametrization {
         Self::checked("given", surface, sphere, Instant::now(), "map the surface again")
     }
 
-    /// A map, once it is known to be one to one.
+    /// Returns a map after verifying that it is one to one.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::NotBijective`] where it is not; `remedy` is the advice in it.
+    /// [`ParametrizeError::NotBijective`] if it is not, with `remedy` as its advice.
     pub(crate) fn checked(
         method: &'static str,
         surface: Mesh,
@@ -69,14 +69,14 @@ impl Parametrization {
         Ok(Self { surface, sphere, report, resampling: None })
     }
 
-    /// Orientation and distortion of the map.
+    /// Returns orientation and distortion of the map.
     #[must_use]
     pub fn quality(&self) -> &Quality {
         &self.report.quality
     }
 
-    /// Refuses to round the sphere's coordinates to 32-bit numbers, as some file formats do, where that would flip
-    /// triangles.
+    /// Checks that rounding the sphere's coordinates to 32-bit numbers, as some file formats do, would flip no
+    /// triangle.
     ///
     /// # Errors
     ///
@@ -90,7 +90,7 @@ impl Parametrization {
         Err(ParametrizeError::SinglePrecision { flipped: quality.flipped + quality.degenerate })
     }
 
-    /// Joins the report of the map that this one was made from.
+    /// Merges in the report of the map that this one was made from.
     pub(crate) fn after(mut self, first: &Report) -> Self {
         let report = &mut self.report;
         report.seconds += first.seconds;
@@ -102,12 +102,12 @@ impl Parametrization {
     }
 }
 
-/// What a method did, and the quality of its map.
+/// Report on a method's work, and the quality of its map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Report {
-    /// The method: `cald`, `conformal`, `stretch`, `equal-area`, `deform` or `resample`; `given` for a map that was
-    /// made elsewhere.
+    /// The method: `cald`, `conformal`, `stretch`, `equal-area`, `deform` or `resample`; `given` for a map made
+    /// elsewhere.
     pub method: &'static str,
     /// Number of vertices.
     pub vertices: usize,
@@ -117,14 +117,14 @@ pub struct Report {
     pub iterations: usize,
     /// Whether the optimisation met its tolerance; `false` when it stopped at its limit of steps.
     pub converged: bool,
-    /// Seconds from the mesh to the map.
+    /// Elapsed seconds from the mesh to the map.
     pub seconds: f64,
-    /// By equal-area: the largest relative deviation of a quadrangle's area on the sphere from its target.
+    /// For equal-area: the largest relative deviation of a quadrangle's area on the sphere from its target.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quad_area_deviation: Option<f64>,
-    /// Facts about the map that the other fields don't have; serialised as sentences.
+    /// Facts about the map that the other fields don't contain; serialised as sentences.
     pub notes: Vec<Note>,
-    /// What may make the map unfit for its purpose; serialised as sentences.
+    /// Possible reasons why the map is unfit for its purpose; serialised as sentences.
     pub warnings: Vec<Warning>,
 }
 
@@ -134,7 +134,7 @@ pub struct Report {
 pub struct Resampling {
     /// From the given surface (first) to the new one (second), in the given surface's unit.
     pub distance: SurfaceDistance,
-    /// Pairs of the new surface's triangles that intersect; `None` where they were not looked for.
+    /// Pairs of the new surface's triangles that intersect; `None` if this wasn't checked.
     pub self_intersections: Option<usize>,
 }
 
@@ -149,7 +149,7 @@ pub enum Note {
         /// The largest factor by which a triangle's target area grew.
         factor: f64,
     },
-    /// The quadrangles' areas are this close to their targets.
+    /// Agreement of the quadrangles' areas with their targets.
     QuadAreas {
         /// The largest relative deviation.
         deviation: f64,
@@ -161,7 +161,7 @@ pub enum Note {
         /// Its number of vertices.
         vertices: usize,
     },
-    /// The new surface is this far from the given one.
+    /// Distance of the new surface from the given one.
     Distance(SurfaceDistance),
 }
 
@@ -195,28 +195,27 @@ impl Serialize for Note {
     }
 }
 
-/// Something that may make a map unfit for its purpose. `Display` gives it as a phrase.
+/// A possible reason why a map is unfit for its purpose. `Display` gives it as a phrase.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Warning {
-    /// The first method failed, and the map is another method's.
+    /// The first method failed, and the map was made by another one.
     FellBack {
         /// The method that failed.
         method: &'static str,
         /// Its error.
         cause: String,
     },
-    /// The Moebius transformation of least area distortion would have flipped triangles; one that goes less far was
-    /// applied.
+    /// The Moebius transformation of least area distortion would have flipped triangles; a smaller one was applied.
     CentringStopped,
-    /// Vertices left the given surface, where triangles intersected.
+    /// Vertices were moved off the given surface, where triangles intersected.
     Smoothed {
-        /// Their number.
+        /// Number of these vertices.
         vertices: usize,
     },
     /// Triangles of the new surface intersect.
     SelfIntersections {
-        /// Pairs of them.
+        /// Number of intersecting pairs.
         pairs: usize,
     },
 }

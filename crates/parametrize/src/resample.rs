@@ -1,10 +1,10 @@
-//! A surface on another sampling of its sphere.
+//! Resampling of a surface on another sampling of its sphere.
 //!
-//! Where every subject of a study has the same vertices over the same sphere, one basis serves them all and vertices
-//! correspond. For each direction of the shared sphere: the triangle of the surface's own sphere that the ray meets,
-//! and the point of the surface with the same barycentric weights ([`SphereLocator`]). Where the two spheres have a
-//! vertex in common it keeps its position to the last bit; elsewhere the new surface has its vertices on the old one
-//! and its triangles cut corners; [`Resampling::distance`] measures how far.
+//! If every subject of a study has the same vertices over the same sphere, one basis serves them all and vertices
+//! correspond. Each direction of the shared sphere meets a triangle of the surface's own sphere; the new vertex is the
+//! point of the surface with the same barycentric weights ([`SphereLocator`]). A vertex that both spheres have in
+//! common keeps its position to the last bit. Elsewhere the new surface has its vertices on the old one and its
+//! triangles cut corners; [`Resampling::distance`] measures the difference.
 
 use std::time::Instant;
 
@@ -19,18 +19,18 @@ use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
 use crate::report::{Note, Parametrization, Resampling};
 
-/// Vertices between which the monitor is asked and given the progress.
+/// Number of vertices between checks of the monitor and reports of progress.
 pub(crate) const CHUNK: usize = 4096;
 
-/// Puts a surface on the sampling of another sphere.
+/// Resamples a surface on another sphere.
 ///
-/// `sphere` has the surface's vertices and triangles, `shared` any; only their directions count. The result's sphere is
-/// `shared`, bit for bit and of its radius, so that its basis is found under the same key.
+/// `sphere` has the surface's vertices and triangles, `shared` any; only their directions matter. The result's sphere
+/// is `shared`, bit for bit and with its radius, so that its basis is found under the same key.
 ///
 /// # Errors
 ///
-/// [`NotBijective`](ParametrizeError::NotBijective) where one of the spheres has folds;
-/// [`Surface`](ParametrizeError::Surface) where they aren't closed, or the surface isn't the sphere's;
+/// [`NotBijective`](ParametrizeError::NotBijective) if one of the spheres has folds;
+/// [`Surface`](ParametrizeError::Surface) if they aren't closed, or the surface doesn't belong to the sphere;
 /// [`Argument`](ParametrizeError::Argument) for a sphere with a vertex at the origin;
 /// [`Interrupted`](ParametrizeError::Interrupted).
 pub fn resample(
@@ -51,18 +51,18 @@ pub fn resample(
     }
     monitor.end();
     let mut new = Mesh::new(positions, shared.faces.clone());
-    // The surface's metadata speak of its space, which the new surface shares.
+    // The surface's metadata describe its space, which the new surface shares.
     new.meta.clone_from(&surface.meta);
     let unit = Mesh::new(vertices, shared.faces.clone());
     let mut found = measured("resample", surface, new, unit, started, monitor)?;
-    // Vectors of length 1 may change in their last bits when they are normalised once more, and with them the key of
-    // their basis: the shared sphere stays as it is.
+    // Normalising vectors of length 1 once more may change their last bits, and with them the key of their basis, so
+    // the shared sphere is used unchanged.
     found.sphere = shared.clone();
     Ok(found)
 }
 
 impl Parametrization {
-    /// This map's surface on the sampling of `shared`, by [`resample`]; the reports are joined.
+    /// Returns this map's surface resampled on `shared`, by [`resample`]; the reports are merged.
     ///
     /// # Errors
     ///
@@ -72,7 +72,7 @@ impl Parametrization {
     }
 }
 
-/// Checks a new surface's map, and measures the surface against the given one.
+/// Verifies a new surface's map, and measures the surface's distance from the given one.
 pub(crate) fn measured(
     method: &'static str,
     given: &Mesh,
@@ -90,7 +90,7 @@ pub(crate) fn measured(
     Ok(found)
 }
 
-/// A mesh's vertices as directions.
+/// Returns a mesh's vertices as unit vectors.
 pub(crate) fn unit_vectors(sphere: &Mesh) -> Result<Vec<Vec3>, ParametrizeError> {
     let wrong =
         |found: String| ParametrizeError::Argument { what: "sphere", expected: "vertices off the origin", found };
@@ -98,7 +98,7 @@ pub(crate) fn unit_vectors(sphere: &Mesh) -> Result<Vec<Vec3>, ParametrizeError>
     Ok(directions.as_slice().to_vec())
 }
 
-/// A locator over a sphere without folds.
+/// Returns a locator over a sphere, or an error if the sphere has folds.
 pub(crate) fn locator(sphere: &Mesh) -> Result<SphereLocator, ParametrizeError> {
     let locator = SphereLocator::new(sphere)?;
     let (flipped, triangles) = (locator.flipped(), sphere.faces.len());
@@ -109,14 +109,14 @@ pub(crate) fn locator(sphere: &Mesh) -> Result<SphereLocator, ParametrizeError> 
     Ok(locator)
 }
 
-/// The points of a surface under directions.
+/// Returns the points of a surface in the given directions.
 pub(crate) fn points(
     locator: &SphereLocator,
     surface: &Mesh,
     directions: &[Vec3],
 ) -> Result<Vec<Vec3>, ParametrizeError> {
     let values = ArrayView2::from_shape((surface.vertices.len(), 3), surface.vertices.as_flattened());
-    // A list of triples is (n, 3) whatever n is.
+    // A list of triples is (n, 3) for any n.
     let Ok(values) = values else { return Ok(Vec::new()) };
     let found = locator.interpolate(values, directions)?;
     Ok(found.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect())

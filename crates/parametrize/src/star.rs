@@ -1,9 +1,9 @@
-//! One vertex at a time: where it goes when it comes back, and how its neighbourhood relaxes.
+//! Operations on single vertices: choosing a vertex's position when it is reinserted, and relaxing its neighbourhood.
 //!
-//! A vertex may move inside its kernel, the points of the sphere from which the whole of its ring is seen in the right
-//! order: the intersection of the hemispheres to the left of the ring's edges. A move is taken only if every triangle
-//! around the vertex is positive by the exact predicate afterwards and the energy is lower, so a map without flips
-//! stays one, whatever the rounding.
+//! A vertex may move inside its kernel: the points of the sphere from which the entire ring is seen in the right order,
+//! that is the intersection of the hemispheres to the left of the ring's edges. A move is taken only if afterwards
+//! every triangle around the vertex is positive by the exact predicate and the energy is lower, so a map without flips
+//! stays free of flips, regardless of rounding.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -13,7 +13,7 @@ use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, sub, unit
 use crate::hierarchy::Hierarchy;
 use crate::local::{corner_derivatives, frame, value};
 
-/// The triangles around a vertex, each as the two other corners and its shape with the vertex first.
+/// The triangles around a vertex, each given by its two other corners and its shape with the vertex first.
 pub(crate) struct Star {
     spokes: Vec<([Vec3; 2], Shape)>,
 }
@@ -25,7 +25,7 @@ impl Star {
         star
     }
 
-    /// Takes another vertex's triangles, in the room of those before.
+    /// Loads another vertex's triangles, reusing the memory.
     fn set(&mut self, hierarchy: &Hierarchy, unit: &[Vec3], v: u32) {
         let spoke = |&f: &u32| {
             let face = hierarchy.faces[f as usize];
@@ -44,12 +44,12 @@ impl Star {
         self.spokes.iter().map(each).sum()
     }
 
-    /// Whether every triangle is positive with the vertex at x, exactly.
+    /// Whether every triangle is positive, by the exact predicate, with the vertex at x.
     pub(crate) fn is_positive(&self, x: Vec3) -> bool {
         self.spokes.iter().all(|([a, b], _)| orientation([x, *a, *b]) > 0.0)
     }
 
-    /// A place inside the kernel of little energy; `beside` is where the vertex has been until now.
+    /// Returns a position of low energy inside the kernel; `beside` is the vertex's position until now.
     pub(crate) fn place(&self, energy: Energy, beside: Vec3) -> Option<Vec3> {
         let centre = self.spokes.iter().fold([0.0; 3], |sum, ([a, _], _)| add(sum, *a));
         let better = |best: Option<(f64, Vec3)>, x: Vec3| {
@@ -65,7 +65,8 @@ impl Star {
         }
         if best.is_none() {
             let deepest = self.deepest()?;
-            // Rounding can undo the deepest point of a narrow kernel; others may still be inside.
+            // In a narrow kernel, rounding can put the deepest point outside; points nearer to `beside` may still be
+            // inside.
             let shares = [1.0, 0.5, 0.25, 0.125, 0.0625, 1e-2, 1e-3, 1e-4];
             let places = shares.map(|s| unit(add(scale(deepest, s), scale(beside, 1.0 - s))));
             best = places.into_iter().fold(None, better);
@@ -73,11 +74,11 @@ impl Star {
         best.map(|(_, x)| x)
     }
 
-    /// The centre of the largest cap inside the kernel.
+    /// Returns the centre of the largest cap inside the kernel.
     ///
-    /// With n_i the unit normals of the ring's edges it is the x, |x| = 1, for which min n_i . x is largest; by duality
-    /// the direction of the point nearest to the origin in the convex hull of the n_i, which lies on one, two or three
-    /// of them. There are few, so all are tried.
+    /// With n_i the unit normals of the ring's edges, it is the x, |x| = 1, for which min n_i . x is largest. By
+    /// duality it is the direction of the point nearest to the origin in the convex hull of the n_i, which lies on one,
+    /// two or three of them. There are few, so all combinations are tried.
     fn deepest(&self) -> Option<Vec3> {
         let normals: Vec<Vec3> =
             self.spokes.iter().map(|([a, b], _)| cross(*a, sub(*b, *a))).filter(|n| norm(*n) > 0.0).map(unit).collect();
@@ -100,7 +101,7 @@ impl Star {
             for j in i + 1..k {
                 offer(add(normals[i], normals[j]));
                 for l in j + 1..k {
-                    // As far from each of three planes: across the plane of the three normals.
+                    // At equal distance from three planes: perpendicular to the plane of the three normals.
                     let x = cross(sub(normals[j], normals[i]), sub(normals[l], normals[i]));
                     offer(x);
                     offer(scale(x, -1.0));
@@ -110,7 +111,7 @@ impl Star {
         best
     }
 
-    /// Value, gradient and Hessian (00, 10, 11) in the frame of x.
+    /// Returns value, gradient and Hessian (00, 10, 11) in the frame of x.
     fn derivatives(&self, energy: Energy, x: Vec3, frame: [Vec3; 2]) -> [f64; 6] {
         let mut sum = [0.0; 6];
         for ([a, b], shape) in &self.spokes {
@@ -122,11 +123,11 @@ impl Star {
         sum
     }
 
-    /// One step of Newton's method from x, which is inside the kernel; x itself where nothing is to be gained.
+    /// Takes one Newton step from x, which must be inside the kernel; returns x itself if nothing is gained.
     pub(crate) fn relax(&self, energy: Energy, x: Vec3) -> Vec3 {
         let [u, v] = frame(x);
         let [value, g0, g1, a, b, c] = self.derivatives(energy, x, [u, v]);
-        // A little of the diagonal, where the Hessian is singular.
+        // A small shift of the diagonal, in case the Hessian is singular.
         let shift = 1e-3 * (a + c) + f64::MIN_POSITIVE;
         let (a, c) = (a + shift, c + shift);
         let determinant = a * c - b * b;
@@ -137,7 +138,7 @@ impl Star {
         if !(decrease < 0.0 && length.is_finite()) {
             return x;
         }
-        // No further than the ring is wide, which is all that one step could be right about.
+        // No further than the ring's width, beyond which one step can't be accurate.
         let widest = self.spokes.iter().map(|([a, _], _)| norm(sub(*a, x))).fold(0.0, f64::max);
         let mut t = (widest / length).min(1.0);
         for _ in 0..12 {
@@ -151,15 +152,15 @@ impl Star {
     }
 }
 
-/// Vertices that are relaxed at once: no two of a class are neighbours.
+/// Sets of vertices that may be relaxed at the same time: no two vertices of a class are neighbours.
 pub(crate) struct Classes(Vec<Vec<u32>>);
 
 impl Classes {
-    /// Colours vertices greedily, in the order given.
+    /// Colours vertices greedily, in the given order.
     pub(crate) fn new(hierarchy: &Hierarchy, vertices: &[u32]) -> Self {
         const NONE: u32 = u32::MAX;
         let mut colours = vec![NONE; hierarchy.around.len()];
-        // The last vertex that has seen each colour at a neighbour.
+        // For each colour, the last vertex with a neighbour of that colour.
         let mut seen: Vec<u32> = Vec::new();
         let mut classes: Vec<Vec<u32>> = Vec::new();
         for &v in vertices {
@@ -182,10 +183,10 @@ impl Classes {
     }
 }
 
-/// Vertices of a sweep between which the monitor is asked.
+/// Number of vertices of a sweep between checks of the monitor.
 const CHUNK: usize = 1 << 15;
 
-/// Relaxes vertices, class by class. Returns the longest move.
+/// Relaxes vertices, class by class. Returns the length of the longest move.
 pub(crate) fn sweep(
     hierarchy: &Hierarchy,
     unit: &mut [Vec3],
@@ -210,7 +211,7 @@ pub(crate) fn sweep(
     Ok(most)
 }
 
-/// Relaxes a few vertices, one after the other.
+/// Relaxes a few vertices, one after another.
 pub(crate) fn relax_all(hierarchy: &Hierarchy, unit: &mut [Vec3], vertices: &[u32], energy: Energy) {
     for &v in vertices {
         unit[v as usize] = Star::of(hierarchy, unit, v).relax(energy, unit[v as usize]);

@@ -1,7 +1,7 @@
 //! Least stretch (E. Praun and H. Hoppe, "Spherical parametrization and remeshing", SIGGRAPH 2003).
 //!
-//! The map grows coarse to fine (`embed.rs`) and minimises the L2 stretch of the map from the sphere to the surface
-//! from the first vertex on, so that samples of a uniform grid on the sphere lie densely everywhere on the surface. The
+//! The map is built coarse to fine (`embed.rs`) and minimises the L2 stretch of the map from the sphere to the surface
+//! from the first vertex on, so that samples of a uniform grid on the sphere are dense everywhere on the surface. The
 //! energy is infinite for a flat triangle, so no vertex can leave its kernel.
 
 use std::time::Instant;
@@ -21,7 +21,7 @@ use crate::report::Parametrization;
 pub struct StretchParams {
     /// Most Newton steps on the whole mesh. Default 40.
     pub steps: usize,
-    /// Seed of the rotation that the sphere starts from. Default 0.
+    /// Seed of the sphere's initial rotation. Default 0.
     pub seed: u64,
 }
 

@@ -7,9 +7,8 @@
 //!    furrows of depth d; between them are broad ridges. A radius that is a positive function on the sphere gives an
 //!    embedded surface.
 //! 2. *Shears* x -> x + a sin(k . x + p) e with e perpendicular to k, from long waves to short ones. Each is a smooth
-//!    map
-//!    of space with a smooth inverse (the same with -a) that preserves volume, so the surface stays embedded. They tilt
-//!    the furrows until walls overhang and the surface is no longer star-shaped about any point.
+//!    map of space with a smooth inverse (the same with -a) that preserves volume, so the surface stays embedded. They
+//!    tilt the furrows until walls overhang and the surface is no longer star-shaped about any point.
 //!
 //! Finally the axes are stretched to the extents of an adult's cerebrum.
 //!

@@ -34,7 +34,7 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Adds an array and returns the index of its accessor. `accessor` holds further properties.
+    /// Adds an array and returns the index of its accessor; `accessor` is JSON with the accessor's other properties.
     fn add(&mut self, bytes: impl Iterator<Item = u8>, target: u32, accessor: &str) -> usize {
         let start = self.bytes.len();
         self.bytes.extend(bytes);
